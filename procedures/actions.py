@@ -4,25 +4,34 @@ Every action leaves a `StepResult` or raises: `DeviceError` for a device that di
 be tried again), `InterlockTripped` and `StopRequested` from the polls inside.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 from drivers.chambers import SafeState
 from drivers.errors import DeviceError, WrongDevice
 from drivers.imu import ImuIdentity
-from procedures.collect import Times, WrongPose, take_collect
+from drivers.positioners.positioner import move_all
+from procedures.collect import Collected, Times, WrongPose, take_collects
 from procedures.devices import BenchDevices
 from procedures.interlocks import InterlockTripped
-from procedures.journal_protocol import Outcome, StepResult
+from procedures.journal_protocol import Outcome, StepResult, of_unit
 from procedures.plan import Step, StepKind
 from procedures.restabilisation import restabilise
-from procedures.safe_air import Left, watch_air
+from procedures.safe_air import Left, Word, not_commanded, watch_air
 from procedures.settings import CollectSettings, InterlockSettings, Restabilisation
+from procedures.sweep_outcome import why
 from procedures.verdict import Judgement, Verdict, combine
 from procedures.watch import Watch
 
+_LEAST_WAIT_S = 0.1
+_SAFE_STATE_SILENCE_S = 200.0  # longer than a driver tries at a chamber that answers late or not at all
 _READ_S = 100.0  # longer than one look at a chamber that does not answer takes
+
+
+Results = Mapping[str, StepResult | DeviceError]
+"""What came of a stage for each unit by its name, or, given to whoever asked for it, by the step's key."""
 
 
 @dataclass
@@ -33,7 +42,7 @@ class BenchState:
     setpoint_s: float | None = None
     setpoint_degC: float | None = None
     index_s: float | None = None
-    soak: Judgement | None = None  # of the restabilisation in effect
+    soak: Mapping[str, Any] = field(default_factory=dict)  # the restabilisation in effect, as it is recorded
 
 
 class Actions:
@@ -54,36 +63,54 @@ class Actions:
         self._state = BenchState(power_on_s=power_on_s)
         self._ramp_degC_per_min = 3.0
         self.chamber_refused = False  # what answers is not the bench's chamber: send it nothing at all
-        self._actions: Mapping[StepKind, Callable[[Step], StepResult]] = {
+        self._of_units: Mapping[StepKind, Callable[[Step, Sequence[str]], Results]] = {
             StepKind.IDENTIFY: self._identify,
-            StepKind.SETPOINT: self._setpoint,
-            StepKind.RESTABILISE: self._restabilise,
             StepKind.INDEX: self._index,
             StepKind.COLLECT: self._collect,
+        }
+        self._of_chamber: Mapping[StepKind, Callable[[Step], StepResult]] = {
+            StepKind.SETPOINT: self._setpoint,
+            StepKind.RESTABILISE: self._restabilise,
             StepKind.SAFE_STATE: self._safe_state,
         }
 
-    def perform(self, step: Step) -> StepResult:
-        """Do what the step says."""
-        return self._actions[step.kind](step)
+    def perform(self, steps: Sequence[Step]) -> Results:
+        """Do what the steps of one stage say, at once; return what came of each by its key.
 
-    def _identify(self, step: Step) -> StepResult:
-        """Ask the devices who they are; the unit must be the one with which the sweep began."""
+        Where one unit's device failed its error stands there; of one that was set aside nothing does.
+        """
+        first, units = steps[0], {step.unit: step.key for step in steps if step.unit is not None}
+        if not units:
+            return {first.key: self._of_chamber[first.kind](first)}
+        found = self._of_units[first.kind](first, list(units))
+        return {units[name]: each for name, each in found.items()}
+
+    def _identify(self, step: Step, units: Sequence[str]) -> Results:
+        """Ask the devices who they are; each unit must be the one with which the sweep began."""
         # The chamber first: if the unit is the wrong one, the chamber can still be brought to its safe state.
         try:
             chamber = self._devices.chamber.identify()
         except WrongDevice:
             self.chamber_refused = True
             raise
-        recorded = self._recorded.get(step.key)
-        if self._watch.unit is None and recorded and "imu" in recorded.data:
-            self._watch.unit = ImuIdentity(**recorded.data["imu"])
-        unit = self._watch.same_unit()
-        self._devices.refuse_undeclared_simulation(*vars(unit).values(), chamber.model)
-        self._devices.chamber.prepare()
-        self._watch.forget_stream()
-        self._watch.poll()
-        return StepResult(Outcome.DONE, "devices identified", {"imu": dict(vars(unit)), "chamber": dict(vars(chamber))})
+        found: dict[str, StepResult | DeviceError] = {}
+        for name in units:
+            recorded, unit = self._recorded.get(step.of(name).key), self._watch.units[name]
+            if unit.identity is None and recorded and "imu" in recorded.data:
+                unit.identity = ImuIdentity(**recorded.data["imu"])
+            try:
+                told = unit.same_unit()
+                self._devices.refuse_undeclared_simulation(*vars(told).values(), chamber.model)
+            except DeviceError as error:
+                found[name] = error
+            else:
+                data = {"imu": dict(vars(told)), "chamber": dict(vars(chamber))}
+                found[name] = StepResult(Outcome.DONE, "devices identified", data)
+        if not all(isinstance(each, DeviceError) for each in found.values()):
+            self._devices.chamber.prepare()
+            self._watch.forget_stream()
+            self._watch.poll()
+        return found
 
     def _setpoint(self, step: Step) -> StepResult:
         """Command the chamber and wait until its air arrives in the band; a ramp that takes too long is a fault."""
@@ -94,7 +121,8 @@ class Actions:
         allowed_s = self._interlocks.ramp_factor * expected_s + self._interlocks.ramp_extra_s
         began_s = self._watch.now_s
         self._watch.note = f"ramping to {target_degC:.1f} °C"
-        for look, _ in self._watch.wait(began_s + allowed_s):
+        for looks in self._watch.wait(began_s + allowed_s):
+            look = next(iter(looks.values()))
             if look.chamber is None or not look.chamber_fresh:
                 continue
             if abs(look.chamber.temperature_degC - target_degC) <= step.parameters["band_degC"]:
@@ -131,30 +159,33 @@ class Actions:
     def _restabilise(self, step: Step) -> StepResult:
         """Wait for the evidence; at the ceiling go on to an INCONCLUSIVE self-calibration, or give it up."""
         settings = Restabilisation.from_parameters(step.parameters)
-        sensors = self._devices.imu.sensors
-        thermometers = [number for number, channels in sensors.items() if channels.temperature is not None]
-        result = restabilise(self._watch, settings, thermometers)
-        self._state.soak = Judgement(Verdict(result.data["verdict"]), result.reason)
+        result = restabilise(self._watch, settings)
+        self._state.soak = result.data
         outcome = Outcome.DONE if result.met or settings.collect_at_ceiling else Outcome.TIMEOUT
         return StepResult(outcome, result.reason, {"setpoint_degC": step.temperature_degC, **result.data})
 
-    def _index(self, step: Step) -> StepResult:
-        """Bring the unit to its position and see it confirmed."""
-        position = step.position or ""
+    def _index(self, step: Step, units: Sequence[str]) -> Results:
+        """Bring the units to their position and see it confirmed."""
+        position, timeout_s = step.position or "", step.parameters["index_timeout_s"]
         began_s = self._watch.now_s
         self._watch.note = f"moving to position {position}"
         self._watch.poll()
-        self._watch.alive(step.parameters["index_timeout_s"])
-        self._devices.positioner.move_to(position, step.parameters["index_timeout_s"])
-        reached = self._devices.positioner.position()
-        if reached != position:
-            raise DeviceError(f"the unit was sent to position {position} and confirms {reached or 'nothing'}")
+        self._watch.alive(timeout_s)
+        positioners = {n: self._devices.units[n].positioner for n in units if n in self._watch.units}
+        failed = move_all(positioners, self._devices.clock, position, timeout_s)
+        found: dict[str, StepResult | DeviceError] = dict(failed)
+        reached = {name: each.position() for name, each in positioners.items() if name not in failed}
+        for name, at in reached.items():
+            if at != position:
+                found[name] = DeviceError(f"the unit was sent to position {position} and confirms {at or 'nothing'}")
+        if found.keys() >= set(units):
+            return found
         self._watch.forget_stream()
         self._state.index_s = self._watch.campaign_s()
-        moved_s = self._watch.now_s - began_s
-        return StepResult(Outcome.DONE, f"at position {position}", {"position": position, "moved_s": moved_s})
+        data = {"position": position, "moved_s": self._watch.now_s - began_s}
+        return {name: StepResult(Outcome.DONE, f"at position {position}", data) for name in reached} | found
 
-    def _collect(self, step: Step) -> StepResult:
+    def _collect(self, step: Step, units: Sequence[str]) -> Results:
         """Take a collect. FAILED, with its samples, where it gives no usable mean; before any where the pose is wrong.
 
         Its verdict is never better than that of the soak before it: after a resume that soak is not the one in the
@@ -163,13 +194,18 @@ class Actions:
         settings = CollectSettings.from_parameters(step.parameters)
         state = self._state
         times = Times(state.power_on_s, state.setpoint_s, state.index_s)
-        try:
-            taken = take_collect(self._devices, self._watch, settings, step.position or "", times)
-        except WrongPose as lies:
-            return StepResult(Outcome.FAILED, str(lies), {"verdict": Verdict.FAIL.value, "wrong_pose": str(lies)})
+        those = {name: self._devices.units[name] for name in units}
+        taken = take_collects(self._watch, those, settings, step.position or "", times)
+        return {name: self._collected(name, each) for name, each in taken.items()}
+
+    def _collected(self, unit: str, taken: Collected | WrongPose) -> StepResult:
+        if isinstance(taken, WrongPose):
+            lies = str(taken)
+            return StepResult(Outcome.FAILED, lies, {"verdict": Verdict.FAIL.value, "wrong_pose": lies})
         outcome = Outcome.DONE if taken.usable else Outcome.FAILED
-        own = taken.judgement
-        whole = combine([own, state.soak] if state.soak else [own], passed=own.reason)
+        own, soak = taken.judgement, of_unit(self._state.soak, unit)
+        soaked = [Judgement(Verdict(soak["verdict"]), soak["reason"])] if soak else []
+        whole = combine([own, *soaked], passed=own.reason)
         verdicts = {"verdict": whole.verdict.value, "samples_verdict": own.verdict.value, "reason": whole.reason}
         return StepResult(outcome, whole.reason, {**taken.data, **verdicts}, taken.samples)
 
@@ -181,6 +217,30 @@ class Actions:
         if not left.safe:
             raise InterlockTripped("chamber-not-safe", left.reason)
         return StepResult(Outcome.DONE, str(left), {"chamber": left.word.value})
+
+    def make_safe(self, cause: BaseException | None) -> Left:
+        """Command the safe state, with retries, and look at what the air does; return how the chamber is left."""
+        if self.chamber_refused:
+            why_not = f"what answers is not the bench's chamber, so nothing was sent to it ({cause})"
+            return Left(Word.NOT_KNOWN, why_not)
+        problem = ""
+        watch, clock = self._watch, self._devices.clock
+        give_up_s = clock.now() + watch.polling.safe_state_s
+        while True:
+            watch.alive(_SAFE_STATE_SILENCE_S)
+            try:
+                return self.watch_air(self._devices.chamber.safe_state())
+            except Exception as failure:
+                said, problem = bool(problem), f"the chamber could not be brought to its safe state: {failure}"
+                left = not_commanded(failure, problem)
+            if not said:
+                with suppress(Exception):  # trying goes on whether or not this can be recorded
+                    watch.event("safe-state-retry", f"{problem}; {why(cause)}")
+            left_s = give_up_s - clock.now()
+            if left_s <= 0.0:
+                return left
+            watch.tell("safe-state-retry", f"the chamber is not safe yet, trying again, {left_s:.0f} s left")
+            clock.sleep(max(watch.polling.retry_wait_s, _LEAST_WAIT_S))
 
     def watch_air(self, safe: SafeState) -> Left:
         """Look at the air until it shows that the safe state acts; nothing but the chamber can end that."""

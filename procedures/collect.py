@@ -1,7 +1,7 @@
-"""A collect: the unit stands still at one position, is sampled, and the samples are averaged and judged.
+"""A collect: the units stand still at one position, are sampled at once, and each one's samples averaged and judged.
 
 `reduce_collect` is pure: samples in, data and judgement out, so that raw bytes decoded again give the same result.
-`take_collect` drives the bench through `Watch`.
+`take_collects` drives the bench through `Watch`.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -264,36 +264,32 @@ class Times:
     index_s: float | None
 
 
-def take_collect(
-    devices: BenchDevices, watch: Watch, settings: CollectSettings, position: str, times: Times
-) -> Collected:
-    """Settle, sample and reduce a collect at the position where the unit stands.
+def take_collects(
+    watch: Watch, units: Mapping[str, BenchDevices], settings: CollectSettings, position: str, times: Times
+) -> Mapping[str, Collected | WrongPose]:
+    """Settle, sample and reduce a collect of each of `units`, at once, at the position where they stand.
 
-    Raises what a poll raises, and `WrongPose` before a sample is taken where the accelerations of the last second of
-    settling say that the unit does not lie as it should. A position that is not confirmed before and after, and
-    accelerations over the collect that contradict it, are a FAIL with its reason.
+    A unit that is set aside meanwhile is missing in what is returned; of one that does not lie as it should, by its
+    accelerations over the last second of settling, no sample is taken: `WrongPose`. A position that is not confirmed
+    before and after, and accelerations over the collect that contradict it, are a FAIL. Raises what a poll raises.
     """
-    before = devices.positioner.position()
+    before = {name: devices.positioner.position() for name, devices in units.items()}
     watch.note = "settling"
+    taken: dict[str, Collected | WrongPose] = {}
     if settings.settle_s > 0.0:
-        lies = _pose(devices, position, _settled(devices.imu, watch, settings.settle_s))
-        if lies:
-            raise WrongPose(lies)
+        last = _settled(watch, units, settings.settle_s)
+        found = {name: _pose(devices, position, last[name]) for name, devices in units.items() if name in last}
+        taken = {name: WrongPose(lies) for name, lies in found.items() if lies}
+        units = {name: units[name] for name in found if name not in taken}
+    if not units:
+        return taken
     watch.note = "sampling"
     watch.forget_stream()
     start_s = watch.now_s
-    blocks, readings, end_s = _sample(devices.imu, watch, start_s + settings.duration_s)
-    samples = join(blocks)
+    blocks, readings, end_s = _sample(watch, units, start_s + settings.duration_s)
     started_s = watch.campaign_s(start_s)
     offset_s = started_s - start_s
-    # Before the reduction: what is averaged is what is recorded, so that it can be computed again to the last digit.
-    samples = replace(samples, time_s=samples.time_s + offset_s, arrival_s=samples.arrival_s + offset_s)
-    data, judgement = reduce_collect(samples, end_s - start_s, devices.imu, settings)
-    after = devices.positioner.position()
-    lies = _pose(devices, position, samples)
-    contradicted = [Judgement(Verdict.FAIL, lies)] if lies else []
-    judgement = combine([*contradicted, judgement, *_confirmed(position, before, after)], passed=judgement.reason)
-    data |= {
+    of_all = {
         "position": position,
         "start_s": started_s,
         "chamber_degC": _mean([reading.temperature_degC for reading in readings]),
@@ -301,19 +297,32 @@ def take_collect(
         "time_since_power_on_s": _since(started_s, times.power_on_s),
         "time_since_setpoint_s": _since(started_s, times.setpoint_s),
         "time_since_index_s": _since(started_s, times.index_s),
-        "verdict": judgement.verdict.value,
-        "reason": judgement.reason,
     }
-    return Collected(data, judgement, samples)
+    for name, devices in units.items():
+        if name not in watch.units:
+            continue
+        samples = join(blocks[name])
+        # Before the reduction: what is averaged is what is recorded, so that it can be computed again to the digit.
+        samples = replace(samples, time_s=samples.time_s + offset_s, arrival_s=samples.arrival_s + offset_s)
+        data, judgement = reduce_collect(samples, end_s - start_s, devices.imu, settings)
+        after, lies = devices.positioner.position(), _pose(devices, position, samples)
+        contradicted = [Judgement(Verdict.FAIL, lies)] if lies else []
+        every = [*contradicted, judgement, *_confirmed(position, before[name], after)]
+        judgement = combine(every, passed=judgement.reason)
+        data |= {**of_all, "verdict": judgement.verdict.value, "reason": judgement.reason}
+        taken[name] = Collected(data, judgement, samples)
+    return taken
 
 
-def _settled(imu: StreamImu, watch: Watch, seconds: float) -> SampleBlock:
-    """Wait, and return what came last: a second of it, or what the last poll brought of that."""
-    block = SampleBlock(np.empty(0), {})
-    for _, newest in watch.wait(watch.now_s + seconds):
-        block = newest
-    last = slice(-max(round(imu.sample_rate_hz), 1), None)
-    return replace(block, time_s=block.time_s[last], fields={name: v[last] for name, v in block.fields.items()})
+def _settled(watch: Watch, units: Mapping[str, BenchDevices], seconds: float) -> Mapping[str, SampleBlock]:
+    """Wait, and return of each unit what came last: a second of it, or what the last poll brought of that."""
+    *_, looks = watch.wait(watch.now_s + seconds)
+    newest = {}
+    for name in units.keys() & looks.keys():
+        block, last = looks[name].block, slice(-max(round(units[name].imu.sample_rate_hz), 1), None)
+        fields = {field: values[last] for field, values in block.fields.items()}
+        newest[name] = replace(block, time_s=block.time_s[last], fields=fields)
+    return newest
 
 
 def _pose(devices: BenchDevices, position: str, samples: SampleBlock) -> str:
@@ -328,18 +337,21 @@ def _pose(devices: BenchDevices, position: str, samples: SampleBlock) -> str:
 
 
 def _sample(
-    imu: StreamImu, watch: Watch, until_s: float
-) -> tuple[Sequence[SampleBlock], Sequence[ChamberReading], float]:
-    """Return the blocks, the chamber's readings, and the clock at the last drain."""
-    blocks: list[SampleBlock] = []
+    watch: Watch, units: Mapping[str, BenchDevices], until_s: float
+) -> tuple[Mapping[str, Sequence[SampleBlock]], Sequence[ChamberReading], float]:
+    """Return each unit's blocks, the chamber's readings, and the clock at the last drain."""
+    blocks: dict[str, list[SampleBlock]] = {name: [] for name in units}
     readings: list[ChamberReading] = []
     end_s = watch.now_s
-    running = _Running(imu.sensors)
-    for look, block in watch.wait(until_s):
-        blocks.append(block)
+    running = {name: _Running(devices.imu.sensors) for name, devices in units.items()}
+    for looks in watch.wait(until_s):
+        look = next(iter(looks.values()))
         if look.chamber is not None and look.chamber_fresh:
             readings.append(look.chamber)
-        watch.rates_deg_per_hr, watch.rates_se_deg_per_hr = running.add(block)
+        for name in units.keys() & looks.keys():
+            block, unit = looks[name].block, watch.units[name]
+            blocks[name].append(block)
+            unit.rates_deg_per_hr, unit.rates_se_deg_per_hr = running[name].add(block)
         end_s = look.time_s
     if not readings and watch.look is not None and watch.look.chamber is not None:
         readings.append(watch.look.chamber)  # a collect shorter than the chamber's poll interval

@@ -1,6 +1,7 @@
 """The devices of a bench as the procedures hold them."""
 
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 
 from drivers.chambers import Chamber
 from drivers.clock import Clock
@@ -12,7 +13,10 @@ from procedures.pose import PoseTable
 
 @dataclass(frozen=True)
 class BenchDevices:
-    """One clock, one unit, one chamber, and what moves the unit. Real or simulated: nothing here can tell.
+    """One clock, one chamber, and a unit with what moves it. Real or simulated: nothing here can tell.
+
+    `units` are the devices of every unit in the chamber by its name, this one's among them; where nothing is said there
+    is this one, without a name. They share clock and chamber, and, where one fixture turns them all, the positioner.
 
     `simulation_declared` says that the bench file calls its devices simulated. A simulated device says so itself when
     it is asked who it is; one that nobody declared is refused, for its data would pass for measurements. `poses` is
@@ -25,6 +29,23 @@ class BenchDevices:
     positioner: Positioner
     simulation_declared: bool = True
     poses: PoseTable | None = None
+    units: Mapping[str, "BenchDevices"] = field(default_factory=dict, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if not self.units:
+            object.__setattr__(self, "units", {"": self})
+
+    def with_all(
+        self, chamber: Callable[[Chamber], Chamber], positioner: Callable[[Positioner], Positioner]
+    ) -> "BenchDevices":
+        """Return the devices with their chamber and what turns each unit replaced by what is made of them."""
+        one = chamber(self.chamber)
+        turned = {id(each.positioner): positioner(each.positioner) for each in self.units.values()}
+        units = {
+            name: replace(each, chamber=one, positioner=turned[id(each.positioner)], units={})
+            for name, each in self.units.items()
+        }
+        return replace(next(iter(units.values())), units=units)
 
     def refuse_undeclared_simulation(self, *answers: str) -> None:
         """Raise `WrongDevice` where a device calls itself simulated on a bench that is said to be real."""

@@ -9,8 +9,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
+import numpy as np
+
 from drivers.chambers import ChamberLimits, ChamberReading
 from drivers.frames.counts import StreamCounts
+from drivers.imu import SampleBlock
 from procedures.settings import InterlockSettings
 
 _EXPECTED_FRAMES = 5.0  # an empty drain says nothing before so many frames should have come …
@@ -19,7 +22,7 @@ _SLOWEST_S = 2.0  # … and one of a unit that is set to another rate
 
 @dataclass(frozen=True)
 class Look:
-    """One look at the bench. `chamber` is the latest good reading; it is news only where `chamber_fresh`."""
+    """One look at a unit and its chamber. `chamber` is the latest good reading, and news only where `chamber_fresh`."""
 
     time_s: float  # the clock's
     stream_span_s: float  # since the last good frame before this look
@@ -36,6 +39,8 @@ class Look:
     disk_free_mb: float | None = None
     resting: bool = False  # somebody has paused the sweep
     arrived: bool = False  # the air has reached the commanded setpoint since it was commanded
+    unit: str = ""  # whose stream it is
+    block: SampleBlock = field(default_factory=lambda: SampleBlock(np.empty(0), {}))  # what was drained
 
 
 @dataclass(frozen=True)
@@ -48,15 +53,17 @@ class Interlock:
     name: str
     grace_s: float
     problem: Callable[[Look], str | None]
+    of_unit: bool = False  # it ends the night of that unit alone
 
 
 class InterlockTripped(Exception):
-    """An interlock lasted its grace: the sweep ends in the safe state."""
+    """An interlock lasted its grace: the sweep ends in the safe state, or where it is a unit's, goes on without it."""
 
-    def __init__(self, name: str, reason: str) -> None:
+    def __init__(self, name: str, reason: str, *, of_unit: bool = False) -> None:
         super().__init__(f"{name}: {reason}")
         self.name = name
         self.reason = reason
+        self.of_unit = of_unit
 
 
 def standard_interlocks(settings: InterlockSettings, limits: ChamberLimits) -> Sequence[Interlock]:
@@ -69,9 +76,9 @@ def standard_interlocks(settings: InterlockSettings, limits: ChamberLimits) -> S
         Interlock("chamber-stopped", s.setpoint_grace_s, _on_news(_chamber_stopped)),
         Interlock("setpoint-changed", s.setpoint_grace_s, _on_news(partial(_setpoint_changed, s))),
         Interlock("setpoint-not-followed", s.follow_grace_s, _on_news(partial(_setpoint_not_followed, s))),
-        Interlock("unit-limits", s.unit_limit_grace_s, partial(_unit_limits, s)),
-        Interlock("stream-lost", s.stream_loss_s, _stream_lost),
-        Interlock("stream-frozen", 0.5 * s.frozen_s, partial(_stream_frozen, s)),
+        Interlock("unit-limits", s.unit_limit_grace_s, partial(_unit_limits, s), of_unit=True),
+        Interlock("stream-lost", s.stream_loss_s, _stream_lost, of_unit=True),
+        Interlock("stream-frozen", 0.5 * s.frozen_s, partial(_stream_frozen, s), of_unit=True),
         Interlock("disk-low", s.disk_grace_s, partial(_disk_low, s)),
     )
 
@@ -173,48 +180,62 @@ class Interlocks:
     def __init__(self, interlocks: Sequence[Interlock], record: Callable[[str, str], None]) -> None:
         self._interlocks = interlocks
         self._record = record
-        self._suspicions: dict[str, _Suspicion] = {}
+        self._suspicions: dict[tuple[str, str], _Suspicion] = {}  # by interlock and unit
 
     @property
     def suspected(self) -> str:
         """What is suspected now, in words; empty where nothing is."""
-        return "; ".join(f"{name}: {each.reason}" for name, each in self._suspicions.items())
+        return "; ".join(f"{_named(*key)}: {each.reason}" for key, each in self._suspicions.items())
 
     def countdown(self, time_s: float) -> str:
         """Say what is suspected and when it ends the sweep unless it clears; empty where nothing is."""
-        if not self._suspicions:
-            return ""
-        left = {
-            each.name: max(each.grace_s - (time_s - self._suspicions[each.name].since_s), 0.0)
-            for each in self._interlocks
-            if each.name in self._suspicions
-        }
+        graces_s = {each.name: each.grace_s for each in self._interlocks}
+        left = {key: max(graces_s[key[0]] - (time_s - each.since_s), 0.0) for key, each in self._suspicions.items()}
         return "; ".join(
-            f"{self._suspicions[name].reason}; safe state in {left_s:.0f} s unless it clears"
-            for name, left_s in sorted(left.items(), key=lambda each: each[1])
+            f"{of_unit(key[1])}{self._suspicions[key].reason}; "
+            f"{'set aside' if key[1] else 'safe state'} in {left_s:.0f} s unless it clears"
+            for key, left_s in sorted(left.items(), key=lambda each: each[1])
         )
 
-    def evaluate(self, look: Look) -> None:
-        """Judge one look; raise `InterlockTripped` where a condition has lasted its grace."""
+    def forget(self, unit: str) -> None:
+        """Suspect nothing of a unit any more: it has been set aside."""
+        self._suspicions = {key: each for key, each in self._suspicions.items() if key[1] != unit}
+
+    def evaluate(self, look: Look, *, chamber: bool = True) -> None:
+        """Judge one look; raise `InterlockTripped` where a condition has lasted its grace.
+
+        The chamber is judged at one look of those that units share.
+        """
         for interlock in self._interlocks:
+            if not (interlock.of_unit or chamber):
+                continue
             problem = interlock.problem(look)
             if problem is None:
                 continue
+            key = (interlock.name, look.unit if interlock.of_unit else "")
             if problem:
-                self._sighted(interlock, problem, look.time_s)
-            elif interlock.name in self._suspicions:
-                lasted_s = look.time_s - self._suspicions.pop(interlock.name).since_s
-                self._record("interlock-cleared", f"{interlock.name} cleared after {lasted_s:.0f} s")
+                self._sighted(interlock, key, problem, look.time_s)
+            elif key in self._suspicions:
+                lasted_s = look.time_s - self._suspicions.pop(key).since_s
+                self._record("interlock-cleared", f"{_named(*key)} cleared after {lasted_s:.0f} s")
 
-    def _sighted(self, interlock: Interlock, problem: str, time_s: float) -> None:
-        suspicion = self._suspicions.get(interlock.name)
+    def _sighted(self, interlock: Interlock, key: tuple[str, str], problem: str, time_s: float) -> None:
+        suspicion = self._suspicions.get(key)
         if suspicion is None:
-            self._suspicions[interlock.name] = _Suspicion(time_s, problem)
-            self._record(
-                "interlock-suspected", f"{interlock.name}: {problem} (ends the sweep after {interlock.grace_s:g} s)"
-            )
+            self._suspicions[key] = _Suspicion(time_s, problem)
+            what = f"sets unit {key[1]} aside" if key[1] else "ends the sweep"
+            self._record("interlock-suspected", f"{_named(*key)}: {problem} ({what} after {interlock.grace_s:g} s)")
             return
         suspicion.reason = problem
         lasted_s = time_s - suspicion.since_s
         if lasted_s >= interlock.grace_s:
-            raise InterlockTripped(interlock.name, f"{problem}; it lasted {lasted_s:.0f} s")
+            raise InterlockTripped(interlock.name, f"{problem}; it lasted {lasted_s:.0f} s", of_unit=interlock.of_unit)
+
+
+def of_unit(unit: str) -> str:
+    """Say whose something is, before it; nothing of the only unit of a bench that lists none."""
+    return f"unit {unit}: " if unit else ""
+
+
+def _named(interlock: str, unit: str) -> str:
+    return f"{interlock} of unit {unit}" if unit else interlock

@@ -29,6 +29,12 @@ class StepResult:
     samples: SampleBlock | None = None  # a collect's samples and raw bytes
 
 
+def of_unit(data: Mapping[str, Any], unit: str) -> Mapping[str, Any]:
+    """Return the data of a chamber's step as they are for one unit: what is told of it (`units`) laid over the rest."""
+    own = data.get("units", {}).get(unit)
+    return data if own is None else {**data, **own}
+
+
 class Journal(Protocol):
     """The truth about a night. Every call is durable when it returns."""
 

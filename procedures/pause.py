@@ -5,9 +5,9 @@ or an abort is heard. Afterwards the devices are identified and the unit is posi
 bench. The soak counts on where logged readings prove that the air stayed in its band and the unit kept its power.
 """
 
-from procedures.interlocks import InterlockTripped, Look
+from procedures.interlocks import InterlockTripped, Look, of_unit
 from procedures.settings import Restabilisation
-from procedures.watch import Watch
+from procedures.watch import Looks, Watch
 
 
 class HeldBand:
@@ -16,20 +16,21 @@ class HeldBand:
     def __init__(self, settings: Restabilisation, setpoint_degC: float | None, began_s: float) -> None:
         self._settings = settings
         self._setpoint_degC = setpoint_degC
-        self._air_s = self._unit_s = began_s
+        self._air_s, self._began_s = began_s, began_s
+        self._unit_s: dict[str, float] = {}
         self.lost = ""  # why it does not, in words
 
-    def look(self, look: Look) -> None:
+    def look(self, looks: Looks) -> None:
         """Take one look in."""
+        look = next(iter(looks.values()))
         if self._in_band(look):
             self._air_s = look.time_s
-        if look.samples:
-            self._unit_s = look.time_s
+        self._unit_s.update((name, each.time_s) for name, each in looks.items() if each.samples)
         allowed_s, band = self._settings.excursion_s, self._settings.band_degC
         if look.time_s - self._air_s > allowed_s:
             self.lost = f"the air was not shown to stay within {band:g} °C of the setpoint"
-        elif look.time_s - self._unit_s > allowed_s:
-            self.lost = "the unit was silent and may have been without power"
+        elif silent := [n for n in looks if look.time_s - self._unit_s.get(n, self._began_s) > allowed_s]:
+            self.lost = f"{of_unit(silent[0])}the unit was silent and may have been without power"
 
     def _in_band(self, look: Look) -> bool:
         if not look.chamber_fresh or look.chamber is None or self._setpoint_degC is None:

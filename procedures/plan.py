@@ -10,9 +10,11 @@ else decides what happens next.
     9055.0
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from functools import cached_property
+from itertools import groupby
 
 from procedures.settings import SweepProcedure
 
@@ -28,9 +30,16 @@ class StepKind(StrEnum):
     SAFE_STATE = "safe_state"  # leave the chamber as it may be left
 
 
+OF_UNITS = (StepKind.IDENTIFY, StepKind.INDEX, StepKind.COLLECT)
+"""What is done to a unit: of several in one chamber each has its own step. All else is done to the chamber."""
+
+
 @dataclass(frozen=True)
 class Step:
-    """One step. `key` is unique in a plan and never changes for the same sweep: it is the journal's key."""
+    """One step. `key` is unique in a plan and never changes for the same sweep: it is the journal's key.
+
+    The steps of one stage are one thing done to several units at once; behind the @ stands whose a step is.
+    """
 
     index: int
     key: str  # "T1/S2/restabilise", "T1/S2/C3/collect"
@@ -41,6 +50,20 @@ class Step:
     self_calibration: int | None = None  # the campaign's `run`: 1, 2, … over the whole sweep
     position: str | None = None
     parameters: Mapping[str, float] = field(default_factory=dict)  # seconds, °C and °C/min, named
+
+    @property
+    def stage(self) -> str:
+        """The key without the unit: what is done at once."""
+        return self.key.partition("@")[0]
+
+    @property
+    def unit(self) -> str | None:
+        """The unit's name, empty for the one of a bench that lists none; None where the step is the chamber's."""
+        return self.key.partition("@")[2] if self.kind in OF_UNITS else None
+
+    def of(self, unit: str) -> "Step":
+        """Return what is done to another unit in the same stage; what is done to the chamber is done to all."""
+        return self if self.unit in (None, unit) else replace(self, key=_of_unit(self.stage, unit))
 
 
 @dataclass(frozen=True)
@@ -55,6 +78,20 @@ class Plan:
         """Planned duration of the whole sweep."""
         last = self.steps[-1]
         return last.starts_s + last.duration_s
+
+    @cached_property
+    def stages(self) -> Sequence[Sequence[Step]]:
+        """The steps in order, those that are done at once together."""
+        return [tuple(steps) for _, steps in groupby(self.steps, key=lambda step: step.stage)]
+
+    @cached_property
+    def units(self) -> Sequence[str]:
+        """The names of the units, in order."""
+        return list(dict.fromkeys(step.unit for step in self.steps if step.unit is not None))
+
+    def of_unit(self, unit: str) -> "Plan":
+        """Return what is done to one unit and to the chamber."""
+        return Plan(self.title, tuple(step for step in self.steps if step.unit in (None, unit)))
 
     def of_kind(self, kind: StepKind) -> Sequence[Step]:
         """Return the steps of one kind, in order."""
@@ -74,8 +111,8 @@ _IDENTIFY_S = 10.0
 _SAFE_STATE_S = 5.0
 
 
-def make_plan(procedure: SweepProcedure) -> Plan:
-    """Return the steps of a sweep with their expected times.
+def make_plan(procedure: SweepProcedure, units: Sequence[str] = ("",)) -> Plan:
+    """Return the steps of a sweep of these units with their expected times.
 
     Expected: ramps at the procedure's rate, soaks of the scheduled time, indexing and collects as set. A soak that
     needs more evidence, or a slower chamber, moves everything behind it.
@@ -83,9 +120,19 @@ def make_plan(procedure: SweepProcedure) -> Plan:
     steps: list[Step] = []
     starts_s = 0.0
     for key, kind, duration_s, where, parameters in _steps(procedure):
-        steps.append(Step(len(steps), key, kind, starts_s, duration_s, *where, parameters))
+        for unit in units if kind in OF_UNITS else ("",):
+            steps.append(Step(len(steps), _of_unit(key, unit), kind, starts_s, duration_s, *where, parameters))
         starts_s += duration_s
     return Plan(procedure.title, tuple(steps))
+
+
+def lasting_s(steps: Iterable[Step]) -> float:
+    """Return the planned duration of some steps of a plan: those of one stage are done at once."""
+    return sum({step.stage: step.duration_s for step in steps}.values())
+
+
+def _of_unit(stage: str, unit: str) -> str:
+    return f"{stage}@{unit}" if unit else stage
 
 
 _Where = tuple[float | None, int | None, str | None]  # temperature, self-calibration, position

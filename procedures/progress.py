@@ -40,6 +40,7 @@ class Snapshot:
     note: str = ""  # what the step waits for
     steps_done: int = 0
     steps_total: int = 0
+    unit: str = ""  # of several in one chamber each has its own
 
 
 class Progress:

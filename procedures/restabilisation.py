@@ -9,7 +9,7 @@ all at once, held over the whole window. Leaving the band restarts the window; l
 time restarts the soak too, because the unit has then begun to follow. A ceiling ends the wait whatever the evidence.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,8 +17,12 @@ import numpy as np
 
 from procedures.quality import slope_per_min
 from procedures.settings import Restabilisation
+from procedures.unit_watch import labelled
 from procedures.verdict import Verdict
-from procedures.watch import Watch
+from procedures.watch import Looks, Watch
+
+Sensor = int | str
+"""A thermometer, by its sensor's number, behind that of its unit where there are several: 0042.2."""
 
 _EVALUATIONS = 20  # of the evidence, per window
 _EPSILON_S = 1e-6
@@ -50,10 +54,10 @@ class Decision:
 class RestabilisationGate:
     """Judges looks at chamber and unit, in order of time. Pure: it neither waits nor reads."""
 
-    def __init__(self, settings: Restabilisation, thermometers: Collection[int]) -> None:
+    def __init__(self, settings: Restabilisation, thermometers: Collection[Sensor]) -> None:
         self._settings = settings
         self._air: list[tuple[float, float]] = []  # the window's looks: time, °C
-        self._unit: dict[int, list[tuple[float, float]]] = {sensor: [] for sensor in sorted(thermometers)}
+        self._unit: dict[Sensor, list[tuple[float, float]]] = {sensor: [] for sensor in sorted(thermometers)}
         self._soak_s: float | None = None  # when the present soak began
         self._band_s: float | None = None  # when the present stay in the band began
         self._left_s: float | None = None  # when the band was left
@@ -65,7 +69,11 @@ class RestabilisationGate:
         self.window_restarts = 0
         self.decision = Decision({"time": None})
 
-    def look(self, time_s: float, air_degC: float, setpoint_degC: float, unit_degC: Mapping[int, float]) -> Decision:
+    def forget(self, thermometers: Collection[Sensor]) -> None:
+        """Judge these no more: their unit was set aside."""
+        self._unit = {sensor: looks for sensor, looks in self._unit.items() if sensor not in thermometers}
+
+    def look(self, time_s: float, air_degC: float, setpoint_degC: float, unit_degC: Mapping[Sensor, float]) -> Decision:
         """Take one look in and return the decision."""
         unseen = self._last_s is not None and time_s - self._last_s > max(
             self._settings.excursion_s, self._settings.window_s / 4.0
@@ -170,42 +178,82 @@ class Restabilised:
     data: Mapping[str, Any]
 
 
-def restabilise(watch: Watch, settings: Restabilisation, thermometers: Collection[int]) -> Restabilised:
-    """Wait for the evidence, never longer than the ceiling. Raises what a poll raises.
+def restabilise(watch: Watch, settings: Restabilisation) -> Restabilised:
+    """Wait for the evidence of every unit, never longer than the ceiling. Raises what a poll raises.
 
-    `thermometers` are the sensors that have a temperature of their own: a silent one is no evidence. Where there are
-    none, the result says that only chamber and time were judged.
+    Every sensor that has a temperature of its own is judged, and a silent one is no evidence; one of a unit that is set
+    aside meanwhile is waited for no more. Where there are none, the result says that only chamber and time were judged.
     """
+    thermometers = _thermometers(watch)
     gate = RestabilisationGate(settings, thermometers)
     began_s = watch.now_s
-    now, _ = watch.poll()
-    if now.chamber is not None and watch.commanded_degC is not None:
-        # The soak begins with the step, also where the chamber's next reading is not due yet.
-        gate.look(now.time_s, now.chamber.temperature_degC, watch.commanded_degC, now.unit_degC)
-    for look, _ in watch.wait(began_s + settings.ceiling_s):
-        if not look.chamber_fresh or look.chamber is None or watch.commanded_degC is None:
+    _take_in(gate, watch, watch.poll())  # the soak begins with the step, also where no reading of the chamber is due
+    for looks in watch.wait(began_s + settings.ceiling_s):
+        if thermometers - _thermometers(watch):
+            gate.forget(thermometers - _thermometers(watch))
+        if not next(iter(looks.values())).chamber_fresh or watch.commanded_degC is None:
             continue
-        # Judged against what was commanded, not against what the chamber believes it was told.
-        decision = gate.look(look.time_s, look.chamber.temperature_degC, watch.commanded_degC, look.unit_degC)
-        watch.note = "waiting for " + ", ".join(decision.waiting_for)
-        if decision.met:
-            return _result(gate, watch.now_s - began_s, thermometers)
-    return _result(gate, watch.now_s - began_s, thermometers)
+        _take_in(gate, watch, looks)
+        watch.note = "waiting for " + ", ".join(gate.decision.waiting_for)
+        if gate.decision.met:
+            break
+    return _result(gate, watch.now_s - began_s, watch)
 
 
-def _result(gate: RestabilisationGate, waited_s: float, thermometers: Collection[int]) -> Restabilised:
-    """Return the result in words and numbers."""
-    decision = gate.decision
-    met = decision.met
+def _thermometers(watch: Watch) -> set[Sensor]:
+    """Return those of the units that go on."""
+    return {
+        _sensor(name, number)
+        for name, unit in watch.units.items()
+        for number, channels in unit.imu.sensors.items()
+        if channels.temperature is not None
+    }
+
+
+def _sensor(unit: str, number: int) -> Sensor:
+    return labelled(unit, number) if unit else number
+
+
+def _take_in(gate: RestabilisationGate, watch: Watch, looks: Looks) -> None:
+    """Judge against what was commanded, not against what the chamber believes it was told."""
+    look = next(iter(looks.values()))
+    if look.chamber is None or watch.commanded_degC is None:
+        return
+    shown = {_sensor(unit, number): t for unit, each in looks.items() for number, t in each.unit_degC.items()}
+    gate.look(look.time_s, look.chamber.temperature_degC, watch.commanded_degC, shown)
+
+
+def _result(gate: RestabilisationGate, waited_s: float, watch: Watch) -> Restabilised:
+    """Return the result in words and numbers: of all, and where units are listed of each, which the others are not."""
+    decision, thermometers = gate.decision, _thermometers(watch)
+    waiting = decision.waiting_for
+    verdict, reason = _judged(decision, waiting, waited_s, thermometers)
+    told = {"verdict": verdict.value, "reason": reason, "waited_s": waited_s}
+    by = {"decided_by": decision.decided_by if decision.met else None, "waiting_for": list(waiting)}
+    restarts = {"soak_restarts": gate.soak_restarts, "window_restarts": gate.window_restarts}
+    each = {}
+    for unit in filter(None, watch.units):
+        others = [str(sensor) for sensor in thermometers if not str(sensor).startswith(f"{unit}.")]
+        own = [name for name in waiting if not name.endswith(tuple(f"(sensor {sensor})" for sensor in others))]
+        its, why = _judged(decision, own, waited_s, thermometers)
+        each[unit] = {"verdict": its.value, "reason": why, "waiting_for": own}
+    units = {"units": each} if each else {}
+    return Restabilised(decision.met, reason, {**told, **by, **restarts, **decision.evidence, **units})
+
+
+def _judged(
+    decision: Decision, waiting: Sequence[str], waited_s: float, thermometers: Collection[Sensor]
+) -> tuple[Verdict, str]:
     minutes = waited_s / 60.0
-    if met:
-        reason, verdict = f"restabilised after {minutes:.1f} min, decided by {decision.decided_by}", Verdict.PASS
+    if decision.met:
+        verdict, reason = Verdict.PASS, f"restabilised after {minutes:.1f} min, decided by {decision.decided_by}"
+    elif waiting:
+        verdict, reason = (
+            Verdict.INCONCLUSIVE,
+            f"not restabilised within {minutes:.0f} min: {', '.join(waiting)}",
+        )
     else:
-        missing = ", ".join(decision.waiting_for)
-        reason, verdict = f"not restabilised within {minutes:.0f} min: {missing}", Verdict.INCONCLUSIVE
+        verdict, reason = Verdict.PASS, f"restabilised within {minutes:.0f} min; other units were not"
     if not thermometers:
         reason += "; the unit has no temperature sensor, so only chamber and time were judged"
-    told = {"verdict": verdict.value, "reason": reason, "waited_s": waited_s}
-    by = {"decided_by": decision.decided_by if met else None, "waiting_for": list(decision.waiting_for)}
-    restarts = {"soak_restarts": gate.soak_restarts, "window_restarts": gate.window_restarts}
-    return Restabilised(met, reason, {**told, **by, **restarts, **decision.evidence})
+    return verdict, reason

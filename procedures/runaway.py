@@ -14,14 +14,14 @@ class _Rates:
     def __init__(self, limit_degC_per_min: float, values: Callable[[Look], Mapping[str, float]]) -> None:
         self._limit = limit_degC_per_min
         self._values = values
-        self._seen: dict[str, list[tuple[float, float]]] = {}
+        self._seen: dict[tuple[str, str], list[tuple[float, float]]] = {}
 
     def problem(self, look: Look) -> str | None:
         """Return what moves too fast, "" where nothing does, None where this look has no news."""
         said: list[str] = []
         news = False
         for what, value in self._values(look).items():
-            seen = self._seen.setdefault(what, [])
+            seen = self._seen.setdefault((look.unit, what), [])
             seen.append((look.time_s, value))
             while len(seen) > 2 and look.time_s - seen[0][0] > _WINDOW_S:
                 seen.pop(0)
@@ -41,7 +41,7 @@ def rate_interlocks(settings: InterlockSettings) -> Sequence[Interlock]:
     unit = _Rates(settings.unit_rate_degC_per_min, _unit_sensors)
     return (
         Interlock("chamber-rate", settings.rate_grace_s, chamber.problem),
-        Interlock("unit-rate", settings.rate_grace_s, unit.problem),
+        Interlock("unit-rate", settings.rate_grace_s, unit.problem, of_unit=True),
     )
 
 

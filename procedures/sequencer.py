@@ -9,6 +9,9 @@ that put the bench into a physical state: a collect on its index, its restabilis
 identity. Those that are DONE in the journal but not in effect in this process are restored (done again, recorded as
 events, never as a second result): a chamber cools while the controller is dead, so the soak starts over.
 
+What is done to units is done to all of them at once (a stage). One that is lost, wrong or silent is set aside, with its
+reason on record, and the others go on; what happens to the last one, or to the chamber, ends the run.
+
 **The promise of the safe state.** Whatever ends a run (its end, a device, an interlock, a stop request, a full disk,
 an error in this program), `_leave` runs and brings the chamber to its safe state *before* it writes anything, because
 the journal may be what failed. It tries for minutes where the chamber does not answer, looks at the air until that
@@ -16,8 +19,7 @@ shows that the chamber does what it acknowledged (`safe_air`), and the outcome s
 Only a chamber that is not the one the bench file names is left alone. SIGKILL is the watchdog's to answer.
 """
 
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime
 
@@ -28,17 +30,16 @@ from procedures.devices import BenchDevices
 from procedures.interlocks import InterlockTripped, standard_interlocks
 from procedures.journal_protocol import Journal, Outcome, StepResult
 from procedures.pause import rest
-from procedures.plan import Plan, Step, StepKind
+from procedures.plan import Plan, Step, StepKind, lasting_s
 from procedures.progress import Progress, Silent
 from procedures.requests import Control, PauseAsked
 from procedures.runaway import rate_interlocks
-from procedures.safe_air import Left, Word, not_commanded
+from procedures.safe_air import Left
 from procedures.settings import CollectSettings, InterlockSettings, Polling, Restabilisation
 from procedures.stop import StopRequest, StopRequested
-from procedures.sweep_outcome import SweepOutcome, SweepState, state_after, why
+from procedures.sweep_outcome import SweepOutcome, outcome_of, state_after, why
 from procedures.verdict import NOT_GOOD, Verdict
 from procedures.watch import Position, Watch
-from procedures.words import counted
 
 # What each kind of step stands on, in the order in which it has to be restored.
 _STANDS_ON: Mapping[StepKind, tuple[StepKind, ...]] = {
@@ -58,8 +59,6 @@ _WHY_AGAIN: Mapping[StepKind, str] = {
 # A pause lets a collect be finished: its samples are good, and it is over in a minute or two.
 _INTERRUPTED_BY_A_PAUSE = (StepKind.SETPOINT, StepKind.RESTABILISE, StepKind.INDEX)
 _NEVER_RETRIED = (WrongDevice, SetpointOutOfLimits, CommandRefused)
-_LEAST_WAIT_S = 0.1
-_SAFE_STATE_SILENCE_S = 200.0  # longer than a driver tries at a chamber that answers late or not at all
 
 
 class Sequencer:
@@ -104,8 +103,8 @@ class Sequencer:
         self._first = first
         self._done: set[str] = set()
         self._failed: dict[str, str] = {}  # by step key, why
-        self._in_effect: dict[StepKind, str] = {}
-        self._open: tuple[Step, int] | None = None  # begun in the journal, not ended
+        self._in_effect: dict[tuple[StepKind, str | None], str] = {}  # the stage, by kind and unit
+        self._open: dict[str, tuple[Step, int]] = {}  # begun in the journal, not ended, by key
         self._touched = False
         self._unsettled = 0
 
@@ -121,7 +120,8 @@ class Sequencer:
         except BaseException as error:  # an interrupt that nobody turned into a stop request
             self._leave(error)
             raise
-        return self._outcome(cause, self._leave(cause))
+        left = self._leave(cause)
+        return outcome_of(self._plan, self._done, self._failed, self._watch.aside, cause, left)
 
     def _sweep(self) -> None:
         """Do every step that is not DONE, restoring first what it stands on."""
@@ -138,21 +138,26 @@ class Sequencer:
             done, total = len(self._done), len(self._plan.steps)
             message = f"resumed with {done} of {total} steps done, next is {pending[0].key}"
             self._watch.event("resumed", message, next=pending[0].key, done=done)
-        for step in pending:
-            blocked = self._prepare(step)
-            if blocked:
+        for stage in self._plan.stages:
+            steps = [step for step in stage if step.key not in self._done]
+            blocked = self._prepare(steps)
+            for step in self._going_on(steps) if blocked else ():
                 self._failed[step.key] = f"{blocked} could not be done"
                 self._watch.event("skipped", f"{step.key} cannot be done: {blocked} was not", step=step.key)
-            else:
-                self._do(step)
-        if StepKind.SAFE_STATE not in self._in_effect:
+            if not blocked:
+                self._do(self._going_on(steps))
+        if (StepKind.SAFE_STATE, None) not in self._in_effect:
             self._end_again()
+
+    def _going_on(self, steps: Sequence[Step]) -> Sequence[Step]:
+        """Return those of the chamber, and of units that are not set aside."""
+        return [step for step in steps if step.unit is None or step.unit in self._watch.units]
 
     def _end_again(self) -> None:
         """Bring the chamber to its final temperature although that step was DONE in an earlier run."""
         final = self._before(self._plan.steps[-1], StepKind.SETPOINT)
-        if final is not None and not any(
-            step.kind is StepKind.COLLECT for step in self._plan.steps[final.index :]
+        if final and not any(
+            step.kind is StepKind.COLLECT for step in self._plan.steps[final[0].index :]
         ):  # nothing is measured there
             self._restore(final)
 
@@ -161,9 +166,9 @@ class Sequencer:
         left = self._make_safe(cause)
         reason = why(cause)
         try:
-            if self._open is not None:
-                outcome = Outcome.ABORTED if isinstance(cause, StopRequested) else Outcome.ERROR
-                self._end(*self._open, StepResult(outcome, reason))
+            outcome = Outcome.ABORTED if isinstance(cause, StopRequested) else Outcome.ERROR
+            for step, _ in tuple(self._open.values()):
+                self._end(step, StepResult(outcome, reason))
             if cause is not None:
                 kind = "interlock" if isinstance(cause, InterlockTripped) else state_after(cause).value
                 self._watch.event(kind, reason, **(self._watch.evidence() if kind == "interlock" else {}))
@@ -177,162 +182,187 @@ class Sequencer:
         return left
 
     def _make_safe(self, cause: BaseException | None) -> Left:
-        """Command the safe state, with retries, and look at what the air does; return how the chamber is left."""
-        if not self._touched or StepKind.SAFE_STATE in self._in_effect:
+        """Command the safe state and look at what the air does, unless that is done; return how the chamber is left."""
+        if not self._touched or (StepKind.SAFE_STATE, None) in self._in_effect:
             return Left(reason="the air has shown that it is in its safe state")
-        if self._actions.chamber_refused:
-            why_not = f"what answers is not the bench's chamber, so nothing was sent to it ({cause})"
-            return Left(Word.NOT_KNOWN, why_not)
-        problem = ""
-        give_up_s = self._devices.clock.now() + self._polling.safe_state_s
-        while True:
-            self._watch.alive(_SAFE_STATE_SILENCE_S)
-            try:
-                return self._actions.watch_air(self._devices.chamber.safe_state())
-            except Exception as failure:
-                said, problem = bool(problem), f"the chamber could not be brought to its safe state: {failure}"
-                left = not_commanded(failure, problem)
-            if not said:
-                with suppress(Exception):  # trying goes on whether or not this can be recorded
-                    self._watch.event("safe-state-retry", f"{problem}; {why(cause)}")
-            left_s = give_up_s - self._devices.clock.now()
-            if left_s <= 0.0:
-                return left
-            self._watch.tell("safe-state-retry", f"the chamber is not safe yet, trying again, {left_s:.0f} s left")
-            self._devices.clock.sleep(max(self._polling.retry_wait_s, _LEAST_WAIT_S))
+        return self._actions.make_safe(cause)
 
-    def _outcome(self, cause: Exception | None, left: Left) -> SweepOutcome:
-        missing = tuple(step.key for step in self._plan.steps if step.key not in self._done)
-        if cause is not None:
-            state, reason = state_after(cause), why(cause)
-        elif not left.safe:
-            state, reason = SweepState.FAILED, left.reason
-        elif missing:
-            because = f": {self._failed[missing[0]]}" if missing[0] in self._failed else ""
-            state = SweepState.INCOMPLETE
-            reason = f"{counted(len(missing), 'step')} not done, the first is {missing[0]}{because}"
-        else:
-            state, reason = SweepState.COMPLETE, "every step is done"
-        return SweepOutcome(
-            state=state,
-            reason=reason,
-            missing=missing,
-            left=left,
-            error=cause if state in (SweepState.FAILED, SweepState.ERROR) else None,
-        )
+    # One stage: a step of the chamber, or one of each unit
 
-    # One step
-
-    def _prepare(self, step: Step) -> str:
-        """Put into effect what `step` stands on; return the key of what cannot be, or nothing."""
-        for kind in _STANDS_ON[step.kind]:
-            base = self._before(step, kind)
-            if base is None or self._in_effect.get(kind) == base.key:
-                continue
-            if base.key in self._failed or not self._restore(base):
-                self._failed.setdefault(base.key, "it could not be done again")
-                return base.key
+    def _prepare(self, steps: Sequence[Step]) -> str:
+        """Put into effect what `steps` stand on; return the key of what cannot be, or nothing."""
+        for kind in _STANDS_ON[steps[0].kind] if steps else ():
+            going = self._going_on(steps)
+            units = {step.unit for step in going}
+            lacking = [
+                base
+                for base in self._before(steps[0], kind)
+                if going
+                and (base.unit is None or base.unit in units or units == {None})
+                and self._in_effect.get((kind, base.unit)) != base.stage
+            ]
+            for base in lacking:
+                if base.key in self._failed:
+                    return base.key
+            if self._going_on(lacking) and not self._restore(lacking):
+                self._failed.setdefault(lacking[0].key, "it could not be done again")
+                return lacking[0].key
         return ""
 
-    def _before(self, step: Step, kind: StepKind) -> Step | None:
-        """Return the nearest step of a kind before `step`: by construction of a plan, the one it stands on."""
-        return next((each for each in reversed(self._plan.steps[: step.index]) if each.kind is kind), None)
+    def _before(self, step: Step, kind: StepKind) -> Sequence[Step]:
+        """Return the nearest steps of a kind before `step`: by construction of a plan, those it stands on."""
+        stages = self._plan.stages
+        return next((each for each in reversed(stages) if each[0].index < step.index and each[0].kind is kind), ())
 
-    def _restore(self, step: Step) -> bool:
-        """Do a step again that is DONE in the journal, as an event; return whether it is in effect now."""
-        self._watch.event("restoring", f"doing {step.key} again, because {_WHY_AGAIN[step.kind]}", step=step.key)
-        result = self._with_retries(step, lambda: self._begin(step, attempt=0), _unrecorded)
-        evidence = dict(result.data)
-        self._watch.event("restored", f"{step.key}: {result.reason}", step=step.key, data=evidence)
-        return self._now_in_effect(step, result)
+    def _restore(self, steps: Sequence[Step]) -> bool:
+        """Do steps again that are DONE in the journal, as events; return whether they are in effect now."""
+        results: dict[str, StepResult] = {}
 
-    def _do(self, step: Step) -> None:
-        """Do a step and commit its result."""
+        def again(step: Step, result: StepResult) -> None:
+            results[step.key] = result
 
-        def begin() -> None:
+        steps = self._going_on(steps)
+        for step in steps:
+            message = f"doing {step.key} again, because {_WHY_AGAIN[step.kind]}"
+            self._watch.event("restoring", message, step=step.key)
+        self._with_retries(steps, _unrecorded, again)
+        steps = self._going_on(steps)
+        for step in steps:
+            result = results[step.key]
+            self._watch.event("restored", f"{step.key}: {result.reason}", step=step.key, data=dict(result.data))
+        return not [step for step in steps if not self._now_in_effect(step, results[step.key])]
+
+    def _do(self, steps: Sequence[Step]) -> None:
+        """Do the steps of a stage and commit their results."""
+        results: dict[str, StepResult] = {}
+
+        def begin(step: Step) -> int:
             attempt = self._journal.begin(step)
-            self._open = (step, attempt)
-            self._begin(step, attempt)
+            self._open[step.key] = step, attempt
+            return attempt
 
-        def end(result: StepResult) -> None:
-            if self._open is not None:
-                self._end(*self._open, result)
+        def end(step: Step, result: StepResult) -> None:
+            self._end(step, result)
+            results[step.key] = result
 
-        result = self._with_retries(step, begin, end)
-        if not self._now_in_effect(step, result):
-            self._failed[step.key] = result.reason
+        self._with_retries(steps, begin, end)
+        for step in self._going_on(steps):
+            if not self._now_in_effect(step, results[step.key]):
+                self._failed[step.key] = results[step.key].reason
 
-    def _begin(self, step: Step, attempt: int) -> None:
+    def _begin(self, steps: Sequence[Step], begin: Callable[[Step], int]) -> None:
+        attempts = [begin(step) for step in steps]
         self._touched = True
-        later_s = sum(each.duration_s for each in self._plan.steps[step.index + 1 :] if each.key not in self._done)
+        later = (each for each in self._plan.steps[self._after(steps[0]) :] if each.key not in self._done)
         total = len(self._plan.steps)
-        self._watch.step_began(Position(step, attempt, self._watch.now_s, later_s, len(self._done), total))
+        here = Position(steps[0], max(attempts), self._watch.now_s, lasting_s(later), len(self._done), total)
+        self._watch.stage_began(here, zip(steps, attempts, strict=True))
 
-    def _end(self, step: Step, attempt: int, result: StepResult) -> None:
-        self._journal.end(step, attempt, result)
-        self._open = None
+    def _after(self, step: Step) -> int:
+        """Return the index of the first step of the next stage."""
+        return next((each.index for each in self._plan.steps[step.index :] if each.stage != step.stage), step.index + 1)
+
+    def _end(self, step: Step, result: StepResult) -> None:
+        self._journal.end(*self._open[step.key], result)
+        del self._open[step.key]
         if result.outcome is Outcome.DONE:
             self._done.add(step.key)
         self._watch.step_ended(step, result)
 
-    def _with_retries(self, step: Step, begin: Callable[[], None], end: Callable[[StepResult], None]) -> StepResult:
-        """Perform a step until it has a result to keep: device errors and bad collects are tried again, bounded."""
-        collects_left = int(CollectSettings.from_parameters(step.parameters).attempts)
-        devices_left = self._polling.device_attempts
-        while True:
-            blocked = self._hold(step)
-            begin()
+    def _with_retries(
+        self, steps: Sequence[Step], begin: Callable[[Step], int], end: Callable[[Step, StepResult], None]
+    ) -> None:
+        """Perform steps until each has a result to keep: device errors and bad collects are tried again, bounded."""
+        collects_left = {step.key: int(CollectSettings.from_parameters(step.parameters).attempts) for step in steps}
+        devices_left = {step.key: self._polling.device_attempts for step in steps}
+        while steps := self._going_on(steps):
+            blocked = self._hold(steps)
+            steps = self._going_on(steps)
+            if steps:
+                self._begin(steps, begin)
             if blocked:
-                end(lost := StepResult(Outcome.FAILED, f"{blocked} could not be restored after the pause"))
-                return lost
+                for step in steps:
+                    end(step, StepResult(Outcome.FAILED, f"{blocked} could not be restored after the pause"))
+            if blocked or not steps:
+                return
             try:
-                self._watch.interruptible = step.kind in _INTERRUPTED_BY_A_PAUSE
-                result = self._actions.perform(step)
+                self._watch.interruptible = steps[0].kind in _INTERRUPTED_BY_A_PAUSE
+                results = self._actions.perform(steps)
             except PauseAsked as pause:
-                end(StepResult(Outcome.ABORTED, f"{pause}; done again afterwards"))
+                for step in steps:
+                    end(step, StepResult(Outcome.ABORTED, f"{pause}; done again afterwards"))
                 continue
             except DeviceError as error:
-                devices_left -= 1
-                end(StepResult(Outcome.ERROR, str(error)))
-                if devices_left <= 0 or isinstance(error, _NEVER_RETRIED):
-                    raise InterlockTripped("device", f"{step.key}: {error}") from error
-                self._watch.event("retry", f"{step.key}: {error}; {devices_left} more tries", step=step.key)
-                for _ in self._watch.wait(self._watch.now_s + self._polling.retry_wait_s):
-                    pass  # it is looked at meanwhile
-                continue
+                results = {step.key: error for step in steps}
             finally:
                 self._watch.interruptible = False
-            collects_left -= 1
-            if step.kind is StepKind.COLLECT and collects_left > 0 and _not_good(result):
-                end(replace(result, outcome=Outcome.FAILED))
-                self._watch.event("retry", f"{step.key} is taken again: {result.reason}", step=step.key)
-                self._back_in_position(step, result.data.get("wrong_pose", ""))
-                continue
-            end(result)
-            return result
+            again = []
+            for step in steps:
+                if step.unit in self._watch.aside:
+                    end(step, StepResult(Outcome.ERROR, self._watch.aside[step.unit or ""]))
+                elif isinstance(result := results[step.key], DeviceError):
+                    devices_left[step.key] -= 1
+                    end(step, StepResult(Outcome.ERROR, str(result)))
+                    if devices_left[step.key] <= 0 or isinstance(result, _NEVER_RETRIED):
+                        self._give_up(step, result)
+                    else:
+                        tries = devices_left[step.key]
+                        self._watch.event("retry", f"{step.key}: {result}; {tries} more tries", step=step.key)
+                        again.append(step)
+                else:
+                    collects_left[step.key] -= 1
+                    if step.kind is StepKind.COLLECT and collects_left[step.key] > 0 and _not_good(result):
+                        end(step, replace(result, outcome=Outcome.FAILED))
+                        self._watch.event("retry", f"{step.key} is taken again: {result.reason}", step=step.key)
+                        again.append(step)
+                    else:
+                        end(step, result)
+            self._before_trying_again(again, results)
+            steps = again
 
-    def _hold(self, step: Step) -> str:
+    def _give_up(self, step: Step, error: DeviceError) -> None:
+        """Set the unit aside that its device failed; raise where it is the last, or the chamber's device did."""
+        tripped = InterlockTripped("device", f"{step.key}: {error}", of_unit=step.unit is not None)
+        tripped.__cause__ = error
+        if step.unit is None:
+            raise tripped
+        self._watch.set_aside(step.unit, tripped)
+
+    def _before_trying_again(self, steps: Sequence[Step], results: Mapping[str, StepResult | DeviceError]) -> None:
+        """Give devices that failed some time, and bring units back into position whose collects were not good."""
+        bad = {step.key: each for step in steps if isinstance(each := results[step.key], StepResult)}
+        if len(bad) < len(steps):
+            for _ in self._watch.wait(self._watch.now_s + self._polling.retry_wait_s):
+                pass  # it is looked at meanwhile
+        self._back_in_position([step for step in steps if step.key in bad], bad)
+
+    def _hold(self, steps: Sequence[Step]) -> str:
         """Return once nothing is suspected and nobody pauses; return the key of what a pause undid for good, if any."""
         self._watch.hold_until_clear()
         while self._watch.desk.pause is not None:
-            soak = step if step.kind is StepKind.RESTABILISE else self._before(step, StepKind.RESTABILISE)
-            settings = Restabilisation() if soak is None else Restabilisation.from_parameters(soak.parameters)
-            soaked = soak is not None and self._in_effect.get(StepKind.RESTABILISE) == soak.key
+            soaks = steps if steps[0].kind is StepKind.RESTABILISE else self._before(steps[0], StepKind.RESTABILISE)
+            settings = Restabilisation.from_parameters(soaks[0].parameters) if soaks else Restabilisation()
+            soaked = bool(soaks) and self._in_effect.get((StepKind.RESTABILISE, None)) == soaks[0].key
             lost = rest(self._watch, settings, self._interlocks.pause_s, soaked=soaked)
             undone = [StepKind.IDENTIFY, StepKind.INDEX, *([StepKind.RESTABILISE] if lost else [])]
-            for kind in undone:
-                self._in_effect.pop(kind, None)
+            self._in_effect = {of: stage for of, stage in self._in_effect.items() if of[0] not in undone}
             self._watch.hold_until_clear()
-            blocked = self._prepare(step)
+            blocked = self._prepare(steps)
             if blocked:
                 return blocked
         return ""
 
-    def _back_in_position(self, step: Step, wrong_pose: str) -> None:
-        """Index again where the unit is not confirmed to stand, or does not lie, as the collect wants it."""
-        index = self._before(step, StepKind.INDEX)
-        if index is not None and (wrong_pose or self._devices.positioner.position() != step.position):
-            self._watch.remark = wrong_pose
+    def _back_in_position(self, steps: Sequence[Step], bad: Mapping[str, StepResult]) -> None:
+        """Index units again that are not confirmed to stand, or do not lie, as their collect wants it."""
+        lies = {step.unit: str(bad[step.key].data.get("wrong_pose", "")) for step in steps}
+        turned = {
+            step.unit
+            for step in steps
+            if lies[step.unit] or self._devices.units[step.unit or ""].positioner.position() != step.position
+        }
+        index = [each for each in self._before(steps[0], StepKind.INDEX) if each.unit in turned] if steps else []
+        if index:
+            self._watch.remark = "; ".join(dict.fromkeys(filter(None, lies.values())))
             self._restore(index)
             self._watch.remark = ""
 
@@ -347,14 +377,15 @@ class Sequencer:
             if self._unsettled >= self._interlocks.unsettled_soaks:
                 raise InterlockTripped("soak-never-settles", f"{self._unsettled} soaks in a row: {result.reason}")
         if result.outcome is not Outcome.DONE:
-            self._in_effect.pop(step.kind, None)
+            self._in_effect.pop((step.kind, step.unit), None)
             return False
-        self._in_effect[step.kind] = step.key
+        self._in_effect[step.kind, step.unit] = step.stage
         return True
 
 
-def _unrecorded(_result: StepResult) -> None:
-    """Leave no result: the step has one."""
+def _unrecorded(_step: Step) -> int:
+    """Begin no attempt: the step has a result, and is done again."""
+    return 0
 
 
 def _not_good(result: StepResult) -> bool:

@@ -1,13 +1,16 @@
 """How a run of a sweep ends: its states, the outcome, and the reason in words."""
 
 import errno
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
 from drivers.errors import DeviceError
 from procedures.interlocks import InterlockTripped
+from procedures.plan import Plan
 from procedures.safe_air import Left
 from procedures.stop import StopRequested
+from procedures.words import counted
 
 
 class SweepState(StrEnum):
@@ -27,6 +30,7 @@ class SweepOutcome:
     state: SweepState
     reason: str
     missing: tuple[str, ...] = ()  # keys of the steps that are not DONE
+    partly: bool = False  # nothing is missing but of units that were set aside
     left: Left = field(default_factory=Left)  # the chamber
     error: BaseException | None = None  # for the log, where the state is failed or error
 
@@ -51,3 +55,39 @@ def why(cause: BaseException | None) -> str:
     if isinstance(cause, MemoryError):
         return "the computer is out of memory: end other programs, then carry on"
     return f"{type(cause).__name__}: {cause}"
+
+
+def outcome_of(
+    plan: Plan,
+    done: Container[str],
+    failed: Mapping[str, str],
+    aside: Mapping[str, str],
+    cause: Exception | None,
+    left: Left,
+) -> SweepOutcome:
+    """Return what became of a run that ended for this `cause`; `failed` says by key why steps could not be done."""
+    lacking = [step for step in plan.steps if step.key not in done]
+    missing = tuple(step.key for step in lacking)
+    if cause is not None:
+        state, reason = state_after(cause), why(cause)
+    elif not left.safe:
+        state, reason = SweepState.FAILED, left.reason
+    elif missing and {step.unit for step in lacking} <= aside.keys():
+        state, reason = SweepState.INCOMPLETE, _complete_for(plan, aside)
+    elif missing:
+        because = f": {failed[missing[0]]}" if missing[0] in failed else ""
+        state = SweepState.INCOMPLETE
+        reason = f"{counted(len(missing), 'step')} not done, the first is {missing[0]}{because}"
+    else:
+        state, reason = SweepState.COMPLETE, "every step is done"
+    fatal = cause if state in (SweepState.FAILED, SweepState.ERROR) else None
+    return SweepOutcome(state, reason, missing, reason.startswith(COMPLETE_FOR), left, fatal)
+
+
+COMPLETE_FOR = "complete for "
+"""How the reason begins where nothing is missing but of units that were set aside."""
+
+
+def _complete_for(plan: Plan, aside: Mapping[str, str]) -> str:
+    whole = f"{COMPLETE_FOR}{len(plan.units) - len(aside)} of {counted(len(plan.units), 'unit')}"
+    return f"{whole}; set aside: {'; '.join(f'{unit} ({why_so})' for unit, why_so in aside.items())}"

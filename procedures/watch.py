@@ -3,12 +3,12 @@
 Every step waits through `Watch`, so that at every poll, whatever the step, the stream is drained, the chamber is read,
 the interlocks are judged, a stop request is heard, the journal gets its sign of life and onlookers see the state.
 
-    for look, block in watch.wait(until_s):
-        ...
+    for looks in watch.wait(until_s):
+        ...                                # a look at each unit, by its name
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
@@ -17,9 +17,8 @@ import numpy as np
 
 from drivers.chambers import ChamberReading
 from drivers.errors import DeviceError, WrongDevice
-from drivers.frames.counts import StreamCounts
-from drivers.imu import ImuIdentity, SampleBlock
-from drivers.imu.samples import rate_fields, rate_means
+from drivers.imu import SampleBlock
+from drivers.imu.samples import rate_means
 from procedures.devices import BenchDevices
 from procedures.interlocks import Interlock, Interlocks, InterlockTripped, Look
 from procedures.journal_protocol import Journal, StepResult
@@ -28,8 +27,11 @@ from procedures.progress import Progress, Silent, Snapshot
 from procedures.requests import Control, Desk, PauseAsked
 from procedures.settings import Polling
 from procedures.stop import StopRequest
-from procedures.stuck_rates import Unchanged
-from procedures.words import hours_minutes
+from procedures.unit_watch import UnitWatch, labelled
+from procedures.words import counted, hours_minutes
+
+Looks = Mapping[str, Look]
+"""A look at each unit that goes on, by its name, and at the chamber that they share."""
 
 _WALL_JUMP_S = 5.0
 UNSEEN_S = 300.0
@@ -77,7 +79,6 @@ class Watch:
         self.desk = Desk(control, stop, self.event)
         self._vital = vital
         self._disk_free_mb = disk_free_mb
-        self._unchanged = Unchanged(devices.imu.sensors)
         self.interruptible = False  # whether a pause ends the present step at once
         self.resting = False  # a pause is in effect
         self._interlocks = Interlocks(interlocks, lambda kind, message: self.event(kind, message, **self.evidence()))
@@ -89,19 +90,18 @@ class Watch:
         self._answered_s = -np.inf  # the chamber, for the last time
         self._progress_s = -np.inf
         self._drained_s = clock.now()
-        self._last_frame_s = clock.now()
         self._wall_off_s = 0.0  # as it was last recorded
         self.look: Look | None = None
-        self.unit: ImuIdentity | None = None  # who the unit said it was
+        self.units = {
+            name: UnitWatch(name, each, self.event, lambda: self.alive(_IDENTITY_S))
+            for name, each in devices.units.items()
+        }
+        """Those that go on, by name."""
+        self.aside: dict[str, str] = {}  # why, by name
         self.commanded_degC: float | None = None
         self.arrived = False
         self.note = ""
         self.remark = ""  # said before the next question to people: why it is asked again
-        self.rates_deg_per_hr: Mapping[str, float] = {}
-        self.rates_se_deg_per_hr: Mapping[str, float] = {}
-        self._rate_fields = rate_fields(devices.imu.sensors)
-        self._stream = StreamCounts()
-        self._shown_ok = 0
 
     # Time
 
@@ -129,12 +129,15 @@ class Watch:
         """Let onlookers see the plan."""
         self._show("sweep_began", plan, done)
 
-    def step_began(self, position: Position) -> None:
-        """Polls belong to this step from now on."""
+    def stage_began(self, position: Position, steps: Iterable[tuple[Step, int]]) -> None:
+        """Polls belong to these steps from now on, each with its attempt."""
         self._position = position
-        self.note, self.rates_deg_per_hr, self.rates_se_deg_per_hr = "", {}, {}
+        self.note = ""
+        for unit in self.units.values():
+            unit.rates_deg_per_hr, unit.rates_se_deg_per_hr = {}, {}
         self._progress_s = -np.inf  # onlookers see a new step at once; what a move read in between is no rate of theirs
-        self._show("step_began", position.step, position.attempt)
+        for step, attempt in steps:
+            self._show("step_began", step, attempt)
 
     def step_ended(self, step: Step, result: StepResult) -> None:
         """Let onlookers see how a step ended."""
@@ -149,9 +152,9 @@ class Watch:
 
     # Looking
 
-    def evidence(self) -> dict[str, Any]:
-        """Return what the newest look saw, for the record."""
-        look = self.look
+    def evidence(self, unit: str | None = None) -> dict[str, Any]:
+        """Return what the newest look saw, or the newest at one unit, for the record."""
+        look = self.look if unit is None else self.units[unit].look
         if look is None:
             return {}
         chamber = {} if look.chamber is None else {"chamber": vars(look.chamber), "chamber_fresh": look.chamber_fresh}
@@ -173,29 +176,29 @@ class Watch:
         """Tell the interlocks what the chamber was told to hold (None: nothing any more)."""
         self.commanded_degC, self.arrived = setpoint_degC, False
 
-    def forget_stream(self) -> StreamCounts:
-        """Throw away what the unit sent so far."""
-        counts = self._devices.imu.discard()
-        self._stream += counts
+    def forget_stream(self) -> None:
+        """Throw away what the units sent so far."""
+        for unit in self.units.values():
+            unit.forget()
         self._progress_s = -np.inf
-        self._last_frame_s = self.now_s
-        return counts
 
-    def same_unit(self) -> ImuIdentity:
-        """Ask the unit who it is; raise `WrongDevice` where it is not the one with which the night began."""
-        self.alive(_IDENTITY_S)
-        imu, began = self._devices.imu, self.unit
-        try:
-            self.unit = found = imu.identify()
-        except WrongDevice as error:
-            raise WrongDevice(f"{error}; the night began with {began}" if began else str(error)) from error
-        if began not in (None, found):
-            self.unit = began
-            raise WrongDevice(f"the unit behind {imu.port} is now {found}, the night began with {began}")
-        return found
+    def set_aside(self, unit: str, cause: Exception) -> None:
+        """Go on without a unit, with the reason on record; raise the `cause` where no other goes on."""
+        if unit in self.aside:
+            return
+        if self.units.keys() <= {unit}:
+            raise cause
+        evidence = self.evidence(unit)
+        del self.units[unit]
+        self.aside[unit] = str(cause)
+        self._interlocks.forget(unit)
+        going = counted(len(self.units), "unit")
+        self.event(
+            "unit-set-aside", f"unit {unit} is set aside, {going} on: {cause}", unit=unit, why=str(cause), **evidence
+        )
 
-    def wait(self, until_s: float) -> Iterator[tuple[Look, SampleBlock]]:
-        """Yield a look and the samples drained with it at each poll, until the clock shows `until_s`.
+    def wait(self, until_s: float) -> Iterator[Looks]:
+        """Yield a look at each unit that goes on, at each poll, until the clock shows `until_s`.
 
         At least one poll takes place. Raises `StopRequested`, `InterlockTripped`, and `PauseAsked` where the step is
         one that a pause interrupts.
@@ -224,13 +227,13 @@ class Watch:
         self.event("hold-ended", "nothing is suspected any more")
         self.note = ""
 
-    def look_again(self) -> Look:
-        """Wait for one read interval and return the look after it."""
-        *_, (look, _) = self.wait(self.now_s + self.polling.read_interval_s)
-        return look
+    def look_again(self) -> Looks:
+        """Wait for one read interval and return the looks after it."""
+        *_, looks = self.wait(self.now_s + self.polling.read_interval_s)
+        return looks
 
-    def poll(self) -> tuple[Look, SampleBlock]:
-        """Drain the stream, read the chamber where it is due, judge, tell. Raises as `wait`, `PauseAsked` too."""
+    def poll(self) -> Looks:
+        """Drain the streams, read the chamber where it is due, judge, tell. Raises as `wait`, `PauseAsked` too."""
         self.alive(self.polling.read_interval_s)  # a bench may be looked at more seldom than a watchdog is patient
         self.desk.hear(self._when_a_pause_would_begin())
         self._stop.check()
@@ -238,34 +241,49 @@ class Watch:
         if unseen_s > UNSEEN_S + self.polling.read_interval_s:
             said = f"nobody looked for {hours_minutes(unseen_s)}: the computer slept, or the program was stopped"
             self.event("nobody-looked", said, unseen_s=unseen_s)
-        block, span_s, stream_error = self._drain()
+        drained = self._drain()
+        self._drained_s = self.now_s
         fresh, chamber_error = self._read_chamber()
-        # Interlocks come before anything that could fail for another reason.
-        look = Look(
-            time_s=self._drained_s,
-            stream_span_s=span_s,
-            samples=len(block),
-            counts=block.counts,
-            sample_rate_hz=self._devices.imu.sample_rate_hz,
-            chamber=fresh or (self.look.chamber if self.look else None),
-            chamber_fresh=fresh is not None,
-            chamber_error=chamber_error,
-            stream_error=stream_error,
-            unit_degC=self._unit_temperatures(block),
-            commanded_degC=self.commanded_degC,
-            arrived=self.arrived,
-            frozen_s=self._unchanged.lasting_s(block, self._drained_s),
-            disk_free_mb=None if self._disk_free_mb is None else self._disk_free_mb(),
-            resting=self.resting,
-        )
-        self.look = look
         self._answered_s = self._drained_s if fresh else self._answered_s
-        self._interlocks.evaluate(look)
-        self._heartbeat(look)
-        self._snapshot(look, block)
+        # Interlocks come before anything that could fail for another reason.
+        looks = {
+            name: Look(
+                time_s=self._drained_s,
+                stream_span_s=span_s,
+                samples=len(block),
+                counts=block.counts,
+                sample_rate_hz=self.units[name].imu.sample_rate_hz,
+                unit=name,
+                block=block,
+                chamber=fresh or (self.look.chamber if self.look else None),
+                chamber_fresh=fresh is not None,
+                chamber_error=chamber_error,
+                stream_error=stream_error,
+                unit_degC=self.units[name].temperatures(block),
+                commanded_degC=self.commanded_degC,
+                arrived=self.arrived,
+                frozen_s=self.units[name].unchanged.lasting_s(block, self._drained_s),
+                disk_free_mb=None if self._disk_free_mb is None else self._disk_free_mb(),
+                resting=self.resting,
+            )
+            for name, (block, span_s, stream_error) in drained.items()
+        }
+        first = next(iter(looks))
+        for name, look in looks.items():
+            self.look = self.units[name].look = look
+            try:
+                self._interlocks.evaluate(look, chamber=name == first)
+            except InterlockTripped as tripped:
+                if not tripped.of_unit:
+                    raise
+                self.set_aside(name, tripped)
+        looks = {name: look for name, look in looks.items() if name in self.units}
+        self.look = next(iter(looks.values()))
+        self._heartbeat(looks)
+        self._snapshot(looks)
         if self.interruptible and self.desk.pause is not None:
             raise PauseAsked(f"paused by {self.desk.pause}")
-        return look, block
+        return looks
 
     def _when_a_pause_would_begin(self) -> str:
         if self.interruptible:
@@ -273,34 +291,15 @@ class Watch:
         sampling = self._position is not None and self._position.step.kind is StepKind.COLLECT
         return "when this collect is finished" if sampling else "before the next step"
 
-    def _drain(self) -> tuple[SampleBlock, float, str]:
-        """Return what arrived since the last drain, how long that was, and what failed."""
-        error = ""
-        try:
-            block = self._devices.imu.read_block()
-        except DeviceError as failure:
-            block, error = SampleBlock(np.empty(0), {}), str(failure)
-        self._stream += block.counts
-        if self._devices.imu.unsure and len(block) and self.unit and not self.resting:
-            block, error = SampleBlock(np.empty(0), {}), self._who_is_back()
-        now_s = self.now_s
-        # A drain too short to expect a frame says nothing, but short ones must add up to something: the span counts
-        # from the last frame, not from the last drain.
-        span_s = now_s - self._last_frame_s
-        if len(block):
-            self._last_frame_s = now_s
-        self._drained_s = now_s
-        return block, span_s, error
-
-    def _who_is_back(self) -> str:
-        """Ask who is behind the port since the stream was lost, before its samples count; return why nobody says so."""
-        try:
-            self.event("unit-back", f"the unit's stream was lost and is back; it is {self.same_unit()}, as before")
-        except WrongDevice:
-            raise
-        except DeviceError as failure:
-            return f"it was lost and is back, and the unit does not say who it is: {failure}"
-        return ""
+    def _drain(self) -> Mapping[str, tuple[SampleBlock, float, str]]:
+        """Return what `UnitWatch.drain` does of each unit, without those behind whose port is another one now."""
+        drained = {}
+        for name, unit in tuple(self.units.items()):
+            try:
+                drained[name] = unit.drain(resting=self.resting)
+            except WrongDevice as wrong:
+                self.set_aside(name, wrong)
+        return drained
 
     def _read_chamber(self) -> tuple[ChamberReading | None, str]:
         """Return a new reading where one is due, else None, and what failed."""
@@ -312,25 +311,18 @@ class Watch:
         except DeviceError as failure:
             return None, str(failure)
 
-    def _unit_temperatures(self, block: SampleBlock) -> Mapping[int, float]:
-        """Return the mean temperature of each sensor that has a thermometer, from what was drained."""
-        temperatures: dict[int, float] = {}
-        for number, channels in self._devices.imu.sensors.items():
-            if channels.temperature is None or channels.temperature not in block.fields:
-                continue
-            values = block.fields[channels.temperature]
-            values = values[np.isfinite(values)]
-            if len(values):
-                temperatures[number] = float(values.mean())
-        return temperatures
-
     # Telling
 
-    def _heartbeat(self, look: Look) -> None:
+    def _heartbeat(self, looks: Looks) -> None:
+        look = next(iter(looks.values()))
         if self._position is None or look.time_s - self._heartbeat_s < self.polling.heartbeat_s:
             return
         self._heartbeat_s = look.time_s
-        readings = {f"unit_{number}_degC": value for number, value in look.unit_degC.items()}
+        readings = {
+            f"unit_{labelled(name, number)}_degC": value
+            for name, each in looks.items()
+            for number, value in each.unit_degC.items()
+        }
         if look.chamber is not None and look.time_s - self._answered_s <= self.polling.heartbeat_s:
             readings |= {"chamber_degC": look.chamber.temperature_degC, "setpoint_degC": look.chamber.setpoint_degC}
         self._journal.heartbeat(self._position.step, readings)
@@ -343,36 +335,41 @@ class Watch:
             self.event("wall-clock-jump", f"the wall clock is off by {off_s:+.0f} s since the start")
             self._wall_off_s = off_s
 
-    def _snapshot(self, look: Look, block: SampleBlock) -> None:
+    def _snapshot(self, looks: Looks) -> None:
+        look = next(iter(looks.values()))
         if self._position is None or look.time_s - self._progress_s < self.polling.progress_s:
             return
         since_s, self._progress_s = look.time_s - self._progress_s, look.time_s
-        frames, self._shown_ok = self._stream.ok - self._shown_ok, self._stream.ok
         here = self._position
         in_step_s = look.time_s - here.began_s
         remaining_s = max(here.step.duration_s - in_step_s, 0.0)
         finishing = self._began + timedelta(seconds=self.campaign_s(look.time_s) + remaining_s + here.later_s)
-        self._show(
-            "update",
-            Snapshot(
-                step=here.step,
-                attempt=here.attempt,
-                elapsed_s=self.campaign_s(look.time_s),
-                step_elapsed_s=in_step_s,
-                step_remaining_s=remaining_s,
-                finishing_utc=finishing,
-                chamber_degC=look.chamber.temperature_degC if look.chamber else None,
-                setpoint_degC=look.chamber.setpoint_degC if look.chamber else None,
-                chamber_age_s=look.time_s - self._answered_s if look.chamber else None,
-                unit_degC=look.unit_degC,
-                rates_deg_per_hr=self.rates_deg_per_hr,
-                rates_se_deg_per_hr=self.rates_se_deg_per_hr,
-                rates_now_deg_per_hr={label: mean for label, mean, _ in rate_means(block, self._rate_fields)},
-                stream=self._stream,
-                stream_hz=frames / since_s if math.isfinite(since_s) else None,
-                stream_nominal_hz=look.sample_rate_hz,
-                note=", ".join(filter(None, (self.note, self._interlocks.countdown(look.time_s)))),
-                steps_done=here.steps_done,
-                steps_total=here.steps_total,
-            ),
-        )
+        note = ", ".join(filter(None, (self.note, self._interlocks.countdown(look.time_s))))
+        for name, each in looks.items():
+            unit = self.units[name]
+            frames = unit.newly_shown()
+            self._show(
+                "update",
+                Snapshot(
+                    step=here.step.of(name),
+                    attempt=here.attempt,
+                    elapsed_s=self.campaign_s(look.time_s),
+                    step_elapsed_s=in_step_s,
+                    step_remaining_s=remaining_s,
+                    finishing_utc=finishing,
+                    chamber_degC=look.chamber.temperature_degC if look.chamber else None,
+                    setpoint_degC=look.chamber.setpoint_degC if look.chamber else None,
+                    chamber_age_s=look.time_s - self._answered_s if look.chamber else None,
+                    unit=name,
+                    unit_degC=each.unit_degC,
+                    rates_deg_per_hr=unit.rates_deg_per_hr,
+                    rates_se_deg_per_hr=unit.rates_se_deg_per_hr,
+                    rates_now_deg_per_hr={k: mean for k, mean, _ in rate_means(each.block, unit.rate_fields)},
+                    stream=unit.stream,
+                    stream_hz=frames / since_s if math.isfinite(since_s) else None,
+                    stream_nominal_hz=each.sample_rate_hz,
+                    note=note,
+                    steps_done=here.steps_done,
+                    steps_total=here.steps_total,
+                ),
+            )

@@ -19,7 +19,7 @@ _MOST, _SHOWN = 12, 5  # numbers in a row: if there are more, so many of them ar
 def step_in_words(step: Step) -> str:
     """Say what a step does, as a technician would."""
     where = "" if step.temperature_degC is None else f" at {step.temperature_degC:.1f} °C"
-    return _STEPS[step.kind].format(step, where=where)
+    return _STEPS[step.kind].format(step, where=where) + (f", unit {step.unit}" if step.unit else "")
 
 
 def hours_minutes(seconds: float) -> str:

@@ -1,6 +1,6 @@
 """The unit's own index turns it, and its stream confirms where it stands."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, DeviceTimeout
@@ -56,6 +56,14 @@ class IndexingPositioner:
         Raise `CommandRefused` where the position is unknown or the unit refuses, `DeviceTimeout` where it does not
         arrive within `timeout_s`; the message says what the stream said last.
         """
+        for wait_s in self.moving(position, timeout_s):
+            self._clock.sleep(wait_s)
+
+    def moving(self, position: str, timeout_s: float) -> Iterator[float]:
+        """Do as `move_to`, and yield how many seconds to wait each time: other units move meanwhile.
+
+        Raises `CommandRefused` and `DeviceTimeout` as that does.
+        """
         if position not in self._codes:
             known = ", ".join(self._codes)
             raise CommandRefused(f"{self._imu.port}: there is no position {position!r}; the bench file gives {known}")
@@ -69,7 +77,7 @@ class IndexingPositioner:
         status = None
         while (elapsed_s := self._clock.now() - begins_s) < timeout_s:
             wait_s = self._until_next_look(elapsed_s, status, self._usual_s.get(move, 0.0))
-            self._clock.sleep(min(wait_s, max(timeout_s - elapsed_s, self._poll_s)))
+            yield min(wait_s, max(timeout_s - elapsed_s, self._poll_s))
             self._imu.read_block()
             newest = self._imu.index_status
             if newest is None or newest.time_s < valid_s:

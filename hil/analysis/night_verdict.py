@@ -1,6 +1,6 @@
 """Whether a night is good: the worst of how it was measured, how it was solved, and whether it is whole."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from hil.campaign import Campaign
@@ -34,3 +34,19 @@ def night_verdict(state: str, solutions: Iterable[RunSolution]) -> Judgement:
         whole = Judgement(whole.verdict, f"{bad} of {counted(len(judged), 'solution')}; the first is {whole.reason}")
     missing = [] if state == "complete" else [Judgement(Verdict.INCONCLUSIVE, "something is missing")]
     return combine([whole, *missing], passed="everything that was asked for is there, and measured well")
+
+
+def of_units(
+    judged: Mapping[str, Judgement], in_spec: Mapping[str, Mapping[str, str]]
+) -> tuple[Judgement, dict[str, str] | None]:
+    """Return the verdict on a night of several units, the worst of theirs, and the worst of what each must be."""
+    worst = max(judged, key=lambda unit: judged[unit].severity)
+    whole = judged[worst]
+    if whole.verdict is not Verdict.PASS:
+        alike = [unit for unit, each in judged.items() if each.verdict is whole.verdict]
+        whole = Judgement(whole.verdict, f"{counted(len(alike), 'unit')} of {len(judged)}; {worst}: {whole.reason}")
+    order = ("in spec", "cannot tell", "out of spec")
+    unit = max(in_spec, key=lambda name: order.index(in_spec[name]["verdict"]), default=None)
+    if unit is None:
+        return whole, None
+    return whole, {**in_spec[unit], "reason": f"unit {unit}: {in_spec[unit]['reason']}"}

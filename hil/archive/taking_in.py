@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hil.analysis.night_verdict import NOT_GOOD, night_verdict
+from hil.analysis.night_verdict import night_verdict
 from hil.archive.folder import read_entry
 from hil.archive.index import Entry, connected, transaction
 from hil.archive.places import INDEX_NAME, check_archive, entries, interrupted, serial_of, stamp
@@ -26,6 +26,7 @@ from hil.files.durable import PARTIAL, RealDisk
 from hil.solve import RunSolution, repeats, solve_campaign
 from hil.solve.repeats import SensorRepeats
 from hil.solve.runs import finite
+from procedures.verdict import NOT_GOOD
 
 _NOT_COMPARED = ("seed", "serial", "notify", "text")
 

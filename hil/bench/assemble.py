@@ -7,9 +7,9 @@ This is the only place that knows that `sim://` ports are simulated devices in t
 devices and cannot tell.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import cache
 from pathlib import Path
@@ -37,7 +37,7 @@ from hil.bench.closed_port import ClosedPort
 from hil.bench.lock import port_lock
 from hil.config.bench import ASK, Bench
 from hil.config.frames import load_frames, tells_serial
-from hil.config.ports import COM_PORT, OWN_SCHEME, SIMULATED_SCHEME
+from hil.config.ports import COM_PORT, OWN_SCHEME, SIMULATED_SCHEME, unit_port
 from hil.errors import InputError
 from hil.twin.devices import SimulatedBench, simulate_devices
 from hil.twin.faults import FaultInjector
@@ -51,10 +51,13 @@ Unopened = Callable[[str, DeviceError], None]
 
 @dataclass(frozen=True)
 class LiveBench:
-    """A bench that is put together and open. `simulators` are the devices in this process, None where all are real."""
+    """A bench that is put together and open. `simulators` are the devices in this process, None where all are real.
+
+    `descriptions` are those of the units' streams, by the unit's name.
+    """
 
     bench: Bench
-    description: StreamDescription
+    descriptions: Mapping[str, StreamDescription]
     devices: BenchDevices
     simulators: SimulatedBench | None = None
     faults: FaultInjector | None = None
@@ -64,10 +67,24 @@ class LiveBench:
         """True where what is measured is simulated, in this process or behind a port."""
         return self.bench.simulated
 
+    @property
+    def description(self) -> StreamDescription:
+        """That of the first unit, or of the only one."""
+        return next(iter(self.descriptions.values()))
+
+    @property
+    def each(self) -> Mapping[str, Self]:
+        """The bench as each unit has it, by the unit's name."""
+        return {
+            name: replace(self, bench=own, descriptions={"": self.descriptions[name]}, devices=self.devices.units[name])
+            for name, own in self.bench.each.items()
+        }
+
     def close(self) -> None:
         """Release the ports; the chamber goes on as it is. Closing twice is allowed."""
-        with suppress(DeviceError):
-            self.devices.imu.close()
+        for unit in self.devices.units.values():
+            with suppress(DeviceError):
+                unit.imu.close()
         with suppress(DeviceError):
             self.devices.chamber.close()
 
@@ -101,7 +118,7 @@ def build_bench(
     used, or a speed for a clock that is not virtual, `DeviceError` for a port that cannot be opened; nothing stays open
     then.
     """
-    description = load_frames(bench)
+    descriptions = {name: load_frames(own) for name, own in bench.each.items()}
     if bench.imu.positioner == "operator" and ask is None:
         raise InputError(
             f"{bench.source or bench.name}: imu.positioner: an operator moves the unit, and none is there to ask"
@@ -113,31 +130,25 @@ def build_bench(
     @cache
     def simulators() -> SimulatedBench:
         return simulate_devices(
-            bench, description, begins_s=clock.now(), first_run=first_run, visited=visited, session=session
+            bench, descriptions, begins_s=clock.now(), first_run=first_run, visited=visited, session=session
         )
 
     with ExitStack() as opened:
         ports = _Ports(bench, clock, opened, unopened)
-        baud = bench.imu.baud or description.baudrate
-        imu_port = ports.open_stream(SerialLine(baud), lambda: simulators().imu)
-        chamber = _chamber(bench, ports, clock, simulators, night=True)
-        imu = StreamImu(
-            imu_port,
-            description,
-            clock,
-            sample_rate_hz=bench.imu.rate,
-            expected=ImuIdentity(bench.unit.model, _expected_serial(bench, description)),
-        )
         faults = FaultInjector(bench.faults, clock, gone_s=gone_s)
-        _refuse_an_index_that_cannot_be_told(bench, description)
-        positioner = _positioner(bench, imu, clock, faults, ask)
-        devices = BenchDevices(clock, imu, chamber, positioner, simulation_declared=bench.simulated, poses=bench.poses)
+        imus = {name: _imu(name, own, descriptions[name], ports, simulators, clock) for name, own in bench.each.items()}
+        chamber = _chamber(bench, ports, clock, simulators, night=True)
+        turned = _positioners(bench, descriptions, imus, clock, faults, ask)
+        units = {
+            name: BenchDevices(clock, imus[name], chamber, turned[name], bench.simulated, own.poses)
+            for name, own in bench.each.items()
+        }
+        devices = replace(next(iter(units.values())), units=units)
         opened.pop_all()
-    in_process = bench.imu.port.startswith(SIMULATED_SCHEME) or bench.chamber.port.startswith(SIMULATED_SCHEME)
-    if not in_process:
-        return LiveBench(bench, description, devices)
+    if not any(port.startswith(SIMULATED_SCHEME) for _, port in ports_of(bench)):
+        return LiveBench(bench, descriptions, devices)
     faults.inject(simulators(), ports.simulated)
-    return LiveBench(bench, description, devices, simulators(), faults)
+    return LiveBench(bench, descriptions, devices, simulators(), faults)
 
 
 @dataclass(frozen=True)
@@ -163,7 +174,9 @@ def open_chamber(bench: Bench) -> LiveChamber:
 
     @cache
     def simulated() -> SimulatedBench:
-        return simulate_devices(bench, load_frames(bench), begins_s=clock.now())
+        return simulate_devices(
+            bench, {name: load_frames(own) for name, own in bench.each.items()}, begins_s=clock.now()
+        )
 
     with ExitStack() as opened:
         chamber = _chamber(bench, _Ports(bench, clock, opened, None), clock, simulated, night=False)
@@ -179,7 +192,8 @@ def check_ports(bench: Bench) -> None:
 
 def ports_of(bench: Bench) -> list[tuple[str, str]]:
     """Return key and port of everything that the bench file connects."""
-    urls = [("imu.port", bench.imu.port), ("chamber.port", bench.chamber.port)]
+    urls = [(unit_port(name), each.imu.port) for name, each in bench.each.items()]
+    urls.append(("chamber.port", bench.chamber.port))
     return urls if bench.chamber.ramp_port is None else [*urls, ("chamber.ramp_port", bench.chamber.ramp_port)]
 
 
@@ -211,14 +225,12 @@ class _Ports:
         self._clock = clock
         self._opened = opened
         self._unopened = unopened
-        self.simulated: dict[str, MemoryTransport] = {}  # by device
+        self.simulated: dict[str, MemoryTransport] = {}  # by key
 
     def open(self, key: str, url: str, line: SerialLine, device: Callable[[], SimulatedDevice]) -> Transport:
         """Open `url`, or what it simulates."""
         if url.startswith(SIMULATED_SCHEME):
-            port: Transport = self.simulated.setdefault(
-                key.removesuffix(".port"), MemoryTransport(device(), self._clock, url)
-            )
+            port: Transport = self.simulated.setdefault(key, MemoryTransport(device(), self._clock, url))
         elif url.startswith(OWN_SCHEME):
             port = OwnPort(url, self._clock)
         else:
@@ -226,9 +238,9 @@ class _Ports:
         self._opened.callback(port.close)
         return port
 
-    def open_stream(self, line: SerialLine, device: Callable[[], SimulatedDevice]) -> Transport:
-        """Open the IMU's port. A real one is drained by a thread from then on; a simulated one needs none."""
-        port = self.open("imu.port", self._bench.imu.port, line, device)
+    def open_stream(self, key: str, url: str, line: SerialLine, device: Callable[[], SimulatedDevice]) -> Transport:
+        """Open a unit's port. A real one is drained by a thread from then on; a simulated one needs none."""
+        port = self.open(key, url, line, device)
         if not isinstance(port, SerialTransport) or isinstance(self._clock, VirtualClock):
             return port
         reader = LiveReader(port, self._clock)
@@ -300,9 +312,43 @@ def _chamber(
         raise InputError(f"{bench.source or bench.name}: chamber: {error}") from error
 
 
-def _positioner(
-    bench: Bench, imu: StreamImu, clock: Clock, faults: FaultInjector, ask: AskOperator | None
-) -> Positioner:
+def _imu(
+    name: str,
+    bench: Bench,
+    description: StreamDescription,
+    ports: _Ports,
+    simulated: Callable[[], SimulatedBench],
+    clock: Clock,
+) -> StreamImu:
+    """Open one unit; `bench` is as that unit has it."""
+    line = SerialLine(bench.imu.baud or description.baudrate)
+    return StreamImu(
+        ports.open_stream(unit_port(name), bench.imu.port, line, lambda: simulated().imus[name]),
+        description,
+        clock,
+        sample_rate_hz=bench.imu.rate,
+        expected=ImuIdentity(bench.unit.model, _expected_serial(bench, description)),
+    )
+
+
+def _positioners(
+    bench: Bench,
+    descriptions: Mapping[str, StreamDescription],
+    imus: Mapping[str, StreamImu],
+    clock: Clock,
+    faults: FaultInjector,
+    ask: AskOperator | None,
+) -> Mapping[str, Positioner]:
+    """Return who turns each unit: its own index, or one operator or fixture that turns them all."""
+    fixture = _fixture(bench, clock, faults, ask)
+    if fixture is not None:
+        return dict.fromkeys(imus, fixture)
+    for name, own in bench.each.items():
+        _refuse_an_index_that_cannot_be_told(own, descriptions[name])
+    return {name: IndexingPositioner(imus[name], clock, own.position_codes) for name, own in bench.each.items()}
+
+
+def _fixture(bench: Bench, clock: Clock, faults: FaultInjector, ask: AskOperator | None) -> Positioner | None:
     hands = faults.hands(bench.positions) if bench.imu.port.startswith(SIMULATED_SCHEME) else None
     if ask is not None and bench.imu.positioner == "operator":
         return OperatorPositioner(faults.answering(ask), clock, instructions=bench.imu.instructions, hands=hands)
@@ -311,7 +357,7 @@ def _positioner(
             clock=clock, codes=bench.position_codes, hands=hands, **bench.imu.positioner_options
         )
         return made
-    return IndexingPositioner(imu, clock, bench.position_codes)
+    return None
 
 
 def _expected_serial(bench: Bench, description: StreamDescription) -> str:

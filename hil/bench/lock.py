@@ -35,7 +35,8 @@ def bench_lock(bench: Bench, night: Path) -> Iterator[None]:
     Raises `InputError` that names the owner where another controller, or a watchdog, has one of them.
     """
     refuse_without_locks()
-    ports = {bench.imu.port, bench.chamber.port, bench.chamber.ramp_port or SIMULATED_SCHEME}
+    ports = {each.imu.port for each in bench.each.values()}
+    ports |= {bench.chamber.port, bench.chamber.ramp_port or SIMULATED_SCHEME}
     real = {name: port for port in ports if not port.startswith(SIMULATED_SCHEME) for name in port_names(port)}
     begin, what = f"{bench.source or bench.name}: another controller owns the bench", str(night.resolve())
     with ExitStack() as owned:

@@ -7,7 +7,7 @@ indexed. A device that fails is a finding, and the others are still looked at.
 import math
 import shutil
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -24,13 +24,13 @@ from hil.bench.at_rest import at_rest
 from hil.bench.clock_check import EARLIEST, synchronised
 from hil.bench.decode_advice import wrong_counter
 from hil.bench.finding import Finding
-from hil.config import Bench, Sweep
+from hil.config import Bench, Sweep, planned
 from hil.config.notify import addresses_of, messenger_of
-from hil.config.ports import SIMULATED_SCHEME
+from hil.config.ports import SIMULATED_SCHEME, unit_port
 from hil.config.sweep import left_hot_or_cold
 from hil.errors import InputError
 from procedures.collect import join
-from procedures.plan import Plan, Step, StepKind, make_plan
+from procedures.plan import Plan, Step, StepKind, lasting_s
 
 _LISTEN_S = 2.0
 _BYTES_PER_SAMPLE = 160.0  # samples in Parquet and raw bytes, compressed; measured on simulated nights, rounded up
@@ -63,7 +63,7 @@ def preflight(sweep: Sweep | None, bench: Bench, folder: Path, done: Collection[
     Without a sweep, what depends on one (its temperatures, how long it takes) is left out; `done` are the keys of the
     steps that need not be done any more. Raises `InputError` where the bench file's descriptions cannot be used.
     """
-    plan = None if sweep is None else make_plan(sweep.procedure())
+    plan = None if sweep is None else planned(sweep, bench)
     left = None if plan is None else [step for step in plan.steps if step.key not in done]
     closed: dict[str, DeviceError] = {}
     ask = None if bench.imu.positioner == "indexing" else _nobody
@@ -84,8 +84,10 @@ def preflight(sweep: Sweep | None, bench: Bench, folder: Path, done: Collection[
 
 def look_at_devices(live: LiveBench, closed: Collection[str] = ()) -> Iterator[Finding]:
     """Yield what is found of unit, stream and chamber, but for those whose port is one of the `closed`."""
-    if "imu.port" not in closed:
-        yield from _unit_and_stream(live)
+    for name, each in live.each.items():
+        if unit_port(name) not in closed:
+            whose = f" of {name}" if name else ""
+            yield from (replace(found, subject=f"{found.subject}{whose}") for found in _unit_and_stream(each))
     if not {"chamber.port", "chamber.ramp_port"} & set(closed):
         yield from _guarded(live, "chamber", _chamber)
 
@@ -121,8 +123,10 @@ def _ports(live: LiveBench, closed: dict[str, DeviceError]) -> Iterator[Finding]
         elif key == "chamber.ramp_port":
             yield Finding(key, True, f"{url}: opened")
         else:
-            baud = live.bench.imu.baud or live.description.baudrate
-            line = line_words(live.bench, "unit" if key == "imu.port" else "chamber", baud)
+            unit = next((each for name, each in live.each.items() if key == unit_port(name)), None)
+            of = unit or live
+            baud = of.bench.imu.baud or of.description.baudrate
+            line = line_words(of.bench, "chamber" if unit is None else "unit", baud)
             yield Finding(key, True, f"{line}: opened")
 
 
@@ -304,10 +308,11 @@ def _wear(plan: Plan | None, sweep: Sweep | None, bench: Bench) -> Iterator[Find
 
 
 def _disk(left: Sequence[Step] | None, live: LiveBench, folder: Path) -> Finding:
-    collects_s = _UNKNOWN_NIGHT_S
+    rates_hz = {name: unit.imu.sample_rate_hz for name, unit in live.devices.units.items()}
+    samples = _UNKNOWN_NIGHT_S * sum(rates_hz.values())
     if left is not None:
-        collects_s = sum(step.duration_s for step in left if step.position is not None)
-    needed = _SPARE_BYTES + collects_s * live.devices.imu.sample_rate_hz * _BYTES_PER_SAMPLE
+        samples = sum(step.duration_s * rates_hz[step.unit or ""] for step in left if step.position is not None)
+    needed = _SPARE_BYTES + samples * _BYTES_PER_SAMPLE
     needed += 1e6 * live.bench.interlocks.disk_low_mb  # with less than that left the night would end
     free = shutil.disk_usage(folder).free
     wanted = "wanted" if left is not None else "wanted for 24 h of samples"
@@ -346,7 +351,7 @@ def _notified(bench: Bench) -> Iterator[Finding]:
 def _duration(left: Sequence[Step] | None, live: LiveBench) -> Finding:
     if left is None:
         return Finding("duration", True, "no sweep was given", "add --sweep SWEEP to see when it would end")
-    left_s = sum(step.duration_s for step in left)
+    left_s = lasting_s(left)
     ends = (live.devices.clock.utc() + timedelta(seconds=left_s)).astimezone()
     hours, minutes = divmod(round(left_s / 60.0), 60)
     simulated = "" if isinstance(live.devices.clock, SystemClock) else " (simulated time)"

@@ -36,6 +36,7 @@ class Exit(IntEnum):
     CHAMBER_NOT_KNOWN = 6
     OUT_OF_SPEC = 7  # this and the next only where --strict asks for it
     SPEC_NOT_TOLD = 8
+    SOME_UNITS = 9  # complete for some of several units; others were set aside, and the chamber is safe
 
 
 Strict = Annotated[

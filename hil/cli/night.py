@@ -57,14 +57,13 @@ Despite = Annotated[
 
 def plan(sweep: SweepName, bench: BenchName) -> Answer:
     """Show every step and when it would happen. Nothing moves."""
-    from hil.config import cautions, check_sweep_against_bench, load_bench, load_sweep
+    from hil.config import cautions, check_sweep_against_bench, load_bench, load_sweep, planned
     from hil.night.plan_document import plan_document
-    from procedures.plan import make_plan
 
     asked, on = load_sweep(sweep), load_bench(bench)
     check_sweep_against_bench(asked, on)
     warn(cautions(asked, on))
-    steps = make_plan(asked.procedure())
+    steps = planned(asked, on)
     table = listing("begins", "lasts", "step", left={"step"}, no_wrap=False)
     for step in steps.steps:
         table.add_row(hours_minutes(step.starts_s), hours_minutes(step.duration_s), step_in_words(step))
@@ -98,10 +97,9 @@ def run(
 ) -> int:
     """Carry out a sweep, once hil check finds nothing wrong. Ctrl-C brings the chamber to its safe state."""
     from hil.bench.assemble import clock_of
-    from hil.config import load_bench, load_sweep
+    from hil.config import load_bench, load_sweep, planned
     from hil.night import Remarks
     from hil.records.reader import refuse_existing
-    from procedures.plan import make_plan
 
     asked, on = load_sweep(sweep), load_bench(bench)
     on = _of_unit(on, serial, out, attended=not yes and sys.stdin.isatty())
@@ -110,7 +108,7 @@ def run(
     clock_of(on, speed=speed)
     wrong = look_first(asked, on, folder, despite)
     if not on.simulated and not yes:
-        steps = make_plan(asked.procedure())
+        steps = planned(asked, on)
         messages().print(f"{on.name}: the chamber and the unit will move for {hours_minutes(steps.total_s)}.")
         must_agree("Begin?", "not begun")
     told = {"who": operator, "remarks": Remarks(note, wrong, despite), "speed": speed}

@@ -43,21 +43,34 @@ def report(
     parquet: Annotated[bool, typer.Option("--parquet", help="Beside it its tables, for a program.")] = False,
 ) -> int:
     """Write the report: one self-contained HTML file that any browser shows and prints."""
+    from hil.files.page import page_file
     from hil.report.pdf import find_browser, write_pdf
     from hil.report.tables import write_tables
+    from hil.report.units import units_of, write_units
 
     if pdf:
         find_browser()  # before anything is written
-    path, content = write_report(source, out, against, limits, whole=whole)
-    results().print(f"report: {path}")
+    units = units_of(source)
+    if units and against is not None:
+        raise InputError(f"{source}: --against is of one unit: hil report {next(iter(units.values()))} --against …")
+    over_all = page_file(out or source / "report.html") if units else source
+    written = {
+        unit: write_report(folder, None if units else out, against, limits, whole=whole)
+        for unit, folder in (units or {"": source}).items()
+    }
     formats: list[TableFormat] = [*(["csv"] if csv else []), *(["parquet"] if parquet else [])]  # type: ignore[list-item]
-    for kind in formats:
-        for table in write_tables(content, path.with_suffix(""), kind):
-            results().print(f"table: {table}")
-    if pdf:
-        write_pdf(path, path.with_suffix(".pdf"))
-        results().print(f"pdf: {path.with_suffix('.pdf')}")
-    return of_unit(None if content.in_spec is None else content.in_spec.brief(), strict)
+    for path, content in written.values():
+        results().print(f"report: {path}")
+        for kind in formats:
+            for table in write_tables(content, path.with_suffix(""), kind):
+                results().print(f"table: {table}")
+        if pdf:
+            write_pdf(path, path.with_suffix(".pdf"))
+            results().print(f"pdf: {path.with_suffix('.pdf')}")
+    if units:
+        write_units(source, over_all, written)
+        results().print(f"over all: {over_all}")
+    return max(of_unit(None if each.in_spec is None else each.in_spec.brief(), strict) for _, each in written.values())
 
 
 def write_report(

@@ -1,7 +1,7 @@
 """Bench and sweep files: read strictly, with units, and refused in one sentence where they are wrong."""
 
 from hil.config.bench import Bench, load_bench, parse_bench
-from hil.config.sweep import Sweep, cautions, check_sweep_against_bench, limits_of, load_sweep, parse_sweep
+from hil.config.sweep import Sweep, cautions, check_sweep_against_bench, limits_of, load_sweep, parse_sweep, planned
 from hil.files.strict import find_config
 
 __all__ = [
@@ -15,4 +15,5 @@ __all__ = [
     "load_sweep",
     "parse_bench",
     "parse_sweep",
+    "planned",
 ]

@@ -15,9 +15,10 @@ import re
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
+import yaml
 from pydantic import AfterValidator, BeforeValidator, Field, PositiveInt, model_validator
 
 from drivers.outside import brought
@@ -33,7 +34,7 @@ from hil.config.sections import settings_of
 from hil.config.simulation import SimulationSection
 from hil.config.uncertainty import UncertaintySection
 from hil.errors import InputError
-from hil.files.strict import NAME, Section, WholeFile, find_config, read_text, validated_inside
+from hil.files.strict import NAME, Section, WholeFile, find_config, near, parse_yaml, read_text, validated_inside
 from hil.files.units import Degrees, DegreesPerHour, Gravities, Hertz, Seconds
 from hil.model.earth import Site
 from hil.model.equation import Orientation
@@ -55,6 +56,8 @@ def _plain_name(value: str) -> str:
 ASK = "ask"
 _LABEL = re.compile(rf"[^\W_][ -~]{{0,{NAME - 1}}}")
 """What may be a serial number: a line that fits on a label."""
+_LISTED = re.compile(rf"[A-Za-z0-9][\w.+-]{{0,{NAME - 1}}}", re.ASCII)
+"""What may be that of one of several, whose folder is named by it."""
 _RIGID = 0.05  # of direction cosines: three degrees
 
 
@@ -166,6 +169,55 @@ class ImuSection(Section):
     instructions: Annotated[dict[str, str], BeforeValidator(_labels)] = Field(default_factory=dict)
 
 
+_OF_ALL = ("positioner", "positioner_options")
+"""What the units of one chamber cannot have each for itself."""
+
+
+def _of_each(document: dict[str, Any]) -> dict[str, Any]:
+    """Return the bench of each unit of a file's list, by serial number: what is the unit's own laid over the rest.
+
+    Raises `ValueError` for a list that names no units, or two alike.
+    """
+    listed, rest = document["units"], {k: given for k, given in document.items() if k not in ("units", "faults")}
+    if "unit" in rest:
+        raise ValueError("unit: the bench lists its units; leave this out, or units")
+    if not isinstance(listed, list) or not listed or not all(isinstance(entry, dict) for entry in listed):
+        raise ValueError('units: a list is needed, such as - {model: MFS-IMU, serial: "0042", port: /dev/ttyUSB0}')
+    found: dict[str, Any] = {}
+    ports: dict[str, str] = {}
+    for place, entry in enumerate(listed):
+        serial, port = str(entry.get("serial", "")), str(entry.get("port", ""))
+        if not _LISTED.fullmatch(serial) or serial == ASK:
+            raise ValueError(
+                f"units.{place}.serial: {serial!r}: each unit of a list has a serial number: letters, digits, . _ + -"
+            )
+        if serial in found:
+            raise ValueError(
+                f"units.{place}.serial: {serial} stands there twice; two units of one serial number are one"
+            )
+        if port in ports and not port.startswith(SIMULATED_SCHEME):
+            raise ValueError(f"units.{place}.port: {port} is the port of unit {ports[port]} already")
+        ports[port] = serial
+        found[serial] = _laid_over(rest, entry, place)
+    return found
+
+
+def _laid_over(rest: dict[str, Any], entry: dict[str, Any], place: int) -> dict[str, Any]:
+    own = dict(entry)
+    unit = {name: own.pop(name) for name in ("model", "serial") if name in own}
+    imu = {name: own.pop(name) for name in ImuSection.model_fields if name in own and name not in _OF_ALL}
+    sensors, simulation = own.pop("sensors", rest.get("sensors")), own.pop("simulation", {})
+    if own:
+        known = ["model", "serial", "sensors", "simulation", *(n for n in ImuSection.model_fields if n not in _OF_ALL)]
+        raise ValueError(f"units.{place}: {next(iter(own))!r} is not known here{near(str(next(iter(own))), known)}")
+    bench = {**rest, "unit": unit, "imu": {**(rest.get("imu") or {}), **imu}, "sensors": sensors}
+    if isinstance(of_all := rest.get("simulation"), dict):
+        seed = of_all.get("seed")  # the first has the bench's; noise of others is their own
+        seeded = {"seed": seed + place} if isinstance(seed, int) else {}
+        bench["simulation"] = {**of_all, **seeded, **simulation}
+    return bench
+
+
 class RecordSection(Section):
     """What is kept of a night besides the averages, and the file with the key that signs its journal's head."""
 
@@ -198,11 +250,40 @@ class Bench(WholeFile):
     notify: NotifySection | None = None
     simulation: SimulationSection | None = None
     faults: tuple[Fault, ...] = ()
+    units: dict[str, Bench] = Field(default_factory=dict)  # by serial number, where several are listed
+
+    @model_validator(mode="before")
+    @classmethod
+    def _units_are_benches(cls, given: object) -> object:
+        if not isinstance(given, dict) or "units" not in given:
+            return given
+        units = _of_each(given)
+        return {**next(iter(units.values())), "faults": given.get("faults", ()), "units": units}
+
+    @property
+    def each(self) -> Mapping[str, Bench]:
+        """The bench as each unit has it, by the unit's name: its serial number, or nothing where none is listed."""
+        return self.units or {"": self}
+
+    @classmethod
+    def parse(cls, text: str, source: str) -> Self:
+        """Read from YAML text; `source` names it in messages. Raises `InputError` in a sentence, of `ValueError` too."""
+        found = super().parse(text, source)
+        own = _of_each(parse_yaml(text, source)) if found.units else {}
+        for serial, bench in found.units.items():  # each is a bench of one unit
+            bench._text = yaml.safe_dump(own[serial], sort_keys=False, allow_unicode=True)
+            bench._source = source
+        return found
 
     @model_validator(mode="after")
     def _simulation_belongs_to_simulated_ports(self) -> Bench:
         if self.faults and self.simulation is None:
             raise ValueError("faults: only what is simulated can be told to fail; there is no simulation section")
+        for number, fault in enumerate(self.faults):
+            if fault.unit not in ("", *self.units):
+                raise ValueError(
+                    f"faults.{number}.unit: there is no unit {fault.unit!r}{near(fault.unit, [*self.units])}"
+                )
         for key, port in (("imu.port", self.imu.port), ("chamber.port", self.chamber.port)):
             if port.startswith(SIMULATED_SCHEME) and self.simulation is None:
                 raise ValueError(f"{key}: {port} needs a simulation section, which says what is simulated")
@@ -311,5 +392,6 @@ def load_bench(name: str | Path) -> Bench:
 def parse_bench(text: str, source: str) -> Bench:
     """Read a bench from YAML text, such as the copy that a record kept; `source` names it in messages."""
     bench = Bench.parse(text, source)
-    _ = bench.imu_description, bench.simulation_model, bench.chamber_description
+    for each in bench.each.values():
+        _ = each.imu_description, each.simulation_model, each.chamber_description
     return bench

@@ -94,13 +94,17 @@ CATALOGUE: Mapping[Device, Mapping[str, FaultKind]] = {
 
 
 class Fault(Section):
-    """One fault. `at` is a time since the night began, or the key of a step as `hil plan --json` shows it."""
+    """One fault. `at` is a time since the night began, or the key of a step as `hil plan --json` shows it.
+
+    `unit` is the serial number of the unit that it happens to; of several it happens to all where none is said.
+    """
 
     at: Annotated[str, BeforeValidator(_text)]
     device: Device
     kind: str
     size: float | str | None = None
     duration: Annotated[str | None, BeforeValidator(_text)] = None
+    unit: Annotated[str, BeforeValidator(str)] = ""
 
     @model_validator(mode="after")
     def _makes_sense(self) -> Fault:
@@ -110,6 +114,8 @@ class Fault(Section):
         if not self.at.strip():
             raise ValueError("at: a time such as 2 h, or a step's key such as T1/S1/restabilise, is needed")
         _ = self.at_s, self.amount
+        if self.unit and self.device != "imu":
+            raise ValueError(f"unit: what happens to {self.device} happens to no unit; leave it out")
         if self.duration is not None and not self.meaning.lasts:
             raise ValueError(f"duration: {self.kind} happens in a moment; leave the duration out")
         _ = self.duration_s
@@ -147,4 +153,4 @@ class Fault(Section):
     def __str__(self) -> str:
         size = "" if self.size is None else f" {self.size}"
         lasts = "" if self.duration is None else f" for {self.duration}"
-        return f"{self.device} {self.kind}{size} at {self.at}{lasts}"
+        return f"{self.device}{f' {self.unit}' if self.unit else ''} {self.kind}{size} at {self.at}{lasts}"

@@ -14,6 +14,11 @@ OWN_SCHEME = "own://"
 _SCHEMES = ("sim", "socket", "rfc2217")
 
 
+def unit_port(unit: str) -> str:
+    """Return the key of a unit's port in the bench file; its name is empty where the bench lists none."""
+    return f"units.{unit}.port" if unit else "imu.port"
+
+
 def _port(value: object, name: str) -> str:
     text = str(value)
     if not isinstance(value, str) or not text.strip():

@@ -10,8 +10,7 @@ without a driver of its own, which the bench file only names.
 
 import tempfile
 from collections.abc import Iterator, Mapping
-from functools import reduce
-from operator import getitem
+from functools import lru_cache, reduce
 from pathlib import Path
 from typing import Any
 
@@ -28,13 +27,26 @@ from hil.files.strict import parse_yaml, read_text
 SCHEMA = "hil.configuration/1"
 CONFIGURATION = "configuration"
 """The folder within a night's that the files are written into."""
-_FILES: Mapping[str, tuple[str, ...]] = {
+_FILES: Mapping[str, tuple[str | int, ...]] = {
     "imu": ("bench", "imu", "description"),
     "model": ("bench", "simulation", "model"),
     "chamber": ("bench", "chamber", "description"),
     "limits": ("sweep", "limits"),
 }
 """Where bench and sweep file name what stands in the text, by its name there."""
+_OF_A_UNIT: Mapping[str, tuple[str, ...]] = {"imu": ("description",), "model": ("simulation", "model")}
+"""Where an entry of the bench's list of units names what it has for itself."""
+
+
+def _files(document: Mapping[str, Any]) -> dict[str, tuple[str | int, ...]]:
+    """Return where each file is named, by its name in the text and in the folder, those of listed units too."""
+    found = dict(_FILES)
+    bench = document["bench"]
+    for place, entry in enumerate(bench.get("units", ()) if isinstance(bench, dict) else ()):
+        for name, keys in _OF_A_UNIT.items():
+            if keys[0] in entry and (len(keys) == 1 or keys[1] in entry[keys[0]]):
+                found[f"{name}-{entry['serial']}"] = ("bench", "units", place, *keys)
+    return found
 
 
 def configuration_text(bench: Bench, sweep: Sweep, seed: int | None = None) -> str:
@@ -50,7 +62,13 @@ def configuration_text(bench: Bench, sweep: Sweep, seed: int | None = None) -> s
         "sweep": parse_yaml(sweep.text, sweep.source),
         "imu": whole_text(bench.imu_description),
     }
-    document["bench"]["unit"]["serial"] = bench.unit.serial  # which somebody may have typed
+    if "unit" in document["bench"]:
+        document["bench"]["unit"]["serial"] = bench.unit.serial  # which somebody may have typed
+    for name in _files(document).keys() - _FILES.keys():
+        kind, _, serial = name.partition("-")
+        model = bench.units[serial].simulation_model
+        own = whole_text(bench.units[serial].imu_description) if kind == "imu" else model and read_text(model)
+        document[name] = own
     if bench.simulation_model is not None:
         document["model"] = read_text(bench.simulation_model)
     if bench.chamber_description is not None:
@@ -64,6 +82,10 @@ def configuration_text(bench: Bench, sweep: Sweep, seed: int | None = None) -> s
     return yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120)
 
 
+def _getitem(within: Any, key: str | int) -> Any:
+    return within[key]
+
+
 def configuration_of(text: str, folder: Path) -> tuple[Bench, Sweep]:
     """Return bench and sweep from a journal's text; the files that they name are written into `folder`.
 
@@ -75,10 +97,10 @@ def configuration_of(text: str, folder: Path) -> tuple[Bench, Sweep]:
     bench: dict[str, Any] = document["bench"]
     folder = folder.resolve()
     folder.mkdir(exist_ok=True)
-    for name, (*sections, key) in _FILES.items():
+    for name, (*sections, key) in _files(document).items():
         if name in document:
             write_durably(RealDisk(), folder / f"{name}.yaml", document[name].encode())
-            reduce(getitem, sections, document)[key] = str(folder / f"{name}.yaml")
+            reduce(_getitem, sections, document)[str(key)] = str(folder / f"{name}.yaml")
     return (
         parse_bench(yaml.safe_dump(bench, sort_keys=False, allow_unicode=True), document["bench_file"]),
         parse_sweep(yaml.safe_dump(document["sweep"], sort_keys=False, allow_unicode=True), document["sweep_file"]),
@@ -87,8 +109,8 @@ def configuration_of(text: str, folder: Path) -> tuple[Bench, Sweep]:
 
 def lost_files(text: str, folder: Path) -> Iterator[str]:
     """Yield in words which files of `folder` are not what `configuration_of` wrote there."""
-    document = understood(text)
-    for path in (folder / f"{name}.yaml" for name in _FILES if name in document):
+    document = {"bench": {}, **understood(text)}
+    for path in (folder / f"{name}.yaml" for name in _files(document) if name in document):
         try:
             what = "" if read_bytes(path) == document[path.stem].encode() else "is not what the journal has on record"
         except InputError as error:
@@ -120,6 +142,7 @@ def understood(text: str) -> dict[str, Any]:
         return {}
 
 
+@lru_cache(4)  # the units of one night share it
 def bench_of_record(text: str) -> Bench:
     """Return the bench of a journal's text to look at it: orientations, site, sensors. Nothing is left behind."""
     with tempfile.TemporaryDirectory(prefix="hil-") as folder:

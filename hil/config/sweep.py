@@ -1,7 +1,7 @@
 """The sweep file: which temperatures, how many self-calibrations at each, which collects, and when a soak is enough.
 
 sweep = load_sweep("rd-gc-86-1")
-plan = make_plan(sweep.procedure())
+plan = planned(sweep, bench)
 """
 
 from pathlib import Path
@@ -15,7 +15,7 @@ from hil.config.sections import settings_of
 from hil.errors import InputError
 from hil.files.strict import WholeFile, find_config, near, read_text
 from hil.files.units import Celsius, CelsiusPerMinute
-from procedures.plan import make_plan
+from procedures.plan import Plan, make_plan
 from procedures.safe_air import ROOM_DEGC
 from procedures.settings import CollectSettings, Restabilisation, SweepProcedure
 from procedures.words import counted
@@ -73,6 +73,11 @@ def parse_sweep(text: str, source: str) -> Sweep:
     return Sweep.parse(text, source)
 
 
+def planned(sweep: Sweep, bench: Bench) -> Plan:
+    """Return the steps of a sweep on a bench, for all of its units."""
+    return make_plan(sweep.procedure(), list(bench.each))
+
+
 def limits_of(sweep: Sweep | None, bench: Bench) -> Limits | None:
     """Return the limits that the sweep names, or else the bench, held against its sensors; None where neither does.
 
@@ -83,7 +88,8 @@ def limits_of(sweep: Sweep | None, bench: Bench) -> Limits | None:
         return None
     try:
         limits = load_limits(named.limits, Path(named.source).parent)
-        limits.check({number: bench.sensor(number) for number in bench.sensors}, bench.unit.model)
+        for each in bench.each.values():
+            limits.check({number: each.sensor(number) for number in each.sensors}, each.unit.model)
     except InputError as error:
         raise InputError(f"{named.source}: limits: {error}") from error
     return limits
@@ -93,7 +99,8 @@ def check_sweep_against_bench(sweep: Sweep, bench: Bench) -> None:
     """Raise `InputError` where the sweep asks for what cannot be: of the bench, of the equations, or in one life."""
     _refuse_endless(sweep)
     limits_of(sweep, bench)
-    _refuse_one_position_repeated(sweep, bench)
+    for each in bench.each.values():
+        _refuse_one_position_repeated(sweep, each)
     limits = bench.chamber.limits
     wanted = [(f"temperatures.{index}", value) for index, value in enumerate(sweep.temperatures)]
     wanted += [("final", sweep.final)] if sweep.final is not None else []
@@ -103,14 +110,16 @@ def check_sweep_against_bench(sweep: Sweep, bench: Bench) -> None:
                 f"{sweep.source}: {key}: {value:.4g} °C lies outside the limits of bench {bench.name}'s chamber, "
                 f"{limits.low:.4g} … {limits.high:.4g} °C"
             )
-    keys = [step.key for step in make_plan(sweep.procedure()).steps]
+    steps = planned(sweep, bench).steps
+    keys = list(dict.fromkeys(name for step in steps for name in (step.key, step.stage)))
     for index, fault in enumerate(bench.faults):
         if fault.at_s is None and fault.at not in keys:
             raise InputError(
                 f"{bench.source}: faults.{index}.at: {fault.at!r} is no step of {sweep.source}{near(fault.at, keys)}"
             )
+    oriented = [of for each in bench.each.values() for of in each.sensors.items()]
     for label in sweep.positions:
-        for number, section in bench.sensors.items():
+        for number, section in oriented:
             if label not in section.built:
                 raise InputError(
                     f"{sweep.source}: positions: bench {bench.name} gives no orientation of sensor {number} at "

@@ -26,8 +26,9 @@ from hil.records.ledger import HEAD_NAME
 from hil.records.live import LIVE_NAME, OLD_AFTER_S, age_s, read_live
 from hil.records.reader import JOURNAL_NAME
 from hil.records.rows import Event
-from hil.records.status import night_status, without_samples
+from hil.records.status import night_status, recorded_verdict, without_samples
 from hil.records.troubles import to_do
+from hil.records.units import night_of, unit_folder
 from procedures.plan import Plan, StepKind
 from procedures.words import step_in_words
 
@@ -45,6 +46,8 @@ class NightFacts:
     def __init__(self, folder: Path, identity: str) -> None:
         self.identity = identity
         self.folder = folder
+        self.night = night_of(folder)
+        self._shows = folder  # where the live files are: of several units the first one's tells of the chamber
         self._events: deque[dict[str, Any]] = deque(maxlen=_EVENTS)
         self._last_event = 0
         self._stamp: object = None
@@ -53,6 +56,7 @@ class NightFacts:
         self._live_stamp: object = None
         self._status: Part = {}
         self._bench = ""
+        self._recorded: Part | None = None
         self._steps: Mapping[str, str] = {}
         self._curves = NightCurves(folder)
         self._parts: Part = {}
@@ -64,15 +68,15 @@ class NightFacts:
 
     def look(self) -> Part:
         """Look again and return the parts that changed. Raises `InputError` where the journal cannot be read."""
-        owner = living_owner(self.folder)  # before the journal, as in `night_status`
+        owner = living_owner(self.night)  # before the journal, as in `night_status`
         fresh: Part = {}
-        stamp = (_stamp(self.folder / JOURNAL_NAME), _stamp(self.folder / f"{JOURNAL_NAME}-wal"), owner)
+        stamp = (_stamp(self.night / JOURNAL_NAME), _stamp(self.night / f"{JOURNAL_NAME}-wal"), owner)
         if stamp != self._stamp:
             fresh = self._read_journal(owner)
             self._stamp = stamp
-        live_stamp = _stamp(self.folder / LIVE_NAME)
+        live_stamp = _stamp(self._shows / LIVE_NAME)
         if live_stamp != self._live_stamp:
-            self._live, self._live_stamp = read_live(self.folder), live_stamp
+            self._live, self._live_stamp = read_live(self._shows), live_stamp
         fresh["head"] = self._head()
         fresh = {name: part for name, part in fresh.items() if part != self._parts.get(name)}
         self._parts |= fresh
@@ -82,13 +86,20 @@ class NightFacts:
     def report(self) -> Path | None:
         """The report that `hil report` left in the night's folder; None where there is none since the last record."""
         path = self.folder / "report.html"
-        made, recorded = _stamp(path), _stamp(self.folder / HEAD_NAME)
+        made, recorded = _stamp(path), _stamp(self.night / HEAD_NAME)
         return path if made and recorded and made[2] >= recorded[2] else None
 
     def _verdict(self) -> Part:
         if self._results.damage:
             return {"verdict": "ERROR", "reason": self._results.damage.removeprefix("ERROR: ")}
+        if self._status["units"]:  # judged each for itself
+            return self._recorded or {"verdict": "INCONCLUSIVE", "reason": "its units are judged at its end"}
         return vars(night_verdict(self._status["state"], self._results.solutions))
+
+    @property
+    def _on(self) -> list[Part]:
+        """The units that go on, where the night lists several."""
+        return [each for each in self._status["units"] if not each["set_aside"]]
 
     @property
     def working(self) -> bool:
@@ -108,6 +119,8 @@ class NightFacts:
                 bench = understood(journal.night.configuration).get("bench")
                 self._bench = str(bench.get("name", "")) if isinstance(bench, dict) else ""
                 self._steps = {step.key: step_in_words(step) for step in journal.plan.steps}
+            self._recorded = recorded_verdict(journal)
+            self._shows = unit_folder(self.night, next(iter(each["unit"] for each in self._on), journal.plan.units[0]))
             controllers = journal.controllers()
             self._status["seen_utc"] = controllers[-1].seen_utc.isoformat() if controllers else None
             self._status["pausing"] = _pausing(journal) if self._status["state"] == "running" else None
@@ -146,7 +159,7 @@ class NightFacts:
         """Return how old what the controller at work last showed is, by the wall clock, and whether that is too old."""
         if self._owner is None:
             return None, False
-        beat = read_heartbeat(self.folder)
+        beat = read_heartbeat(self.night)
         beat = beat if beat and beat.pid == self._owner.pid else None
         if now is not None:
             return age_s(now, beat, SystemClock().utc())

@@ -206,7 +206,7 @@ def _asked(document: dict[str, Any]) -> Asked:
 
 def _ask(watcher: Watcher, asked: Asked) -> dict[str, Any]:
     """Put the request into the journal, and wait for the answer for a while: `accepted` is null where none came."""
-    folder = watcher.night(asked.night).folder
+    folder = watcher.night(asked.night).night
     number = ask_controller(folder, asked.kind, f"{asked.who} (live page)", asked.why, prompt=asked.prompt)
     answered = wait_for_answer(folder, number, _ANSWER_S)
     return {"accepted": answered.accepted, "answer": answered.answer}

@@ -22,6 +22,7 @@ from drivers.clock import SystemClock
 from hil.dashboard.facts import NightFacts, Part, unreadable
 from hil.errors import InputError
 from hil.records.reader import JOURNAL_NAME
+from hil.records.units import UNITS
 
 EVERY_S = 1.0
 MOST_NIGHTS = 12
@@ -117,7 +118,7 @@ class Watcher:
         """Find the nights that are there, and keep those that are shown; raise `InputError` if the folder has gone."""
         if not self._root.is_dir():  # deleted, or on a disk that is not there any more: its nights have not ended
             raise InputError(f"{self._root}: there is no such folder any more")
-        found = {self._name(path.parent): path.parent for path in self._journals()}
+        found = {self._name(each): each for path in self._journals() for each in _night_and_units(path.parent)}
         self._found = list(found)
         for identity in set(self._nights) - set(found):
             del self._nights[identity]
@@ -150,7 +151,10 @@ class Watcher:
         return os.fsencode(name).decode("utf-8", "backslashreplace")
 
     def _shown(self) -> list[str]:
-        """Return the nights in the order of their cards: those at work by name, so that none moves, then the newest."""
+        """Return the nights in the order of their cards: those at work by name, so that none moves, then the newest.
+
+        The units of a night stand behind it.
+        """
         return sorted(self._found, key=lambda each: (0, each) if self._nights[each].working else (1, ""))
 
     def whole(self) -> Mapping[str, Part]:
@@ -198,3 +202,8 @@ class Watcher:
     def _want_everything(self) -> None:
         self._everything_wanted = True
         self._wake.set()
+
+
+def _night_and_units(night: Path) -> list[Path]:
+    """Return a night's folder, and that of each unit where it lists several."""
+    return [night, *sorted((night / UNITS).glob("*"))]

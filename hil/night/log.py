@@ -23,6 +23,7 @@ _COMMANDS = {
     "set_temperature": "chamber: set temperature",
     "safe_state": "chamber: safe state",
     "move_to": "positioner: move",
+    "moving": "positioner: move",
 }
 
 

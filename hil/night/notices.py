@@ -7,6 +7,7 @@ from hil.config import Bench
 from hil.night.notify import Notifier
 from hil.records import SqliteJournal
 from hil.records.status import recorded_end
+from procedures.plan import lasting_s
 
 
 def notifier_of(bench: Bench, journal: SqliteJournal) -> Notifier:
@@ -23,7 +24,7 @@ def notifier_of(bench: Bench, journal: SqliteJournal) -> Notifier:
 def in_words_at_the_beginning(journal: SqliteJournal, who: str) -> str:
     """Say who began or carried on what, and when it will be done if it takes as long as planned."""
     done, planned = journal.completed(), journal.plan.steps
-    rest_s = sum(step.duration_s for step in planned if step.key not in done)
+    rest_s = lasting_s(step for step in planned if step.key not in done)
     ends = journal.night.utc(journal.now_s() + rest_s)
     steps = f"{len(done)} of {len(planned)} steps done before" if done else f"{len(planned)} steps"
     return f"{journal.plan.title}: {steps}, by {who}; expected end {ends:%Y-%m-%d %H:%M} UTC"

@@ -18,6 +18,7 @@ from typing import Any
 
 from drivers.clock import VirtualClock
 from drivers.given_file import opened
+from hil.config import planned
 from hil.config.recorded import CONFIGURATION, configuration_of
 from hil.errors import Damaged, InputError
 from hil.files.durable import RealDisk, write_durably
@@ -33,7 +34,6 @@ from hil.records.live import TRACE_NAME
 from hil.records.reader import JOURNAL_NAME, journal_of
 from hil.records.rows import step_row, to_json
 from hil.records.witnesses import LOG_NAME, Witnesses, proven
-from procedures.plan import make_plan
 
 
 def repair_night(folder: Path, out: Path, who: str = "") -> dict[str, Any]:
@@ -104,7 +104,8 @@ def _take_proven_rows(folder: Path, new: sqlite3.Connection) -> Counter[str]:
                         take(table, row)
         night = new.execute("SELECT configuration FROM night").fetchone()
         if night is not None and any(key.startswith("steps/") for key in written):
-            for step in make_plan(configuration_of(night[0], Path(scratch))[1].procedure()).steps:
+            bench, sweep = configuration_of(night[0], Path(scratch))
+            for step in planned(sweep, bench).steps:
                 take("steps", step_row(step))
     gone = Counter(key.partition("/")[0] for key in written)
     if night is None or gone["steps"]:

@@ -29,11 +29,13 @@ from drivers.imu import SampleBlock
 from drivers.imu.samples import FloatArray
 from drivers.imu.stream import StreamImu
 from hil.bench.closed_port import ClosedPort
+from hil.config import Bench
 from hil.config.frames import load_frames
 from hil.config.recorded import configuration_of
 from hil.errors import Damaged, InputError
 from hil.records import JournalReader, reading
 from hil.records.blocks import RAW, SAMPLES, Block, DamagedBlock, Samples, read_raw, read_samples
+from hil.records.units import night_of
 from procedures.collect import reduce_collect
 from procedures.plan import StepKind
 from procedures.settings import CollectSettings
@@ -49,7 +51,7 @@ def replay_night(folder: Path | str) -> dict[str, Any]:
     as recorded. `identical` is true where at least one collect was checked and both lists are empty.
     """
     folder = Path(folder)
-    replay = _Replay(folder)
+    replay = _Replay(night_of(folder))
     simulated: bool | None = None
     try:
         with reading(folder, damaged_too=True) as journal:
@@ -79,7 +81,7 @@ class _Replay:
 
     def averages(self, journal: JournalReader) -> None:
         """Compute every collect that is done again."""
-        stream = _Stream.of(journal.night.configuration)
+        streams = _Stream.of_each(journal.night.configuration)
         blocks = {(row.step_key, row.attempt, row.block.kind): row.block for row in journal.blocks()}
         done = journal.done_attempts()
         for step in journal.plan.of_kind(StepKind.COLLECT):
@@ -92,7 +94,7 @@ class _Replay:
             elif stored is None:
                 self.differences.append(f"{step.key}: no samples are recorded with the collect")
             else:
-                self._collect(step.key, attempt.data, stream, raw, stored)
+                self._collect(step.key, attempt.data, streams[step.unit or ""], raw, stored)
 
     def _collect(self, key: str, data: Mapping[str, Any], stream: _Stream, raw: Block, stored: Block) -> None:
         self.checked += 1
@@ -123,16 +125,20 @@ class _Stream:
     settings: CollectSettings
 
     @classmethod
-    def of(cls, configuration: str) -> _Stream:
+    def of_each(cls, configuration: str) -> dict[str, _Stream]:
+        """Return that of each unit, by its name."""
         with tempfile.TemporaryDirectory(prefix="hil-") as folder:
             bench, sweep = configuration_of(configuration, Path(folder))
-            description = load_frames(bench)
+            return {name: cls._of(own, load_frames(own), sweep.collect) for name, own in bench.each.items()}
+
+    @classmethod
+    def _of(cls, bench: Bench, description: StreamDescription, settings: CollectSettings) -> _Stream:
         if description.roles is None:
             raise InputError(f"{description.name}: roles: missing, so that no field is known to be a rate")
         clock = VirtualClock()
         port = ClosedPort(bench.imu.port, clock, TransportError("a replay has no port"))
         imu = StreamImu(port, description, clock, sample_rate_hz=bench.imu.rate)
-        return cls(description, description.roles.frame, imu, sweep.collect)
+        return cls(description, description.roles.frame, imu, settings)
 
     def decode(self, raw: bytes, expected: int) -> dict[str, FloatArray]:
         """Return the columns of the frames in a collect's bytes, which begin where the decoder was reset."""

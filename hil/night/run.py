@@ -30,7 +30,7 @@ from pathlib import Path
 from drivers.clock import PacedClock, VirtualClock
 from hil.bench import LiveBench, build_bench
 from hil.bench.lock import bench_lock
-from hil.config import Bench, Sweep, check_sweep_against_bench
+from hil.config import Bench, Sweep, check_sweep_against_bench, planned
 from hil.config.recorded import CONFIGURATION, configuration_of, configuration_text
 from hil.errors import InputError
 from hil.files.folder import whole_or_nothing
@@ -51,14 +51,16 @@ from hil.records.reader import refuse_existing
 from hil.records.requests import user
 from hil.records.rows import Night
 from hil.records.status import VERDICT
+from hil.records.units import unit_folder
 from hil.records.witnesses import seal, sealed_log
 from procedures.attended import Attendant, Terminal
-from procedures.plan import StepKind, make_plan
+from procedures.plan import StepKind
 from procedures.progress import Audience, Progress
 from procedures.sequencer import Sequencer
 from procedures.settings import Polling
 from procedures.stop import StopRequest
 from procedures.sweep_outcome import SweepOutcome, SweepState
+from procedures.verdict import Judgement
 
 SIMULATED_DOWN_TIME_S = 1800.0
 """How long a simulated bench is taken to have been without a controller before a resume."""
@@ -71,8 +73,8 @@ class NightOutcome:
     """How a night, or the part of it that one controller carried out, ended.
 
     `state` is that of hil.status/1: complete, incomplete, aborted or failed. `exit_status` is 0 where every planned
-    step is done, 3 where an interlock or a device ended it with the chamber in its safe state, 5 and 6 where the
-    chamber is NOT SAFE or that is NOT KNOWN, else 1.
+    step is done, 9 where only steps of units are missing that were set aside, 3 where an interlock or a device ended it
+    with the chamber in its safe state, 5 and 6 where the chamber is NOT SAFE or that is NOT KNOWN, else 1.
     """
 
     folder: Path
@@ -107,7 +109,7 @@ def start_night(
     check_sweep_against_bench(sweep, bench)
     text = configuration_text(bench, sweep, seed)
     read_key(bench.record.key)  # or nothing begins
-    plan = make_plan(sweep.procedure())
+    plan = planned(sweep, bench)
     who = one_line("--operator", who or user(), NAME)
     with bench_lock(bench, target):
         with whole_or_nothing(target) as partial:
@@ -125,7 +127,8 @@ def start_night(
         clock, raw = live.devices.clock, resolved.record.raw
         with live, SqliteJournal.open(target, clock=clock, who=who, keep_raw=raw) as journal:
             unit, said = resolved.unit.model_dump(), remarks or Remarks()
-            evidence = {"sweep": sweep.source, "bench": bench.source, "unit": unit, "note": said.note}
+            units = {"units": list(resolved.units)} if resolved.units else {"unit": unit}
+            evidence = {"sweep": sweep.source, "bench": bench.source, **units, "note": said.note}
             told = f"{who} began the night{f': {said.note}' if said.note else ''}"
             journal.event("night-begins", told, **evidence)
             said.record(journal, who)
@@ -226,28 +229,28 @@ def _carry_out(
     notifier = notifier_of(live.bench, journal)
     polling = _polling(live)
     every_s, announced_s = _looked_at_every_s(live, polling), polling.read_interval_s
-    shown = LiveFiles(journal.folder, live.devices.imu.sensors, every_s=every_s, announced_s=announced_s)
+    shown = [
+        LiveFiles(journal.folder, devices.imu.sensors, every_s=every_s, announced_s=announced_s, unit=name)
+        for name, devices in live.devices.units.items()
+    ]
     try:
         journal.listen(log.say)
         journal.listen(notifier.hear)
         notifier.tell("started", in_words_at_the_beginning(journal, who))
-        journal.describe_fields(field_meanings(live))
+        for name, each in live.each.items():
+            journal.describe_fields(field_meanings(each), name)
         if live.faults is not None:
             journal.write_blocks_to(live.faults.disk)
         sequencer = Sequencer(
             journal.plan,
-            replace(
-                live.devices,
-                chamber=logged(live.devices.chamber, log),
-                positioner=logged(live.devices.positioner, log),
-            ),
+            live.devices.with_all(lambda chamber: logged(chamber, log), lambda positioner: logged(positioner, log)),
             journal,
             stop,
             began=journal.began_utc,
             interlocks=live.bench.interlocks,
             polling=polling,
             progress=Audience(
-                [*([live.faults] if live.faults else []), shown, *([progress] if progress else [])],
+                [*([live.faults] if live.faults else []), *shown, *([progress] if progress else [])],
                 lost=lambda error: journal.event("onlooker-lost", f"progress is no longer shown: {error!r}"),
             ),
             powered_on=_powered_on(live),
@@ -265,7 +268,8 @@ def _carry_out(
             wear = live.devices.chamber.wear_warning
             if wear is not None:
                 journal.event("wear", f"chamber: {wear}")
-            shown.close()  # what it shows is recorded with the verdict
+            for files in shown:
+                files.close()  # what it shows is recorded with the verdict
             judge(journal, outcome.state)
             _archive(journal, live.bench, outcome.state)
             journal.finish(f"{outcome.state}: {outcome.reason}")
@@ -274,24 +278,48 @@ def _carry_out(
     finally:
         heartbeat.alive(LAST_WORDS_S)
         notifier.close()
-        shown.close()
+        for files in shown:
+            files.close()
         heartbeat.close()
         log.close()
 
 
 def judge(journal: SqliteJournal, state: str) -> None:
-    """Record what the report will say of the night, so that whoever only asks how it stands need not solve it."""
-    from hil.analysis.in_spec import in_spec_of  # only an end needs what solves
+    """Record what the report will say of the night, so that whoever only asks how it stands need not solve it.
+
+    Of several units it is said of each, and then of the night, which is as good as the worst of them.
+    """
+    from hil.analysis.night_verdict import of_units  # only an end needs what solves
+
+    judged = {unit: _judged(journal, unit, state) for unit in journal.plan.units}
+    ends = {unit: each for unit, each in judged.items() if each is not None}
+    if ends and "" not in judged:
+        verdict, in_spec = of_units({u: v for u, (v, _) in ends.items()}, {u: i for u, (_, i) in ends.items() if i})
+        ends[""] = verdict, in_spec
+    for unit, (verdict, in_spec) in ends.items():
+        whose, said = ({"unit": unit}, f"unit {unit}: ") if unit else ({}, "")
+        trace = {"trace": seal(unit_folder(journal.folder, unit) / TRACE_NAME)} if unit in judged else {}
+        seals = {**trace, "log": sealed_log(journal.folder)}
+        told = f"{said}{verdict.verdict}: {verdict.reason}"
+        journal.event(VERDICT, told, **vars(verdict), **seals, in_spec=in_spec, **whose)
+
+
+def _judged(journal: SqliteJournal, unit: str, state: str) -> tuple[Judgement, dict[str, str] | None] | None:
+    """Return how good a unit's part of the night is, and whether the unit is; None where its records are damaged."""
+    from hil.analysis.in_spec import in_spec_of
     from hil.analysis.night_verdict import night_solutions, night_verdict
 
+    folder = unit_folder(journal.folder, unit)
+    done = journal.completed().keys()
+    if unit and all(step.key in done for step in journal.plan.of_unit(unit).steps):
+        state = "complete"
     try:
-        campaign, solutions = night_solutions(journal.folder)
+        campaign, solutions = night_solutions(folder)
         judged = night_verdict(state, solutions)
     except InputError:
-        return  # whoever reads it is told why
-    unit = in_spec_of(journal.folder, campaign, solutions, state=state)
-    seals = {"trace": seal(journal.folder / TRACE_NAME), "log": sealed_log(journal.folder)}
-    journal.event(VERDICT, f"{judged.verdict}: {judged.reason}", **vars(judged), **seals, in_spec=unit and unit.brief())
+        return None  # whoever reads it is told why
+    found = in_spec_of(folder, campaign, solutions, state=state)
+    return judged, None if found is None else found.brief()
 
 
 def _archive(journal: SqliteJournal, bench: Bench, state: str) -> None:
@@ -333,7 +361,9 @@ def _looked_at_every_s(live: LiveBench, polling: Polling) -> float:
 def _outcome(folder: Path, ended: SweepOutcome) -> NightOutcome:
     state = "failed" if ended.state is SweepState.ERROR else ended.state.value
     reason = ended.reason if ended.left.safe else f"{ended.reason}; {ended.left}"
-    status = ended.left.exit_status({SweepState.COMPLETE: 0, SweepState.FAILED: 3}.get(ended.state, 1))
+    status = ended.left.exit_status(
+        {SweepState.COMPLETE: 0, SweepState.FAILED: 3}.get(ended.state, 9 if ended.partly else 1)
+    )
     return NightOutcome(folder, state, reason, status)
 
 

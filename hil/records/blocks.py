@@ -92,13 +92,13 @@ class Samples:
 class BlockWriter:
     """Writes the blocks of one night, as its only writer: unfinished ones that a crash left are removed.
 
-    `meanings` says what the decoded fields are, by name.
+    `meanings` says what the decoded fields of each unit are, by their names.
     """
 
     def __init__(self, folder: Path, *, simulated: bool, keep_raw: bool = True, disk: RealDisk | None = None) -> None:
         self._folder = folder
         self._simulated = simulated
-        self.meanings: Mapping[str, FieldMeaning] = {}
+        self.meanings: dict[str, Mapping[str, FieldMeaning]] = {}
         self._keep_raw = keep_raw
         self.disk: RealDisk = disk or RealDisk()
         remove_partials(folder / BLOCKS)
@@ -128,7 +128,7 @@ class BlockWriter:
 
     def _encode(self, step: Step, attempt: int, samples: SampleBlock) -> bytes:
         columns = {"time_s": samples.time_s, **samples.fields}
-        meanings = {"time_s": FieldMeaning("s"), **self.meanings}
+        meanings = {"time_s": FieldMeaning("s"), **self.meanings.get(step.unit or "", {})}
         fields = [
             pa.field(name, pa.float64(), nullable=False, metadata=_labels(meanings.get(name, FieldMeaning())))
             for name in columns

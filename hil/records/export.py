@@ -9,6 +9,7 @@ applied to its site; nothing in them is measured. A night that is not complete i
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,12 +24,14 @@ from hil.campaign.reader import HEADER_FILE, read_campaign, read_series
 from hil.campaign.writer import write_campaign
 from hil.config import Bench
 from hil.config.recorded import bench_of_record
-from hil.errors import InputError
+from hil.errors import Damaged, InputError
+from hil.files.folder import is_new, whole_or_nothing
 from hil.records.blocks import SAMPLES, Block, Samples, read_samples
 from hil.records.damage import refuse_damaged_samples
 from hil.records.identity import night_identity
 from hil.records.reader import JOURNAL_NAME, JournalReader, is_night, reading
 from hil.records.status import in_brief, missing_in_words
+from hil.records.units import night_of, place_of, unit_folder
 from procedures.plan import Step, StepKind
 from procedures.verdict import Judgement, Verdict, combine, self_calibration_verdict
 from procedures.words import numbered
@@ -84,9 +87,10 @@ class _Row:
 def export_campaign(folder: Path | str, out: Path | str, form: Format | None = None) -> Export:
     """Write the collects of a night as a new campaign folder `out`, or as one file of another format.
 
-    A campaign folder is written as a file only. What is written appears whole or not at all. Raises `InputError` where
-    the folder is neither, no collect was completed, or `out` exists; `Damaged` where the journal or samples are not
-    what was written.
+    Of several units each has its own, named by its serial number within `out`; one that was named by its folder is all
+    there is. A campaign folder is written as a file only. What is written appears whole or not at all. Raises
+    `InputError` where the folder is neither, no collect was completed, or `out` exists; `Damaged` where the journal or
+    samples are not what was written.
     """
     folder, target = Path(folder), Path(out)
     if form is not None and not is_night(folder):
@@ -94,15 +98,49 @@ def export_campaign(folder: Path | str, out: Path | str, form: Format | None = N
         stored = ((number, read_series(campaign, number)) for number in campaign.series_files)
         write_file(campaign, target, form, ((number, each) for number, each in stored if each is not None))
         return Export(target, sum(len(rows.conditions) for rows in campaign.sensors.values()), ())
+    night, named = place_of(folder)
     with reading(folder) as journal:
-        bench = bench_of_record(journal.night.configuration)
-        campaign, rows = _campaign(journal, bench)
-        series = _series(folder, rows, campaign, bench.record.series_block)
+        units = journal.plan.units
+    if units != [named] and not is_new(target):
+        raise InputError(f"{target}: it exists and is not empty; name a new folder")
+    rows, notes = 0, list[str]()
+    with nullcontext(target) if units == [named] else whole_or_nothing(target) as into:
+        for unit in units:
+            mark = f"unit {unit}: " if unit != named else ""
+            try:
+                written = _export_unit(unit_folder(night, unit), _of_unit(into, unit, named, form), form)
+            except InputError as error:
+                if isinstance(error, Damaged) or unit == named:
+                    raise
+                written = Export(into, 0, (str(error),))
+            rows += written.rows
+            notes += [f"{mark}{note}" for note in written.notes]
+        if not rows:
+            raise InputError(notes[0])
+    return Export(target, rows, tuple(notes))
+
+
+def _of_unit(target: Path, unit: str, named: str, form: Format | None) -> Path:
+    """Return where a unit's campaign is written: within the target, unless the unit was named, or there is but one."""
+    if unit == named:
+        return target
+    return target / unit if form is None else target / f"{unit}{target.suffix}"
+
+
+def _export_unit(folder: Path, target: Path, form: Format | None) -> Export:
+    with reading(folder) as journal:
+        campaign, rows = _campaign(journal)
+        series = _series(journal.folder, rows, campaign, _bench(journal).record.series_block)
         if form is None:
             write_campaign(campaign, target, series)
         else:
             write_file(campaign, target, form, series)
     return Export(target, len(rows), tuple(campaign.notes.splitlines()))
+
+
+def _bench(journal: JournalReader) -> Bench:
+    """Return the bench as the unit has it; raise `InputError` where it is not said of which of several."""
+    return bench_of_record(journal.night.configuration).each[journal.one_unit]
 
 
 def campaign_of_night(folder: Path | str) -> Campaign:
@@ -112,7 +150,7 @@ def campaign_of_night(folder: Path | str) -> Campaign:
     """
     folder = Path(folder)
     with reading(folder) as journal:
-        return _campaign(journal, bench_of_record(journal.night.configuration))[0]
+        return _campaign(journal)[0]
 
 
 def _verdicts(journal: JournalReader) -> dict[int, Judgement]:
@@ -151,7 +189,7 @@ class Source:
         """
         if collect not in self.blocks:
             return read_series(self.campaign, collect)
-        samples = read_samples(self.folder, self.blocks[collect])
+        samples = read_samples(night_of(self.folder), self.blocks[collect])
         own = next(rows.conditions for rows in self.campaign.sensors.values() if collect in rows.conditions.collect)
         rates, number = samples.of("rate", own.sensor.number), own.sensor.number
         return Series(
@@ -167,7 +205,7 @@ def open_source(folder: Path | str) -> Source:
     folder = Path(folder)
     if is_night(folder):
         with reading(folder) as journal:
-            campaign, rows = _campaign(journal, bench_of_record(journal.night.configuration))
+            campaign, rows = _campaign(journal)
         return Source(folder, campaign, {row.number: row.collect.samples for row in rows if row.collect.samples})
     if (folder / HEADER_FILE).is_file():
         return Source(folder, read_campaign(folder), {})
@@ -176,7 +214,8 @@ def open_source(folder: Path | str) -> Source:
     raise InputError(f"{folder}: {neither}")
 
 
-def _campaign(journal: JournalReader, bench: Bench) -> tuple[Campaign, Sequence[_Row]]:
+def _campaign(journal: JournalReader) -> tuple[Campaign, Sequence[_Row]]:
+    bench = _bench(journal)
     refuse_damaged_samples(journal)
     collects = _collects(journal)
     if not collects:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from hil.records.reader import JournalReader
 from hil.records.rows import Event
 from procedures.plan import StepKind
+from procedures.words import listed
 
 
 def night_identity(journal: JournalReader, events: Sequence[Event] | None = None) -> dict[str, str]:
@@ -25,8 +26,9 @@ def night_identity(journal: JournalReader, events: Sequence[Event] | None = None
             despite.append(event.message)
         notes.append(said.get("note", "") if event.kind in ("night-begins", "night-resumed") else "")
     done = journal.completed()
-    for step in journal.plan.of_kind(StepKind.IDENTIFY):
-        told = done[step.key].data.get("imu", {}) if step.key in done else {}
-        found |= {name: told[name] for name in ("model", "serial") if told.get(name)}
+    identified = [done[step.key].data for step in journal.plan.of_kind(StepKind.IDENTIFY) if step.key in done]
+    for name in ("model", "serial"):
+        if told := dict.fromkeys(each["imu"][name] for each in identified if each.get("imu", {}).get(name)):
+            found[name] = listed(told)
     found |= {"note": "; ".join(filter(None, notes)), "despite": "; ".join(despite)}
     return {name: text for name, text in found.items() if text}

@@ -164,9 +164,9 @@ class SqliteJournal(JournalReader):
         """Return the seconds since the campaign began, across a resume."""
         return self._clock.now() + self._offset_s
 
-    def describe_fields(self, meanings: Mapping[str, FieldMeaning]) -> None:
-        """Say what the decoded fields are, by name: written into every block of samples from now on."""
-        self._blocks.meanings = meanings
+    def describe_fields(self, meanings: Mapping[str, FieldMeaning], unit: str = "") -> None:
+        """Say what the decoded fields of a unit are, by name: written into its blocks of samples from now on."""
+        self._blocks.meanings[unit] = meanings
 
     def write_blocks_to(self, disk: RealDisk) -> None:
         """Write blocks to another disk from now on: one that a rehearsal lets be full."""

@@ -30,6 +30,7 @@ from hil.errors import InputError
 from hil.files.durable import PARTIAL
 from hil.records.heartbeat import Heartbeat
 from hil.records.rows import to_json
+from hil.records.units import unit_folder
 from procedures.plan import Step
 from procedures.progress import Silent, Snapshot
 
@@ -57,7 +58,7 @@ def trace_columns(sensors: Mapping[int, SensorRole]) -> list[str]:
 
 
 class LiveFiles(Silent):
-    """An onlooker that writes both files into a night's folder. A full disk ends the writing, never the night.
+    """An onlooker that writes both files into a unit's folder. A full disk ends the writing, never the night.
 
     `every_s` is the real time from one poll to the next, `announced_s` the silence that the heartbeat of a poll asks
     for: a longer one is a wait for a device.
@@ -70,8 +71,10 @@ class LiveFiles(Silent):
         *,
         every_s: float,
         announced_s: float = 0.0,
+        unit: str = "",
         clock: Clock | None = None,
     ) -> None:
+        folder, self._unit = unit_folder(folder, unit), unit
         self._path = folder / LIVE_NAME
         self._clock = clock or SystemClock()  # real time also where the night's is simulated
         self._every_s = max(every_s, _EVERY_S)
@@ -81,10 +84,13 @@ class LiveFiles(Silent):
         self._last: Snapshot | None = None
         self._trace: BufferedWriter | None = None
         with suppress(OSError):
+            folder.mkdir(parents=True, exist_ok=True)
             self._trace = _open_trace(folder / TRACE_NAME, self._columns)
 
     def update(self, snapshot: Snapshot) -> None:
         """Add a row to the trace, and replace the state where the last is a second old."""
+        if snapshot.unit != self._unit:
+            return
         self._last = snapshot
         if self._trace is None:
             return

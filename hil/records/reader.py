@@ -24,20 +24,26 @@ from hil.records import schema as journal_schema
 from hil.records.blocks import BLOCKS, SAMPLES, SUFFIXES, Block
 from hil.records.ledger import HEAD_NAME, breaks
 from hil.records.rows import Attempt, BlockRow, Controller, Event, Heartbeat, Night, RequestRow, step_of
+from hil.records.units import JOURNAL_NAME as JOURNAL_NAME
+from hil.records.units import night_of, place_of, unit_folder
 from hil.records.witnesses import Witnesses, contradictions, forgotten
-from procedures.journal_protocol import Outcome, StepResult
+from procedures.journal_protocol import Outcome, StepResult, of_unit
 from procedures.plan import Plan, Step
 
-JOURNAL_NAME = "journal.sqlite"
 _BUSY_S = 30.0
 _LONGEST = 200  # characters of what SQLite says: it quotes whole tables
 
 
 class JournalReader:
-    """A journal that is read. Close it, or use it in a `with` statement."""
+    """A journal that is read. Close it, or use it in a `with` statement.
 
-    def __init__(self, folder: Path, connection: sqlite3.Connection) -> None:
+    `folder` is the night's. Where a `unit` was named, plan, attempts and readings are those of this unit and of the
+    chamber, as if it had been alone.
+    """
+
+    def __init__(self, folder: Path, connection: sqlite3.Connection, unit: str = "") -> None:
         self.folder = folder
+        self.unit = unit
         self.found: Sequence[str] = ()  # what `reading` found damaged
         self._connection = connection
 
@@ -75,6 +81,25 @@ class JournalReader:
 
     @cached_property
     def plan(self) -> Plan:
+        """The steps of the night, or of the unit that was named. Raises `InputError` for one that is not there."""
+        whole = self.whole_plan
+        if self.unit and self.unit not in whole.units:
+            raise InputError(f"{self.folder}: there is no unit {self.unit} in this night; {self._units_there()}")
+        return whole.of_unit(self.unit) if self.unit else whole
+
+    @property
+    def one_unit(self) -> str:
+        """The unit that was named, or the only one; raises `InputError` that says which there are."""
+        if not self.unit and len(self.whole_plan.units) > 1:
+            raise InputError(f"{self.folder}: a night of several units; {self._units_there()}")
+        return self.unit or self.whole_plan.units[0]
+
+    def _units_there(self) -> str:
+        named = ", ".join(filter(None, self.whole_plan.units))
+        return f"name one by its folder: {unit_folder(self.folder, 'UNIT')}, of {named}" if named else "it lists none"
+
+    @cached_property
+    def whole_plan(self) -> Plan:
         """The steps of the night, as they were planned. Raises `InputError` where they are damaged."""
         rows = self._connection.execute(
             "SELECT number, key, kind, starts_s, duration_s, temperature_degC, self_calibration, position, parameters "
@@ -100,7 +125,16 @@ class JournalReader:
             "SELECT step_key, reason, data FROM attempts JOIN steps ON key = step_key "
             "WHERE outcome = 'DONE' AND withdrawn IS NULL ORDER BY number"
         )
-        return {key: StepResult(Outcome.DONE, reason, json.loads(data)) for key, reason, data in rows}
+        own = self._own_steps
+        return {
+            key: StepResult(Outcome.DONE, reason, of_unit(json.loads(data), self.unit))
+            for key, reason, data in rows
+            if key in own
+        }
+
+    @cached_property
+    def _own_steps(self) -> frozenset[str]:
+        return frozenset(step.key for step in self.plan.steps)
 
     def attempts(self) -> tuple[Attempt, ...]:
         """Return every attempt, in the order in which they began; one without an outcome never ended.
@@ -112,8 +146,9 @@ class JournalReader:
             "ELSE 'FAILED' END, coalesce(withdrawn, reason, ''), data FROM attempts ORDER BY id"
         )
         return tuple(
-            Attempt(*(*row, Outcome(outcome) if outcome else None, reason, _mapping(data)))
+            Attempt(*(*row, Outcome(outcome) if outcome else None, reason, of_unit(_mapping(data), self.unit)))
             for *row, outcome, reason, data in rows
+            if not self.unit or row[0] in self._own_steps
         )
 
     def withdrawn(self) -> frozenset[tuple[str, int]]:
@@ -130,7 +165,11 @@ class JournalReader:
         rows = self._connection.execute(
             "SELECT step_key, attempt, kind, path, sha256, size, rows, content_sha256 FROM blocks ORDER BY id"
         )
-        return tuple(BlockRow(key, attempt, Block(*columns)) for key, attempt, *columns in rows)
+        return tuple(
+            BlockRow(key, attempt, Block(*columns))
+            for key, attempt, *columns in rows
+            if not self.unit or key in self._own_steps
+        )
 
     def events(self, after: int = 0) -> tuple[Event, ...]:
         """Return what happened, in order; only events with a number above `after`."""
@@ -168,7 +207,18 @@ class JournalReader:
         rows = self._connection.execute(
             "SELECT id, controller, at_s, step_key, readings FROM heartbeats WHERE id > ? ORDER BY id", (after,)
         )
-        return tuple(Heartbeat(*(*row, _mapping(readings))) for *row, readings in rows)
+        return tuple(Heartbeat(*(*row, self._own(_mapping(readings)))) for *row, readings in rows)
+
+    def _own(self, readings: Mapping[str, float]) -> Mapping[str, float]:
+        """Return the readings of the chamber and of the unit that was named, as a night of it alone has them."""
+        if not self.unit:
+            return readings
+        ours = f"unit_{self.unit}."
+        return {
+            name.replace(ours, "unit_"): value
+            for name, value in readings.items()
+            if name.startswith(ours) or not name.startswith("unit_")
+        }
 
     def last_heartbeat(self) -> Heartbeat | None:
         """Return the newest sign of life, or None before the first."""
@@ -209,7 +259,8 @@ def refuse(folder: Path, damage: Sequence[str]) -> None:
 
 
 def is_night(folder: Path) -> bool:
-    """Tell whether the folder holds a night, or what is left of one that has lost its journal."""
+    """Tell whether the folder holds a night, one of its units, or what is left of one that has lost its journal."""
+    folder = night_of(folder)
     return os.path.lexists(folder / JOURNAL_NAME) or _written_beside(folder)
 
 
@@ -243,10 +294,11 @@ def journal_of(folder: Path) -> Path:
 
 
 def open_readonly(folder: Path) -> JournalReader:
-    """Open the journal of a night to read it, whether or not a controller is writing.
+    """Open the journal of a night, or of one of its units, to read it, whether or not a controller is writing.
 
     Raises as `journal_of`, and `InputError` where it cannot be read.
     """
+    folder, unit = place_of(folder)
     path = journal_of(folder)
     uri = f"file:{quote(str(path.resolve()))}?mode=ro"
     if not os.access(folder, os.W_OK) and not path.with_name(f"{JOURNAL_NAME}-wal").exists():
@@ -260,7 +312,7 @@ def open_readonly(folder: Path) -> JournalReader:
     except BaseException:
         connection.close()
         raise
-    return JournalReader(folder, connection)
+    return JournalReader(folder, connection, unit)
 
 
 @contextmanager
@@ -270,13 +322,13 @@ def reading(folder: Path, *, damaged_too: bool = False) -> Iterator[JournalReade
     Raises `Damaged` where it is not; with `damaged_too` only where it cannot be understood, for those who say what
     stands in `journal.found` beside what they read.
     """
-    witnesses = Witnesses.of(folder)
+    witnesses = Witnesses.of(night_of(folder))
     found: list[str] | None = None
     try:
         with open_readonly(folder) as journal, journal.snapshot():
             journal.found = found = journal.damage(witnesses)
             if not damaged_too:
-                refuse(folder, found)
+                refuse(journal.folder, found)
             yield journal
     except (sqlite3.DatabaseError, ArithmeticError, ValueError, LookupError, TypeError, AttributeError) as error:
         if found == [] and not isinstance(error, journal_schema.UNREADABLE):

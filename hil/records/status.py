@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
 from itertools import groupby
@@ -28,10 +28,11 @@ from hil.records.reader import JournalReader, reading
 from hil.records.requests import forsaken_chamber
 from hil.records.rows import Attempt, Controller, Event
 from hil.records.troubles import troubles
+from hil.records.units import night_of, unit_folder
 from procedures.journal_protocol import Outcome
-from procedures.plan import Plan, StepKind
+from procedures.plan import Plan, StepKind, lasting_s
 from procedures.safe_air import Left, Word
-from procedures.words import hours_minutes, step_in_words
+from procedures.words import hours_minutes, listed, plural, step_in_words
 
 _UNSAFE = "safe-state-not-reached"
 VERDICT = "verdict"
@@ -49,13 +50,13 @@ _MISSING = {
     StepKind.SAFE_STATE: "the last step, which brings the chamber to its safe state",
 }
 _SETPOINT = re.compile(r"setpoint \S+ °C")
-_WHOLE = re.compile(r"self-calibration (?P<run>\d+) (?P<at>at .*): all of it")
+_WHOLE = re.compile(r"(?P<whose>units? .*: )?self-calibration (?P<run>\d+) (?P<at>at .*): all of it")
 
 
 def night_status(folder: Path | str) -> dict[str, Any]:
     """Return the document hil.status/1 of a night; raise `InputError` where the folder holds none."""
     folder = Path(folder)
-    owner = living_owner(folder)  # before the journal: an owner that ends in between has then written its end
+    owner = living_owner(night_of(folder))  # before the journal: who ends in between has written its end
     with reading(folder, damaged_too=True) as journal:
         return _document(_Facts.of(journal, owner))
 
@@ -128,6 +129,8 @@ def _document(facts: _Facts) -> dict[str, Any]:
         "missing": missing_in_words(plan, facts.done, facts.attempts),
         "simulated": night.simulated,
         "identity": night_identity(facts.journal, facts.events),
+        "units": [] if facts.journal.unit else _units(facts, state, reason),
+        "set_aside": facts.journal.unit in _aside(facts) and state == "incomplete",
         "began_utc": night.began_utc.isoformat(),
         "last_utc": night.utc(facts.last_s).isoformat(),
         "step": present.step_key if present else None,
@@ -158,10 +161,22 @@ def without_samples(status: dict[str, Any]) -> dict[str, Any]:
 
 
 def recorded_end(journal: JournalReader) -> Mapping[str, Any]:
-    """Return what the newest controller recorded at its end: `verdict`, `reason`, `in_spec`, `trace`; empty if not."""
+    """Return what the newest controller recorded at its end: `verdict`, `reason`, `in_spec`, `trace`; empty if not.
+
+    It is that of the unit that was named, or the night's.
+    """
+    return _recorded_end(journal, journal.unit)
+
+
+def recorded_ends(journal: JournalReader) -> Mapping[str, Mapping[str, Any]]:
+    """Return what `recorded_end` does of each unit, by its name."""
+    return {unit: _recorded_end(journal, unit) for unit in journal.plan.units}
+
+
+def _recorded_end(journal: JournalReader, unit: str) -> Mapping[str, Any]:
     newest = max((controller.number for controller in journal.controllers()), default=0)
-    event = next((e for e in reversed(journal.events()) if e.kind == VERDICT and e.controller == newest), None)
-    return {} if event is None else event.evidence
+    ends = (e.evidence for e in reversed(journal.events()) if e.kind == VERDICT and e.controller == newest)
+    return next((each for each in ends if each.get("unit", "") == unit), {})
 
 
 def recorded_verdict(journal: JournalReader) -> dict[str, str] | None:
@@ -207,7 +222,7 @@ def _readings(facts: _Facts, *, working: bool) -> dict[str, Any]:
 
     `now` is all that it shows (hil.live/1), `old` says how old that is, in words, where it is too old.
     """
-    beat, folder = facts.journal.last_heartbeat(), facts.journal.folder
+    beat, folder = facts.journal.last_heartbeat(), unit_folder(facts.journal.folder, facts.journal.plan.units[0])
     readings: dict[str, float] = dict(beat.readings) if beat else {}
     ages = dict.fromkeys(readings, facts.last_s - beat.at_s) if beat and working else {}
     rates: dict[str, float] = {}
@@ -257,6 +272,8 @@ def _state(facts: _Facts) -> tuple[str, str]:
         if lost:
             return "incomplete", f"every planned step was done, but the samples of {lost} collects are lost"
         return "complete", "every planned step is done"
+    if set_aside := _aside(facts).get(facts.journal.unit):
+        return "incomplete", set_aside
     if facts.owner is not None and not facts.held_by_another:
         if facts.silence:
             return "incomplete", f"the controller ({facts.owner}) is there, but {facts.silence}"
@@ -271,6 +288,43 @@ def _state(facts: _Facts) -> tuple[str, str]:
     return (ending if ending in {"aborted", "failed"} else "incomplete"), (reason or ending) + beside
 
 
+def _aside(facts: _Facts) -> Mapping[str, str]:
+    """Return why units were set aside, by name, of the newest controller: another has tried them again."""
+    newest = facts.controller.number if facts.controller else 0
+    said = [event for event in facts.events if event.kind == "unit-set-aside" and event.controller == newest]
+    night = facts.journal.night
+    return {
+        str(event.evidence["unit"]): f"set aside at {night.utc(event.at_s):%Y-%m-%d %H:%M} UTC: {event.evidence['why']}"
+        for event in said
+    }
+
+
+def _units(facts: _Facts, state: str, reason: str) -> list[dict[str, Any]]:
+    """Return how each of several units stands; nothing where the bench lists none."""
+    aside, told = _aside(facts), []
+    for unit in filter(None, facts.journal.plan.units):
+        runs = facts.journal.plan.of_unit(unit).self_calibrations
+        done = sum(all(step.key in facts.done for step in steps) for steps in runs.values())
+        lacking = [s for s in facts.journal.plan.of_unit(unit).steps if s.key not in facts.done]
+        its, why = ("incomplete", aside[unit]) if unit in aside else (state, reason)
+        own = ("complete", "every planned step is done") if not lacking else (its, why)
+        ended = _recorded_end(facts.journal, unit)
+        told.append(
+            {
+                "unit": unit,
+                "folder": str(unit_folder(facts.journal.folder, unit)),
+                "state": own[0],
+                "reason": own[1],
+                "set_aside": unit in aside and bool(lacking),
+                "self_calibrations_done": done,
+                "self_calibrations_total": len(runs),
+                "verdict": ended.get("verdict") if state not in ("running", "paused") else None,
+                "in_spec": ended.get("in_spec") if state not in ("running", "paused") else None,
+            }
+        )
+    return told
+
+
 def _present(facts: _Facts) -> Attempt | None:
     going_on = [attempt for attempt in facts.attempts if attempt.outcome is None]
     last = going_on[-1] if going_on else None
@@ -279,56 +333,71 @@ def _present(facts: _Facts) -> Attempt | None:
 
 def _eta(facts: _Facts, present: Attempt | None) -> str:
     """Return when the rest will be done if it takes as long as planned, from the last sign of life."""
-    remaining_s = 0.0
-    for step in facts.journal.plan.steps:
-        if step.key not in facts.done:
-            gone_s = facts.last_s - present.began_s if present and present.step_key == step.key else 0.0
-            remaining_s += max(step.duration_s - gone_s, 0.0)
+    left = [step for step in facts.journal.plan.steps if step.key not in facts.done]
+    remaining_s = lasting_s(left)
+    for step in left:
+        if present and present.step_key == step.key:
+            remaining_s -= min(facts.last_s - present.began_s, step.duration_s)
     return (facts.journal.night.utc(facts.last_s) + timedelta(seconds=round(remaining_s))).isoformat()
 
 
 def missing_in_words(plan: Plan, done: Mapping[str, object], attempts: Sequence[Attempt] = ()) -> list[str]:
     """Return one sentence for each part of the plan that is not done: self-calibrations, and the steps around them.
 
-    `done` holds the keys of the steps that are; `attempts` tell what became of those that were tried.
+    `done` holds the keys of the steps that are; `attempts` tell what became of those that were tried. What is missing
+    of some units only names them.
     """
     reasons = {
         each.step_key: f" ({each.outcome.value.lower()}: {each.reason})"
         for each in attempts
         if each.outcome is not None
     }
+    of_each = {unit: list(_missing(plan.of_unit(unit), done, reasons)) for unit in plan.units}
+    units_of: dict[str, list[str]] = {}
+    for unit, sentences in of_each.items():
+        for sentence in sentences:
+            units_of.setdefault(sentence, []).append(unit)
+    return [
+        sentence if len(units) == len(of_each) else f"{plural('unit', len(units))} {listed(units)}: {sentence}"
+        for sentence, units in units_of.items()
+    ]
+
+
+def _missing(plan: Plan, done: Mapping[str, object], reasons: Mapping[str, str]) -> Iterator[str]:
+    """Yield what is missing of one unit."""
     runs = plan.self_calibrations
-    sentences: list[str] = []
     told: set[int] = set()
     for step in plan.steps:
         number = step.self_calibration
         if step.key in done or number in told:
             continue
         if number is None:
-            sentences.append(_MISSING[step.kind].format(step) + reasons.get(step.key, ""))
+            yield _MISSING[step.kind].format(step) + reasons.get(step.key, "")
             continue
         told.add(number)
         where = "" if step.temperature_degC is None else f" at {step.temperature_degC:.1f} °C"
         lacking = [each for each in runs[number] if each.key not in done]
         if len(lacking) == len(runs[number]) and not any(each.key in reasons for each in lacking):
-            sentences.append(f"self-calibration {number}{where}: all of it")
+            yield f"self-calibration {number}{where}: all of it"
         else:
             parts = [_MISSING[each.kind].format(each) + reasons.get(each.key, "") for each in lacking]
-            sentences.append(f"self-calibration {number}{where}: {', '.join(parts)}")
-    return sentences
+            yield f"self-calibration {number}{where}: {', '.join(parts)}"
 
 
 def in_brief(missing: Sequence[str]) -> list[str]:
     """Return what is missing with neighbours that are wholly missing, and the setpoints between them, in one line."""
     told: list[str] = []
-    for untouched, group in groupby(
-        missing, key=lambda line: bool(_WHOLE.fullmatch(line) or _SETPOINT.fullmatch(line))
-    ):
+
+    def alike(line: str) -> tuple[bool, str]:
+        whole = _WHOLE.fullmatch(line)
+        return bool(whole or _SETPOINT.fullmatch(line)), (whole and whole["whose"]) or ""
+
+    for (untouched, whose), group in groupby(missing, key=alike):
         lines = list(group)
         whole = [found for line in lines if (found := _WHOLE.fullmatch(line))]
         if untouched and len(whole) > 1:
             first, last = whole[0], whole[-1]
             where = first["at"] if first["at"] == last["at"] else f"{first['at']} to {last['at'].removeprefix('at ')}"
-            lines = [f"self-calibrations {first['run']}–{last['run']} {where}: all of them"]
+            lines = [f"{whose}self-calibrations {first['run']}–{last['run']} {where}: all of them"]
         told += lines
     return told

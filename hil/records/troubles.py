@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.records.rows import Event, Night
+from hil.records.units import night_of
 from procedures.words import counted, hours_minutes
 
 _BY_VERDICT = {
@@ -23,6 +24,7 @@ _BY_VERDICT = {
 
 def to_do(folder: Path, status: Mapping[str, Any]) -> str:
     """Return what has to be done about a night (hil.status/1, and the `verdict` on it): first about its chamber."""
+    own, folder = folder, night_of(folder)
     if status["prompt"]:
         return f"answer it: hil confirm {folder}{' --text …' if status['prompt']['wants_words'] else ''}, or --no"
     if status["state"] == "paused":
@@ -30,6 +32,8 @@ def to_do(folder: Path, status: Mapping[str, Any]) -> str:
     if status["state"] == "running":
         bad = status["problems"] or status["old"]
         return "see to it; the controller tries on, or ends with the chamber safe" if bad else "nothing"
+    if status.get("set_aside") and status["working"]:
+        return f"see to this unit; the others go on. When the night has ended, hil resume {folder} tries it again"
     if status["working"]:
         return "wait until the chamber has been made safe, and look again"
     if status["killed"]:
@@ -39,7 +43,7 @@ def to_do(folder: Path, status: Mapping[str, Any]) -> str:
         return f"{first}use no number of it: hil repair {folder} --out NEW brings back what is proven"
     verdict, left = (status["verdict"] or {}).get("verdict", ""), status["steps_total"] - status["steps_done"]
     if status["state"] == "complete":
-        return first + _BY_VERDICT.get(verdict, "hil report {} judges it").format(folder)
+        return first + _BY_VERDICT.get(verdict, "hil report {} judges it").format(own)
     if not left:
         return f"{first}hil resume {folder} measures again what rests on the damage; use no number of it before"
     first += "mend what ended it; then " if status["state"] == "failed" and not first else ""

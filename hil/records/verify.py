@@ -24,7 +24,8 @@ from hil.records.damage import lost_blocks
 from hil.records.ledger import HEAD_NAME, read_key, signed
 from hil.records.reader import reading
 from hil.records.rows import Attempt, BlockRow
-from hil.records.status import missing_in_words, recorded_end, recorded_verdict
+from hil.records.status import missing_in_words, recorded_ends, recorded_verdict
+from hil.records.units import night_of, unit_folder
 
 _TOLERANCE_DEG_PER_HR = 1e-6  # the order of the sum may differ, by much less than this
 
@@ -35,7 +36,7 @@ def verify_night(folder: Path | str, key: Path | None = None) -> dict[str, Any]:
     `notes` names what is harmless: a block that a crash left behind before it could be recorded. `signature` says in
     words whether the journal's head is signed with `key`, by default the one that the night's bench names.
     """
-    folder = Path(folder)
+    given, folder = Path(folder), night_of(Path(folder))
     problems: list[str] = []
     notes: list[str] = []
     rows: Sequence[BlockRow] = ()
@@ -43,7 +44,7 @@ def verify_night(folder: Path | str, key: Path | None = None) -> dict[str, Any]:
     verdict: dict[str, str] | None = None
     simulated = None
     try:
-        with reading(folder, damaged_too=True) as journal:
+        with reading(given, damaged_too=True) as journal:
             problems += journal.found
             simulated = journal.night.simulated
             rows = journal.blocks()
@@ -58,7 +59,8 @@ def verify_night(folder: Path | str, key: Path | None = None) -> dict[str, Any]:
             problems += [each.what for each in lost_blocks(journal, read=False) if "no samples" in each.what]
             if not problems:  # what is damaged cannot say what stood beside it
                 problems += [*journal.log_damage(), *lost_files(journal.night.configuration, folder / CONFIGURATION)]
-                problems += trace_damage(folder, recorded_end(journal).get("trace", {}))
+                for unit, end in recorded_ends(journal).items():
+                    problems += trace_damage(unit_folder(journal.folder, unit), end.get("trace", {}))
                 signature, wrong = _signature(folder, key or key_file(journal.night.configuration))
                 problems += [f"{HEAD_NAME}: {signature}"] if wrong else []
             notes += [each for each in _orphans(folder, rows) if each.partition(":")[0] not in str(problems)]

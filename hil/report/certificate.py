@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.analysis.in_spec import InSpec, judge
-from hil.analysis.night_verdict import NOT_GOOD, night_verdict
+from hil.analysis.night_verdict import night_verdict
 from hil.campaign import Campaign, Collects
 from hil.config import Bench
 from hil.config.limits import load_limits
@@ -40,6 +40,7 @@ from hil.report.content import ReportContent, gather
 from hil.report.statements import assumed
 from hil.solve.repeats import SensorRepeats
 from hil.solve.runs import finite
+from procedures.verdict import NOT_GOOD
 from procedures.words import counted, listed
 
 SCHEMA = "hil.certificate/1"

@@ -1,7 +1,8 @@
-"""The simulated devices of a bench: one chamber whose air the simulated unit lies in, and both controllers' bytes."""
+"""The simulated devices of a bench: one chamber, the units that lie in its air, and the bytes of them all."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from drivers.frames.description import StreamDescription
 from drivers.imu import ImuIdentity
@@ -22,16 +23,27 @@ from hil.twin.unit import SimulatedUnit
 
 @dataclass(frozen=True)
 class SimulatedBench:
-    """Both devices and what they share. Tests ask `unit` for the truth and inject faults into the devices.
+    """The chamber's device and every unit's, by the unit's name, and what they share.
 
-    `ramp` is the chamber's second port, where its controller takes its ramp on one.
+    Tests ask `unit` for the truth and inject faults into the devices. `ramp` is the chamber's second port, where its
+    controller takes its ramp on one.
     """
 
-    imu: SimulatedImu
+    imus: Mapping[str, SimulatedImu]
     chamber: SimulatedChamberController
-    unit: SimulatedUnit
+    units: Mapping[str, SimulatedUnit]
     plant: LoggedPlant
     ramp: SimulatedDevice | None = None
+
+    @property
+    def imu(self) -> SimulatedImu:
+        """The stream of the first unit, or the only one."""
+        return next(iter(self.imus.values()))
+
+    @property
+    def unit(self) -> SimulatedUnit:
+        """The first unit, or the only one."""
+        return next(iter(self.units.values()))
 
     @property
     def ramp_port(self) -> SimulatedDevice:
@@ -43,7 +55,7 @@ class SimulatedBench:
 
 def simulate_devices(
     bench: Bench,
-    description: StreamDescription,
+    descriptions: Mapping[str, StreamDescription],
     *,
     begins_s: float,
     first_run: int = 1,
@@ -52,23 +64,16 @@ def simulate_devices(
 ) -> SimulatedBench:
     """Return the devices that the bench's simulation section describes, at rest at `begins_s` on the caller's clock.
 
+    `descriptions` are those of the units' streams, by the unit's name.
     The chamber begins at the start temperature, whatever it held before: a chamber cools (or warms) while nobody
     controls it. `first_run`, `visited` and `session` carry on a night: the number of the self-calibration that comes
     next or is half done, which keeps its run-to-run scatter; the positions whose collects it has; and a number that no
     earlier part of the night had, for new noise.
     Raises `InputError` where the section, the model and the description do not go together.
     """
-    settings, roles, path = bench.simulation, description.roles, bench.simulation_model
-    if settings is None or path is None:
+    settings = bench.simulation
+    if settings is None:
         raise InputError(f"{bench.source or bench.name}: there is no simulation section, so nothing to simulate")
-    if roles is None or not set(bench.sensors) <= set(roles.sensors):
-        raise InputError(
-            f"{bench.source or bench.name}: imu.description: {bench.imu.description} does not say which fields are the "
-            f"rates of sensor {', '.join(map(str, bench.sensors))}"
-        )
-    model = load_model(path)
-    for number in bench.sensors:
-        model.check_sensor(bench.sensor(number), path)
     plant = LoggedPlant(
         ambient_degC=settings.start.temperature,
         heating_degC_per_min=settings.chamber.heating,
@@ -79,30 +84,11 @@ def simulate_devices(
         leak_s=settings.chamber.leak,
         begins_s=begins_s,
     )
-    rate_hz = bench.imu.rate or description.sample_rate_hz
-    unit = SimulatedUnit(
-        bench,
-        model,
-        roles,
-        plant,
-        sample_rate_hz=rate_hz,
-        begins_s=begins_s,
-        first_run=first_run,
-        visited=visited,
-        session=session,
-    )
-    imu = SimulatedImu(
-        description,
-        unit,
-        rate_hz=rate_hz,
-        identity=ImuIdentity(
-            bench.unit.model, "SIM-0001" if bench.unit.serial == ASK else bench.unit.serial, "simulated"
-        ),
-        index=IndexSettings(bench.position_codes, settings.start.position, settings.index_time),
-        faults=settings.imu_faults,
-        starts_s=begins_s,
-        seed=settings.seed,
-    )
+    imus, units = {}, {}
+    for name, own in bench.each.items():
+        stream = descriptions[name]
+        units[name] = _unit(own, stream, plant, begins_s, first_run=first_run, visited=visited, session=session)
+        imus[name] = _imu(own, stream, units[name], begins_s)
     options = SimulatorOptions(
         address=bench.chamber.address,
         terminator=bench.chamber.terminator_bytes,
@@ -117,4 +103,41 @@ def simulate_devices(
         chamber = CHAMBER_SIMULATORS[bench.chamber.driver](plant, options)
     except ValueError as error:
         raise InputError(f"{bench.source or bench.name}: the simulated chamber: {error}") from error
-    return SimulatedBench(imu, chamber, unit, plant, ramp_port_of(chamber))
+    return SimulatedBench(imus, chamber, units, plant, ramp_port_of(chamber))
+
+
+def _unit(
+    bench: Bench, description: StreamDescription, plant: LoggedPlant, begins_s: float, **night: Any
+) -> SimulatedUnit:
+    """Return the physics of one unit in the chamber's air."""
+    roles, path = description.roles, bench.simulation_model
+    if roles is None or not set(bench.sensors) <= set(roles.sensors):
+        raise InputError(
+            f"{bench.source or bench.name}: imu.description: {bench.imu.description} does not say which fields are the "
+            f"rates of sensor {', '.join(map(str, bench.sensors))}"
+        )
+    if path is None:
+        raise InputError(f"{bench.source or bench.name}: there is no simulation section, so nothing to simulate")
+    model = load_model(path)
+    for number in bench.sensors:
+        model.check_sensor(bench.sensor(number), path)
+    rate_hz = bench.imu.rate or description.sample_rate_hz
+    return SimulatedUnit(bench, model, roles, plant, sample_rate_hz=rate_hz, begins_s=begins_s, **night)
+
+
+def _imu(bench: Bench, description: StreamDescription, unit: SimulatedUnit, begins_s: float) -> SimulatedImu:
+    """Return the bytes of one unit."""
+    settings = bench.simulation
+    if settings is None:
+        raise InputError(f"{bench.source or bench.name}: there is no simulation section, so nothing to simulate")
+    serial = "SIM-0001" if bench.unit.serial == ASK else bench.unit.serial
+    return SimulatedImu(
+        description,
+        unit,
+        rate_hz=bench.imu.rate or description.sample_rate_hz,
+        identity=ImuIdentity(bench.unit.model, serial, "simulated"),
+        index=IndexSettings(bench.position_codes, settings.start.position, settings.index_time),
+        faults=settings.imu_faults,
+        starts_s=begins_s,
+        seed=settings.seed,
+    )

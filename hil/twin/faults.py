@@ -1,7 +1,7 @@
 """Makes the faults of a bench file happen on its simulated devices, clock, disk and controller.
 
     injector = FaultInjector(bench.faults, clock, gone_s=0.0)
-    injector.inject(simulators, {"imu": transport, "chamber": other})
+    injector.inject(simulators, {"imu.port": transport, "chamber.port": other})
     start a night with injector.disk, and injector as an onlooker: it sees the steps that faults wait for
 
 `hil.bench` does this for every bench that is simulated in process. A night that is carried on meets the faults that
@@ -22,6 +22,7 @@ from drivers.simulators.chambers.controller import ChamberFault, ChamberFaultKin
 from drivers.simulators.faults import FaultWindow, ImuFault
 from drivers.simulators.memory import MemoryTransport
 from hil.config.faults import Fault
+from hil.config.ports import unit_port
 from hil.files.durable import RealDisk
 from hil.twin.devices import SimulatedBench
 from procedures.plan import Step
@@ -98,13 +99,14 @@ class FaultInjector(Silent):
             if self._operator_has("wrong_position"):
                 position = positions[(positions.index(position) + 1) % len(positions)]
             if self._devices is not None:
-                self._devices.imu.turn_by_hand(position, self._clock.now())
+                for imu in self._devices.imus.values():
+                    imu.turn_by_hand(position, self._clock.now())
 
         return turn
 
     def step_began(self, step: Step, attempt: int) -> None:
         """Let happen what waits for this step, at the first attempt of the night; not when it is done again."""
-        for fault in [each for each in self._waiting if each.at == step.key and attempt == 1]:
+        for fault in [each for each in self._waiting if each.at in (step.key, step.stage) and attempt == 1]:
             self._waiting.remove(fault)
             self._let_happen(fault, self._clock.now())
         self._kill_if_due()
@@ -141,9 +143,14 @@ class FaultInjector(Silent):
             return
         kind = _OF_THE_UNIT.get(fault.kind) or ImuFault(fault.kind)
         share = fault.amount if fault.meaning.size else 1.0
-        self._devices.imu.inject(FaultWindow(kind, begins_s, ends_s, share))
-        if kind is ImuFault.EXCHANGED:
-            self._devices.imu.inject(FaultWindow(ImuFault.STALL, begins_s, begins_s + _EXCHANGED_IN_S))
+        for name in self._units(fault):
+            self._devices.imus[name].inject(FaultWindow(kind, begins_s, ends_s, share))
+            if kind is ImuFault.EXCHANGED:
+                self._devices.imus[name].inject(FaultWindow(ImuFault.STALL, begins_s, begins_s + _EXCHANGED_IN_S))
+
+    def _units(self, fault: Fault) -> Sequence[str]:
+        """Return the names of the units that it happens to."""
+        return [fault.unit] if fault.unit or self._devices is None else list(self._devices.imus)
 
     def _to_the_chamber(self, fault: Fault, begins_s: float, ends_s: float) -> None:
         if self._unplugged(fault, begins_s, ends_s) or self._devices is None:
@@ -164,8 +171,10 @@ class FaultInjector(Silent):
     def _unplugged(self, fault: Fault, begins_s: float, ends_s: float) -> bool:
         if fault.kind != "unplugged":
             return False
-        if fault.device in self._ports:
-            self._ports[fault.device].unplug_between(begins_s, ends_s)
+        keys = [unit_port(name) for name in self._units(fault)] if fault.device == "imu" else ["chamber.port"]
+        for key in keys:
+            if key in self._ports:
+                self._ports[key].unplug_between(begins_s, ends_s)
         return True
 
     def _to_the_clock(self, fault: Fault, begins_s: float, _ends_s: float) -> None:

@@ -16,6 +16,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
+from typing import Any
 from urllib.parse import urlsplit
 
 import yaml
@@ -38,14 +39,28 @@ _SIGNALS = (
     getattr(signal, "SIGHUP", signal.SIGTERM),
 )  # Windows has no terminals to close
 _HOST = "127.0.0.1"
-_PORT_KEYS = {"imu": ("imu", "port"), "chamber": ("chamber", "port"), "ramp": ("chamber", "ramp_port")}
+
+
+def _port_keys(bench: Bench) -> Mapping[str, tuple[str | int, ...]]:
+    """Return where the bench file names the port of each device: imu or, of several, imu-SERIAL; chamber, ramp."""
+    units = {f"imu-{name}": ("units", place, "port") for place, name in enumerate(bench.units)}
+    return {**(units or {"imu": ("imu", "port")}), "chamber": ("chamber", "port"), "ramp": ("chamber", "ramp_port")}
+
+
+def _device(unit: str) -> str:
+    return f"imu-{unit}" if unit else "imu"
+
+
+def _key(bench: Bench, device: str) -> str:
+    return ".".join(map(str, _port_keys(bench)[device]))
 
 
 @dataclass(frozen=True)
 class Simulation:
-    """Devices that are being served: what a client opens, by device (imu, chamber, ramp), and the devices themselves.
+    """Devices that are being served: what a client opens, by device, and the devices themselves.
 
-    `ramp` is the chamber's second port, where the bench file names one.
+    A device is imu, or of several units imu-SERIAL; chamber; or ramp, the chamber's second port, where the bench file
+    names one.
     """
 
     bench: Bench
@@ -94,18 +109,23 @@ def client_bench(bench: Bench, ports: Mapping[str, str]) -> Bench:
     document.pop("polling", None)
     document.pop("faults", None)  # they happen to the devices, which the server has
     for device, port in ports.items():
-        section, key = _PORT_KEYS[device]
-        document[section][key] = port
+        *sections, key = _port_keys(bench)[device]
+        within: Any = document
+        for section in sections:
+            within = within[section]
+        within[key] = port
     return parse_bench(yaml.safe_dump(document, sort_keys=False, allow_unicode=True), bench.source)
 
 
 @contextmanager
 def _server(bench: Bench, *, tcp: bool) -> Iterator[tuple[DeviceServer, Simulation]]:
     clock = SystemClock()
-    devices = simulate_devices(bench, load_frames(bench), begins_s=clock.now())
+    frames = {name: load_frames(own) for name, own in bench.each.items()}
+    devices = simulate_devices(bench, frames, begins_s=clock.now())
     FaultInjector(bench.faults, clock).inject(devices, {})
-    wanted = {"imu": bench.imu.port, "chamber": bench.chamber.port}
-    lines: dict[str, SimulatedDevice] = {"imu": devices.imu, "chamber": devices.chamber}
+    wanted = {_device(name): own.imu.port for name, own in bench.each.items()} | {"chamber": bench.chamber.port}
+    lines: dict[str, SimulatedDevice] = {_device(name): imu for name, imu in devices.imus.items()}
+    lines["chamber"] = devices.chamber
     if bench.chamber.ramp_port is not None:
         wanted["ramp"], lines["ramp"] = bench.chamber.ramp_port, devices.ramp_port
     host, tcp_ports = _tcp_ports(bench, wanted, tcp=tcp)
@@ -119,7 +139,7 @@ def _server(bench: Bench, *, tcp: bool) -> Iterator[tuple[DeviceServer, Simulati
         ports = dict(server.urls)
         for device, port in wanted.items():
             if "://" not in port:
-                stack.callback(_link(bench, ".".join(_PORT_KEYS[device]), Path(port), Path(ports[device])))
+                stack.callback(_link(bench, _key(bench, device), Path(port), Path(ports[device])))
                 ports[device] = port
         yield server, Simulation(bench, ports, devices)
 
@@ -128,8 +148,9 @@ def _tcp_ports(bench: Bench, wanted: Mapping[str, str], *, tcp: bool) -> tuple[s
     hosts, numbers = set(), {}
     for device, url in wanted.items():
         if url.startswith("rfc2217://"):
-            key = ".".join(_PORT_KEYS[device])
-            raise InputError(f"{bench.source}: {key}: {url} cannot be simulated; write socket://host:port")
+            raise InputError(
+                f"{bench.source}: {_key(bench, device)}: {url} cannot be simulated; write socket://host:port"
+            )
         if url.startswith("socket://"):
             parts = urlsplit(url)
             hosts.add(parts.hostname or _HOST)

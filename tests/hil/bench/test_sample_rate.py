@@ -106,7 +106,7 @@ def described(folder: Path, name: str, line: str) -> str:
 def stream_found(folder: Path, monkeypatch: pytest.MonkeyPatch, *, true: str, said: str) -> Finding:
     """Return what hil check finds of a unit whose counter is `true` where its description says `said`."""
     real, truth = assemble.simulate_devices, load_frames_named(described(folder, "true", true))
-    monkeypatch.setattr(assemble, "simulate_devices", lambda bench, _said, **more: real(bench, truth, **more))
+    monkeypatch.setattr(assemble, "simulate_devices", lambda bench, _said, **more: real(bench, {"": truth}, **more))
     bench = bench_at(description=described(folder, "said", said))
     return next(each for each in preflight(None, bench, folder).findings if each.subject == "stream")
 

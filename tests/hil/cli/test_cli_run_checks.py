@@ -111,7 +111,9 @@ def test_what_is_done_needs_no_room() -> None:
     """Half of the collects, half of the room; and what the disk interlock keeps free comes on top."""
     plan = make_plan(SweepProcedure("t", (20.0,), positions=("1", "2")))
     imu = SimpleNamespace(sample_rate_hz=1e6)
-    live: Any = SimpleNamespace(devices=SimpleNamespace(imu=imu), bench=load_bench("simulated"))
+    live: Any = SimpleNamespace(
+        devices=SimpleNamespace(units={"": SimpleNamespace(imu=imu)}), bench=load_bench("simulated")
+    )
 
     collects = [step for step in plan.steps if step.position is not None]
     left = [step for step in plan.steps if step is not collects[-1]]

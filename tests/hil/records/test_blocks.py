@@ -65,7 +65,7 @@ class RecordingDisk(RealDisk):
 def test_samples_and_raw_bytes_come_back_exactly(tmp_path: Path) -> None:
     """Values to the last bit, units and roles, and the mark of a simulation."""
     writer = BlockWriter(tmp_path, simulated=True)
-    writer.meanings = {"rate_A2": FieldMeaning("deg/hr", "rate", 2, "RA")}
+    writer.meanings = {"": {"rate_A2": FieldMeaning("deg/hr", "rate", 2, "RA")}}
     samples_block, raw_block = writer.write(_STEP, 1, _SAMPLES)
     samples = read_samples(tmp_path, samples_block)
     np.testing.assert_array_equal(samples.time_s, _SAMPLES.time_s)
@@ -91,7 +91,7 @@ def test_reading_a_block_starts_no_thread(tmp_path: Path) -> None:
 def test_a_block_explains_itself_to_any_parquet_reader(tmp_path: Path) -> None:
     """Unit per column and the simulation mark are in the file, not only in the journal."""
     writer = BlockWriter(tmp_path, simulated=True)
-    writer.meanings = {"rate_A2": FieldMeaning("deg/hr", "rate", 2, "RA")}
+    writer.meanings = {"": {"rate_A2": FieldMeaning("deg/hr", "rate", 2, "RA")}}
     (block, _) = writer.write(_STEP, 1, _SAMPLES)
     schema = pq.read_schema(tmp_path / block.path)
     assert schema.metadata[b"simulated"] == b"true"

@@ -22,7 +22,7 @@ _MINUTE = 1200  # samples
 
 
 def _devices(bench: Bench, **how: Any) -> SimulatedBench:
-    return simulate_devices(bench, load_description(bench.imu_description), begins_s=0.0, **how)
+    return simulate_devices(bench, {"": load_description(bench.imu_description)}, begins_s=0.0, **how)
 
 
 def _unit(bench: Bench, **how: Any) -> SimulatedUnit:

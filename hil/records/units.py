@@ -1,0 +1,32 @@
+"""The units of a night by their folders: of several each has its own within the night's, and is named by it.
+
+    unit_folder(night, "0042")          # night/units/0042: its live files; what asks for a unit is given this folder
+    place_of(that)                      # night, "0042"
+
+All else of a night is in one place: one plan, one journal, one chain. A unit's folder opens the same journal, and sees
+of it what was done to that unit and to the chamber.
+"""
+
+import os
+from pathlib import Path
+
+UNITS = "units"
+JOURNAL_NAME = "journal.sqlite"
+
+
+def unit_folder(night: Path, unit: str) -> Path:
+    """Return the folder of a unit; that of the night for the one unit of a bench that lists none."""
+    return night / UNITS / unit if unit else night
+
+
+def place_of(folder: Path) -> tuple[Path, str]:
+    """Return the night's folder, and the unit that `folder` names where it is that of one of several units."""
+    whole = folder if folder.name else folder.absolute()
+    night = whole.parent.parent
+    named = whole.parent.name == UNITS and os.path.lexists(night / JOURNAL_NAME)
+    return (night, whole.name) if named and not os.path.lexists(folder / JOURNAL_NAME) else (folder, "")
+
+
+def night_of(folder: Path) -> Path:
+    """Return the folder of the night, which is the folder itself where it names no unit of one."""
+    return place_of(folder)[0]

@@ -1,0 +1,110 @@
+"""One unit as a running sweep sees it: its stream at each poll, who it says it is, what onlookers are shown of it.
+
+unit = UnitWatch("0042", devices)
+block, span_s, error = unit.drain(resting=False)     # raises WrongDevice
+"""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from drivers.errors import DeviceError, WrongDevice
+from drivers.frames.counts import StreamCounts
+from drivers.imu import ImuIdentity, SampleBlock
+from drivers.imu.samples import rate_fields
+from procedures.devices import BenchDevices
+from procedures.interlocks import Look, of_unit
+from procedures.stuck_rates import Unchanged
+
+
+class UnitWatch:
+    """The stream of one unit. `event` records what happened; `alive` is called before it is asked who it is."""
+
+    def __init__(
+        self, name: str, devices: BenchDevices, event: Callable[[str, str], None], alive: Callable[[], None]
+    ) -> None:
+        self.name = name
+        self.imu, self._clock = devices.imu, devices.clock
+        self._event, self._alive = event, alive
+        self.unchanged = Unchanged(devices.imu.sensors)
+        self._last_frame_s = devices.clock.now()
+        self.look: Look | None = None
+        self.identity: ImuIdentity | None = None  # who it said it was
+        self.rate_fields = rate_fields(devices.imu.sensors)
+        self.rates_deg_per_hr: Mapping[str, float] = {}  # running means, for onlookers
+        self.rates_se_deg_per_hr: Mapping[str, float] = {}
+        self.stream = StreamCounts()
+        self._shown_ok = 0
+
+    def forget(self) -> None:
+        """Throw away what it sent so far."""
+        self.stream += self.imu.discard()
+        self._last_frame_s = self._clock.now()
+
+    def newly_shown(self) -> int:
+        """Return how many good frames came since this was asked last."""
+        frames, self._shown_ok = self.stream.ok - self._shown_ok, self.stream.ok
+        return frames
+
+    def same_unit(self) -> ImuIdentity:
+        """Ask the unit who it is; raise `WrongDevice` where it is not the one with which the night began."""
+        self._alive()
+        imu, began = self.imu, self.identity
+        try:
+            self.identity = found = imu.identify()
+        except WrongDevice as error:
+            raise WrongDevice(f"{error}; the night began with {began}" if began else str(error)) from error
+        if began not in (None, found):
+            self.identity = began
+            raise WrongDevice(f"the unit behind {imu.port} is now {found}, the night began with {began}")
+        return found
+
+    def drain(self, *, resting: bool) -> tuple[SampleBlock, float, str]:
+        """Return what arrived since the last drain, how long after the last frame that was, and what failed.
+
+        Raises `WrongDevice` where the stream was lost and another unit is behind it now.
+        """
+        error = ""
+        try:
+            block = self.imu.read_block()
+        except DeviceError as failure:
+            block, error = SampleBlock(np.empty(0), {}), str(failure)
+        self.stream += block.counts
+        if self.imu.unsure and len(block) and self.identity and not resting:
+            block, error = SampleBlock(np.empty(0), {}), self._who_is_back()
+        now_s = self._clock.now()
+        # A drain too short to expect a frame says nothing, but short ones must add up to something: the span counts
+        # from the last frame, not from the last drain.
+        span_s = now_s - self._last_frame_s
+        if len(block):
+            self._last_frame_s = now_s
+        return block, span_s, error
+
+    def _who_is_back(self) -> str:
+        """Ask who is behind the port since the stream was lost, before its samples count; return why nobody says so."""
+        whose = of_unit(self.name)
+        try:
+            told = self.same_unit()
+        except WrongDevice:
+            raise
+        except DeviceError as failure:
+            return f"it was lost and is back, and the unit does not say who it is: {failure}"
+        self._event("unit-back", f"{whose}the unit's stream was lost and is back; it is {told}, as before")
+        return ""
+
+    def temperatures(self, block: SampleBlock) -> Mapping[int, float]:
+        """Return the mean temperature of each sensor that has a thermometer, °C, from what was drained."""
+        temperatures: dict[int, float] = {}
+        for number, channels in self.imu.sensors.items():
+            if channels.temperature is None or channels.temperature not in block.fields:
+                continue
+            values = block.fields[channels.temperature]
+            values = values[np.isfinite(values)]
+            if len(values):
+                temperatures[number] = float(values.mean())
+        return temperatures
+
+
+def labelled(unit: str, name: object) -> str:
+    """Return the name of something of a unit among those of other units: 0042.2, or 2 where none is listed."""
+    return f"{unit}.{name}" if unit else str(name)

@@ -1,0 +1,185 @@
+"""Several units in one chamber, one night: recorded together, solved, exported and told of each by itself."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hil.campaign.reader import read_campaign
+from hil.config import Bench, find_config, load_bench, parse_bench, parse_sweep
+from hil.errors import InputError
+from hil.night import resume_night, start_night
+from hil.night.replay import replay_night
+from hil.records import reading
+from hil.records.export import campaign_of_night, export_campaign
+from hil.records.status import night_status
+from hil.records.verify import verify_night
+from tests.hil.short_sweeps import short_sweep
+
+UNITS = ("0041", "0042", "0043")
+SHORT = parse_sweep(short_sweep(), "short.yaml")
+_ONE = load_bench("simulated")
+
+
+def _bench(units: str = "", faults: str = "", source: str = _ONE.source) -> Bench:
+    """Return the simulated bench with a list of units in the place of its one."""
+    listed = units or "".join(f'  - {{model: MFS-IMU, serial: "{each}", port: "sim://imu"}}\n' for each in UNITS)
+    text = re.sub(r"^unit: .*$", f"units:\n{listed}", _ONE.text, flags=re.M)
+    return parse_bench(f"{text}\nfaults:\n{faults}" if faults else text, source)
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A night of three units that was complete for two: the other fell silent in its second collect."""
+    folder = tmp_path_factory.mktemp("units") / "night"
+    silent = '  - {at: T1/S1/C2/collect, device: imu, unit: "0042", kind: silence}'
+    ended = start_night(folder, SHORT, _bench(faults=silent), who="rk")
+    assert (ended.state, ended.exit_status) == ("incomplete", 9)
+    assert ended.reason.startswith("complete for 2 of 3 units; set aside: 0042 (stream-lost")
+    return folder
+
+
+def test_a_night_says_how_each_unit_stands(finished: Path) -> None:
+    """One line for each; what is missing is missing of the unit that was set aside, and of nothing else."""
+    status = night_status(finished)
+    told = {
+        each["unit"]: (each["state"], each["set_aside"], each["self_calibrations_done"]) for each in status["units"]
+    }
+    assert told == {"0041": ("complete", False, 1), "0042": ("incomplete", True, 0), "0043": ("complete", False, 1)}
+    assert "no good frame" in status["units"][1]["reason"]
+    assert status["missing"]
+    assert all("unit 0042: " in each for each in status["missing"])
+    assert {each.partition(": ")[0] for each in verify_night(finished)["problems"]} == {"missing"}
+    assert replay_night(finished)["identical"]
+
+
+def test_a_unit_is_asked_for_by_its_folder(finished: Path) -> None:
+    """It is a night of its own to whoever reads: its plan, its verdict, its serial number, its temperatures."""
+    own = night_status(finished / "units" / "0041")
+    assert (own["state"], own["identity"]["serial"]) == ("complete", "0041")
+    assert verify_night(finished / "units" / "0041")["complete"]
+    with reading(finished / "units" / "0041") as journal:
+        beat = journal.last_heartbeat()
+        assert beat is not None
+        assert {"unit_1_degC", "unit_2_degC", "chamber_degC"} <= set(beat.readings)
+        assert not [name for name in beat.readings if "0042" in name]
+    with pytest.raises(InputError, match=r"there is no unit 0099 in this night; name one by its folder: .*0041, 0042"):
+        night_status(finished / "units" / "0099")
+    with pytest.raises(InputError, match="a night of several units; name one by its folder"):
+        campaign_of_night(finished)
+
+
+def test_each_unit_has_its_campaign(finished: Path, tmp_path: Path) -> None:
+    """A folder by serial number; of the unit that was set aside as far as it got, and it says so."""
+    export_campaign(finished, tmp_path / "out")
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == list(UNITS)
+    campaigns = {unit: read_campaign(tmp_path / "out" / unit) for unit in UNITS}
+    assert [each.identity["serial"] for each in campaigns.values()] == list(UNITS)
+    assert [len(each.sensors[2].conditions) for each in campaigns.values()] == [2, 1, 2]
+    assert campaigns["0042"].missing
+    assert not campaigns["0041"].missing
+    rates = [campaigns[unit].sensors[2].rates_deg_per_hr for unit in ("0041", "0043")]
+    assert not np.allclose(rates[0], rates[1], atol=0.1)  # each has its own noise
+
+
+@pytest.mark.slow
+def test_a_list_of_one_is_the_bench_of_one(tmp_path: Path) -> None:
+    """To the digit: the mechanism is the same, only names are written."""
+    listed = '  - {model: MFS-IMU, serial: "SIM-0001", port: "sim://imu"}\n'
+    ended = [
+        start_night(tmp_path / "one", SHORT, _ONE),
+        start_night(tmp_path / "listed", SHORT, _bench(listed)),
+    ]
+    assert [each.exit_status for each in ended] == [0, 0]
+    one, of_list = (campaign_of_night(each.folder) for each in ended)
+    for number, rows in one.sensors.items():
+        assert np.array_equal(rows.rates_deg_per_hr, of_list.sensors[number].rates_deg_per_hr)
+        assert np.array_equal(rows.conditions.start_s, of_list.sensors[number].conditions.start_s)
+
+
+@pytest.mark.slow
+def test_each_unit_is_solved_for_its_own_truth(tmp_path: Path) -> None:
+    """Units of other coefficients and orientations in one air: nobody's rates end up in another's solution."""
+    from hil.solve import solve_campaign
+
+    truth = find_config("models", "rd-gc-86-1-truth").read_text()
+    other = tmp_path / "other.yaml"
+    other.write_text(truth.replace("polynomial: [-54.0, -0.2]", "polynomial: [-154.0, -0.2]"))
+    model = f'simulation: {{model: "{other}", seed: 99}}'
+    listed = f"""  - {{model: MFS-IMU, serial: "a", port: "sim://imu"}}
+  - {{model: MFS-IMU, serial: "b", port: "sim://imu", {model}}}
+"""
+    sweep = parse_sweep(short_sweep().replace("[1, 3]", "[1, 2, 3]"), "short.yaml")
+    opened: list[Any] = []
+    start_night(tmp_path / "night", sweep, _bench(listed), opened=opened.append)
+    for unit, gsa in (("a", -54.0), ("b", -154.0)):
+        for found in solve_campaign(campaign_of_night(tmp_path / "night" / "units" / unit)):
+            true = opened[0].simulators.units[unit].truth(1, found.sensor).parameters
+            for name, value in found.parameters.items():
+                assert abs(value.value - true[name]) < 6.0 * value.se + 0.5, (unit, found.sensor, name)
+            if found.sensor == 1:
+                assert found.parameters["GSA"].value == pytest.approx(gsa, abs=10.0)
+
+
+@pytest.mark.slow
+def test_killed_and_resumed_it_is_complete(tmp_path: Path) -> None:
+    """SIGKILL in a collect of three units: what had ended stands, each step is done once, every byte is right."""
+    killed = "  - {at: T1/S1/C2/collect@0042, device: controller, kind: killed}"
+    (tmp_path / "bench.yaml").write_text(_bench(faults=killed).text)
+    (tmp_path / "sweep.yaml").write_text(SHORT.text)
+    command = [sys.executable, "-m", "hil", "run", "sweep.yaml", "--bench", "bench.yaml", "--out", "night", "--quiet"]
+    assert subprocess.run(command, cwd=tmp_path, check=False, capture_output=True).returncode == -9
+    assert resume_night(tmp_path / "night").exit_status == 0
+    assert verify_night(tmp_path / "night")["problems"] == []
+    assert replay_night(tmp_path / "night")["identical"]
+    assert [each["state"] for each in night_status(tmp_path / "night")["units"]] == ["complete"] * len(UNITS)
+
+
+@pytest.mark.parametrize(
+    ("listed", "said"),
+    [
+        (
+            '  - {model: A, serial: "1", port: "sim://imu"}\n  - {model: A, serial: 1, port: "sim://imu"}',
+            "1 stands there twice",
+        ),
+        (
+            '  - {model: A, serial: "1", port: /dev/x}\n  - {model: A, serial: "2", port: /dev/x}',
+            "port of unit 1 already",
+        ),
+        ("  - {model: A, serial: ask, port: /dev/x}", "units.0.serial: 'ask'"),
+        ('  - {model: A, serial: "../1", port: /dev/x}', "each unit of a list has a serial number"),
+        ('  - {model: A, serial: "1", prot: /dev/x}', "'prot' is not known here; did you mean 'port'"),
+        ("  []", "a list is needed"),
+        ('  - {model: A, serial: "1", port: "sim://imu"}\nunit: {model: A, serial: x}', "leave this out, or units"),
+        ('  - {model: A, serial: "1", port: tcp://x}', "ports begin with"),
+    ],
+)
+def test_a_list_that_cannot_be_is_refused_in_one_sentence(listed: str, said: str) -> None:
+    """It names the entry and the key, and what to do."""
+    with pytest.raises(InputError, match=re.escape(said)) as refused:
+        _bench(listed)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_fault_of_a_unit_that_is_not_there_is_refused() -> None:
+    """As any name that nobody has."""
+    with pytest.raises(InputError, match=r"faults.0.unit: there is no unit '0099'"):
+        _bench(faults='  - {at: 1 h, device: imu, unit: "0099", kind: silence}')
+    with pytest.raises(InputError, match="happens to no unit"):
+        _bench(faults='  - {at: 1 h, device: chamber, unit: "0041", kind: silence}')
+
+
+def test_the_record_of_each_unit_is_one_document(finished: Path) -> None:
+    """What a program reads of a night of several: JSON without a surprise."""
+    with reading(finished) as journal:
+        ends = [event for event in journal.events() if event.kind == "verdict"]
+    assert [each.evidence.get("unit", "") for each in ends] == [*UNITS, ""]
+    assert ends[-1].evidence["verdict"] == "INCONCLUSIVE"
+    assert json.dumps(night_status(finished))
