@@ -29,7 +29,7 @@ from hil.reconcile.search.problem import pose
 
 _ALPHA, _SAME, _LEAST_KEPT = 0.05, 0.95, 0.04
 _NULLS, _DRAWS = 1500, 200
-_FIRSTS = 60
+_FIRSTS = 30
 
 
 @dataclass(frozen=True)
