@@ -174,16 +174,11 @@ class ChamberPlant:
         times = np.asarray(times_s, dtype=np.float64)
         if times.size == 0:
             return np.empty(times.shape)
-        first_s, last_s = float(times.min()), float(times.max())
-        self._now_s = max(self._now_s, last_s)
-        first = max(bisect_right(self._begins, first_s) - 1, 0)
-        last = max(bisect_right(self._begins, last_s) - 1, 0)
-        if first == last:
-            return self._segments[first].at(np.maximum(times - self._begins[first], 0.0))
-        owner = np.searchsorted(self._begins, times, side="right") - 1
+        self._now_s = max(self._now_s, float(times.max()))
+        owner = np.maximum(np.searchsorted(self._begins, times, side="right") - 1, 0)
         air = np.empty(times.shape)
-        for number in range(first, last + 1):
-            mine = np.maximum(owner, 0) == number
+        for number in range(int(owner.min()), int(owner.max()) + 1):
+            mine = owner == number
             air[mine] = self._segments[number].at(np.maximum(times[mine] - self._begins[number], 0.0))
         return air
 
