@@ -174,6 +174,7 @@ class LinearSensitivity(Effect):
     title = "Linear acceleration sensitivity"
     equation = "R += G f"
     parameters = (Parameter("G", "deg/hr/g", (10.0, 200.0), _MATRIX_TYPICAL),)
+    accepted = r"G.*"
     signature = "Rates follow the direction of gravity in every orientation, of either sign."
     confusable_with = ("earth", "misalign", "mag")
     may_follow_temperature = True
@@ -189,10 +190,6 @@ class LinearSensitivity(Effect):
     def beside_form(self, parameters: Sequence[str], sensor: Sensor) -> bool:
         """Not beside a rotor's GS: its isotropy says what else there is."""
         return not (sensor.is_rotor and any(name.startswith("GS") for name in parameters))
-
-    def accepts(self, parameter: str) -> bool:
-        """Whether it looks like an element of G."""
-        return parameter.startswith("G")
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         """Return f for each channel, shape (n, c, 3c)."""
