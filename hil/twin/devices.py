@@ -12,11 +12,11 @@ from drivers.simulators.chambers.catalogue import (
     SimulatorOptions,
     ramp_port_of,
 )
+from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.unit import IndexSettings, SimulatedImu
 from hil.config.bench import ASK, Bench
 from hil.errors import InputError
 from hil.model import load_model
-from hil.twin.setpoints import LoggedPlant
 from hil.twin.unit import SimulatedUnit
 
 
@@ -30,7 +30,7 @@ class SimulatedBench:
     imu: SimulatedImu
     chamber: SimulatedChamberController
     unit: SimulatedUnit
-    plant: LoggedPlant
+    plant: ChamberPlant
     ramp: SimulatedDevice | None = None
 
     @property
@@ -69,7 +69,7 @@ def simulate_devices(
     model = load_model(path)
     for number in bench.sensors:
         model.check_sensor(bench.sensor(number), path)
-    plant = LoggedPlant(
+    plant = ChamberPlant(
         ambient_degC=settings.start.temperature,
         heating_degC_per_min=settings.chamber.heating,
         cooling_degC_per_min=settings.chamber.cooling,

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.frames.roles import Roles
+from drivers.simulators.chambers.plant import ChamberPlant
 from hil.campaign import FloatArray
 from hil.config.bench import Bench
 from hil.errors import InputError
@@ -30,7 +31,6 @@ from hil.twin.grid import ROTOR, FieldColumns, SlowGrid, field_columns
 from hil.twin.motion import Leg, Timeline
 from hil.twin.scatter import WhiteNoise
 from hil.twin.sensor import SimulatedSensor
-from hil.twin.setpoints import LoggedPlant
 from hil.twin.terms import GridRows, Rest, ScatterRates, TermRates
 from hil.twin.thermal import ThermalUnit
 
@@ -61,7 +61,7 @@ class SimulatedUnit:
         bench: Bench,
         model: Model,
         roles: Roles,
-        plant: LoggedPlant,
+        plant: ChamberPlant,
         *,
         sample_rate_hz: float,
         begins_s: float = 0.0,
