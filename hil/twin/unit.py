@@ -183,7 +183,7 @@ class SimulatedUnit:
             level = self._terms[number].rates(rest, first, last)
             slope = np.zeros_like(level)
         else:
-            now, then = (table.between(first, last) for table in self._grid.coefficients(number))
+            now, then = np.hsplit(self._grid.coefficients(number).between(first, last), 2)
             level, slope = one.rates(now, f_g, w[one.sensor.channel_axes]), one.rates(then, f_g)
         scatter = one.rates(one.scatter_coefficients(here.leg.run)[None], f_g)
         level += scatter
@@ -207,8 +207,8 @@ class SimulatedUnit:
         axes = here.leg.start[number] @ turn.as_matrix().swapaxes(-1, -2)
         f_g, w = axes @ self._gravity, axes @ self._earth_rate
         rotation = np.einsum("nij,nj->ni", axes, motion) * _DEG_PER_HR
-        now, then = self._grid.coefficients(number)
-        coefficients = now.at(here.nodes) + then.at(here.nodes) * here.since_s[:, None]
+        now, then = np.hsplit(self._grid.coefficients(number).at(here.nodes), 2)
+        coefficients = now + then * here.since_s[:, None]
         turning = (w + rotation)[:, one.sensor.channel_axes]
         rates = one.rates(coefficients + one.scatter_coefficients(here.leg.run), f_g, turning)
         here.readings[:, self._columns.rates[number]] += rates
