@@ -2,9 +2,9 @@
 
 from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
-from drivers.frames.notation import HexBytes
+from drivers.frames.notation import Described, HexBytes
 
 Part = tuple[int, int | None] | HexBytes
 
@@ -17,7 +17,7 @@ def _one_or_several(span: Any) -> Any:
     return [span] if one else span
 
 
-class _Checksum(BaseModel):
+class _Checksum(Described):
     """What every kind has. Positions count from the frame's first byte.
 
     `span` is [first byte covered, first byte no longer covered], or a list of such parts and of constant bytes that are
@@ -27,8 +27,6 @@ class _Checksum(BaseModel):
     follow a good one directly is believed only where the next header follows it, or where its counter goes on: so weak
     a checksum matches by chance.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     span: Annotated[tuple[Part, ...] | None, BeforeValidator(_one_or_several)] = None
     at: int | None = Field(default=None, ge=0)
@@ -64,10 +62,8 @@ class _Checksum(BaseModel):
         """Raise `ValueError` where the kind cannot cover so many bytes."""
 
 
-class CrcParameters(BaseModel):
+class CrcParameters(Described):
     """The parameters of the Rocksoft model (as in the catalogue of CRC algorithms)."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     width: int = Field(ge=8, le=64)
     poly: int = Field(gt=0)

@@ -21,7 +21,9 @@ the encoder work from the same description, so a simulated unit cannot disagree 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import reduce
 from itertools import combinations
+from operator import xor
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -126,9 +128,7 @@ class CommandsDescription(Described):
 
     def line(self, command: str) -> bytes:
         """Return the bytes on the wire for `command`."""
-        check = 0
-        for byte in command.encode("ascii"):
-            check ^= byte
+        check = reduce(xor, command.encode("ascii"), 0)
         return (self.prefix + command + self.suffix.replace("{xor}", f"{check:02X}")).encode("ascii")
 
 

@@ -24,7 +24,10 @@ class Flaw(IntEnum):
 
 
 class FrameFamily:
-    """One frame type of fixed length. `delimiter` is what follows each frame beyond what the description counts."""
+    """One frame type, whose length is fixed or stands in the frame.
+
+    `delimiter` is what follows each frame beyond what the description counts.
+    """
 
     def __init__(self, description: StreamDescription, name: str, delimiter: bytes = b"") -> None:
         self.name = name
@@ -34,6 +37,8 @@ class FrameFamily:
         self.shortest = self.description.shortest + len(delimiter)
         self.longest = self.description.longest + len(delimiter)
         self.delimiter = delimiter or self.description.delimiter
+        length = self.description.length
+        self._told = length if isinstance(length, LengthDescription) else None
         self._stream = description
         self._extra = len(delimiter)
         self._layout_of = lru_cache(_MOST_FORMS)(self._layout)
@@ -45,8 +50,10 @@ class FrameFamily:
 
     def length_of(self, data: bytes, start: int) -> int | None:
         """Return the length of the frame at `start`: 0 where it is none, None where it is not told yet."""
-        del data, start
-        return self.shortest
+        if self._told is None:
+            return self.shortest
+        length = self._told.of(data, start)
+        return length + self._extra if length else length
 
     def form(self, frame: bytes) -> FrameLayout | Flaw:
         """Return the layout of a whole frame, or what is wrong with it."""
@@ -58,59 +65,47 @@ class FrameFamily:
     def alike(self, rows: Rows, layout: FrameLayout) -> NDArray[np.bool_]:
         """Tell which of n stretches as long as a good frame, the first, (n, length), are good frames of its form."""
         ends = rows[:, rows.shape[1] - len(self.delimiter) :] == np.frombuffer(self.delimiter, np.uint8)
-        return np.asarray(layout.checksum.matches_rows(rows) & ends.all(axis=1))
+        same = [] if self._told is None else self._told.places
+        alike = ends.all(axis=1) & (rows[:, same] == rows[0, same]).all(axis=1)
+        return np.asarray(layout.checksum.matches_rows(rows) & alike)
 
 
-class VaryingFamily(FrameFamily):
-    """A frame type whose length stands in the frame, perhaps with items."""
+class ItemsFamily(FrameFamily):
+    """A frame type with items, of which each frame has its own."""
 
     def __init__(
-        self, description: StreamDescription, name: str, length: LengthDescription | None, delimiter: bytes = b""
+        self, description: StreamDescription, name: str, items: ItemsDescription, delimiter: bytes = b""
     ) -> None:
         super().__init__(description, name, delimiter)
-        self._length = length
+        self._items = items
         self._filled = lru_cache(_MOST_FORMS)(self._layout_of_items)
 
-    def length_of(self, data: bytes, start: int) -> int | None:
-        """Return the length of the frame at `start`: 0 where it is none, None where it is not told yet."""
-        if self._length is None:
-            return self.shortest
-        length = self._length.of(data, start)
-        return length + self._extra if length else length
-
     def form(self, frame: bytes) -> FrameLayout | Flaw:
-        """Return the layout of a whole frame, or what is wrong with it."""
-        base, items = super().form(frame), self.description.items
-        if isinstance(base, Flaw) or items is None:
+        """Return the layout of a whole frame with the items that it has, or what is wrong with it."""
+        base = super().form(frame)
+        if isinstance(base, Flaw):
             return base
-        return self._with_items(frame, base, items) or Flaw.CHECKSUM
+        walked = self._walked(frame, base)
+        return Flaw.CHECKSUM if walked is None else self._filled(len(frame), tuple(walked))
 
     def alike(self, rows: Rows, layout: FrameLayout) -> NDArray[np.bool_]:
         """Tell which of n stretches as long as a good frame, the first, (n, length), are good frames of its form."""
-        frame, items = rows[0].tobytes(), self.description.items
-        walked = items.walk(frame, self._begin(frame, items), self._end(layout)) if items is not None else None
+        walked = self._walked(rows[0].tobytes(), layout)
         same = [byte for item in walked or () for byte in range(item.at, item.data)]  # what tells the form
-        same += self._length.places if self._length is not None else []
         return np.asarray(super().alike(rows, layout) & (rows[:, same] == rows[0, same]).all(axis=1))
 
-    def _begin(self, frame: bytes, items: ItemsDescription) -> int:
-        length = self._length
-        if items.extended_begin is None or length is None or length.extended is None:
-            return items.begin
-        return items.extended_begin if frame[length.at] == length.extended.mark else items.begin
-
-    def _end(self, base: FrameLayout) -> int:
-        return self.description.checksum.content_end(base.length - len(base.delimiter))
-
-    def _with_items(self, frame: bytes, base: FrameLayout, items: ItemsDescription) -> FrameLayout | None:
-        """Return the layout of a frame with the items that it has; None where they do not fill it exactly."""
-        walked = items.walk(frame, self._begin(frame, items), self._end(base))
-        return None if walked is None else self._filled(len(frame), tuple(walked))
+    def _walked(self, frame: bytes, base: FrameLayout) -> list[Item] | None:
+        """Return the items of a frame; None where they do not fill it exactly."""
+        begin, longer = self._items.begin, self._told and self._told.extended
+        if self._told and longer and self._items.extended_begin and frame[self._told.at] == longer.mark:
+            begin = self._items.extended_begin
+        end = self.description.checksum.content_end(base.length - len(base.delimiter))
+        return self._items.walk(frame, begin, end)
 
     def _layout_of_items(self, length: int, walked: tuple[Item, ...]) -> FrameLayout:
-        base, items = self._layout_of(length), self.description.items
+        base = self._layout_of(length)
         fields, offsets = dict(base.fields), dict(base.offsets)
-        for name, field, offset in items.placed(walked) if items is not None else ():
+        for name, field, offset in self._items.placed(walked):
             fields[name], offsets[name] = field, offset
         return FrameLayout(
             self._stream, self.name, length=length, fields=fields, offsets=offsets, delimiter=self.delimiter
@@ -152,9 +147,8 @@ def families_of(description: StreamDescription, delimiter: bytes = b"") -> list[
             continue
         if frame.text is not None:
             families.append(TextFamily(description, name, frame.text))
-        elif isinstance(frame.length, LengthDescription) or frame.items is not None:
-            length = frame.length if isinstance(frame.length, LengthDescription) else None
-            families.append(VaryingFamily(description, name, length, delimiter))
+        elif frame.items is not None:
+            families.append(ItemsFamily(description, name, frame.items, delimiter))
         else:
             families.append(FrameFamily(description, name, delimiter))
     return families

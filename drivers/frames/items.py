@@ -22,8 +22,6 @@ from pydantic import Field, model_validator
 from drivers.frames.fields import SIZES, FieldDescription, Fields, FieldType, field_offsets
 from drivers.frames.notation import ByteOrder, Described, Name
 
-_WIDTHS = {"u8": 1, "u16": 2}
-
 
 class ItemFormats(Described):
     """The type of the values as bits of the item's id tell it."""
@@ -83,7 +81,7 @@ class ItemsDescription(Described):
     @property
     def header_size(self) -> int:
         """Bytes before an item's data."""
-        return _WIDTHS[self.id] + _WIDTHS[self.length]
+        return SIZES[self.id] + SIZES[self.length]
 
     def all_fields(self) -> dict[str, FieldDescription]:
         """Return the fields of every known item."""
@@ -91,7 +89,7 @@ class ItemsDescription(Described):
 
     def walk(self, frame: bytes, begin: int, end: int) -> list[Item] | None:
         """Return the items between `begin` and `end`; None where they do not fill it exactly."""
-        id_size, length_size = _WIDTHS[self.id], _WIDTHS[self.length]
+        id_size, length_size = SIZES[self.id], SIZES[self.length]
         id_at, length_at = (0, id_size) if self.order == "id_first" else (length_size, 0)
         items, at, header = [], begin, self.header_size
         while at < end:

@@ -6,9 +6,9 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
+from drivers.frames.fields import SIZES
 from drivers.frames.notation import ByteOrder, Described
 
-_SIZES = {"u8": 1, "u16": 2}
 LONGEST = 65536
 
 
@@ -41,7 +41,7 @@ class LengthDescription(Described):
     def _possible(self) -> LengthDescription:
         if self.shortest > self.longest:
             raise ValueError(f"least: {self.shortest} is more than the most, {self.longest}")
-        if self.shortest < self.at + _SIZES[self.type]:
+        if self.shortest < self.at + SIZES[self.type]:
             raise ValueError(f"least: a frame of {self.shortest} bytes ends before its length at {self.at}")
         return self
 
@@ -55,24 +55,24 @@ class LengthDescription(Described):
         """Bytes that a frame has at most."""
         if self.most is not None:
             return self.most
-        return min(LONGEST, (1 << 8 * _SIZES[self.type]) - 1 + self.plus)
+        return min(LONGEST, (1 << 8 * SIZES[self.type]) - 1 + self.plus)
 
     @property
     def places(self) -> list[int]:
         """The bytes of a frame that tell its length."""
-        places = list(range(self.at, self.at + _SIZES[self.type]))
+        places = list(range(self.at, self.at + SIZES[self.type]))
         longer = self.extended
-        return places if longer is None else [*places, *range(longer.at, longer.at + _SIZES[longer.type])]
+        return places if longer is None else [*places, *range(longer.at, longer.at + SIZES[longer.type])]
 
     def of(self, data: bytes, start: int) -> int | None:
         """Return the length of the frame at `start`: 0 where it is none, None where it is not told yet."""
-        end = start + self.at + _SIZES[self.type]
+        end = start + self.at + SIZES[self.type]
         if end > len(data):
             return None
         told, plus = int.from_bytes(data[start + self.at : end], self.byte_order), self.plus
         longer = self.extended
         if longer is not None and told == longer.mark:
-            end = start + longer.at + _SIZES[longer.type]
+            end = start + longer.at + SIZES[longer.type]
             if end > len(data):
                 return None
             told, plus = int.from_bytes(data[start + longer.at : end], longer.byte_order), longer.plus

@@ -37,13 +37,7 @@ class Scanner:
         self._watch = watch
         self._headers = [(header, index) for index, family in enumerate(families) for header in family.headers]
         self._longest_header = max((len(header) for header, _ in self._headers), default=0)
-        self._exact = {bytes(header): each for each in self._headers if None not in (header := each[0]).told}
-        self._loose = [
-            (re.compile(header.pattern, re.DOTALL), (header, index))
-            for header, index in self._headers
-            if None in header.told
-        ]
-        known = b"|".join(header.pattern for header, _ in self._headers)
+        known = b"|".join(b"(" + header.pattern + b")" for header, _ in self._headers)
         self._known = re.compile(known, re.DOTALL)
         self._header = re.compile(known + (b"|" + re.escape(sync) if sync else b""), re.DOTALL)
         begun = b"|".join(header.begun for header, _ in self._headers if header.begun)
@@ -51,10 +45,9 @@ class Scanner:
         self._confirms = any(family.confirm for family in families)
         self.newest: dict[int, tuple[FrameLayout, bytes]] = {}  # by frame type, for counters that confirm
 
-    def _which(self, found: bytes) -> tuple[Header, int] | None:
-        """Return the header that was found with its frame type, None where it is the sync alone."""
-        exact = self._exact.get(found)
-        return exact or next((each for pattern, each in self._loose if pattern.fullmatch(found)), None)
+    def _which(self, match: re.Match[bytes] | None) -> tuple[Header, int] | None:
+        """Return the header that was found with its frame type, None where it is the sync alone, or nothing."""
+        return self._headers[match.lastindex - 1] if match is not None and match.lastindex else None
 
     def _unfinished(self, data: bytes, at: int) -> bool:
         """Tell whether `data` ends within a header that may have begun at `at`."""
@@ -121,7 +114,7 @@ class Scanner:
                 break
             if match is None:
                 break
-            at, which = start + 1, self._which(match[0])
+            at, which = start + 1, self._which(match)
             if which is None:
                 result.unknown_id += start >= claimed
                 continue
@@ -165,8 +158,7 @@ class Scanner:
 
         None where not even the first of them is there.
         """
-        match = self._known.match(data)
-        which = None if match is None else self._which(match[0])
+        which = self._which(self._known.match(data))
         if which is None:
             return None
         header, index = which

@@ -58,21 +58,19 @@ class FaultPlan:
 
     def active(self, fault: ImuFault, now_s: float) -> bool:
         """Tell whether `fault` is on at `now_s`."""
-        return any(w.fault == fault and w.begins_s <= now_s < w.ends_s for w in self._windows)
+        return bool(self.during(fault, np.array([now_s]))[0])
 
     def during(self, fault: ImuFault, times_s: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Tell for each time whether `fault` is on, shape (n,)."""
-        on = np.zeros(len(times_s), np.bool_)
-        for window in self._windows:
-            if window.fault == fault:
-                on |= (times_s >= window.begins_s) & (times_s < window.ends_s)
-        return on
+        return self.strikes(fault, times_s)
 
-    def strikes(self, fault: ImuFault, times_s: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.bool_]:
-        """Draw for each time whether `fault` happens to the frame sent then, shape (n,)."""
+    def strikes(
+        self, fault: ImuFault, times_s: NDArray[np.float64], rng: np.random.Generator | None = None
+    ) -> NDArray[np.bool_]:
+        """Draw for each time whether `fault` happens to the frame sent then, shape (n,); to all without `rng`."""
         struck = np.zeros(len(times_s), np.bool_)
         for window in self._windows:
             if window.fault == fault:
                 on = (times_s >= window.begins_s) & (times_s < window.ends_s)
-                struck |= on & (rng.random(len(times_s)) < window.probability)
+                struck |= on if rng is None else on & (rng.random(len(times_s)) < window.probability)
         return struck

@@ -240,7 +240,7 @@ def visibility(
 
 def effects() -> Answer:
     """List the catalogue: every effect that the twin can simulate and reconcile can name."""
-    from hil.model.effects.pages import effects_document
+    from hil.model.effects.document import effects_document
 
     document = effects_document()
     table = listing("id", "family", "what it is", "equation", no_wrap=False)

@@ -32,11 +32,13 @@ BEYOND_DEGC = 1.0
 """How far outside its range a fitted curve still answers: setpoints and thermometers repeat no better."""
 
 
-class _Entry(BaseModel):
+class Entry(BaseModel):
+    """Base of everything in a model file: unknown keys are errors, and nothing changes after it was read."""
+
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class _Curve(_Entry):
+class _Curve(Entry):
     """What every curve has: its unit, and (for a fitted one) the lowest and highest temperature measured."""
 
     unit: str
@@ -115,7 +117,7 @@ class Polynomial(_Curve):
         return np.asarray(temperature_degC, dtype=np.float64) - self.reference_degC
 
 
-class TableRows(_Entry):
+class TableRows(Entry):
     """Temperatures, strictly rising, and the value at each."""
 
     temperature_degC: tuple[FiniteFloat, ...] = Field(min_length=2)

@@ -74,11 +74,6 @@ class Orientation:
         sine, cosine = np.sin(theta), np.cos(theta)
         return cls(label, np.array([[sine, 0.0, cosine], [0.0, 1.0, 0.0], [cosine, 0.0, -sine]]))
 
-    @property
-    def handedness(self) -> int:
-        """+1 where the sensor's triad has the bench frame's handedness, -1 where it is mirrored."""
-        return round(float(np.linalg.det(self.axes)))
-
     def components(self, bench_vector: ArrayLike) -> FloatArray:
         """Turn (…, 3) bench-frame components into (…, 3) components along the sensor's axes."""
         return np.asarray(np.asarray(bench_vector, dtype=np.float64) @ self.axes.T)

@@ -10,11 +10,11 @@ from dataclasses import replace
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat
+from pydantic import AfterValidator, Field, FiniteFloat
 
 from hil.campaign import Conditions, FloatArray, Sensor
 from hil.errors import InputError
-from hil.model.curve import Constant, Curve
+from hil.model.curve import Constant, Curve, Entry
 from hil.model.effects.base import Scatter, VarianceEffect
 from hil.model.effects.catalogue import known_by, variance_effect_by_id
 from hil.model.forms import LinearForm
@@ -30,10 +30,8 @@ def _none(key: str) -> Any:
     return Field(default_factory=lambda: Constant(unit=_UNITS[key], value=0.0))
 
 
-class ScatterTerm(BaseModel):
+class ScatterTerm(Entry):
     """One named effect that scatters averages, with the value of its size; `added` says where it came from."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     effect: Annotated[str, AfterValidator(known_by(variance_effect_by_id))]
     parameters: Mapping[str, Curve] = Field(min_length=1, max_length=1)
@@ -46,14 +44,12 @@ class ScatterTerm(BaseModel):
         return _at(curve, temperature_degC, self.effect)
 
 
-class SensorNoise(BaseModel):
+class SensorNoise(Entry):
     """What a sensor scatters by, beside the model. Curves are evaluated at the sensor's temperature.
 
     `run_to_run` gives the standard deviation of a base parameter from one self-calibration to the next, `correlation`
     pairs of those parameters ("BA MUB") with their correlation; `scatter` effects of the catalogue by their ids.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     angle_random_walk: Curve = _none("angle_random_walk")
     bias_instability: Curve = _none("bias_instability")

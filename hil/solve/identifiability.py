@@ -3,7 +3,7 @@
     whiten = whitener(conditions, sigma, run_bias)                  # W, with W V Wᵀ = 1
     base = orthonormal(whiten @ base_columns)                       # (N, b)
     seen = visible(whiten @ effect_columns, base, sizes)            # what is left of an effect beside the base
-    seen.kept, overlap(seen, other), smallest_visible(seen, alpha)
+    seen.kept, overlap_table([[seen], [other]]), smallest_visible(seen, alpha)
 
 Rows are the rates of all collects and channels, flattened to N = n·c. No data enters: it is linear algebra on the
 conditions, so it can be asked before a night is spent. Whoever asks what columns span, what is left of them beside
@@ -172,23 +172,11 @@ def visible(columns: FloatArray, base: FloatArray, sizes: FloatArray) -> Visible
     return Visible(residual, weighted, orthonormal(weighted, scale=whole), min(left / whole, 1.0))
 
 
-def explained(effect: Visible, by: Visible) -> float:
-    """Return how much of `effect`'s typical-size norm the columns of `by` can reproduce: 0 nothing, 1 all of it."""
-    return share_within(by.basis, effect.weighted)
-
-
-def overlap(first: Visible, second: Visible) -> float:
-    """Return how alike two effects are, each reproduced by the other: 1 for identical, 0 for unrelated.
-
-    The smaller of both ways round, so that a narrow effect inside a broad one is not called the same.
-    """
-    return min(explained(first, second), explained(second, first))
-
-
 def overlap_table(effects: Sequence[Sequence[Visible]]) -> FloatArray:
     """Return the overlaps of all pairs of effects with shape parameters, (k, k), one on the diagonal.
 
-    The best match in the other's shapes, averaged over one's own; the smaller of both ways round.
+    The best match in the other's shapes, averaged over one's own; the smaller of both ways round, so that a narrow
+    effect inside a broad one is not called the same.
     """
     shapes = [one for several in effects for one in several]
     if not shapes:

@@ -103,20 +103,11 @@ def _sentence(visible: Sequence[str], hidden: Sequence[str]) -> str:
 
 def linked_groups(linked: NDArray[np.bool_], entangled: NDArray[np.bool_]) -> list[list[int]]:
     """Gather the entangled of k things into groups that are linked (k, k) to one another, in order of first member."""
-    left = {int(j) for j in np.flatnonzero(entangled)}
-    groups = []
-    while left:
-        frontier = [min(left)]
-        left.discard(frontier[0])
-        group = []
-        while frontier:
-            j = frontier.pop()
-            group.append(j)
-            near = {k for k in left if linked[j, k]}
-            left -= near
-            frontier += sorted(near)
-        groups.append(sorted(group))
-    return groups
+    from scipy.sparse.csgraph import connected_components  # imported late: few designs have anything entangled
+
+    members = np.flatnonzero(entangled)
+    count, group = connected_components(linked[np.ix_(members, members)], directed=False)
+    return [members[group == number].tolist() for number in range(count)]
 
 
 def _span(rows: FloatArray, count: int) -> FloatArray:

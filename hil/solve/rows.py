@@ -13,6 +13,7 @@ import numpy as np
 
 from hil.campaign import Collects, Conditions, FloatArray, IntArray
 from hil.solve.identifiability import CANNOT_BE_SEEN, independent_columns, kept_shares, orthonormal, project_out
+from hil.solve.observability import linked_groups
 from hil.solve.temperatures import same_temperature
 
 _UNEXCITED = 0.05  # a column smaller than this beside the channel's own columns does not couple two channels
@@ -74,13 +75,9 @@ def sensor_blocks(number: int, collects: Collects, known: FloatArray, base: Floa
 
 def _coupled_channels(base: FloatArray, measured: FloatArray) -> list[list[int]]:
     """Group channels that share an excited base column."""
-    n_channels = base.shape[1]
-    group_of = list(range(n_channels))
-    for column in range(base.shape[2]):
-        acting = [c for c in range(n_channels) if _is_excited(base, measured, column, c)]
-        for other in acting[1:]:
-            group_of = [group_of[acting[0]] if g == group_of[other] else g for g in group_of]
-    return [[c for c in range(n_channels) if group_of[c] == g] for g in sorted(set(group_of))]
+    _, channels, columns = base.shape
+    acting = [[_is_excited(base, measured, column, c) for column in range(columns)] for c in range(channels)]
+    return linked_groups(np.array(acting) @ np.array(acting).T, np.ones(channels, np.bool_))
 
 
 def _is_excited(base: FloatArray, measured: FloatArray, column: int, channel: int) -> bool:
@@ -133,14 +130,10 @@ def _block(
     group: Sequence[int],
 ) -> Block:
     own = [k for k in range(base.shape[2]) if _acts_on(base, k, group)]
-    rows, channel = [], []
-    for c in group:
-        measured = np.flatnonzero(np.isfinite(rates[:, c]))
-        rows.append(measured)
-        channel.append(np.full(len(measured), c))
-    row, chan = np.concatenate(rows), np.concatenate(channel)
+    place, row = np.nonzero(np.isfinite(rates[:, list(group)]).T)  # channel by channel
+    chan = np.array(group, dtype=np.int64)[place]
     run_order = {run: place for place, run in enumerate(dict.fromkeys(conditions.run.tolist()))}
-    place = np.array([run_order[run] for run in conditions.run.tolist()], dtype=np.int64)
+    order = np.array([run_order[run] for run in conditions.run.tolist()], dtype=np.int64)
     station = same_temperature(conditions)
     sigma = collects.rates_se_deg_per_hr[row, chan]
     stated = bool(np.all(sigma > 0.0))
@@ -152,6 +145,6 @@ def _block(
         base=independent_columns(base[row, chan][:, own]),
         sigma=sigma if stated else np.ones(len(sigma)),
         sigma_stated=stated,
-        run=place[row],
+        run=order[row],
         station=station[row],
     )

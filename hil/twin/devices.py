@@ -13,11 +13,11 @@ from drivers.simulators.chambers.catalogue import (
     SimulatorOptions,
     ramp_port_of,
 )
+from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.unit import IndexSettings, SimulatedImu
 from hil.config.bench import ASK, Bench
 from hil.errors import InputError
 from hil.model import load_model
-from hil.twin.setpoints import LoggedPlant
 from hil.twin.unit import SimulatedUnit
 
 
@@ -32,7 +32,7 @@ class SimulatedBench:
     imus: Mapping[str, SimulatedImu]
     chamber: SimulatedChamberController
     units: Mapping[str, SimulatedUnit]
-    plant: LoggedPlant
+    plant: ChamberPlant
     ramp: SimulatedDevice | None = None
 
     @property
@@ -74,7 +74,7 @@ def simulate_devices(
     settings = bench.simulation
     if settings is None:
         raise InputError(f"{bench.source or bench.name}: there is no simulation section, so nothing to simulate")
-    plant = LoggedPlant(
+    plant = ChamberPlant(
         ambient_degC=settings.start.temperature,
         heating_degC_per_min=settings.chamber.heating,
         cooling_degC_per_min=settings.chamber.cooling,
@@ -107,7 +107,7 @@ def simulate_devices(
 
 
 def _unit(
-    bench: Bench, description: StreamDescription, plant: LoggedPlant, begins_s: float, **night: Any
+    bench: Bench, description: StreamDescription, plant: ChamberPlant, begins_s: float, **night: Any
 ) -> SimulatedUnit:
     """Return the physics of one unit in the chamber's air."""
     roles, path = description.roles, bench.simulation_model

@@ -132,8 +132,7 @@ class SlowGrid:
         # Every field but rates and accelerations, without noise; its slope; each field's white noise per sample.
         self.level, self.slope, self.sigma = (GrowingTable(fields) for _ in range(3))
         self._state, self._state_slope = GrowingTable(3), GrowingTable(2)
-        self._coefficients = {n: GrowingTable(4 * one.channels) for n, one in sensors.items()}
-        self._coefficient_slopes = {n: GrowingTable(4 * one.channels) for n, one in sensors.items()}
+        self._coefficients = {n: GrowingTable(8 * one.channels) for n, one in sensors.items()}  # beside their slopes
         self._supply = Wander(settings.seed, session, settings.noise.supply_wander, _SUPPLY_LAG_S)
 
     def advance(self, to_s: float) -> None:
@@ -142,21 +141,14 @@ class SlowGrid:
         if not len(times_s):
             return
         oldest = len(self._state.rows) - _KEPT
-        for table in (
-            self.level,
-            self.slope,
-            self.sigma,
-            *self._coefficients.values(),
-            *self._coefficient_slopes.values(),
-        ):
+        for table in (self.level, self.slope, self.sigma, *self._coefficients.values()):
             table.drop_before(oldest)
         self._state.append(state)
         self._state_slope.append(slopes)
         for number, one in self._sensors.items():
             now = one.coefficients(state[:, ROTOR])
             then = one.coefficients(state[:, ROTOR] + GRID_S * slopes[:, 1])
-            self._coefficients[number].append(now)
-            self._coefficient_slopes[number].append((then - now) / GRID_S)
+            self._coefficients[number].append(np.hstack([now, (then - now) / GRID_S]))
         self._append_fields(state, slopes)
 
     def nodes(self, times_s: FloatArray) -> NDArray[np.int64]:
@@ -177,9 +169,9 @@ class SlowGrid:
         """Slopes of case and rotor, °C/s, (m, 2)."""
         return self._state_slope.rows
 
-    def coefficients(self, sensor: int) -> tuple[GrowingTable, GrowingTable]:
-        """Return bias and K of a sensor at each grid point, and their slopes (see `SimulatedSensor.coefficients`)."""
-        return self._coefficients[sensor], self._coefficient_slopes[sensor]
+    def coefficients(self, sensor: int) -> GrowingTable:
+        """Return bias and K of a sensor at each grid point, then their slopes (see `SimulatedSensor.coefficients`)."""
+        return self._coefficients[sensor]
 
     def conditions(self, sensor: int, nodes: NDArray[np.int64]) -> dict[str, FloatArray]:
         """Return supply and spin period at grid points, (n,) each, by campaign column name, as far as simulated."""

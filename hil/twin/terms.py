@@ -13,6 +13,7 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.simulators.chambers.plant import ChamberPlant
 from hil.campaign import Conditions, FloatArray
 from hil.model.effects.base import Scatter, VarianceEffect
 from hil.model.effects.history import joined
@@ -20,7 +21,6 @@ from hil.twin.grid import CASE, ROTOR, SlowGrid
 from hil.twin.motion import Leg
 from hil.twin.scatter import NamedNoise
 from hil.twin.sensor import SimulatedSensor
-from hil.twin.setpoints import LoggedPlant
 from hil.twin.thermal import GRID_S
 
 _GROUP = 60  # grid points per evaluation: five minutes
@@ -39,7 +39,7 @@ class Rest:
 class GridRows:
     """What a campaign would know of a sensor at grid points."""
 
-    def __init__(self, sensor: SimulatedSensor, grid: SlowGrid, spun_up_s: float, plant: LoggedPlant) -> None:
+    def __init__(self, sensor: SimulatedSensor, grid: SlowGrid, spun_up_s: float, plant: ChamberPlant) -> None:
         self.sensor, self._grid, self._spun_up_s, self._plant = sensor, grid, spun_up_s, plant
         self.begins_s = float(grid.time_of(np.array([0]))[0])
 

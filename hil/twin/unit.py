@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.frames.roles import Roles
+from drivers.simulators.chambers.plant import ChamberPlant
 from hil.campaign import FloatArray
 from hil.config.bench import Bench
 from hil.errors import InputError
@@ -30,7 +31,6 @@ from hil.twin.grid import ROTOR, FieldColumns, SlowGrid, field_columns
 from hil.twin.motion import Leg, Timeline
 from hil.twin.scatter import WhiteNoise
 from hil.twin.sensor import SimulatedSensor
-from hil.twin.setpoints import LoggedPlant
 from hil.twin.terms import GridRows, Rest, ScatterRates, TermRates
 from hil.twin.thermal import ThermalUnit
 
@@ -61,7 +61,7 @@ class SimulatedUnit:
         bench: Bench,
         model: Model,
         roles: Roles,
-        plant: LoggedPlant,
+        plant: ChamberPlant,
         *,
         sample_rate_hz: float,
         begins_s: float = 0.0,
@@ -183,7 +183,7 @@ class SimulatedUnit:
             level = self._terms[number].rates(rest, first, last)
             slope = np.zeros_like(level)
         else:
-            now, then = (table.between(first, last) for table in self._grid.coefficients(number))
+            now, then = np.hsplit(self._grid.coefficients(number).between(first, last), 2)
             level, slope = one.rates(now, f_g, w[one.sensor.channel_axes]), one.rates(then, f_g)
         scatter = one.rates(one.scatter_coefficients(here.leg.run)[None], f_g)
         level += scatter
@@ -207,8 +207,8 @@ class SimulatedUnit:
         axes = here.leg.start[number] @ turn.as_matrix().swapaxes(-1, -2)
         f_g, w = axes @ self._gravity, axes @ self._earth_rate
         rotation = np.einsum("nij,nj->ni", axes, motion) * _DEG_PER_HR
-        now, then = self._grid.coefficients(number)
-        coefficients = now.at(here.nodes) + then.at(here.nodes) * here.since_s[:, None]
+        now, then = np.hsplit(self._grid.coefficients(number).at(here.nodes), 2)
+        coefficients = now + then * here.since_s[:, None]
         turning = (w + rotation)[:, one.sensor.channel_axes]
         rates = one.rates(coefficients + one.scatter_coefficients(here.leg.run), f_g, turning)
         here.readings[:, self._columns.rates[number]] += rates

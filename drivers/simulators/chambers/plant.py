@@ -128,6 +128,7 @@ class ChamberPlant:
         self._ripple = (ripple_degC, ripple_period_s)
         self._leak_s = leak_s
         self.commanded_degC: float | None = None  # None while unconditioned; a dead plant does not follow it
+        self._told: list[tuple[float, float]] = []  # when, and which setpoint: every one that is not the last again
         self._dead = False
         self._astray_degC = 0.0
         self._now_s = begins_s
@@ -139,10 +140,18 @@ class ChamberPlant:
 
         What has been asked for is history: a command that comes earlier takes effect at the latest time asked for.
         """
+        if setpoint_degC is not None and (not self._told or self._told[-1][1] != setpoint_degC):
+            self._told.append((at_s, setpoint_degC))
         if setpoint_degC == self.commanded_degC:
             return
         self.commanded_degC = setpoint_degC
         self._restart(at_s)
+
+    def setpoint_at(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the setpoint in force at each time and for how long, °C and s, (n,) each; NaN before the first."""
+        at_s, setpoint = np.array([(np.nan, np.nan), *self._told]).T
+        last = np.searchsorted(at_s[1:], times_s, side="right")
+        return setpoint[last], times_s - at_s[last]
 
     def bound_ramp(self, up_degC_per_min: float, down_degC_per_min: float) -> None:
         """Move no faster than this from the next command on, as a controller's own ramp does; 0 for no bound."""
@@ -174,16 +183,11 @@ class ChamberPlant:
         times = np.asarray(times_s, dtype=np.float64)
         if times.size == 0:
             return np.empty(times.shape)
-        first_s, last_s = float(times.min()), float(times.max())
-        self._now_s = max(self._now_s, last_s)
-        first = max(bisect_right(self._begins, first_s) - 1, 0)
-        last = max(bisect_right(self._begins, last_s) - 1, 0)
-        if first == last:
-            return self._segments[first].at(np.maximum(times - self._begins[first], 0.0))
-        owner = np.searchsorted(self._begins, times, side="right") - 1
+        self._now_s = max(self._now_s, float(times.max()))
+        owner = np.maximum(np.searchsorted(self._begins, times, side="right") - 1, 0)
         air = np.empty(times.shape)
-        for number in range(first, last + 1):
-            mine = np.maximum(owner, 0) == number
+        for number in range(int(owner.min()), int(owner.max()) + 1):
+            mine = owner == number
             air[mine] = self._segments[number].at(np.maximum(times[mine] - self._begins[number], 0.0))
         return air
 

@@ -18,6 +18,7 @@ scale factor's departure from 1) is far wider than any accelerometer is off: it 
 what they do not tell stays at it, and is said.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,12 +32,12 @@ NAMES = ("b_X", "b_Y", "b_Z", "s_X", "s_Y", "s_Z", "a_YX", "a_ZX", "a_ZY")
 
 _UNITS = ("g",) * 3 + ("1",) * 3 + ("rad",) * 3
 _LEANS = ((1, 0), (2, 0), (2, 1))
-_PRIOR = 0.1
-_TOLD = 0.5  # of the prior: what is known no better is not told by the poses
+PRIOR = 0.1
+TOLD = 0.5  # of the prior: what is known no better is not told by the poses
 _ITERATIONS, _CONVERGED = 60, 1e-12
 _IMPROBABLE = 0.01
 _CERTAIN = 1e6  # degrees of freedom of who knows the noise
-_LEVEL = 0.975
+LEVEL = 0.975
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class Accelerometers:
     def half_width(self) -> FloatArray:
         """Half the 95 % interval, (…, 9): Student's where the residuals themselves told the noise."""
         freedom = np.where(self.inflation > 1.0, np.maximum(self.freedom, 1.0), _CERTAIN)
-        return np.asarray(self.sd * stdtrit(freedom, _LEVEL)[..., None])
+        return np.asarray(self.sd * stdtrit(freedom, LEVEL)[..., None])
 
     def f_g(self, mean_g: FloatArray) -> FloatArray:
         """Return f, g, of what the accelerometers show, both (…, n, 3); of what length it comes out."""
@@ -71,22 +72,31 @@ class Accelerometers:
     @property
     def not_told(self) -> list[str]:
         """Which parameters of one unit the poses do not tell."""
-        return [name for name, sd in zip(NAMES, self.sd, strict=True) if sd > _TOLD * _PRIOR]
+        return [name for name, sd in zip(NAMES, self.sd, strict=True) if sd > TOLD * PRIOR]
 
     def rows(self) -> dict[str, dict[str, Any]]:
         """Return the parameters of one unit by their names, with units, intervals, and whether the poses tell them."""
-        columns = zip(NAMES, self.values, self.sd, self.half_width, _UNITS, strict=True)
-        return {
-            name: {
-                "value": float(value),
-                "sd": float(sd),
-                "low": float(value - half),
-                "high": float(value + half),
-                "unit": unit,
-                "told": name not in self.not_told,
-            }
-            for name, value, sd, half, unit in columns
+        return parameters_told(NAMES, self.values, self.sd, self.half_width, _UNITS)
+
+
+def parameters_told(
+    names: Sequence[str], values: FloatArray, sd: FloatArray, half: FloatArray, units: Sequence[str]
+) -> dict[str, dict[str, Any]]:
+    """Return parameters (p,) by their names, with half of their 95 % intervals (p,), and whether the poses tell them.
+
+    Told is what is known better than the prior alone says.
+    """
+    return {
+        name: {
+            "value": float(values[p]),
+            "sd": float(sd[p]),
+            "low": float(values[p] - half[p]),
+            "high": float(values[p] + half[p]),
+            "unit": units[p],
+            "told": bool(sd[p] <= TOLD * PRIOR),
         }
+        for p, name in enumerate(names)
+    }
 
 
 def fit_accelerometers(mean_g: FloatArray, se_g: FloatArray) -> Accelerometers:
@@ -97,7 +107,7 @@ def fit_accelerometers(mean_g: FloatArray, se_g: FloatArray) -> Accelerometers:
     values, covariance, residuals, chi_square, told = _fitted(mean_g, sigma, start)
     freedom = np.maximum(mean_g.shape[-2] - told, 0.0)
     # Noise that was stated too small shows in |f|: enlarged, once, and what the prior holds is weighed anew.
-    poor = (freedom >= _TOLD) & (chdtrc(np.maximum(freedom, 1.0), chi_square) < _IMPROBABLE)
+    poor = (freedom >= TOLD) & (chdtrc(np.maximum(freedom, 1.0), chi_square) < _IMPROBABLE)
     inflation = np.where(poor, np.sqrt(chi_square / np.maximum(freedom, 1.0)), 1.0)
     if poor.any():
         values, covariance, residuals, _, told = _fitted(mean_g, sigma * inflation[..., None, None], values)
@@ -109,7 +119,7 @@ def _fitted(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return values, covariance, residuals, their sum of squares in standard errors, how many parameters are told."""
     nominal = np.array([0.0] * 3 + [1.0] * 3 + [0.0] * 3)
-    prior = np.eye(len(NAMES)) / _PRIOR**2
+    prior = np.eye(len(NAMES)) / PRIOR**2
     for _ in range(_ITERATIONS):
         f, matrix = _f(values, mean_g), _matrix(values)
         size = np.linalg.norm(f, axis=-1)

@@ -18,13 +18,13 @@ from typing import Any
 import numpy as np
 from scipy.special import stdtrit
 
+from hil.analysis.log.accelerometer import LEVEL, PRIOR, TOLD, parameters_told
 from hil.analysis.log.reading import AXES, Log
 from hil.analysis.log.static import Stretch
 from hil.campaign import FloatArray
 from procedures.words import listed, numbered
 
 NAMES = tuple(f"D_{to}{of}" for to, of in product(AXES, AXES))
-_PRIOR, _TOLD, _LEVEL = 0.1, 0.5, 0.975
 _LONGEST_S = 60.0  # beyond, the noise of the integral is what is seen
 _STEP, _ITERATIONS = 1e-6, 8
 _START_RAD = 1e-3  # of a turn's end: from here the residuals go on
@@ -47,17 +47,7 @@ class Turns:
 
     def document(self) -> dict[str, Any]:
         """Return what was found, by the parameters' names."""
-        parameters = {
-            name: {
-                "value": float(self.values[p]),
-                "sd": float(self.sd[p]),
-                "low": float(self.values[p] - self.half[p]),
-                "high": float(self.values[p] + self.half[p]),
-                "unit": "1",
-                "told": bool(self.sd[p] <= _TOLD * _PRIOR),
-            }
-            for p, name in enumerate(NAMES)
-        }
+        parameters = parameters_told(NAMES, self.values, self.sd, self.half, ("1",) * len(NAMES))
         return {
             "model": "w = (1 + D)(r - b)",
             "turns": list(self.turns),
@@ -69,7 +59,7 @@ class Turns:
     def sentences(self) -> list[str]:
         """Say what the turns tell, and what not."""
         which = f"gyros: {len(self.turns)} turns (behind {numbered('collect', self.turns, to='-')})"
-        lacking = [name for name, sd in zip(NAMES, self.sd, strict=True) if sd > _TOLD * _PRIOR]
+        lacking = [name for name, sd in zip(NAMES, self.sd, strict=True) if sd > TOLD * PRIOR]
         if self.astray:
             found = (
                 f"the integral of the rates misses the next pose by {self.missed_deg:.0f} deg: the unit, a sign or the "
@@ -110,14 +100,14 @@ def fit_turns(log: Log, stretches: Sequence[Stretch], f_g: FloatArray, rest_deg_
         missed = _missed(trials, angle, f_g[begin], f_g[begin + 1]).reshape(10, -1)
         slopes = (missed[1:] - missed[0]).T / _STEP
         information = slopes.T @ slopes / sigma**2
-        covariance = np.linalg.inv(information + np.eye(9) / _PRIOR**2)
+        covariance = np.linalg.inv(information + np.eye(9) / PRIOR**2)
         freedom = 2 * len(begin) - float(np.trace(covariance @ information))
-        values = values - covariance @ (slopes.T @ missed[0] / sigma**2 + values / _PRIOR**2)
+        values = values - covariance @ (slopes.T @ missed[0] / sigma**2 + values / PRIOR**2)
         sigma = float(np.sqrt(missed[0] @ missed[0] / max(freedom, 1.0)))
     sd = np.sqrt(np.diag(covariance))
     missed_deg = float(np.degrees(np.sqrt(missed[0] @ missed[0] / len(begin))))
     astray = min(float(first), missed_deg) > _ASTRAY_DEG
-    half = sd * float(stdtrit(max(freedom, 1.0), _LEVEL))
+    half = sd * float(stdtrit(max(freedom, 1.0), LEVEL))
     return Turns(tuple((begin + 1).tolist()), values, sd, half, missed_deg, astray)
 
 

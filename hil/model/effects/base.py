@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -131,6 +132,7 @@ class Described(ABC):
     per_channel: ClassVar[bool] = False  # every parameter exists once per channel, named after the channel's axis
     rotor_only: ClassVar[bool] = False  # exists only in a two-channel rotor sensor
     named_by_data: ClassVar[bool] = False  # which parameters there are depends on positions or power cycles
+    accepted: ClassVar[str] = ""  # how names of parameters look where positions or axes make them: a regular expression
     needs: ClassVar[frozenset[str]] = frozenset()  # condition columns; "a|b" is satisfied by either
     common_to_sensors: ClassVar[bool] = False  # one cause moves both sensors: a finding in one alone speaks against it
     follows: ClassVar[str] = "pose"
@@ -201,6 +203,8 @@ class Described(ABC):
 
     def accepts(self, parameter: str) -> bool:
         """Whether a model file may give a value for a parameter of this name."""
+        if self.accepted:
+            return re.fullmatch(self.accepted, parameter, re.DOTALL) is not None
         declared = [declared.name for declared in self.parameters]
         if self.per_channel:
             return any(parameter.startswith(f"{name}_") for name in declared)

@@ -76,6 +76,7 @@ class MagneticSensitivity(Effect):
     title = "Magnetic sensitivity"
     equation = "R += K_m b, b = the earth's field along the sensor's axes"
     parameters = (Parameter("m", "deg/hr/G", (0.1, 5.0), {"RLG": (0.01, 1.0), "FOG": (0.01, 1.0)}),)
+    accepted = r"m..+"
     signature = (
         "Turns with the sensor, so it looks like GS and MU; parts from them only by the field's level component."
     )
@@ -87,10 +88,6 @@ class MagneticSensitivity(Effect):
     def labels_for(self, conditions: Conditions) -> Sequence[str]:
         """Return one sensitivity per channel and axis: mAA, mAB, mAS, mBA, …."""
         return [row + axis for row in channel_labels(conditions.sensor) for axis in conditions.sensor.axes]
-
-    def accepts(self, parameter: str) -> bool:
-        """Whether it looks like m, a channel and an axis."""
-        return parameter.startswith("m") and len(parameter) >= 3
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         """Return the field along the sensor's axes for each channel, (n, c, 3c); no level part where w is 0."""

@@ -1,6 +1,6 @@
 """The second tier: a base parameter times something that was logged, for what the catalogue has no name for.
 
-term = empirical("MUA", "supply_V")        # id "empirical:MUA*supply_V", called MUA × supply_V, empirical
+term = EmpiricalTerm("MUA", "supply_V")        # id "empirical:MUA*supply_V", called MUA × supply_V, empirical
 """
 
 from collections.abc import Mapping
@@ -19,7 +19,10 @@ EARTH_RATE = "w"
 
 
 class EmpiricalTerm(Effect):
-    """Base parameter × driver: certain that it is there, not what it is. One instance per pair."""
+    """Base parameter (BA, MUA, GXY … or w) × driver of `followed.py`: certain that it is there, not what it is.
+
+    One instance per pair.
+    """
 
     needs_base = False
     signature = "The parameter follows the driver; no effect of the catalogue does so."
@@ -60,11 +63,6 @@ class EmpiricalTerm(Effect):
             form = _fullest(conditions.sensor)
             own = form.columns(conditions)[:, :, form.names.index(self.parameter)]
         return np.asarray((own * driver[:, None])[..., None])
-
-
-def empirical(parameter: str, driver: str) -> EmpiricalTerm:
-    """Return the second-tier term of a base parameter (BA, MUA, GXY … or w) and a driver of `followed.py`."""
-    return EmpiricalTerm(parameter, driver)
 
 
 def empirical_from_id(identifier: str) -> EmpiricalTerm:

@@ -1,6 +1,7 @@
 """Effects linear in acceleration: GS, MU, their temperature dependence, anisotropy, and a triad's full matrix."""
 
 from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 import numpy as np
 
@@ -75,23 +76,26 @@ class AxialDrift(Effect):
         return mu_columns(conditions)
 
 
-class _TemperatureDependent(Effect):
-    """Two coefficients, each with a linear and a quadratic term about 25 °C."""
+class _FollowsTemperature(Effect):
+    """The two coefficients of another effect, each with a linear and a quadratic term about 25 °C."""
 
+    of: ClassVar[Effect]
     rotor_only = True
+    follows = "temperature"
     needs = frozenset({"temperature_degC"})
 
-    @staticmethod
-    def _with_temperature(columns: FloatArray, conditions: Conditions) -> FloatArray:
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return the columns of that effect times ΔT, then times ΔT²."""
         delta = np.nan_to_num(above_reference(conditions))[:, None, None]
+        columns = self.of.columns(conditions, base, shape)
         return np.concatenate([columns * delta, columns * delta**2], -1)
 
 
-class RotorSensitivityTemperature(_TemperatureDependent):
+class RotorSensitivityTemperature(_FollowsTemperature):
     """GS that follows temperature."""
 
     id = "GS_T"
-    follows = "temperature"
+    of = RotorSensitivity()
     title = "GSA, GSB temperature dependence"
     equation = "GS += GS1 (T - 25 degC) + GS2 (T - 25 degC)^2, for GSA and GSB"
     parameters = (
@@ -106,16 +110,12 @@ class RotorSensitivityTemperature(_TemperatureDependent):
     odds = 3.0
     experiment = "Report GSA and GSB of every run; modulus and angle tell gain from phase."
 
-    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return the columns of GSA and GSB times ΔT, then times ΔT²."""
-        return self._with_temperature(gs_columns(conditions), conditions)
 
-
-class AxialDriftTemperature(_TemperatureDependent):
+class AxialDriftTemperature(_FollowsTemperature):
     """MU that follows temperature."""
 
     id = "MU_T"
-    follows = "temperature"
+    of = AxialDrift()
     title = "MUA, MUB temperature dependence"
     equation = "MU += MU1 (T - 25 degC) + MU2 (T - 25 degC)^2, for MUA and MUB"
     parameters = (
@@ -128,10 +128,6 @@ class AxialDriftTemperature(_TemperatureDependent):
     confusable_with = ("tilt", "MU_rr", "convection", "vre")
     searched, known_as = False, "MU_real"  # of which it is a form: its values follow temperature
     experiment = "Collect 4 at every temperature, each visited twice."
-
-    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return the columns of MUA and MUB times ΔT, then times ΔT²."""
-        return self._with_temperature(mu_columns(conditions), conditions)
 
 
 class AxialDriftScatter(VarianceEffect):
@@ -178,6 +174,7 @@ class LinearSensitivity(Effect):
     title = "Linear acceleration sensitivity"
     equation = "R += G f"
     parameters = (Parameter("G", "deg/hr/g", (10.0, 200.0), _MATRIX_TYPICAL),)
+    accepted = r"G.*"
     signature = "Rates follow the direction of gravity in every orientation, of either sign."
     confusable_with = ("earth", "misalign", "mag")
     may_follow_temperature = True
@@ -193,10 +190,6 @@ class LinearSensitivity(Effect):
     def beside_form(self, parameters: Sequence[str], sensor: Sensor) -> bool:
         """Not beside a rotor's GS: its isotropy says what else there is."""
         return not (sensor.is_rotor and any(name.startswith("GS") for name in parameters))
-
-    def accepts(self, parameter: str) -> bool:
-        """Whether it looks like an element of G."""
-        return parameter.startswith("G")
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         """Return f for each channel, shape (n, c, 3c)."""

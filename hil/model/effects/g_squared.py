@@ -18,6 +18,7 @@ class SquaredAcceleration(Effect):
     equation = "R += kAA fA^2 + kSS fS^2 + kAS fA fS, per channel (all six products for a triad)"
     per_channel = True
     parameters = tuple(Parameter(name, "deg/hr/g^2", (0.1, 1.0), _OTHER) for name in ("kAA", "kSS", "kAS"))
+    accepted = r"k.*_.*"
     signature = "Bias and MU move oppositely (+kAA, kSS - kAA), and a bias solved without MU hardly at all."
     confusable_with = ("MU_real", "bias")
     may_follow_temperature = True
@@ -32,10 +33,6 @@ class SquaredAcceleration(Effect):
             for i, j in _products(sensor)
             for label in channel_labels(sensor)
         )
-
-    def accepts(self, parameter: str) -> bool:
-        """Whether it looks like k, two axes, and a channel."""
-        return parameter.startswith("k") and "_" in parameter
 
     def kept_over_temperature(self, parameters: Sequence[Parameter], sensor: Sensor) -> tuple[int, ...]:
         """Return the square along the last axis: all squares together, following temperature, are a bias."""

@@ -1,30 +1,24 @@
 """What a row's past does to it: joined rows, averaged decays, the play operator, setpoint steps, order in a run."""
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.campaign import Conditions, FloatArray, TextArray
+from hil.campaign import Conditions, FloatArray
 
 
 def joined(earlier: Conditions, later: Conditions) -> Conditions:
     """Return the rows of `earlier` followed by those of `later`; a column that only one has is NaN in the other."""
     names = [*earlier.columns, *(name for name in later.columns if name not in earlier.columns)]
 
-    def part(rows: Conditions, name: str) -> FloatArray:
-        return rows.columns.get(name, np.full(len(rows), np.nan))
+    def both(name: str) -> FloatArray:
+        return np.concatenate([each.columns.get(name, np.full(len(each), np.nan)) for each in (earlier, later)])
 
-    position: TextArray = np.concatenate([earlier.position, later.position])
-    return Conditions(
-        later.sensor,
-        collect=np.concatenate([earlier.collect, later.collect]),
-        run=np.concatenate([earlier.run, later.run]),
-        position=position,
-        start_s=np.concatenate([earlier.start_s, later.start_s]),
-        duration_s=np.concatenate([earlier.duration_s, later.duration_s]),
-        f_g=np.concatenate([earlier.f_g, later.f_g]),
-        w_deg_per_hr=np.concatenate([earlier.w_deg_per_hr, later.w_deg_per_hr]),
-        columns={name: np.concatenate([part(earlier, name), part(later, name)]) for name in names},
-    )
+    known = {name: each for name, each in vars(earlier).items() if isinstance(each, np.ndarray)}
+    rows: dict[str, Any] = {name: np.concatenate([each, getattr(later, name)]) for name, each in known.items()}
+    return replace(later, **rows, columns={name: both(name) for name in names})
 
 
 def averaged_decay(since_s: FloatArray, duration_s: FloatArray, tau_s: float) -> FloatArray:

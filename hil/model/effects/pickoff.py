@@ -58,6 +58,7 @@ class ScaleFactor(Effect):
         ),
     )
     needs_base = True
+    accepted = r"(e|de_dT)(_.*)?"
     signature = "GS, MU and bias grow in proportion, and earth rate with them: a few hundredths of a deg/hr."
     confusable_with = ("earth", "GS_T", "misalign")
     experiment = "Two headings, or a rate table."
@@ -76,10 +77,6 @@ class ScaleFactor(Effect):
         turned = [-2.0 / PPM * (np.arange(2 * own) == channel) for channel in range(own if own > 1 else 0)]
         return tuple((TURNED, mean, usual) for mean in turned)
 
-    def accepts(self, parameter: str) -> bool:
-        """Whether it is e or de_dT, with or without a channel."""
-        return parameter in {"e", "de_dT"} or parameter.startswith(("e_", "de_dT_"))
-
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         """Return the rates per ppm, then times ΔT (zero without temperature)."""
         rates = PPM * required_base(self, base).rates
@@ -97,6 +94,7 @@ class Misalignment(Effect):
     title = "Input-axis misalignment"
     equation = "RA += mAB wB + mAS wS; RB += mBA wA + mBS wS"
     parameters = (Parameter("m", "mrad", (1.0, 5.0), {"RLG": (0.05, 1.0), "FOG": (0.05, 1.0), "MEMS": (1.0, 20.0)}),)
+    accepted = r"m..+"
     signature = "Bias, GS and MU move by 0.01 to 0.06 deg/hr; no temperature, no order."
     confusable_with = ("earth", "scale", "g_sensitivity")
     odds = OUTSIDE
@@ -105,10 +103,6 @@ class Misalignment(Effect):
     def labels_for(self, conditions: Conditions) -> Sequence[str]:
         """Return AB, AS, BA, BS (for a triad XY, XZ, …): channel's axis, then the axis it leans toward."""
         return [label + axis for _, label, _, axis in _leanings(conditions.sensor)]
-
-    def accepts(self, parameter: str) -> bool:
-        """Whether it looks like m and two axes."""
-        return parameter.startswith("m") and len(parameter) >= 3
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         """Return the earth rate about the other axes per mrad, in the channel that leans."""

@@ -76,6 +76,7 @@ class IndexPositionError(_IndexedRotorEffect):
     equation = "theta_i += d_i: RA += GSA d fS - MUB d fA + d wS; RB -= GSB d fS - MUA d fA"
     parameters = (Parameter("d", "mrad", (0.1, 2.0), {"table": (0.005, 0.05)}),)
     named_by_data = True
+    accepted = r"d_.*"
     signature = "dMUB = (GSA + W1) d3 - (MUB + W3)(d1 - d2)/2; hundredths to tenths of a deg/hr per mrad."
     confusable_with = ("MU_rr", "tilt", "MU_real", "accel")
     odds = OUTSIDE
@@ -84,10 +85,6 @@ class IndexPositionError(_IndexedRotorEffect):
     def labels_for(self, conditions: Conditions) -> Sequence[str]:
         """Return one angle per position of these rows: d_1, d_2, d_3."""
         return [f"_{label}" for label in np.unique(conditions.position)]
-
-    def accepts(self, parameter: str) -> bool:
-        """Whether it is the angle of a position."""
-        return parameter.startswith("d_")
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         """Return the change of the rates per mrad, in the rows of each position, shape (n, 2, positions)."""

@@ -9,7 +9,7 @@ from scipy.special import stdtrit
 from hil.campaign import Conditions, FloatArray
 from hil.model import Model, Term
 from hil.model.curve import Constant, Polynomial, Table, TableRows
-from hil.model.effects.empirical import empirical
+from hil.model.effects.empirical import EmpiricalTerm
 from hil.model.effects.followed import driver_reference
 from hil.model.forms import matrix_6_form, triad_12_form
 from hil.model.stated_noise import ScatterTerm, SensorNoise
@@ -229,7 +229,7 @@ def _empirical_terms(
         channel, power = _channel_and_power(candidate, column, conditions)
         name = _parameter_of(candidate, channel, conditions)
         driver = candidate.driver if power is None else f"{candidate.driver}^{power}"
-        effect = empirical(name, driver)
+        effect = EmpiricalTerm(name, driver)
         reference = driver_reference(driver, conditions)
         own = effect.columns(conditions, None, {"reference": reference})[:, channel, 0]
         mine = candidate.columns[:, channel, column]

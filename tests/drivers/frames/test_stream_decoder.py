@@ -323,3 +323,15 @@ def test_arbitrary_bytes_raise_nothing_and_every_byte_is_counted(data: bytes, pl
     outcome = decode(mfs(), cut(data, places) if data else [])
     assert outcome.counts.ok == 0
     assert outcome.counts.skipped_bytes == len(data)
+
+
+@pytest.mark.usefixtures("speed")
+def test_a_frame_that_tells_another_length_is_none_of_the_run_before_it() -> None:
+    """Without a checksum nothing else parts a long frame from a short one that begins like it."""
+    description = parse_description(
+        "schema: hil.frames/1\nname: two lengths\nbyte_order: big\nsync: FE 81\nsample_rate_hz: 10\nframes:\n"
+        "  sample: {length: {at: 2, plus: 4, least: 4}, checksum: {kind: none}, fields: {value: {type: u8, at: 3}}}\n"
+    )
+    short, long = bytes.fromhex("FE 81 00 11"), bytes.fromhex("FE 81 04 22 FE 81 00 33")
+    decoded = StreamDecoder(description).feed(short * 3 + long * 3)
+    assert decoded["sample"].frames() == [short] * 3 + [long] * 3

@@ -136,3 +136,13 @@ def test_rates_are_positive() -> None:
     """A negative cooling rate is a sign mistake and is refused."""
     with pytest.raises(ValueError, match="positive"):
         ChamberPlant(cooling_degC_per_min=-2.0)
+
+
+def test_it_remembers_which_setpoint_it_was_told_and_since_when() -> None:
+    """The same again, and the end of conditioning, are no new setpoint; before the first there is none."""
+    plant = ChamberPlant()
+    for setpoint, at_s in ((30.0, 10.0), (30.0, 20.0), (None, 25.0), (40.0, 50.0)):
+        plant.command(setpoint, at_s)
+    setpoints, since_s = plant.setpoint_at(np.array([0.0, 10.0, 49.0, 50.0, 60.0]))
+    np.testing.assert_array_equal(setpoints, [np.nan, 30.0, 30.0, 40.0, 40.0])
+    np.testing.assert_array_equal(since_s, [np.nan, 0.0, 39.0, 0.0, 10.0])

@@ -146,4 +146,3 @@ def test_the_shipped_orientations_of_sensor_2_are_the_reports_figure_1() -> None
     np.testing.assert_array_equal(table["1"].axes, [[-1, 0, 0], [0, 1, 0], [0, 0, 1]])
     np.testing.assert_array_equal(table["2"].axes, [[1, 0, 0], [0, 1, 0], [0, 0, -1]])
     np.testing.assert_array_equal(table["3"].axes, [[0, 0, 1], [0, 1, 0], [1, 0, 0]])
-    assert all(orientation.handedness == -1 for orientation in table.values())

@@ -26,7 +26,7 @@ from hil.model.effects.catalogue import (
     named,
     why_not,
 )
-from hil.model.effects.empirical import empirical
+from hil.model.effects.empirical import EmpiricalTerm
 from hil.model.forms import named_form
 from hil.solve.identifiability import orthonormal, project_out
 from tests.hil.model.effect_conditions import (
@@ -265,7 +265,7 @@ def test_typical_sizes_follow_the_technology() -> None:
 def test_an_empirical_term_is_a_parameter_times_what_was_logged() -> None:
     """MUA × supply: MUA's own column times the supply less its reference, and it comes back from its id."""
     conditions = campaign()
-    term = effect_by_id(empirical("MUA", "supply_V").id)
+    term = effect_by_id(EmpiricalTerm("MUA", "supply_V").id)
     columns = term.columns(conditions, None, {"reference": 28.0})
     assert np.allclose(columns[:, 1, 0], -conditions.f_g[:, 2] * (conditions.columns["supply_V"] - 28.0))
     assert not columns[:, 0, 0].any()

@@ -10,17 +10,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from docs.effect_pages import family_pages, write_pages
 from hil.campaign import Conditions, FloatArray
 from hil.model.effects.base import Base, Effect, Parameter, column, per_channel
 from hil.model.effects.catalogue import entries
-from hil.model.effects.pages import effects_document, family_pages, write_pages
+from hil.model.effects.document import effects_document
 from tests.hil.model.effect_conditions import one_run
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
 
 
 def test_pages_in_the_docs_are_those_of_the_catalogue(tmp_path: Path) -> None:
-    """Written again they are the same, and none is left over: `python -m hil.model.effects.pages docs/effects`."""
+    """Written again they are the same, and none is left over: `python docs/effect_pages.py`."""
     write_pages(tmp_path)
     written = {path.name: path.read_text(encoding="utf-8") for path in tmp_path.iterdir()}
     assert written == family_pages()

@@ -231,6 +231,7 @@ def test_collins_4_follows_the_contractor_where_it_can(tmp_path: Path, labels: s
     assert list(solution.parameters) == NAMES[:4]
     np.testing.assert_allclose(values_of(solution), contractor_solution(rates, gravity, earth), rtol=1e-9)
     assert "(A-13)-(A-16)" in solution.method
+    assert solution.condition_number is not None
     assert "contractor" in solution.reason
     if len(labels) < 5:
         expected = SIGMA**2 * contractor_covariance(gravity, np.eye(6))

@@ -10,12 +10,12 @@ import numpy as np
 import yaml
 
 from drivers.frames.description import load_description
+from drivers.simulators.chambers.plant import ChamberPlant
 from hil.bench import LiveBench
 from hil.campaign import Conditions
 from hil.config import Bench, load_bench, parse_bench
 from hil.model import load_model
 from hil.twin import SimulatedUnit
-from hil.twin.setpoints import LoggedPlant
 
 POSITIONS = ("1", "3", "2")
 COLLECT_S, EVERY_S = 10.0, 400.0
@@ -73,7 +73,7 @@ def averages(bench: Bench, runs: int, **how: Any) -> dict[int, tuple[Conditions,
     assert roles is not None
     assert bench.simulation is not None
     assert bench.simulation_model is not None
-    plant = LoggedPlant(ambient_degC=bench.simulation.start.temperature)
+    plant = ChamberPlant(ambient_degC=bench.simulation.start.temperature)
     unit = SimulatedUnit(bench, load_model(bench.simulation_model), roles, plant, sample_rate_hz=1.0, **how)
     unit.signals(np.array([1.0]))
     starts, means, temperatures = [], [], []

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from drivers.frames.description import load_description
+from drivers.simulators.chambers.plant import ChamberPlant
 from hil.bench import build_bench
 from hil.config import Bench
 from hil.model import load_model
 from hil.twin import SimulatedUnit
 from hil.twin.devices import SimulatedBench, simulate_devices
 from hil.twin.scatter import run_scatter
-from hil.twin.setpoints import LoggedPlant
 from tests.hil.twin.quiet import changed_bench, quiet_bench
 
 _MINUTE = 1200  # samples
@@ -29,7 +29,7 @@ def _unit(bench: Bench, **how: Any) -> SimulatedUnit:
     roles = load_description(bench.imu_description).roles
     assert roles is not None
     assert bench.simulation_model is not None
-    plant = LoggedPlant(ambient_degC=23.0)
+    plant = ChamberPlant(ambient_degC=23.0)
     return SimulatedUnit(bench, load_model(bench.simulation_model), roles, plant, **({"sample_rate_hz": 20.0} | how))
 
 

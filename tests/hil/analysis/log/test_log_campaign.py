@@ -79,6 +79,7 @@ def test_the_truth_comes_back_from_the_folder_alone(sound: Simulated, tmp_path: 
     assert accelerometer["schema"] == "hil.accelerometer/1"
     for name, truth in zip(NAMES, ACCELEROMETER, strict=True):
         of = accelerometer["parameters"][name]
+        assert of["low"] < of["value"] < of["high"]
         assert of["told"]
         assert abs(of["value"] - truth) < 4.0 * of["sd"], name
     series = read_series(campaign, 1)
