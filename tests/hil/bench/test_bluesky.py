@@ -40,6 +40,9 @@ def test_a_move_that_is_stopped_or_alarmed_fails_and_is_made_safe() -> None:
         with pytest.raises(DeviceError, match="chamber: stopped"):
             raise status.exception(60.0) or AssertionError
         assert not chamber.ours
+        status = chamber.set(35.0)
+        chamber.stop(success=True)
+        assert "stopped" in str(status.exception(60.0))
         chamber.timeout_s = 10.0
         assert "after 10 s" in str(chamber.set(60.0).exception(60.0))
 

@@ -29,7 +29,8 @@ def test_every_collect_step_and_event_is_there_once_and_in_order(night: Path, to
     streams = {d["uid"]: d["name"] for name, d in told if name == "descriptor"}
     events = [d for name, d in told if name == "event"]
     assert (start["simulated"], start["operator"], stop["exit_status"]) == (True, "rk", "success")
-    assert [each["time"] for each in events] == sorted(each["time"] for each in events)
+    times = [start["time"], *(each["time"] for each in events), stop["time"]]
+    assert times == sorted(times)
     with reading(night) as journal:
         assert stop["num_events"]["steps"] == len(journal.attempts())
         assert stop["num_events"]["happened"] == len(journal.events())
