@@ -6,7 +6,9 @@ import json
 import shutil
 import subprocess
 import sys
+from contextlib import closing
 from dataclasses import replace
+from http.client import HTTPConnection
 from pathlib import Path
 
 import pytest
@@ -21,11 +23,13 @@ from hil.campaign.writer import write_campaign
 from hil.cli.app import run as hil
 from hil.config import parse_bench
 from hil.config.bench import load_bench
+from hil.dashboard.access import Access
 from hil.errors import InputError
 from hil.night import start_night
 from hil.records import open_readonly
 from hil.solve import repeats, solve_campaign
 from tests.hil.archive.conftest import COUNT, DRIFT, JUMP, of_life
+from tests.hil.dashboard.live_page import TOKEN, served
 from tests.hil.report.report_pages import TWO
 
 _KILLED = """
@@ -76,7 +80,9 @@ def test_a_life_tells_drift_from_jump(archive: Path, capsys: pytest.CaptureFixtu
     assert not found[2, "BB"]["differs_between_temperatures"]
     rest = found.keys() - {(1, "BA"), (2, "BA"), (2, "BB")}
     assert {found[each]["finding"] for each in rest} == {"nothing shown"}
-    assert not any(of["control"]["outside"] for of in found[2, "BB"]["temperatures"])  # since its jump
+    for of in found[2, "BB"]["temperatures"]:  # control limits are those since its jump
+        assert not of["control"]["outside"]
+        assert abs(of["control"]["centre"] - of["values"][-1]["value"]) < 5.0
     assert document["next_calibration"]["due"] >= document["campaigns"][-1]["began_utc"][:10]
     table, life = tmp_path / "values.csv", tmp_path / "life"
     asked = ["--archive", str(archive), "--csv", str(table), "--out", str(life)]
@@ -87,6 +93,29 @@ def test_a_life_tells_drift_from_jump(archive: Path, capsys: pytest.CaptureFixtu
     assert hil(["solve", str(life), "--json"]) == 0
     runs = {each["run"] for each in json.loads(capsys.readouterr().out)["solutions"]}
     assert len(runs) == COUNT * 4
+
+
+def test_the_live_page_has_the_units_and_each_ones_life(archive: Path, campaigns: list[Path]) -> None:
+    """Behind an address that only the stream tells; a unit that is not there is 404."""
+
+    def asked(port: int, path: str) -> tuple[int, str]:
+        with closing(HTTPConnection("127.0.0.1", port, timeout=30.0)) as connection:
+            connection.request("GET", path)
+            answer = connection.getresponse()
+            stream = path == "/api/stream"
+            return answer.status, (answer.readline() if stream else answer.read()).decode()
+
+    with served(campaigns[0].parent, Access(TOKEN, "127.0.0.1"), archive) as port:
+        address = json.loads(asked(port, "/api/stream")[1].removeprefix("data: "))["units"]
+        status, text = asked(port, address)
+        assert (status, f'href="{address}0042?model=MFS-IMU"' in text) == (200, True)
+        status, text = asked(port, f"{address}0042?model=MFS-IMU")
+        assert (status, text.count("<figure>")) == (200, 12)
+        assert "jumped by" in text
+        assert asked(port, f"{address}0043")[0] == 404
+        assert asked(port, "/units/guessed/0042")[0] == 404
+    with served(campaigns[0].parent, Access(TOKEN, "127.0.0.1")) as port:
+        assert json.loads(asked(port, "/api/stream")[1].removeprefix("data: "))["units"] == ""
 
 
 def test_the_index_says_what_solve_says(archive: Path, measured: Campaign) -> None:
