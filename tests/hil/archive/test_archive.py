@@ -11,6 +11,7 @@ from dataclasses import replace
 from http.client import HTTPConnection
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from hil.archive.folder import read_entry, take_up
@@ -19,6 +20,7 @@ from hil.archive.index import opened_index
 from hil.archive.places import ENTRY, INDEX_NAME, entries
 from hil.archive.taking_in import update
 from hil.campaign import Campaign
+from hil.campaign.reader import read_campaign
 from hil.campaign.writer import write_campaign
 from hil.cli.app import run as hil
 from hil.config import parse_bench
@@ -28,7 +30,7 @@ from hil.errors import InputError
 from hil.night import start_night
 from hil.records import open_readonly
 from hil.solve import repeats, solve_campaign
-from tests.hil.archive.conftest import COUNT, DRIFT, JUMP, of_life
+from tests.hil.archive.conftest import COUNT, DAYS, DRIFT, JUMP, of_life
 from tests.hil.dashboard.live_page import TOKEN, served
 from tests.hil.report.report_pages import TWO
 
@@ -93,6 +95,8 @@ def test_a_life_tells_drift_from_jump(archive: Path, capsys: pytest.CaptureFixtu
     assert hil(["solve", str(life), "--json"]) == 0
     runs = {each["run"] for each in json.loads(capsys.readouterr().out)["solutions"]}
     assert len(runs) == COUNT * 4
+    starts_s = read_campaign(life).sensors[2].conditions.start_s
+    assert float(np.ptp(starts_s)) == pytest.approx((COUNT - 1) * DAYS * 86400.0, rel=0.01)  # the calendar's
 
 
 def test_the_live_page_has_the_units_and_each_ones_life(archive: Path, campaigns: list[Path]) -> None:
