@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import date
 from pathlib import Path
@@ -14,7 +12,7 @@ from rich.table import Table
 
 from hil.archive.sentences import sentences, some
 from hil.cli.answer import Answer, Aside
-from hil.cli.output import listing, messages
+from hil.cli.output import check_named, listing, messages
 from hil.errors import InputError
 from procedures.words import counted
 
@@ -208,14 +206,10 @@ def _named(archive: Path | None) -> Path:
 
 def _write_csv(path: Path, rows: Iterable[Mapping[str, Any]]) -> None:
     from hil.files.durable import RealDisk, write_durably
+    from hil.files.tables import rows_as_csv
 
-    if path.suffix.lower() != ".csv" or not path.parent.is_dir():
-        raise InputError(f"{path}: give a name that ends in .csv, in a folder that exists")
-    every, stream = list(rows), io.StringIO()
-    writer = csv.DictWriter(stream, list(every[0]) if every else [], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(every)
-    write_durably(RealDisk(), path, stream.getvalue().encode())
+    check_named(path, ".csv")
+    write_durably(RealDisk(), path, rows_as_csv(list(rows)).encode())
 
 
 COMMANDS = (archive, units, history)
