@@ -232,7 +232,7 @@ def _begin(archive: Path) -> None:
     if (archive / MARK).is_file():
         return
     unfinished = archive / f"{PARTIAL}{MARK}"  # of somebody who was killed here
-    if not is_new(archive) and list(archive.iterdir()) != [unfinished]:
+    if not is_new(archive) and not (archive.is_dir() and list(archive.iterdir()) == [unfinished]):
         raise InputError(f"{archive}: holds something else than an archive (no {MARK}); name a new folder")
     try:
         make_folders(RealDisk(), archive)

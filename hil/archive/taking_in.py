@@ -52,7 +52,8 @@ def update(archive: Path, *, rebuild: bool = False, each: Callable[[str], object
     path = archive / INDEX_NAME
     target = path.with_name(f"{PARTIAL}{INDEX_NAME}") if rebuild else path
     if rebuild:
-        target.unlink(missing_ok=True)
+        for left in archive.glob(f"{target.name}*"):  # of somebody who was killed, its journal too
+            left.unlink()
     there, new = entries(archive), []
     with connected(target, new=True) as connection:
         known = dict(connection.execute("SELECT name, stamp FROM entries"))

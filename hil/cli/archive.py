@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import date
 from pathlib import Path
@@ -12,12 +10,12 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
+from hil.archive.sentences import sentences, some
 from hil.cli.answer import Answer, Aside
-from hil.cli.output import listing, messages
+from hil.cli.output import check_named, listing, messages
 from hil.errors import InputError
 from procedures.words import counted
 
-_SHOWN = 8  # sentences of one kind on a terminal; --json has all
 _Archive = Annotated[
     Path | None,
     typer.Option("--archive", envvar="HIL_ARCHIVE", help="The archive's folder.", show_default=False),
@@ -123,27 +121,41 @@ def history(
         str | None, typer.Option("--limits", help="What the unit must be; default: the newest calibration's own.")
     ] = None,
     csv_file: Annotated[Path | None, typer.Option("--csv", help="Write every value here, .csv.")] = None,
+    page: Annotated[Path | None, typer.Option("--page", help="Write it as a page with pictures here, .html.")] = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", help="Write its life as one campaign folder, for reconcile, thermal, visibility."),
     ] = None,
 ) -> Answer:
     """Say what became of a unit through the years: drift, jumps, control limits, when the next calibration is due."""
-    from hil.archive.folder import life
     from hil.archive.history import history as told
     from hil.archive.index import opened_index
-    from hil.campaign.writer import write_campaign
-    from hil.config.limits import load_limits
 
-    folder, chosen = _named(archive), None if limits is None else load_limits(limits)
+    if page is not None:
+        from hil.files.page import page_file
+
+        page_file(page)  # before anything is written
+    folder, chosen = _named(archive), None
+    if limits is not None:
+        from hil.config.limits import load_limits
+
+        chosen = load_limits(limits)
     with opened_index(folder) as index:
         found = told(index, serial, model, chosen)
     document = found.document()
     if csv_file is not None:
         _write_csv(csv_file, _rows(document))
+    if page is not None:
+        from hil.archive.page import history_page
+        from hil.files.durable import RealDisk, write_durably
+
+        write_durably(RealDisk(), page, history_page(found).encode())
     if out is not None:
+        from hil.archive.folder import life
+        from hil.campaign.writer import write_campaign
+
         write_campaign(life(folder, [each.name for each in found.used]), out)
-    return Answer(document, lambda: _history(document, [each for each in (csv_file, out) if each is not None]))
+    return Answer(document, lambda: _history(document, [each for each in (csv_file, page, out) if each is not None]))
 
 
 def _rows(document: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
@@ -172,23 +184,7 @@ def _history(document: Mapping[str, Any], written: Sequence[Path]) -> Iterator[s
         row = (str(each["sensor"]), each["parameter"], each["unit"], *cells, each["finding"])
         table.add_row(*row, ", ".join(out))
     yield table
-    for each in document["parameters"]:
-        if (jump := each["jump"]) is not None:
-            differs = each["differs_between_temperatures"]
-            so = (
-                "not the same at all temperatures: how it depends on temperature has changed"
-                if differs
-                else "alike at all temperatures"
-            )
-            yield (
-                f"sensor {each['sensor']}, {each['parameter']} jumped by {jump['value']:+.3g} {each['unit']} "
-                f"({jump['low']:+.3g} … {jump['high']:+.3g}) between {' and '.join(jump['between'])}, {so}"
-            )
-    for campaign in document["campaigns"]:
-        if changed := campaign["changed_since_the_last"]:
-            yield f"changed by {campaign['began_utc'][:10]}: {'; '.join(changed[:_SHOWN])}" + _more(changed)
-    due = document["next_calibration"]
-    yield f"next calibration: {due['due'] or 'no date'} ({due['why']})"
+    yield from sentences(document)
     yield from (f"written: {path}" for path in written)
 
 
@@ -197,15 +193,9 @@ def _at(station: Mapping[str, Any]) -> str:
     return "yes" if degC is None else f"{degC:.1f} °C"
 
 
-def _more(things: Sequence[object]) -> str:
-    return f" and {len(things) - _SHOWN} more" if len(things) > _SHOWN else ""
-
-
 def _some(lines: Sequence[str]) -> Iterator[Aside]:
-    """Yield the first of many lines that go beside the answer, and how many more there are."""
-    yield from map(Aside, lines[:_SHOWN])
-    if rest := _more(lines):
-        yield Aside(f"…{rest}: --json has all")
+    """Yield the first of many lines that go beside the answer."""
+    yield from map(Aside, some(lines))
 
 
 def _named(archive: Path | None) -> Path:
@@ -216,14 +206,10 @@ def _named(archive: Path | None) -> Path:
 
 def _write_csv(path: Path, rows: Iterable[Mapping[str, Any]]) -> None:
     from hil.files.durable import RealDisk, write_durably
+    from hil.files.tables import rows_as_csv
 
-    if path.suffix.lower() != ".csv" or not path.parent.is_dir():
-        raise InputError(f"{path}: give a name that ends in .csv, in a folder that exists")
-    every, stream = list(rows), io.StringIO()
-    writer = csv.DictWriter(stream, list(every[0]) if every else [], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(every)
-    write_durably(RealDisk(), path, stream.getvalue().encode())
+    check_named(path, ".csv")
+    write_durably(RealDisk(), path, rows_as_csv(list(rows)).encode())
 
 
 COMMANDS = (archive, units, history)

@@ -29,6 +29,9 @@ def dashboard(
         Path | None,
         typer.Option("--token-file", help="Keeps the token from one start to the next.", show_default=False),
     ] = None,
+    archive: Annotated[
+        Path | None, typer.Option("--archive", envvar="HIL_ARCHIVE", help="Show its units, too.", show_default=False)
+    ] = None,
 ) -> None:
     """Show running and finished nights on a live page in the browser, until Ctrl-C. Nights go on without it."""
     from hil.dashboard.access import Access, is_loopback, new_token, token_from, url
@@ -47,4 +50,4 @@ def dashboard(
             messages().print("note: what goes over the network is not encrypted; see hil docs live-page")
         results().print(f"token for {what}: {f'in {token_file}' if token_file else access.token}")
         with suppress(KeyboardInterrupt):
-            server(create_app(Watcher(folder), access)).run(sockets=[listener])
+            server(create_app(Watcher(folder, archive=archive), access)).run(sockets=[listener])

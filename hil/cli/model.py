@@ -14,8 +14,7 @@ from rich.table import Table
 
 from hil.cli.answer import Answer, Aside
 from hil.cli.data import Source, read_source
-from hil.cli.output import check_result_folder, listing, messages
-from hil.errors import InputError
+from hil.cli.output import check_named, check_result_folder, listing, messages
 
 if TYPE_CHECKING:
     from hil.model import Model
@@ -94,8 +93,8 @@ def fleet(
     from hil.reconcile.outcome.fleet import fleet_csv, fleet_document, fleet_page
 
     for path, ending in ((out, ".html"), (csv, ".csv")):
-        if path is not None and (path.suffix.lower() != ending or not path.parent.is_dir()):
-            raise InputError(f"{path}: give a name that ends in {ending}, in a folder that exists")
+        if path is not None:
+            check_named(path, ending)
     found = screen_folders(folders, model, workers, cluster)
     for path, write in ((out, fleet_page), (csv, fleet_csv)):
         if path is not None:

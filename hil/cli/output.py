@@ -98,6 +98,12 @@ def check_result_folder(out: Path, another: str, command: str) -> None:
         raise InputError(f"{out}: holds the model.yaml of hil {command}, which would be lost; name another folder")
 
 
+def check_named(path: Path, ending: str) -> None:
+    """Raise `InputError` where the name of a file to be written does not end so, or its folder is not there."""
+    if path.suffix.lower() != ending or not path.parent.is_dir():
+        raise InputError(f"{path}: give a name that ends in {ending}, in a folder that exists")
+
+
 def warn(warnings: list[str] | tuple[str, ...]) -> None:
     """Say on standard error what is suspicious about the input."""
     for line in warnings:

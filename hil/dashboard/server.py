@@ -5,6 +5,7 @@
 | `GET /` and `GET /page/...` | the page and its files: nothing of any night |
 | `GET /api/stream` | server-sent events: everything, then once a second what changed |
 | `GET /report/KEY/NIGHT` | the report that `hil report` made since the last record; KEY stands in the stream |
+| `GET /units/KEY/SERIAL` | the archive's units, or the life of one; KEY stands in the stream |
 | `POST /api/ask` | pause, continue, abort, confirm, refuse: `{night, kind, who, why, prompt}` |
 
 There is nothing else, and no other method.
@@ -13,7 +14,7 @@ There is nothing else, and no other method.
 import asyncio
 import json
 import socket
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from importlib.resources import files
@@ -23,7 +24,7 @@ import uvicorn
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
+from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Response, StreamingResponse
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
@@ -71,6 +72,13 @@ def create_app(watcher: Watcher, access: Access) -> Guard:
         none = "there is no report since the last record; hil report makes one"
         return FileResponse(found, headers=_STILL) if found else _refused(none, 404)
 
+    async def units(request: Request) -> Response:
+        try:
+            text = await run_in_threadpool(_units, watcher, request.path_params["serial"], request.query_params)
+        except InputError as error:
+            return _refused(str(error), 404)
+        return HTMLResponse(text, headers=_STILL)
+
     async def ask(request: Request) -> Response:
         if not access.may_ask(request.headers):
             return _refused("the token is not right")
@@ -90,8 +98,23 @@ def create_app(watcher: Watcher, access: Access) -> Guard:
         Route("/api/ask", ask, methods=["POST"]),
         Route(f"{watcher.reports}{{night:path}}", report, methods=["GET"]),
         Mount("/page", StaticFiles(directory=_STATIC)),
+        *([Route(f"{watcher.units}{{serial:path}}", units, methods=["GET"])] if watcher.units else []),
     ]
     return Guard(Starlette(routes=routes, lifespan=watching), access)
+
+
+def _units(watcher: Watcher, serial: str, asked: Mapping[str, str]) -> str:
+    """Return the page of the archive's units, or of one; raise `InputError` where there is none."""
+    from hil.archive.history import history  # only who asks for it waits for what solves
+    from hil.archive.index import opened_index
+    from hil.archive.page import history_page, units_page
+
+    if watcher.archive is None:
+        raise InputError("there is no archive on this page")
+    with opened_index(watcher.archive) as index:
+        if not serial:
+            return units_page(index.units(), index.behind(), watcher.units)
+        return history_page(history(index, serial, asked.get("model")))
 
 
 def listen(host: str, port: int) -> socket.socket:

@@ -34,8 +34,9 @@ _WAITING = 4
 class Watcher:
     """The nights of a folder, or the one night that the folder is."""
 
-    def __init__(self, root: Path, every_s: float = EVERY_S) -> None:
+    def __init__(self, root: Path, every_s: float = EVERY_S, archive: Path | None = None) -> None:
         self._root = root
+        self.archive = archive
         self._every_s = every_s
         self._nights: dict[str, NightFacts] = {}
         self._found: list[str] = []  # newest first
@@ -47,6 +48,7 @@ class Watcher:
         self._wake = threading.Event()
         self._ended = False
         self.reports = f"/report/{secrets.token_urlsafe(16)}/"  # told to pages that may read, and guessed by nobody
+        self.units = f"/units/{secrets.token_urlsafe(16)}/" if archive is not None else ""
         self._thread = threading.Thread(target=self._run, name="hil dashboard watcher", daemon=True)
 
     def start(self) -> None:
@@ -165,7 +167,8 @@ class Watcher:
         """Return the server-sent event that tells a page of these nights, or of why they cannot be looked at."""
         head = {"utc": SystemClock().utc().isoformat(timespec="milliseconds"), "folder": self._root.resolve().name}
         shown = {"shown": self._shown() if not problem else [], "not_shown": self._not_shown}
-        document = {**head, **shown, "problem": problem, "reports": self.reports, "nights": nights}
+        document = {**head, **shown, "problem": problem, "nights": nights}
+        document |= {"reports": self.reports, "units": self.units}
         return b"data: " + json.dumps(document, separators=(",", ":"), allow_nan=False).encode() + b"\n\n"
 
     def _hand_over(self, send: Callable[..., None], *frames: bytes) -> None:

@@ -1,8 +1,10 @@
-"""Tables of numbers that people give, as Arrow reads them: Parquet and CSV, of bounded size, each column named once."""
+"""Tables: those that people give, as Arrow reads them, of bounded size and each column named once; and rows as CSV."""
 
-from collections.abc import Sequence
+import csv
+import io
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import pyarrow as pa
 import pyarrow.csv
@@ -41,3 +43,12 @@ def check_names(path: Path, names: Sequence[str]) -> None:
         if name in seen:
             raise InputError(f"{path}, row 1: column {name} stands there twice")
         seen.add(name)
+
+
+def rows_as_csv(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return rows that have the same names as CSV, the names first; nothing of no rows."""
+    stream = io.StringIO()
+    writer = csv.DictWriter(stream, list(rows[0]) if rows else [], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return stream.getvalue()

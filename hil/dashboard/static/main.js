@@ -45,6 +45,8 @@ function show(changed) {
   $("overview").hidden = id !== null || store.nights.size === 0;
   $("night").hidden = id === null || night.head.state === "unreadable";
   $("not-shown").hidden = !store.notShown;
+  $("units").hidden = !store.units;
+  if (store.units) $("units").href = store.units;
   $("not-shown").textContent = `${store.notShown} older nights of this folder are not shown; hil dashboard with a night's own folder shows it.`;
   const name = night ? night.head.title : store.nights.size ? `${store.folder}: ${store.nights.size} nights` : store.folder;
   if ($("title").textContent !== name) $("title").textContent = name;

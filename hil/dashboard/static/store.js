@@ -8,6 +8,7 @@ export class Store {
     this.notShown = 0;
     this.problem = "";
     this.reports = "";
+    this.units = "";
   }
 
   // Take one frame in; return the names of the parts that changed, by night, or null where other nights are shown, or
@@ -18,6 +19,7 @@ export class Store {
     this.notShown = frame.not_shown;
     this.problem = frame.problem;
     this.reports = frame.reports;
+    this.units = frame.units;
     if (frame.problem) return new Map();
     const before = [...this.nights.keys()].join("\n");
     const changed = new Map();

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -12,6 +10,7 @@ from typing import Any
 
 from hil.files.figure import LOOKS, blank
 from hil.files.page import in_style, inline_svg, rendered
+from hil.files.tables import rows_as_csv
 from hil.reconcile.campaigns import LEVEL, Screened, ScreenedUnit
 from procedures.words import counted
 
@@ -47,12 +46,7 @@ def fleet_document(found: Screened) -> dict[str, Any]:
 
 def fleet_csv(found: Screened) -> str:
     """Return the units as CSV, the likeliest to lack something first."""
-    stream = io.StringIO()
-    rows = [_row(each) for each in found.units]
-    writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return stream.getvalue()
+    return rows_as_csv([_row(each) for each in found.units])
 
 
 def fleet_page(found: Screened) -> str:

@@ -6,9 +6,12 @@ import json
 import shutil
 import subprocess
 import sys
+from contextlib import closing
 from dataclasses import replace
+from http.client import HTTPConnection
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from hil.archive.folder import read_entry, take_up
@@ -17,15 +20,18 @@ from hil.archive.index import opened_index
 from hil.archive.places import ENTRY, INDEX_NAME, entries
 from hil.archive.taking_in import update
 from hil.campaign import Campaign
+from hil.campaign.reader import read_campaign
 from hil.campaign.writer import write_campaign
 from hil.cli.app import run as hil
 from hil.config import parse_bench
 from hil.config.bench import load_bench
+from hil.dashboard.access import Access
 from hil.errors import InputError
 from hil.night import start_night
 from hil.records import open_readonly
 from hil.solve import repeats, solve_campaign
-from tests.hil.archive.conftest import COUNT, DRIFT, JUMP, of_life
+from tests.hil.archive.conftest import COUNT, DAYS, DRIFT, JUMP, of_life
+from tests.hil.dashboard.live_page import TOKEN, served
 from tests.hil.report.report_pages import TWO
 
 _KILLED = """
@@ -76,7 +82,9 @@ def test_a_life_tells_drift_from_jump(archive: Path, capsys: pytest.CaptureFixtu
     assert not found[2, "BB"]["differs_between_temperatures"]
     rest = found.keys() - {(1, "BA"), (2, "BA"), (2, "BB")}
     assert {found[each]["finding"] for each in rest} == {"nothing shown"}
-    assert not any(of["control"]["outside"] for of in found[2, "BB"]["temperatures"])  # since its jump
+    for of in found[2, "BB"]["temperatures"]:  # control limits are those since its jump
+        assert not of["control"]["outside"]
+        assert abs(of["control"]["centre"] - of["values"][-1]["value"]) < 5.0
     assert document["next_calibration"]["due"] >= document["campaigns"][-1]["began_utc"][:10]
     table, life = tmp_path / "values.csv", tmp_path / "life"
     asked = ["--archive", str(archive), "--csv", str(table), "--out", str(life)]
@@ -87,6 +95,31 @@ def test_a_life_tells_drift_from_jump(archive: Path, capsys: pytest.CaptureFixtu
     assert hil(["solve", str(life), "--json"]) == 0
     runs = {each["run"] for each in json.loads(capsys.readouterr().out)["solutions"]}
     assert len(runs) == COUNT * 4
+    starts_s = read_campaign(life).sensors[2].conditions.start_s
+    assert float(np.ptp(starts_s)) == pytest.approx((COUNT - 1) * DAYS * 86400.0, rel=0.01)  # the calendar's
+
+
+def test_the_live_page_has_the_units_and_each_ones_life(archive: Path, campaigns: list[Path]) -> None:
+    """Behind an address that only the stream tells; a unit that is not there is 404."""
+
+    def asked(port: int, path: str) -> tuple[int, str]:
+        with closing(HTTPConnection("127.0.0.1", port, timeout=30.0)) as connection:
+            connection.request("GET", path)
+            answer = connection.getresponse()
+            stream = path == "/api/stream"
+            return answer.status, (answer.readline() if stream else answer.read()).decode()
+
+    with served(campaigns[0].parent, Access(TOKEN, "127.0.0.1"), archive) as port:
+        address = json.loads(asked(port, "/api/stream")[1].removeprefix("data: "))["units"]
+        status, text = asked(port, address)
+        assert (status, f'href="{address}0042?model=MFS-IMU"' in text) == (200, True)
+        status, text = asked(port, f"{address}0042?model=MFS-IMU")
+        assert (status, text.count("<figure>")) == (200, 12)
+        assert "jumped by" in text
+        assert asked(port, f"{address}0043")[0] == 404
+        assert asked(port, "/units/guessed/0042")[0] == 404
+    with served(campaigns[0].parent, Access(TOKEN, "127.0.0.1")) as port:
+        assert json.loads(asked(port, "/api/stream")[1].removeprefix("data: "))["units"] == ""
 
 
 def test_the_index_says_what_solve_says(archive: Path, measured: Campaign) -> None:

@@ -19,7 +19,9 @@ def found(count: int, what: str, size: float, scatter: float = 1.0, draws: int =
 
 
 @pytest.mark.parametrize("scatter", [1.0, 3.0])
-@pytest.mark.parametrize("count", [4, 5, 6, 12])
+@pytest.mark.parametrize(
+    "count", [4, 6, pytest.param(5, marks=pytest.mark.slow), pytest.param(12, marks=pytest.mark.slow)]
+)
 def test_hardly_anything_is_found_where_nothing_is(count: int, scatter: float) -> None:
     """At most three in a hundred, also where calibrations scatter three times as much as stated."""
     assert found(count, "none", 0.0, scatter)["nothing shown"] >= 194

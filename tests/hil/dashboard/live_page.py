@@ -117,10 +117,10 @@ class Dashboard:
 
 
 @contextmanager
-def served(root: Path, access: Access) -> Iterator[int]:
+def served(root: Path, access: Access, archive: Path | None = None) -> Iterator[int]:
     """Serve the nights of `root` from a thread of this process by the rules of `access`; give the port."""
     listener = listen("127.0.0.1", 0)
-    app = create_app(Watcher(root), access)
+    app = create_app(Watcher(root, archive=archive), access)
     serving = server(app)
     thread = threading.Thread(target=serving.run, kwargs={"sockets": [listener]})
     thread.start()

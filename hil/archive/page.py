@@ -1,0 +1,77 @@
+"""A unit's life, and the list of units, as pages: each self-contained, with pictures, served live or kept as a file.
+
+history_page(history(index, "0042"))
+units_page(index.units(), index.behind(), address="/units/KEY/")
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import date
+from typing import Any
+
+from hil.archive.history import History, Parameter
+from hil.archive.sentences import sentences
+from hil.files.figure import blank
+from hil.files.page import in_style, inline_svg, rendered
+
+_COLOURS = "viridis"
+
+
+def history_page(found: History) -> str:
+    """Return a unit's life as one HTML document: no scripts, no other files."""
+    document = found.document()
+    title = f"Unit {found.serial}{f', {found.model}' if found.model else ''}"
+    view = {
+        **document,
+        **_frame(title),
+        "sentences": list(sentences(document)),
+        "pictures": [_picture(each, of) for each, of in zip(found.parameters, document["parameters"], strict=True)],
+    }
+    return rendered("hil.archive", "history.html.j2", view)
+
+
+def units_page(rows: Sequence[Mapping[str, Any]], said: Sequence[str], address: str) -> str:
+    """Return the list of units, each linked to its own page below `address`."""
+    simulated = any(each["simulated"] for each in rows)
+    view = {**_frame("Units of the archive"), "simulated": simulated, "units": rows, "said": said, "address": address}
+    return rendered("hil.archive", "units.html.j2", view)
+
+
+def _frame(title: str) -> dict[str, Any]:
+    return {"title": title, "running_title": in_style(title), "whole": False}
+
+
+def _picture(parameter: Parameter, document: Mapping[str, Any]) -> str:
+    """Draw one parameter over the calendar, a line for each temperature, the cold ones dark."""
+    from matplotlib import colormaps
+    from matplotlib.dates import AutoDateLocator
+
+    figure, axes = blank(6.4, 2.6)
+    figure.subplots_adjust(top=0.86)
+    count = len(document["temperatures"])
+    for place, station in enumerate(document["temperatures"]):
+        values, at = station["values"], station["temperature_degC"]
+        days: Any = [date.fromisoformat(each["day"]) for each in values]
+        bars = [0.0 if each["high"] is None else each["high"] - each["value"] for each in values]
+        colour = colormaps[_COLOURS](0.85 * place / max(count - 1, 1))
+        label = "" if at is None else f"{at:.0f} °C"
+        drawn: dict[str, Any] = {
+            "color": colour,
+            "marker": "o",
+            "markersize": 3,
+            "linewidth": 0.8,
+            "elinewidth": 0.5,
+            "label": label,
+        }
+        axes.errorbar(days, [each["value"] for each in values], bars, **drawn)
+    if document["jump"] is not None:
+        jumped: Any = date.fromisoformat(document["jump"]["between"][1])
+        axes.axvline(jumped, color="#D55E00", linestyle=":")
+    axes.xaxis.set_major_locator(AutoDateLocator(minticks=2, maxticks=6))  # type: ignore[no-untyped-call]
+    axes.set_ylabel(f"{parameter.name}, {parameter.unit}")
+    axes.set_title(f"sensor {parameter.sensor}, {parameter.name}: {parameter.together.word}", loc="left", fontsize=9)
+    narrow: Any = {"columnspacing": 0.9, "handlelength": 1.2, "handletextpad": 0.4}
+    axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.12), ncols=min(count, 8), frameon=False, fontsize=6, **narrow)
+    figure.subplots_adjust(bottom=0.24)
+    return inline_svg(figure, f"Sensor {parameter.sensor}, {parameter.name} over the years: {parameter.together.word}")

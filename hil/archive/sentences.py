@@ -1,0 +1,38 @@
+"""What a unit's history says in words, for terminals and pages, from the document hil.history/1."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+_SHOWN = 8  # things of one kind in a sentence; the document has all
+
+
+def sentences(document: Mapping[str, Any]) -> Iterator[str]:
+    """Yield its jumps, what changed in bench or software between calibrations, and when the next is due."""
+    for each in document["parameters"]:
+        if (jump := each["jump"]) is not None:
+            alike = "alike at all temperatures"
+            otherwise = "not the same at all temperatures: how it depends on temperature has changed"
+            yield (
+                f"sensor {each['sensor']}, {each['parameter']} jumped by {jump['value']:+.3g} {each['unit']} "
+                f"({jump['low']:+.3g} … {jump['high']:+.3g}) between {' and '.join(jump['between'])}, "
+                f"{otherwise if each['differs_between_temperatures'] else alike}"
+            )
+    for campaign in document["campaigns"]:
+        if changed := campaign["changed_since_the_last"]:
+            yield f"changed by {campaign['began_utc'][:10]}: {'; '.join(changed[:_SHOWN])}{more(changed)}"
+    due = document["next_calibration"]
+    yield f"next calibration: {due['due'] or 'no date'} ({due['why']})"
+
+
+def some(lines: Sequence[str]) -> Iterator[str]:
+    """Yield the first of many lines, and how many more there are."""
+    yield from lines[:_SHOWN]
+    if rest := more(lines):
+        yield f"…{rest}: --json has all"
+
+
+def more(things: Sequence[object]) -> str:
+    """Say how many things are beyond those that are shown; nothing where none is."""
+    return f" and {len(things) - _SHOWN} more" if len(things) > _SHOWN else ""
