@@ -75,7 +75,7 @@ def test_a_unit_is_asked_for_by_its_folder(finished: Path) -> None:
         night_status(finished / "units" / "0099")
     with pytest.raises(InputError, match="a night of several units; name one by its folder"):
         campaign_of_night(finished)
-    with pytest.raises(InputError, match="is not carried on by itself; hil resume .*night carries on with all"):
+    with pytest.raises(InputError, match=r"is not carried on by itself; hil resume .*night carries on with all"):
         resume_night(finished / "units" / "0042")
     assert not (finished / "units" / "0042" / "controller.lock").exists()
 
