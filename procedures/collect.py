@@ -269,13 +269,12 @@ def take_collects(
 ) -> Mapping[str, Collected | WrongPose]:
     """Settle, sample and reduce a collect of each of `units`, at once, at the position where they stand.
 
-    A unit that is set aside meanwhile is missing in what is returned; of one that does not lie as it should, by its
-    accelerations over the last second of settling, no sample is taken: `WrongPose`. A position that is not confirmed
-    before and after, and accelerations over the collect that contradict it, are a FAIL. Raises what a poll raises.
+    A unit that is set aside meanwhile is missing in it; of one that does not lie as it should, by its accelerations
+    at the end of settling, no sample is taken: `WrongPose`. A position that is not confirmed before and after, or that
+    accelerations over the collect contradict, is a FAIL. Raises what a poll raises.
     """
     before = {name: devices.positioner.position() for name, devices in units.items()}
-    watch.note = "settling"
-    taken: dict[str, Collected | WrongPose] = {}
+    taken, watch.note = dict[str, Collected | WrongPose](), "settling"
     if settings.settle_s > 0.0:
         last = _settled(watch, units, settings.settle_s)
         found = {name: _pose(devices, position, last[name]) for name, devices in units.items() if name in last}
@@ -287,8 +286,7 @@ def take_collects(
     watch.forget_stream()
     start_s = watch.now_s
     blocks, readings, end_s = _sample(watch, units, start_s + settings.duration_s)
-    started_s = watch.campaign_s(start_s)
-    offset_s = started_s - start_s
+    offset_s = (started_s := watch.campaign_s(start_s)) - start_s
     of_all = {
         "position": position,
         "start_s": started_s,
@@ -307,8 +305,8 @@ def take_collects(
         data, judgement = reduce_collect(samples, end_s - start_s, devices.imu, settings)
         after, lies = devices.positioner.position(), _pose(devices, position, samples)
         contradicted = [Judgement(Verdict.FAIL, lies)] if lies else []
-        every = [*contradicted, judgement, *_confirmed(position, before[name], after)]
-        judgement = combine(every, passed=judgement.reason)
+        confirmed = _confirmed(position, before[name], after)
+        judgement = combine([*contradicted, judgement, *confirmed], passed=judgement.reason)
         data |= {**of_all, "verdict": judgement.verdict.value, "reason": judgement.reason}
         taken[name] = Collected(data, judgement, samples)
     return taken

@@ -27,7 +27,7 @@ _SIZES: Mapping[str, Callable[[random.Random], float | str]] = {
 def draw_faults(
     draw: random.Random, plan: Plan, count: tuple[int, int], longest_s: float | None = None
 ) -> tuple[Fault, ...]:
-    """Return between `count[0]` and `count[1]` faults for a night of this plan.
+    """Return between `count[0]` and `count[1]` faults for a night of this plan; of several units each concerns one.
 
     With `longest_s` they are glitches: none lasts longer, and none for ever.
     """
@@ -41,6 +41,8 @@ def _fault(draw: random.Random, plan: Plan, longest_s: float | None) -> Fault:
     waits = draw.random() < _AT_A_STEP
     at = draw.choice(plan.steps).key if waits else f"{draw.uniform(0.0, plan.total_s):.0f} s"
     facts: dict[str, object] = {"at": at, "device": device, "kind": name}
+    if device == "imu" and (units := [*filter(None, plan.units)]):
+        facts["unit"] = draw.choice(units)
     if kind.size == "share":
         facts["size"] = round(10.0 ** draw.uniform(-3.0, 0.0), 4)
     elif kind.size is not None:

@@ -28,7 +28,7 @@ import yaml
 
 from benchmarks.reliability.random_faults import draw_faults
 from hil.bench import LiveBench
-from hil.config import Bench, Sweep, check_sweep_against_bench, parse_bench
+from hil.config import Bench, Sweep, check_sweep_against_bench, parse_bench, planned
 from hil.config.faults import Fault
 from hil.errors import Damaged, InputError
 from hil.files.strict import parse_yaml
@@ -36,10 +36,12 @@ from hil.night import NightOutcome, resume_night, start_night
 from hil.records import open_readonly
 from hil.records.export import campaign_of_night
 from hil.records.reader import JOURNAL_NAME
+from hil.records.status import night_status
+from hil.records.units import unit_folder
 from hil.records.verify import verify_night
 from hil.solve import solve_campaign
 from procedures.journal_protocol import StepResult
-from procedures.plan import Step, StepKind, make_plan
+from procedures.plan import Step, StepKind
 from procedures.progress import Silent
 from procedures.verdict import Verdict, self_calibration_verdict
 
@@ -117,7 +119,7 @@ def _rehearsed(
     sweep: Sweep, bench: Bench, seed: int, where: Path, count: tuple[int, int], longest_s: float | None
 ) -> Rehearsal:
     where.mkdir(parents=True)
-    plan = make_plan(sweep.procedure())
+    plan = planned(sweep, bench)
     drawn = draw_faults(random.Random(seed), plan, count, longest_s)
     faulty = with_faults(bench, (*bench.faults, *drawn))
     night, carried_on = where / "night", 0
@@ -134,7 +136,7 @@ def _rehearsed(
     if (night / JOURNAL_NAME).exists():
         wrong += wrong_end(told, begun(night, faulty.faults))
         found, verdicts = wrong_records(night, told["state"])
-        wrong += found
+        wrong += [*found, *wrongly_aside(night, begun(night, faulty.faults))]
     else:
         wrong += wrong_end(told, faulty.faults)
     if not wrong:
@@ -210,9 +212,10 @@ class Witness(Silent):
         if step.kind is not StepKind.COLLECT or self._live is None or self._live.simulators is None:
             return
         with self._file.open("a") as file:
-            for sensor in self._live.bench.sensors:
-                truth = self._live.simulators.unit.truth(step.self_calibration or 0, sensor)
-                line = {"run": truth.run, "sensor": sensor, "parameters": dict(truth.parameters)}
+            unit = step.unit or ""
+            for sensor in self._live.bench.each[unit].sensors:
+                truth = self._live.simulators.units[unit].truth(step.self_calibration or 0, sensor)
+                line = {"unit": unit, "run": truth.run, "sensor": sensor, "parameters": dict(truth.parameters)}
                 file.write(json.dumps(line) + "\n")
 
     def tell(self, outcome: NightOutcome) -> dict[str, Any]:
@@ -270,23 +273,39 @@ def wrong_records(night: Path, state: str) -> tuple[list[str], dict[str, int]]:
     if (state == "complete") != bool(found["complete"]):
         wrong.append(f"the night was called {state}, and verify says {'complete' if found['complete'] else 'missing'}")
     with open_readonly(night) as journal:
-        completed, runs = journal.completed(), journal.plan.self_calibrations
-    verdicts = {run: self_calibration_verdict(steps, completed).verdict for run, steps in runs.items()}
-    passed = [run for run, verdict in verdicts.items() if verdict is Verdict.PASS]
-    counts = {verdict.value: list(verdicts.values()).count(verdict) for verdict in Verdict}
-    return wrong + list(_wrong_numbers(night, passed)), counts
+        units = journal.plan.units
+    every: list[Verdict] = []
+    for unit in units:
+        with open_readonly(unit_folder(night, unit)) as journal:
+            completed, runs = journal.completed(), journal.plan.self_calibrations
+        verdicts = {run: self_calibration_verdict(steps, completed).verdict for run, steps in runs.items()}
+        wrong += _wrong_numbers(night, unit, [run for run, verdict in verdicts.items() if verdict is Verdict.PASS])
+        every += verdicts.values()
+    return wrong, {verdict.value: every.count(verdict) for verdict in Verdict}
 
 
-def _wrong_numbers(night: Path, passed: Sequence[int]) -> Iterator[str]:
+def wrongly_aside(night: Path, faults: Sequence[Fault]) -> Iterator[str]:
+    """Yield a sentence for every unit that was set aside although nothing had happened to it or to its chamber."""
+    if any(fault.device == "chamber" for fault in faults):
+        return
+    harmed = {fault.unit for fault in faults if fault.device == "imu"}
+    for each in night_status(night)["units"]:
+        if each["set_aside"] and each["unit"] not in harmed:
+            yield f"unit {each['unit']} was set aside, and nothing had happened to it: {each['reason']}"
+
+
+def _wrong_numbers(night: Path, unit: str, passed: Sequence[int]) -> Iterator[str]:
     """Yield a sentence for every parameter called PASS that is not what the unit really was."""
     if not passed:
         return
     truths: dict[tuple[int, int], list[Mapping[str, float]]] = {}
     for line in (night.parent / "truth.jsonl").read_text().splitlines():
         truth = json.loads(line)
+        if truth["unit"] != unit:
+            continue
         truths.setdefault((truth["run"], truth["sensor"]), []).append(truth["parameters"])
     try:
-        solutions = solve_campaign(campaign_of_night(night))
+        solutions = solve_campaign(campaign_of_night(unit_folder(night, unit)))
     except Damaged:  # nothing is called PASS over it; what is damaged `verify` has said
         return
     for solution in solutions:
@@ -300,6 +319,6 @@ def _wrong_numbers(night: Path, passed: Sequence[int]) -> Iterator[str]:
             off = max(min(seen) - estimate.value, estimate.value - max(seen), 0.0)
             if off > SIGMAS * float(np.hypot(estimate.se, max(seen) - min(seen))):
                 yield (
-                    f"self-calibration {solution.run} is called PASS, but {name} of sensor {solution.sensor} is "
+                    f"{unit} self-calibration {solution.run} is called PASS, but {name} of sensor {solution.sensor} is "
                     f"{estimate.value:.3f} ± {estimate.se:.3f}, in truth {seen[-1]:.3f}"
                 )

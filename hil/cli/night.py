@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 _OF_A_DEMO = ("journal", "blocks", "configuration", "controller", "heartbeat", "live", "log", "report")
 """What stands in a demo's folder, by the beginning of its name: the night's own files and the page."""
+_LONGEST_SERIALS = 60  # characters of a folder's name
 SweepName = Annotated[str, typer.Argument(help="A sweep file, or the name of one that ships.", show_default=False)]
 BenchName = Annotated[
     str, typer.Option("--bench", help="A bench file, or the name of one that ships.", show_default=False)
@@ -134,7 +135,8 @@ def _of_unit(bench: Bench, serial: str | None, out: str, *, attended: bool) -> B
 
 
 def _folder(name: str, bench: Bench) -> Path:
-    shown = re.sub(r"[^\w.+-]+", "-", bench.unit.serial)
+    serials = list(bench.units) or [bench.unit.serial]
+    shown = re.sub(r"[^\w.+-]+", "-", "-".join(serials))[:_LONGEST_SERIALS]
     return Path(name.replace("{date}", f"{SystemClock().utc():%Y-%m-%d}").replace("{serial}", shown))
 
 
@@ -153,7 +155,9 @@ def resume(
     from hil.files.lock import living_owner
     from hil.night import Remarks, resume_night
     from hil.records import reading
+    from hil.records.units import refuse_unit
 
+    refuse_unit(folder)
     with reading(folder) as journal, tempfile.TemporaryDirectory(prefix="hil-") as files:
         on, asked = configuration_of(journal.night.configuration, Path(files))
         done, owner = journal.completed().keys(), living_owner(folder)

@@ -267,7 +267,7 @@ class Bench(WholeFile):
 
     @classmethod
     def parse(cls, text: str, source: str) -> Self:
-        """Read from YAML text; `source` names it in messages. Raises `InputError`, of a `ValueError`, too."""
+        """Read from YAML text; `source` names it in messages. Raises `InputError` in one sentence, no `ValueError`."""
         found = super().parse(text, source)
         own = _of_each(parse_yaml(text, source)) if found.units else {}
         for serial, bench in found.units.items():  # each is a bench of one unit

@@ -64,7 +64,7 @@ def configuration_text(bench: Bench, sweep: Sweep, seed: int | None = None) -> s
     }
     if "unit" in document["bench"]:
         document["bench"]["unit"]["serial"] = bench.unit.serial  # which somebody may have typed
-    for name in _files(document).keys() - _FILES.keys():
+    for name in (each for each in _files(document) if each not in _FILES):
         kind, _, serial = name.partition("-")
         model = bench.units[serial].simulation_model
         own = whole_text(bench.units[serial].imu_description) if kind == "imu" else model and read_text(model)

@@ -51,7 +51,7 @@ from hil.records.reader import refuse_existing
 from hil.records.requests import user
 from hil.records.rows import Night
 from hil.records.status import VERDICT
-from hil.records.units import unit_folder
+from hil.records.units import refuse_unit, unit_folder
 from hil.records.witnesses import seal, sealed_log
 from procedures.attended import Attendant, Terminal
 from procedures.plan import StepKind
@@ -156,6 +156,7 @@ def resume_night(
     written.
     """
     folder, who, said = Path(folder), one_line("--operator", who or user(), NAME), remarks or Remarks()
+    refuse_unit(folder)
     with reading(folder) as reader:
         night, controllers, plan = reader.night, reader.controllers(), reader.plan
         damaged = damaged_self_calibrations(reader)

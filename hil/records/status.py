@@ -292,34 +292,30 @@ def _aside(facts: _Facts) -> Mapping[str, str]:
     """Return why units were set aside, by name, of the newest controller: another has tried them again."""
     newest = facts.controller.number if facts.controller else 0
     said = [event for event in facts.events if event.kind == "unit-set-aside" and event.controller == newest]
-    night = facts.journal.night
-    return {
-        str(event.evidence["unit"]): f"set aside at {night.utc(event.at_s):%Y-%m-%d %H:%M} UTC: {event.evidence['why']}"
-        for event in said
-    }
+    at = {event.number: f"{facts.journal.night.utc(event.at_s):%Y-%m-%d %H:%M} UTC" for event in said}
+    return {event.evidence["unit"]: f"set aside at {at[event.number]}: {event.evidence['why']}" for event in said}
 
 
 def _units(facts: _Facts, state: str, reason: str) -> list[dict[str, Any]]:
     """Return how each of several units stands; nothing where the bench lists none."""
-    aside, told = _aside(facts), []
+    aside, told, over = _aside(facts), [], state not in ("running", "paused")
     for unit in filter(None, facts.journal.plan.units):
-        runs = facts.journal.plan.of_unit(unit).self_calibrations
+        plan = facts.journal.plan.of_unit(unit)
+        runs, whole = plan.self_calibrations, all(step.key in facts.done for step in plan.steps)
         done = sum(all(step.key in facts.done for step in steps) for steps in runs.values())
-        lacking = [s for s in facts.journal.plan.of_unit(unit).steps if s.key not in facts.done]
-        its, why = ("incomplete", aside[unit]) if unit in aside else (state, reason)
-        own = ("complete", "every planned step is done") if not lacking else (its, why)
-        ended = _recorded_end(facts.journal, unit)
+        lacks = ("incomplete", aside[unit]) if unit in aside else (state, reason)
+        stands = ("complete", "every planned step is done") if whole else lacks
         told.append(
             {
                 "unit": unit,
                 "folder": str(unit_folder(facts.journal.folder, unit)),
-                "state": own[0],
-                "reason": own[1],
-                "set_aside": unit in aside and bool(lacking),
+                **dict(zip(("state", "reason"), stands, strict=True)),
+                "set_aside": unit in aside and not whole,
                 "self_calibrations_done": done,
                 "self_calibrations_total": len(runs),
-                "verdict": ended.get("verdict") if state not in ("running", "paused") else None,
-                "in_spec": ended.get("in_spec") if state not in ("running", "paused") else None,
+                **{
+                    key: _recorded_end(facts.journal, unit).get(key) if over else None for key in ("verdict", "in_spec")
+                },
             }
         )
     return told
@@ -344,8 +340,7 @@ def _eta(facts: _Facts, present: Attempt | None) -> str:
 def missing_in_words(plan: Plan, done: Mapping[str, object], attempts: Sequence[Attempt] = ()) -> list[str]:
     """Return one sentence for each part of the plan that is not done: self-calibrations, and the steps around them.
 
-    `done` holds the keys of the steps that are; `attempts` tell what became of those that were tried. What is missing
-    of some units only names them.
+    `done` holds the keys of the steps that are; `attempts` tell what became of those that were tried.
     """
     reasons = {
         each.step_key: f" ({each.outcome.value.lower()}: {each.reason})"

@@ -10,6 +10,8 @@ of it what was done to that unit and to the chamber.
 import os
 from pathlib import Path
 
+from hil.errors import InputError
+
 UNITS = "units"
 JOURNAL_NAME = "journal.sqlite"
 
@@ -30,3 +32,10 @@ def place_of(folder: Path) -> tuple[Path, str]:
 def night_of(folder: Path) -> Path:
     """Return the folder of the night, which is the folder itself where it names no unit of one."""
     return place_of(folder)[0]
+
+
+def refuse_unit(folder: Path) -> None:
+    """Raise `InputError` where the folder names one of a night's units: that is carried on with all of them."""
+    night, unit = place_of(folder)
+    if unit:
+        raise InputError(f"{folder}: unit {unit} is not carried on by itself; hil resume {night} carries on with all")

@@ -14,7 +14,7 @@ from drivers.errors import CommandRefused, DeviceError, WrongDevice
 from drivers.positioners.positioner import move_all
 from procedures.devices import BenchDevices
 from procedures.journal_protocol import Outcome
-from procedures.plan import make_plan
+from procedures.plan import lasting_s, make_plan
 from procedures.settings import SweepProcedure
 from procedures.sweep_outcome import SweepState
 
@@ -158,6 +158,24 @@ def test_a_soak_that_one_unit_never_ends_is_held_against_that_unit_alone(chamber
     assert verdicts == {"0041": "PASS", SICK: "INCONCLUSIVE", "0043": "PASS"}
 
 
+def test_a_soak_waits_no_more_for_a_unit_that_was_set_aside(chamberful: Any) -> None:
+    """It ends by the evidence of the others, long before its ceiling."""
+    chamberful.sick.silent = _at(300.0)
+    assert chamberful.run().partly
+    soak = chamberful.record.results["T1/S1/restabilise"].data
+    assert (soak["verdict"], SICK in soak["units"]) == ("PASS", False)
+    assert soak["waited_s"] < 0.5 * chamberful.sweep.restabilisation.ceiling_s
+
+
+def test_complete_for_some_means_that_nothing_else_is_missing(chamberful: Any) -> None:
+    """A collect of a unit that goes on gave no mean: then the night is incomplete, whoever was set aside."""
+    chamberful.sick.silent = _at(2000.0)
+    chamberful.imus["0043"].extra = lambda t: np.full_like(t, np.nan)
+    outcome = chamberful.run()
+    assert (outcome.state, outcome.partly) == (SweepState.INCOMPLETE, False)
+    assert "complete for" not in outcome.reason
+
+
 def test_a_resume_tries_a_unit_again_that_was_set_aside(chamberful: Any) -> None:
     """What is missing is measured once its cable is back, each step once; the others' results stand."""
     chamberful.sick.silent = _at(2000.0, 20_000.0)
@@ -220,6 +238,7 @@ def test_a_plan_of_many_units_is_as_long_as_that_of_one() -> None:
     sweep = SweepProcedure(title="x", temperatures_degC=(20.0, 40.0))
     one, many = make_plan(sweep), make_plan(sweep, UNITS)
     assert many.total_s == one.total_s
+    assert lasting_s(many.steps) == pytest.approx(lasting_s(one.steps))
     assert [stage[0].starts_s for stage in many.stages] == [step.starts_s for step in one.steps]
     alone = many.of_unit(SICK)
     assert [step.stage for step in alone.steps] == [step.key for step in one.steps]

@@ -69,11 +69,15 @@ def test_a_unit_is_asked_for_by_its_folder(finished: Path) -> None:
         beat = journal.last_heartbeat()
         assert beat is not None
         assert {"unit_1_degC", "unit_2_degC", "chamber_degC"} <= set(beat.readings)
-        assert not [name for name in beat.readings if "0042" in name]
+        assert not [name for name in beat.readings if "0043" in name]
+    assert "set aside at 1985-" in night_status(finished / "units" / "0042")["reason"]
     with pytest.raises(InputError, match=r"there is no unit 0099 in this night; name one by its folder: .*0041, 0042"):
         night_status(finished / "units" / "0099")
     with pytest.raises(InputError, match="a night of several units; name one by its folder"):
         campaign_of_night(finished)
+    with pytest.raises(InputError, match=r"is not carried on by itself; hil resume .*night carries on with all"):
+        resume_night(finished / "units" / "0042")
+    assert not (finished / "units" / "0042" / "controller.lock").exists()
 
 
 def test_each_unit_has_its_campaign(finished: Path, tmp_path: Path) -> None:
@@ -114,11 +118,12 @@ def test_each_unit_is_solved_for_its_own_truth(tmp_path: Path) -> None:
     other.write_text(truth.replace("polynomial: [-54.0, -0.2]", "polynomial: [-154.0, -0.2]"))
     model = f'simulation: {{model: "{other}", seed: 99}}'
     listed = f"""  - {{model: MFS-IMU, serial: "a", port: "sim://imu"}}
-  - {{model: MFS-IMU, serial: "b", port: "sim://imu", {model}}}
+  - {{model: MFS-IMU, serial: "b", port: "sim://imu", rate: 40 Hz, {model}}}
 """
     sweep = parse_sweep(short_sweep().replace("[1, 3]", "[1, 2, 3]"), "short.yaml")
     opened: list[Any] = []
     start_night(tmp_path / "night", sweep, _bench(listed), opened=opened.append)
+    assert replay_night(tmp_path / "night")["identical"]
     for unit, gsa in (("a", -54.0), ("b", -154.0)):
         for found in solve_campaign(campaign_of_night(tmp_path / "night" / "units" / unit)):
             true = opened[0].simulators.units[unit].truth(1, found.sensor).parameters
