@@ -31,7 +31,7 @@ from drivers.clock import PacedClock, VirtualClock
 from hil.bench import LiveBench, build_bench
 from hil.bench.lock import bench_lock
 from hil.config import Bench, Sweep, check_sweep_against_bench, planned
-from hil.config.recorded import CONFIGURATION, configuration_of, configuration_text
+from hil.config.recorded import CONFIGURATION, configuration_of, configuration_text, recorded_limits
 from hil.errors import InputError
 from hil.files.folder import whole_or_nothing
 from hil.files.lock import FolderLock
@@ -319,6 +319,8 @@ def _judged(journal: SqliteJournal, unit: str, state: str) -> tuple[Judgement, d
         judged = night_verdict(state, solutions)
     except InputError:
         return None  # whoever reads it is told why
+    if recorded_limits(journal.night.configuration) is None:  # to ask further would prove the whole journal again
+        return judged, None
     found = in_spec_of(folder, campaign, solutions, state=state)
     return judged, None if found is None else found.brief()
 
