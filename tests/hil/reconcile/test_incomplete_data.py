@@ -9,13 +9,15 @@ import pytest
 
 from hil.campaign import Campaign, Collects
 from hil.model import load_model
-from hil.model.effects.catalogue import effect_by_id
+from hil.model.effects.catalogue import EFFECTS, effect_by_id
 from hil.model.effects.history import place_in_run
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.page import page, what_to_do
 from hil.reconcile.proof.experiment import repeated
+from hil.reconcile.search.layout import searches
 from hil.reconcile.search.problem import pose
 from procedures.verdict import Judgement, Verdict
+from tests.hil.audit.folders import FOLDERS
 from tests.hil.reconcile.hidden_effects import (
     ROTOR,
     Rows,
@@ -67,6 +69,33 @@ def test_a_sensor_that_was_measured_once_does_not_silence_the_other() -> None:
     assert result.verdict == "named"
     assert result.effects[0].sensors == [2]
     assert any("sensor 1, RA and RB" in note or "sensor 1, RA" in note for note in result.notes)
+
+
+@pytest.mark.slow
+def test_a_run_that_fails_by_its_records_is_not_searched() -> None:
+    """Its averages are off by a thousand, and nothing is found in them; that it is left out is said."""
+    full = hidden_campaign(7, mass_unbalance, thermal=False, mu=False)
+    rates = full.sensors[2].rates_deg_per_hr + 1000.0 * (full.sensors[2].conditions.run == 3)[:, None]
+    spoiled = replace(full, sensors={2: replace(full.sensors[2], rates_deg_per_hr=rates)})
+    lost = replace(spoiled, verdicts={3: Judgement(Verdict.FAIL, "frames were lost")})
+    result = reconcile(lost, "collins-4")
+    assert ids(result) == ["MU_real"]
+    assert result.rows == []
+    assert "sensor 2: run 3: FAIL by its own records, and left out" in result.notes
+
+
+def test_what_accelerometers_exchange_is_likelier_than_any_other_exchange() -> None:
+    """For each sensor of the body, also for one whose rates are too noisy to tell."""
+    problem = pose(FOLDERS["labels exchanged in a body"](), load_model("matrix-6"), ())
+    for number, search in searches(problem, EFFECTS, ()).items():
+        odds = {
+            tuple(np.flatnonzero(np.any(term.candidate.columns != 0.0, axis=(1, 2)))): term.log_odds
+            for term in search.terms
+            if term.name == "swap" and term.candidate.shape["run"] == 5.0
+        }
+        assert max(odds, key=lambda rows: odds[rows]) == (12, 13), number
+        assert odds[12, 13] == pytest.approx(np.log(1e4))
+        assert sorted(odds.values())[-2] < 0.0
 
 
 def test_nothing_that_could_be_tested_is_said_to_be_so() -> None:

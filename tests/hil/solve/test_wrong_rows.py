@@ -13,7 +13,7 @@ from hil.solve import solve_campaign
 from hil.solve.wrong_rows import LEFT_OUT, MENDED, USED, in_words, pooled, rows_of, treated, wrong_rows
 from procedures.verdict import Judgement, Verdict
 from tests.hil.audit.folders import FOLDERS
-from tests.hil.solve.test_neighbours import campaign, with_rates
+from tests.hil.solve.test_neighbours import campaign, with_column, with_rates
 
 
 def made(name: str) -> Campaign:
@@ -51,6 +51,30 @@ def test_what_accelerometers_exchange_and_rates_do_not_is_in_no_mean() -> None:
     assert torn.exchanged == {2: [(16, 17)]}
     assert rows_of(torn) == []
     assert set(torn.sensors[2].conditions.run) - set(pooled(torn).sensors[2].conditions.run) == {6}
+
+
+def test_what_an_accelerometer_turned_for_good_shows_exchanges_nothing() -> None:
+    """Each collect of position 1 seems to lie as in 2, and the reverse, in every run: it is the accelerometer."""
+    one = made("good")
+    shown = one.sensors[2].conditions.columns["accelerometer_A_g"]
+    turned = with_column(one, accelerometer_A_g=-shown)
+    assert turned.contradicted.keys() == {(run, 2) for run in range(1, 13)}
+    assert turned.exchanged.get(2, []) == []
+    np.testing.assert_array_equal(treated(turned).sensors[2].rates_deg_per_hr, one.sensors[2].rates_deg_per_hr)
+
+
+def test_two_collects_that_lay_wrong_but_not_as_each_other_exchange_nothing() -> None:
+    """Of run 6 the first lay as in position 2, the second as in position 3."""
+    one = made("good")
+    f = one.sensors[2].conditions.f_g
+    shown = {}
+    for axis, name in enumerate("ABS"):
+        own = one.sensors[2].conditions.columns[f"accelerometer_{name}_g"].copy()
+        own[15], own[16] = f[16, axis], f[17, axis]
+        shown[f"accelerometer_{name}_g"] = own
+    wrong = with_column(one, **shown)
+    assert (6, 2) in wrong.contradicted
+    assert wrong.exchanged == {2: []}
 
 
 def test_a_run_that_fails_by_its_records_is_in_no_mean_and_no_search() -> None:
