@@ -18,6 +18,7 @@ from drivers.errors import DeviceError, DeviceTimeout
 from drivers.imu.samples import rate_fields
 from hil.bench.assemble import LiveBench, build_bench
 from hil.config import Bench
+from hil.errors import InputError
 from procedures.averaging import average_series
 from procedures.collect import join
 
@@ -197,7 +198,14 @@ class ReadableImu(_Device):
 
 @contextmanager
 def bluesky_devices(bench: Bench) -> Iterator[tuple[MovableChamber, ReadableImu]]:
-    """Open a bench; give its chamber and its unit, and close it. Raises as `build_bench` does."""
+    """Open a bench of one unit; give its chamber and its unit, and close it.
+
+    Raises as `build_bench` does, and `InputError` where the bench lists several units.
+    """
+    if bench.units:
+        raise InputError(
+            f"{bench.source}: units: Bluesky is lent a bench of one unit; this one lists {len(bench.units)}"
+        )
     with build_bench(bench) as live, ThreadPoolExecutor(2) as threads:
         common = live, threads, RLock()
         chamber = MovableChamber(*common)

@@ -7,6 +7,7 @@ import pytest
 from drivers.errors import DeviceError, SetpointOutOfLimits
 from hil.bench.bluesky import DeviceStatus, bluesky_devices
 from hil.config import load_bench
+from hil.errors import InputError
 
 BENCH = load_bench("simulated")
 
@@ -29,6 +30,12 @@ def test_a_chamber_is_set_waited_for_and_left_safe() -> None:
         assert isinstance(chamber.set(900.0).exception(60.0), SetpointOutOfLimits)
         assert chamber.ours
     assert not chamber.ours
+
+
+def test_a_bench_of_several_units_is_refused() -> None:
+    """Before anything is opened."""
+    with pytest.raises(InputError, match="one unit; this one lists 4"), bluesky_devices(load_bench("simulated-four")):
+        pass
 
 
 def test_a_move_that_is_stopped_or_alarmed_fails_and_is_made_safe() -> None:
