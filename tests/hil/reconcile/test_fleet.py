@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import re
+import signal
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -93,12 +96,20 @@ def test_the_numbers_do_not_depend_on_who_weighs(folder: Path) -> None:
                                                       *campaigns_in([folder])[4:]]  # fmt: skip
 
 
-def test_on_a_dask_cluster_too(folder: Path) -> None:
-    """The same document as alone."""
+@pytest.mark.slow
+def test_on_a_dask_cluster_too_though_a_worker_is_killed(folder: Path) -> None:
+    """A scheduler and two workers as processes, one of them killed at work: the same document as alone."""
     distributed = pytest.importorskip("distributed", reason="distributed is not installed: hil[cluster]")
-    with distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=None) as cluster:
-        on_it = screen_folders([folder], "matrix-6-thermal", cluster=cluster.scheduler_address)
-    assert fleet_document(on_it) == fleet_document(screen_folders([folder], "matrix-6-thermal"))
+    alone = fleet_document(screen_folders([folder], "matrix-6-thermal"))
+    with distributed.LocalCluster(2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
+        assert fleet_document(screen_folders([folder], "matrix-6-thermal", cluster=cluster.scheduler_address)) == alone
+        with ThreadPoolExecutor(1) as thread, distributed.Client(cluster) as client:
+            asked = thread.submit(screen_folders, [folder], "matrix-6-thermal", cluster=cluster.scheduler_address)
+            pid = next(iter(client.run(os.getpid).values()))
+            while not any(client.processing().values()) and not asked.done():
+                pass
+            os.kill(pid, signal.SIGKILL)
+            assert fleet_document(asked.result(120.0)) == alone
 
 
 def test_the_command(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
