@@ -99,6 +99,7 @@ def test_a_life_tells_drift_from_jump(archive: Path, capsys: pytest.CaptureFixtu
     assert float(np.ptp(starts_s)) == pytest.approx((COUNT - 1) * DAYS * 86400.0, rel=0.01)  # the calendar's
 
 
+@pytest.mark.slow
 def test_the_live_page_has_the_units_and_each_ones_life(archive: Path, campaigns: list[Path]) -> None:
     """Behind an address that only the stream tells; a unit that is not there is 404."""
 

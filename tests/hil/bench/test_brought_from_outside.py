@@ -49,6 +49,7 @@ def _run(site: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, env=environment, capture_output=True, text=True, check=False, cwd=site, timeout=120)
 
 
+@pytest.mark.slow
 def test_its_effect_is_in_the_catalogue(installed: Path) -> None:
     """With ours, by its own id."""
     done = _run(installed, "hil", "effects")
@@ -74,6 +75,7 @@ def test_a_bench_file_may_name_its_chamber_and_its_frames(installed: Path, tmp_p
     assert done.returncode == 0, done.stdout
 
 
+@pytest.mark.slow
 def test_a_chamber_that_its_library_opens_has_a_port_of_its_own(installed: Path, tmp_path: Path) -> None:
     """The how-to's kiln, put together from a bench file that names no port of ours; a unit has none such."""
     path = _bench(tmp_path, driver="acme-kiln", port="own://kiln")
