@@ -158,11 +158,10 @@ def _result(
             for j in js
         ]
         calibrated = frozenset(b.search.block.sensor for b in fit.blocks if b.calibrated)
-        after = improved(
-            model, problem.sensors, added, [f for fs in over_sensors.values() for f in fs], record, calibrated
-        )
+        sensors = mistakes.mended(problem.sensors, reading)
+        after = improved(model, sensors, added, [f for fs in over_sensors.values() for f in fs], record, calibrated)
         after = scatter.with_offsets(after, noise, conditions)
-        values = before_and_after(problem.sensors, added, calibrated)
+        values = before_and_after(sensors, added, calibrated)
     after = findings.with_inside(after, model.version + 1, within, campaign)
     notes = [*campaign.warnings, *problem.notes, *mistakes.mistake_notes(reading, campaign)]
     notes += findings.laws_that_fail(fit, problem.sensors)

@@ -1,6 +1,7 @@
 """Mistakes in the data in the words and numbers of the result: exchanged labels, wrong runs, wrong rows."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from hil.reconcile.result import LEFT_OUT, Disagreement, FoundEffect, runs_in_wo
 from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.fitted import Fitted
 from hil.reconcile.search.posterior import Posterior
-from hil.reconcile.search.problem import Problem
+from hil.reconcile.search.problem import Problem, SensorProblem
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED
 from hil.solve.wrong_rows import MENDED, Wrong, clipped_rows
 
@@ -78,6 +79,18 @@ def _exchange(candidate: Candidate, campaign: Campaign) -> str:
     positions = " and ".join(dict.fromkeys(conditions.position[rows].tolist()))
     collects = ", ".join(str(int(c)) for c in conditions.collect[rows])
     return f"run {run}: collects at positions {positions} exchanged (collects {collects})"
+
+
+def mended(sensors: Mapping[int, SensorProblem], reading: Reading) -> dict[int, SensorProblem]:
+    """Return the sensors with what was exchanged put right, and without the rates that are wrong."""
+    out = dict(sensors)
+    for n, term in reading.mistakes:
+        collects, columns = out[n].collects, term.candidate.columns
+        wrong = np.any(columns != 0.0, axis=2) & (term.candidate.effect is None)
+        exchanged = 0.0 if term.candidate.effect is None else columns[..., 0]
+        rates = np.where(wrong, np.nan, collects.rates_deg_per_hr - exchanged)
+        out[n] = replace(out[n], collects=replace(collects, rates_deg_per_hr=rates))
+    return out
 
 
 def mistake_notes(reading: Reading, campaign: Campaign) -> list[str]:

@@ -107,6 +107,11 @@ def _together(
     errors = [np.full((2, len(posterior.searches[n].blocks[b].y)), np.nan) for n, b in blocks]
     for fold in sorted({fold for own in known.values() for fold in own}):
         at = [[known[(n, b, f.terms[n], f.kind)].get(fold) for n, b in blocks] for f in sets]
+        # A set beside which other rows are out of reach predicts something else: it cannot be compared.
+        at = [
+            [p if p and q and np.array_equal(p.rows, q.rows) else None for p, q in zip(a, at[1], strict=True)]
+            for a in at
+        ]
         usable = [all(a[k] is not None for a in at[:2]) for k in range(len(blocks))]
         if not any(usable):
             continue

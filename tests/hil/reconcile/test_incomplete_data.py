@@ -84,6 +84,31 @@ def test_a_run_that_fails_by_its_records_is_not_searched() -> None:
     assert "sensor 2: run 3: FAIL by its own records, and left out" in result.notes
 
 
+@pytest.mark.slow
+def test_what_was_mended_is_in_no_value_of_the_model() -> None:
+    """Labels exchanged in one run, and one rate off by 300: the model that is written is that of the sound campaign."""
+    sound = reconcile(FOLDERS["good"](), "matrix-6", prove=False)
+    expected = [each["after"] for each in sound.values]
+    assert {each["name"] for each in sound.values} == {"BA", "BB"}
+    for name in ("labels exchanged", "one rate far off"):
+        found = reconcile(FOLDERS[name](), "matrix-6", prove=False)
+        assert found.rows, name
+        np.testing.assert_allclose([each["after"] for each in found.values], expected, atol=1.0, err_msg=name)
+        for parameter, curve in found.model_after.sensors[2].items():
+            assert curve.at(20.0) == pytest.approx(sound.model_after.sensors[2][parameter].at(20.0), abs=1.0), name
+
+
+@pytest.mark.slow
+def test_runs_that_were_cut_short_are_predicted_as_far_as_they_go() -> None:
+    """From run 5 on one collect each: beside some sets fewer rows can be foretold than beside others."""
+    full = hidden_campaign(7, mass_unbalance, thermal=False, mu=False)
+    conditions = full.sensors[2].conditions
+    first = np.append(True, np.diff(conditions.run) > 0)
+    result = reconcile(only(full, (conditions.run < 6) | first), "collins-4")
+    assert ids(result)[0] == "MU_real"
+    assert result.gap["after"] < result.gap["before"]
+
+
 def test_what_accelerometers_exchange_is_likelier_than_any_other_exchange() -> None:
     """For each sensor of the body, also for one whose rates are too noisy to tell."""
     problem = pose(FOLDERS["labels exchanged in a body"](), load_model("matrix-6"), ())
