@@ -215,8 +215,11 @@ def thermal(
 
 
 def _thermal(document: dict[str, Any], out: Path | None, written: list[str]) -> Iterator[str | Table]:
+    from hil.solve.wrong_rows import in_words
+
     yield from (Aside(f"warning: {line}") for line in document["warnings"])
     yield f"{document['campaign']}{'  SIMULATED' * document['simulated']}"
+    yield from in_words(document["rows"])
     for sensor in document["sensors"]:
         yield from _of_sensor(sensor)
     if written:
@@ -224,7 +227,7 @@ def _thermal(document: dict[str, Any], out: Path | None, written: list[str]) -> 
 
 
 def _of_sensor(sensor: dict[str, Any]) -> Iterator[str | Table]:
-    low, high = sensor["range_degC"]
+    low, high = (round(each, 1) + 0.0 for each in sensor["range_degC"])  # no minus before a zero
     yield (
         f"\nsensor {sensor['sensor']}, {sensor['model']}, {len(sensor['temperatures_degC'])} temperatures from "
         f"{low:.1f} to {high:.1f} °C, the unit's own; errors are those at a temperature that was left out"

@@ -42,7 +42,7 @@ def budget(
     from hil.model import load_model
     from hil.solve import repeats as what_repeats_show
     from hil.solve import solve_campaign
-    from hil.solve.wrong_rows import rows_of
+    from hil.solve.wrong_rows import pooled, rows_of
 
     chosen = None if model is None else load_model(model)
     if Path(source).is_dir():
@@ -57,7 +57,7 @@ def budget(
             simulated=campaign.simulated,
             observed=shown,
         )
-        document |= {"warnings": list(campaign.warnings), "rows": rows_of(campaign)}
+        document |= {"warnings": list(pooled(campaign).warnings), "rows": rows_of(campaign)}
     else:
         sweep, its_bench = load_sweep(source), load_bench(bench or "simulated")
         document = budget_document(

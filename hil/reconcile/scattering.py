@@ -21,7 +21,7 @@ from hil.model.forms import default_form
 from hil.reconcile.naming import CERTAIN, Reading, read, scatter_of
 from hil.reconcile.outcome import mistakes, scatter
 from hil.reconcile.search.fitted import Fitted, fitted
-from hil.reconcile.search.layout import may_be_calibrated, searches
+from hil.reconcile.search.layout import searches
 from hil.reconcile.search.posterior import Posterior, weigh
 from hil.reconcile.search.problem import pose
 from hil.reconcile.unrecorded import with_stand_ins
@@ -106,7 +106,7 @@ def what_scatters(campaign: Campaign) -> Scattering:
     chosen = with_stand_ins(campaign)
     form = default_form(next(iter(chosen.sensors.values())).conditions).name
     problem = replace(pose(chosen, load_model(form), ()), candidates=())
-    posterior = weigh(searches(problem, EFFECTS, VARIANCE_EFFECTS, calibrated=may_be_calibrated(problem)))
+    posterior = weigh(searches(problem, EFFECTS, VARIANCE_EFFECTS, calibrated=True))
     reading = read(posterior, 1.0 - CERTAIN)
     fit = fitted(posterior, reading.found)
     titles = {

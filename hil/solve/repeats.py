@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -140,7 +140,7 @@ class SensorRepeats:
     """One sensor's means, coldest first, and how its parameters scatter from run to run.
 
     `told_by` is the column whose temperatures those are (None: there is none); `not_used` are runs that FAIL by their
-    own records.
+    own records. `of_each` is one standard deviation of every parameter that a run could tell, by run.
     """
 
     names: tuple[str, ...]
@@ -149,6 +149,7 @@ class SensorRepeats:
     means: Sequence[MeanAt]
     told_by: str | None = None
     not_used: tuple[int, ...] = ()
+    of_each: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
 
     def at(self, temperature_degC: float | None) -> MeanAt | None:
         """Return the mean at what is this temperature of another campaign, None where there is none."""
@@ -228,7 +229,11 @@ def repeats(campaign: Campaign, solutions: Sequence[RunSolution]) -> dict[int, S
             of_sensor = _of_sensor(own, runs_by_temperature(rows))
             means = [replace(each, unit_degC=unit_range_degC(rows, each.runs)) for each in of_sensor.means]
             found[number] = replace(
-                of_sensor, means=means, told_by=told_by(rows), not_used=tuple(np.setdiff1d(every, rows.run).tolist())
+                of_sensor,
+                means=means,
+                told_by=told_by(rows),
+                not_used=tuple(np.setdiff1d(every, rows.run).tolist()),
+                of_each={e.runs[0]: {n: u.sd for n, u in of_sensor.of_run(e).items()} for e in own},
             )
     return found
 

@@ -223,7 +223,7 @@ def judge(chi_square: float, degrees: int, equations: int, noise_stated: bool) -
         return Judgement(Verdict.MARGINAL, excess)
     return Judgement(
         Verdict.FAIL,
-        f"{excess}: the model lacks something, and the stated standard errors of its parameters are too small",
+        f"{excess}: the model lacks something, or they do; those stated of its parameters are too small",
     )
 
 

@@ -123,8 +123,13 @@ def clipped_rows(collects: Collects) -> list[Wrong]:
 
 
 def rows_of(campaign: Campaign) -> list[dict[str, Any]]:
-    """Return what is wrong with the rows of all sensors: key `rows` of every document."""
-    return [each.document() for found in wrong_rows(campaign).values() for each in found.rows]
+    """Return what is wrong with the rows of all sensors: key `rows` of every document.
+
+    What is used and doubted is told of runs that are in means, of which the others need no doubt.
+    """
+    runs = {number: set(rows.conditions.run.tolist()) for number, rows in pooled(campaign).sensors.items()}
+    rows = [each for found in wrong_rows(campaign).values() for each in found.rows]
+    return [each.document() for each in rows if each.done != USED or each.run in runs[each.sensor]]
 
 
 def in_words(rows: Sequence[Mapping[str, Any]]) -> list[str]:

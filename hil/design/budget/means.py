@@ -19,7 +19,7 @@ import numpy as np
 
 from hil.campaign import FloatArray
 from hil.design.budget.budget import Budget, calculated_budget
-from hil.design.budget.scenes import MEASURED, RunScene
+from hil.design.budget.scenes import RunScene
 from hil.solve.repeats import MeanAt, SensorRepeats, Uncertain
 
 _SIGMAS = 2.0
@@ -69,19 +69,13 @@ def budgets_of_means(runs: Sequence[RunScene], observed: SensorRepeats) -> Itera
         both = [(each, calculated_budget(each.scene, each.sources, each.form)) for each in own]
         if both:
             scene, budget = max(both, key=lambda each: float(np.nansum(each[1].total() ** 2)))
-            standard = mean_of_repeats(budget, len(mean.runs), as_solved(budget, observed), mean)
+            standard = mean_of_repeats(budget, len(mean.runs), as_solved(budget, scene.run, observed), mean)
             yield MeanBudget(mean, scene, budget, standard)
 
 
-def as_solved(budget: Budget, observed: SensorRepeats | None) -> FloatArray:
+def as_solved(budget: Budget, run: int, observed: SensorRepeats | None) -> FloatArray:
     """What `hil solve` states of one run, (p,): its noise, and what repeats and residuals show; NaN where nothing."""
-    noise = next((each for each in budget.shares if each.source.id == "noise"), None)
-    if observed is None or noise is None:
-        return np.full(len(budget.names), np.nan)
-    measured = noise.source.origin == MEASURED
-    own = dict(zip(budget.names, noise.analytic.tolist(), strict=True)) if measured else {}
-    sd = observed.spread.sd(np.array([own.get(name, np.nan) for name in observed.names]))
-    told = dict(zip(observed.names, sd.tolist(), strict=True))
+    told = {} if observed is None else observed.of_each.get(run, {})
     return np.array([told.get(name, np.nan) for name in budget.names])
 
 

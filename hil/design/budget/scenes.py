@@ -26,7 +26,7 @@ from hil.model.forms import LinearForm, default_form
 from hil.solve import solve
 from hil.solve.runs import OBSERVABLE, stated_noise
 from hil.solve.temperatures import level_degC, told_by
-from hil.solve.wrong_rows import treated
+from hil.solve.wrong_rows import pooled, treated
 from procedures.plan import make_plan
 from procedures.settings import Restabilisation
 
@@ -90,8 +90,12 @@ def planned_scenes(sweep: Sweep, bench: Bench, model: Model | None = None) -> di
 
 
 def measured_scenes(campaign: Campaign, bench: Bench, model: Model | None = None) -> dict[int, list[RunScene]]:
-    """Return the runs of each sensor as they were measured; collects without every rate are left out."""
-    return {number: list(_measured_runs(rows, bench, model)) for number, rows in treated(campaign).sensors.items()}
+    """Return the runs of each sensor as they were measured; collects without every rate are left out.
+
+    So are runs that FAIL by their own records, which are in no mean.
+    """
+    used = treated(pooled(campaign)).sensors
+    return {number: list(_measured_runs(rows, bench, model)) for number, rows in used.items()}
 
 
 def _measured_runs(collects: Collects, bench: Bench, model: Model | None) -> Iterator[RunScene]:

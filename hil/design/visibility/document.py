@@ -122,14 +122,18 @@ def sweep_document(sweep: Sweep, bench: Bench, model: Model | None = None) -> di
 
 def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[str, object]:
     """Return the map of collects that were measured, with their own standard errors, gaps, and scatter of repeats."""
-    told = {"simulated": campaign.simulated, "warnings": list(campaign.warnings), "rows": rows_of(campaign)}
+    told = {"simulated": campaign.simulated, "warnings": list(pooled(campaign).warnings), "rows": rows_of(campaign)}
     shown = repeats(campaign, solve_campaign(campaign))
     campaign = treated(pooled(campaign))
     conditions = {number: rows.conditions for number, rows in campaign.sensors.items()}
     typical = NoiseLevel().collect_deg_per_hr
     sigmas = {
         number: np.where(
-            np.isfinite(rows.rates_deg_per_hr), np.nan_to_num(rows.rates_se_deg_per_hr, nan=typical), np.nan
+            np.isfinite(rows.rates_deg_per_hr),
+            # As large as residuals show them to be.
+            np.nan_to_num(rows.rates_se_deg_per_hr, nan=typical)
+            * (shown[number].spread.factor if number in shown else 1.0),
+            np.nan,
         )
         for number, rows in campaign.sensors.items()
     }

@@ -12,6 +12,7 @@ import numpy as np
 from hil.files.page import in_style, rendered
 from hil.model import save_model
 from hil.reconcile.outcome.pictures import driver_of, panels_of, pictures
+from hil.reconcile.outcome.scatter import EXCESS
 from hil.reconcile.result import LEFT_OUT, FoundEffect, Reconciliation, rival_in_words, stated, values_off
 from procedures.words import hours_minutes, listed, numbered, percent, unit_in_words
 
@@ -41,7 +42,11 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     first += [f"what was not measured well (hil report says why): {', '.join(doubts)}"] if doubts else []
     if result.contradicted:
         first.append(f"what its own records contradict (notes): {numbered('run', result.contradicted)}")
-    return kind, f"First see to {'; '.join(first)}. {_ACT[kind]}" if first else _ACT[kind]
+    excess = [n["observed_deg_per_hr"] / n["stated_deg_per_hr"] for n in result.noise if n["stated_deg_per_hr"]]
+    act = _ACT[kind]
+    if kind == "none" and max(excess, default=0.0) > EXCESS:
+        act += f" Averages scatter {max(excess):.2g} times as much as their standard errors say, by which hil solve judges."
+    return kind, f"First see to {'; '.join(first)}. {act}" if first else act
 
 
 def page(result: Reconciliation) -> str:

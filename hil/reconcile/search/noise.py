@@ -109,7 +109,7 @@ class Noise:
         self.offset = grouped(apart, run)
         known = [chain_of(part, conditions, rows, channel) for part in stated]
         self.stated = joined([c.scaled(1.0 / np.sqrt(self.unit)) for c in known], len(rows))
-        self.calibrated = calibrated and len(np.unique(block.station)) > 2 and bool(block.values.shape[1])
+        self.calibrated = calibrated and len(np.unique(block.station)) > 1 and bool(block.values.shape[1])
         self.by_station, self._shapes = _by_station(block, conditions, self.order)
         self._known: dict[int, FloatArray] = {}
         self.profiles: list[Profile] = [(FIXED,) * block.values.shape[1]]
