@@ -58,7 +58,9 @@ def budget_document(
 def _sensor(number: int, runs: Sequence[RunScene], asked: Asked, observed: SensorRepeats | None) -> dict[str, Any]:
     totals = {each.run: calculated_budget(each.scene, each.sources, each.form).total() for each in runs}
     if asked.run is not None and asked.run not in totals:
-        raise InputError(f"sensor {number}: no run {asked.run} is in any mean; there are {', '.join(map(str, totals))}")
+        raise InputError(
+            f"sensor {number}: there is no run {asked.run}, or it FAILed; there are {', '.join(map(str, totals))}"
+        )
     chosen = max(runs, key=lambda each: (each.run == asked.run, float(np.nansum(totals[each.run] ** 2))))
     budget = error_budget(chosen.scene, chosen.sources, chosen.form, asked.draws, asked.seed)
     one = as_solved(budget, chosen.run, observed)

@@ -45,7 +45,7 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     excess = [n["observed_deg_per_hr"] / n["stated_deg_per_hr"] for n in result.noise if n["stated_deg_per_hr"]]
     act = _ACT[kind]
     if kind == "none" and max(excess, default=0.0) > EXCESS:
-        act += f" Averages scatter {max(excess):.2g} times as much as their standard errors say, by which hil solve judges."
+        act += f" Averages scatter {max(excess):.2g} times as much as standard errors say, by which hil solve judges."
     return kind, f"First see to {'; '.join(first)}. {act}" if first else act
 
 
