@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -14,7 +16,9 @@ from hil.model.effects.history import place_in_run
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.page import page, what_to_do
 from hil.reconcile.proof.experiment import repeated
+from hil.reconcile.proof.held_out import Predicted, _together
 from hil.reconcile.search.layout import searches
+from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.problem import pose
 from procedures.verdict import Judgement, Verdict
 from tests.hil.audit.folders import FOLDERS
@@ -98,15 +102,20 @@ def test_what_was_mended_is_in_no_value_of_the_model() -> None:
             assert curve.at(20.0) == pytest.approx(sound.model_after.sensors[2][parameter].at(20.0), abs=1.0), name
 
 
-@pytest.mark.slow
-def test_runs_that_were_cut_short_are_predicted_as_far_as_they_go() -> None:
-    """From run 5 on one collect each: beside some sets fewer rows can be foretold than beside others."""
-    full = hidden_campaign(7, mass_unbalance, thermal=False, mu=False)
-    conditions = full.sensors[2].conditions
-    first = np.append(True, np.diff(conditions.run) > 0)
-    result = reconcile(only(full, (conditions.run < 6) | first), "collins-4")
-    assert ids(result)[0] == "MU_real"
-    assert result.gap["after"] < result.gap["before"]
+def test_sets_are_compared_where_they_foretell_the_same_rows() -> None:
+    """Beside the second set one row of fold 1 is out of reach, and that of fold 0 is not: fold 0 alone counts."""
+
+    def told(*rows: int) -> Predicted:
+        return Predicted(np.array(rows), -1.0 * len(rows), np.full(len(rows), 2.0), np.eye(len(rows)))
+
+    posterior = SimpleNamespace(searches={2: SimpleNamespace(blocks=[SimpleNamespace(y=np.zeros(6))])})
+    sets = [Found({2: (term,)}, "", -1.0) for term in (0, 1)]
+    known = {(2, 0, (0,), ""): {0: told(0, 1, 2), 1: told(3, 4)}, (2, 0, (1,), ""): {0: told(0, 1, 2), 1: told(3)}}
+    held = _together(cast("Posterior", posterior), sets, known)
+    assert held is not None
+    assert held.rows.tolist() == [3]
+    known[2, 0, (0,), ""] = {1: told(3, 4)}
+    assert _together(cast("Posterior", posterior), sets, known) is None
 
 
 def test_what_accelerometers_exchange_is_likelier_than_any_other_exchange() -> None:
