@@ -106,9 +106,10 @@ class Actions:
             else:
                 data = {"imu": dict(vars(told)), "chamber": dict(vars(chamber))}
                 found[name] = StepResult(Outcome.DONE, "devices identified", data)
-        if not all(isinstance(each, DeviceError) for each in found.values()):
+        known = [name for name, each in found.items() if not isinstance(each, DeviceError)]
+        if known:
             self._devices.chamber.prepare()
-            self._watch.forget_stream()
+            self._watch.forget_stream(known)
             self._watch.poll()
         return found
 
@@ -180,7 +181,7 @@ class Actions:
                 found[name] = DeviceError(f"the unit was sent to position {position} and confirms {at or 'nothing'}")
         if found.keys() >= set(units):
             return found
-        self._watch.forget_stream()
+        self._watch.forget_stream(reached)
         self._state.index_s = self._watch.campaign_s()
         data = {"position": position, "moved_s": self._watch.now_s - began_s}
         return {name: StepResult(Outcome.DONE, f"at position {position}", data) for name in reached} | found

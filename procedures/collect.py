@@ -283,7 +283,7 @@ def take_collects(
     if not units:
         return taken
     watch.note = "sampling"
-    watch.forget_stream()
+    watch.forget_stream(units)
     start_s = watch.now_s
     blocks, readings, end_s = _sample(watch, units, start_s + settings.duration_s)
     offset_s = (started_s := watch.campaign_s(start_s)) - start_s

@@ -176,10 +176,10 @@ class Watch:
         """Tell the interlocks what the chamber was told to hold (None: nothing any more)."""
         self.commanded_degC, self.arrived = setpoint_degC, False
 
-    def forget_stream(self) -> None:
-        """Throw away what the units sent so far."""
-        for unit in self.units.values():
-            unit.forget()
+    def forget_stream(self, units: Iterable[str]) -> None:
+        """Throw away what these of the units that go on sent so far."""
+        for name in self.units.keys() & set(units):
+            self.units[name].forget()
         self._progress_s = -np.inf
 
     def set_aside(self, unit: str, cause: Exception) -> None:

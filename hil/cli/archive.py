@@ -40,6 +40,7 @@ def archive(
     from hil.archive.folder import take_up
     from hil.archive.taking_in import update
     from hil.files.strict import NAME, one_line
+    from hil.records.reader import units_in
 
     try:
         on = None if day is None else date.fromisoformat(day)
@@ -47,7 +48,7 @@ def archive(
         raise InputError(f"--date {day}: is no date; write it as 2026-03-01") from None
     who = None if serial is None else one_line("--serial", serial, NAME)
     taken, refused = [], {}
-    for source in sources or ():
+    for source in (unit for night in sources or () for unit in (*units_in(night).values(),) or (night,)):
         try:
             taken.append(take_up(folder, source, who, on))
         except InputError as error:

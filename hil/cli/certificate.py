@@ -39,12 +39,14 @@ def certificate(
     from hil.files.durable import RealDisk, write_durably
     from hil.files.page import page_file
     from hil.files.strict import NAME, one_line
+    from hil.records.reader import units_in
     from hil.report.certificate import Asked
     from hil.report.certificate import certificate as made
     from hil.report.pdf import find_browser, write_pdf
 
     if pdf:
         find_browser()  # before anything is written
+    folder = units_in(folder).get(unit or "", folder)
     path = page_file(out or folder / "certificate.html")
     asked = Asked(unit, one_line("--customer", customer), one_line("--number", number, NAME), limits)
     found = made(folder, asked, SystemClock().utc().date())

@@ -44,13 +44,14 @@ def report(
 ) -> int:
     """Write the report: one self-contained HTML file that any browser shows and prints."""
     from hil.files.page import page_file
+    from hil.records.reader import units_in
     from hil.report.pdf import find_browser, write_pdf
     from hil.report.tables import write_tables
-    from hil.report.units import units_of, write_units
+    from hil.report.units import write_units
 
     if pdf:
         find_browser()  # before anything is written
-    units = units_of(source)
+    units = units_in(source)
     if units and against is not None:
         raise InputError(f"{source}: --against is of one unit: hil report {next(iter(units.values()))} --against …")
     over_all = page_file(out or source / "report.html") if units else source

@@ -332,12 +332,13 @@ def _archive(journal: SqliteJournal, bench: Bench, state: str) -> None:
     from hil.archive.folder import take_up  # only an end needs what solves
     from hil.archive.taking_in import take_in
 
-    try:
-        taken = take_up(bench.archive, journal.folder, state=state)
-        take_in(bench.archive, taken.entry)
-        journal.event("archived", f"taken up into {bench.archive} as {taken.entry}")
-    except (InputError, OSError) as error:
-        journal.event("not-archived", f"the archive does not have this night: {error}. Later: hil archive")
+    for unit in bench.each:
+        try:
+            taken = take_up(bench.archive, unit_folder(journal.folder, unit), state=state)
+            take_in(bench.archive, taken.entry)
+            journal.event("archived", f"taken up into {bench.archive} as {taken.entry}")
+        except (InputError, OSError) as error:
+            journal.event("not-archived", f"the archive does not have this night: {error}. Later: hil archive")
 
 
 def _polling(live: LiveBench) -> Polling:

@@ -30,7 +30,7 @@ from hil.model import Model, load_model
 from hil.reconcile.fleet import NOISY_UNITS, Screen, SharedFinding, UnitFinding, beside_the_earth, laid_out_alike
 from hil.reconcile.proof.places import false_discovery
 from hil.records.export import open_source
-from hil.records.reader import is_night
+from hil.records.reader import is_night, units_in
 
 LEVEL = 0.05
 """False discoveries among the units that are called, at most, on average."""
@@ -152,7 +152,7 @@ def campaigns_in(folders: Sequence[Path]) -> list[str]:
     for folder in folders:
         check_folder(folder)
         inside = [folder] if _holds_one(folder) else sorted(each for each in folder.iterdir() if _holds_one(each))
-        found += map(str, inside)
+        found += [str(unit) for each in inside for unit in (*units_in(each).values(),) or (each,)]
     if not found:
         raise InputError(
             f"{', '.join(map(str, folders))}: no campaign folder (with {HEADER_FILE}) and no night is there"

@@ -111,6 +111,10 @@ class Screen:
                 likeliest = block.scanned
                 block.scanned = np.append(likeliest, np.setdiff1d(np.arange(len(block.points)), likeliest))
             search.forget()
+        if not any(search.terms for search in found.values()):
+            raise InputError(
+                f"{fleet[0].title}: too few rows to test anything by; a screen needs several runs of each unit"
+            )
         return out
 
     def units(self, campaigns: Sequence[Campaign]) -> list[UnitFinding]:
@@ -178,8 +182,10 @@ class Screen:
         names, first = self._names[0], 0
         total = np.zeros((len(names), data[0].shape[1]))
         for search in self.found.values():
-            of_units = search.scan_many(data[first : first + len(search.blocks)], most)
-            first += len(search.blocks)
+            blocks, first = data[first : first + len(search.blocks)], first + len(search.blocks)
+            if not search.terms:
+                continue  # this sensor has too few rows to test anything by
+            of_units = search.scan_many(blocks, most)
             own, odds = np.array([names.index(term.name) for term in search.terms]), search.log_odds[:, None]
             order = np.argsort(own, kind="stable")
             places, starts = np.unique(own[order], return_index=True)

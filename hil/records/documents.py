@@ -23,6 +23,7 @@ from hil.files.durable import RealDisk, write_durably
 from hil.records.export import Export, campaign_of_night
 from hil.records.reader import JournalReader, is_night, reading
 from hil.records.status import in_brief, missing_in_words
+from hil.records.units import unit_folder
 
 Document = tuple[str, Mapping[str, Any]]
 _Rows = Sequence[tuple[float, Mapping[str, Any]]]
@@ -51,7 +52,7 @@ def export_documents(folder: Path | str, out: Path | str) -> Export:
 
 def documents_of(journal: JournalReader) -> Iterator[Document]:
     """Yield the documents of a night: start, a descriptor for each stream, all events in the order of time, stop."""
-    night, campaign = journal.night, campaign_of_night(journal.folder)
+    night, campaign = journal.night, campaign_of_night(unit_folder(journal.folder, journal.unit))
     began = night.began_utc.timestamp()
     digest, numbers = night.digest(journal.plan), count()
 

@@ -92,7 +92,7 @@ class JournalReader:
         """The unit that was named, or the only one; raises `InputError` that says which there are."""
         if not self.unit and len(self.whole_plan.units) > 1:
             raise InputError(f"{self.folder}: a night of several units; {self._units_there()}")
-        return self.unit or self.whole_plan.units[0]
+        return self.unit or self.whole_plan.units[0] if self.plan else ""  # a unit that is not there has no plan
 
     def _units_there(self) -> str:
         named = ", ".join(filter(None, self.whole_plan.units))
@@ -313,6 +313,16 @@ def open_readonly(folder: Path) -> JournalReader:
         connection.close()
         raise
     return JournalReader(folder, connection, unit)
+
+
+def units_in(folder: Path) -> Mapping[str, Path]:
+    """Return the folders of the units by name where `folder` is a night that lists them, and can be read; else none."""
+    try:
+        with open_readonly(folder) as journal:
+            names = () if journal.unit else journal.whole_plan.units
+    except (InputError, sqlite3.Error):
+        return {}
+    return {unit: unit_folder(folder, unit) for unit in names if unit}
 
 
 @contextmanager

@@ -7,19 +7,12 @@ from pathlib import Path
 from hil.files.durable import RealDisk, write_durably
 from hil.files.page import in_style, rendered
 from hil.records import reading
-from hil.records.reader import JournalReader, is_night
+from hil.records.reader import JournalReader
 from hil.records.status import night_status, recorded_verdict
 from hil.records.troubles import to_do
 from hil.report.content import ReportContent
 from hil.report.statements import good
 from procedures.plan import StepKind
-
-
-def units_of(source: Path) -> Mapping[str, Path]:
-    """Return the folder of each unit by its name, where the source is a night that lists several; else nothing."""
-    if not is_night(source):
-        return {}
-    return {each["unit"]: Path(each["folder"]) for each in night_status(source)["units"]}
 
 
 def write_units(source: Path, path: Path, reports: Mapping[str, tuple[Path, ReportContent]]) -> None:

@@ -13,12 +13,15 @@ import numpy as np
 import pytest
 
 from hil.campaign.reader import read_campaign
+from hil.cli.app import run as cli
 from hil.config import Bench, find_config, load_bench, parse_bench, parse_sweep
 from hil.errors import InputError
 from hil.night import resume_night, start_night
 from hil.night.replay import replay_night
 from hil.records import reading
+from hil.records.documents import export_documents
 from hil.records.export import campaign_of_night, export_campaign
+from hil.records.reader import units_in
 from hil.records.status import night_status
 from hil.records.verify import verify_night
 from tests.hil.short_sweeps import short_sweep
@@ -78,6 +81,32 @@ def test_a_unit_is_asked_for_by_its_folder(finished: Path) -> None:
     with pytest.raises(InputError, match=r"is not carried on by itself; hil resume .*night carries on with all"):
         resume_night(finished / "units" / "0042")
     assert not (finished / "units" / "0042" / "controller.lock").exists()
+
+
+def test_whoever_takes_nights_takes_each_unit_of_one(finished: Path, tmp_path: Path) -> None:
+    """The archive all of them, documents one by its folder; nobody a unit that is not there."""
+    assert units_in(finished) == {unit: finished / "units" / unit for unit in UNITS}
+    assert units_in(finished / "units" / "0041") == {}
+    assert units_in(tmp_path) == {}
+    assert cli(["archive", str(tmp_path / "archive"), str(finished)]) == 0
+    assert sorted(path.name for path in (tmp_path / "archive").glob("unit-*")) == [f"unit-{unit}" for unit in UNITS]
+    documents = tmp_path / "0043.jsonl"
+    export_documents(finished / "units" / "0043", documents)
+    assert json.loads(documents.read_text().splitlines()[0])[1]["serial"] == "0043"
+    with pytest.raises(InputError, match="there is no unit 0099 in this night"):
+        campaign_of_night(finished / "units" / "0099")
+
+
+@pytest.mark.slow
+def test_what_one_unit_fails_with_is_in_no_others_record(tmp_path: Path) -> None:
+    """Its port is gone while all are turned: the attempts of the others are DONE, and nothing is tried again."""
+    gone = '  - {at: T1/S1/C2/index, device: imu, unit: "0042", kind: unplugged}'
+    ended = start_night(tmp_path / "night", SHORT, _bench(faults=gone))
+    assert ended.reason.startswith("complete for 2 of 3 units; set aside: 0042")
+    for unit in ("0041", "0043"):
+        with reading(tmp_path / "night" / "units" / unit) as journal:
+            assert {str(each.outcome) for each in journal.attempts()} == {"DONE"}
+            assert "retry" not in {each.kind for each in journal.events()}
 
 
 def test_each_unit_has_its_campaign(finished: Path, tmp_path: Path) -> None:
