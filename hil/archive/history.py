@@ -113,7 +113,7 @@ class History:
             "schema": "hil.history/1",
             "serial": self.serial,
             "model": self.model,
-            "simulated": self.simulated,
+            "simulated": bool(self.simulated),
             "campaigns": [
                 {
                     "entry": each.name,

@@ -119,7 +119,7 @@ class Index:
             {
                 "serial": serial,
                 "model": model,
-                "simulated": simulated,
+                "simulated": bool(simulated),
                 "campaigns": len(of),
                 "first": of[0].began_utc[:10] if of else None,
                 "last": of[-1].began_utc[:10] if of else None,

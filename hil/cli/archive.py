@@ -68,7 +68,7 @@ def archive(
         "cannot_be_read": dict(done.broken),
         "unfinished": list(done.unfinished),
     }
-    return Answer(document, lambda: _archived(document), status=4 if refused else 0)
+    return Answer(document, lambda: _archived(document), status=4 if refused or done.broken else 0)
 
 
 def _archived(document: Mapping[str, Any]) -> Iterator[str]:
