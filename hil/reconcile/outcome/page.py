@@ -127,7 +127,8 @@ def summary(result: Reconciliation) -> list[str]:
     if per_temperature:
         said.append("The model's other values were calibrated at each temperature.")
     if result.next_experiment and result.next_experiment.get("what"):
-        said.append(f"Measure next: {result.next_experiment['what']}.")
+        following = result.next_experiment
+        said.append(f"Measure next: {following['what']}: {_titled(result, str(following.get('why', '')))}.")
     return said
 
 

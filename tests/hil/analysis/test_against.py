@@ -65,6 +65,7 @@ def test_a_campaign_does_not_differ_from_itself(first: Campaign) -> None:
     assert "compared with itself" in found.remarks[0]
 
 
+@pytest.mark.slow
 def test_chance_flags_no_more_than_three_sigma_does(first: Campaign) -> None:
     """Pairs of campaigns that differ by noise alone: 0.27 % of differences or fewer are beyond 3 sigma."""
     rng = np.random.default_rng(5)

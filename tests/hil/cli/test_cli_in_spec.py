@@ -83,6 +83,7 @@ def wide(folder: Path) -> tuple[object, ...]:
     return ("--limits", folder / "wide.yaml")
 
 
+@pytest.mark.slow
 def test_a_script_sees_it_where_it_asks(hil: Run, judged: Path) -> None:
     """7 out of spec, 8 where nobody can tell, 0 in spec: only with --strict."""
     night, nothing = judged / "night", {**WIDE, "sensors": {2: {"BA": {"change": "1 deg/hr"}}}}

@@ -184,6 +184,7 @@ def test_the_proposal_meets_its_goal_and_is_the_shortest_that_does(sweep: Any, r
     assert shorter.with_more_time == recommended.best
 
 
+@pytest.mark.slow
 def test_longer_collects_and_repeats_are_weighed_as_the_whole_budget_would(sweep: Any) -> None:
     """The proposal's uncertainty is the error budget's of that very sequence and duration, not a scaled guess of it."""
     bench = load_bench("simulated")

@@ -220,6 +220,7 @@ def smallest(one: Campaign, model: Model, name: str) -> float:
     return float(next(each["smallest_visible"]["value"] for each in effects if each["id"] == name))
 
 
+@pytest.mark.slow
 def test_what_repeats_scatter_by_is_what_an_effect_must_exceed() -> None:
     """Runs whose bias scatters: the map says by how much, and effects on the bias must be larger to be seen."""
     conditions = campaign()

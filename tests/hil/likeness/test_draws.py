@@ -25,7 +25,8 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.parametrize("how", [pytest.param(signal.SIGTERM, marks=pytest.mark.slow), signal.SIGKILL])
+@pytest.mark.slow
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
 def test_who_is_killed_leaves_no_process_behind(how: signal.Signals, tmp_path: object) -> None:
     """They hold its output open as long as they live: it ends when they have."""
     script = f"{tmp_path}/asking.py"

@@ -69,6 +69,7 @@ def test_no_size_is_left_that_another_noise_makes_likelier() -> None:
         assert others.max() < (climbed + weighed.points.log_prior).max() + 2.0 * CLOSE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("size", "kind"), [(11.0, "ambiguous"), (12.0, "named")])
 def test_a_name_is_sure_only_where_nothing_is_ruled_out_as_well(size: float, kind: str) -> None:
     """One name at .95 and .98: noise may get a name on the averages in one of a hundred nights, not in one of ten."""

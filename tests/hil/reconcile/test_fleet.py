@@ -112,6 +112,7 @@ def test_on_a_dask_cluster_too_though_a_worker_is_killed(folder: Path) -> None:
             assert fleet_document(asked.result(120.0)) == alone
 
 
+@pytest.mark.slow
 def test_the_command(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One JSON document, a page and a table where they are asked for; bad input is a sentence and nothing written."""
     page, table = tmp_path / "f.html", tmp_path / "f.csv"

@@ -95,6 +95,7 @@ def test_a_walk_is_found_and_not_told_from_a_bias_that_wanders_for_longer_than_t
     assert all(0.0 <= rival.overlap < 0.95 for rival in found.confusable_with)
 
 
+@pytest.mark.slow
 def test_eight_runs_are_enough_to_be_cautious() -> None:
     """Eight runs at one temperature, three collects, nothing missing: none, and nothing is added to the model."""
     campaign = hidden_campaign(3, thermal=False, temperatures=(23.0,), runs_each=8, positions=("1", "2", "3"))

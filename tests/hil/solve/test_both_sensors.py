@@ -106,6 +106,7 @@ def test_a_turning_base_is_common_although_it_enters_through_different_parameter
     assert {(pair.first, pair.second) for pair in found.shared} == {("BA", "BB")}
 
 
+@pytest.mark.slow
 def test_sensors_with_nothing_in_common_are_seldom_said_to_have() -> None:
     """In 20 nights of independent noise, some pair of the 36 is named in about one night of twenty."""
     named = sum(bool(both_of(night(seed, runs=12)).shared) for seed in range(20))
