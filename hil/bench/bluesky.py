@@ -8,6 +8,7 @@ Staging confirms who is there and prepares the chamber; unstaging brings it to i
 The interlocks and the restabilisation of `hil run` are not here: what a night must prove is a night's.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -51,7 +52,7 @@ class DeviceStatus:
         return self.done and self._future.exception() is None
 
 
-class _Device:
+class _Device(ABC):
     """What both are: named, readable, done in threads one at a time."""
 
     parent = None
@@ -61,8 +62,9 @@ class _Device:
         self._devices, self._clock = live.devices, live.devices.clock
         self._threads, self._lock = threads, lock
 
+    @abstractmethod
     def _values(self) -> Values:
-        raise NotImplementedError
+        """Return what is known now, by name."""
 
     def read(self) -> dict[str, Any]:
         """Return the present values, with the time at which they were asked."""
