@@ -143,7 +143,8 @@ class Campaign:
     reads one when it is needed. `verdicts` says how each run was measured, by whoever recorded it, `missing` what was
     planned and is not there, `contradicted` what its records contradict of each other, by run and sensor
     (hil.campaign.plausibility), and `exchanged` by sensor the pairs of collects that have each other's pose by the
-    unit's accelerometers; `pose` how far these may be from f, `largest_se` how large a standard error is accepted,
+    unit's accelerometers; `not_used` by sensor the runs that are in no mean and in no search (`hil.solve.wrong_rows`);
+    `pose` how far these may be from f, `largest_se` how large a standard error is accepted,
     deg/hr (of a sensitivity at 1 g), None for what is usual. `identity` holds what is known of `model` and `serial` of
     the unit, the `operator`, their `note`, and what they went on `despite`. Where it is `rebuilt` from printed means,
     rows that were not printed are copies of others.
@@ -165,6 +166,7 @@ class Campaign:
     missing: Sequence[str] = ()
     contradicted: Mapping[tuple[int, int], Judgement] = field(default_factory=dict)
     exchanged: Mapping[int, Sequence[tuple[int, int]]] = field(default_factory=dict)
+    not_used: Mapping[int, Sequence[int]] = field(default_factory=dict)
     rebuilt: bool = False
     identity: Mapping[str, str] = field(default_factory=dict)
     pose: PoseTolerance = field(default_factory=PoseTolerance)

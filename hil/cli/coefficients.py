@@ -219,7 +219,7 @@ def _thermal(document: dict[str, Any], out: Path | None, written: list[str]) -> 
 
     yield from (Aside(f"warning: {line}") for line in document["warnings"])
     yield f"{document['campaign']}{'  SIMULATED' * document['simulated']}"
-    yield from in_words(document["rows"])
+    yield from in_words(document)
     for sensor in document["sensors"]:
         yield from _of_sensor(sensor)
     if written:

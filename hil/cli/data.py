@@ -91,7 +91,7 @@ def _solved(
     yield from (Aside(f"warning: {line}") for line in campaign.warnings)
     yield from (Aside(f"note: {note}") for note in campaign.notes.splitlines())
     yield f"{campaign.title}{'  SIMULATED' * campaign.simulated}"
-    yield from in_words(document["rows"])
+    yield from in_words(document)
     for sensor in campaign.sensors:
         own = [each for each in solutions if each.sensor == sensor]
         models = ", ".join(dict.fromkeys(each.model for each in own))

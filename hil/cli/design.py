@@ -42,7 +42,7 @@ def budget(
     from hil.model import load_model
     from hil.solve import repeats as what_repeats_show
     from hil.solve import solve_campaign
-    from hil.solve.wrong_rows import pooled, rows_of
+    from hil.solve.wrong_rows import what_is_wrong
 
     chosen = None if model is None else load_model(model)
     if Path(source).is_dir():
@@ -57,7 +57,7 @@ def budget(
             simulated=campaign.simulated,
             observed=shown,
         )
-        document |= {"warnings": list(pooled(campaign).warnings), "rows": rows_of(campaign)}
+        document |= {"warnings": list(campaign.warnings), **what_is_wrong(campaign)}
     else:
         sweep, its_bench = load_sweep(source), load_bench(bench or "simulated")
         document = budget_document(
@@ -86,7 +86,7 @@ def _budget(document: Mapping[str, Any]) -> Iterator[str | Table]:
 
     yield from (Aside(f"warning: {line}") for line in document.get("warnings", ()))
     yield f"{document['title']}{'  SIMULATED' * document['simulated']}"
-    yield from in_words(document.get("rows", ()))
+    yield from in_words(document)
     for number, sensor in document["sensors"].items():
         degC, whose = sensor["temperature_degC"], _WHOSE.get(sensor["temperature_of"] or "", "planned")
         at = "" if degC is None else f" at {degC:.4g} °C ({whose})"

@@ -26,7 +26,7 @@ from hil.reconcile.search.posterior import Posterior, weigh
 from hil.reconcile.search.problem import pose
 from hil.reconcile.unrecorded import with_stand_ins
 from hil.solve.temperatures import runs_by_temperature, unsettled
-from hil.solve.wrong_rows import in_words, otherwise, pooled
+from hil.solve.wrong_rows import in_words, otherwise, pooled, without
 from procedures.words import unit_in_words
 
 ORDINARY = "ordinary"
@@ -73,7 +73,7 @@ class Scattering:
         asked = (
             "what moves the mean is not asked here: hil reconcile may explain some of this, and rows that are left out"
         )
-        rows = [*in_words(self.rows), *otherwise(self.campaign, self.rows)]
+        rows = [*in_words({"rows": self.rows, **without(self.campaign)}), *otherwise(self.campaign, self.rows)]
         return [*soaks, *told, *scatter.in_words(self.noise), *rows, asked]
 
     def document(self) -> dict[str, Any]:
@@ -96,6 +96,7 @@ class Scattering:
             ],
             "noise": self.noise,
             "rows": self.rows,
+            **without(self.campaign),
             "sentences": self.sentences(),
         }
 

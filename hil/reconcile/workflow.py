@@ -35,7 +35,7 @@ from hil.reconcile.search.layout import may_be_calibrated, searches, values_foll
 from hil.reconcile.search.posterior import Posterior, weigh
 from hil.reconcile.search.problem import Problem, pose
 from hil.reconcile.unrecorded import beside_unasked, with_stand_ins
-from hil.solve.wrong_rows import otherwise, pooled
+from hil.solve.wrong_rows import in_words, otherwise, pooled, without
 from procedures.verdict import NOT_GOOD
 
 _CERTAIN = 0.1  # of alpha: a chance below it is a disagreement, whatever is not predicted
@@ -163,7 +163,8 @@ def _result(
         after = scatter.with_offsets(after, noise, conditions)
         values = before_and_after(sensors, added, calibrated)
     after = findings.with_inside(after, model.version + 1, within, campaign)
-    notes = [*campaign.warnings, *problem.notes, *mistakes.mistake_notes(reading, campaign)]
+    not_used = without(campaign)
+    notes = [*campaign.warnings, *in_words(not_used), *problem.notes, *mistakes.mistake_notes(reading, campaign)]
     notes += findings.laws_that_fail(fit, problem.sensors)
     notes += [f"{n.name}: the gap on held-out data did not shrink, so it was not added" for n in reverted]
     notes += [findings.NOT_HELD_OUT] if prove and proof is None and names else []
@@ -203,6 +204,7 @@ def _result(
         contradicted=sorted({run for run, _ in campaign.contradicted}),
         missing=campaign.missing,
         doubtful=_doubtful(campaign),
+        not_used=not_used["runs_not_used"],
         values=values,
     )
 

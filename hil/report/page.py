@@ -13,7 +13,7 @@ from hil.report.night_view import night_view
 from hil.report.provenance import campaign_files, campaign_provenance
 from hil.report.sensor_view import key_numbers, reasons, sensor_view
 from hil.report.statements import assumed, cannot_tell, good, headline, largest, to_do
-from hil.solve.wrong_rows import in_words, rows_of
+from hil.solve.wrong_rows import in_words, what_is_wrong
 from procedures.verdict import Verdict
 
 _MOST_IN_WORDS = 3
@@ -36,7 +36,7 @@ def _page(content: ReportContent) -> dict[str, Any]:
     sensors = sorted(content.sensors, key=lambda each: not each.has_contractor)
     order = [each.number for each in sensors]
     files = night.files if night is not None else campaign_files(campaign)
-    warnings = dict.fromkeys([*in_words(rows_of(campaign)), *campaign.warnings, *campaign.notes.splitlines()])
+    warnings = dict.fromkeys([*in_words(what_is_wrong(campaign)), *campaign.warnings, *campaign.notes.splitlines()])
     published = any(each.has_contractor for each in sensors)
     why = list(reasons(sensors))
     return {

@@ -8,7 +8,7 @@ import numpy as np
 from hil.campaign import Campaign
 from hil.solve.repeats import SensorRepeats, repeats
 from hil.solve.runs import RunSolution, finite
-from hil.solve.wrong_rows import rows_of
+from hil.solve.wrong_rows import what_is_wrong
 
 SCHEMA = "hil.solution/1"
 
@@ -24,7 +24,7 @@ def solution_document(campaign: Campaign, solutions: Sequence[RunSolution]) -> d
         "simulated": campaign.simulated,
         "warnings": list(campaign.warnings),
         "solutions": [_solution_entry(each, shown[each.sensor]) for each in solutions],
-        "rows": rows_of(campaign),
+        **what_is_wrong(campaign),
         "repeats": {str(number): each.document() for number, each in shown.items()},
     }
 

@@ -28,7 +28,6 @@ from hil.campaign import Campaign, FloatArray, IntArray
 from hil.solve.runs import Estimate, RunSolution
 from hil.solve.temperatures import nearest, runs_by_temperature, told_by, unit_range_degC
 from hil.solve.wrong_rows import pooled
-from procedures.words import numbered
 
 CONFIDENCE = 0.95
 """Of every interval that is stated."""
@@ -198,11 +197,7 @@ class SensorRepeats:
         }
 
     def sentences(self) -> list[str]:
-        """Say what repeats show beyond standard errors, that nothing was repeated, and what was not used."""
-        without = f"{numbered('run', self.not_used)} FAILed by what was recorded: in no mean, and in no other run's ±"
-        return [*self._shown(), *([without] if self.not_used else [])]
-
-    def _shown(self) -> list[str]:
+        """Say what repeats show beyond standard errors, or that nothing was repeated."""
         if not np.any(self.spread.degrees):
             return ["nothing was repeated: what changes from run to run is not known, and in no ±"]
         rows = zip(self.names, self.units, self.spread.observed, self.spread.beyond, self.spread.degrees, strict=True)
@@ -222,8 +217,9 @@ class SensorRepeats:
 def repeats(campaign: Campaign, solutions: Sequence[RunSolution]) -> dict[int, SensorRepeats]:
     """Return what repeats show of each sensor that some run was solved for."""
     found = {}
-    for number, collects in pooled(campaign).sensors.items():
-        rows, every = collects.conditions, campaign.sensors[number].conditions.run
+    used = pooled(campaign)
+    for number, collects in used.sensors.items():
+        rows = collects.conditions
         own = [each for each in solutions if each.sensor == number and not set(each.runs).isdisjoint(rows.run.tolist())]
         if own:
             of_sensor = _of_sensor(own, runs_by_temperature(rows))
@@ -232,7 +228,7 @@ def repeats(campaign: Campaign, solutions: Sequence[RunSolution]) -> dict[int, S
                 of_sensor,
                 means=means,
                 told_by=told_by(rows),
-                not_used=tuple(np.setdiff1d(every, rows.run).tolist()),
+                not_used=tuple(used.not_used[number]),
                 of_each={e.runs[0]: {n: u.sd for n, u in of_sensor.of_run(e).items()} for e in own},
             )
     return found
@@ -269,6 +265,8 @@ def _of_sensor(own: Sequence[RunSolution], at: Sequence[tuple[float | None, tupl
     units = {name: each.unit for solution in own for name, each in solution.parameters.items()}
     group = np.array([next((k for k, (_, runs) in enumerate(at) if each.runs[0] in runs), -1) for each in own])
     values, errors = (np.array([[_number(getattr(_of(e, n), a)) for n in units] for e in own]) for a in ("value", "se"))
+    told = {e.runs[0] for e, known in zip(own, np.isfinite(values).any(axis=1), strict=True) if known}
+    at = [(temperature, tuple(run for run in runs if run in told)) for temperature, runs in at]
     freedom = sum(each.degrees_of_freedom for each in own if each.chi_square is not None)
     excess = sum(each.chi_square or 0.0 for each in own) / max(freedom, 1)
     return means_of(units, values, errors, group, at, math.sqrt(max(excess, 1.0)))

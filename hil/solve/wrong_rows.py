@@ -122,22 +122,35 @@ def clipped_rows(collects: Collects) -> list[Wrong]:
     return out
 
 
-def rows_of(campaign: Campaign) -> list[dict[str, Any]]:
-    """Return what is wrong with the rows of all sensors: key `rows` of every document.
+def what_is_wrong(campaign: Campaign) -> dict[str, Any]:
+    """Return what is wrong with rows and runs of all sensors: keys `rows` and `runs_not_used` of every document.
 
     What is used and doubted is told of runs that are in means, of which the others need no doubt.
     """
-    runs = {number: set(rows.conditions.run.tolist()) for number, rows in pooled(campaign).sensors.items()}
+    not_used = pooled(campaign).not_used
     rows = [each for found in wrong_rows(campaign).values() for each in found.rows]
-    return [each.document() for each in rows if each.done != USED or each.run in runs[each.sensor]]
+    return {
+        "rows": [each.document() for each in rows if each.done != USED or each.run not in not_used[each.sensor]],
+        **without(campaign),
+    }
 
 
-def in_words(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Say of each entry of key `rows` what is done and why."""
+def without(campaign: Campaign) -> dict[str, dict[str, list[int]]]:
+    """Return key `runs_not_used`, by sensor."""
+    return {"runs_not_used": {str(number): list(runs) for number, runs in pooled(campaign).not_used.items() if runs}}
+
+
+def in_words(wrong: Mapping[str, Any]) -> list[str]:
+    """Say of each entry of the keys `rows` and `runs_not_used` what is done and why."""
     more = "; hil reconcile weighs it against everything else, and may leave it out"
-    return [
+    rows = [
         f"{each['done']}: sensor {each['sensor']}, run {each['run']}: {each['why']}{more * (each['done'] == USED)}"
-        for each in rows
+        for each in wrong.get("rows", ())
+    ]
+    where = "in no mean, in no other run's ±, in no search"
+    return rows + [
+        f"sensor {number}: {numbered('run', runs)} FAILed by what was recorded: {where}"
+        for number, runs in wrong.get("runs_not_used", {}).items()
     ]
 
 
@@ -145,7 +158,7 @@ def otherwise(campaign: Campaign, rows: Sequence[Mapping[str, Any]]) -> list[str
     """Say where the search's `rows` are not what the quick form, which numbers are made from, does about them."""
     search, quick = (
         {(int(r["sensor"]), int(n)) for r in of if r["done"] != USED for n in r["collects"]}
-        for of in (rows, rows_of(campaign))
+        for of in (rows, what_is_wrong(campaign)["rows"])
     )
     here = "by hil solve, report, budget, thermal and visibility, which judge by neighbours and residuals alone"
     return [
@@ -163,9 +176,9 @@ def treated(campaign: Campaign) -> Campaign:
 def pooled(campaign: Campaign) -> Campaign:
     """Return what repeats, means and searches are made from: no run that FAILs by its records, where others are left.
 
-    One whose only fault is mended is none of these.
+    One whose only fault is mended is none of these. `not_used` says which are not among them.
     """
-    sensors, told = {}, []
+    sensors, not_used = {}, {}
     recorded = {run for run, of in campaign.verdicts.items() if of.verdict is Verdict.FAIL}
     wrong = wrong_rows(campaign) if campaign.contradicted else {}
     for number, rows in campaign.sensors.items():
@@ -173,10 +186,9 @@ def pooled(campaign: Campaign) -> Campaign:
         failed = recorded | ({run for run, sensor in campaign.contradicted if sensor == number} - mended)
         kept = ~np.isin(rows.conditions.run, list(failed))
         sensors[number] = rows.rows(kept) if kept.any() and not kept.all() else rows
-        if len(sensors[number]) < len(rows):
-            left_out = np.unique(rows.conditions.run[~kept]).tolist()
-            told.append(f"sensor {number}: {numbered('run', left_out)}: FAIL by its own records, and left out")
-    return replace(campaign, sensors=sensors, warnings=(*campaign.warnings, *told))
+        gone = np.setdiff1d(rows.conditions.run, sensors[number].conditions.run).tolist()
+        not_used[number] = sorted({*campaign.not_used.get(number, ()), *gone})
+    return replace(campaign, sensors=sensors, not_used=not_used)
 
 
 def _wrong(collects: Collects, found: Found, done: str, why: str) -> Wrong:

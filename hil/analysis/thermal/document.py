@@ -7,7 +7,7 @@ from hil.analysis.thermal.fit import DESCRIBES, ParameterFit, SensorFit, Thermal
 from hil.analysis.thermal.improvement import Improvement
 from hil.solve.repeats import CONFIDENCE
 from hil.solve.runs import finite
-from hil.solve.wrong_rows import pooled, rows_of
+from hil.solve.wrong_rows import what_is_wrong
 
 SCHEMA = "hil.thermal/1"
 
@@ -18,8 +18,8 @@ def thermal_document(result: ThermalFit) -> dict[str, Any]:
         "schema": SCHEMA,
         "campaign": result.campaign.title,
         "simulated": result.campaign.simulated,
-        "warnings": list(pooled(result.campaign).warnings),
-        "rows": rows_of(result.campaign),
+        "warnings": list(result.campaign.warnings),
+        **what_is_wrong(result.campaign),
         "method": (
             "form chosen by leave-one-temperature-out, from every self-calibration with what repeats show in its "
             "uncertainty"

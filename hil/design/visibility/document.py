@@ -20,7 +20,7 @@ from hil.model import Model
 from hil.model.effects.catalogue import FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS
 from hil.solve import repeats, solve_campaign
 from hil.solve.repeats import SensorRepeats
-from hil.solve.wrong_rows import pooled, rows_of, treated
+from hil.solve.wrong_rows import pooled, treated, what_is_wrong
 from procedures.plan import make_plan
 
 
@@ -122,7 +122,7 @@ def sweep_document(sweep: Sweep, bench: Bench, model: Model | None = None) -> di
 
 def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[str, object]:
     """Return the map of collects that were measured, with their own standard errors, gaps, and scatter of repeats."""
-    told = {"simulated": campaign.simulated, "warnings": list(pooled(campaign).warnings), "rows": rows_of(campaign)}
+    told = {"simulated": campaign.simulated, "warnings": list(campaign.warnings), **what_is_wrong(campaign)}
     shown = repeats(campaign, solve_campaign(campaign))
     campaign = treated(pooled(campaign))
     conditions = {number: rows.conditions for number, rows in campaign.sensors.items()}

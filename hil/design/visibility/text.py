@@ -15,7 +15,7 @@ def visibility_text(document: Mapping[str, Any]) -> str:
     lines = [str(document["title"]) + ("  SIMULATED" if document.get("simulated") else "")]
     forms = ", ".join(f"sensor {number}: {form}" for number, form in document["model"].items())
     lines += [f"beside the parameters of the model ({forms})", *_noise(document)]
-    lines += [*in_words(document.get("rows", ())), ""]
+    lines += [*in_words(document), ""]
     seen = [effect for effect in document["effects"] if effect["visible"]]
     probability = document["effects"][0]["smallest_visible"]["probability"] if document["effects"] else 0.9
     rate = document["false_alarm_rate"]

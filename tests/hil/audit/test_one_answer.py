@@ -83,6 +83,12 @@ def _rms_of_bias(run_to_run: Mapping[str, Any]) -> float | None:
 
 ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
     "which rows are wrong": dict.fromkeys(COMMANDS, rows),
+    "which runs are in no mean": {
+        **dict.fromkeys(COMMANDS, lambda document: document["runs_not_used"]),
+        "solve, by sensor": lambda document: {
+            number: of["runs_not_used"] for number, of in document["repeats"].items() if of["runs_not_used"]
+        },
+    },
     "the mean at a temperature": {
         "solve": lambda document: _solved_means(document, "value"),
         "thermal": lambda document: _thermal_means(document, "value"),
@@ -169,7 +175,12 @@ def ask(request: pytest.FixtureRequest, tmp_path: Path, capsys: pytest.CaptureFi
 def disagreements(ask: Ask, commands: tuple[str, ...]) -> Iterator[str]:
     """Yield every question that two commands answer differently."""
     for question, places in ANSWERS.items():
-        told = {c: place(document) for c, place in places.items() if c in commands and (document := ask(c)) is not None}
+        asked = {key: key.partition(",")[0] for key in places}
+        told = {
+            key: places[key](document)
+            for key, command in asked.items()
+            if command in commands and (document := ask(command)) is not None
+        }
         first = next(iter(told), "")
         for command, answer in told.items():
             # Thermal leaves out temperatures at which not every parameter can be told: of means what both have.

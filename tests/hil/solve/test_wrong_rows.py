@@ -10,7 +10,7 @@ import pytest
 from hil.campaign import Campaign
 from hil.campaign.plausibility import judged_by_its_records
 from hil.solve import solve_campaign
-from hil.solve.wrong_rows import LEFT_OUT, MENDED, USED, in_words, pooled, rows_of, treated, wrong_rows
+from hil.solve.wrong_rows import LEFT_OUT, MENDED, USED, in_words, pooled, treated, what_is_wrong, wrong_rows
 from procedures.verdict import Judgement, Verdict
 from tests.hil.audit.folders import FOLDERS
 from tests.hil.solve.test_neighbours import campaign, with_column, with_rates
@@ -36,7 +36,7 @@ def test_exchanged_labels_are_put_right_and_the_run_still_fails() -> None:
 def test_labels_of_a_body_are_exchanged_for_all_its_sensors() -> None:
     """The accelerometers tell it of both sensors, the rates of one alone: both are mended, FAIL, and in the means."""
     body = made("labels exchanged in a body")
-    assert [(r["sensor"], r["collects"], r["done"]) for r in rows_of(body)] == [
+    assert [(r["sensor"], r["collects"], r["done"]) for r in what_is_wrong(body)["rows"]] == [
         (1, [13, 14], MENDED), (2, [49, 50], MENDED),
     ]  # fmt: skip
     mended, sound = treated(body).sensors[2].rates_deg_per_hr, made("two sensors").sensors[2].rates_deg_per_hr
@@ -49,7 +49,7 @@ def test_what_accelerometers_exchange_and_rates_do_not_is_in_no_mean() -> None:
     """Nobody knows which of the two is wrong: the run is solved as filed, FAILs, and is in nothing else."""
     torn = judged_by_its_records(made("contradicted"))
     assert torn.exchanged == {2: [(16, 17)]}
-    assert rows_of(torn) == []
+    assert what_is_wrong(torn)["rows"] == []
     assert set(torn.sensors[2].conditions.run) - set(pooled(torn).sensors[2].conditions.run) == {6}
 
 
@@ -84,7 +84,7 @@ def test_a_run_that_fails_by_its_records_is_in_no_mean_and_no_search() -> None:
     assert set(one.sensors[2].conditions.run) - set(
         pooled(replace(one, verdicts=failed)).sensors[2].conditions.run
     ) == {3, 4}
-    assert "runs 3–4: FAIL by its own records" in pooled(replace(one, verdicts=failed)).warnings[-1]
+    assert "sensor 2: runs 3–4 FAILed" in in_words(what_is_wrong(replace(one, verdicts=failed)))[-1]
     every = dict.fromkeys(range(1, 13), failed[3])
     assert len(pooled(replace(one, verdicts=every)).sensors[2]) == len(one.sensors[2])
 
@@ -108,7 +108,7 @@ def test_one_rate_far_off_is_left_out_and_the_other_channel_is_kept() -> None:
     assert (row.collects, row.channels, row.done) == ((15,), ("RB",), LEFT_OUT)
     rates = treated(campaign).sensors[2].rates_deg_per_hr
     assert np.argwhere(np.isnan(rates)).tolist() == [[14, 1]]
-    assert in_words(rows_of(campaign))[0].startswith("left out: sensor 2, run 5: collect 15")
+    assert in_words(what_is_wrong(campaign))[0].startswith("left out: sensor 2, run 5: collect 15")
     solved = {each.run: each for each in solve_campaign(campaign)}
     assert solved[5].parameters["MUA"].value is None
     assert solved[5].verdict is Verdict.INCONCLUSIVE
