@@ -17,7 +17,7 @@ import json
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -119,6 +119,13 @@ def night(folder: Path, sweep: str, document: Mapping[str, Any]) -> Campaign:
     return open_source(folder / "campaign").campaign
 
 
+@cache
+def without(sweep: str, model: str) -> Campaign:
+    """Return the night of the unit without any effect, which is every entry's to be compared with."""
+    with tempfile.TemporaryDirectory(prefix="hil-") as at:
+        return night(Path(at) / "without", sweep, unit(model))
+
+
 def hidden(entry: Described, conditions: Conditions, size: str) -> dict[str, Any]:
     """Return the term of an effect at a size, its parameters of different sizes and signs: alike, some cancel."""
     shapes = {each.name: each.grid or (1.0,) for each in entry.shapes_for(conditions)}
@@ -155,7 +162,7 @@ def case(job: tuple[str, str, str, str], *, twin: bool) -> dict[str, Any]:
         folder = Path(at)
         try:
             model = asked_of(name, triad)
-            bare = night(folder / "without", sweep, unit(model))
+            bare = without(sweep, model)
             conditions = bare.sensors[number].conditions
             if not entry.applies_to(conditions.sensor):
                 return {**out, "why_not": "cannot be in this sensor"}
