@@ -229,6 +229,7 @@ class Reconciliation:
         default_factory=dict
     )  # runs whose measurement is not good, by verdict
     not_used: Mapping[str, Sequence[int]] = field(default_factory=dict)  # runs by sensor
+    exceeding: Sequence[int] = ()  # runs whose residuals are larger than standard errors allow: FAIL in `hil solve`
 
     def document(self) -> dict[str, Any]:
         """Return the JSON document of formats/reconciliation.md; keys beyond the contract are additions."""
@@ -243,6 +244,7 @@ class Reconciliation:
             "contradicted_runs": list(self.contradicted),
             "missing": list(self.missing),
             "doubtful_runs": {verdict: list(runs) for verdict, runs in self.doubtful.items()},
+            "runs_beyond_errors": list(self.exceeding),
             "runs_not_used": {number: list(runs) for number, runs in self.not_used.items()},
             "p_value": self.p_value,
             "calibration": self.calibration,

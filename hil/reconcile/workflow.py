@@ -35,6 +35,7 @@ from hil.reconcile.search.layout import may_be_calibrated, searches, values_foll
 from hil.reconcile.search.posterior import Posterior, weigh
 from hil.reconcile.search.problem import Problem, pose
 from hil.reconcile.unrecorded import beside_unasked, with_stand_ins
+from hil.solve.runs import solve_campaign
 from hil.solve.wrong_rows import in_words, otherwise, pooled, without
 from procedures.verdict import NOT_GOOD
 
@@ -205,6 +206,7 @@ def _result(
         missing=campaign.missing,
         doubtful=_doubtful(campaign),
         not_used=not_used["runs_not_used"],
+        exceeding=sorted({run for each in solve_campaign(campaign) if each.exceeds_errors for run in each.runs}),
         values=values,
     )
 

@@ -76,6 +76,13 @@ class RunSolution:
     assumed: tuple[str, ...]
     chi_square: float | None = None
 
+    @property
+    def exceeds_errors(self) -> bool:
+        """Whether the residuals are so much larger than the stated standard errors allow that the run is a FAIL."""
+        return self.chi_square is not None and (
+            judge(self.chi_square, self.degrees_of_freedom, 0, noise_stated=True).verdict is Verdict.FAIL
+        )
+
 
 def solve_campaign(campaign: Campaign, model_name: str | None = None) -> list[RunSolution]:
     """Solve every run of every sensor, in the order of runs, then sensors.

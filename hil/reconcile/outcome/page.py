@@ -27,6 +27,7 @@ _ACT = {
     "named": "Use the improved model, model.yaml, from now on.",
     "ambiguous": "Measure what is said below before the name is relied upon.",
     "empirical": "Look for the cause: what it follows is known, what it is is not.",
+    "scatter": "Repeat these collects, so that it can be told what scatters; until then use the ± of hil solve.",
     "unresolved": "Do not predict with this model; take more runs.",
     "untested": "Take more runs before anything is concluded.",
     "labels": "Put the labels right where they were recorded; the model stays.",
@@ -34,9 +35,13 @@ _ACT = {
 
 
 def what_to_do(result: Reconciliation) -> tuple[str, str]:
-    """Return the verdict and what somebody has to do now; "labels": only those were wrong, "untested": none was."""
+    """Return the verdict and what somebody has to do now; "labels": only those were wrong, "untested": none was.
+
+    And "scatter": the mean lacks nothing that can be told, but what scatters makes `hil solve` FAIL.
+    """
     only = result.verdict == "named" and all(effect.mends_labels for effect in result.effects)
     kind = "labels" if only else result.verdict if result.tested else "untested"
+    kind = "scatter" if kind == "none" and result.exceeding else kind
     doubts = [f"{numbered('run', runs)} ({verdict})" for verdict, runs in result.doubtful.items()]
     first = ["what is missing of the measurement (hil report says what)"] if result.missing else []
     first += [f"what was not measured well (hil report says why): {', '.join(doubts)}"] if doubts else []
@@ -44,8 +49,11 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
         first.append(f"what its own records contradict (notes): {numbered('run', result.contradicted)}")
     excess = [n["observed_deg_per_hr"] / n["stated_deg_per_hr"] for n in result.noise if n["stated_deg_per_hr"]]
     act = _ACT[kind]
-    if kind == "none" and max(excess, default=0.0) > EXCESS:
-        act += f" Averages scatter {max(excess):.2g} times as much as standard errors say, by which hil solve judges."
+    if kind == "scatter":
+        runs = numbered("run", result.exceeding)
+        act = f"No effect is named, but averages scatter more than their standard errors say ({runs}: FAIL). {act}"
+    elif kind == "none" and max(excess, default=0.0) > EXCESS:
+        act += f" Averages scatter {max(excess):.2g} times as much as standard errors say; the ± of hil solve has it."
     return kind, f"First see to {'; '.join(first)}. {act}" if first else act
 
 

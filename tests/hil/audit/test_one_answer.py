@@ -135,6 +135,18 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
             for name, of in each["parameters"].items()
         },
     },
+    "whether somebody has to see to what scatters": {
+        "solve": lambda document: {
+            "runs": sorted(
+                {
+                    s["run"]
+                    for s in document["solutions"]
+                    if "times what the standard" in s["reason"] and s["verdict"] == "FAIL"
+                }
+            )
+        },
+        "reconcile": lambda document: {"runs": document["runs_beyond_errors"]},
+    },
     "whose its temperatures are": {
         "solve": lambda document: {n: of["means"][0]["temperature_of"] for n, of in document["repeats"].items()},
         "budget": lambda document: {n: of["temperature_of"] for n, of in document["sensors"].items()},

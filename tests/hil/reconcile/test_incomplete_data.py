@@ -20,6 +20,7 @@ from hil.reconcile.proof.held_out import Predicted, _together
 from hil.reconcile.search.layout import searches
 from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.problem import pose
+from hil.solve import solve_campaign
 from procedures.verdict import Judgement, Verdict
 from tests.hil.audit.folders import FOLDERS
 from tests.hil.reconcile.hidden_effects import (
@@ -85,7 +86,8 @@ def test_a_run_that_fails_by_its_records_is_not_searched() -> None:
     result = reconcile(lost, "collins-4")
     assert ids(result) == ["MU_real"]
     assert result.rows == []
-    assert "sensor 2: run 3: FAIL by its own records, and left out" in result.notes
+    assert result.document()["runs_not_used"] == {"2": [3]}
+    assert result.notes[0].startswith("sensor 2: run 3 FAILed by what was recorded: in no mean")
 
 
 @pytest.mark.slow
@@ -148,8 +150,23 @@ def test_nothing_that_could_be_tested_is_said_to_be_so() -> None:
     told = what_to_do(replace(result, missing=["run 2"], doubtful={"FAIL": [1]}))[1]
     assert "what is missing of the measurement" in told
     assert "not measured well (hil report says why): run 1 (FAIL)" in told
+    assert what_to_do(replace(result, tested=True, exceeding=[1]))[0] == "scatter"
     failed = replace(result, contradicted=(3, 4))
     assert what_to_do(failed)[1].startswith("First see to what its own records contradict (notes): runs 3–4. Take")
+
+
+@pytest.mark.slow
+def test_what_scatters_beyond_standard_errors_is_no_rest_for_anybody() -> None:
+    """`hil solve` FAILs the run for it, and nobody can say from it alone that the mean lacks something."""
+    rows = hidden_campaign(4, lambda rows: np.zeros((len(rows.start_s), 2)), runs_each=1)
+    rates = rows.sensors[2].rates_deg_per_hr + np.random.default_rng(3).normal(0.0, 4.0, (len(rows.sensors[2]), 2))
+    loose = replace(rows, sensors={2: replace(rows.sensors[2], rates_deg_per_hr=rates)})
+    for each, kind in ((rows, "none"), (loose, "scatter")):
+        result = reconcile(each, "matrix-6-thermal", prove=False)
+        failed = {s.verdict for s in solve_campaign(each) if "times what" in s.reason}
+        assert result.verdict == "none"
+        assert (what_to_do(result)[0], failed == {Verdict.FAIL}) == (kind, kind == "scatter")
+        assert ("Nobody has to act" in page(result)) == (kind == "none")
 
 
 def test_a_missing_first_collect_does_not_move_the_others() -> None:
