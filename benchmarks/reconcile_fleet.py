@@ -1,6 +1,7 @@
 """Screen a fleet of simulated units whole: how long it takes, and whether its error rates are what they are said to be.
 
     OPENBLAS_NUM_THREADS=1 python -m benchmarks.reconcile_fleet --units 10000
+    OPENBLAS_NUM_THREADS=1 python -m benchmarks.reconcile_fleet --units 100000 --file fleet.parquet --workers 2
 
 24 runs of four collects each, every unit with a noise of its own (collects 0.9 deg/hr, give or take a third; runs 1.3
 deg/hr, give or take a half; correlated .2 to .9 from run to run). A tenth of the units lacks a supply effect where
@@ -10,12 +11,16 @@ deg/hr, give or take a half; correlated .2 to .9 from run to run). A tenth of th
 from __future__ import annotations
 
 import argparse
+import resource
 import time
+from pathlib import Path
 
 import numpy as np
 
 from hil.campaign import Campaign
+from hil.campaign.fleet_file import write_fleet_file
 from hil.reconcile import Screen
+from hil.reconcile.campaigns import screen_folders
 from tests.hil.reconcile.hidden_effects import base_rates, both, campaign_of, lay_out, noise
 
 ROWS = lay_out(np.random.default_rng(0), runs_each=3)
@@ -49,13 +54,33 @@ def fleet_rates(screen: Screen, seed: int, size: float, fleets: int, units: int)
     return f"false discoveries {np.mean(false):.3f}{power}, shared effect found {np.mean(shared):.3f}"
 
 
+def from_file(path: Path, units: int, seed: int, workers: int) -> str:
+    """Screen a file of units, which is written where it is not there, and say what it took."""
+    if not path.exists():
+        write_fleet_file(((f"u{i}", unit(seed + i)) for i in range(units)), path)
+    start = time.perf_counter()
+    found = screen_folders([path], "matrix-6-thermal", workers)
+    whole = time.perf_counter() - start
+    most = [resource.getrusage(who).ru_maxrss / 1e6 for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    size, called = path.stat().st_size / 1e6, sum(each.worth for each in found.units)
+    return (
+        f"{size:.0f} MB, {len(found.units)} units by {workers} workers: {whole:.0f} s, {called} called; "
+        f"most memory {most[0]:.2f} GB, of a worker {most[1]:.2f} GB"
+    )
+
+
 def main() -> None:
     """Time a fleet, then count what is found in fleets with and without a fault."""
     parser = argparse.ArgumentParser(description="Screen a fleet of simulated units.")
     parser.add_argument("--units", type=int, default=10_000, help="units of the fleet that is timed")
     parser.add_argument("--fleets", type=int, default=40, help="fleets of fifty units whose discoveries are counted")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--file", type=Path, help="a Parquet file to be screened, made of so many units if not there")
+    parser.add_argument("--workers", type=int, default=1)
     chosen = parser.parse_args()
+    if chosen.file is not None:
+        print(from_file(chosen.file, chosen.units, chosen.seed, chosen.workers))
+        return
     campaigns = [unit(chosen.seed + i) for i in range(chosen.units)]
     start = time.process_time()
     screen = Screen.of(campaigns, "matrix-6-thermal")

@@ -40,7 +40,12 @@ class Header:
 
 def read_header(path: Path) -> Header:
     """Read and check campaign.yaml; raise InputError with the file and the key."""
-    keys = parse_yaml(read_text(path), str(path))
+    return parse_header(read_text(path), path)
+
+
+def parse_header(text: str, path: Path) -> Header:
+    """Read and check the text of a campaign.yaml, which stands at `path`; raise InputError with that and the key."""
+    keys = parse_yaml(text, str(path))
     if keys.get("schema") != SCHEMA:
         found = f"it is {keys['schema']!r}" if "schema" in keys else "it is missing"
         raise InputError(f"{path}, key schema: {found}; this program reads {SCHEMA}")

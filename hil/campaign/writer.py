@@ -53,11 +53,12 @@ def write_campaign(
         for name, data in (beside or {}).items():
             disk.write(partial / name, data)
         written = _write_series(disk, campaign, partial / SERIES_FOLDER, series)
-        disk.write(partial / HEADER_FILE, _header(campaign, written).encode())
+        disk.write(partial / HEADER_FILE, header_of(campaign, written).encode())
     return target
 
 
-def _header(campaign: Campaign, written: int) -> str:
+def header_of(campaign: Campaign, written: int) -> str:
+    """Return campaign.yaml of a campaign with so many series."""
     rows = [each for collects in campaign.sensors.values() for each in collects.conditions.run.tolist()]
     verdicts = {run: campaign.verdicts[run] for run in sorted(campaign.verdicts.keys() & set(rows))}
     always: dict[str, Any] = {"schema": SCHEMA, "title": campaign.title, "source": campaign.source}

@@ -11,7 +11,8 @@ from rich.table import Table
 
 from hil.cli.answer import Answer, Aside
 from hil.cli.exit_status import Limits, Strict, of_unit
-from hil.cli.output import listing, messages, results
+from hil.cli.output import check_named, listing, messages, results
+from hil.errors import InputError
 
 if TYPE_CHECKING:  # `hil --help` loads no arithmetic
     from matplotlib.figure import Figure
@@ -118,19 +119,27 @@ def _solution_table(solutions: list[RunSolution], shown: SensorRepeats) -> Table
 
 def export(
     folder: Annotated[
-        Path, typer.Argument(help="A night's folder; with --format also a campaign's.", show_default=False)
+        Path,
+        typer.Argument(
+            help="A night's folder; with --format also a campaign's; with --fleet one of them, or of folders of them.",
+            show_default=False,
+        ),
     ],
     out: Annotated[
-        Path, typer.Argument(help="The campaign folder, or with --format the file, to make.", show_default=False)
+        Path,
+        typer.Argument(help="The campaign folder, or with --format or --fleet the file, to make.", show_default=False),
     ],
     form: Annotated[
         Format | None, typer.Option("--format", help="One file instead of a folder of CSV.", show_default=False)
     ] = None,
+    fleet: Annotated[bool, typer.Option("--fleet", help="One Parquet file of many campaigns, for hil fleet.")] = False,
 ) -> None:
     """Write the night as a campaign folder: CSV that a spreadsheet reads; or as HDF5, NetCDF or MATLAB's format.
 
     documents: the journal as Bluesky's event-model documents, a JSON line for each.
     """
+    if fleet:
+        return _export_fleet(folder, out, form)
     from hil.records.documents import export_documents
     from hil.records.export import export_campaign
 
@@ -138,6 +147,20 @@ def export(
     for note in written.notes:
         messages().print(f"note: {note}")
     results().print(f"{form or 'campaign'}: {out}, {written.rows} rows")
+    return None
+
+
+def _export_fleet(folder: Path, out: Path, form: Format | None) -> None:
+    from hil.campaign.fleet_file import write_fleet_file
+    from hil.reconcile.campaigns import in_turn, pieces_in
+
+    check_named(out, ".parquet")
+    if form is not None:
+        raise InputError("--fleet and --format: a file for hil fleet is Parquet; give one of the two")
+    told = write_fleet_file(in_turn(map, pieces_in([folder])), out)
+    for place, why in told.items():
+        messages().print(f"warning: {place}: {why}")
+    results().print(f"fleet: {out}")
 
 
 COMMANDS = (solve, export)

@@ -1,4 +1,4 @@
-"""A new folder that appears as a whole or not at all."""
+"""A new folder, or a file that a library writes, that appears as a whole or not at all."""
 
 import contextlib
 import glob
@@ -43,6 +43,25 @@ def whole_or_nothing(target: Path) -> Iterator[Path]:
         shutil.rmtree(partial, ignore_errors=True)
         remove_folders(made)
     RealDisk().synchronise_folder(above)
+
+
+@contextlib.contextmanager
+def whole_file(target: Path) -> Iterator[Path]:
+    """Give a temporary name on the same disk for a file that becomes `target` if nothing is raised, and goes otherwise.
+
+    Raises `InputError` where it cannot be made.
+    """
+    partial = target.with_name(f"{PARTIAL}{target.name}")
+    try:
+        yield partial
+        with partial.open("rb+") as file:
+            os.fsync(file.fileno())
+        RealDisk().rename(partial, target)
+        RealDisk().synchronise_folder(target.parent)
+    except OSError as error:
+        raise InputError(f"{target}: cannot be made ({error.strerror or error})") from error
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def _clear_away(above: Path, name: str) -> None:

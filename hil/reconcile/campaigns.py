@@ -4,8 +4,8 @@
     [unit for unit in screened.units if unit.worth]     # those that a full reconcile is worth
 
 A campaign that cannot be read, or screened, is told with its reason and the others go on. What is kept of each is its
-rates and what each name says of it, some kilobytes. Units are weighed in the order of their names, in pieces of a size
-that does not depend on the workers, so that the numbers do not either.
+rates and what each name says of it, some kilobytes. Units are weighed in the order of their names (of a Parquet file,
+in its own), in pieces of a size that does not depend on the workers, so that the numbers do not either.
 """
 
 from __future__ import annotations
@@ -23,11 +23,12 @@ import numpy as np
 
 from drivers.given_file import check_folder
 from hil.campaign import Campaign, FloatArray
+from hil.campaign.fleet_file import pieces_of, read_piece
 from hil.campaign.header import day_of
 from hil.campaign.reader import HEADER_FILE
 from hil.errors import InputError
 from hil.model import Model, load_model
-from hil.reconcile.fleet import NOISY_UNITS, Screen, SharedFinding, UnitFinding, beside_the_earth, laid_out_alike
+from hil.reconcile.fleet import NOISY_UNITS, Screen, SharedFinding, Stood, UnitFinding, beside_the_earth
 from hil.reconcile.proof.places import false_discovery
 from hil.records.export import open_source
 from hil.records.reader import is_night, units_in
@@ -36,19 +37,32 @@ LEVEL = 0.05
 """False discoveries among the units that are called, at most, on average."""
 _MISSING = "rates are missing: a screen needs every row of its layout"
 _PIECE = 256  # units that a process takes at once
+_AT_ONCE = 8  # pieces of a file that are read at once, and whose campaigns memory holds
 
 Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
 
 
 @dataclass(frozen=True)
-class ScreenedUnit:
-    """One campaign: who and when as far as its records say, which layout it has, and what was found."""
+class Facts:
+    """Which campaign it is, of whom and when, as far as its records say."""
 
     folder: str
     title: str
     serial: str
     date: str
     simulated: bool
+
+    @classmethod
+    def of(cls, folder: str, campaign: Campaign) -> Facts:
+        """Return what the records of a campaign say."""
+        day, serial = day_of(campaign.source), campaign.identity.get("serial", "")
+        return cls(folder, campaign.title, serial, day.isoformat() if day else "", campaign.simulated)
+
+
+@dataclass(frozen=True)
+class ScreenedUnit(Facts):
+    """One campaign, which layout it has, and what was found."""
+
     layout: int
     finding: UnitFinding
 
@@ -82,8 +96,13 @@ class _Group:
     """Units of one layout, by what is kept of them."""
 
     first: Campaign
-    facts: list[tuple[str, Campaign]] = field(default_factory=list)
+    stood: Stood
+    facts: list[Facts] = field(default_factory=list)
     values: list[Mapping[int, FloatArray]] = field(default_factory=list)
+
+    def has_like(self, other: Campaign) -> bool:
+        """Whether a campaign is of this layout."""
+        return self.first.sensors.keys() == other.sensors.keys() and self.stood.like(other)
 
     def layout(self, model: Model) -> _Layout:
         """Return what a screen is laid out by: the first unit, and others evenly over the fleet."""
@@ -106,35 +125,35 @@ def screen_folders(
 
     Raises `InputError` where there is none, where the model cannot be used, or the cluster is not there.
     """
-    chosen, places = load_model(model) if isinstance(model, str) else model, campaigns_in(folders)
+    chosen, places = load_model(model) if isinstance(model, str) else model, pieces_in(folders)
     told: dict[str, str] = {}
     known: dict[bytes, str] = {}
     groups: list[_Group] = []
     units: list[ScreenedUnit] = []
     shared: list[tuple[int, SharedFinding]] = []
     with _workers(workers, cluster) as mapped:
-        for place, read in zip(places, mapped(_read, places), strict=True):
+        for place, read in in_turn(mapped, places):
             if isinstance(read, str):
                 told[place] = read
                 continue
-            group = next((each for each in groups if _alike(each.first, read)), None)
+            group = next((each for each in groups if each.has_like(read)), None)
             if group is None:
-                groups.append(group := _Group(read))
+                groups.append(group := _Group(read, Stood({n: rows.conditions for n, rows in read.sensors.items()})))
             values = beside_the_earth(read)
             told_apart_by = hashlib.sha256(b"".join(own.tobytes() for own in values.values())).digest()
             first = known.setdefault(told_apart_by, place)
             if first != place:
                 told[place] = f"the very rates of {first}: a copy, which counts once"
                 continue
-            group.facts.append((place, replace(read, sensors={})))
+            group.facts.append(Facts.of(place, read))
             group.values.append(values)
         for number, group in enumerate(groups, 1):
             try:
                 found, common = _weighed(group, chosen, mapped, told)
             except InputError as error:
-                told |= {place: str(error) for place, _ in group.facts}
+                told |= {facts.folder: str(error) for facts in group.facts}
                 continue
-            units += [_unit(place, facts, number, each) for place, facts, each in found]
+            units += [ScreenedUnit(**vars(facts), layout=number, finding=each) for facts, each in found]
             shared += [(number, common)] if found else []
     if not units:
         raise InputError("; ".join(f"{place}: {why}" for place, why in list(told.items())[:3]))
@@ -143,16 +162,19 @@ def screen_folders(
     return Screened(chosen.full_title, sorted(units, key=lambda each: each.finding.p_value), shared, told)
 
 
-def campaigns_in(folders: Sequence[Path]) -> list[str]:
-    """Return the campaigns and nights among folders and what stands directly in them, by name, each once.
+def pieces_in(folders: Sequence[Path]) -> list[tuple[str, int]]:
+    """Return what is read at once: campaigns and nights among folders and directly in them (-1), pieces of files.
 
-    Raises `InputError` where a folder is none, or there is no campaign.
+    Each once, by name. Raises `InputError` where a folder or file is none, or there is no campaign.
     """
-    found: list[str] = []
+    found: list[tuple[str, int]] = []
     for folder in folders:
+        if folder.suffix == ".parquet" and not folder.is_dir():
+            found += [(str(folder), piece) for piece in range(pieces_of(folder))]
+            continue
         check_folder(folder)
         inside = [folder] if _holds_one(folder) else sorted(each for each in folder.iterdir() if _holds_one(each))
-        found += [str(unit) for each in inside for unit in (*units_in(each).values(),) or (each,)]
+        found += [(str(unit), -1) for each in inside for unit in (*units_in(each).values(),) or (each,)]
     if not found:
         raise InputError(
             f"{', '.join(map(str, folders))}: no campaign folder (with {HEADER_FILE}) and no night is there"
@@ -160,30 +182,33 @@ def campaigns_in(folders: Sequence[Path]) -> list[str]:
     return list(dict.fromkeys(found))
 
 
+def in_turn(mapped: Map, pieces: Sequence[tuple[str, int]]) -> Iterator[tuple[str, Campaign | str]]:
+    """Read campaigns, each with its folder, or the sentence why it cannot be read; some at once, to spare memory."""
+    most = _PIECE if pieces[0][1] < 0 else _AT_ONCE
+    for first in range(0, len(pieces), most):
+        for read in mapped(_read, pieces[first : first + most]):
+            yield from read
+
+
 def _holds_one(folder: Path) -> bool:
     return (folder / HEADER_FILE).is_file() or (folder.is_dir() and is_night(folder))
 
 
-def _read(place: str) -> Campaign | str:
-    """Return a campaign, or the sentence why it cannot be read."""
+def _read(piece: tuple[str, int]) -> list[tuple[str, Campaign | str]]:
+    place, number = piece
     try:
-        return open_source(Path(place)).campaign
+        return [(place, open_source(Path(place)).campaign)] if number < 0 else list(read_piece(Path(place), number))
     except (InputError, OSError, sqlite3.Error) as error:
-        return str(error)
-
-
-def _alike(known: Campaign, other: Campaign) -> bool:
-    conditions = {number: of.conditions for number, of in known.sensors.items()}
-    return known.sensors.keys() == other.sensors.keys() and laid_out_alike(conditions, other)
+        return [(place if number < 0 else f"{place}, row group {number}", str(error))]
 
 
 def _weighed(
     group: _Group, model: Model, mapped: Map, told: dict[str, str]
-) -> tuple[list[tuple[str, Campaign, UnitFinding]], SharedFinding]:
+) -> tuple[list[tuple[Facts, UnitFinding]], SharedFinding]:
     """Weigh the units of a layout; those with rows missing are `told`. Raises `InputError` for an unfit model."""
     both = list(zip(group.facts, group.values, strict=True))
     whole = [(facts, own) for facts, own in both if all(np.all(np.isfinite(each)) for each in own.values())]
-    told |= dict.fromkeys({place for (place, _), _ in both} - {place for (place, _), _ in whole}, _MISSING)
+    told |= dict.fromkeys({facts.folder for facts, _ in both} - {facts.folder for facts, _ in whole}, _MISSING)
     if not whole:
         raise InputError(_MISSING)
     group.facts, group.values = [facts for facts, _ in whole], [own for _, own in whole]
@@ -191,8 +216,8 @@ def _weighed(
     pieces = [(layout, group.values[first : first + _PIECE]) for first in range(0, len(group.values), _PIECE)]
     by_name = np.concatenate(list(mapped(_weigh, pieces)), axis=1)
     screen = _screen(layout)
-    findings = screen.findings([facts.title for _, facts in group.facts], by_name)
-    found = [(*facts, each) for facts, each in zip(group.facts, findings, strict=True)]
+    findings = screen.findings([facts.title for facts in group.facts], by_name)
+    found = list(zip(group.facts, findings, strict=True))
     return found, screen.in_common(by_name)
 
 
@@ -206,11 +231,6 @@ def _weigh(piece: tuple[_Layout, Sequence[Mapping[int, FloatArray]]]) -> FloatAr
     layout, values = piece
     screen = _screen(layout)
     return screen.weigh([screen.in_blocks(each, "") for each in values])
-
-
-def _unit(place: str, facts: Campaign, layout: int, finding: UnitFinding) -> ScreenedUnit:
-    serial, day = facts.identity.get("serial", ""), day_of(facts.source)
-    return ScreenedUnit(place, facts.title, serial, day.isoformat() if day else "", facts.simulated, layout, finding)
 
 
 @contextmanager

@@ -24,7 +24,7 @@ from functools import cached_property
 
 import numpy as np
 
-from hil.campaign import Campaign, Conditions, FloatArray
+from hil.campaign import Campaign, Conditions, FloatArray, IntArray
 from hil.errors import InputError
 from hil.model import Model, load_model
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS
@@ -127,7 +127,7 @@ class Screen:
 
     def rates(self, campaign: Campaign) -> list[FloatArray]:
         """Return what a unit is weighed by: its rates (N,) in every block; raises `InputError` for another layout."""
-        if not laid_out_alike(self.conditions, campaign):
+        if not self._stood.like(campaign):
             raise InputError(f"{campaign.title}: it is laid out otherwise than the screen")
         return self.in_blocks(beside_the_earth(campaign), campaign.title)
 
@@ -138,6 +138,10 @@ class Screen:
         if not all(np.all(np.isfinite(each)) for each in found):
             raise InputError(f"{title}: rows are missing that the screen's layout has")
         return found
+
+    @cached_property
+    def _stood(self) -> Stood:
+        return Stood(self.conditions)
 
     @cached_property
     def _names(self) -> tuple[list[str], FloatArray]:
@@ -241,25 +245,36 @@ def beside_the_earth(campaign: Campaign) -> dict[int, FloatArray]:
     return {n: of.rates_deg_per_hr - of.conditions.w_channels_deg_per_hr for n, of in campaign.sensors.items()}
 
 
-def laid_out_alike(known: Mapping[int, Conditions], campaign: Campaign) -> bool:
-    """Whether every sensor of a layout stood so in a campaign."""
-    sensors = campaign.sensors
-    return all(number in sensors and _alike(own, sensors[number].conditions) for number, own in known.items())
+class Stood:
+    """How the sensors of a campaign stood, by their number: in which positions and runs, at which temperatures."""
+
+    def __init__(self, conditions: Mapping[int, Conditions]) -> None:
+        self._known = conditions
+        self._order = {number: _in_order(rows) for number, rows in conditions.items()}
+        self._levels = {
+            number: same_temperature(rows) if "temperature_degC" in rows.columns else None
+            for number, rows in conditions.items()
+        }
+
+    def like(self, campaign: Campaign) -> bool:
+        """Whether every sensor stood so in another campaign."""
+        return all(number in campaign.sensors and self._like(number, campaign) for number in self._known)
+
+    def _like(self, number: int, campaign: Campaign) -> bool:
+        known, other, levels = self._known[number], campaign.sensors[number].conditions, self._levels[number]
+        if len(known) != len(other) or known.sensor.channels != other.sensor.channels:
+            return False
+        if (levels is None) != ("temperature_degC" not in other.columns):
+            return False
+        if np.any(self._order[number] != _in_order(other)) or np.any(np.abs(known.f_g - other.f_g) >= SAME_G):
+            return False
+        if levels is None:
+            return True
+        apart = other.columns["temperature_degC"] - known.columns["temperature_degC"]
+        if not np.all(np.abs(apart[levels >= 0]) <= WIDEST_DEGC):
+            return False
+        return all(abs(np.mean(apart[levels == k])) <= ELSEWHERE_DEGC for k in set(levels[levels >= 0].tolist()))
 
 
-def _alike(known: Conditions, other: Conditions) -> bool:
-    """Whether two units stood in the same positions, in the same runs, at the same temperatures."""
-    if len(known) != len(other) or known.sensor.channels != other.sensor.channels:
-        return False
-    warm, warm_too = (each.columns.get("temperature_degC") for each in (known, other))
-    if (warm is None) != (warm_too is None):
-        return False
-    in_order = [np.unique(rows.run, return_inverse=True)[1] for rows in (known, other)]
-    if np.any(in_order[0] != in_order[1]) or np.any(np.abs(known.f_g - other.f_g) >= SAME_G):
-        return False
-    if warm is None or warm_too is None:
-        return True
-    number, apart = same_temperature(known), warm_too - warm
-    if not np.all(np.abs(apart[number >= 0]) <= WIDEST_DEGC):
-        return False
-    return all(abs(np.mean(apart[number == k])) <= ELSEWHERE_DEGC for k in set(number[number >= 0].tolist()))
+def _in_order(conditions: Conditions) -> IntArray:
+    return np.unique(conditions.run, return_inverse=True)[1]

@@ -12,14 +12,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from hil.campaign import Campaign
+from hil.campaign.fleet_file import pieces_of, read_piece, write_fleet_file
 from hil.campaign.writer import write_campaign
 from hil.cli.app import run
 from hil.errors import InputError
 from hil.reconcile import Screen
-from hil.reconcile.campaigns import campaigns_in, screen_folders
+from hil.reconcile.campaigns import pieces_in, screen_folders
 from hil.reconcile.outcome.fleet import fleet_csv, fleet_document, fleet_page
 from hil.reconcile.proof.places import false_discovery
 from tests.hil.reconcile.hidden_effects import base_rates, both, campaign_of, lay_out, noise
@@ -92,8 +95,8 @@ def test_the_numbers_do_not_depend_on_who_weighs(folder: Path) -> None:
     """By two processes the same document, to the digit; so by the order in which folders are given."""
     alone = fleet_document(screen_folders([folder], "matrix-6-thermal"))
     assert fleet_document(screen_folders([folder], "matrix-6-thermal", workers=2)) == alone
-    assert campaigns_in([folder / "u03", folder]) == [str(folder / "u03"), *campaigns_in([folder])[:3],
-                                                      *campaigns_in([folder])[4:]]  # fmt: skip
+    assert pieces_in([folder / "u03", folder]) == [(str(folder / "u03"), -1), *pieces_in([folder])[:3],
+                                                      *pieces_in([folder])[4:]]  # fmt: skip
 
 
 @pytest.mark.slow
@@ -186,3 +189,57 @@ def test_a_unit_that_is_noisier_than_its_fleet_is_not_called_for_that() -> None:
     of_fleet = screen._by_name([np.column_stack(each) for each in zip(*rates, strict=True)], None)
     assert all(each.p_value < 0.01 for each in screen.findings([""] * 4, of_fleet))
     assert all(each.p_value > 0.2 for each in screen.findings([""] * 4, screen.weigh(rates)))
+
+
+@pytest.mark.slow
+def test_one_file_of_all_gives_what_the_folders_give(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The same numbers to the digit; what cannot be screened is told, and so is a file that is none."""
+    file = tmp_path / "fleet.parquet"
+    assert run(["export", str(folder), str(file), "--fleet"]) == 0
+    assert "x-broken" in capsys.readouterr().err
+    (by_folder, by_file) = (screen_folders([each], "matrix-6-thermal") for each in (folder, file))
+    assert by_file.units == by_folder.units
+    assert by_file.shared == by_folder.shared
+    assert by_file.not_screened.keys() == by_folder.not_screened.keys() - {str(folder / "x-broken")}
+    assert run(["export", str(folder), str(file), "--fleet"]) == 2  # and what is there stays
+    whole = pq.read_table(file)
+    spoiled = {
+        "no Parquet file": b"campaigns",
+        "column layout is missing": whole.drop_columns(["layout"]),
+        "RA_deg_per_hr: it is string": whole.set_column(
+            whole.schema.get_field_index("RA_deg_per_hr"), "RA_deg_per_hr", pa.array(["1"] * len(whole))
+        ),
+        "f_A_g: a number is missing": whole.set_column(
+            whole.schema.get_field_index("f_A_g"), "f_A_g", pa.array([None] * len(whole), pa.float64())
+        ),
+    }
+    for k, (why, given) in enumerate(spoiled.items()):
+        other = tmp_path / f"{k}.parquet"
+        other.write_bytes(given) if isinstance(given, bytes) else pq.write_table(given, other)
+        with pytest.raises(InputError, match=why):
+            screen_folders([other], "matrix-6-thermal")
+
+
+def test_a_file_of_campaigns_is_read_as_it_was_written(tmp_path: Path) -> None:
+    """Every number, name and layout, in pieces, whichever piece a campaign is in; no file is left of what failed."""
+    units = [(f"u{i}", unit(i, 5.0)) for i in range(3)] + [("gone", "it cannot be read")]
+    file = tmp_path / "fleet.parquet"
+    assert write_fleet_file(units, file) == {"gone": "it cannot be read"}
+    found = [each for piece in range(pieces_of(file)) for each in read_piece(file, piece)]
+    assert [place for place, _ in found] == ["u0", "u1", "u2"]
+    for (_, was), (_, read) in zip(units, found, strict=False):
+        assert isinstance(was, Campaign)
+        assert isinstance(read, Campaign)
+        assert (read.title, read.source, read.identity["serial"]) == (was.title, was.source, was.identity["serial"])
+        for number, rows in was.sensors.items():
+            again = read.sensors[number]
+            assert again.conditions.sensor == rows.conditions.sensor
+            assert np.array_equal(again.rates_deg_per_hr, rows.rates_deg_per_hr)
+            assert np.array_equal(again.rates_se_deg_per_hr, rows.rates_se_deg_per_hr)
+            assert np.array_equal(again.conditions.w_deg_per_hr, rows.conditions.w_deg_per_hr)
+            assert again.conditions.columns.keys() == rows.conditions.columns.keys()
+    with pytest.raises(InputError, match="gone: it cannot be read"):
+        write_fleet_file(units[3:], tmp_path / "none.parquet")
+    assert [each.name for each in tmp_path.iterdir()] == ["fleet.parquet"]

@@ -1,0 +1,195 @@
+"""Many campaigns as one Parquet file that is read in pieces: for `hil fleet`, where folders are too many to be opened.
+
+    write_fleet_file(campaigns, Path("fleet.parquet"))      # (folder, campaign) pairs, taken one at a time
+    for piece in range(pieces_of(Path("fleet.parquet"))):
+        for folder, campaign in read_piece(Path("fleet.parquet"), piece): ...
+
+A row per collect and sensor with the columns of collects.csv. In front of them stand what the campaign is (`folder`,
+`title`, `source`, `serial`, `simulated`) and its `layout`: campaign.yaml without what is a campaign's own. The rows of
+a campaign stand together and in one row group.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import lru_cache
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from drivers.given_file import opened
+from hil.campaign.data import Campaign, Collects, Conditions, FloatArray, Sensor
+from hil.campaign.header import Header, parse_header
+from hil.campaign.reader import IDENTITY, f_columns, rate_columns, se_columns, w_columns
+from hil.campaign.writer import columns_of, header_of
+from hil.errors import InputError
+from hil.files.folder import whole_file
+
+PIECE = 256
+"""Campaigns in a row group, which is what is read at once."""
+ABOUT = {"folder": "", "title": "", "source": "", "serial": "", "simulated": False, "layout": ""}
+"""What stands in every row of a campaign, with a value of its type."""
+_NUMBERED = ("collect", "run", "sensor")
+_TEXTS = tuple(name for name, value in ABOUT.items() if value == "")
+
+
+def write_fleet_file(campaigns: Iterable[tuple[str, Campaign | str]], path: Path) -> dict[str, str]:
+    """Write campaigns, each with its folder, into one file, which appears whole or not at all.
+
+    Return why some are not in it: a sentence in a campaign's place, or columns that the first one has not. Raises
+    `InputError` where the file exists, or no campaign is left.
+    """
+    if path.exists():
+        raise InputError(f"{path}: it exists; name a new file")
+    told: dict[str, str] = {}
+    with whole_file(path) as partial:
+        writer: pq.ParquetWriter | None = None
+        kept: list[pa.Table] = []
+        try:
+            for folder, campaign in campaigns:
+                if isinstance(campaign, str):
+                    told[folder] = campaign
+                    continue
+                table = _table(folder, campaign)
+                writer = writer or pq.ParquetWriter(partial, table.schema, compression="zstd")
+                if table.schema != writer.schema:
+                    apart = sorted({*table.schema.names} ^ {*writer.schema.names})
+                    told[folder] = (
+                        f"columns {', '.join(apart)}: the first campaign differs; such need a file of their own"
+                    )
+                    continue
+                kept.append(table)
+                if len(kept) == PIECE:
+                    writer.write_table(pa.concat_tables(kept))
+                    kept = []
+            if writer is None:
+                raise InputError(
+                    "; ".join(f"{folder}: {why}" for folder, why in list(told.items())[:3]) or "no campaign"
+                )
+            if kept:
+                writer.write_table(pa.concat_tables(kept))
+        finally:
+            if writer is not None:
+                writer.close()
+    return told
+
+
+def _table(folder: str, campaign: Campaign) -> pa.Table:
+    columns = columns_of(campaign)
+    rows = len(columns["collect"])
+    layout = header_of(replace(campaign, title="-", source="", identity={}, verdicts={}, missing=(), notes=""), 0)
+    about: dict[str, Any] = {"folder": folder, "title": campaign.title, "source": campaign.source, "layout": layout}
+    about |= {"serial": campaign.identity.get("serial", ""), "simulated": campaign.simulated}
+    found = {name: pa.array([about[name]] * rows) for name in ABOUT}
+    for name, values in columns.items():
+        kind = pa.string() if name == "position" else pa.int64() if name in _NUMBERED else pa.float64()
+        found[name] = pa.array(values, kind, from_pandas=True)
+    return pa.table(found)
+
+
+def pieces_of(path: Path) -> int:
+    """Return how many pieces a file has; raises `InputError` where it is none, or a column is not what it must be."""
+    with _opened(path) as file:
+        schema = file.schema_arrow
+        for name in (*ABOUT, *IDENTITY):
+            if name not in schema.names:
+                raise InputError(
+                    f"{path}: column {name} is missing (the layout is in the documentation: Files and formats)"
+                )
+        for name, kind in zip(schema.names, schema.types, strict=True):
+            texts = name in _TEXTS or name == "position"
+            if texts != _is_text(kind) or (name == "simulated") != pa.types.is_boolean(kind):
+                raise InputError(
+                    f"{path}, column {name}: it is {kind} (the layout is in the documentation: Files and formats)"
+                )
+        return int(file.num_row_groups)
+
+
+def _is_text(kind: pa.DataType) -> bool:
+    own = kind.value_type if pa.types.is_dictionary(kind) else kind
+    return bool(pa.types.is_string(own) or pa.types.is_large_string(own))
+
+
+def read_piece(path: Path, piece: int) -> Iterator[tuple[str, Campaign | str]]:
+    """Yield the campaigns of a piece with their folders, or the sentence why one cannot be read.
+
+    Raises `InputError` where the file cannot be read. Warnings are those of the folder, which its reader gives.
+    """
+    with _opened(path) as file:
+        table = file.read_row_group(piece, use_threads=False)
+    about = {name: table.column(name).to_pylist() for name in ABOUT}
+    position = np.array(table.column("position").to_pylist(), dtype=str)
+    other = [name for name in table.column_names if name not in ABOUT and name != "position"]
+    numbers = {name: table.column(name).cast(pa.float64()).to_numpy() for name in other}
+    folder = np.array(about["folder"], dtype=str)
+    starts = np.flatnonzero(folder[1:] != folder[:-1]) + 1
+    for first, end in pairwise([0, *starts.tolist(), len(folder)]):
+        own = {name: values[first:end] for name, values in numbers.items()}
+        what = {name: values[first] for name, values in about.items()}
+        try:
+            yield what["folder"], _campaign(path, what, own, position[first:end])
+        except InputError as error:
+            yield what["folder"], str(error)
+
+
+@lru_cache(maxsize=64)
+def _layout(path: Path, text: str) -> Header:
+    return parse_header(text, path)
+
+
+def _campaign(path: Path, what: Mapping[str, Any], numbers: Mapping[str, FloatArray], position: Any) -> Campaign:
+    header, sensors = _layout(path, what["layout"]), {}
+    for number in np.unique(numbers["sensor"]).astype(np.int64).tolist():
+        if number not in header.sensors:
+            raise InputError(f"{path}, {what['folder']}: sensor {number} is not described in its layout")
+        mine = numbers["sensor"] == number
+        sensors[number] = _collects(
+            f"{path}, {what['folder']}",
+            header.sensors[number],
+            {name: values[mine] for name, values in numbers.items()},
+            position[mine],
+        )
+    named = {"serial": what["serial"]} if what["serial"] else {}
+    return replace(
+        header.campaign,
+        title=what["title"],
+        source=what["source"],
+        simulated=what["simulated"],
+        identity=named,
+        sensors=sensors,
+    )
+
+
+def _collects(where: str, sensor: Sensor, numbers: Mapping[str, FloatArray], position: Any) -> Collects:
+    own = {name: of(sensor) for name, of in (("f", f_columns), ("w", w_columns), ("rate", rate_columns))}
+    needed = [*_NUMBERED, "start_s", "duration_s", *own["f"], *own["w"]]
+    for name in (*needed, *own["rate"]):
+        if name not in numbers or (name in needed and not np.all(np.isfinite(numbers[name]))):
+            raise InputError(f"{where}, column {name}: a number is missing")
+    errors = [numbers.get(name, np.full(len(position), np.nan)) for name in se_columns(sensor)]
+    known = {*IDENTITY, *(name for names in own.values() for name in names), *se_columns(sensor)}
+    conditions = Conditions(
+        sensor,
+        numbers["collect"].astype(np.int64),
+        numbers["run"].astype(np.int64),
+        position,
+        numbers["start_s"],
+        numbers["duration_s"],
+        np.stack([numbers[name] for name in own["f"]], -1),
+        np.stack([numbers[name] for name in own["w"]], -1),
+        {name: values for name, values in numbers.items() if name not in known and not np.all(np.isnan(values))},
+    )
+    return Collects(conditions, np.stack([numbers[name] for name in own["rate"]], -1), np.stack(errors, -1))
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[pq.ParquetFile]:
+    try:
+        with opened(path, None) as file, pq.ParquetFile(file, pre_buffer=False) as found:
+            yield found
+    except pa.ArrowException as error:
+        raise InputError(f"{path}: it is no Parquet file that can be read ({' '.join(str(error).split())})") from error
