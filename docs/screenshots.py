@@ -1,9 +1,10 @@
-"""Makes the pictures of the live page and of a reconciliation in docs/images; needs Chromium and the dev extra.
+"""Makes the pictures of the pages in docs/images; needs Chromium and the dev extra.
 
     .venv/bin/python docs/screenshots.py [FOLDER]
 
-A simulated night runs at speed beside one that waits for its operator, and the recommended sweep is held against the
-contractor's model; the pictures are what a browser then shows.
+A simulated night runs at speed beside one that waits for its operator, the recommended sweep is held against the
+contractor's model, four units share a chamber, a unit has a life and a fleet some faults; the pictures are what a
+browser then shows.
 """
 
 from __future__ import annotations
@@ -13,17 +14,24 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from dataclasses import replace
+from datetime import date
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import yaml
 from PIL import Image
 from playwright.sync_api import Browser, sync_playwright
 
+from hil.campaign import Campaign
+from hil.campaign.writer import write_campaign
 from hil.files.strict import find_config
+from hil.records.export import campaign_of_night
 
 IMAGES = Path(__file__).parent / "images"
 COLOURS = 64  # enough for a page of few colours, and a third of the size
-SWEEP = {
+SWEEP: dict[str, Any] = {
     "title": "Three temperatures, unit SIM-0001",
     "temperatures": ["-20 degC", "20 degC", "50 degC"],
     "self_calibrations_per_temperature": 2,
@@ -53,19 +61,68 @@ def main(images: Path = IMAGES) -> None:
             _take(browser, f"{url}#bench-1", AVERAGING, images / "live-page.png", (1280, 800), "light")
             waiting = "() => !document.querySelector('#prompt').hidden"
             _take(browser, f"{url}#bench-2", waiting, images / "live-page-phone.png", (390, 844), "dark")
-            night, found = folder / "recommended", folder / "found"
-            for command in (
-                ("run", "recommended", "--bench", "simulated", "--out", night, "--quiet"),
-                ("reconcile", night, "--model", "collins-4", "--out", found),
-            ):
-                _hil(*command, stdout=subprocess.DEVNULL).wait()
-            page = (found / "reconciliation.html").as_uri()
-            _take(browser, page, "() => true", images / "reconciliation.png", (1280, 800), "light")
+            for name, (page, at) in _pages(folder).items():
+                _take(browser, f"{page.as_uri()}{at}", "() => true", images / f"{name}.png", (1280, 800), "light")
             browser.close()
         finally:
             for process in processes:
                 process.kill()
                 process.wait()
+
+
+def _pages(folder: Path) -> dict[str, tuple[Path, str]]:
+    """Write every page that is a file, and return it by its picture's name, with the place on it."""
+    night, four, found, archive = (folder / name for name in ("recommended", "four", "found", "archive"))
+    _hil("run", "recommended", "--bench", "simulated", "--out", night, "--quiet", stdout=subprocess.DEVNULL).wait()
+    measured = campaign_of_night(night)
+    short = folder / "short.yaml"
+    short.write_text(
+        yaml.safe_dump({**SWEEP, "collect": {**SWEEP["collect"], "duration": "60 s"}, "title": "Four units"})
+    )
+    # A unit that drifts by 0.8 deg/hr a month, and whose bias jumped in its fourth year; of a fleet every ninth jumps.
+    life = [
+        _changed(
+            measured, folder / f"life-{k}", k, "0042", date(2021 + k // 2, 1 + k % 2 * 6, 11), 4.8 * k, 25.0 * (k > 6)
+        )
+        for k in range(10)
+    ]
+    fleet = [
+        _changed(measured, folder / f"unit-{k}", k, f"{100 + k}", date(2025, 1 + k % 12, 3), 0.0, 12.0 * (k % 9 == 4))
+        for k in range(40)
+    ]
+    for command in (
+        ("reconcile", night, "--model", "collins-4", "--out", found),
+        ("report", night, "--limits", "rd-gc-86-1"),
+        ("certificate", night, "--draft"),
+        ("run", short, "--bench", "simulated-four", "--out", four, "--quiet"),
+        ("report", four),
+        ("archive", archive, *life),
+        ("history", "0042", "--archive", archive, "--page", folder / "history.html"),
+        ("fleet", *fleet, "--model", found / "model.yaml", "--out", folder / "fleet.html"),
+    ):
+        _hil(*command, stdout=subprocess.DEVNULL).wait()
+    return {
+        "reconciliation": (found / "reconciliation.html", ""),
+        "in-spec": (night / "report.html", "#in-spec"),
+        "certificate": (night / "certificate.html", ""),
+        "several-units": (four / "report.html", ""),
+        "history": (folder / "history.html", ""),
+        "fleet": (folder / "fleet.html", ""),
+    }
+
+
+def _changed(measured: Campaign, folder: Path, seed: int, serial: str, day: date, drifted: float, jump: float) -> Path:
+    """Write a simulated campaign with more noise, and with a bias that drifted, and jumps in the middle."""
+    rng, sensors = np.random.default_rng(seed), {}
+    for number, rows in measured.sensors.items():
+        late = rows.conditions.run > (0 if drifted else np.median(rows.conditions.run))
+        more = drifted + jump * late[:, None]
+        sensors[number] = replace(
+            rows, rates_deg_per_hr=rows.rates_deg_per_hr + more + rng.normal(0.0, 0.1, (len(rows), 2))
+        )
+    identity = {"model": "SIMULATED", "serial": serial}
+    changed = replace(measured, sensors=sensors, title=f"unit {serial}", source=f"simulated, {day}", identity=identity)
+    return write_campaign(changed, folder)
 
 
 def _night(folder: Path, name: str, *, operator: bool) -> subprocess.Popen[str]:

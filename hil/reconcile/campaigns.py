@@ -37,7 +37,7 @@ LEVEL = 0.05
 """False discoveries among the units that are called, at most, on average."""
 _MISSING = "rates are missing: a screen needs every row of its layout"
 _PIECE = 256  # units that a process takes at once
-_AT_ONCE = 8  # pieces of a file that are read at once, and whose campaigns memory holds
+_AT_ONCE = 16  # pieces that are read or weighed at once, and that memory holds
 
 Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
 
@@ -184,14 +184,18 @@ def pieces_in(folders: Sequence[Path]) -> list[tuple[str, int]]:
 
 def in_turn(mapped: Map, pieces: Sequence[tuple[str, int]]) -> Iterator[tuple[str, Campaign | str]]:
     """Read campaigns, each with its folder, or the sentence why it cannot be read; some at once, to spare memory."""
-    most = _PIECE if pieces[0][1] < 0 else _AT_ONCE
-    for first in range(0, len(pieces), most):
-        for read in mapped(_read, pieces[first : first + most]):
-            yield from read
+    folders = all(piece < 0 for _, piece in pieces)
+    for read in _some_at_once(mapped, _read, pieces, _PIECE if folders else _AT_ONCE):
+        yield from read
 
 
 def _holds_one(folder: Path) -> bool:
     return (folder / HEADER_FILE).is_file() or (folder.is_dir() and is_night(folder))
+
+
+def _some_at_once(mapped: Map, function: Callable[[Any], Any], things: Sequence[Any], most: int) -> Iterator[Any]:
+    for first in range(0, len(things), most):
+        yield from mapped(function, things[first : first + most])
 
 
 def _read(piece: tuple[str, int]) -> list[tuple[str, Campaign | str]]:
@@ -214,7 +218,7 @@ def _weighed(
     group.facts, group.values = [facts for facts, _ in whole], [own for _, own in whole]
     layout = group.layout(model)
     pieces = [(layout, group.values[first : first + _PIECE]) for first in range(0, len(group.values), _PIECE)]
-    by_name = np.concatenate(list(mapped(_weigh, pieces)), axis=1)
+    by_name = np.concatenate(list(_some_at_once(mapped, _weigh, pieces, _AT_ONCE)), axis=1)
     screen = _screen(layout)
     findings = screen.findings([facts.title for facts in group.facts], by_name)
     found = list(zip(group.facts, findings, strict=True))

@@ -112,16 +112,22 @@ def place_in_run(conditions: Conditions, interval_s: float) -> FloatArray:
     for rows in runs:
         place[rows] = np.round((begins_s[rows] - begins_s[rows].min()) / interval_s)
     most = max((len(rows) for rows in runs), default=0)
-    usual: dict[str, list[float]] = {}
+    labels = conditions.position
+    usual = {
+        pair
+        for rows in runs
+        if len(rows) == most
+        for pair in zip(labels[rows].tolist(), place[rows].tolist(), strict=True)
+    }
     for rows in runs:
-        if len(rows) == most:
-            for label, at in zip(conditions.position[rows].tolist(), place[rows].tolist(), strict=True):
-                usual.setdefault(label, []).append(at)
-    for rows in runs:
-        labels = conditions.position[rows].tolist()
-        if len(rows) < most and all(label in usual for label in labels):
-            later = np.median([float(np.median(usual[label])) for label in labels] - place[rows])
-            place[rows] += max(float(np.round(later)), 0.0)
+        if len(rows) < most and usual:
+            # A run that has only begun stands where it is: as many of its positions are right without any shift.
+            shifts = range(int(max(at for _, at in usual)) + 1)
+            fits = [
+                sum((label, at + s) in usual for label, at in zip(labels[rows], place[rows], strict=True))
+                for s in shifts
+            ]
+            place[rows] += int(np.argmax(fits))
     return place
 
 

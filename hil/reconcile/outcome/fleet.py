@@ -124,7 +124,8 @@ def _pictures(units: Sequence[ScreenedUnit], worth: Sequence[ScreenedUnit]) -> I
     """Yield which effect leads in how many units, then the odds of every unit by date and by serial number."""
     effects = _by_effect(worth)
     figure, axes = blank(6.4, 1.1 + 0.28 * len(effects))
-    figure.subplots_adjust(left=0.3, top=0.95)
+    # Room for the longest name, in shares of the width.
+    figure.subplots_adjust(left=min(0.6, 0.05 + 0.0125 * max((len(name) for name, *_ in effects), default=0)), top=0.95)
     axes.barh([name for name, *_ in effects][::-1], [count for _, count, _ in effects][::-1], color="#0072B2")
     axes.set_xlabel("units that are called")
     yield inline_svg(figure, f"Units by effect: {', '.join(f'{name} {count}' for name, count, _ in effects)}")
