@@ -259,6 +259,7 @@ def _from_run_to_run(collects: Collects) -> Iterator[Law]:
         changes[run, label] = rates[:, k]
         changes -= changes.mean(axis=1, keepdims=True)
         size = np.linalg.norm(changes, axis=1)
+        size[size == 0.0] = np.nan
         whole, errors = np.isfinite(size), collects.rates_se_deg_per_hr[:, k]
         if whole.sum() < _RUNS or not np.isfinite(errors).any():
             continue

@@ -39,7 +39,7 @@ def judged_by_its_records(campaign: Campaign, series: Mapping[int, FloatArray] |
     """
     poses = list(_poses(campaign))
     found = [(about, each.collects, each.words) for about, each in poses]
-    found += [*_tables(campaign), *_copies(campaign), *_limits(campaign)]
+    found += [*_tables(campaign), *_copies(campaign), *_dead(campaign), *_limits(campaign)]
     found += _laws(campaign, series or {})
     contradicted: dict[tuple[int, int], Judgement] = {}
     said = []
@@ -149,6 +149,15 @@ def _copies(campaign: Campaign) -> Iterator[_Found]:
         twice[known] = (times > 1)[first.ravel()]
         if twice.any() and np.any(np.abs(rates[twice] / step - np.round(rates[twice] / step)) > _ROUNDING):
             yield [collects], twice, f"sensor {number}: show the very same rates: one was copied from another"
+
+
+def _dead(campaign: Campaign) -> Iterator[_Found]:
+    """Look for runs in which every rate of a sensor is exactly 0, as no measured one is."""
+    for number, collects in campaign.sensors.items():
+        run, zero = collects.conditions.run, np.all(collects.rates_deg_per_hr == 0.0, axis=1)
+        for one in np.unique(run[zero]).tolist():
+            if (rows := zero & (run == one)).sum() >= _SAME_ROWS:
+                yield [collects], rows, f"sensor {number}: every rate is exactly 0: nothing was measured"
 
 
 def clipped(collects: Collects) -> Iterator[tuple[int, BoolArray, str]]:

@@ -12,7 +12,7 @@ many degrees of freedom as the runs of one temperature have, scatter alone hardl
 campaign (`FALSE_ALARM`). A run without neighbours is not judged, and that is said.
 """
 
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Collection, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -57,18 +57,19 @@ class Neighbours:
     not_compared: Set[int]
 
 
-def compared_with_neighbours(collects: Collects) -> Neighbours:
-    """Compare each collect of one sensor with those of the other runs."""
+def compared_with_neighbours(collects: Collects, distrusted: Collection[int] = ()) -> Neighbours:
+    """Compare each collect of one sensor with those of the other runs; nothing rests on runs that are `distrusted`."""
     departures, runs = _Departures(collects), collects.conditions.run
     every = set(runs.tolist())
-    apart = departures.settled()
+    untold = np.isin(runs, list(distrusted))
+    apart = departures.settled(untold if not untold.all() else np.zeros_like(untold))
     if apart is None:
         return Neighbours({}, (), every)
     judged, found = {}, []
     for run in np.unique(runs[apart]).tolist():
         judged[run], rows = departures.judge(run, np.flatnonzero(apart & (runs == run)))
         found.append(rows)
-    for run, row, doubt in departures.doubtful(apart):
+    for run, row, doubt in departures.doubtful(apart | untold):
         if run not in judged:
             found.append(Found(run, row, np.zeros(collects.rates_deg_per_hr.shape, dtype=bool), None))
         judged.setdefault(run, doubt)
@@ -90,9 +91,12 @@ class _Departures:
         self._expected = np.full(self._rates.shape, np.nan)
         self._scale = np.full(self._rates.shape, np.nan)
 
-    def settled(self) -> BoolArray | None:
-        """Return which collects stand out, (n,), leaving out one per place and turn; None where too many do."""
-        left_out = np.zeros(len(self._rates), dtype=bool)
+    def settled(self, distrusted: BoolArray) -> BoolArray | None:
+        """Return which collects stand out, (n,), leaving out one per place and turn; None where too many do.
+
+        Nothing is expected by those that are `distrusted`, (n,).
+        """
+        left_out = distrusted.copy()
         while True:
             score = self._scores(left_out)
             far = np.where(left_out | (score <= FAR), -np.inf, score)
@@ -102,9 +106,9 @@ class _Departures:
             turns += [np.concatenate([p for p in alone if self._label[p[0]] == label]) for label in self._labels(alone)]
             worst = [place[int(np.argmax(far[place]))] for place in turns if np.any(far[place] > FAR)]
             if not worst:
-                return left_out
+                return left_out & (~distrusted | (score > FAR))
             left_out[worst] = True
-            if left_out.sum() > max(2, _MOST * len(left_out)):
+            if (left_out & ~distrusted).sum() > max(2, _MOST * np.count_nonzero(~distrusted)):
                 return None
 
     def _labels(self, places: Sequence[IntArray]) -> IntArray:

@@ -223,7 +223,7 @@ def repeats(campaign: Campaign, solutions: Sequence[RunSolution]) -> dict[int, S
         own = [each for each in solutions if each.sensor == number and not set(each.runs).isdisjoint(rows.run.tolist())]
         if own:
             of_sensor = _of_sensor(own, runs_by_temperature(rows))
-            means = [replace(each, unit_degC=unit_range_degC(rows, each.runs)) for each in of_sensor.means]
+            means = [replace(each, unit_degC=unit_range_degC(rows, each.runs)) for each in of_sensor.means if each.runs]
             found[number] = replace(
                 of_sensor,
                 means=means,

@@ -10,7 +10,7 @@ same position and temperature (`hil.solve.neighbours`), and where a run stands a
 parameters, whether it is far more probable with one collect left out, with the search's own prior of a wrong row.
 """
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Collection, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -60,14 +60,36 @@ class WrongRows:
 
 
 def wrong_rows(campaign: Campaign) -> dict[int, WrongRows]:
-    """Return by sensor what is wrong with its rows, and its collects with that mended or left out."""
-    return {number: _wrong_rows(rows, campaign.exchanged.get(number, ())) for number, rows in campaign.sensors.items()}
+    """Return by sensor what is wrong with its rows, and its collects with that mended or left out.
+
+    Of runs that FAIL by their records nothing is held against another's rows.
+    """
+    return {
+        number: _wrong_rows(rows, campaign.exchanged.get(number, ()), _failed(campaign, number))
+        for number, rows in campaign.sensors.items()
+    }
 
 
-def _wrong_rows(collects: Collects, exchanged: Sequence[tuple[int, int]]) -> WrongRows:
+def _failed(campaign: Campaign, number: int) -> set[int]:
+    """Return a sensor's runs that FAIL by what was recorded of them, mended or not."""
+    recorded = {run for run, of in campaign.verdicts.items() if of.verdict is Verdict.FAIL}
+    return recorded | {run for run, sensor in campaign.contradicted if sensor == number}
+
+
+def _mended(campaign: Campaign, number: int) -> set[int]:
+    """Return a sensor's runs that FAIL by their records for nothing but what is mended."""
+    if not campaign.contradicted:
+        return set()
+    recorded = {run for run, of in campaign.verdicts.items() if of.verdict is Verdict.FAIL}
+    rows, pairs = campaign.sensors[number], campaign.exchanged.get(number, ())
+    found = _wrong_rows(rows, pairs, _failed(campaign, number))
+    return {row.run for row in found.rows if row.done == MENDED} - recorded
+
+
+def _wrong_rows(collects: Collects, exchanged: Sequence[tuple[int, int]], failed: Collection[int]) -> WrongRows:
     at_limit = clipped_rows(collects)
     collects = with_every_error(unclipped(collects))
-    collects, lay, neighbours = _as_the_unit_lay(collects, exchanged)
+    collects, lay, neighbours = _as_the_unit_lay(collects, exchanged, failed)
     rates, se = collects.rates_deg_per_hr.copy(), collects.rates_se_deg_per_hr.copy()
     rows, judged = [*at_limit, *lay], dict(neighbours.judged)
     for found in neighbours.found:
@@ -92,7 +114,7 @@ def _wrong_rows(collects: Collects, exchanged: Sequence[tuple[int, int]]) -> Wro
 
 
 def _as_the_unit_lay(
-    collects: Collects, exchanged: Sequence[tuple[int, int]]
+    collects: Collects, exchanged: Sequence[tuple[int, int]], failed: Collection[int]
 ) -> tuple[Collects, list[Wrong], Neighbours]:
     """Put rates under the labels that the accelerometers give them; not where the other runs then contradict that."""
     filed, out = collects, []
@@ -101,14 +123,16 @@ def _as_the_unit_lay(
         rates, se = collects.rates_deg_per_hr.copy(), collects.rates_se_deg_per_hr.copy()
         rates[[i, j]], se[[i, j]] = rates[[j, i]], se[[j, i]]
         laid = replace(filed, rates_deg_per_hr=rates, rates_se_deg_per_hr=se)
-        beside = [each.rows for each in compared_with_neighbours(laid).found if each.wrong.any() or each.exchanged]
+        beside = [
+            each.rows for each in compared_with_neighbours(laid, failed).found if each.wrong.any() or each.exchanged
+        ]
         if not np.isin([i, j], np.concatenate([np.zeros(0), *beside])).any():
             named = numbered("collect", pair)
             why = f"{named} look exchanged: in each the unit lies, by its accelerometers, as in the other's position"
             found = Found(int(filed.conditions.run[i]), np.array([i, j]), np.zeros(rates.shape, dtype=bool), (i, j))
             out.append(_wrong(filed, found, MENDED, why))
             collects = laid
-    return collects, out, compared_with_neighbours(collects)
+    return collects, out, compared_with_neighbours(collects, failed)
 
 
 def clipped_rows(collects: Collects) -> list[Wrong]:
@@ -136,8 +160,16 @@ def what_is_wrong(campaign: Campaign) -> dict[str, Any]:
 
 
 def without(campaign: Campaign) -> dict[str, dict[str, list[int]]]:
-    """Return key `runs_not_used`, by sensor."""
-    return {"runs_not_used": {str(number): list(runs) for number, runs in pooled(campaign).not_used.items() if runs}}
+    """Return key `runs_not_used`, by sensor; and `runs_used_though_failed` where every run FAILs, so that all are."""
+    used = pooled(campaign)
+    found = {"runs_not_used": {str(number): list(runs) for number, runs in used.not_used.items() if runs}}
+    runs = {number: set(rows.conditions.run.tolist()) for number, rows in used.sensors.items()}
+    every = {
+        str(number): sorted(own)
+        for number, own in runs.items()
+        if not used.not_used[number] and own <= _failed(used, number) - _mended(used, number)
+    }
+    return found | ({"runs_used_though_failed": every} if every else {})
 
 
 def in_words(wrong: Mapping[str, Any]) -> list[str]:
@@ -148,10 +180,17 @@ def in_words(wrong: Mapping[str, Any]) -> list[str]:
         for each in wrong.get("rows", ())
     ]
     where = "in no mean, in no other run's ±, in no search"
-    return rows + [
-        f"sensor {number}: {numbered('run', runs)} FAILed by what was recorded: {where}"
-        for number, runs in wrong.get("runs_not_used", {}).items()
-    ]
+    return (
+        rows
+        + [
+            f"sensor {number}: {numbered('run', runs)} FAILed by what was recorded: {where}"
+            for number, runs in wrong.get("runs_not_used", {}).items()
+        ]
+        + [
+            f"sensor {number}: every run FAILed by what was recorded: no number of it is to be used"
+            for number in wrong.get("runs_used_though_failed", {})
+        ]
+    )
 
 
 def otherwise(campaign: Campaign, rows: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -179,12 +218,8 @@ def pooled(campaign: Campaign) -> Campaign:
     One whose only fault is mended is none of these. `not_used` says which are not among them.
     """
     sensors, not_used = {}, {}
-    recorded = {run for run, of in campaign.verdicts.items() if of.verdict is Verdict.FAIL}
-    wrong = wrong_rows(campaign) if campaign.contradicted else {}
     for number, rows in campaign.sensors.items():
-        mended = {row.run for row in wrong[number].rows if row.done == MENDED} if wrong else set()
-        failed = recorded | ({run for run, sensor in campaign.contradicted if sensor == number} - mended)
-        kept = ~np.isin(rows.conditions.run, list(failed))
+        kept = ~np.isin(rows.conditions.run, list(_failed(campaign, number) - _mended(campaign, number)))
         sensors[number] = rows.rows(kept) if kept.any() and not kept.all() else rows
         gone = np.setdiff1d(rows.conditions.run, sensors[number].conditions.run).tolist()
         not_used[number] = sorted({*campaign.not_used.get(number, ()), *gone})

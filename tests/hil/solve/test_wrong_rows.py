@@ -7,9 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hil.analysis.thermal import fit_thermal
+from hil.analysis.thermal.document import thermal_document
 from hil.campaign import Campaign
 from hil.campaign.plausibility import judged_by_its_records
-from hil.solve import solve_campaign
+from hil.solve import repeats, solve_campaign
 from hil.solve.wrong_rows import LEFT_OUT, MENDED, USED, in_words, pooled, treated, what_is_wrong, wrong_rows
 from procedures.verdict import Judgement, Verdict
 from tests.hil.audit.folders import FOLDERS
@@ -164,3 +166,43 @@ def test_labels_are_exchanged_where_only_one_of_the_two_stands_out() -> None:
     rates[[30, 31]] = rates[[31, 30]]
     found = wrong_rows(with_rates(one, rates))[2]
     assert [(row.collects, row.done) for row in found.rows] == [((31, 32), MENDED)]
+
+
+def test_runs_that_fail_by_their_records_accuse_no_other() -> None:
+    """Two of three runs have their labels exchanged: the third is right, and its mean is solve's and thermal's alike."""
+    one = campaign(12, 3, seed=11, scatter=2.0)
+    rates = one.sensors[2].rates_deg_per_hr.copy()
+    rates[[9, 10]], rates[[12, 13]] = rates[[10, 9]], rates[[13, 12]]
+    two = judged_by_its_records(with_rates(one, rates))
+    assert what_is_wrong(two) == {"rows": [], "runs_not_used": {"2": [4, 5]}}
+    (solved,) = (m for m in repeats(two, solve_campaign(two))[2].means if m.temperature_degC == 0.0)
+    assert solved.runs == (6,)
+    assert solved.values["GSA"].value == pytest.approx(58.0, abs=1.5)
+    values = thermal_document(fit_thermal(two))["sensors"][0]["parameters"]["GSA"]["values"]
+    assert solved.values["GSA"].value == pytest.approx(values[1]["value"])
+
+
+def test_where_every_run_fails_that_is_said() -> None:
+    """They are all that there is; and what is dead is no measurement."""
+    one = campaign(12, 3, seed=2)
+    failed = {run: Judgement(Verdict.FAIL, "frames were lost") for run in range(1, 13)}
+    told = what_is_wrong(replace(one, verdicts=failed))
+    assert told["runs_not_used"] == {}
+    assert told["runs_used_though_failed"] == {"2": list(range(1, 13))}
+    assert in_words(told)[-1].startswith("sensor 2: every run FAILed")
+    rates = one.sensors[2].rates_deg_per_hr.copy()
+    rates[12:18] = 0.0
+    dead = judged_by_its_records(with_rates(one, rates))
+    assert {run: of.verdict for (run, _), of in dead.contradicted.items()} == {5: Verdict.FAIL, 6: Verdict.FAIL}
+    assert "every rate is exactly 0" in dead.contradicted[5, 2].reason
+    assert what_is_wrong(dead)["runs_not_used"] == {"2": [5, 6]}
+
+
+def test_a_temperature_of_which_no_run_tells_anything_has_no_mean() -> None:
+    """Not one without runs, of which a report could make nothing."""
+    one = campaign(12, 3, seed=2)
+    rates = one.sensors[2].rates_deg_per_hr.copy()
+    rates[9:18] = np.nan
+    shown = repeats(lost := with_rates(one, rates), solve_campaign(lost))[2]
+    assert [mean.temperature_degC for mean in shown.means] == [-20.0, 20.0, 40.0]
+    assert all(mean.runs for mean in shown.means)
