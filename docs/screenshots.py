@@ -75,6 +75,8 @@ def _pages(folder: Path) -> dict[str, tuple[Path, str]]:
     night, four, found, archive = (folder / name for name in ("recommended", "four", "found", "archive"))
     _hil("run", "recommended", "--bench", "simulated", "--out", night, "--quiet", stdout=subprocess.DEVNULL).wait()
     measured = campaign_of_night(night)
+    rates = {n: rows.conditions.w_channels_deg_per_hr for n, rows in measured.sensors.items()}
+    plain = replace(measured, sensors={n: replace(of, rates_deg_per_hr=rates[n]) for n, of in measured.sensors.items()})
     short = folder / "short.yaml"
     short.write_text(
         yaml.safe_dump({**SWEEP, "collect": {**SWEEP["collect"], "duration": "60 s"}, "title": "Four units"})
@@ -82,12 +84,19 @@ def _pages(folder: Path) -> dict[str, tuple[Path, str]]:
     # A unit that drifts by 0.8 deg/hr a month, and whose bias jumped in its fourth year; of a fleet every ninth jumps.
     life = [
         _changed(
-            measured, folder / f"life-{k}", k, "0042", date(2021 + k // 2, 1 + k % 2 * 6, 11), 4.8 * k, 25.0 * (k > 6)
+            measured,
+            folder / f"life-{k}",
+            k,
+            "0042",
+            date(2021 + k // 2, 1 + k % 2 * 6, 11),
+            0.1,
+            4.8 * k,
+            25.0 * (k > 6),
         )
         for k in range(10)
     ]
     fleet = [
-        _changed(measured, folder / f"unit-{k}", k, f"{100 + k}", date(2025, 1 + k % 12, 3), 0.0, 12.0 * (k % 9 == 4))
+        _changed(plain, folder / f"unit-{k}", k, f"{100 + k}", date(2025, 1 + k % 12, 3), 0.9, 0.0, 8.0 * (k % 9 == 4))
         for k in range(40)
     ]
     for command in (
@@ -98,7 +107,7 @@ def _pages(folder: Path) -> dict[str, tuple[Path, str]]:
         ("report", four),
         ("archive", archive, *life),
         ("history", "0042", "--archive", archive, "--page", folder / "history.html"),
-        ("fleet", *fleet, "--model", found / "model.yaml", "--out", folder / "fleet.html"),
+        ("fleet", *fleet, "--model", "matrix-6-thermal", "--out", folder / "fleet.html"),
     ):
         _hil(*command, stdout=subprocess.DEVNULL).wait()
     return {
@@ -111,14 +120,16 @@ def _pages(folder: Path) -> dict[str, tuple[Path, str]]:
     }
 
 
-def _changed(measured: Campaign, folder: Path, seed: int, serial: str, day: date, drifted: float, jump: float) -> Path:
+def _changed(
+    measured: Campaign, folder: Path, seed: int, serial: str, day: date, noise: float, drifted: float, jump: float
+) -> Path:
     """Write a simulated campaign with more noise, and with a bias that drifted, and jumps in the middle."""
     rng, sensors = np.random.default_rng(seed), {}
     for number, rows in measured.sensors.items():
-        late = rows.conditions.run > (0 if drifted else np.median(rows.conditions.run))
+        late = rows.conditions.run > (0 if drifted else 13)
         more = drifted + jump * late[:, None]
         sensors[number] = replace(
-            rows, rates_deg_per_hr=rows.rates_deg_per_hr + more + rng.normal(0.0, 0.1, (len(rows), 2))
+            rows, rates_deg_per_hr=rows.rates_deg_per_hr + more + rng.normal(0.0, noise, (len(rows), 2))
         )
     identity = {"model": "SIMULATED", "serial": serial}
     changed = replace(measured, sensors=sensors, title=f"unit {serial}", source=f"simulated, {day}", identity=identity)

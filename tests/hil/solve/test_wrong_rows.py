@@ -169,7 +169,7 @@ def test_labels_are_exchanged_where_only_one_of_the_two_stands_out() -> None:
 
 
 def test_runs_that_fail_by_their_records_accuse_no_other() -> None:
-    """Two of three runs have their labels exchanged: the third is right, and its mean is solve's and thermal's alike."""
+    """Two of three runs have their labels exchanged: the third is right, and solve and thermal have one mean of it."""
     one = campaign(12, 3, seed=11, scatter=2.0)
     rates = one.sensors[2].rates_deg_per_hr.copy()
     rates[[9, 10]], rates[[12, 13]] = rates[[10, 9]], rates[[13, 12]]
