@@ -158,20 +158,21 @@ class FrameLayout:
     def store_together(self, rows: Rows, columns: Mapping[str, ArrayLike]) -> None:
         """Write numeric fields of n frames as `store` does, those that fit all at once: a poll brings few frames."""
         usual = [name for name in columns if name in self._whole_numbers]
-        offset, factor, low, high = np.array([self._whole_numbers[name] for name in usual]).reshape(-1, 4, 1).swapaxes(0, 1)
+        told = np.array([self._whole_numbers[name] for name in usual]).reshape(-1, 4, 1)
         wire = np.empty((len(usual), len(rows)))
         for row, name in zip(wire, usual, strict=True):
             row[:] = columns[name]
-        wire -= offset
-        wire /= factor
+        wire -= told[:, 0]
+        wire /= told[:, 1]
         np.rint(wire, out=wire)
-        fits = ((wire >= low) & (wire <= high)).all(axis=1)
+        within = np.logical_and.reduce((wire >= told[:, 2]) & (wire <= told[:, 3]), axis=1).tolist()
+        fit = dict(zip([name for name, fits in zip(usual, within, strict=True) if fits], wire[within], strict=True))
         records = np.ndarray(len(rows), self.record, rows) if len(rows) else np.empty(0, self.record)
-        for name, row, within in zip(usual, wire, fits.tolist(), strict=True):
-            if within:
-                records[name] = row
-        for name in columns.keys() - {name for name, within in zip(usual, fits.tolist(), strict=True) if within}:
-            self.store(rows, name, columns[name])
+        for name, values in columns.items():
+            if name in fit:
+                records[name] = fit[name]
+            else:
+                self.store(rows, name, values)
 
     def store(self, rows: Rows, field: str, values: ArrayLike) -> None:
         """Write a numeric field of n frames from values in its unit, shape (n,) or one for all.

@@ -84,10 +84,12 @@ def simulate_devices(
         leak_s=settings.chamber.leak,
         begins_s=begins_s,
     )
-    imus, units = {}, {}
+    imus, units = dict[str, SimulatedImu](), dict[str, SimulatedUnit]()
     for name, own in bench.each.items():
         stream = descriptions[name]
-        units[name] = _unit(own, stream, plant, begins_s, first_run=first_run, visited=visited, session=session)
+        night = {"first_run": first_run, "visited": visited, "session": session}
+        alike = next((units[other] for other in units if _kind(bench.each[other]) == _kind(own)), None)
+        units[name] = _unit(own, stream, plant, begins_s, alike=alike, **night)
         imus[name] = _imu(own, stream, units[name], begins_s)
     options = SimulatorOptions(
         address=bench.chamber.address,
@@ -104,6 +106,13 @@ def simulate_devices(
     except ValueError as error:
         raise InputError(f"{bench.source or bench.name}: the simulated chamber: {error}") from error
     return SimulatedBench(imus, chamber, units, plant, ramp_port_of(chamber))
+
+
+def _kind(bench: Bench) -> tuple[object, ...]:
+    """Return what a unit is like, all but what is its own: its name, its port, its noise and its faults."""
+    own = {"seed": 0, "imu_faults": ()}
+    simulation = bench.simulation and bench.simulation.model_copy(update=own)
+    return simulation, bench.sensors, bench.imu.model_copy(update={"port": ""}), bench.imu_description, bench.positions
 
 
 def _unit(

@@ -15,13 +15,14 @@ import pytest
 from hil.campaign.reader import read_campaign
 from hil.cli.app import run as cli
 from hil.config import Bench, find_config, load_bench, parse_bench, parse_sweep
+from hil.dashboard.watcher import Watcher
 from hil.errors import InputError
 from hil.night import resume_night, start_night
 from hil.night.replay import replay_night
-from hil.records import reading
+from hil.records import JournalReader, reading
 from hil.records.documents import export_documents
 from hil.records.export import campaign_of_night, export_campaign
-from hil.records.reader import units_in
+from hil.records.reader import proven_once, units_in
 from hil.records.status import night_status
 from hil.records.verify import verify_night
 from tests.hil.short_sweeps import short_sweep
@@ -81,6 +82,26 @@ def test_a_unit_is_asked_for_by_its_folder(finished: Path) -> None:
     with pytest.raises(InputError, match=r"is not carried on by itself; hil resume .*night carries on with all"):
         resume_night(finished / "units" / "0042")
     assert not (finished / "units" / "0042" / "controller.lock").exists()
+
+
+def test_the_live_page_proves_the_journal_once_for_all_units(finished: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """At the first look; at the next, where nothing was recorded, not at all; and it sees what the others see."""
+    proofs = []
+    prove = JournalReader.damage
+    monkeypatch.setattr(JournalReader, "damage", lambda own, *how: proofs.append(own.unit) or prove(own, *how))
+    watcher = Watcher(finished)
+    heads = {name: parts["head"] for name, parts in watcher.look().items()}
+    assert proofs == [""]
+    assert not watcher.look()
+    assert proofs == [""]
+    assert {name: head["state"] for name, head in heads.items() if "units" in name} == {
+        f"units/{each['unit']}": each["state"] for each in night_status(finished)["units"]
+    }
+    with proven_once(finished), reading(finished) as whole, reading(finished / "units" / "0041") as own:
+        assert (whole.unit, own.unit) == ("", "0041")
+        assert len(own.plan.steps) < len(whole.plan.steps)
+        with reading(finished) as again:
+            assert len(again.completed()) == len(whole.completed())
 
 
 def test_whoever_takes_nights_takes_each_unit_of_one(finished: Path, tmp_path: Path) -> None:
