@@ -36,7 +36,7 @@ def certificate(
     strict: Strict = False,
 ) -> Answer:
     """Write the calibration certificate of a night's unit: results with expanded uncertainty, traceability, budget."""
-    from hil.files.durable import RealDisk, write_durably
+    from hil.files.durable import write_result
     from hil.files.page import page_file
     from hil.files.strict import NAME, one_line
     from hil.records.reader import units_in
@@ -52,7 +52,7 @@ def certificate(
     found = made(folder, asked, SystemClock().utc().date())
     if found.refused and not draft:
         raise InputError(f"{folder}: no certificate: {'; '.join(found.refused)}. --draft writes a draft that says so")
-    write_durably(RealDisk(), path, found.page().encode())
+    write_result(path, found.page())
     written = [path]
     if pdf:
         write_pdf(path, path.with_suffix(".pdf"))

@@ -58,11 +58,11 @@ def guess(
 ) -> Answer:
     """Look at the bytes of an unknown unit: which descriptions read them, where frames begin, what they carry."""
     from hil.bench.guess import guess_file
-    from hil.files.durable import RealDisk, write_durably
+    from hil.files.durable import write_result
 
     document = guess_file(capture)
     if out is not None and document["description"] is not None:
-        write_durably(RealDisk(), out, document["description"].encode())
+        write_result(out, document["description"])
     return Answer(document, lambda: _guessed(document))
 
 

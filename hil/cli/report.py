@@ -100,10 +100,7 @@ def write_report(
     content = gather(campaign, night, comparison)
     state = "" if night is None else night.state
     content = replace(content, in_spec=in_spec_of(source, campaign, content.solutions, limits, comparison, state))
-    try:
-        write_page(content, path, whole=whole)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+    write_page(content, path, whole=whole)
     return path, content
 
 

@@ -4,7 +4,7 @@ import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from hil.files.durable import RealDisk, write_durably
+from hil.files.durable import write_result
 from hil.files.page import in_style, rendered
 from hil.records import reading
 from hil.records.reader import JournalReader
@@ -18,7 +18,7 @@ from procedures.plan import StepKind
 def write_units(source: Path, path: Path, reports: Mapping[str, tuple[Path, ReportContent]]) -> None:
     """Write the page over the units of the night in `source`; `reports` are theirs, by unit: where, and what they say.
 
-    Raises `OSError` where it cannot be written.
+    Raises `InputError` where it cannot be written.
     """
     status = night_status(source)
     with reading(source) as journal:
@@ -45,7 +45,7 @@ def write_units(source: Path, path: Path, reports: Mapping[str, tuple[Path, Repo
         "soaks": soaks,
         "whole": False,
     }
-    write_durably(RealDisk(), path, rendered("hil.report", "units.html.j2", page).encode())
+    write_result(path, rendered("hil.report", "units.html.j2", page))
 
 
 def _soaks(journal: JournalReader) -> Iterator[tuple[int | None, float | None, float, str]]:
