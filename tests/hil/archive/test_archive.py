@@ -207,7 +207,8 @@ def test_a_unit_that_cannot_be_looked_into_is_told_and_the_others_answer(
             assert document["cannot_be_read"] == {"unit-0043": "Permission denied"}
             assert document["gone"] == []
             assert hil(["units", "--archive", str(copy)]) == 0
-            assert "unit-0043: cannot be read (Permission denied)" in capsys.readouterr().err
+            assert "unit-0043: cannot be read (Permission denied)" in (said := capsys.readouterr().err)
+            assert "is gone" not in said
             assert hil(["history", "0042", "--archive", str(copy)]) == 0
             assert hil(["history", "0043", "--archive", str(copy)]) == 2
         assert hil(["history", "0043", "--archive", str(copy)]) == (2 if asked else 0)
@@ -256,12 +257,13 @@ def test_a_night_takes_the_place_of_its_export(night: Path, tmp_path: Path, caps
 
 
 def test_an_archive_that_lost_its_mark_is_founded_again(
-    copy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    copy: Path, measured: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Over the same folders, and nothing is lost; not over a folder of something else."""
     before = sorted(copy.rglob("*"))
     (copy / MARK).unlink()
-    for command in (["units", "--archive", str(copy)], ["archive", str(copy)]):
+    more = write_campaign(of_life(measured, 1, serial="0043"), tmp_path / "more")
+    for command in (["units", "--archive", str(copy)], ["archive", str(copy)], ["archive", str(copy), str(more)]):
         assert hil(command) == 2
         assert f"its archive.yaml is lost; hil archive {copy} --found founds it again" in capsys.readouterr().err
     assert hil(["archive", str(copy), "--found"]) == 0
@@ -281,7 +283,7 @@ def test_nobody_begins_a_night_whose_archive_takes_nothing(
         assert hil(["check", str(bench)]) == (3 if why else 0)
         assert ("NOT  archive: " in (said := capsys.readouterr().out)) == bool(why)
         assert why in said
-    monkeypatch.setattr("os.access", lambda path, mode: Path(path) != copy)
+    monkeypatch.setattr("os.access", lambda path, _mode: Path(path) != copy)
     assert hil(["run", "quick", "--bench", str(bench), "--out", str(tmp_path / "night")]) == 3
     assert f"NOT  archive: {copy}: cannot be written" in capsys.readouterr().err
     assert not (tmp_path / "night").exists()
