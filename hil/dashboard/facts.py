@@ -226,12 +226,12 @@ def _plan(plan: Plan) -> Part:
 
 
 def _stamp(path: Path) -> tuple[int, int, int] | None:
-    """Return what changes when a file does."""
+    """Return what changes when a file does; an empty one, which whoever reads a journal leaves, is none."""
     try:
         found = path.stat()
     except OSError:
         return None
-    return found.st_ino, found.st_size, found.st_mtime_ns
+    return (found.st_ino, found.st_size, found.st_mtime_ns) if found.st_size else None
 
 
 def unreadable(identity: str, error: Exception) -> Part:

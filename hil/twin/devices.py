@@ -134,12 +134,27 @@ def _unit(
     return SimulatedUnit(bench, model, roles, plant, sample_rate_hz=rate_hz, begins_s=begins_s, **night)
 
 
+def _check_identity(bench: Bench, description: StreamDescription, told: Mapping[str, str]) -> None:
+    """Raise `InputError` for what the frame in which a simulated unit says who it is has no room for."""
+    role = None if description.roles is None else description.roles.identity
+    if role is None or role.frame is None:
+        return
+    for key, text in told.items():
+        field = description.frames[role.frame].fields.get(getattr(role, key) or "")
+        if field is not None and not (text.isascii() and len(text) <= field.width):
+            raise InputError(
+                f"{bench.source or bench.name}: unit.{key}: {text!r}: a simulated unit says it in a frame of "
+                f"{description.name} that has room for {field.width} characters of ASCII; give a shorter one"
+            )
+
+
 def _imu(bench: Bench, description: StreamDescription, unit: SimulatedUnit, begins_s: float) -> SimulatedImu:
     """Return the bytes of one unit."""
     settings = bench.simulation
     if settings is None:
         raise InputError(f"{bench.source or bench.name}: there is no simulation section, so nothing to simulate")
     serial = "SIM-0001" if bench.unit.serial == ASK else bench.unit.serial
+    _check_identity(bench, description, {"model": bench.unit.model, "serial": serial})
     return SimulatedImu(
         description,
         unit,

@@ -90,6 +90,8 @@ def test_the_live_page_proves_the_journal_once_for_all_units(finished: Path, mon
     prove = JournalReader.damage
     monkeypatch.setattr(JournalReader, "damage", lambda own, *how: proofs.append(own.unit) or prove(own, *how))
     watcher = Watcher(finished)
+    for left in finished.glob("journal.sqlite-*"):  # as nobody has read it yet
+        left.unlink()
     heads = {name: parts["head"] for name, parts in watcher.look().items()}
     assert proofs == [""]
     assert not watcher.look()
@@ -102,6 +104,38 @@ def test_the_live_page_proves_the_journal_once_for_all_units(finished: Path, mon
         assert len(own.plan.steps) < len(whole.plan.steps)
         with reading(finished) as again:
             assert len(again.completed()) == len(whole.completed())
+
+
+def test_what_is_wrong_with_a_listed_unit_is_told_with_unit_and_key() -> None:
+    """Where it stands in its entry; what is wrong for all of them is told where that stands."""
+    for entry, why in (
+        ("port: 3", "units.1.port: 3 is not a port"),
+        ('port: "sim://imu", rate: fast', "units.1.rate: 'fast' is not a frequency"),
+        ('port: "sim://imu", simulation: {sed: 3}', "units.1.simulation: unknown key 'sed'; did you mean 'seed'"),
+        ('port: "sim://imu", simulation: 3', "units.1.simulation: must be a mapping"),
+        ('port: "sim://imu", sensors: {1: {}}', "units.1.sensors.1.axes: this key is missing"),
+    ):
+        listed = f'  - {{model: A, serial: "0041", port: "sim://imu"}}\n  - {{model: A, serial: "0042", {entry}}}\n'
+        with pytest.raises(InputError, match=re.escape(f"bench.yaml: {why}")):
+            _bench(listed, source="bench.yaml")
+    text = load_bench("simulated").text.replace("latitude:", "latitud:")
+    listed = re.sub(r"^unit: .*$", 'units: [{model: A, serial: "0041", port: "sim://imu"}]', text, flags=re.M)
+    with pytest.raises(InputError, match=r"bench.yaml: site: unknown key 'latitud'"):
+        parse_bench(listed, "bench.yaml")
+
+
+def test_a_name_that_a_simulated_unit_cannot_say_is_told_before_anything(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its frame has room for so many characters: file, key and how many; no night is begun."""
+    bench = tmp_path / "bench.yaml"
+    for key, given in (("serial", "serial: 00420042004200420"), ("model", "model: MFS-IMU-of-long-name")):
+        bench.write_text(re.sub(rf"{key}: [\w-]+", given, _ONE.text, count=1))
+        assert cli(["run", "quick", "--bench", str(bench), "--out", str(tmp_path / "night")]) == 2
+        said = capsys.readouterr().err
+        assert f"{bench}: unit.{key}: '{given.split()[1]}'" in said
+        assert "has room for 16 characters" in said
+    assert not (tmp_path / "night").exists()
 
 
 def test_whoever_takes_nights_takes_each_unit_of_one(finished: Path, tmp_path: Path) -> None:
