@@ -128,7 +128,7 @@ class Watcher:
         """Find the nights that are there, and keep those that are shown; raise `InputError` if the folder has gone."""
         if not self._root.is_dir():  # deleted, or on a disk that is not there any more: its nights have not ended
             raise InputError(f"{self._root}: there is no such folder any more")
-        found = {self._name(each): each for path in self._journals() for each in _night_and_units(path.parent)}
+        found = {self._name(each): each for path in self.journals() for each in _night_and_units(path.parent)}
         self._found = list(found)
         for identity in set(self._nights) - set(found):
             del self._nights[identity]
@@ -136,7 +136,7 @@ class Watcher:
             if identity not in self._nights:
                 self._nights[identity] = NightFacts(folder, identity)
 
-    def _journals(self) -> list[Path]:
+    def journals(self) -> list[Path]:
         """Return the journals to show: the root's own, else of the folders below it, newest first."""
         own = self._root / JOURNAL_NAME
         if own.is_file():

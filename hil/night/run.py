@@ -162,6 +162,7 @@ def resume_night(
         damaged = damaged_self_calibrations(reader)
         withdrawn = {key for key in reader.completed() if reader.steps_by_key()[key].self_calibration in damaged}
         done = reader.completed().keys() - withdrawn
+        begun = {each.step_key for each in reader.attempts()}
         serial = night_identity(reader).get("serial", said.serial)
     if said.serial not in ("", serial):
         raise InputError(f"{folder}: it is a night of unit {serial}, and {said.serial} was typed; which?")
@@ -184,6 +185,7 @@ def resume_night(
             visited=visited,
             session=len(controllers),
             gone_s=last_s + down_s,
+            begun=begun,
             ask=attendant,
             speed=speed,
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -129,13 +130,59 @@ def test_a_name_that_a_simulated_unit_cannot_say_is_told_before_anything(
 ) -> None:
     """Its frame has room for so many characters: file, key and how many; no night is begun."""
     bench = tmp_path / "bench.yaml"
-    for key, given in (("serial", "serial: 00420042004200420"), ("model", "model: MFS-IMU-of-long-name")):
+    for key, given in (("serial", "serial: SN-00420042004200"), ("model", "model: MFS-IMU-of-long-name")):
         bench.write_text(re.sub(rf"{key}: [\w-]+", given, _ONE.text, count=1))
         assert cli(["run", "quick", "--bench", str(bench), "--out", str(tmp_path / "night")]) == 2
         said = capsys.readouterr().err
         assert f"{bench}: unit.{key}: '{given.split()[1]}'" in said
         assert "has room for 16 characters" in said
     assert not (tmp_path / "night").exists()
+
+
+def test_a_damaged_unit_has_no_report_and_the_others_have_theirs(
+    finished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Told on the page over all of them and by the exit status; folders of units that were deleted come back."""
+    night = Path(shutil.copytree(finished, tmp_path / "night"))
+    with reading(night / "units" / "0041") as journal:
+        block = next(row.block for row in journal.blocks() if row.block.kind == "samples")
+    (night / block.path).write_bytes(b"")
+    shutil.rmtree(night / "units")
+    assert cli(["report", str(night)]) == 4
+    out = capsys.readouterr()
+    assert f"ERROR: {night}" in out.err
+    assert sorted(str(path.relative_to(night)) for path in night.rglob("report.html")) == [
+        "report.html",
+        "units/0042/report.html",
+        "units/0043/report.html",
+    ]
+    page = (night / "report.html").read_text()
+    assert 'href="units/0043/report.html"' in page
+    assert "units/0041/report.html" not in page
+    assert "0041" in page
+    assert block.path in page
+    shutil.rmtree(night / "units")
+    assert cli(["certificate", str(night / "units" / "0043"), "--draft"]) == 0
+    assert (night / "units" / "0043" / "certificate.html").is_file()
+    with pytest.raises(InputError, match="there is no unit 0099"):
+        campaign_of_night(night / "units" / "0099")
+    assert cli(["report", str(night / "units" / "0099")]) == 2
+    assert not (night / "units" / "0099").exists()
+
+
+@pytest.mark.slow
+def test_a_fault_at_a_stage_happens_once_in_a_night(tmp_path: Path) -> None:
+    """To all units at once; not again when the night is carried on and another unit comes to that stage first."""
+    early = '  - {at: T1/S1/C1/collect, device: imu, unit: "0041", kind: silence, duration: 40 min}\n'
+    stage = "  - {at: T1/S1/C2/collect, device: imu, kind: silence, duration: 40 min}"
+    night = tmp_path / "night"
+    assert start_night(night, SHORT, _bench(faults=early + stage), who="rk").exit_status != 0
+    with reading(night) as journal:
+        begun = {each.step_key for each in journal.attempts()}
+    assert "T1/S1/C2/collect@0041" not in begun  # which begins it for the first time now
+    assert "T1/S1/C2/collect@0042" in begun
+    ended = resume_night(night, down_s=2.0 * 3600.0)
+    assert (ended.state, ended.exit_status) == ("complete", 0)
 
 
 def test_whoever_takes_nights_takes_each_unit_of_one(finished: Path, tmp_path: Path) -> None:
