@@ -289,6 +289,30 @@ def test_nobody_begins_a_night_whose_archive_takes_nothing(
     assert not (tmp_path / "night").exists()
 
 
+def test_a_file_that_cannot_be_written_is_told_by_its_name(
+    archive: Path,
+    night: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Not by the name that it has while it is written; as for every file that somebody asks for."""
+
+    def full(_disk: RealDisk, path: Path, _data: bytes) -> None:
+        raise OSError(errno.EROFS, "Read-only file system", str(path))
+
+    monkeypatch.setattr(RealDisk, "write", full)
+    for command in (
+        ("units", "--archive", str(archive), "--csv", str(tmp_path / "a.csv")),
+        ("history", "0042", "--archive", str(archive), "--csv", str(tmp_path / "a.csv")),
+        ("history", "0042", "--archive", str(archive), "--page", str(tmp_path / "a.html")),
+        ("certificate", str(night), "--draft", "--out", str(tmp_path / "a.html")),
+        ("report", str(night), "--out", str(tmp_path / "a.html")),
+    ):
+        assert hil(command) == 2
+        assert f"hil: {command[-1]}: cannot be written: Read-only file system\n" in capsys.readouterr().err
+
+
 def test_two_units_with_one_serial_are_told_apart(
     copy: Path, measured: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
