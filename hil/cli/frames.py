@@ -6,7 +6,6 @@ from typing import Annotated, Any
 
 import typer
 
-from drivers.strict_yaml import parse_value
 from hil.cli.answer import Answer
 from hil.cli.output import results
 from hil.errors import InputError
@@ -79,6 +78,8 @@ def _guessed(document: dict[str, Any]) -> Iterator[str]:
 
 def frame_parameters(settings: list[str] | None) -> dict[str, Any]:
     """Read NAME=VALUE pairs, values as YAML has them; raise `InputError` for what is no such pair."""
+    from drivers.strict_yaml import parse_value
+
     found: dict[str, Any] = {}
     for setting in settings or []:
         name, sign, value = setting.partition("=")
