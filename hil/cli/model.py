@@ -106,6 +106,7 @@ def _screened(found: Screened, written: Sequence[Path]) -> Iterator[str | Table]
     """What a screening found, the units that deserve more, and where it was written."""
     from hil.reconcile.outcome.fleet import fleet_sentences
 
+    yield from (Aside(f"warning: {each}") for each in found.said)
     yield from (Aside(f"warning: {folder}: {why}") for folder, why in found.not_screened.items())
     yield from fleet_sentences(found)
     table = listing("unit", "serial", "date", "what leads", "q", "folder")
