@@ -2,9 +2,10 @@
 
 A CRC is affine over GF(2): for messages of one length, crc = C ⊕ T₀[b₀] ⊕ T₁[b₁] ⊕ …, where Tᵢ is the register left
 by byte i followed by zeros, and C the CRC of the all-zero message. One table per position turns the check of n frames
-into one gather over all of their bytes. Zero padding (STIM300) and unequal reflection of input and output are linear
-too, so that they fold into the tables. Registers are kept with their lowest bit first, whatever the CRC's own order is:
-where its input is not reflected, the bytes are.
+into one gather per byte over all frames, and of the few that a poll brings into one gather of all their bytes. Zero
+padding (STIM300) and unequal reflection of input and output are linear too, so that they fold into the tables.
+Registers are kept with their lowest bit first, whatever the CRC's own order is: where its input is not reflected, the
+bytes are.
 """
 
 import zlib
@@ -24,7 +25,7 @@ _CCITT = 0x1021
 _REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 _FEW = 8  # messages below which one by one is faster than the tables
-_BLOCK = 512  # messages whose places in the tables stay in the processor's cache
+_POLL = 768  # messages of which all bytes are looked up at once: their places stay in the processor's cache
 
 Words = NDArray[np.uint64]
 
@@ -77,11 +78,13 @@ class Crc:
         if len(rows) < _FEW:
             return np.fromiter(map(self.of_bytes, map(bytes, rows)), np.uint64, len(rows))
         tables, begins, constant = self._affine
-        crc = np.empty(len(rows), tables.dtype)
-        for at in range(0, len(rows), _BLOCK):
-            places = rows[at : at + _BLOCK].T + begins
-            np.bitwise_xor.reduce(tables[places], axis=0, out=crc[at : at + _BLOCK])
-        crc ^= constant
+        if len(rows) <= _POLL:
+            return np.asarray(np.bitwise_xor.reduce(tables[rows.T + begins], axis=0) ^ constant)
+        crc = np.full(len(rows), constant)
+        part = np.empty_like(crc)
+        for begin, column in zip(begins[:, 0].tolist(), np.ascontiguousarray(rows.T), strict=True):
+            tables[begin : begin + 256].take(column, mode="clip", out=part)
+            crc ^= part
         return crc
 
 
