@@ -1,12 +1,16 @@
 """What the sequencer needs of a journal. The durable one is in `hil/records/journal.py`; a list will do in a test."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
-from drivers.imu import SampleBlock
 from procedures.plan import Step
+
+if TYPE_CHECKING:  # who only looks on loads no arithmetic
+    from drivers.imu import SampleBlock
 
 
 class Outcome(StrEnum):

@@ -2,9 +2,10 @@
 
 A CRC is affine over GF(2): for messages of one length, crc = C ⊕ T₀[b₀] ⊕ T₁[b₁] ⊕ …, where Tᵢ is the register left
 by byte i followed by zeros, and C the CRC of the all-zero message. One table per position turns the check of n frames
-into one gather per byte over all frames. Zero padding (STIM300) and unequal reflection of input and output are linear
-too, so that they fold into the tables. Registers are kept with their lowest bit first, whatever the CRC's own order is:
-where its input is not reflected, the bytes are.
+into one gather per byte over all frames, and of the few that a poll brings into one gather of all their bytes. Zero
+padding (STIM300) and unequal reflection of input and output are linear too, so that they fold into the tables.
+Registers are kept with their lowest bit first, whatever the CRC's own order is: where its input is not reflected, the
+bytes are.
 """
 
 import zlib
@@ -23,7 +24,8 @@ _IEEE = 0x04C11DB7
 _CCITT = 0x1021
 _REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
-_FEW_BYTEWISE = 8  # messages below which a loop that is not compiled is faster than the tables
+_FEW = 8  # messages below which one by one is faster than the tables
+_POLL = 768  # messages of which all bytes are looked up at once: their places stay in the processor's cache
 
 Words = NDArray[np.uint64]
 
@@ -57,16 +59,15 @@ class Crc:
         self._kind = kind
         self._length = length
         self._padding = bytes(-length % kind.pad_to)
-        self._register, compiled = _register(kind)
-        # A compiled loop costs about as much for a message as a table does for a byte of all of them.
-        self._few = length if compiled else _FEW_BYTEWISE
+        self._register = _register(kind)
 
     @cached_property
-    def _affine(self) -> tuple[NDArray[Any], Any]:
-        """The tables by position, shape (length, 256), and the constant."""
+    def _affine(self) -> tuple[NDArray[Any], NDArray[np.intp], Any]:
+        """All tables one behind another, where that of each position begins, shape (length, 1), and the constant."""
         total = self._length + len(self._padding)
-        tables = _tables_by_distance(self._kind, -(-total // 64) * 64)[len(self._padding) : total][::-1]
-        return tables, tables.dtype.type(_output(self._register(bytes(total)), self._kind))
+        tables = _tables_by_distance(self._kind, -(-total // 64) * 64).ravel()
+        begins = 256 * np.arange(total - 1, len(self._padding) - 1, -1, dtype=np.intp)[:, None]
+        return tables, begins, tables.dtype.type(_output(self._register(bytes(total)), self._kind))
 
     def of_bytes(self, message: bytes) -> int:
         """Return the CRC of one message."""
@@ -74,22 +75,22 @@ class Crc:
 
     def of_rows(self, rows: Rows) -> NDArray[Any]:
         """Return the CRCs of n messages, shape (n,), given as `rows` of shape (n, length)."""
-        if len(rows) < self._few:
+        if len(rows) < _FEW:
             return np.fromiter(map(self.of_bytes, map(bytes, rows)), np.uint64, len(rows))
-        tables, constant = self._affine
-        columns = np.ascontiguousarray(rows.T)
-        crc: NDArray[Any] = tables[0].take(columns[0], mode="clip")
-        crc ^= constant
+        tables, begins, constant = self._affine
+        if len(rows) <= _POLL:
+            return np.asarray(np.bitwise_xor.reduce(tables[rows.T + begins], axis=0) ^ constant)
+        crc = np.full(len(rows), constant)
         part = np.empty_like(crc)
-        for table, column in zip(tables[1:], columns[1:], strict=True):
-            table.take(column, mode="clip", out=part)
+        for begin, column in zip(begins[:, 0].tolist(), np.ascontiguousarray(rows.T), strict=True):
+            tables[begin : begin + 256].take(column, mode="clip", out=part)
             crc ^= part
         return crc
 
 
 def message_crc(kind: CrcParameters, message: bytes) -> int:
     """Return the CRC of one message of any length."""
-    return _output(_register(kind)[0](message), kind)
+    return _output(_register(kind)(message), kind)
 
 
 @lru_cache(maxsize=16)
@@ -113,14 +114,14 @@ def _tables_by_distance(kind: CrcKind, count: int) -> NDArray[Any]:
 
 
 @lru_cache(maxsize=64)
-def _register(kind: CrcParameters) -> tuple[Callable[[bytes], int], bool]:
-    """Return what gives the final register of a message, and whether it is a compiled loop of the standard library."""
+def _register(kind: CrcParameters) -> Callable[[bytes], int]:
+    """Return what gives the final register of a message: where there is one, a loop of the standard library."""
     start, ones = _reflect(kind.init, kind.width), 0xFFFFFFFF
     reflected = None if kind.refin else _REVERSED
     if (kind.width, kind.poly) == (32, _IEEE):
-        return lambda message: zlib.crc32(message.translate(reflected), start ^ ones) ^ ones, True
+        return lambda message: zlib.crc32(message.translate(reflected), start ^ ones) ^ ones
     if (kind.width, kind.poly, kind.refin) == (16, _CCITT, False):
-        return lambda message: _reflect(crc_hqx(message, kind.init), 16), True
+        return lambda message: _reflect(crc_hqx(message, kind.init), 16)
     table = _byte_table(kind).tolist()
 
     def looped(message: bytes) -> int:
@@ -129,4 +130,4 @@ def _register(kind: CrcParameters) -> tuple[Callable[[bytes], int], bool]:
             register = (register >> 8) ^ table[(register ^ byte) & 0xFF]
         return register
 
-    return looped, False
+    return looped

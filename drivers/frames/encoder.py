@@ -24,11 +24,10 @@ def encode_rows(layout: FrameLayout, columns: Mapping[str, ArrayLike | str], n: 
             "not made; simulate a unit whose frames have a fixed length, such as mfs"
         )
     rows = layout.blank(n)
+    layout.store_together(rows, {name: each for name, each in columns.items() if not isinstance(each, str)})
     for field, values in columns.items():
         if isinstance(values, str):
             layout.store_text(rows, field, values)
-        else:
-            layout.store(rows, field, values)
     layout.checksum.write(rows)
     return rows
 

@@ -19,6 +19,7 @@ folders are the truth. The night itself stays where it is; when it goes, what wa
 from __future__ import annotations
 
 import hashlib
+import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime, timedelta
@@ -29,7 +30,16 @@ import numpy as np
 import yaml
 
 from drivers.given_file import read_bytes
-from hil.archive.places import CAMPAIGN, CONFIGURATION, ENTRY, HASHED, MARK, folder_of
+from hil.archive.places import (
+    CAMPAIGN,
+    CONFIGURATION,
+    ENTRY,
+    HASHED,
+    MARK,
+    check_archive,
+    folder_of,
+    found,
+)
 from hil.campaign import Campaign
 from hil.campaign.header import day_of
 from hil.campaign.reader import read_campaign
@@ -55,11 +65,12 @@ _WORKING = ("running", "paused")
 
 @dataclass(frozen=True)
 class Taken:
-    """What was taken up: the entry, the unit's serial number, and whether it had been there `before`."""
+    """What was taken up: the entry, the unit's serial number, whether it was there `before`, and what it `replaces`."""
 
     entry: str
     serial: str
     before: bool
+    replaces: str = ""
 
 
 def take_up(
@@ -69,7 +80,8 @@ def take_up(
 
     `state` is how the night ended, where the caller knows it. Raises `InputError` where the source cannot be read, is
     still being measured, tells no serial number or date and none is given, or contradicts them; `Damaged` where a
-    night's records are not what was written. Nothing is changed then.
+    night's records are not what was written. Nothing is changed then. What is damaged in the archive is replaced, and
+    an export by the night that it is of, which has all of it.
     """
     campaign = open_source(source).campaign
     own = campaign.identity.get("serial", "")
@@ -81,10 +93,13 @@ def take_up(
     facts, configuration = _facts(source, campaign, day, state)
     unit, began = archive / folder_of(serial), datetime.fromisoformat(facts["began_utc"])
     digest = _rates_digest(campaign)
-    if there := next(unit.glob(f"*-{digest}"), None):
-        return Taken(f"{unit.name}/{there.name}", serial, before=True)
-    _begin(archive)
+    there = next(unit.glob(f"[!.]*-{digest}"), None)
+    name, why = f"{unit.name}/{there.name}" if there else "", ""
+    if there and not (why := _replaced(archive, name, is_night(source))):
+        return Taken(name, serial, before=True)
+    found_archive(archive, new=True)
     target = unit / f"{began:%Y%m%dT%H%MZ}-{digest}"
+    aside = unit / f"{PARTIAL}{digest}-replaced"
     with whole_or_nothing(target) as partial:
         write_campaign(replace(campaign, series_block_s=None), partial / CAMPAIGN)
         if configuration is not None:
@@ -92,7 +107,25 @@ def take_up(
         hashes = {name: _sha256(partial / name) for name in HASHED if (partial / name).is_file()}
         text = yaml.safe_dump({**facts, "sha256": hashes}, sort_keys=False, allow_unicode=True, width=120)
         RealDisk().write(partial / ENTRY, text.encode())
-    return Taken(f"{unit.name}/{target.name}", serial, before=False)
+        if there:
+            shutil.rmtree(aside, ignore_errors=True)  # of somebody who was killed here
+            RealDisk().rename(there, aside)
+    shutil.rmtree(aside, ignore_errors=True)
+    return Taken(f"{unit.name}/{target.name}", serial, before=False, replaces=why)
+
+
+def _replaced(archive: Path, entry: str, by_night: bool) -> str:
+    """Return why an entry is replaced by what holds the same rates; empty where it is sound, and has as much.
+
+    Raises `InputError` where nobody can tell, because it cannot be read now.
+    """
+    try:
+        facts, _, _ = read_entry(archive, entry)
+    except InputError as error:
+        if isinstance(error.__cause__, OSError):
+            raise
+        return f"{entry}, which was damaged"
+    return f"{entry}, an export of this night" if by_night and facts["night"] is None else ""
 
 
 def read_entry(archive: Path, entry: str) -> tuple[dict[str, Any], Campaign, Mapping[str, Any]]:
@@ -227,13 +260,17 @@ def _rates_digest(campaign: Campaign) -> str:
     return digest.hexdigest()[:_DIGITS]
 
 
-def _begin(archive: Path) -> None:
-    """Make the archive where it is new; raise `InputError` for a folder that holds something else."""
+def found_archive(archive: Path, *, new: bool = False) -> None:
+    """Make the archive where it is `new`, else also over the units' folders of one that has lost its mark.
+
+    Raises `InputError` for a folder that holds something else.
+    """
     if (archive / MARK).is_file():
         return
     unfinished = archive / f"{PARTIAL}{MARK}"  # of somebody who was killed here
-    if not is_new(archive) and not (archive.is_dir() and list(archive.iterdir()) == [unfinished]):
-        raise InputError(f"{archive}: holds something else than an archive (no {MARK}); name a new folder")
+    empty = is_new(archive) or (archive.is_dir() and list(archive.iterdir()) == [unfinished])
+    if not empty and (new or not archive.is_dir() or not found(archive)[0]):
+        check_archive(archive)
     try:
         make_folders(RealDisk(), archive)
         write_durably(RealDisk(), archive / MARK, _MARK_TEXT.encode())

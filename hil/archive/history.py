@@ -150,7 +150,9 @@ def history(index: Index, serial: str, model: str | None = None, limits: Limits 
     if len(kinds) > 1:
         models = sorted({of for of, _ in kinds})
         if len(models) > 1:
-            raise InputError(f"{serial}: two units have this serial number: {', '.join(models)}; --model says which")
+            raise InputError(
+                f"{serial}: two units have this serial number: {', '.join(models)}; --unit-model says which"
+            )
         good = [each for each in good if not each.simulated]
         said.append(f"{serial}: its simulated campaigns are left out: a simulated unit is another one")
     good = [each for each in good if (each.model, each.simulated) in kinds]

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
-from hil.archive.places import INDEX_NAME, check_archive, entries, stamp
+from hil.archive.places import INDEX_NAME, check_archive, found, stamp
 from hil.errors import InputError
 
 if TYPE_CHECKING:  # a list of units loads no arithmetic
@@ -89,7 +89,7 @@ class Index:
     def __init__(self, archive: Path, connection: sqlite3.Connection) -> None:
         self._archive = archive
         self._connection = connection
-        self._folders: dict[str | None, list[str]] = {}
+        self._folders: dict[str | None, tuple[list[str], dict[str, str]]] = {}
 
     def entries(self, serial: str | None = None) -> list[Entry]:
         """Return the entries of a unit, or of all, in the order of time."""
@@ -166,21 +166,24 @@ class Index:
         Of one unit also what has changed since it was taken in.
         """
         mine = {each.name: each.stamp for each in self.entries(serial)}
-        there = set(self._there(serial))
-        said = [f"{name}: is not in the index yet" for name in sorted(there - mine.keys())]
-        said += [f"{name}: is gone from the archive's folder, and not answered from" for name in self.gone(serial)]
+        found, closed = self._there(serial)
+        there = set(found)
+        said = [f"{name}: cannot be read ({why}), and is not answered from" for name, why in sorted(closed.items())]
+        said += [f"{name}: is not in the index yet" for name in sorted(there - mine.keys())]
+        gone = [name for name in self.gone(serial) if name.partition("/")[0] not in closed]
+        said += [f"{name}: is gone from the archive's folder, and not answered from" for name in gone]
         if serial is not None:
             changed = [name for name in sorted(there & mine.keys()) if mine[name] != stamp(self._archive, name)]
             said += [f"{name}: has changed since it was taken in" for name in changed]
         return said
 
     def gone(self, serial: str | None = None) -> list[str]:
-        """Return the entries whose folder is not there any more."""
-        return sorted({each.name for each in self.entries(serial)} - set(self._there(serial)))
+        """Return the entries whose folder is not there any more, or cannot be looked into."""
+        return sorted({each.name for each in self.entries(serial)} - set(self._there(serial)[0]))
 
-    def _there(self, serial: str | None) -> list[str]:
+    def _there(self, serial: str | None) -> tuple[list[str], dict[str, str]]:
         if serial not in self._folders:
-            self._folders[serial] = entries(self._archive, serial)
+            self._folders[serial] = found(self._archive, serial)
         return self._folders[serial]
 
 

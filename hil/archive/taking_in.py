@@ -19,7 +19,7 @@ from typing import Any
 from hil.analysis.night_verdict import night_verdict
 from hil.archive.folder import read_entry
 from hil.archive.index import Entry, connected, transaction
-from hil.archive.places import INDEX_NAME, check_archive, entries, interrupted, serial_of, stamp
+from hil.archive.places import INDEX_NAME, check_archive, found, interrupted, serial_of, stamp
 from hil.campaign import Campaign
 from hil.errors import InputError
 from hil.files.durable import PARTIAL, RealDisk
@@ -54,10 +54,10 @@ def update(archive: Path, *, rebuild: bool = False, each: Callable[[str], object
     if rebuild:
         for left in archive.glob(f"{target.name}*"):  # of somebody who was killed, its journal too
             left.unlink()
-    there, new = entries(archive), []
+    (there, closed), new = found(archive), []
     with connected(target, new=True) as connection:
         known = dict(connection.execute("SELECT name, stamp FROM entries"))
-        gone = sorted(known.keys() - set(there))
+        gone = sorted(name for name in known.keys() - set(there) if name.partition("/")[0] not in closed)
         for name in gone:
             connection.execute("DELETE FROM entries WHERE name = ?", (name,))
         for name in there:
@@ -65,7 +65,7 @@ def update(archive: Path, *, rebuild: bool = False, each: Callable[[str], object
                 each(name)
                 _read(connection, archive, name, now)
                 new.append(name)
-        broken = dict(connection.execute("SELECT name, trouble FROM entries WHERE trouble != ''"))
+        broken = closed | dict(connection.execute("SELECT name, trouble FROM entries WHERE trouble != ''"))
     if rebuild:
         RealDisk().rename(target, path)
         RealDisk().synchronise_folder(archive)
@@ -88,7 +88,7 @@ def _read(connection: sqlite3.Connection, archive: Path, name: str, now: str) ->
         means = list(_means(name, repeats(campaign, solutions)))
         text = json.dumps(_settings(facts, configuration), sort_keys=True)
         entry = entry | {"settings": hashlib.sha256(text.encode()).hexdigest()}
-    except (InputError, KeyError, TypeError, ValueError) as error:
+    except (InputError, OSError, KeyError, TypeError, ValueError) as error:
         entry, text = vars(Entry(name, now, serial_of(name), str(error) or repr(error))), ""
     with transaction(connection):
         connection.execute("DELETE FROM entries WHERE name = ?", (name,))

@@ -7,7 +7,7 @@ This is the only place that knows that `sim://` ports are simulated devices in t
 devices and cannot tell.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -106,6 +106,7 @@ def build_bench(
     unopened: Unopened | None = None,
     speed: float | None = None,
     gone_s: float = 0.0,
+    begun: Collection[str] = (),
 ) -> LiveBench:
     """Put a bench together and open its ports.
 
@@ -113,8 +114,8 @@ def build_bench(
     carried on goes on in time; its simulated chamber begins at the start temperature of the simulation section, as one
     that nobody controlled meanwhile. `first_run`, `visited` and `session` are those of `simulate_devices`. `ask` puts
     questions to the operator of a bench without indexing. `speed` keeps a virtual clock to so many times real time, so
-    that a simulated night can be watched. `gone_s` is how long the night has been going, for the faults of the bench
-    file. Raises `InputError` for a port that does not exist or a file that cannot be
+    that a simulated night can be watched. `gone_s` is how long the night has been going, and `begun` which steps have,
+    for the faults of the bench file. Raises `InputError` for a port that does not exist or a file that cannot be
     used, or a speed for a clock that is not virtual, `DeviceError` for a port that cannot be opened; nothing stays open
     then.
     """
@@ -135,7 +136,7 @@ def build_bench(
 
     with ExitStack() as opened:
         ports = _Ports(bench, clock, opened, unopened)
-        faults = FaultInjector(bench.faults, clock, gone_s=gone_s)
+        faults = FaultInjector(bench.faults, clock, gone_s=gone_s, begun=begun)
         imus = {name: _imu(name, own, descriptions[name], ports, simulators, clock) for name, own in bench.each.items()}
         chamber = _chamber(bench, ports, clock, simulators, night=True)
         turned = _positioners(bench, descriptions, imus, clock, faults, ask)

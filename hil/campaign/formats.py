@@ -18,7 +18,7 @@ import numpy as np
 from hil.campaign.data import Campaign, Series
 from hil.campaign.writer import columns_of, columns_of_series
 from hil.errors import InputError
-from hil.files.durable import RealDisk, write_durably
+from hil.files.durable import write_result
 from hil.files.optional import library
 
 Format = Literal["hdf5", "netcdf", "mat"]
@@ -44,10 +44,7 @@ def write_file(campaign: Campaign, path: Path, form: Format, series: Iterable[tu
         raise InputError(f"{path}: the names of these columns cannot be told apart in it: {names}; name them otherwise")
     attributes: dict[str, str | int] = {name: getattr(campaign, name) for name in ("title", "source", "notes")}
     attributes["simulated"] = int(campaign.simulated)
-    try:
-        write_durably(RealDisk(), path, _WRITERS[form](columns | _samples(campaign, series), attributes))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+    write_result(path, _WRITERS[form](columns | _samples(campaign, series), attributes))
 
 
 def unit_of(column: str) -> str:

@@ -35,9 +35,12 @@ def archive(
         str | None, typer.Option("--date", help="When, where they do not say: 2026-03-01.", show_default=False)
     ] = None,
     rebuild: Annotated[bool, typer.Option("--rebuild", help="Make the index anew from the folders.")] = False,
+    found: Annotated[
+        bool, typer.Option("--found", help="Make a new archive, or again one that lost its archive.yaml.")
+    ] = False,
 ) -> Answer:
     """Take nights and campaigns up into the laboratory's archive, and bring its index to what is in the folders."""
-    from hil.archive.folder import take_up
+    from hil.archive.folder import found_archive, take_up
     from hil.archive.taking_in import update
     from hil.files.strict import NAME, one_line
     from hil.records.reader import units_in
@@ -47,6 +50,8 @@ def archive(
     except ValueError:
         raise InputError(f"--date {day}: is no date; write it as 2026-03-01") from None
     who = None if serial is None else one_line("--serial", serial, NAME)
+    if found:
+        found_archive(folder)
     taken, refused = [], {}
     for source in (unit for night in sources or () for unit in (*units_in(night).values(),) or (night,)):
         try:
@@ -73,9 +78,14 @@ def archive(
 
 def _archived(document: Mapping[str, Any]) -> Iterator[str]:
     for each in document["taken_up"]:
-        yield f"unit {each['serial']}: {each['entry']}{' was there before' * each['before']}"
+        replaces = f" in the place of {each['replaces']}" if each["replaces"] else ""
+        yield f"unit {each['serial']}: {each['entry']}{' was there before' * each['before']}{replaces}"
     yield from (Aside(f"not taken up: {source}: {why}") for source, why in document["not_taken_up"].items())
     yield from _some([f"warning: {name}: cannot be read: {why}" for name, why in document["cannot_be_read"].items()])
+    if document["cannot_be_read"]:
+        yield Aside(
+            f"hil archive {document['archive']} NIGHT_OR_CAMPAIGN takes up anew what is damaged, from its source"
+        )
     yield from _some([f"warning: {name}: is gone from the folder" for name in document["gone"]])
     yield from _some([f"note: {name}: was never finished; nothing is read from it" for name in document["unfinished"]])
     yield f"{document['archive']}: {counted(document['entries'], 'campaign')}, {len(document['read'])} of them read now"
@@ -116,7 +126,8 @@ def history(
     serial: Annotated[str, typer.Argument(metavar="SERIAL", help="The unit's serial number.", show_default=False)],
     archive: _Archive = None,
     model: Annotated[
-        str | None, typer.Option(help="Of two units with one serial number, which.", show_default=False)
+        str | None,
+        typer.Option("--unit-model", help="Of two units with one serial number, which.", show_default=False),
     ] = None,
     limits: Annotated[
         str | None, typer.Option("--limits", help="What the unit must be; default: the newest calibration's own.")
@@ -148,9 +159,9 @@ def history(
         _write_csv(csv_file, _rows(document))
     if page is not None:
         from hil.archive.page import history_page
-        from hil.files.durable import RealDisk, write_durably
+        from hil.files.durable import write_result
 
-        write_durably(RealDisk(), page, history_page(found).encode())
+        write_result(page, history_page(found))
     if out is not None:
         from hil.archive.folder import life
         from hil.campaign.writer import write_campaign
@@ -206,11 +217,11 @@ def _named(archive: Path | None) -> Path:
 
 
 def _write_csv(path: Path, rows: Iterable[Mapping[str, Any]]) -> None:
-    from hil.files.durable import RealDisk, write_durably
+    from hil.files.durable import write_result
     from hil.files.tables import rows_as_csv
 
     check_named(path, ".csv")
-    write_durably(RealDisk(), path, rows_as_csv(list(rows)).encode())
+    write_result(path, rows_as_csv(list(rows)))
 
 
 COMMANDS = (archive, units, history)

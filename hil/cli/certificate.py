@@ -36,10 +36,11 @@ def certificate(
     strict: Strict = False,
 ) -> Answer:
     """Write the calibration certificate of a night's unit: results with expanded uncertainty, traceability, budget."""
-    from hil.files.durable import RealDisk, write_durably
+    from hil.files.durable import write_result
     from hil.files.page import page_file
     from hil.files.strict import NAME, one_line
     from hil.records.reader import units_in
+    from hil.records.units import writable
     from hil.report.certificate import Asked
     from hil.report.certificate import certificate as made
     from hil.report.pdf import find_browser, write_pdf
@@ -47,12 +48,12 @@ def certificate(
     if pdf:
         find_browser()  # before anything is written
     folder = units_in(folder).get(unit or "", folder)
-    path = page_file(out or folder / "certificate.html")
     asked = Asked(unit, one_line("--customer", customer), one_line("--number", number, NAME), limits)
     found = made(folder, asked, SystemClock().utc().date())
+    path = page_file(out or writable(folder) / "certificate.html")
     if found.refused and not draft:
         raise InputError(f"{folder}: no certificate: {'; '.join(found.refused)}. --draft writes a draft that says so")
-    write_durably(RealDisk(), path, found.page().encode())
+    write_result(path, found.page())
     written = [path]
     if pdf:
         write_pdf(path, path.with_suffix(".pdf"))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -78,7 +79,23 @@ def _look(sweep: Sweep | None, bench: Bench, folder: Path, done: Collection[str]
         warn(cautions(sweep, bench))
     there = next(above for above in (folder.absolute(), *folder.absolute().parents) if above.is_dir())
     with bench_lock(bench, folder):
-        return preflight(sweep, bench, there, done)
+        found = preflight(sweep, bench, there, done)
+    return replace(found, findings=[*found.findings, *_archive(bench.archive)])
+
+
+def _archive(archive: Path | None) -> Iterator[Finding]:
+    """Say whether the night can be taken up at its end into the archive that the bench file names."""
+    from hil.archive.places import check_usable
+    from hil.bench.finding import Finding
+
+    if archive is not None:
+        try:
+            check_usable(archive)
+        except InputError as error:
+            advice = f"hil archive {archive} --found makes one; a disk that should be there is to be connected first"
+            yield Finding("archive", False, str(error), "" if archive.exists() else advice)
+        else:
+            yield Finding("archive", True, f"{archive}: takes the night up at its end")
 
 
 def _show(console: Console, findings: Sequence[Finding]) -> None:

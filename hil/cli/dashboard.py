@@ -42,6 +42,9 @@ def dashboard(
     access = Access(token_from(token_file) if token_file else new_token(), host)
     if token_file and token_file.stat().st_mode & 0o077:
         messages().print(f"note: others of this machine may read {token_file}; chmod 600 {token_file}")
+    watcher = Watcher(folder, archive=archive)
+    if not watcher.journals():
+        messages().print(f"note: there is no night in {folder} yet; one that begins appears on the page by itself")
     with listen(host, port) as listener:
         results().print(url(host, listener.getsockname()[1]))
         what = "pausing, continuing, aborting and answering"
@@ -50,4 +53,4 @@ def dashboard(
             messages().print("note: what goes over the network is not encrypted; see hil docs live-page")
         results().print(f"token for {what}: {f'in {token_file}' if token_file else access.token}")
         with suppress(KeyboardInterrupt):
-            server(create_app(Watcher(folder, archive=archive), access)).run(sockets=[listener])
+            server(create_app(watcher, access)).run(sockets=[listener])

@@ -6,7 +6,6 @@ from typing import Annotated, Any
 
 import typer
 
-from drivers.strict_yaml import parse_value
 from hil.cli.answer import Answer
 from hil.cli.output import results
 from hil.errors import InputError
@@ -58,11 +57,11 @@ def guess(
 ) -> Answer:
     """Look at the bytes of an unknown unit: which descriptions read them, where frames begin, what they carry."""
     from hil.bench.guess import guess_file
-    from hil.files.durable import RealDisk, write_durably
+    from hil.files.durable import write_result
 
     document = guess_file(capture)
     if out is not None and document["description"] is not None:
-        write_durably(RealDisk(), out, document["description"].encode())
+        write_result(out, document["description"])
     return Answer(document, lambda: _guessed(document))
 
 
@@ -79,6 +78,8 @@ def _guessed(document: dict[str, Any]) -> Iterator[str]:
 
 def frame_parameters(settings: list[str] | None) -> dict[str, Any]:
     """Read NAME=VALUE pairs, values as YAML has them; raise `InputError` for what is no such pair."""
+    from drivers.strict_yaml import parse_value
+
     found: dict[str, Any] = {}
     for setting in settings or []:
         name, sign, value = setting.partition("=")

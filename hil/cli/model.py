@@ -88,7 +88,7 @@ def fleet(
     csv: Annotated[Path | None, typer.Option("--csv", help="Write the units here, .csv.", show_default=False)] = None,
 ) -> Answer:
     """Screen many units that were measured in the same way: which deserve a full reconcile, what many lack."""
-    from hil.files.durable import RealDisk, write_durably
+    from hil.files.durable import write_result
     from hil.reconcile.campaigns import screen_folders
     from hil.reconcile.outcome.fleet import fleet_csv, fleet_document, fleet_page
 
@@ -98,7 +98,7 @@ def fleet(
     found = screen_folders(folders, model, workers, cluster)
     for path, write in ((out, fleet_page), (csv, fleet_csv)):
         if path is not None:
-            write_durably(RealDisk(), path, write(found).encode())
+            write_result(path, write(found))
     return Answer(fleet_document(found), lambda: _screened(found, [path for path in (out, csv) if path is not None]))
 
 
@@ -106,6 +106,7 @@ def _screened(found: Screened, written: Sequence[Path]) -> Iterator[str | Table]
     """What a screening found, the units that deserve more, and where it was written."""
     from hil.reconcile.outcome.fleet import fleet_sentences
 
+    yield from (Aside(f"warning: {each}") for each in found.said)
     yield from (Aside(f"warning: {folder}: {why}") for folder, why in found.not_screened.items())
     yield from fleet_sentences(found)
     table = listing("unit", "serial", "date", "what leads", "q", "folder")

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hil.cli.data import Source, read_source
-from hil.cli.exit_status import Limits, Strict, of_unit
-from hil.cli.output import results, warn
+from hil.cli.exit_status import Exit, Limits, Strict, of_unit
+from hil.cli.output import messages, results, warn
 from hil.errors import InputError
 
 if TYPE_CHECKING:
@@ -55,10 +55,16 @@ def report(
     if units and against is not None:
         raise InputError(f"{source}: --against is of one unit: hil report {next(iter(units.values()))} --against …")
     over_all = page_file(out or source / "report.html") if units else source
-    written = {
-        unit: write_report(folder, None if units else out, against, limits, whole=whole)
-        for unit, folder in (units or {"": source}).items()
-    }
+    written: dict[str, tuple[Path, ReportContent]] = {}
+    without: dict[str, str] = {}
+    for unit, folder in (units or {"": source}).items():
+        try:
+            written[unit] = write_report(folder, None if units else out, against, limits, whole=whole)
+        except InputError as error:
+            without[unit] = str(error)
+            if len(without) == max(len(units), 1):  # none has one
+                raise
+            messages().print(f"ERROR: {error}")
     formats: list[TableFormat] = [*(["csv"] if csv else []), *(["parquet"] if parquet else [])]  # type: ignore[list-item]
     for path, content in written.values():
         results().print(f"report: {path}")
@@ -69,8 +75,10 @@ def report(
             write_pdf(path, path.with_suffix(".pdf"))
             results().print(f"pdf: {path.with_suffix('.pdf')}")
     if units:
-        write_units(source, over_all, written)
+        write_units(source, over_all, written, without)
         results().print(f"over all: {over_all}")
+    if without:
+        return Exit.INCOMPLETE
     return max(of_unit(None if each.in_spec is None else each.in_spec.brief(), strict) for _, each in written.values())
 
 
@@ -89,21 +97,19 @@ def write_report(
     from hil.analysis.against import compare
     from hil.analysis.in_spec import in_spec_of
     from hil.files.page import page_file
+    from hil.records.units import writable
     from hil.report.content import gather
     from hil.report.page import write_page
 
     night = _night(source)
     campaign = _campaign(source, night)
-    path = page_file(out or source / "report.html")
+    path = page_file(out or writable(source) / "report.html")
     warn(tuple(campaign.warnings))
     comparison = None if against is None else compare(campaign, read_source(against))
     content = gather(campaign, night, comparison)
     state = "" if night is None else night.state
     content = replace(content, in_spec=in_spec_of(source, campaign, content.solutions, limits, comparison, state))
-    try:
-        write_page(content, path, whole=whole)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+    write_page(content, path, whole=whole)
     return path, content
 
 

@@ -27,7 +27,7 @@ def init(
     """Write a first bench file from six answers; what is not given is asked. Look it over, then hil check it."""
     from drivers.chambers import CHAMBER_DRIVERS
     from hil.bench.new_file import Asked, new_bench
-    from hil.files.durable import RealDisk, write_durably
+    from hil.files.durable import write_result
     from hil.files.strict import config_folders
 
     if out.exists():
@@ -44,10 +44,7 @@ def init(
         latitude or _ask("At which latitude does the bench stand (59.9 deg)", "--latitude"),
     )
     text = new_bench(out.stem, asked)
-    try:
-        write_durably(RealDisk(), out, text.encode())
-    except OSError as error:
-        raise InputError(f"{out}: cannot be written: {error.strerror}") from None
+    write_result(out, text)
     results().print(f"bench: {out}; look at what is marked ASSUMED in it, then: hil check {out}")
 
 

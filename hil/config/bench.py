@@ -19,9 +19,10 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 import yaml
-from pydantic import AfterValidator, BeforeValidator, Field, PositiveInt, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, PositiveInt, ValidationError, model_validator
 
 from drivers.outside import brought
+from drivers.strict_yaml import first_mistake
 from hil.campaign import Sensor
 from hil.campaign.data import Technology
 from hil.config.chamber import ChamberSection
@@ -32,10 +33,11 @@ from hil.config.orientation import build_orientations
 from hil.config.ports import SIMULATED_SCHEME, ImuPort
 from hil.config.sections import settings_of
 from hil.config.simulation import SimulationSection
+from hil.config.site import site_of
 from hil.config.uncertainty import UncertaintySection
 from hil.errors import InputError
-from hil.files.strict import NAME, Section, WholeFile, find_config, near, parse_yaml, read_text, validated_inside
-from hil.files.units import Degrees, DegreesPerHour, Gravities, Hertz, Seconds
+from hil.files.strict import NAME, Section, WholeFile, find_config, near, parse_yaml, read_text
+from hil.files.units import DegreesPerHour, Hertz, Seconds
 from hil.model.earth import Site
 from hil.model.equation import Orientation
 from procedures.pose import PoseTable, PoseTolerance
@@ -77,38 +79,6 @@ class UnitSection(Section):
 
     model: str
     serial: Annotated[str, AfterValidator(str.strip)]
-
-
-class SiteSection(Section):
-    """Where the bench stands and how level it is. G2 and G3 are what axes 2 and 3 measure of gravity at rest."""
-
-    latitude: Degrees
-    heading: Degrees
-    G2: Gravities | None = None
-    G3: Gravities | None = None
-    axis_2_elevation: Degrees | None = None
-    axis_3_elevation: Degrees | None = None
-
-    @model_validator(mode="after")
-    def _one_description_of_level(self) -> SiteSection:
-        by_gravity = self.G2 is not None or self.G3 is not None
-        by_angle = self.axis_2_elevation is not None or self.axis_3_elevation is not None
-        if by_gravity and by_angle:
-            raise ValueError("give G2 and G3, or axis_2_elevation and axis_3_elevation, not both")
-        if max(abs(self.G2 or 0.0), abs(self.G3 or 0.0)) > 0.5:
-            raise ValueError("G2 and G3 are components of a nearly level bench and must be within 0.5 g")
-        self.site()  # the remaining limits are the site's own
-        return self
-
-    def site(self) -> Site:
-        """Return the site, which knows gravity and earth rate in the bench frame."""
-        if self.G2 is not None or self.G3 is not None:
-            return Site.from_gravity(self.latitude, self.heading, self.G2 or 0.0, self.G3 or 0.0)
-        return Site(self.latitude, self.heading, self.axis_2_elevation or 0.0, self.axis_3_elevation or 0.0)
-
-
-def _site(given: object) -> Site:
-    return validated_inside(SiteSection, given).site()
 
 
 class SensorSection(Section):
@@ -207,6 +177,8 @@ def _laid_over(rest: dict[str, Any], entry: dict[str, Any], place: int) -> dict[
     unit = {name: own.pop(name) for name in ("model", "serial") if name in own}
     imu = {name: own.pop(name) for name in ImuSection.model_fields if name in own and name not in _OF_ALL}
     sensors, simulation = own.pop("sensors", rest.get("sensors")), own.pop("simulation", {})
+    if not isinstance(simulation, dict):
+        raise ValueError(f"units.{place}.simulation: must be a mapping, such as {{seed: 7}}")
     if own:
         known = ["model", "serial", "sensors", "simulation", *(n for n in ImuSection.model_fields if n not in _OF_ALL)]
         raise ValueError(f"units.{place}: {next(iter(own))!r} is not known here{near(str(next(iter(own))), known)}")
@@ -216,6 +188,16 @@ def _laid_over(rest: dict[str, Any], entry: dict[str, Any], place: int) -> dict[
         seeded = {"seed": seed + place} if isinstance(seed, int) else {}
         bench["simulation"] = {**of_all, **seeded, **simulation}
     return bench
+
+
+def _where_listed(mistake: str, entry: dict[str, Any], place: int) -> str:
+    """Return a mistake in a unit's bench with the key that stands in its entry; as it is where none does."""
+    key, _, what = mistake.partition(": ")
+    parts = key.removeprefix("imu.").removeprefix("unit.").split(".")
+    here: Any = entry
+    for part in parts[:-1] or parts:
+        here = {str(name): of for name, of in here.items()}.get(part) if isinstance(here, dict) else None
+    return mistake if here is None else f"units.{place}.{'.'.join(parts)}: {what} (unit {entry['serial']})"
 
 
 class RecordSection(Section):
@@ -233,7 +215,7 @@ class Bench(WholeFile):
     title: str = ""
     unit: UnitSection
     clock: Literal["system", "virtual"]
-    site: Annotated[Site, BeforeValidator(_site)]
+    site: Annotated[Site, BeforeValidator(site_of)]
     sensors: dict[int, SensorSection] = Field(min_length=1)
     imu: ImuSection
     chamber: ChamberSection
@@ -257,8 +239,14 @@ class Bench(WholeFile):
     def _units_are_benches(cls, given: object) -> object:
         if not isinstance(given, dict) or "units" not in given:
             return given
-        units = _of_each(given)
-        return {**next(iter(units.values())), "faults": given.get("faults", ()), "units": units}
+        own = _of_each(given)
+        units = {}
+        for place, (serial, bench) in enumerate(own.items()):
+            try:
+                units[serial] = cls.model_validate(bench)
+            except ValidationError as error:
+                raise ValueError(_where_listed(first_mistake(error, bench), given["units"][place], place)) from None
+        return {**next(iter(own.values())), "faults": given.get("faults", ()), "units": units}
 
     @property
     def each(self) -> Mapping[str, Bench]:

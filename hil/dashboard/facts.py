@@ -24,7 +24,7 @@ from hil.records import JournalReader, reading
 from hil.records.heartbeat import read_heartbeat
 from hil.records.ledger import HEAD_NAME
 from hil.records.live import LIVE_NAME, OLD_AFTER_S, age_s, read_live
-from hil.records.reader import JOURNAL_NAME
+from hil.records.reader import JOURNAL_NAME, proven_once
 from hil.records.rows import Event
 from hil.records.status import night_status, recorded_verdict, without_samples
 from hil.records.troubles import to_do
@@ -38,6 +38,7 @@ _BAD = {"interlock", "failed", "error", "aborted", "safe-state-not-reached", "in
 _PLAIN = {"night-begins", "night-resumed", "resumed", "restored", "continue", "prompt-ended", "safe-state", "wear"}
 
 Part = dict[str, Any]
+Stamp = tuple[object, object, Owner | None]
 
 
 class NightFacts:
@@ -50,7 +51,7 @@ class NightFacts:
         self._shows = folder  # where the live files are: of several units the first one's tells of the chamber
         self._events: deque[dict[str, Any]] = deque(maxlen=_EVENTS)
         self._last_event = 0
-        self._stamp: object = None
+        self.stamp: Stamp | None = None  # `recorded` at the last look
         self._owner: Owner | None = None
         self._live: Part | None = None
         self._live_stamp: object = None
@@ -66,14 +67,17 @@ class NightFacts:
         """Return every part as it was at the last look."""
         return {**self._parts, **self._curves.whole()}
 
-    def look(self) -> Part:
-        """Look again and return the parts that changed. Raises `InputError` where the journal cannot be read."""
-        owner = living_owner(self.night)  # before the journal, as in `night_status`
+    def look(self, stamp: Stamp | None = None) -> Part:
+        """Look again and return the parts that changed; `stamp` is `recorded` from before the journal was opened.
+
+        Raises `InputError` where the journal cannot be read.
+        """
         fresh: Part = {}
-        stamp = (_stamp(self.night / JOURNAL_NAME), _stamp(self.night / f"{JOURNAL_NAME}-wal"), owner)
-        if stamp != self._stamp:
-            fresh = self._read_journal(owner)
-            self._stamp = stamp
+        if (stamp := stamp or self.recorded) != self.stamp:
+            self._owner = stamp[-1]
+            with proven_once(self.night):
+                fresh = self._read_journal()
+            self.stamp = stamp
         live_stamp = _stamp(self._shows / LIVE_NAME)
         if live_stamp != self._live_stamp:
             self._live, self._live_stamp = read_live(self._shows), live_stamp
@@ -81,6 +85,12 @@ class NightFacts:
         fresh = {name: part for name, part in fresh.items() if part != self._parts.get(name)}
         self._parts |= fresh
         return {**fresh, **self._curves.changes()}
+
+    @property
+    def recorded(self) -> Stamp:
+        """What changes when the journal, or who holds its folder, does."""
+        journal = self.night / JOURNAL_NAME
+        return _stamp(journal), _stamp(journal.with_name(f"{JOURNAL_NAME}-wal")), living_owner(self.night)
 
     @property
     def report(self) -> Path | None:
@@ -111,8 +121,7 @@ class NightFacts:
         """When the night began, as text that sorts."""
         return str(self._status.get("began_utc", ""))
 
-    def _read_journal(self, owner: Owner | None) -> Part:
-        self._owner = owner
+    def _read_journal(self) -> Part:
         self._status = night_status(self.folder)
         with reading(self.folder) as journal:
             if not self._steps:
@@ -217,12 +226,12 @@ def _plan(plan: Plan) -> Part:
 
 
 def _stamp(path: Path) -> tuple[int, int, int] | None:
-    """Return what changes when a file does."""
+    """Return what changes when a file does; an empty one, which whoever reads a journal leaves, is none."""
     try:
         found = path.stat()
     except OSError:
         return None
-    return found.st_ino, found.st_size, found.st_mtime_ns
+    return (found.st_ino, found.st_size, found.st_mtime_ns) if found.st_size else None
 
 
 def unreadable(identity: str, error: Exception) -> Part:

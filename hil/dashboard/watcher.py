@@ -15,13 +15,13 @@ import os
 import secrets
 import threading
 from collections.abc import AsyncIterator, Callable, Mapping
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager, nullcontext, suppress
 from pathlib import Path
 
 from drivers.clock import SystemClock
-from hil.dashboard.facts import NightFacts, Part, unreadable
+from hil.dashboard.facts import NightFacts, Part, Stamp, unreadable
 from hil.errors import InputError
-from hil.records.reader import JOURNAL_NAME
+from hil.records.reader import JOURNAL_NAME, proven_once
 from hil.records.units import UNITS
 
 EVERY_S = 1.0
@@ -103,24 +103,32 @@ class Watcher:
         """
         self._discover()
         changed: dict[str, Part] = {}
-        for identity, night in self._nights.items():
-            try:
-                parts = night.look()
-                if self._broken.pop(identity, None):
-                    parts = night.whole()  # pages have forgotten what they knew of it
-            except Exception as error:  # one night that cannot be read must not hide the others
-                parts = unreadable(identity, error)
-                parts = {} if self._broken.get(identity) == parts else parts
-                self._broken[identity] = parts or self._broken[identity]
-            if parts:
-                changed[identity] = parts
+        of_one = dict[Path, list[NightFacts]]()  # a night and its units
+        for night in self._nights.values():
+            of_one.setdefault(night.night, []).append(night)
+        for folder, facts in of_one.items():
+            stamp = facts[0].recorded
+            with proven_once(folder) if any(each.stamp != stamp for each in facts) else nullcontext():
+                changed |= {each.identity: parts for each in facts if (parts := self._look_at(each, stamp))}
         return changed
+
+    def _look_at(self, night: NightFacts, stamp: Stamp) -> Part:
+        identity = night.identity
+        try:
+            parts = night.look(stamp)
+            if self._broken.pop(identity, None):
+                parts = night.whole()  # pages have forgotten what they knew of it
+        except Exception as error:  # one night that cannot be read must not hide the others
+            parts = unreadable(identity, error)
+            parts = {} if self._broken.get(identity) == parts else parts
+            self._broken[identity] = parts or self._broken[identity]
+        return parts
 
     def _discover(self) -> None:
         """Find the nights that are there, and keep those that are shown; raise `InputError` if the folder has gone."""
         if not self._root.is_dir():  # deleted, or on a disk that is not there any more: its nights have not ended
             raise InputError(f"{self._root}: there is no such folder any more")
-        found = {self._name(each): each for path in self._journals() for each in _night_and_units(path.parent)}
+        found = {self._name(each): each for path in self.journals() for each in _night_and_units(path.parent)}
         self._found = list(found)
         for identity in set(self._nights) - set(found):
             del self._nights[identity]
@@ -128,7 +136,7 @@ class Watcher:
             if identity not in self._nights:
                 self._nights[identity] = NightFacts(folder, identity)
 
-    def _journals(self) -> list[Path]:
+    def journals(self) -> list[Path]:
         """Return the journals to show: the root's own, else of the folders below it, newest first."""
         own = self._root / JOURNAL_NAME
         if own.is_file():

@@ -9,6 +9,8 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
+from hil.errors import InputError
+
 PARTIAL = ".partial-"
 """How the temporary name of a file or folder begins that is not finished."""
 
@@ -52,6 +54,14 @@ def write_durably(disk: RealDisk, path: Path, data: bytes) -> None:
             partial.unlink(missing_ok=True)
         raise
     disk.synchronise_folder(path.parent)
+
+
+def write_result(path: Path, data: bytes | str) -> None:
+    """Write a file that somebody asked for as `write_durably` does; raise `InputError` where it cannot be written."""
+    try:
+        write_durably(RealDisk(), path, data.encode() if isinstance(data, str) else data)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 def make_folders(disk: RealDisk, folder: Path) -> list[Path]:

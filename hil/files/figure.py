@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hil.errors import InputError
-from hil.files.durable import RealDisk, write_durably
+from hil.files.durable import write_result
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -63,7 +63,4 @@ def drawn(figure: Figure, kind: str = "svg") -> bytes:
 def save_figure(figure: Figure, path: Path) -> None:
     """Write `figure` to `path`, whole or not at all; raise `InputError` where the file cannot be written."""
     check_name(path)
-    try:
-        write_durably(RealDisk(), path, drawn(figure, path.suffix.lower().removeprefix(".")))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+    write_result(path, drawn(figure, path.suffix.lower().removeprefix(".")))

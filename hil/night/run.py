@@ -20,7 +20,7 @@ import platform
 import shutil
 import sqlite3
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
@@ -31,7 +31,7 @@ from drivers.clock import PacedClock, VirtualClock
 from hil.bench import LiveBench, build_bench
 from hil.bench.lock import bench_lock
 from hil.config import Bench, Sweep, check_sweep_against_bench, planned
-from hil.config.recorded import CONFIGURATION, configuration_of, configuration_text, recorded_limits
+from hil.config.recorded import CONFIGURATION, configuration_of, configuration_text
 from hil.errors import InputError
 from hil.files.folder import whole_or_nothing
 from hil.files.lock import FolderLock
@@ -47,7 +47,7 @@ from hil.records.heartbeat import HeartbeatFile
 from hil.records.identity import night_identity
 from hil.records.ledger import read_key
 from hil.records.live import TRACE_NAME, LiveFiles
-from hil.records.reader import refuse_existing
+from hil.records.reader import proven_once, refuse_existing
 from hil.records.requests import user
 from hil.records.rows import Night
 from hil.records.status import VERDICT
@@ -162,6 +162,7 @@ def resume_night(
         damaged = damaged_self_calibrations(reader)
         withdrawn = {key for key in reader.completed() if reader.steps_by_key()[key].self_calibration in damaged}
         done = reader.completed().keys() - withdrawn
+        begun = {each.step_key for each in reader.attempts()}
         serial = night_identity(reader).get("serial", said.serial)
     if said.serial not in ("", serial):
         raise InputError(f"{folder}: it is a night of unit {serial}, and {said.serial} was typed; which?")
@@ -184,6 +185,7 @@ def resume_night(
             visited=visited,
             session=len(controllers),
             gone_s=last_s + down_s,
+            begun=begun,
             ask=attendant,
             speed=speed,
         )
@@ -292,7 +294,9 @@ def judge(journal: SqliteJournal, state: str) -> None:
     """
     from hil.analysis.night_verdict import of_units  # only an end needs what solves
 
-    judged = {unit: _judged(journal, unit, state) for unit in journal.plan.units}
+    done = journal.completed().keys()
+    with proven_once(journal.folder):
+        judged = {unit: _judged(journal, unit, state, done) for unit in journal.plan.units}
     ends = {unit: each for unit, each in judged.items() if each is not None}
     if ends and "" not in judged:
         verdict, in_spec = of_units({u: v for u, (v, _) in ends.items()}, {u: i for u, (_, i) in ends.items() if i})
@@ -305,13 +309,14 @@ def judge(journal: SqliteJournal, state: str) -> None:
         journal.event(VERDICT, told, **vars(verdict), **seals, in_spec=in_spec, **whose)
 
 
-def _judged(journal: SqliteJournal, unit: str, state: str) -> tuple[Judgement, dict[str, str] | None] | None:
+def _judged(
+    journal: SqliteJournal, unit: str, state: str, done: Collection[str]
+) -> tuple[Judgement, dict[str, str] | None] | None:
     """Return how good a unit's part of the night is, and whether the unit is; None where its records are damaged."""
     from hil.analysis.in_spec import in_spec_of
     from hil.analysis.night_verdict import night_solutions, night_verdict
 
     folder = unit_folder(journal.folder, unit)
-    done = journal.completed().keys()
     if unit and all(step.key in done for step in journal.plan.of_unit(unit).steps):
         state = "complete"
     try:
@@ -319,8 +324,6 @@ def _judged(journal: SqliteJournal, unit: str, state: str) -> tuple[Judgement, d
         judged = night_verdict(state, solutions)
     except InputError:
         return None  # whoever reads it is told why
-    if recorded_limits(journal.night.configuration) is None:  # to ask further would prove the whole journal again
-        return judged, None
     found = in_spec_of(folder, campaign, solutions, state=state)
     return judged, None if found is None else found.brief()
 

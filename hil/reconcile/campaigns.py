@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -74,12 +75,16 @@ class ScreenedUnit(Facts):
 
 @dataclass(frozen=True)
 class Screened:
-    """A fleet: its units, what those of each layout have in common (with their number), what could not be read."""
+    """A fleet: its units, what those of each layout have in common (with their number), what could not be read.
+
+    `said` is what else to know: which workers took no part.
+    """
 
     model: str
     units: Sequence[ScreenedUnit]
     shared: Sequence[tuple[int, SharedFinding]]
     not_screened: Mapping[str, str]
+    said: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -131,7 +136,7 @@ def screen_folders(
     groups: list[_Group] = []
     units: list[ScreenedUnit] = []
     shared: list[tuple[int, SharedFinding]] = []
-    with _workers(workers, cluster) as mapped:
+    with _workers(workers, cluster) as (mapped, said):
         for place, read in in_turn(mapped, places):
             if isinstance(read, str):
                 told[place] = read
@@ -159,7 +164,7 @@ def screen_folders(
         raise InputError("; ".join(f"{place}: {why}" for place, why in list(told.items())[:3]))
     q_values = false_discovery(np.array([each.finding.p_value for each in units])).tolist()
     units = [replace(each, finding=replace(each.finding, q_value=q)) for each, q in zip(units, q_values, strict=True)]
-    return Screened(chosen.full_title, sorted(units, key=lambda each: each.finding.p_value), shared, told)
+    return Screened(chosen.full_title, sorted(units, key=lambda each: each.finding.p_value), shared, told, said)
 
 
 def pieces_in(folders: Sequence[Path]) -> list[tuple[str, int]]:
@@ -238,8 +243,11 @@ def _weigh(piece: tuple[_Layout, Sequence[Mapping[int, FloatArray]]]) -> FloatAr
 
 
 @contextmanager
-def _workers(count: int, cluster: str | None) -> Iterator[Map]:
-    """Give what carries a function out over many things, in their order."""
+def _workers(count: int, cluster: str | None) -> Iterator[tuple[Map, Sequence[str]]]:
+    """Give what carries a function out over many things, in their order, and what to know of the workers.
+
+    A worker with another version of hil takes no part: the numbers would depend on who weighed what.
+    """
     if cluster is not None:
         try:
             from distributed import Client  # the optional extra `cluster`
@@ -250,12 +258,28 @@ def _workers(count: int, cluster: str | None) -> Iterator[Map]:
         except (OSError, ValueError) as error:
             raise InputError(f"--cluster {cluster}: no Dask scheduler answers there ({error})") from None
         with client:
-            yield lambda function, things: iter(client.gather(client.map(function, list(things), pure=False)))
+            told = {who: str(each) for who, each in client.run(_version, on_error="return").items()}
+            same = [who for who, each in told.items() if each == _version()]
+            others = [f"{who} has hil {each}" for who, each in sorted(told.items()) if who not in same]
+            if told and not same:
+                raise InputError(f"--cluster {cluster}: no worker has hil {_version()} as here; {'; '.join(others)}")
+            only = same if others else None  # where all are alike, also those that come later
+            said = [f"{each}, not {_version()} as here, and took no part" for each in others]
+            yield (
+                lambda function, things: iter(
+                    client.gather(client.map(function, list(things), pure=False, workers=only))
+                ),
+                said,
+            )
     elif count > 1:
         from concurrent.futures import ProcessPoolExecutor
         from multiprocessing import get_context
 
         with ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool:
-            yield lambda function, things: pool.map(function, things)
+            yield (lambda function, things: pool.map(function, things)), ()
     else:
-        yield map
+        yield map, ()
+
+
+def _version() -> str:
+    return version("hil")

@@ -19,7 +19,7 @@ from uuid import NAMESPACE_OID, uuid5
 from hil.campaign.formats import unit_of
 from hil.campaign.writer import columns_of
 from hil.errors import InputError
-from hil.files.durable import RealDisk, write_durably
+from hil.files.durable import write_result
 from hil.records.export import Export, campaign_of_night
 from hil.records.reader import JournalReader, is_night, reading
 from hil.records.status import in_brief, missing_in_words
@@ -43,10 +43,7 @@ def export_documents(folder: Path | str, out: Path | str) -> Export:
         raise InputError(f"{folder}: no night; documents are made of a journal, which a campaign folder does not have")
     with reading(folder) as journal:
         lines = [json.dumps(each, allow_nan=False) + "\n" for each in documents_of(journal)]
-    try:
-        write_durably(RealDisk(), target, "".join(lines).encode())
-    except OSError as error:
-        raise InputError(f"{target}: cannot be written: {error.strerror}") from None
+    write_result(target, "".join(lines))
     return Export(target, len(lines), ())
 
 

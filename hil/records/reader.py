@@ -6,11 +6,14 @@
 Nothing here changes a night. Inside `snapshot` all reads see the same instant.
 """
 
+from __future__ import annotations
+
 import json
 import os
 import sqlite3
+import threading
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
@@ -20,6 +23,7 @@ from urllib.parse import quote
 
 from hil.errors import Damaged, InputError
 from hil.files.folder import is_new
+from hil.files.lock import Owner, living_owner
 from hil.records import schema as journal_schema
 from hil.records.blocks import BLOCKS, SAMPLES, SUFFIXES, Block
 from hil.records.ledger import HEAD_NAME, breaks
@@ -31,6 +35,7 @@ from procedures.journal_protocol import Outcome, StepResult, of_unit
 from procedures.plan import Plan, Step
 
 _BUSY_S = 30.0
+_once = threading.local()  # its `journal` is that of the night that is proven once
 _LONGEST = 200  # characters of what SQLite says: it quotes whole tables
 
 
@@ -41,10 +46,13 @@ class JournalReader:
     chamber, as if it had been alone.
     """
 
-    def __init__(self, folder: Path, connection: sqlite3.Connection, unit: str = "") -> None:
+    def __init__(
+        self, folder: Path, connection: sqlite3.Connection, unit: str = "", known: JournalReader | None = None
+    ) -> None:
         self.folder = folder
         self.unit = unit
-        self.found: Sequence[str] = ()  # what `reading` found damaged
+        self.found: Sequence[str] = known.found if known else ()  # what `reading` found damaged
+        self.owner: Owner | None = known.owner if known else None  # who held the folder just before
         self._connection = connection
 
     def close(self) -> None:
@@ -330,13 +338,12 @@ def reading(folder: Path, *, damaged_too: bool = False) -> Iterator[JournalReade
     """Open the journal of a night, see one instant of it, and prove that it is what was written.
 
     Raises `Damaged` where it is not; with `damaged_too` only where it cannot be understood, for those who say what
-    stands in `journal.found` beside what they read.
+    stands in `journal.found` beside what they read. Within `proven_once` it is that instant, which is proven already.
     """
-    witnesses = Witnesses.of(night_of(folder))
-    found: list[str] | None = None
+    found: Sequence[str] | None = None
     try:
-        with open_readonly(folder) as journal, journal.snapshot():
-            journal.found = found = journal.damage(witnesses)
+        with _proven(folder) as journal:
+            found = journal.found
             if not damaged_too:
                 refuse(journal.folder, found)
             yield journal
@@ -344,6 +351,32 @@ def reading(folder: Path, *, damaged_too: bool = False) -> Iterator[JournalReade
         if found == [] and not isinstance(error, journal_schema.UNREADABLE):
             raise  # a defect of ours, not of the records
         refuse(folder, found or [f"{JOURNAL_NAME}: cannot be understood ({shorten(str(error), _LONGEST)})"])
+
+
+@contextmanager
+def _proven(folder: Path) -> Iterator[JournalReader]:
+    night, unit = place_of(folder)
+    if (known := getattr(_once, "journal", None)) is not None and known.folder == night:
+        yield JournalReader(night, known._connection, unit, known)
+        return
+    owner = living_owner(night)  # before the journal: who ends in between has written its end
+    witnesses = Witnesses.of(night)
+    with open_readonly(folder) as journal, journal.snapshot():
+        journal.found, journal.owner = journal.damage(witnesses), owner
+        yield journal
+
+
+@contextmanager
+def proven_once(night: Path) -> Iterator[None]:
+    """Let everything that this thread reads of a night within, of whichever unit, be one instant that is proven once.
+
+    Where the journal cannot be understood, whoever reads it is told.
+    """
+    with ExitStack() as held:
+        held.callback(setattr, _once, "journal", getattr(_once, "journal", None))
+        with suppress(InputError):
+            _once.journal = held.enter_context(reading(night, damaged_too=True))
+        yield
 
 
 def _mapping(text: str | None) -> Mapping[str, Any]:

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.clock import SystemClock
-from hil.files.lock import Owner, living_owner
+from hil.files.lock import Owner
 from hil.records.damage import LostBlock, lost_blocks
 from hil.records.heartbeat import SILENCE_BORNE_S, Heartbeat, read_heartbeat
 from hil.records.identity import night_identity
@@ -28,7 +28,7 @@ from hil.records.reader import JournalReader, reading
 from hil.records.requests import forsaken_chamber
 from hil.records.rows import Attempt, Controller, Event
 from hil.records.troubles import troubles
-from hil.records.units import night_of, unit_folder
+from hil.records.units import unit_folder
 from procedures.journal_protocol import Outcome
 from procedures.plan import Plan, StepKind, lasting_s
 from procedures.safe_air import Left, Word
@@ -55,10 +55,8 @@ _WHOLE = re.compile(r"(?P<whose>units? .*: )?self-calibration (?P<run>\d+) (?P<a
 
 def night_status(folder: Path | str) -> dict[str, Any]:
     """Return the document hil.status/1 of a night; raise `InputError` where the folder holds none."""
-    folder = Path(folder)
-    owner = living_owner(night_of(folder))  # before the journal: who ends in between has written its end
-    with reading(folder, damaged_too=True) as journal:
-        return _document(_Facts.of(journal, owner))
+    with reading(Path(folder), damaged_too=True) as journal:
+        return _document(_Facts.of(journal))
 
 
 @dataclass(frozen=True)
@@ -75,12 +73,13 @@ class _Facts:
     events: Sequence[Event]
 
     @classmethod
-    def of(cls, journal: JournalReader, owner: Owner | None) -> _Facts:
+    def of(cls, journal: JournalReader) -> _Facts:
         controllers = journal.controllers()
         newest = controllers[-1] if controllers else None
         attempts = journal.attempts()
         done = {each.step_key: each for each in attempts if each.outcome is Outcome.DONE}
         beat = read_heartbeat(journal.folder)
+        owner = journal.owner
         beat = beat if beat is not None and owner is not None and beat.pid == owner.pid else None
         return cls(journal, owner, attempts, done, newest, lost_blocks(journal, read=False), beat, journal.events())
 

@@ -8,9 +8,11 @@ of it what was done to that unit and to the chamber.
 """
 
 import os
+from contextlib import suppress
 from pathlib import Path
 
 from hil.errors import InputError
+from hil.files.durable import RealDisk, make_folders
 
 UNITS = "units"
 JOURNAL_NAME = "journal.sqlite"
@@ -32,6 +34,14 @@ def place_of(folder: Path) -> tuple[Path, str]:
 def night_of(folder: Path) -> Path:
     """Return the folder of the night, which is the folder itself where it names no unit of one."""
     return place_of(folder)[0]
+
+
+def writable(folder: Path) -> Path:
+    """Return the folder of a night or a unit; a unit's that was deleted is made again: the journal has what matters."""
+    if place_of(folder)[1]:
+        with suppress(OSError):  # who writes in it says why not
+            make_folders(RealDisk(), folder)
+    return folder
 
 
 def refuse_unit(folder: Path) -> None:

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.analysis.against import Comparison, Difference
-from hil.files.durable import RealDisk, write_durably
+from hil.files.durable import write_result
 from hil.files.numbers import decimals_for, degrees
 from hil.files.page import in_style, rendered
 from hil.records.status import in_brief
@@ -25,8 +25,8 @@ def render(content: ReportContent, *, whole: bool = False) -> str:
 
 
 def write_page(content: ReportContent, path: Path, *, whole: bool = False) -> None:
-    """Write the report to `path`, whole or not at all."""
-    write_durably(RealDisk(), path, render(content, whole=whole).encode())
+    """Write the report to `path`, whole or not at all; raise `InputError` where it cannot be written."""
+    write_result(path, render(content, whole=whole))
 
 
 def _page(content: ReportContent) -> dict[str, Any]:

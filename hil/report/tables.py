@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from hil.files.durable import RealDisk, write_durably
+from hil.files.durable import write_result
 from hil.report.content import ReportContent
 
 TableFormat = Literal["csv", "parquet"]
@@ -55,7 +55,7 @@ def tables_of(content: ReportContent) -> Mapping[str, pa.Table]:
 
 
 def write_tables(content: ReportContent, stem: Path, kind: TableFormat) -> list[Path]:
-    """Write every table as `<stem>-<name>.<kind>`; return the files. Raises `OSError` where the disk is full."""
+    """Write every table as `<stem>-<name>.<kind>`; return the files. Raises `InputError` where it cannot."""
     written = []
     for name, table in tables_of(content).items():
         stream = io.BytesIO()
@@ -65,7 +65,7 @@ def write_tables(content: ReportContent, stem: Path, kind: TableFormat) -> list[
         else:
             pyarrow.parquet.write_table(table, stream)
         path = stem.with_name(f"{stem.name}-{name}.{kind}")
-        write_durably(RealDisk(), path, stream.getvalue())
+        write_result(path, stream.getvalue())
         written.append(path)
     return written
 

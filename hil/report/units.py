@@ -4,7 +4,7 @@ import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from hil.files.durable import RealDisk, write_durably
+from hil.files.durable import write_result
 from hil.files.page import in_style, rendered
 from hil.records import reading
 from hil.records.reader import JournalReader
@@ -15,24 +15,29 @@ from hil.report.statements import good
 from procedures.plan import StepKind
 
 
-def write_units(source: Path, path: Path, reports: Mapping[str, tuple[Path, ReportContent]]) -> None:
-    """Write the page over the units of the night in `source`; `reports` are theirs, by unit: where, and what they say.
+def write_units(
+    source: Path, path: Path, reports: Mapping[str, tuple[Path, ReportContent]], without: Mapping[str, str]
+) -> None:
+    """Write the page over the units of the night in `source`.
 
-    Raises `OSError` where it cannot be written.
+    `reports` are theirs, by unit: where, and what they say; `without` is why a unit has none. Raises `InputError` where
+    it cannot be written.
     """
     status = night_status(source)
     with reading(source) as journal:
         verdict, soaks = recorded_verdict(journal), list(_soaks(journal))
     units = []
     for each in status["units"]:
-        at, content = reports[each["unit"]]
-        judged, why = good(content)
-        in_spec = None if content.in_spec is None else content.in_spec.brief()
-        reason = each["reason"] if each["set_aside"] else why
-        units.append(
-            {**each, "page": os.path.relpath(at, path.parent), "verdict": judged, "in_spec": in_spec, "why": reason}
-        )
-    page = {
+        page: str | None = None
+        brief: Mapping[str, str] | None = None
+        judged, why = "ERROR", without.get(each["unit"], "")
+        if each["unit"] in reports:
+            at, content = reports[each["unit"]]
+            page, (judged, why) = os.path.relpath(at, path.parent), good(content)
+            brief = None if content.in_spec is None else content.in_spec.brief()
+        reason = each["reason"] if page and each["set_aside"] else why
+        units.append({**each, "page": page, "verdict": judged, "in_spec": brief, "why": reason})
+    document = {
         "title": status["title"],
         "running_title": in_style(status["title"]),
         "identity": status["identity"],
@@ -45,7 +50,7 @@ def write_units(source: Path, path: Path, reports: Mapping[str, tuple[Path, Repo
         "soaks": soaks,
         "whole": False,
     }
-    write_durably(RealDisk(), path, rendered("hil.report", "units.html.j2", page).encode())
+    write_result(path, rendered("hil.report", "units.html.j2", document))
 
 
 def _soaks(journal: JournalReader) -> Iterator[tuple[int | None, float | None, float, str]]:

@@ -84,10 +84,12 @@ def simulate_devices(
         leak_s=settings.chamber.leak,
         begins_s=begins_s,
     )
-    imus, units = {}, {}
+    imus, units = dict[str, SimulatedImu](), dict[str, SimulatedUnit]()
     for name, own in bench.each.items():
         stream = descriptions[name]
-        units[name] = _unit(own, stream, plant, begins_s, first_run=first_run, visited=visited, session=session)
+        night = {"first_run": first_run, "visited": visited, "session": session}
+        alike = next((units[other] for other in units if _kind(bench.each[other]) == _kind(own)), None)
+        units[name] = _unit(own, stream, plant, begins_s, alike=alike, **night)
         imus[name] = _imu(own, stream, units[name], begins_s)
     options = SimulatorOptions(
         address=bench.chamber.address,
@@ -104,6 +106,13 @@ def simulate_devices(
     except ValueError as error:
         raise InputError(f"{bench.source or bench.name}: the simulated chamber: {error}") from error
     return SimulatedBench(imus, chamber, units, plant, ramp_port_of(chamber))
+
+
+def _kind(bench: Bench) -> tuple[object, ...]:
+    """Return what a unit is like, all but what is its own: its name, its port, its noise and its faults."""
+    own = {"seed": 0, "imu_faults": ()}
+    simulation = bench.simulation and bench.simulation.model_copy(update=own)
+    return simulation, bench.sensors, bench.imu.model_copy(update={"port": ""}), bench.imu_description, bench.positions
 
 
 def _unit(
@@ -125,12 +134,27 @@ def _unit(
     return SimulatedUnit(bench, model, roles, plant, sample_rate_hz=rate_hz, begins_s=begins_s, **night)
 
 
+def _check_identity(bench: Bench, description: StreamDescription, told: Mapping[str, str]) -> None:
+    """Raise `InputError` for what the frame in which a simulated unit says who it is has no room for."""
+    role = None if description.roles is None else description.roles.identity
+    if role is None or role.frame is None:
+        return
+    for key, text in told.items():
+        field = description.frames[role.frame].fields.get(getattr(role, key) or "")
+        if field is not None and not (text.isascii() and len(text) <= field.width):
+            raise InputError(
+                f"{bench.source or bench.name}: unit.{key}: {text!r}: a simulated unit says it in a frame of "
+                f"{description.name} that has room for {field.width} characters of ASCII; give a shorter one"
+            )
+
+
 def _imu(bench: Bench, description: StreamDescription, unit: SimulatedUnit, begins_s: float) -> SimulatedImu:
     """Return the bytes of one unit."""
     settings = bench.simulation
     if settings is None:
         raise InputError(f"{bench.source or bench.name}: there is no simulation section, so nothing to simulate")
     serial = "SIM-0001" if bench.unit.serial == ASK else bench.unit.serial
+    _check_identity(bench, description, {"model": bench.unit.model, "serial": serial})
     return SimulatedImu(
         description,
         unit,

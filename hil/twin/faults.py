@@ -12,7 +12,7 @@ import errno
 import math
 import os
 import signal
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -59,10 +59,16 @@ class FullDisk(RealDisk):
 
 
 class FaultInjector(Silent):
-    """The faults of one bench in one process. `gone_s` is how long the night had been going when its clock began."""
+    """The faults of one bench in one process. `gone_s` is how long the night had been going when its clock began.
 
-    def __init__(self, faults: Sequence[Fault], clock: Clock, *, gone_s: float = 0.0) -> None:
-        self._waiting = [fault for fault in faults if fault.at_s is None]
+    `begun` are the keys of the steps that had begun by then, of whichever unit: what waited for them has happened.
+    """
+
+    def __init__(
+        self, faults: Sequence[Fault], clock: Clock, *, gone_s: float = 0.0, begun: Collection[str] = ()
+    ) -> None:
+        over = {*begun, *(key.partition("@")[0] for key in begun)}  # a step, and the stage of all units
+        self._waiting = [fault for fault in faults if fault.at_s is None and fault.at not in over]
         self._timed = [fault for fault in faults if fault.at_s is not None]
         self._clock = clock
         self._begun_s = clock.now() - gone_s  # what the clock showed, or would have shown, when the night began
@@ -105,8 +111,9 @@ class FaultInjector(Silent):
         return turn
 
     def step_began(self, step: Step, attempt: int) -> None:
-        """Let happen what waits for this step, at the first attempt of the night; not when it is done again."""
-        for fault in [each for each in self._waiting if each.at in (step.key, step.stage) and attempt == 1]:
+        """Let happen what waits for this step, once; not when it is done again."""
+        del attempt
+        for fault in [each for each in self._waiting if each.at in (step.key, step.stage)]:
             self._waiting.remove(fault)
             self._let_happen(fault, self._clock.now())
         self._kill_if_due()

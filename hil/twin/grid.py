@@ -1,7 +1,8 @@
 """What moves slowly in the simulated unit, on a grid of 5 s: temperatures, coefficients, supply, spin, noise levels."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ _SUPPLY_LAG_S = 3600.0
 _KEPT = 720  # grid points of what samples are made of
 
 AIR, CASE, ROTOR = 0, 1, 2
+_Made = TypeVar("_Made")
 
 
 class GrowingTable:
@@ -107,11 +109,27 @@ def field_columns(sensors: Mapping[int, SimulatedSensor], roles: Roles) -> Field
     )
 
 
+class Supply:
+    """What one unit is supplied with at the grid points, V: it wanders."""
+
+    def __init__(self, settings: SimulationSection, session: int) -> None:
+        self._nominal = settings.supply
+        self._wander = Wander(settings.seed, session, settings.noise.supply_wander, _SUPPLY_LAG_S)
+        self._table = GrowingTable(1)
+
+    def at(self, nodes: NDArray[np.int64]) -> FloatArray:
+        """Return it at grid points, (n,)."""
+        lacking = int(nodes.max(initial=-1)) + 1 - len(self._table.rows)
+        if lacking > 0:
+            self._table.append((self._nominal + self._wander.advance(lacking))[:, None])
+        return self._table.at(nodes)[:, 0]
+
+
 class SlowGrid:
-    """The grid points up to now. Every table has one row per grid point; slopes are per second.
+    """The grid points up to now, of units of one kind in one air. Every table has one row for each; slopes are per s.
 
     Temperatures are kept for as long as the unit lives, for `SimulatedUnit.truth`. What only samples are
-    made of is kept for an hour: time never goes backwards.
+    made of is kept for an hour after each unit asked last: time never goes backwards.
     """
 
     def __init__(
@@ -122,7 +140,6 @@ class SlowGrid:
         thermal: ThermalUnit,
         *,
         begins_s: float,
-        session: int,
         sample_rate_hz: float,
     ) -> None:
         self._sensors, self._columns, self._settings, self._thermal = sensors, columns, settings, thermal
@@ -133,14 +150,16 @@ class SlowGrid:
         self.level, self.slope, self.sigma = (GrowingTable(fields) for _ in range(3))
         self._state, self._state_slope = GrowingTable(3), GrowingTable(2)
         self._coefficients = {n: GrowingTable(8 * one.channels) for n, one in sensors.items()}  # beside their slopes
-        self._supply = Wander(settings.seed, session, settings.noise.supply_wander, _SUPPLY_LAG_S)
+        self._asked: dict[object, int] = {}  # how many points there were when each unit asked last
+        self._known: dict[object, tuple[object, Any]] = {}
 
-    def advance(self, to_s: float) -> None:
-        """Add the grid points up to `to_s`."""
+    def advance(self, to_s: float, unit: object) -> None:
+        """Add the grid points up to `to_s`, for which a `unit` asks."""
         times_s, state, slopes = self._thermal.advance(to_s)
+        self._asked[unit] = len(self._state.rows)
         if not len(times_s):
             return
-        oldest = len(self._state.rows) - _KEPT
+        oldest = min(self._asked.values()) - _KEPT
         for table in (self.level, self.slope, self.sigma, *self._coefficients.values()):
             table.drop_before(oldest)
         self._state.append(state)
@@ -150,6 +169,22 @@ class SlowGrid:
             then = one.coefficients(state[:, ROTOR] + GRID_S * slopes[:, 1])
             self._coefficients[number].append(np.hstack([now, (then - now) / GRID_S]))
         self._append_fields(state, slopes)
+
+    def once(self, what: object, key: object, made: Callable[[], _Made]) -> _Made:
+        """Return what the units have in common at a poll, `made` for the first that asks with this `key`."""
+        if self._known.get(what, (None,))[0] != key:
+            self._known[what] = key, made()
+        found: _Made = self._known[what][1]
+        return found
+
+    def between(self, times_s: FloatArray) -> tuple[NDArray[np.int64], FloatArray, FloatArray, FloatArray]:
+        """Return of rising times (n,) the grid points before them, s since these, and of every field noise and value.
+
+        Shapes (n,), (n,), (n, fields), (n, fields). Supply, rates and accelerations are each unit's own.
+        """
+        nodes = self.nodes(times_s)
+        since_s = times_s - self.time_of(nodes)
+        return nodes, since_s, self.sigma.at(nodes), self.level.at(nodes) + self.slope.at(nodes) * since_s[:, None]
 
     def nodes(self, times_s: FloatArray) -> NDArray[np.int64]:
         """Return the number of the grid point at or before each time, (n,); the first one for earlier times."""
@@ -174,9 +209,9 @@ class SlowGrid:
         return self._coefficients[sensor]
 
     def conditions(self, sensor: int, nodes: NDArray[np.int64]) -> dict[str, FloatArray]:
-        """Return supply and spin period at grid points, (n,) each, by campaign column name, as far as simulated."""
-        places = {"supply_V": self._columns.supply, "spin_period_us": self._columns.spins.get(sensor)}
-        return {name: self.level.at(nodes)[:, place] for name, place in places.items() if place is not None}
+        """Return the spin period at grid points, (n,), by campaign column name, where it is simulated."""
+        place = self._columns.spins.get(sensor)
+        return {} if place is None else {"spin_period_us": self.level.at(nodes)[:, place]}
 
     def _append_fields(self, state: FloatArray, slopes: FloatArray) -> None:
         columns, noise = self._columns, self._settings.noise
@@ -198,7 +233,6 @@ class SlowGrid:
             level[:, column] = period * (1.0 + _SPIN_PER_DEGC * (state[:, ROTOR] - _REFERENCE_DEGC))
             sigma[:, column] = _SPIN_SIGMA_US
         if columns.supply is not None:
-            level[:, columns.supply] = self._settings.supply + self._supply.advance(len(state))
             sigma[:, columns.supply] = noise.supply
         self.level.append(level)
         self.slope.append(slope)

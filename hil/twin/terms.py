@@ -17,7 +17,7 @@ from drivers.simulators.chambers.plant import ChamberPlant
 from hil.campaign import Conditions, FloatArray
 from hil.model.effects.base import Scatter, VarianceEffect
 from hil.model.effects.history import joined
-from hil.twin.grid import CASE, ROTOR, SlowGrid
+from hil.twin.grid import CASE, ROTOR, SlowGrid, Supply
 from hil.twin.motion import Leg
 from hil.twin.scatter import NamedNoise
 from hil.twin.sensor import SimulatedSensor
@@ -39,8 +39,11 @@ class Rest:
 class GridRows:
     """What a campaign would know of a sensor at grid points."""
 
-    def __init__(self, sensor: SimulatedSensor, grid: SlowGrid, spun_up_s: float, plant: ChamberPlant) -> None:
-        self.sensor, self._grid, self._spun_up_s, self._plant = sensor, grid, spun_up_s, plant
+    def __init__(
+        self, sensor: SimulatedSensor, grid: SlowGrid, supply: Supply | None, spun_up_s: float, plant: ChamberPlant
+    ) -> None:
+        self.sensor, self._grid, self._supply = sensor, grid, supply
+        self._spun_up_s, self._plant = spun_up_s, plant
         self.begins_s = float(grid.time_of(np.array([0]))[0])
 
     def node_of(self, time_s: float) -> int:
@@ -59,6 +62,7 @@ class GridRows:
             "dTdt_degC_per_min": 60.0 * slopes[:, 1],
             "time_since_power_on_s": begins_s - self._spun_up_s,
             "time_since_index_s": np.maximum(begins_s - here.leg.ends_s, 0.0) if known else np.full(len(nodes), np.nan),
+            **({} if self._supply is None else {"supply_V": self._supply.at(nodes)}),
             **self._grid.conditions(self.sensor.sensor.number, nodes),
         }
         columns["setpoint_degC"], columns["time_since_setpoint_s"] = self._plant.setpoint_at(begins_s)

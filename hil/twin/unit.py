@@ -25,9 +25,10 @@ from drivers.frames.roles import Roles
 from drivers.simulators.chambers.plant import ChamberPlant
 from hil.campaign import FloatArray
 from hil.config.bench import Bench
+from hil.config.simulation import SimulationSection
 from hil.errors import InputError
 from hil.model import Model
-from hil.twin.grid import ROTOR, FieldColumns, SlowGrid, field_columns
+from hil.twin.grid import ROTOR, FieldColumns, SlowGrid, Supply, field_columns
 from hil.twin.motion import Leg, Timeline
 from hil.twin.scatter import WhiteNoise
 from hil.twin.sensor import SimulatedSensor
@@ -52,6 +53,8 @@ class Truth:
 class SimulatedUnit:
     """The physics of the simulated unit. `first_run`, `visited`, `session` carry on a night: see `simulate_devices`.
 
+    A unit that is `alike` in all but its seed, in the same air, shares what moves slowly.
+
     Raises `InputError` where the bench has no simulation or begins at a position that it does not have, or a term of
     the model needs a condition that is not simulated.
     """
@@ -68,6 +71,7 @@ class SimulatedUnit:
         first_run: int = 1,
         visited: Sequence[str] = (),
         session: int = 0,
+        alike: SimulatedUnit | None = None,
     ) -> None:
         settings = bench.simulation
         if settings is None:
@@ -81,22 +85,8 @@ class SimulatedUnit:
         self._gravity, self._earth_rate = bench.site.gravity_g(), bench.site.earth_rate_deg_per_hr()
         self._sensors = {n: SimulatedSensor(bench, n, roles.sensors[n], model) for n in sorted(bench.sensors)}
         self._columns: FieldColumns = field_columns(self._sensors, roles)
-        thermal = ThermalUnit(
-            settings.thermal,
-            plant,
-            start_degC=settings.start.temperature,
-            begins_s=begins_s,
-            powered_for_s=settings.start.powered_for,
-        )
-        self._grid = SlowGrid(
-            self._sensors,
-            self._columns,
-            settings,
-            thermal,
-            begins_s=begins_s,
-            session=session,
-            sample_rate_hz=sample_rate_hz,
-        )
+        self._grid: SlowGrid = alike._grid if alike else self._slow_grid(settings, plant, begins_s, sample_rate_hz)
+        self._supply = None if self._columns.supply is None else Supply(settings, session)
         self._timeline = Timeline(
             {n: bench.orientations(n) for n in self._sensors},
             settings.start.position,
@@ -106,14 +96,22 @@ class SimulatedUnit:
         )
         self._white = WhiteNoise(settings.seed, session, len(self._columns.names))
         spun_up_s = begins_s - settings.start.powered_for
-        self._rows = {n: GridRows(one, self._grid, spun_up_s, plant) for n, one in self._sensors.items()}
+        self._rows = {n: GridRows(one, self._grid, self._supply, spun_up_s, plant) for n, one in self._sensors.items()}
         self._terms = {n: TermRates(rows) for n, rows in self._rows.items() if model.terms_for(rows.sensor.sensor)}
         self._scatters = [n for n, one in self._sensors.items() if one.scattering]
         self._scatter: dict[int, ScatterRates] = {}  # once there is a grid point
         self._streams = settings.seed, session, sample_rate_hz
-        self._grid.advance(begins_s)
+        self._grid.advance(begins_s, self)
         for number in self._terms:  # or the night would end at its first sample
             model.rates(self._rows[number].at(self._rest(number, self._timeline.legs[0]), np.zeros(1, dtype=np.int64)))
+
+    def _slow_grid(
+        self, settings: SimulationSection, plant: ChamberPlant, begins_s: float, sample_rate_hz: float
+    ) -> SlowGrid:
+        begins = {"start_degC": settings.start.temperature, "powered_for_s": settings.start.powered_for}
+        thermal = ThermalUnit(settings.thermal, plant, begins_s=begins_s, **begins)
+        timing = {"begins_s": begins_s, "sample_rate_hz": sample_rate_hz}
+        return SlowGrid(self._sensors, self._columns, settings, thermal, **timing)
 
     def start_move(self, position: str, begins_s: float, ends_s: float) -> None:
         """Turn to `position` from `begins_s` to `ends_s`; a move that takes no time says where the unit is at first."""
@@ -132,12 +130,14 @@ class SimulatedUnit:
         times = np.asarray(times_s, dtype=np.float64)
         readings = self._white.draw(len(times))
         if len(times):
-            self._grid.advance(float(times[-1]))
+            self._grid.advance(float(times[-1]), self)
             white = self._white_scatter(len(times))
-            nodes = self._grid.nodes(times)
-            since_s = times - self._grid.time_of(nodes)
-            readings *= self._grid.sigma.at(nodes)
-            readings += self._grid.level.at(nodes) + self._grid.slope.at(nodes) * since_s[:, None]
+            poll = float(times[0]), float(times[-1]), len(times)
+            nodes, since_s, sigma, slow = self._grid.once("fields", poll, lambda: self._grid.between(times))
+            readings *= sigma
+            readings += slow
+            if self._supply is not None:
+                readings[:, self._columns.supply] += self._supply.at(nodes)
             for leg, moving, part in self._timeline.parts(times):
                 drawn = {n: [each[part] for each in own] for n, own in white.items()}
                 here = _Part(leg, times[part], nodes[part], since_s[part], readings[part], drawn)
@@ -160,7 +160,7 @@ class SimulatedUnit:
         return Truth(run, sensor, temperature_degC, one.parameters(run, temperature_degC))
 
     def _rotor_at(self, time_s: float) -> float:
-        self._grid.advance(time_s)
+        self._grid.advance(time_s, self)
         node = min(int(self._grid.nodes(np.array([time_s]))[0]), len(self._grid.state) - 1)
         return float(self._grid.state[node, ROTOR])
 
@@ -177,16 +177,15 @@ class SimulatedUnit:
     def _stay(self, number: int, here: _Part) -> None:
         """Add rates and accelerations of a sensor that rests at its position."""
         one, rest = self._sensors[number], self._rest(number, here.leg)
-        f_g, w = rest.f_g, rest.w_deg_per_hr
+        f_g = rest.f_g
         first, last = int(here.nodes[0]), int(here.nodes[-1])
         if number in self._terms:
             level = self._terms[number].rates(rest, first, last)
             slope = np.zeros_like(level)
         else:
-            now, then = np.hsplit(self._grid.coefficients(number).between(first, last), 2)
-            level, slope = one.rates(now, f_g, w[one.sensor.channel_axes]), one.rates(then, f_g)
-        scatter = one.rates(one.scatter_coefficients(here.leg.run)[None], f_g)
-        level += scatter
+            key = first, last, here.leg.position
+            level, slope = self._grid.once(number, key, lambda: self._at_rest(number, rest, first, last))
+        level = level + one.rates(one.scatter_coefficients(here.leg.run)[None], f_g)
         at = here.nodes - first
         named = []
         if number in self._scatter:
@@ -199,6 +198,12 @@ class SimulatedUnit:
         rates += _settling(here.leg, self._settling.size, here.times_s)
         here.readings[:, self._columns.rates[number]] += rates
         here.readings[:, self._columns.accelerations[number]] += f_g[one.acceleration_axes]
+
+    def _at_rest(self, number: int, rest: Rest, first: int, last: int) -> tuple[FloatArray, FloatArray]:
+        """Return the rates at grid points `first` to `last` while resting, (m, c), deg/hr, and their slopes, per s."""
+        one = self._sensors[number]
+        now, then = np.hsplit(self._grid.coefficients(number).between(first, last), 2)
+        return one.rates(now, rest.f_g, rest.w_deg_per_hr[one.sensor.channel_axes]), one.rates(then, rest.f_g)
 
     def _turn(self, number: int, here: _Part) -> None:
         """Add rates and accelerations of a sensor that is being turned: it sees the motion itself."""

@@ -11,7 +11,7 @@ from hil.analysis.thermal.exports import ARDUPILOT_LEAST_RANGE_DEGC, ardupilot_p
 from hil.analysis.thermal.fit import SensorFit, ThermalFit
 from hil.campaign import Campaign
 from hil.errors import InputError
-from hil.files.durable import RealDisk, write_durably
+from hil.files.durable import write_result
 from hil.files.figure import drawn
 from hil.model import save_model
 
@@ -35,7 +35,7 @@ def write_thermal(result: ThermalFit, folder: Path) -> list[str]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, text in contents.items():
-            write_durably(RealDisk(), folder / name, text.encode())
+            write_result(folder / name, text)
         save_model(model, folder / "model.yaml")
     except OSError as error:
         raise InputError(f"{folder}: cannot be written: {error.strerror}") from None

@@ -13,7 +13,7 @@ from hil.config.bench import Bench
 from hil.config.sweep import Sweep, check_sweep_against_bench, parse_sweep
 from hil.design.sequence.search import Candidate, Goal, Proposal
 from hil.errors import InputError
-from hil.files.durable import RealDisk, write_durably
+from hil.files.durable import write_result
 from hil.files.strict import parse_yaml
 
 SCHEMA = "hil.design/1"
@@ -96,4 +96,4 @@ def write_sweep(proposal: Proposal, sweep: Sweep, bench: Bench, out: Path, comma
     check_new(out)
     text = sweep_text(proposal, sweep, command)
     check_sweep_against_bench(parse_sweep(text, str(out)), bench)
-    write_durably(RealDisk(), out, text.encode())
+    write_result(out, text)

@@ -41,6 +41,7 @@ def fleet_document(found: Screened) -> dict[str, Any]:
             for number, each in found.shared
         ],
         "not_screened": [{"folder": folder, "reason": why} for folder, why in found.not_screened.items()],
+        "said": list(found.said),
     }
 
 

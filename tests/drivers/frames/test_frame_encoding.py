@@ -76,10 +76,12 @@ def test_scale_and_offset_come_back_within_half_a_step(values: list[float]) -> N
 
 def test_a_value_beyond_the_range_is_held_at_its_end() -> None:
     """As a converter saturates; it never wraps round to the other sign."""
-    for kind, low, high in [("i16", -32768, 32767), ("i64", -(2**63), 2**63 - 1), ("u64", 0, 2**64 - 1)]:
+    ends = [("i16", -(2**15), 2**15 - 1), ("i32", -(2**31), 2**31 - 1), ("u8", 0, 255), ("i64", -(2**63), 2**63 - 1)]
+    for kind, low, high in [*ends, ("u64", 0, 2**64 - 1)]:
         description = parse_description(one_field(kind, "big"))
-        sent = encode(description, "only", {"value": np.array([1e30, -1e30])})
-        assert StreamDecoder(description).feed(sent)["only"].wire("value").tolist() == [high, low]
+        for value, held in ((1e30, high), (-1e30, low)):
+            sent = encode(description, "only", {"value": np.array([value, 1.0])})
+            assert StreamDecoder(description).feed(sent)["only"].wire("value").tolist() == [held, 1]
 
 
 def test_nan_in_an_integer_field_is_refused() -> None:

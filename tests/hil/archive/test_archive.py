@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -10,14 +12,15 @@ from contextlib import closing
 from dataclasses import replace
 from http.client import HTTPConnection
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from hil.archive.folder import read_entry, take_up
+from hil.archive.folder import _replaced, read_entry, take_up
 from hil.archive.history import history
 from hil.archive.index import opened_index
-from hil.archive.places import ENTRY, INDEX_NAME, entries
+from hil.archive.places import ENTRY, INDEX_NAME, MARK, found
 from hil.archive.taking_in import update
 from hil.campaign import Campaign
 from hil.campaign.reader import read_campaign
@@ -27,8 +30,10 @@ from hil.config import parse_bench
 from hil.config.bench import load_bench
 from hil.dashboard.access import Access
 from hil.errors import InputError
+from hil.files.durable import RealDisk
 from hil.night import start_night
 from hil.records import open_readonly
+from hil.records.export import export_campaign
 from hil.solve import repeats, solve_campaign
 from tests.hil.archive.conftest import COUNT, DAYS, DRIFT, JUMP, of_life
 from tests.hil.dashboard.live_page import TOKEN, served
@@ -141,11 +146,11 @@ def test_what_is_broken_gone_or_new_is_told_and_the_rest_answers(
     copy: Path, campaigns: list[Path], measured: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A flipped number, a folder that went, one that came beside; an index that is lost or no index at all."""
-    first, second, third, *_ = entries(copy)
+    first, second, third, *_ = found(copy)[0]
     for number, (old, new) in enumerate(
         {"serial: '0042'": "serial: '0043'", "began_utc: '": "began_utc: 'on "}.items()
     ):
-        entry = copy / entries(copy)[-1 - number] / ENTRY
+        entry = copy / found(copy)[0][-1 - number] / ENTRY
         entry.write_text((text := entry.read_text()).replace(old, new, 1))
         with pytest.raises(InputError, match=r"another unit's folder|when it was measured"):
             read_entry(copy, f"unit-0042/{entry.parent.name}")
@@ -178,6 +183,134 @@ def test_what_is_broken_gone_or_new_is_told_and_the_rest_answers(
         capsys.readouterr()
         assert hil(["history", "0042", "--archive", str(copy), "--json"]) == 0
         assert len(json.loads(capsys.readouterr().out)["campaigns"]) == COUNT - 3
+
+
+def test_a_unit_that_cannot_be_looked_into_is_told_and_the_others_answer(
+    copy: Path, measured: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its entries stay in the index, and are answered from again when it can be; a rebuild goes on without them."""
+    take_up(copy, write_campaign(of_life(measured, 1, serial="0043"), tmp_path / "other"))
+    update(copy)
+    scan = os.scandir
+
+    def closed(path: Path) -> Any:
+        if Path(path).name == "unit-0043":
+            raise PermissionError(errno.EACCES, "Permission denied", str(path))
+        return scan(path)
+
+    for asked in ([], ["--rebuild"]):
+        with monkeypatch.context() as patched:
+            patched.setattr("os.scandir", closed)
+            capsys.readouterr()
+            assert hil(["archive", str(copy), *asked, "--json"]) == 4
+            document = json.loads(capsys.readouterr().out)
+            assert document["cannot_be_read"] == {"unit-0043": "Permission denied"}
+            assert document["gone"] == []
+            assert hil(["units", "--archive", str(copy)]) == 0
+            assert "unit-0043: cannot be read (Permission denied)" in (said := capsys.readouterr().err)
+            assert "is gone" not in said
+            assert hil(["history", "0042", "--archive", str(copy)]) == 0
+            assert hil(["history", "0043", "--archive", str(copy)]) == 2
+        assert hil(["history", "0043", "--archive", str(copy)]) == (2 if asked else 0)
+        assert hil(["archive", str(copy)]) == 0
+        assert hil(["history", "0043", "--archive", str(copy)]) == 0
+
+
+def test_what_is_damaged_is_taken_up_anew_and_what_is_sound_never(
+    copy: Path, campaigns: list[Path], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From its source, in one step; what only cannot be read at the moment is left as it is."""
+    first = found(copy)[0][0]
+    table = copy / first / "campaign" / "collects.csv"
+    table.write_text((text := table.read_text()).replace("7", "8", 1))
+    with monkeypatch.context() as patched:
+        patched.setattr(RealDisk, "rename", lambda *_: (_ for _ in ()).throw(OSError(errno.ENOSPC, "no space")))
+        assert hil(["archive", str(copy), str(campaigns[0])]) == 2
+    assert table.read_text() != text
+    assert hil(["archive", str(copy)]) == 4
+    assert "NIGHT_OR_CAMPAIGN takes up anew what is damaged" in capsys.readouterr().err
+    assert hil(["archive", str(copy), str(campaigns[0])]) == 0
+    assert f"in the place of {first}, which was damaged" in capsys.readouterr().out
+    assert table.read_text() == text
+    assert sorted(path.name for path in (copy / "unit-0042").iterdir()) == [name[10:] for name in found(copy)[0]]
+    inode = (copy / first).stat().st_ino
+    assert not take_up(copy, campaigns[0]).replaces
+    with monkeypatch.context() as patched:
+        patched.setattr("os.open", lambda *_, **__: (_ for _ in ()).throw(OSError(errno.EIO, "I/O error")))
+        with pytest.raises(InputError, match="I/O error"):
+            _replaced(copy, first, by_night=True)
+    assert (copy / first).stat().st_ino == inode
+
+
+def test_a_night_takes_the_place_of_its_export(night: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Whichever comes first, the night is there in the end, once, with what only a night has."""
+    export = export_campaign(night, tmp_path / "export").folder
+    for number, sources in enumerate(([export, night], [night, export])):
+        folder = tmp_path / f"{number}"
+        assert [hil(["archive", str(folder), str(each)]) for each in sources] == [0, 0]
+        assert ("an export of this night" in capsys.readouterr().out) == (number == 0)
+        (entry,) = found(folder)[0]
+        facts, _, configuration = read_entry(folder, entry)
+        assert facts["night"]["id"]
+        assert configuration["bench"]
+        assert update(folder).gone == []
+
+
+def test_an_archive_that_lost_its_mark_is_founded_again(
+    copy: Path, measured: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Over the same folders, and nothing is lost; not over a folder of something else."""
+    before = sorted(copy.rglob("*"))
+    (copy / MARK).unlink()
+    more = write_campaign(of_life(measured, 1, serial="0043"), tmp_path / "more")
+    for command in (["units", "--archive", str(copy)], ["archive", str(copy)], ["archive", str(copy), str(more)]):
+        assert hil(command) == 2
+        assert f"its archive.yaml is lost; hil archive {copy} --found founds it again" in capsys.readouterr().err
+    assert hil(["archive", str(copy), "--found"]) == 0
+    assert sorted(copy.rglob("*")) == before
+    assert hil(["history", "0042", "--archive", str(copy)]) == 0
+    assert hil(["archive", str(tmp_path), "--found"]) == 2
+    assert hil(["archive", str(tmp_path / "new"), "--found"]) == 0
+
+
+def test_nobody_begins_a_night_whose_archive_takes_nothing(
+    copy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not there, none, or not to be written: check says it, and run does not begin."""
+    bench = tmp_path / "bench.yaml"
+    for archive, why in ((tmp_path / "none", "there is no such folder"), (tmp_path, "is no archive"), (copy, "")):
+        bench.write_text(f"{load_bench('simulated').text}\narchive: {archive}\n")
+        assert hil(["check", str(bench)]) == (3 if why else 0)
+        assert ("NOT  archive: " in (said := capsys.readouterr().out)) == bool(why)
+        assert why in said
+    monkeypatch.setattr("os.access", lambda path, _mode: Path(path) != copy)
+    assert hil(["run", "quick", "--bench", str(bench), "--out", str(tmp_path / "night")]) == 3
+    assert f"NOT  archive: {copy}: cannot be written" in capsys.readouterr().err
+    assert not (tmp_path / "night").exists()
+
+
+def test_a_file_that_cannot_be_written_is_told_by_its_name(
+    archive: Path,
+    night: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Not by the name that it has while it is written; as for every file that somebody asks for."""
+
+    def full(_disk: RealDisk, path: Path, _data: bytes) -> None:
+        raise OSError(errno.EROFS, "Read-only file system", str(path))
+
+    monkeypatch.setattr(RealDisk, "write", full)
+    for command in (
+        ("units", "--archive", str(archive), "--csv", str(tmp_path / "a.csv")),
+        ("history", "0042", "--archive", str(archive), "--csv", str(tmp_path / "a.csv")),
+        ("history", "0042", "--archive", str(archive), "--page", str(tmp_path / "a.html")),
+        ("certificate", str(night), "--draft", "--out", str(tmp_path / "a.html")),
+        ("report", str(night), "--out", str(tmp_path / "a.html")),
+    ):
+        assert hil(command) == 2
+        assert f"hil: {command[-1]}: cannot be written: Read-only file system\n" in capsys.readouterr().err
 
 
 def test_two_units_with_one_serial_are_told_apart(
@@ -216,7 +349,7 @@ def test_nothing_is_taken_up_twice_or_from_what_does_not_say_enough(
     assert hil(["history", "0044", "--archive", str(copy)]) == 2
     assert sorted(copy.rglob("*")) == before
     assert hil(["archive", str(copy), str(bare), "--serial", "a/../b", "--date", "2026-03-01"]) == 0
-    assert len(entries(copy, "a/../b")) == 1
+    assert len(found(copy, "a/../b")[0]) == 1
 
 
 @pytest.mark.slow
@@ -242,7 +375,7 @@ def test_a_night_is_taken_up_at_its_end_and_outlived_by_what_was_averaged(
     assert "were measured at the same time: two units with one serial number" in out.err
     assert "SIMULATED" in out.out
     assert "bench.title: bench 0 → bench 1" in out.out
-    facts, campaign, _ = read_entry(tmp_path / "archive", entries(tmp_path / "archive")[0])
+    facts, campaign, _ = read_entry(tmp_path / "archive", found(tmp_path / "archive")[0][0])
     assert facts["state"] == "complete"
     assert campaign.simulated
     bench = parse_bench(f"{text}\narchive: {tmp_path}\n", "bench.yaml")
@@ -259,13 +392,13 @@ def test_whoever_is_killed_while_taking_up_leaves_an_entry_or_none(campaigns: li
         code = subprocess.run(
             [sys.executable, "-c", _KILLED, archive, campaigns[0], str(place)], check=False, capture_output=True
         ).returncode
-        there = entries(archive) if archive.is_dir() else []
+        there = found(archive)[0] if archive.is_dir() else []
         for name in there:
             read_entry(archive, name)
         take_up(archive, campaigns[0])
         done = update(archive)
         assert (len(done.new), done.broken) == (1, {})
-        assert entries(archive) == list(done.new)
+        assert found(archive)[0] == list(done.new)
         if code == 0:
             assert place > 5
             return

@@ -316,3 +316,21 @@ def test_more_connections_than_are_served_are_told_so(tmp_path: Path, monkeypatc
             held.callback(stream.close)
             stream.request("GET", "/api/stream")
             assert stream.getresponse().status == (200 if _ < 2 else 503)
+
+
+def test_a_folder_without_a_night_is_told_before_the_page_is_served(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is served: whoever begins a night opens the page before it. With a night, nothing is said."""
+
+    class Ended:
+        def run(self, **_: object) -> None:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("hil.dashboard.server.server", lambda _: Ended())
+    for journal in (False, True):
+        if journal:
+            (tmp_path / "night").mkdir()
+            (tmp_path / "night" / "journal.sqlite").touch()
+        assert run(["dashboard", str(tmp_path), "--port", "0"]) == 0
+        assert ("there is no night in" in capsys.readouterr().err) != journal

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -15,13 +16,14 @@ import pytest
 from hil.campaign.reader import read_campaign
 from hil.cli.app import run as cli
 from hil.config import Bench, find_config, load_bench, parse_bench, parse_sweep
+from hil.dashboard.watcher import Watcher
 from hil.errors import InputError
 from hil.night import resume_night, start_night
 from hil.night.replay import replay_night
-from hil.records import reading
+from hil.records import JournalReader, reading
 from hil.records.documents import export_documents
 from hil.records.export import campaign_of_night, export_campaign
-from hil.records.reader import units_in
+from hil.records.reader import proven_once, units_in
 from hil.records.status import night_status
 from hil.records.verify import verify_night
 from tests.hil.short_sweeps import short_sweep
@@ -81,6 +83,106 @@ def test_a_unit_is_asked_for_by_its_folder(finished: Path) -> None:
     with pytest.raises(InputError, match=r"is not carried on by itself; hil resume .*night carries on with all"):
         resume_night(finished / "units" / "0042")
     assert not (finished / "units" / "0042" / "controller.lock").exists()
+
+
+def test_the_live_page_proves_the_journal_once_for_all_units(finished: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """At the first look; at the next, where nothing was recorded, not at all; and it sees what the others see."""
+    proofs = []
+    prove = JournalReader.damage
+    monkeypatch.setattr(JournalReader, "damage", lambda own, *how: proofs.append(own.unit) or prove(own, *how))
+    watcher = Watcher(finished)
+    for left in finished.glob("journal.sqlite-*"):  # as nobody has read it yet
+        left.unlink()
+    heads = {name: parts["head"] for name, parts in watcher.look().items()}
+    assert proofs == [""]
+    assert not watcher.look()
+    assert proofs == [""]
+    assert {name: head["state"] for name, head in heads.items() if "units" in name} == {
+        f"units/{each['unit']}": each["state"] for each in night_status(finished)["units"]
+    }
+    with proven_once(finished), reading(finished) as whole, reading(finished / "units" / "0041") as own:
+        assert (whole.unit, own.unit) == ("", "0041")
+        assert len(own.plan.steps) < len(whole.plan.steps)
+        with reading(finished) as again:
+            assert len(again.completed()) == len(whole.completed())
+
+
+def test_what_is_wrong_with_a_listed_unit_is_told_with_unit_and_key() -> None:
+    """Where it stands in its entry; what is wrong for all of them is told where that stands."""
+    for entry, why in (
+        ("port: 3", "units.1.port: 3 is not a port"),
+        ('port: "sim://imu", rate: fast', "units.1.rate: 'fast' is not a frequency"),
+        ('port: "sim://imu", simulation: {sed: 3}', "units.1.simulation: unknown key 'sed'; did you mean 'seed'"),
+        ('port: "sim://imu", simulation: 3', "units.1.simulation: must be a mapping"),
+        ('port: "sim://imu", sensors: {1: {}}', "units.1.sensors.1.axes: this key is missing"),
+    ):
+        listed = f'  - {{model: A, serial: "0041", port: "sim://imu"}}\n  - {{model: A, serial: "0042", {entry}}}\n'
+        with pytest.raises(InputError, match=re.escape(f"bench.yaml: {why}")):
+            _bench(listed, source="bench.yaml")
+    text = load_bench("simulated").text.replace("latitude:", "latitud:")
+    listed = re.sub(r"^unit: .*$", 'units: [{model: A, serial: "0041", port: "sim://imu"}]', text, flags=re.M)
+    with pytest.raises(InputError, match=r"bench.yaml: site: unknown key 'latitud'"):
+        parse_bench(listed, "bench.yaml")
+
+
+def test_a_name_that_a_simulated_unit_cannot_say_is_told_before_anything(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its frame has room for so many characters: file, key and how many; no night is begun."""
+    bench = tmp_path / "bench.yaml"
+    for key, given in (("serial", "serial: SN-00420042004200"), ("model", "model: MFS-IMU-of-long-name")):
+        bench.write_text(re.sub(rf"{key}: [\w-]+", given, _ONE.text, count=1))
+        assert cli(["run", "quick", "--bench", str(bench), "--out", str(tmp_path / "night")]) == 2
+        said = capsys.readouterr().err
+        assert f"{bench}: unit.{key}: '{given.split()[1]}'" in said
+        assert "has room for 16 characters" in said
+    assert not (tmp_path / "night").exists()
+
+
+def test_a_damaged_unit_has_no_report_and_the_others_have_theirs(
+    finished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Told on the page over all of them and by the exit status; folders of units that were deleted come back."""
+    night = Path(shutil.copytree(finished, tmp_path / "night"))
+    with reading(night / "units" / "0041") as journal:
+        block = next(row.block for row in journal.blocks() if row.block.kind == "samples")
+    (night / block.path).write_bytes(b"")
+    shutil.rmtree(night / "units")
+    assert cli(["report", str(night)]) == 4
+    out = capsys.readouterr()
+    assert f"ERROR: {night}" in out.err
+    assert sorted(str(path.relative_to(night)) for path in night.rglob("report.html")) == [
+        "report.html",
+        "units/0042/report.html",
+        "units/0043/report.html",
+    ]
+    page = (night / "report.html").read_text()
+    assert 'href="units/0043/report.html"' in page
+    assert "units/0041/report.html" not in page
+    assert "0041" in page
+    assert block.path in page
+    shutil.rmtree(night / "units")
+    assert cli(["certificate", str(night / "units" / "0043"), "--draft"]) == 0
+    assert (night / "units" / "0043" / "certificate.html").is_file()
+    with pytest.raises(InputError, match="there is no unit 0099"):
+        campaign_of_night(night / "units" / "0099")
+    assert cli(["report", str(night / "units" / "0099")]) == 2
+    assert not (night / "units" / "0099").exists()
+
+
+@pytest.mark.slow
+def test_a_fault_at_a_stage_happens_once_in_a_night(tmp_path: Path) -> None:
+    """To all units at once; not again when the night is carried on and another unit comes to that stage first."""
+    early = '  - {at: T1/S1/C1/collect, device: imu, unit: "0041", kind: silence, duration: 40 min}\n'
+    stage = "  - {at: T1/S1/C2/collect, device: imu, kind: silence, duration: 40 min}"
+    night = tmp_path / "night"
+    assert start_night(night, SHORT, _bench(faults=early + stage), who="rk").exit_status != 0
+    with reading(night) as journal:
+        begun = {each.step_key for each in journal.attempts()}
+    assert "T1/S1/C2/collect@0041" not in begun  # which begins it for the first time now
+    assert "T1/S1/C2/collect@0042" in begun
+    ended = resume_night(night, down_s=2.0 * 3600.0)
+    assert (ended.state, ended.exit_status) == ("complete", 0)
 
 
 def test_whoever_takes_nights_takes_each_unit_of_one(finished: Path, tmp_path: Path) -> None:

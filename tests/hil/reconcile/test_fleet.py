@@ -7,9 +7,14 @@ import json
 import os
 import re
 import signal
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -113,6 +118,56 @@ def test_on_a_dask_cluster_too_though_a_worker_is_killed(folder: Path) -> None:
                 pass
             os.kill(pid, signal.SIGKILL)
             assert fleet_document(asked.result(120.0)) == alone
+
+
+@pytest.mark.slow
+def test_a_worker_of_another_version_takes_no_part_and_that_is_said(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A process whose hil is of another version beside one of this: whole, to the digit; with it alone, refused."""
+    pytest.importorskip("distributed", reason="distributed is not installed: hil[cluster]")
+    other = tmp_path / "hil-99.dist-info"
+    other.mkdir()
+    (other / "METADATA").write_text("Metadata-Version: 2.1\nName: hil\nVersion: 99\n")
+    alone = fleet_document(screen_folders([folder], "matrix-6-thermal"))
+    with ExitStack() as held:
+        scheduler = tmp_path / "scheduler.json"
+
+        def started(what: str, *options: str, path: str = "") -> None:
+            command = [sys.executable, "-m", "distributed.cli.dask_" + what, "--scheduler-file", str(scheduler)]
+            process = subprocess.Popen(
+                [*command, "--no-dashboard", "--host", "127.0.0.1", *options],
+                env={**os.environ, "PYTHONPATH": os.pathsep.join([path, *sys.path])},
+                stderr=subprocess.DEVNULL,
+            )
+            held.callback(process.wait, 60.0)
+            held.callback(process.terminate)
+
+        started("scheduler", "--port", "0")
+        started("worker", "--no-nanny", "--nthreads", "1", path=str(tmp_path))
+        client = held.enter_context(distributed_client(scheduler))
+        client.wait_for_workers(1, timeout=60.0)
+        asked = ["fleet", str(folder), *MODEL, "--cluster", client.scheduler.address]
+        assert run(asked) == 2
+        assert "has hil 99" in capsys.readouterr().err
+        started("worker", "--no-nanny", "--nthreads", "1")
+        client.wait_for_workers(2, timeout=60.0)
+        assert run([*asked, "--json"]) == 0
+        document = json.loads(capsys.readouterr().out)
+        (said,) = document.pop("said")
+        assert re.fullmatch(r"tcp://.* has hil 99, not \S+ as here, and took no part", said)
+        assert document == {name: each for name, each in alone.items() if name != "said"}
+        laid_out = client.run(lambda: import_module("hil.reconcile.campaigns")._screen.cache_info().currsize)
+        assert {who in said: count > 0 for who, count in laid_out.items()} == {True: False, False: True}
+        assert run(asked) == 0
+        assert f"warning: {said}" in capsys.readouterr().err
+
+
+def distributed_client(scheduler: Path) -> Any:
+    """Return who asks the cluster, once its scheduler has said where it is."""
+    from distributed import Client
+
+    return Client(scheduler_file=str(scheduler), timeout="60s")
 
 
 @pytest.mark.slow

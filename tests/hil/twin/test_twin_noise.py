@@ -29,7 +29,7 @@ def _unit(bench: Bench, **how: Any) -> SimulatedUnit:
     roles = load_description(bench.imu_description).roles
     assert roles is not None
     assert bench.simulation_model is not None
-    plant = ChamberPlant(ambient_degC=23.0)
+    plant = how.pop("plant", None) or ChamberPlant(ambient_degC=23.0)
     return SimulatedUnit(bench, load_model(bench.simulation_model), roles, plant, **({"sample_rate_hz": 20.0} | how))
 
 
@@ -55,6 +55,24 @@ def test_white_noise_is_white_and_independent_between_channels(tmp_path: Path) -
     rates = rates - rates.mean(axis=1, keepdims=True)
     correlation = np.corrcoef(np.concatenate([rates[:, 1:], rates[:, :-1]]))
     assert np.max(np.abs(correlation - np.eye(8))) < 5.0 / np.sqrt(40000)
+
+
+def test_a_unit_beside_others_of_its_kind_is_the_same_to_the_bit(tmp_path: Path) -> None:
+    """Also where one was not listened to for hours; its supply, its scatter and its position are its own."""
+    bench, plant = changed_bench(tmp_path), ChamberPlant(ambient_degC=23.0)
+    benches = [bench.model_copy(update={"simulation": bench.simulation.model_copy(update={"seed": n})}) for n in (1, 2)]
+    first = _unit(benches[0], plant=plant)
+    beside = _unit(benches[1], plant=plant, alike=first)
+    plant.command(40.0, 0.0)
+    alone = _unit(benches[1], plant=plant)
+    for unit in (beside, alone):
+        unit.start_move("2", 30.0, 35.0)
+    for begin_s, end_s in ((0.0, 60.0), (60.0, 4.0 * 3600.0), (4.0 * 3600.0, 4.0 * 3600.0 + 30.0)):
+        for at_s in np.arange(begin_s, end_s, 600.0):
+            first.signals(np.arange(at_s, min(at_s + 600.0, end_s)))
+        own, shared = (unit.signals(np.arange(begin_s, end_s)) for unit in (alone, beside))
+        for field, values in own.items():
+            assert np.array_equal(values, shared[field]), field
 
 
 def test_slow_noise_is_there_only_when_asked_for(tmp_path: Path) -> None:
