@@ -167,7 +167,8 @@ def _stream(live: LiveBench) -> Iterator[Finding]:
     heard = join(blocks)
     samples, counts = len(heard), heard.counts
     bad = counts.bad_checksum + counts.bad_delimiter + counts.lost
-    told = f"{samples} samples in {listened_s:.0f} s ({rate_hz:.1f} Hz, {imu.sample_rate_hz:g} expected), {bad} bad or lost"
+    rate = f"{rate_hz:.1f} Hz, {imu.sample_rate_hz:g} expected"
+    told = f"{samples} samples in {listened_s:.0f} s ({rate}), {bad} bad or lost"
     miscounted = "; ".join(wrong_counter(live.description, heard.raw, rate_hz)) if samples else ""
     yield Finding("stream", enough and not bad, told, miscounted or _stream_advice(samples, bad, enough=enough))
     if samples:
