@@ -8,6 +8,8 @@ mistake is shown, and no key that only the program knows.
 
 import re
 from collections.abc import Hashable, Mapping, Sequence
+from copy import deepcopy
+from functools import lru_cache
 from typing import Any
 
 import yaml
@@ -19,6 +21,7 @@ from drivers.given_file import TEXT_MB, limit_bytes
 _MERGE = "tag:yaml.org,2002:merge"
 _BYTES_PER_VALUE = 20  # of a text as long as is read
 _LARGEST_WHOLE = 2**64
+_REMEMBERED_CHARACTERS = 2**16  # a text of at most so many is read once: a night reads its bench and frames ten times
 _NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 _NO_VALUE = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)  # how the library says so
 _LONGEST = 60  # characters of a value that are shown
@@ -92,7 +95,7 @@ class _StrictLoader(yaml.SafeLoader):
 def parse_value(text: str, source: str) -> Any:
     """Return what a YAML text holds; raise `InputError`, which begins with `source`, where it is none."""
     try:
-        return yaml.load(text, Loader=_StrictLoader)  # noqa: S506 (a SafeLoader)
+        return deepcopy(_remembered(text)) if len(text) <= _REMEMBERED_CHARACTERS else _loaded(text)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = f", line {mark.line + 1}, column {mark.column + 1}" if mark is not None else ""
@@ -103,6 +106,13 @@ def parse_value(text: str, source: str) -> Any:
         raise InputError(f"{source}: not valid YAML: lists or mappings are nested too deeply") from error
     except _NO_VALUE as error:  # a tag (!!map) before what is none
         raise InputError(f"{source}: not valid YAML: a tag (!!…) stands before what is not of its kind") from error
+
+
+def _loaded(text: str) -> Any:
+    return yaml.load(text, Loader=_StrictLoader)  # noqa: S506 (a SafeLoader)
+
+
+_remembered = lru_cache(maxsize=16)(_loaded)
 
 
 def parse_yaml(text: str, source: str) -> dict[str, Any]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -14,7 +16,19 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 settings.register_profile("hil", deadline=None, derandomize=bool(os.environ.get("CI")))
 settings.load_profile("hil")
 
+_MEMORY = Path("/dev/shm")  # noqa: S108 - a folder in memory
+_ENOUGH = 4e9  # bytes; all tests write a tenth of it
+if os.access(_MEMORY, os.W_OK) and shutil.disk_usage(_MEMORY).free > _ENOUGH:
+    # A night says after each step that it is on the disk: waiting for that is a third of its time, and shows nothing.
+    os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", str(_MEMORY))
+
 _SHARED = Path(__file__).resolve().parents[2] / "shared"
+
+
+def pytest_collection_finish() -> None:
+    """Take thousands of collected tests, which stay to the end, out of what is searched for garbage."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")

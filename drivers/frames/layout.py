@@ -156,7 +156,7 @@ class FrameLayout:
         }
 
     def store_together(self, rows: Rows, columns: Mapping[str, ArrayLike]) -> None:
-        """Write numeric fields (n,) of n frames as `store` does, those that fit all at once: a poll brings few frames."""
+        """Write numeric fields (n,) of n frames as `store` does, what fits all at once: a poll brings few frames."""
         usual = [name for name in columns if name in self._whole_numbers]
         told = np.array([self._whole_numbers[name] for name in usual]).reshape(-1, 4, 1)
         wire = np.empty((len(usual), len(rows)))

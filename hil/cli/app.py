@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Sequence
+from functools import cache
 from typing import Annotated, Any
 
 import typer
@@ -125,4 +126,10 @@ def main() -> None:
 
 def run(arguments: Sequence[str]) -> int:
     """Carry out one command and return its exit status."""
-    return run_to_exit(lambda: app(args=list(arguments), prog_name="hil"))
+    return run_to_exit(lambda: _command()(args=list(arguments), prog_name="hil"))
+
+
+@cache
+def _command() -> Any:
+    """Return the commands as they are read, made once: that takes longer than most of them."""
+    return typer.main.get_command(app)

@@ -16,6 +16,15 @@ MERGES = "a: &a {x: 1, y: 2}\n" + "".join(
 )
 
 
+def test_what_one_reader_changes_no_other_reads() -> None:
+    """A text is read once and remembered; everybody has a document of their own."""
+    text = "a: {b: [1, 2]}\n"
+    first = parse_yaml(text, "f.yaml")
+    first["a"]["b"].append(3)
+    first["c"] = 4
+    assert parse_yaml(text, "g.yaml") == {"a": {"b": [1, 2]}}
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -33,6 +33,9 @@ TRUE_RATES = {"1": 5.0, "2": -3.0, "3": 11.0}
 _PATTERN = np.array([1.0, -2.0, 0.5, 2.0, -1.5, 0.25, -0.75, 0.5])
 
 
+MOST_ATTEMPTS = 30  # at one step, over all the controllers of a test; nothing is meant to be tried a tenth as often
+
+
 class Killed(BaseException):
     """The process died here."""
 
@@ -233,7 +236,10 @@ class ListJournal:
     def begin(self, step: Step) -> int:
         def act() -> int:
             self.record.begins.append(step.key)
-            return self.record.begins.count(step.key)
+            attempts = self.record.begins.count(step.key)
+            if attempts > MOST_ATTEMPTS:
+                pytest.fail(f"{step.key} is tried without end")
+            return attempts
 
         return self._around(act)
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import re
+from itertools import count
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from drivers.frames.encoder import encode
+from drivers.imu import SampleBlock
+from drivers.imu.stream import StreamImu
 from drivers.simulators.unit import SimulatedImu
 from hil.bench import assemble
 from hil.bench.decode import decode_file, load_frames_named
@@ -109,6 +112,21 @@ def stream_found(folder: Path, monkeypatch: pytest.MonkeyPatch, *, true: str, sa
     monkeypatch.setattr(assemble, "simulate_devices", lambda bench, _said, **more: real(bench, {"": truth}, **more))
     bench = bench_at(description=described(folder, "said", said))
     return next(each for each in preflight(None, bench, folder).findings if each.subject == "stream")
+
+
+def test_a_computer_that_looks_late_has_no_unit_at_a_wrong_rate(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Busy with something else for the last half of the two seconds; what arrived meanwhile is read after them."""
+    read, looks = StreamImu.read_block, count(1)
+
+    def late(imu: StreamImu) -> SampleBlock:
+        return imu._block(b"", 0.0) if 12 < next(looks) <= 24 else read(imu)
+
+    monkeypatch.setattr(StreamImu, "read_block", late)
+    found = next(each for each in preflight(None, bench_at(), tmp_path).findings if each.subject == "stream")
+    assert found.good, found.message
+    assert "samples in 4 s (20." in found.message
 
 
 def test_a_counter_that_is_a_clock_is_said_to_be_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

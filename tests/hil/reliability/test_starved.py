@@ -34,7 +34,7 @@ def test_every_two_faults_and_every_lie_are_tried() -> None:
     "command",
     [
         "starved memory --steps T1/S1/C2/collect",
-        "starved descriptors --every 4",
+        "starved descriptors --every 8",
         "combined lies --take 3",
         "combined pairs --take 3",
     ],
