@@ -138,5 +138,5 @@ def _read(
     kind = reading.found.kind if ranked else ""
     found = scatter.found_scatter(posterior, reading.found.terms, fit, kind, conditions) if kind else []
     rows = mistakes.rows_found(reading, campaign, mistakes.outliers_found(reading, campaign, fit, posterior))
-    noise = scatter.ordinary(fit, conditions, found, [model])
+    noise = scatter.ordinary(posterior, reading.found.terms, fit, conditions, found, [model])
     return Scattering(campaign, ranked, titles, tuple(scatter.pooled(found)), noise, rows)

@@ -131,7 +131,9 @@ def _result(
     }
     over_sensors = {name: scatter.pooled(found) for name, found in of_scatter.items()}
     under = [model.title, *(n.name for n in names if n.acts_on == "mean")]
-    noise = scatter.ordinary(fit, conditions, [f for found in of_scatter.values() for f in found], under)
+    noise = scatter.ordinary(
+        posterior, reading.found.terms, fit, conditions, [f for found in of_scatter.values() for f in found], under
+    )
     gap = findings.gap_of(proof, fit, before, conditions, chances, reading.chance)
     results = [findings.described(n, posterior, fit, over_sensors.get(n.name, ()), conditions) for n in names]
     wrong = mistakes.mistakes_found(reading, campaign)

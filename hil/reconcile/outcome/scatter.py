@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from hil.campaign import Conditions, IntArray
+from hil.campaign import Conditions, FloatArray, IntArray
 from hil.model import Model
 from hil.model.curve import Constant
 from hil.model.effects.base import Parameter, VarianceEffect
 from hil.model.forms import bias_names
 from hil.model.stated_noise import SensorNoise
 from hil.reconcile.result import Disagreement
-from hil.reconcile.search.fitted import Fitted
+from hil.reconcile.search.fitted import Fitted, FittedBlock
 from hil.reconcile.search.noise import Points
 from hil.reconcile.search.posterior import Posterior
 from hil.reconcile.search.set_in_block import SetInBlock
@@ -70,7 +70,7 @@ def found_scatter(
         if not here.any() or np.logaddexp.reduce(total[here]) < np.logaddexp.reduce(total[own.points.kind < 0]):
             continue
         here &= total > total[here].max() - _TOLD
-        points, weighed = _finely(search, chosen[sensor], b, np.flatnonzero(here))
+        points, weighed = _finely(search, chosen[sensor], b, np.flatnonzero(here), "amount")
         total = weighed.terms_log + points.log_prior
         weight = np.exp(total - np.logaddexp.reduce(total))
         scales = np.array([weighed.left_at(t)[1] for t in range(len(points))])
@@ -85,14 +85,14 @@ def found_scatter(
     return out
 
 
-def _finely(search: SensorSearch, chosen: Set, b: int, at: IntArray) -> tuple[Points, SetInBlock]:
-    """Weigh a set in a block again, for each of some points at amounts all over the factor of two that it stands for.
+def _finely(search: SensorSearch, chosen: Set, b: int, at: IntArray, size: str) -> tuple[Points, SetInBlock]:
+    """Weigh a set in a block again, for each of some points at sizes all over the factor of two that it stands for.
 
-    The search's own grid is coarser than what a night tells of a size.
+    `size` is the "amount" or the "offset": the search's own grid is coarser than what a night tells of either.
     """
     steps = np.exp(_GRID * ((np.arange(_STEPS) + 0.5) / _STEPS - 0.5))
     coarse = search.blocks[b].points.take(np.repeat(at, _STEPS))
-    fine = replace(coarse, amount=coarse.amount * np.tile(steps, len(at)))
+    fine = replace(coarse, **{size: getattr(coarse, size) * np.tile(steps, len(at))})
     block = replace(search.blocks[b], points=fine, _whitening=None)
     block.measure(block.y)
     blocks = [block if k == b else other for k, other in enumerate(search.blocks)]
@@ -119,7 +119,12 @@ def pooled(found: Sequence[FoundScatter]) -> list[FoundScatter]:
 
 
 def ordinary(
-    fit: Fitted, conditions: Mapping[int, Conditions], found: Sequence[FoundScatter], model: Sequence[str]
+    posterior: Posterior,
+    chosen: Mapping[int, Set],
+    fit: Fitted,
+    conditions: Mapping[int, Conditions],
+    found: Sequence[FoundScatter],
+    model: Sequence[str],
 ) -> list[dict[str, Any]]:
     """Return what every channel's averages scatter by, beside what their standard errors explain: key `noise`.
 
@@ -128,13 +133,13 @@ def ordinary(
     out = []
     for block in fit.blocks:
         own = block.search.block
+        variance, offset = _observed(posterior.searches[own.sensor], chosen[own.sensor], block)
         channels = list(conditions[own.sensor].sensor.channels)
         for c in np.unique(own.channel):
             rows = own.channel == c
-            observed = float(np.sqrt(np.mean(np.diag(block.noise_alone())[rows])))
+            observed = float(np.sqrt(np.mean(variance[rows])))
             stated = float(np.sqrt(np.mean(own.sigma[rows] ** 2))) if own.sigma_stated else None
             known = own.sigma**2 + block.search.noise.stated_variance() if own.sigma_stated else None
-            offset = block.point["offset"] * block.search.unit * np.sqrt(block.scale)
             scatter = [f for f in found if (f.sensor, f.channel) == (own.sensor, channels[c])]
             out.append(
                 {
@@ -144,11 +149,27 @@ def ordinary(
                     "stated_deg_per_hr": stated,
                     "explained_deg_per_hr": None if known is None else float(np.sqrt(np.mean(known[rows]))),
                     "observed_deg_per_hr": observed,
-                    "run_offset_deg_per_hr": float(offset),
+                    "run_offset_deg_per_hr": offset,
                     "scatter": [{"id": f.effect.id, "deg_per_hr": f.deg_per_hr} for f in scatter],
                 }
             )
     return out
+
+
+def _observed(search: SensorSearch, chosen: Set, block: FittedBlock) -> tuple[FloatArray, float]:
+    """Return the variance of a block's rows, (N,), (deg/hr)², and the offset of a run in it, deg/hr.
+
+    Of all that is probable with the kind of scatter that was found, offsets weighed all over their factor of two.
+    """
+    own = block.search
+    b = next(i for i, s in enumerate(search.blocks) if s is own)
+    weighed = search.in_block(chosen, b)
+    total = np.where(own.points.kind == block.point["kind"], weighed.terms_log + own.points.log_prior, -np.inf)
+    points, weighed = _finely(search, chosen, b, np.flatnonzero(total > total.max() - _TOLD), "offset")
+    total = weighed.terms_log + points.log_prior
+    scales = np.array([weighed.left_at(t)[1] for t in range(len(points))])
+    weight = np.exp(total - np.logaddexp.reduce(total)) * scales * own.unit**2
+    return weight @ own.noise.variance(points), float(np.sqrt(weight @ points.offset**2))
 
 
 def with_offsets(model: Model, noise: Sequence[Mapping[str, Any]], conditions: Mapping[int, Conditions]) -> Model:

@@ -208,6 +208,18 @@ class Noise:
         back = np.argsort(self.order)
         return np.asarray(out[np.ix_(back, back)] + self.by_temperature(profile))
 
+    def variance(self, points: Points) -> FloatArray:
+        """Return the variance of every row at every point, (t, N), in units of the mean white variance.
+
+        In the block's own order of rows, what base values do over temperature apart.
+        """
+        out = self._white(points.level) + self.stated.variance() + points.offset[:, None] ** 2 * self.offset.variance()
+        for kind in set(points.kind.tolist()) - {-1}:
+            out[points.kind == kind] += np.outer(
+                points.amount[points.kind == kind] ** 2, self.kinds[kind].chain.variance()
+            )
+        return np.asarray(out[:, np.argsort(self.order)])
+
     def stated_variance(self) -> FloatArray:
         """Return the variance that the model states beside the rows' own errors, (N,), (deg/hr)²."""
         return np.asarray(self.unit * self.stated.variance()[np.argsort(self.order)])

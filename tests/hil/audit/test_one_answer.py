@@ -22,8 +22,11 @@ from hil.design.sequence.sequences import scene_of, sequence_worth
 from hil.design.visibility.document import campaign_document, sweep_document
 from hil.design.visibility.map import NoiseLevel
 from hil.model.forms import default_form
+from hil.reconcile.scattering import what_scatters
+from hil.solve import repeats, solve_campaign
 from procedures.plan import make_plan
 from tests.hil.audit.folders import FOLDERS, LOGS, written
+from tests.hil.solve.test_neighbours import campaign
 
 Answer = Mapping[Any, Any]
 Ask = Callable[[str], dict[str, Any] | None]
@@ -271,3 +274,12 @@ def test_what_a_drift_spoils_is_the_same_before_and_after_a_night(order: str) ->
 
 def _moved_by(of_sensor: Mapping[str, Any], effect: str) -> dict[str, float]:
     return {each["id"]: each["leaks"] for each in of_sensor["effects"]}[effect]
+
+
+@pytest.mark.parametrize("seed", [11, 13])
+def test_an_offset_of_runs_is_as_large_for_the_search_as_for_repeats(seed: int) -> None:
+    """Within what eight degrees of freedom tell, and not one of the few sizes that the search's grid has."""
+    night = campaign(12, 3, seed=seed, scatter=2.0)
+    told = repeats(night, solve_campaign(night))[2].spread.beyond[:2]
+    found = [channel["run_offset_deg_per_hr"] for channel in what_scatters(night).noise]
+    assert found == pytest.approx(told.tolist(), rel=0.3)
