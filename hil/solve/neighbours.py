@@ -232,7 +232,8 @@ class _Departures:
                 reason = f"{pair} look exchanged: each shows what the other runs show at the other's position"
                 found = replace(found, rows=np.array([i, j]), exchanged=(i, j))
                 return Judgement(Verdict.FAIL, f"{reason} ({positions})"), found
-        if all(self._fits(i, -self._rates[i]) for i in rows):
+        # A sign is a run's: one collect alone that fits with minus is off by chance.
+        if all(self._fits(i, -self._rates[i]) for i in np.flatnonzero((conditions.run == run) & self.known)):
             found.wrong[rows] = True
             return Judgement(
                 Verdict.FAIL, f"{named}: the signs look turned: the other runs show the same with minus"

@@ -8,7 +8,7 @@ import numpy as np
 
 from hil.campaign import Campaign, Conditions
 from hil.campaign.plausibility import clipped
-from hil.reconcile.naming import Reading
+from hil.reconcile.naming import CERTAIN, Reading
 from hil.reconcile.outcome.findings import physics, values_of
 from hil.reconcile.result import LEFT_OUT, Disagreement, FoundEffect, runs_in_words, without_collects
 from hil.reconcile.search.candidates import Candidate
@@ -17,6 +17,7 @@ from hil.reconcile.search.posterior import Posterior
 from hil.reconcile.search.problem import Problem, SensorProblem
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED
 from hil.solve.wrong_rows import MENDED, Wrong, clipped_rows
+from procedures.words import numbered
 
 
 def mistakes_found(reading: Reading, campaign: Campaign) -> list[FoundEffect]:
@@ -129,8 +130,11 @@ def mistake_places(reading: Reading, campaign: Campaign, fit: Fitted) -> list[Di
 
 
 def outliers_found(reading: Reading, campaign: Campaign, fit: Fitted, posterior: Posterior) -> list[dict[str, Any]]:
-    """Return single rows that are wrong, by the campaign's own names, each with its size and score."""
-    out = []
+    """Return single rows that are wrong, by the campaign's own names, each with its size and score.
+
+    Where another row may be the wrong one in its place, `or_collects` has it: of two that differ nobody knows which.
+    """
+    out, likely = [], _probable_rows(posterior)
     for n, places in reading.found.terms.items():
         for j in places:
             term = posterior.term(n, j)
@@ -138,8 +142,22 @@ def outliers_found(reading: Reading, campaign: Campaign, fit: Fitted, posterior:
                 continue
             conditions = campaign.sensors[n].conditions
             row, single = int(term.candidate.shape["row"]), term.candidate.shape.get("channel")
+            chosen = {int(posterior.term(n, k).candidate.shape.get("row", -1)) for k in places}
+            others = [r for (m, r), p in likely.items() if m == n and r not in chosen and p > 1.0 - CERTAIN]
+            instead = sorted(conditions.collect[others].tolist()) if likely[n, row] < CERTAIN else []
             for column, (value, error) in values_of(posterior, fit, n, j).items():
-                out.append(_row(n, conditions, column if single is None else int(single), row, value, error))
+                one = _row(n, conditions, column if single is None else int(single), row, value, error)
+                out.append(one | ({"or_collects": instead} if instead else {}))
+    return out
+
+
+def _probable_rows(posterior: Posterior) -> dict[tuple[int, int], float]:
+    """Return how probably each row is a wrong one, by sensor and row."""
+    out: dict[tuple[int, int], float] = {}
+    for found in posterior.sets:
+        terms = [(n, posterior.term(n, j)) for n, places in found.terms.items() for j in places]
+        for key in {(n, int(t.candidate.shape["row"])) for n, t in terms if t.name == "row"}:
+            out[key] = out.get(key, 0.0) + float(np.exp(found.log_weight))
     return out
 
 
@@ -192,9 +210,10 @@ def rows_found(reading: Reading, campaign: Campaign, outliers: Sequence[Mapping[
     for (n, run, collect), several in by_collect.items():
         off = ", ".join(f"{each['channel']} by {each['size_deg_per_hr']:.4g} deg/hr" for each in several)
         names = tuple(each["channel"] for each in several)
-        found.append(
-            Wrong(n, run, (collect,), names, OMITTED, f"collect {collect} is off what all others make of it: {off}")
-        )
+        why = f"collect {collect} is off what all others make of it: {off}"
+        if instead := sorted({other for each in several for other in each.get("or_collects", ())}):
+            why += f"; or {numbered('collect', instead)} may be, in its place: these rates cannot tell which is wrong"
+        found.append(Wrong(n, run, (collect,), names, OMITTED, why))
     found += [row for collects in campaign.sensors.values() for row in clipped_rows(collects)]
     return [each.document() for each in found]
 

@@ -13,7 +13,9 @@ from hil.campaign import Campaign
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.page import summary
 from hil.reconcile.outcome.scatter import in_words
+from hil.reconcile.scattering import what_scatters
 from tests.hil.reconcile.hidden_effects import EIGHT, Rows, base_rates, campaign_of, lay_out, noise
+from tests.hil.solve.test_neighbours import campaign, with_rates
 
 
 def layout(temperatures: tuple[float, ...] = (25.0,), runs_each: int = 12, seed: int = 3, **more: object) -> Rows:
@@ -221,3 +223,23 @@ def test_what_the_model_explains_is_no_surprise() -> None:
     (told,) = in_words([{**channel, "explained_deg_per_hr": 2.5}])
     assert "2 times as much as their standard errors and the model say" in told
     assert in_words([{**channel, "explained_deg_per_hr": 4.0}]) == []
+
+
+@pytest.mark.slow
+def test_of_two_rows_that_differ_nobody_says_which_is_wrong() -> None:
+    """Two runs at one temperature, one rate wrong: whichever is left out, the other is named with it."""
+    one = campaign(2, 2, seed=11, scatter=2.0)
+    for wrong, partner in ((5, 2), (1, 4)):
+        rates = one.sensors[2].rates_deg_per_hr.copy()
+        rates[wrong, 0] += 80.0
+        (row,) = what_scatters(with_rates(one, rates)).rows
+        both = {wrong + 1, partner + 1}
+        (left_out,) = row["collects"]
+        (other,) = both - {left_out}
+        assert f"or collect {other} may be, in its place" in row["why"]
+    three = campaign(12, 3, seed=11, scatter=2.0)
+    rates = three.sensors[2].rates_deg_per_hr.copy()
+    rates[5, 0] += 80.0
+    (row,) = what_scatters(with_rates(three, rates)).rows
+    assert row["collects"] == [6]
+    assert "in its place" not in row["why"]
