@@ -232,8 +232,13 @@ class _Departures:
                 reason = f"{pair} look exchanged: each shows what the other runs show at the other's position"
                 found = replace(found, rows=np.array([i, j]), exchanged=(i, j))
                 return Judgement(Verdict.FAIL, f"{reason} ({positions})"), found
-        # A sign is a run's: one collect alone that fits with minus is off by chance.
-        if all(self._fits(i, -self._rates[i]) for i in np.flatnonzero((conditions.run == run) & self.known)):
+        # A sign is a run's: it shows in every collect whose rate is large, and one that fits with minus does by chance.
+        large = np.any(2.0 * np.abs(self._rates) > FAR * self._scale, axis=1) & (conditions.run == run) & self.known
+        if (
+            len(rows) > 1
+            and set(np.flatnonzero(large)) <= set(rows)
+            and all(self._fits(i, -self._rates[i]) for i in rows)
+        ):
             found.wrong[rows] = True
             return Judgement(
                 Verdict.FAIL, f"{named}: the signs look turned: the other runs show the same with minus"

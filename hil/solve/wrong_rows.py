@@ -149,12 +149,12 @@ def clipped_rows(collects: Collects) -> list[Wrong]:
 def what_is_wrong(campaign: Campaign) -> dict[str, Any]:
     """Return what is wrong with rows and runs of all sensors: keys `rows` and `runs_not_used` of every document.
 
-    What is used and doubted is told of runs that are in means, of which the others need no doubt.
+    Rows are those of runs that are in means: of the others each solution's reason says it.
     """
     not_used = pooled(campaign).not_used
     rows = [each for found in wrong_rows(campaign).values() for each in found.rows]
     return {
-        "rows": [each.document() for each in rows if each.done != USED or each.run not in not_used[each.sensor]],
+        "rows": [each.document() for each in rows if each.run not in not_used[each.sensor]],
         **without(campaign),
     }
 

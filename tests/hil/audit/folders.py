@@ -108,6 +108,14 @@ def _triad(wrong: bool = False) -> Campaign:
     return Campaign("poses", "", {1: Collects(conditions, rates, np.full((24, 3), 5.0))})
 
 
+def _clipped() -> Campaign:
+    """Channel A shows no more than 40 deg/hr: the runs in which it stands there FAIL by that."""
+    one = _good()
+    rates = one.sensors[2].rates_deg_per_hr.copy()
+    rates[:, 0] = np.minimum(rates[:, 0], np.sort(rates[:, 0])[-5])
+    return judged_by_its_records(with_rates(one, rates))
+
+
 FOLDERS: dict[str, Callable[[], Campaign]] = {
     "good": _good,
     "labels exchanged": _exchanged,
@@ -116,6 +124,7 @@ FOLDERS: dict[str, Callable[[], Campaign]] = {
     "one collect missing": _one_missing,
     "one standard error missing": _one_silent,
     "contradicted": _contradicted,
+    "clipped": _clipped,
     "short soaks": _short_soaks,
     "two sensors": _two_sensors,
     "one run": lambda: campaign(1, 1, seed=3),

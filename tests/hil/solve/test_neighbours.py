@@ -232,3 +232,13 @@ def test_runs_that_cannot_be_compared_say_so(runs: int, per_temperature: int, al
     said = f"{numbered('run', alone)} cannot be compared with others"
     assert [run for run, text in told.items() if said in text] == alone
     assert sum("cannot be compared" in text for text in told.values()) == len(alone)
+
+
+def test_one_rate_that_fits_with_minus_by_chance_is_no_turned_sign() -> None:
+    """A sign is that of a whole run; what stands out is the rate."""
+    one = campaign(6, 2, seed=11, scatter=2.0)
+    rates = one.sensors[2].rates_deg_per_hr.copy()
+    rates[8, 1] += 60.0
+    reasons = " ".join(each.reason for each in solve_campaign(with_rates(one, rates)))
+    assert "signs look turned" not in reasons
+    assert "collect 9" in reasons
