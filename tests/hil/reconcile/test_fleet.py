@@ -109,7 +109,7 @@ def test_on_a_dask_cluster_too_though_a_worker_is_killed(folder: Path) -> None:
     """A scheduler and two workers as processes, one of them killed at work: the same document as alone."""
     distributed = pytest.importorskip("distributed", reason="distributed is not installed: hil[cluster]")
     alone = fleet_document(screen_folders([folder], "matrix-6-thermal"))
-    with distributed.LocalCluster(2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
+    with distributed.LocalCluster(2, threads_per_worker=1, processes=True, dashboard_address=":0") as cluster:
         assert fleet_document(screen_folders([folder], "matrix-6-thermal", cluster=cluster.scheduler_address)) == alone
         with ThreadPoolExecutor(1) as thread, distributed.Client(cluster) as client:
             asked = thread.submit(screen_folders, [folder], "matrix-6-thermal", cluster=cluster.scheduler_address)
@@ -136,7 +136,7 @@ def test_a_worker_of_another_version_takes_no_part_and_that_is_said(
         def started(what: str, *options: str, path: str = "") -> None:
             command = [sys.executable, "-m", "distributed.cli.dask_" + what, "--scheduler-file", str(scheduler)]
             process = subprocess.Popen(
-                [*command, "--no-dashboard", "--host", "127.0.0.1", *options],
+                [*command, "--no-dashboard", "--dashboard-address", ":0", "--host", "127.0.0.1", *options],
                 env={**os.environ, "PYTHONPATH": os.pathsep.join([path, *sys.path])},
                 stderr=subprocess.DEVNULL,
             )
