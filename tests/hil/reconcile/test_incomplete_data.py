@@ -330,3 +330,21 @@ def test_the_power_of_a_repeated_experiment_is_that_of_all_its_repeats() -> None
     assert repeated(2.0)[1] > repeated(9.0)[1] > 0.6
     assert repeated(0.5)[0] == 0
     assert repeated(0.5)[1] < 0.1
+
+
+def test_a_run_that_has_only_begun_lacks_nothing_before_its_first_collect() -> None:
+    """Its first position is also the last of a whole run; the twin asks in the middle of one."""
+    there_and_back = np.array(["1", "3", "4", "2", "4", "3", "1"])
+    one = hidden_campaign(7, mass_unbalance, thermal=False, mu=False).sensors[2].conditions.rows(np.arange(14))
+    asked = replace(
+        one,
+        collect=np.arange(14),
+        run=np.repeat([1, 2], 7),
+        position=np.tile(there_and_back, 2),
+        start_s=np.concatenate([100.0 * np.arange(7), 5000.0 + 100.0 * np.arange(7)]),
+    )
+    for kept, places in ((8, [0]), (10, [0, 1, 2])):
+        begun = place_in_run(asked.rows(np.arange(kept)), 100.0)
+        np.testing.assert_array_equal(begun[7:], places)
+    without_its_first = place_in_run(asked.rows(np.delete(np.arange(14), 7)), 100.0)
+    np.testing.assert_array_equal(without_its_first[7:], np.arange(1, 7))
