@@ -25,9 +25,9 @@ demo: $(VENV)/run.stamp  ## the published night on the simulated bench, to a rep
 test: $(VENV)/dev.stamp  ## every behaviour once, in minutes
 	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist worksteal -m "not slow"
 
-# Two more than there are processors: every sixth minute of these is a real process or port that is waited for.
+# One more than there are processors: every sixth minute of these is a real process or port that is waited for.
 test-rest: $(VENV)/dev.stamp  ## what `make test` leaves out: full matrices, statistics over many seeds, what takes long
-	$(BIN)/python -m pytest -q -n $$(($$(nproc) < 4 ? $$(nproc) + 2 : 4)) --dist worksteal -m slow
+	$(BIN)/python -m pytest -q -n $$(($$(nproc) < 4 ? $$(nproc) + 1 : 4)) --dist worksteal -m slow
 
 test-all: test test-rest  ## every test
 

@@ -259,6 +259,7 @@ def test_one_file_of_all_gives_what_the_folders_give(
     assert by_file.shared == by_folder.shared
     assert by_file.not_screened.keys() == by_folder.not_screened.keys() - {str(folder / "x-broken")}
     assert run(["export", str(folder), str(file), "--fleet"]) == 2  # and what is there stays
+    assert run(["export", str(folder), str(tmp_path / "two.parquet"), "--fleet", "--format", "hdf5"]) == 2
     whole = pq.read_table(file)
     spoiled = {
         "no Parquet file": b"campaigns",
