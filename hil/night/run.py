@@ -173,11 +173,10 @@ def resume_night(
     half_done = plan.self_calibrations.get(first_run, ())
     visited = [s.position for s in half_done if s.kind is StepKind.COLLECT and s.key in done and s.position]
     with ExitStack() as held:
-        lock = held.enter_context(FolderLock(folder).acquire())
+        lock, attendant = held.enter_context(FolderLock(folder).acquire()), Attendant(terminal)
         bench, _ = configuration_of(night.configuration, folder / CONFIGURATION)
         bench = bench.of_unit(said.serial) if said.serial else bench
         held.enter_context(bench_lock(bench, folder))
-        attendant = Attendant(terminal)
         live = build_bench(
             bench,
             start_utc=night.utc(last_s + down_s),
@@ -294,8 +293,8 @@ def judge(journal: SqliteJournal, state: str) -> None:
     """
     from hil.analysis.night_verdict import of_units  # only an end needs what solves
 
-    done = journal.completed().keys()
     with proven_once(journal.folder):
+        done = journal.completed().keys()
         judged = {unit: _judged(journal, unit, state, done) for unit in journal.plan.units}
     ends = {unit: each for unit, each in judged.items() if each is not None}
     if ends and "" not in judged:

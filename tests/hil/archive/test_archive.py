@@ -6,8 +6,6 @@ import errno
 import json
 import os
 import shutil
-import subprocess
-import sys
 from contextlib import closing
 from dataclasses import replace
 from http.client import HTTPConnection
@@ -38,31 +36,6 @@ from hil.solve import repeats, solve_campaign
 from tests.hil.archive.conftest import COUNT, DAYS, DRIFT, JUMP, of_life
 from tests.hil.dashboard.live_page import TOKEN, served
 from tests.hil.report.report_pages import TWO
-
-_KILLED = """
-import os, signal, sys
-from pathlib import Path
-from hil.archive.folder import take_up
-from hil.files.durable import RealDisk
-left = [0]
-for name in ("write", "rename", "synchronise_folder"):
-    def counted(self, *given, own=getattr(RealDisk, name)):
-        left[0] -= 1
-        if not left[0]:
-            os.kill(os.getpid(), signal.SIGKILL)
-        own(self, *given)
-    setattr(RealDisk, name, counted)
-for place in range(1, 60):
-    left[0] = place
-    child = os.fork()
-    if not child:
-        take_up(Path(sys.argv[1], str(place)), Path(sys.argv[2]))
-        os._exit(0)
-    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    print(code, flush=True)
-    if code != -signal.SIGKILL:
-        break
-"""
 
 
 @pytest.fixture(scope="module")
@@ -391,21 +364,3 @@ def test_a_night_is_taken_up_at_its_end_and_outlived_by_what_was_averaged(
     assert start_night(tmp_path / "night-2", TWO, bench, who="rk", seed=5).exit_status == 0
     with open_readonly(tmp_path / "night-2") as journal:
         assert [each.kind for each in journal.events()].count("not-archived") == 1
-
-
-@pytest.mark.slow
-def test_whoever_is_killed_while_taking_up_leaves_an_entry_or_none(campaigns: list[Path], tmp_path: Path) -> None:
-    """At every write, rename and synchronisation; the next one takes it up, and the index has it once."""
-    command = [sys.executable, "-c", _KILLED, tmp_path, campaigns[0]]
-    *killed, last = subprocess.run(command, check=True, capture_output=True).stdout.split()
-    assert last == b"0", "it was never finished"
-    assert len(killed) >= 5
-    for place in range(1, len(killed) + 2):
-        archive = tmp_path / f"{place}"
-        there = found(archive)[0] if archive.is_dir() else []
-        for name in there:
-            read_entry(archive, name)
-        take_up(archive, campaigns[0])
-        done = update(archive)
-        assert (len(done.new), done.broken) == (1, {})
-        assert found(archive)[0] == list(done.new)
