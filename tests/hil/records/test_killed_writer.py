@@ -85,11 +85,12 @@ def test_what_was_committed_survives_kills_at_random_instants(long_night: Path, 
     promised: list[str] = []
     seed = int.from_bytes(os.urandom(4))
     instants = random.Random(seed)
-    for _ in range(kills):
+    for kill_number in range(kills):
         child = start(long_night)
         assert child.stdout is not None
-        # So many whole steps, then somewhere in the next one.
-        promised += [child.stdout.readline().decode().strip() for _ in range(instants.randrange(6))]
+        # So many whole steps, then somewhere in the next one; only the first may be killed before any is whole.
+        whole = instants.randrange(min(kill_number, 1), 6)
+        promised += [child.stdout.readline().decode().strip() for _ in range(whole)]
         SystemClock().sleep(instants.uniform(0.0, 0.01))
         promised += kill(child)
         with open_readonly(long_night) as journal:
