@@ -70,7 +70,7 @@ def found_scatter(
         if not here.any() or np.logaddexp.reduce(total[here]) < np.logaddexp.reduce(total[own.points.kind < 0]):
             continue
         here &= total > total[here].max() - _TOLD
-        points, weighed = _finely(search, chosen[sensor], b, np.flatnonzero(here), "amount")
+        points, weighed = _finely(search, chosen[sensor], b, np.flatnonzero(here))
         total = weighed.terms_log + points.log_prior
         weight = np.exp(total - np.logaddexp.reduce(total))
         scales = np.array([weighed.left_at(t)[1] for t in range(len(points))])
@@ -85,14 +85,14 @@ def found_scatter(
     return out
 
 
-def _finely(search: SensorSearch, chosen: Set, b: int, at: IntArray, size: str) -> tuple[Points, SetInBlock]:
-    """Weigh a set in a block again, for each of some points at sizes all over the factor of two that it stands for.
+def _finely(search: SensorSearch, chosen: Set, b: int, at: IntArray) -> tuple[Points, SetInBlock]:
+    """Weigh a set in a block again, for each of some points at amounts all over the factor of two that it stands for.
 
-    `size` is the "amount" or the "offset": the search's own grid is coarser than what a night tells of either.
+    The search's own grid is coarser than what a night tells of a size.
     """
     steps = np.exp(_GRID * ((np.arange(_STEPS) + 0.5) / _STEPS - 0.5))
     coarse = search.blocks[b].points.take(np.repeat(at, _STEPS))
-    fine = replace(coarse, **{size: getattr(coarse, size) * np.tile(steps, len(at))})
+    fine = replace(coarse, amount=coarse.amount * np.tile(steps, len(at)))
     block = replace(search.blocks[b], points=fine, _whitening=None)
     block.measure(block.y)
     blocks = [block if k == b else other for k, other in enumerate(search.blocks)]
@@ -159,14 +159,11 @@ def ordinary(
 def _observed(search: SensorSearch, chosen: Set, block: FittedBlock) -> tuple[FloatArray, float]:
     """Return the variance of a block's rows, (N,), (deg/hr)², and the offset of a run in it, deg/hr.
 
-    Of all that is probable with the kind of scatter that was found, offsets weighed all over their factor of two.
+    The mean over all that is probable with the kind of scatter that was found: one point of the grid is a factor of two.
     """
     own = block.search
-    b = next(i for i, s in enumerate(search.blocks) if s is own)
-    weighed = search.in_block(chosen, b)
-    total = np.where(own.points.kind == block.point["kind"], weighed.terms_log + own.points.log_prior, -np.inf)
-    points, weighed = _finely(search, chosen, b, np.flatnonzero(total > total.max() - _TOLD), "offset")
-    total = weighed.terms_log + points.log_prior
+    weighed, points = search.in_block(chosen, next(i for i, s in enumerate(search.blocks) if s is own)), own.points
+    total = np.where(points.kind == block.point["kind"], weighed.terms_log + points.log_prior, -np.inf)
     scales = np.array([weighed.left_at(t)[1] for t in range(len(points))])
     weight = np.exp(total - np.logaddexp.reduce(total)) * scales * own.unit**2
     return weight @ own.noise.variance(points), float(np.sqrt(weight @ points.offset**2))
