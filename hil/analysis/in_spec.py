@@ -39,7 +39,7 @@ from procedures.verdict import NOT_GOOD, Judgement
 from procedures.words import counted, numbered
 
 _ALONE = "nothing was repeated, so what changes from run to run is not known: measure a temperature more than once"
-_NOT_COMPARED = "no earlier campaign was given to compare with (--against)"
+_NO_EARLIER = "no earlier campaign was given to compare with (--against)"
 _OF = {"value": "", "scatter": " from run to run", "change": ", change since the earlier campaign", "span": ", span"}
 
 
@@ -177,20 +177,22 @@ def judge(
     """Judge a unit by what repeats show of each sensor; `comparison` with an earlier campaign tells its changes."""
     found: list[Characteristic] = []
     for number, of in limits.sensors.items():
-        bad = {run for each in solutions if each.sensor == number and each.verdict in NOT_GOOD for run in each.runs}
+        own = [each for each in solutions if each.sensor == number]
+        bad = {run for each in own if each.verdict in NOT_GOOD for run in each.runs}
+        alone = {run for each in own if not each.compared for run in each.runs}
         for name, each in of.items():
             if number not in shown or name not in shown[number].names:
                 at = Characteristic(number, name, "value", (each.low, each.high), reason="no run could tell it")
                 found.append(at)
                 continue
-            one = _Judged(limits, number, name, each, shown[number], bad)
+            one = _Judged(limits, number, name, each, shown[number], bad, alone)
             found += [*one.values(), *one.scatter(), *one.span(), *one.change(comparison)]
     return InSpec(limits, measured, found)
 
 
 @dataclass(frozen=True)
 class _Judged:
-    """One parameter of one sensor, of which some runs are `bad`."""
+    """One parameter of one sensor, of which some runs are `bad`, and some have no other to be compared with."""
 
     rule: Limits
     sensor: int
@@ -198,6 +200,7 @@ class _Judged:
     limits: ParameterLimits
     shown: SensorRepeats
     bad: set[int]
+    alone: set[int]
 
     def _doubt(self, means: Sequence[MeanAt]) -> str:
         """Say why these means tell nothing of the unit; empty where they do."""
@@ -205,7 +208,11 @@ class _Judged:
             return "no run could tell it here"
         if bad := self.bad.intersection(run for mean in means for run in mean.runs):
             return f"{numbered('run', bad)}: not good (INCONCLUSIVE or FAIL)"
-        return "" if self._degrees or not self.rule.sigmas else _ALONE
+        if not self._degrees and self.rule.sigmas:
+            return _ALONE
+        single = self.alone.intersection(mean.runs[0] for mean in means if len(mean.runs) == 1)
+        once = "measured once, beside nothing that would show a wrong collect: repeat it"
+        return f"{numbered('run', single)}: {once}" if single and self.rule.sigmas else ""
 
     @property
     def _place(self) -> int:
@@ -237,7 +244,10 @@ class _Judged:
                 yield self._told("value", limits, doubt, each.value, *ends, temperature_degC=at)
 
     def scatter(self) -> Iterator[Characteristic]:
-        limits, doubt = (None, self.limits.scatter), self._doubt(self.shown.means)
+        limits, doubt = (
+            (None, self.limits.scatter),
+            self._doubt([each for each in self.shown.means if len(each.runs) > 1]),
+        )
         if self.limits.scatter is not None and (doubt or not self._degrees):
             yield self._told("scatter", limits, doubt or _ALONE)
         elif self.limits.scatter is not None:
@@ -263,7 +273,7 @@ class _Judged:
             return
         limits = (-self.limits.change, self.limits.change)
         if comparison is None:
-            yield self._told("change", limits, _NOT_COMPARED)
+            yield self._told("change", limits, _NO_EARLIER)
             return
         found = {(each.sensor, each.parameter, each.temperature_degC): each for each in comparison.differences}
         whole = next(filter(None, [comparison.meaningless, *comparison.doubts]), "")

@@ -256,7 +256,9 @@ class _Departures:
         if len(rows) > 1 and whole and alike:
             said = f"{reason}; the whole run is off by the same: its bias was another"
             return Judgement(Verdict.MARGINAL, said), found
-        found.wrong[rows] = np.abs(off) > FAR * self._scale[rows]
+        found.wrong[rows] = (
+            np.abs(off) > _NEAR * self._scale[rows]
+        )  # a collect with one rate wrong is not to be trusted
         return Judgement(Verdict.INCONCLUSIVE, reason), found
 
     def _fits(self, i: int, rates: FloatArray) -> bool:

@@ -56,7 +56,8 @@ class RunSolution:
 
     `covariance` (p, p) in the order of `parameters`, NaN where unknown; `condition_number` None where infinite;
     `residual_rms_deg_per_hr` None without degrees of freedom; `combinations` are seen mixtures of parameters that are
-    not known singly. `chi_square` is that of the residuals, None without stated standard errors.
+    not known singly. `chi_square` is that of the residuals, None without stated standard errors. `compared`: whether
+    other runs say what this one's collects should show.
     """
 
     run: int | None
@@ -75,6 +76,7 @@ class RunSolution:
     reason: str
     assumed: tuple[str, ...]
     chi_square: float | None = None
+    compared: bool = True
 
     @property
     def exceeds_errors(self) -> bool:
@@ -142,7 +144,7 @@ def _judged(solution: RunSolution, rows: Collects, beside: _Beside) -> RunSoluti
             f"{numbered('run', beside.not_compared)} cannot be compared with others (it takes three at a temperature, "
             "or a colder and a warmer one, and six such collects): that each collect is what it says"
         )
-        solution = replace(solution, assumed=(*solution.assumed, alone))
+        solution = replace(solution, assumed=(*solution.assumed, alone), compared=False)
     if lacking := [collect for run in solution.runs for collect in beside.lacking.get(run, ())]:
         largest = "not all standard errors are stated: the largest of the others stands for the rest"
         solution = replace(solution, assumed=(*solution.assumed, f"{numbered('collect', lacking)}: {largest}"))

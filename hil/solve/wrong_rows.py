@@ -12,6 +12,7 @@ parameters, whether it is far more probable with one collect left out, with the 
 
 from collections.abc import Collection, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -196,14 +197,20 @@ def in_words(wrong: Mapping[str, Any]) -> list[str]:
 def otherwise(campaign: Campaign, rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """Say where the search's `rows` are not what the quick form, which numbers are made from, does about them."""
     search, quick = (
-        {(int(r["sensor"]), int(n)) for r in of if r["done"] != USED for n in r["collects"]}
+        {
+            (int(row["sensor"]), channel, collect)
+            for row in of
+            if row["done"] != USED
+            for collect, channel in product(row["collects"], row["channels"])
+        }
         for of in (rows, what_is_wrong(campaign)["rows"])
     )
     here = "by hil solve, report, budget, thermal and visibility, which judge by neighbours and residuals alone"
     return [
-        f"sensor {sensor}: {numbered('collect', sorted(n for s, n in odd if s == sensor))}: {what} {here}"
+        f"sensor {sensor}, {channel}: {numbered('collect', sorted(n for *of, n in odd if of == [sensor, channel]))}: "
+        f"{what} {here}"
         for odd, what in ((search - quick, "used as measured"), (quick - search, "left out or mended"))
-        for sensor in sorted({s for s, _ in odd})
+        for sensor, channel in sorted({(s, c) for s, c, _ in odd})
     ]
 
 

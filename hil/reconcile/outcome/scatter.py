@@ -159,7 +159,7 @@ def ordinary(
 def _observed(search: SensorSearch, chosen: Set, block: FittedBlock) -> tuple[FloatArray, float]:
     """Return the variance of a block's rows, (N,), (deg/hr)², and the offset of a run in it, deg/hr.
 
-    The mean over all that is probable with the kind of scatter that was found: one point of the grid is a factor of two.
+    The mean over all that is probable with the kind of scatter that was found: a point of the grid is a factor of two.
     """
     own = block.search
     weighed, points = search.in_block(chosen, next(i for i, s in enumerate(search.blocks) if s is own)), own.points

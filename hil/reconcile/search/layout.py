@@ -151,7 +151,7 @@ def _exchanges(sensor: SensorProblem, blocks: Sequence[Block], mislabelled: Sequ
             continue
         grid = list(effect.shape_grid(conditions))
         asked = runs_to_ask(blocks, conditions, MANY_PLACES * runs // max(len(grid), 1)).tolist()
-        bases = {run: sensor.base_without(conditions.run == run) for run in asked}
+        bases = sensor.bases_without(asked)
         for shape in (s for s in grid if s.get("run") in bases):
             columns = np.nan_to_num(effect.columns(conditions, bases[int(shape["run"])], shape))
             if np.any(columns):

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from hil.campaign import BoolArray, Campaign, Collects, Conditions, FloatArray
+from hil.campaign import Campaign, Collects, Conditions, FloatArray
 from hil.errors import InputError
 from hil.model import Model
 from hil.model.effects.base import Base, Effect
@@ -51,12 +51,23 @@ class SensorProblem:
         """Return the base on other rows of this sensor."""
         return _added(base_at(self.form, conditions, self.values), self.given, conditions)
 
-    def base_without(self, rows: BoolArray) -> Base:
-        """Return the base fitted to all rows but these (n,): what a mistake in them has not touched."""
+    def bases_without(self, runs: Sequence[int]) -> Mapping[int, Base]:
+        """Return for each run the base fitted to all others: what a mistake in it has not touched.
+
+        Residuals beyond the usual count by their size alone, not by its square: there may be mistakes in others too.
+        """
         conditions = self.collects.conditions
-        rates = np.where(rows[:, None], np.nan, self.collects.rates_deg_per_hr - self.known_rates())
-        values = _fit(self.form.columns(conditions), rates, self.collects.rates_se_deg_per_hr)
-        return _added(base_at(self.form, conditions, values), self.given, conditions)
+        columns, rates = self.form.columns(conditions), self.collects.rates_deg_per_hr - self.known_rates()
+        weighed = self.collects.rates_se_deg_per_hr
+        for _ in range(_ROUNDS):
+            left = np.abs(rates - columns @ _fit(columns, rates, weighed))
+            weighed = np.sqrt(np.maximum(left, np.nanmedian(left)))
+        out = {}
+        for run in runs:
+            others = np.where((conditions.run == run)[:, None], np.nan, rates)
+            values = _fit(columns, others, weighed)
+            out[run] = _added(base_at(self.form, conditions, values), self.given, conditions)
+        return out
 
     def base_beside(self, effect: Effect, shape: Mapping[str, float]) -> Base:
         """Return the base as it is if `effect` acts too: what scales or turns the base has changed the fitted one.

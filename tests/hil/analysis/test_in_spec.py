@@ -100,6 +100,20 @@ def test_a_measurement_that_is_not_good_tells_nothing() -> None:
     assert (unsolved.word, unsolved.characteristics[0].reason) == (Word.UNKNOWN, "no run could tell it")
 
 
+def test_a_temperature_measured_once_that_nothing_can_be_held_against_tells_nothing() -> None:
+    """One wrong collect would look the same; the scatter is told by the temperatures that have repeats."""
+    of, thrice = limits({"BA": {"high": "40 deg/hr", "scatter": "90 deg/hr"}}), night()
+    rows = thrice.sensors[2].rows(~np.isin(thrice.sensors[2].conditions.run, (2, 3)))
+    rates = rows.rates_deg_per_hr.copy()
+    rates[1] += [250.0, 0.0]
+    one = replace(thrice, sensors={2: replace(rows, rates_deg_per_hr=rates)})
+    said = judged(one, of)
+    assert said.word is Word.UNKNOWN
+    assert ["measured once" in each.reason for each in said.characteristics] == [True] + [False] * 5
+    assert {each.word for each in said.characteristics[1:]} == {Word.IN}
+    assert judged(one, limits({"BA": {"high": "40 deg/hr"}}, decision="simple acceptance")).word is Word.OUT
+
+
 def test_a_change_is_judged_against_an_earlier_campaign_of_the_unit() -> None:
     """In, out, and not known: without one, with itself, with one that is not good, with another unit's."""
     of = limits({"BA": {"change": "6 deg/hr"}})

@@ -33,6 +33,12 @@ def _exchanged() -> Campaign:
     return _changed(one, [12, 13], one.sensors[2].rates_deg_per_hr[[13, 12]])
 
 
+def _exchanged_twice() -> Campaign:
+    """In run 5 collects 1 and 2, in run 9 collects 2 and 3."""
+    one = _exchanged()
+    return _changed(one, [25, 26], one.sensors[2].rates_deg_per_hr[[26, 25]])
+
+
 def _far_off() -> Campaign:
     one = _good()
     return _changed(one, [14], one.sensors[2].rates_deg_per_hr[[14]] + [[0.0, 300.0]])
@@ -120,6 +126,7 @@ FOLDERS: dict[str, Callable[[], Campaign]] = {
     "good": _good,
     "labels exchanged": _exchanged,
     "labels exchanged in a body": _exchanged_body,
+    "labels exchanged twice": _exchanged_twice,
     "one rate far off": _far_off,
     "one collect missing": _one_missing,
     "one standard error missing": _one_silent,

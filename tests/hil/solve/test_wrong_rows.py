@@ -12,7 +12,7 @@ from hil.analysis.thermal.document import thermal_document
 from hil.campaign import Campaign
 from hil.campaign.plausibility import judged_by_its_records
 from hil.solve import repeats, solve_campaign
-from hil.solve.wrong_rows import LEFT_OUT, MENDED, USED, in_words, pooled, treated, what_is_wrong, wrong_rows
+from hil.solve.wrong_rows import LEFT_OUT, MENDED, USED, in_words, otherwise, pooled, treated, what_is_wrong, wrong_rows
 from procedures.verdict import Judgement, Verdict
 from tests.hil.audit.folders import FOLDERS
 from tests.hil.solve.test_neighbours import campaign, with_column, with_rates
@@ -114,6 +114,25 @@ def test_one_rate_far_off_is_left_out_and_the_other_channel_is_kept() -> None:
     solved = {each.run: each for each in solve_campaign(campaign)}
     assert solved[5].parameters["MUA"].value is None
     assert solved[5].verdict is Verdict.INCONCLUSIVE
+
+
+def test_of_a_collect_that_is_far_off_in_one_channel_the_other_must_be_near() -> None:
+    """Ten times the usual scatter makes a collect wrong; of one that is wrong, four are enough to distrust a rate."""
+    good = made("good")
+    rates = good.sensors[2].rates_deg_per_hr.copy()
+    rates[14] += [12.0, 300.0]
+    (row,) = wrong_rows(with_rates(good, rates))[2].rows
+    assert row.channels == ("RA", "RB")
+
+
+def test_what_a_search_does_otherwise_is_said_by_channel() -> None:
+    """In both directions; and nothing where the two agree."""
+    one = made("one rate far off")
+    quick = what_is_wrong(one)["rows"]
+    both = [{**quick[0], "channels": ["RA", "RB"]}]
+    assert otherwise(one, quick) == []
+    assert [each.split(" by ")[0] for each in otherwise(one, both)] == ["sensor 2, RA: collect 15: used as measured"]
+    assert [each.split(" by ")[0] for each in otherwise(one, [])] == ["sensor 2, RB: collect 15: left out or mended"]
 
 
 def test_in_a_log_of_many_poses_the_one_that_all_others_contradict_is_left_out() -> None:
