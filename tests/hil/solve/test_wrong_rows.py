@@ -120,7 +120,7 @@ def test_of_a_collect_that_is_far_off_in_one_channel_the_other_must_be_near() ->
     """Ten times the usual scatter makes a collect wrong; of one that is wrong, four are enough to distrust a rate."""
     good = made("good")
     rates = good.sensors[2].rates_deg_per_hr.copy()
-    rates[14] += [12.0, 300.0]
+    rates[14] += [7.0, 300.0]
     (row,) = wrong_rows(with_rates(good, rates))[2].rows
     assert row.channels == ("RA", "RB")
 
