@@ -9,15 +9,19 @@ unexport PYTHONDONTWRITEBYTECODE  # the tests start hundreds of processes, each 
 help:  ## what can be made
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
 
-$(VENV)/run.stamp: pyproject.toml constraints.txt
+define installed
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "hil needs Python 3.11 or newer; try: make PYTHON=python3.11 demo")'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '$(1)'
+endef
+
+$(VENV)/run.stamp: pyproject.toml constraints.txt
+	$(call installed,.)
 	@touch $@
 
-$(VENV)/dev.stamp: $(VENV)/run.stamp
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
-	@touch $@
+$(VENV)/dev.stamp: pyproject.toml constraints.txt
+	$(call installed,.[dev])
+	@touch $(VENV)/run.stamp $@
 
 demo: $(VENV)/run.stamp  ## the published night on the simulated bench, to a report
 	$(BIN)/hil demo
