@@ -13,14 +13,18 @@ A number without its unit is refused, and so is a unit of another kind: "45 kg" 
 boundary knows pint.
 """
 
+from __future__ import annotations
+
 import math
 import re
 from dataclasses import dataclass
 from functools import cache
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import pint
 from pydantic import BeforeValidator
+
+if TYPE_CHECKING:
+    import pint
 
 
 @dataclass(frozen=True)
@@ -56,7 +60,8 @@ _POINTS = {"degree_Celsius": "delta_degree_Celsius", "degree_Fahrenheit": "delta
 
 @cache
 def _registry() -> pint.UnitRegistry[Any]:
-    # Made on first use: a command that reads no configuration does not wait for it.
+    import pint  # imported late, as all of it is made on first use: a command without configuration does not wait
+
     registry: pint.UnitRegistry[Any] = pint.UnitRegistry()
     registry.define("gee = standard_gravity")  # pint's g is the gram
     return registry
@@ -93,6 +98,8 @@ def worth(unit: str, kind: Kind) -> float:
 
 
 def _convert(number: float, unit_text: str, kind: Kind) -> float:
+    from pint import PintError
+
     known = _registry()
     wrong = f"'{number:g} {unit_text}' is not {kind.name}; write it like {kind.example}"
     try:
@@ -101,7 +108,7 @@ def _convert(number: float, unit_text: str, kind: Kind) -> float:
         raise ValueError(f"{wrong} ({unit_text!r} is not a unit that is known here)") from error
     try:
         converted = known.Quantity(number, _POINTS.get(unit, unit) if kind.is_difference else unit).to(kind.unit)
-    except pint.PintError as error:
+    except PintError as error:
         raise ValueError(wrong) from error
     return float(converted.magnitude)
 

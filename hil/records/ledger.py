@@ -22,7 +22,6 @@ from pathlib import Path
 from typing import Any
 
 from drivers.given_file import opened, read_bytes
-from hil.config.recorded import key_file
 from hil.errors import InputError
 
 HEAD_NAME = "journal.head"
@@ -41,6 +40,8 @@ class Ledger:
         self._connection = connection
         self._path = folder / HEAD_NAME
         self._key = b""
+        from hil.config.recorded import key_file  # imported late: whoever reads a night needs no bench files
+
         with contextlib.suppress(InputError, AttributeError, TypeError):  # of a night without a key
             self._key = read_key(key_file(*connection.execute("SELECT configuration FROM night").fetchone()))
         self._written: set[tuple[str, int]] = set()

@@ -80,11 +80,12 @@ def test_names_and_signatures_are_those_that_notebooks_rely_on() -> None:
 
 
 def test_importing_hil_loads_nothing_else() -> None:
-    """A driver's test that says `import hil` does not wait for arithmetic; the sub-packages keep their names."""
+    """A driver's test that says `import hil` does not wait for arithmetic, nor `hil status` for benches; names stay."""
     code = "import sys, hil; print(sorted({'numpy', 'typer', 'hil.cli.notebook'} & set(sys.modules)))"
+    code += "; import hil.cli.watch; print(sorted({'pint', 'scipy', 'hil.config.bench'} & set(sys.modules)))"
     code += "; import hil.solve; hil.read_campaign; print(hil.solve.__name__)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=_here())
-    assert done.stdout == "[]\nhil.solve\n"
+    assert done.stdout == "[]\n[]\nhil.solve\n"
 
 
 @pytest.mark.parametrize("question", ASKED)
