@@ -1,33 +1,31 @@
-"""What makes repeats scatter, and which rows are wrong: the search's posterior with nothing unknown on the mean.
+"""What makes repeats scatter, and which rows are wrong: a view of the posterior that `hil reconcile` reads.
 
     found = what_scatters(read_campaign("night"))
     found.named               # ("MU_rr",), or none where these repeats cannot tell
     found.document()          # what `hil scatter --json` prints
 
-The base has values of its own at each temperature, so that what follows temperature is no scatter; what scatters, and
-mistakes in the data, compete under the priors that `hil reconcile` has, and in its words. Whether something moves the
-mean is not asked: `hil reconcile` asks that, and its answer is the fuller one.
+It is asked about the form of model that fits the sensor; what moves the mean, what scatters and mistakes in the data
+compete there, so that nothing is called scatter which something else explains.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from hil.campaign import Campaign, Conditions
 from hil.model import load_model
-from hil.model.effects.catalogue import EFFECTS, VARIANCE_EFFECTS
+from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS
 from hil.model.forms import default_form
-from hil.reconcile.naming import CERTAIN, Reading, read, scatter_of
+from hil.reconcile.naming import CERTAIN, Reading, scatter_of
 from hil.reconcile.outcome import mistakes, scatter
 from hil.reconcile.search.fitted import Fitted, fitted
-from hil.reconcile.search.layout import searches
-from hil.reconcile.search.posterior import Posterior, weigh
-from hil.reconcile.search.problem import pose
+from hil.reconcile.search.posterior import Posterior
 from hil.reconcile.unrecorded import with_stand_ins
+from hil.reconcile.workflow import ALPHA, searched
 from hil.solve.temperatures import runs_by_temperature, unsettled
 from hil.solve.wrong_rows import in_words, otherwise, pooled, without
-from procedures.words import unit_in_words
+from procedures.words import listed, unit_in_words
 
 ORDINARY = "ordinary"
 """White noise and an offset from run to run: what is called no effect."""
@@ -35,20 +33,16 @@ ORDINARY = "ordinary"
 
 @dataclass(frozen=True)
 class Scattering:
-    """Probabilities of what scatters, by id; sizes of what is named; noise by channel; what is wrong with rows."""
+    """Probabilities of what scatters, by id; what is `named` of it, and what `moves` the mean; sizes; noise; rows."""
 
     campaign: Campaign
     probabilities: dict[str, float]
     titles: dict[str, str]
+    named: tuple[str, ...]
+    moves: tuple[str, ...]
     sizes: tuple[scatter.FoundScatter, ...]
     noise: list[dict[str, Any]]
     rows: list[dict[str, Any]]
-
-    @property
-    def named(self) -> tuple[str, ...]:
-        """What is named: the cause that is as probable as any name has to be; none where these repeats cannot tell."""
-        likely = [name for name, probability in self.probabilities.items() if probability >= CERTAIN]
-        return tuple(name for name in likely if name != ORDINARY)
 
     def sentences(self) -> list[str]:
         """Say what scatters, by how much, and what is wrong with the rows."""
@@ -70,11 +64,9 @@ class Scattering:
             if not _repeated(collects.conditions):
                 alone = "nothing was repeated: what is observed is what a smooth model leaves of single runs"
                 soaks.append(f"sensor {number}: {alone}")
-        asked = (
-            "what moves the mean is not asked here: hil reconcile may explain some of this, and rows that are left out"
-        )
+        beside = [f"beside it something moves the mean: {listed(self.moves)}; see hil reconcile"] if self.moves else []
         rows = [*in_words({"rows": self.rows, **without(self.campaign)}), *otherwise(self.campaign, self.rows)]
-        return [*soaks, *told, *scatter.in_words(self.noise), *rows, asked]
+        return [*soaks, *told, *scatter.in_words(self.noise), *beside, *rows]
 
     def document(self) -> dict[str, Any]:
         """Return what `hil scatter --json` prints."""
@@ -103,12 +95,9 @@ class Scattering:
 
 def what_scatters(campaign: Campaign) -> Scattering:
     """Weigh what may scatter in a campaign; raises `InputError` where no form fits a sensor."""
-    campaign = pooled(campaign)
-    chosen = with_stand_ins(campaign)
-    form = default_form(next(iter(chosen.sensors.values())).conditions).name
-    problem = replace(pose(chosen, load_model(form), ()), candidates=())
-    posterior = weigh(searches(problem, EFFECTS, VARIANCE_EFFECTS, calibrated=True))
-    reading = read(posterior, 1.0 - CERTAIN)
+    campaign = with_stand_ins(pooled(campaign))
+    model = load_model(default_form(next(iter(campaign.sensors.values())).conditions).name)
+    _, posterior, reading, *_ = searched(campaign, model, (*BASE_EFFECTS, *EFFECTS), VARIANCE_EFFECTS, ALPHA)
     fit = fitted(posterior, reading.found)
     titles = {
         ORDINARY: "white noise, and an offset of each run",
@@ -118,7 +107,7 @@ def what_scatters(campaign: Campaign) -> Scattering:
     weights[ORDINARY] = 1.0 - sum(weights.values()) if len(titles) > 1 else 0.0
     told = len(titles) > 1 and any(_repeated(rows.conditions) for rows in campaign.sensors.values())
     ranked = dict(sorted(weights.items(), key=lambda pair: -pair[1])) if told else {}
-    return _read(campaign, posterior, reading, fit, ranked, titles, form)
+    return _read(campaign, posterior, reading, fit, ranked, titles, model.title)
 
 
 def _repeated(conditions: Conditions) -> bool:
@@ -138,5 +127,7 @@ def _read(
     kind = reading.found.kind if ranked else ""
     found = scatter.found_scatter(posterior, reading.found.terms, fit, kind, conditions) if kind else []
     rows = mistakes.rows_found(reading, campaign, mistakes.outliers_found(reading, campaign, fit, posterior))
-    noise = scatter.ordinary(posterior, reading.found.terms, fit, conditions, found, [model])
-    return Scattering(campaign, ranked, titles, tuple(scatter.pooled(found)), noise, rows)
+    moves = tuple(each.name for each in reading.names if each.acts_on == "mean")
+    noise = scatter.ordinary(posterior, reading.found.terms, fit, conditions, found, [model, *moves])
+    named = tuple(each.name for each in reading.names if each.name in ranked and each.kind == "named")
+    return Scattering(campaign, ranked, titles, named, moves, tuple(scatter.pooled(found)), noise, rows)

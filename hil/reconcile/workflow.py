@@ -39,6 +39,8 @@ from hil.solve.runs import solve_campaign
 from hil.solve.wrong_rows import in_words, otherwise, pooled, without
 from procedures.verdict import NOT_GOOD
 
+ALPHA = 0.05
+"""Rate of false alarms where none is stated."""
 _CERTAIN = 0.1  # of alpha: a chance below it is a disagreement, whatever is not predicted
 _INSIDE = 0.2  # share of the rate of false alarms that the series' tests have, where there are series
 
@@ -47,7 +49,7 @@ def reconcile(
     campaign: Campaign,
     model: Model | str,
     *,
-    alpha: float = 0.05,
+    alpha: float = ALPHA,
     catalogue: Sequence[Effect] | None = None,
     scattering: Sequence[VarianceEffect] = VARIANCE_EFFECTS,
     draws: int = 4000,
@@ -67,18 +69,30 @@ def reconcile(
     for collects in campaign.sensors.values():
         chosen.check_sensor(collects.conditions.sensor)
     campaign = with_stand_ins(pooled(campaign))
-    measured = replace(campaign, sensors={n: unclipped(collects) for n, collects in campaign.sensors.items()})
-    # The search over averages and the tests inside the collects share the stated rate of false alarms.
     inside = within_collects(campaign, SERIES_EFFECTS, _INSIDE * alpha)
-    of_averages = (1.0 - _INSIDE) * alpha if campaign.series_files else alpha
+    found = searched(campaign, chosen, effects, scattering, alpha, prove=prove)
+    return _result(campaign, chosen, *found, inside, alpha, (draws, seed), prove=prove)
 
-    problem = pose(measured, chosen, effects)
-    posterior, reading = _weighed(problem, scattering, of_averages)
+
+def searched(
+    campaign: Campaign,
+    model: Model,
+    effects: Sequence[Effect],
+    scattering: Sequence[VarianceEffect],
+    alpha: float,
+    *,
+    prove: bool = True,
+) -> tuple[Problem, Posterior, Reading, tuple[HeldOut, HeldOut] | None, Sequence[Named]]:
+    """Find, name and prove: what is asked, what is probable, what that comes to, its proof, and what that took back.
+
+    The search over averages and the tests inside the collects share `alpha`, the stated rate of false alarms.
+    """
+    measured = replace(campaign, sensors={n: unclipped(collects) for n, collects in campaign.sensors.items()})
+    problem = pose(measured, model, effects)
+    posterior, reading = _weighed(problem, scattering, (1.0 - _INSIDE) * alpha if campaign.series_files else alpha)
     proof = _proof(posterior, reading) if prove else None
     reading, reverted = _kept(reading, proof)
-    return _result(
-        campaign, chosen, problem, posterior, reading, proof, reverted, inside, alpha, (draws, seed), prove=prove
-    )
+    return problem, posterior, reading, proof, reverted
 
 
 def _weighed(problem: Problem, scattering: Sequence[VarianceEffect], alpha: float) -> tuple[Posterior, Reading]:

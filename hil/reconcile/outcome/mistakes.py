@@ -8,12 +8,12 @@ import numpy as np
 
 from hil.campaign import Campaign, Conditions
 from hil.campaign.plausibility import clipped
-from hil.reconcile.naming import CERTAIN, Reading
+from hil.reconcile.naming import CERTAIN, Reading, classes_of
 from hil.reconcile.outcome.findings import physics, values_of
 from hil.reconcile.result import LEFT_OUT, Disagreement, FoundEffect, runs_in_words, without_collects
 from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.fitted import Fitted
-from hil.reconcile.search.posterior import Posterior
+from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.problem import Problem, SensorProblem
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED
 from hil.solve.wrong_rows import MENDED, Wrong, clipped_rows
@@ -134,7 +134,7 @@ def outliers_found(reading: Reading, campaign: Campaign, fit: Fitted, posterior:
 
     Where another row may be the wrong one in its place, `or_collects` has it: of two that differ nobody knows which.
     """
-    out, likely = [], _probable_rows(posterior)
+    out, likely = [], _probable_rows(posterior, reading.found)
     for n, places in reading.found.terms.items():
         for j in places:
             term = posterior.term(n, j)
@@ -151,13 +151,15 @@ def outliers_found(reading: Reading, campaign: Campaign, fit: Fitted, posterior:
     return out
 
 
-def _probable_rows(posterior: Posterior) -> dict[tuple[int, int], float]:
-    """Return how probably each row is a wrong one, by sensor and row."""
+def _probable_rows(posterior: Posterior, chosen: Found) -> dict[tuple[int, int], float]:
+    """Return how probably each row is a wrong one beside the names of a set, by sensor and row."""
     out: dict[tuple[int, int], float] = {}
-    for found in posterior.sets:
+    alike = [each for each in posterior.sets if classes_of(posterior, each) == classes_of(posterior, chosen)]
+    whole = np.logaddexp.reduce([each.log_weight for each in alike])
+    for found in alike:
         terms = [(n, posterior.term(n, j)) for n, places in found.terms.items() for j in places]
         for key in {(n, int(t.candidate.shape["row"])) for n, t in terms if t.name == "row"}:
-            out[key] = out.get(key, 0.0) + float(np.exp(found.log_weight))
+            out[key] = out.get(key, 0.0) + float(np.exp(found.log_weight - whole))
     return out
 
 
