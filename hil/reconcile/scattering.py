@@ -25,7 +25,7 @@ from hil.reconcile.search.layout import searches
 from hil.reconcile.search.posterior import Posterior, weigh
 from hil.reconcile.search.problem import pose
 from hil.reconcile.unrecorded import with_stand_ins
-from hil.solve.temperatures import runs_by_temperature, unsettled
+from hil.solve.temperatures import runs_by_temperature
 from hil.solve.wrong_rows import in_words, otherwise, pooled, without
 from procedures.words import unit_in_words
 
@@ -64,17 +64,16 @@ class Scattering:
             told = [f"nothing but ordinary noise: {ranked[0]}"]
         else:
             told = [f"these repeats cannot tell: {'; '.join(ranked)}" if ranked else "too few repeats to tell anything"]
-        soaks = []
-        for number, collects in self.campaign.sensors.items():
-            soaks += [f"sensor {number}: {words}" for words in dict.fromkeys(unsettled(collects.conditions).values())]
-            if not _repeated(collects.conditions):
-                alone = "nothing was repeated: what is observed is what a smooth model leaves of single runs"
-                soaks.append(f"sensor {number}: {alone}")
+        alone = [
+            f"sensor {number}: nothing was repeated: what is observed is what a smooth model leaves of single runs"
+            for number, collects in self.campaign.sensors.items()
+            if not _repeated(collects.conditions)
+        ]
         asked = (
             "what moves the mean is not asked here: hil reconcile may explain some of this, and rows that are left out"
         )
         rows = [*in_words({"rows": self.rows, **without(self.campaign)}), *otherwise(self.campaign, self.rows)]
-        return [*soaks, *told, *scatter.in_words(self.noise), *rows, asked]
+        return [*alone, *told, *scatter.in_words(self.noise), *rows, asked]
 
     def document(self) -> dict[str, Any]:
         """Return what `hil scatter --json` prints."""

@@ -9,7 +9,7 @@ The rest only reads it: what the model becomes, whether it predicts what it has 
 and what should be measured next.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -66,7 +66,7 @@ def reconcile(
     effects = (*BASE_EFFECTS, *EFFECTS) if catalogue is None else tuple(catalogue)
     for collects in campaign.sensors.values():
         chosen.check_sensor(collects.conditions.sensor)
-    campaign = with_stand_ins(pooled(campaign))
+    beside, campaign = without(campaign), with_stand_ins(pooled(campaign))
     measured = replace(campaign, sensors={n: unclipped(collects) for n, collects in campaign.sensors.items()})
     # The search over averages and the tests inside the collects share the stated rate of false alarms.
     inside = within_collects(campaign, SERIES_EFFECTS, _INSIDE * alpha)
@@ -77,7 +77,18 @@ def reconcile(
     proof = _proof(posterior, reading) if prove else None
     reading, reverted = _kept(reading, proof)
     return _result(
-        campaign, chosen, problem, posterior, reading, proof, reverted, inside, alpha, (draws, seed), prove=prove
+        campaign,
+        chosen,
+        problem,
+        posterior,
+        reading,
+        proof,
+        reverted,
+        inside,
+        beside,
+        alpha,
+        (draws, seed),
+        prove=prove,
     )
 
 
@@ -116,6 +127,7 @@ def _result(
     proof: tuple[HeldOut, HeldOut] | None,
     reverted: Sequence[Named],
     inside: Sequence[dict[str, Any]],
+    beside: Mapping[str, Any],
     alpha: float,
     chances: tuple[int, int],
     *,
@@ -166,8 +178,7 @@ def _result(
         after = scatter.with_offsets(after, noise, conditions)
         values = before_and_after(sensors, added, calibrated)
     after = findings.with_inside(after, model.version + 1, within, campaign)
-    not_used = without(campaign)
-    notes = [*campaign.warnings, *in_words(not_used), *problem.notes, *mistakes.mistake_notes(reading, campaign)]
+    notes = [*campaign.warnings, *in_words(beside), *problem.notes, *mistakes.mistake_notes(reading, campaign)]
     notes += findings.laws_that_fail(fit, problem.sensors)
     notes += [f"{n.name}: the gap on held-out data did not shrink, so it was not added" for n in reverted]
     notes += [findings.NOT_HELD_OUT] if prove and proof is None and names else []
@@ -207,7 +218,7 @@ def _result(
         contradicted=sorted({run for run, _ in campaign.contradicted}),
         missing=campaign.missing,
         doubtful=_doubtful(campaign),
-        not_used=not_used["runs_not_used"],
+        without=beside,
         exceeding=sorted({run for each in solve_campaign(campaign) if each.exceeds_errors for run in each.runs}),
         values=values,
     )

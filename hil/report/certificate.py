@@ -40,6 +40,7 @@ from hil.report.content import ReportContent, gather
 from hil.report.statements import assumed
 from hil.solve.repeats import SensorRepeats
 from hil.solve.runs import finite
+from hil.solve.wrong_rows import in_words, what_is_wrong
 from procedures.verdict import NOT_GOOD
 from procedures.words import counted, listed
 
@@ -213,7 +214,7 @@ def _annex(sensor: int, each: MeanBudget) -> dict[str, Any]:
 
 
 def _conditions(campaign: Campaign, content: ReportContent) -> Iterator[str]:
-    """Yield under what conditions it was measured, a sentence for each sensor, and the site."""
+    """Yield under what conditions it was measured, a sentence for each sensor, what is wrong, and the site."""
     for each in content.sensors:
         rows, shown = campaign.sensors[each.number], each.shown
         own = [degC for mean in shown.means for degC in mean.unit_degC or ()]
@@ -227,6 +228,7 @@ def _conditions(campaign: Campaign, content: ReportContent) -> Iterator[str]:
     told = ", ".join(
         f"{name.removesuffix('_deg').replace('_', ' ')} {value:.4g}°" for name, value in campaign.site.items()
     )
+    yield from in_words(what_is_wrong(campaign))
     yield f"site: {told}; 1 g is the local gravity, and the earth's rotation is taken off"
 
 

@@ -23,7 +23,6 @@ from hil.model.forms import MODEL_NAMES, LinearForm, default_form, named_form
 from hil.model.model_file import SCHEMA as MODEL_SCHEMA
 from hil.solve import solve
 from hil.solve.runs import OBSERVABLE
-from hil.solve.temperatures import unsettled
 from hil.solve.wrong_rows import pooled, treated
 from procedures.words import counted
 
@@ -173,7 +172,6 @@ def fit_sensor(
         name: _parameter(seen, place, choices[place], free[place], errors[place])
         for place, name in enumerate(layout.form.names)
     }
-    notes += [f"sensor {number}: {words}" for words in dict.fromkeys(unsettled(collects.conditions).values())]
     if layout.hysteresis:
         notes.append(f"sensor {number}: a drift through the campaign, if any, is part of what stands as hysteresis")
     else:

@@ -50,6 +50,11 @@ def _one_silent() -> Campaign:
     return replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=errors)})
 
 
+def _no_errors() -> Campaign:
+    one = _good()
+    return replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=np.full((36, 2), np.nan))})
+
+
 def _contradicted() -> Campaign:
     """In run 6 the unit lay otherwise than its labels say, by its own accelerometers, and its bias was another."""
     one = _good()
@@ -123,6 +128,7 @@ FOLDERS: dict[str, Callable[[], Campaign]] = {
     "one rate far off": _far_off,
     "one collect missing": _one_missing,
     "one standard error missing": _one_silent,
+    "no standard errors": _no_errors,
     "contradicted": _contradicted,
     "clipped": _clipped,
     "short soaks": _short_soaks,

@@ -43,13 +43,25 @@ COMMANDS: dict[str, Callable[[Path, str], list[str]]] = {
     ],
 }  # fmt: skip
 QUICK = ("solve", "thermal", "budget", "visibility")
-AT_ONCE = ("contradicted", "labels exchanged", "one rate far off", "one run", "poses, one wrong")
+AT_ONCE = (
+    "contradicted",
+    "short soaks",
+    "no standard errors",
+    "labels exchanged",
+    "one rate far off",
+    "one run",
+    "poses, one wrong",
+)
 
 
 def rows(document: dict[str, Any]) -> Answer:
     """Which rows are left out or mended, and which channels of them; what is only doubted is not compared."""
     treated = [each for each in document["rows"] if each["done"] != "used"]
     return {(r["sensor"], r["run"], tuple(r["collects"]), tuple(r["channels"])): r["done"] for r in treated}
+
+
+def _soaks(runs: list[dict[str, Any]]) -> Answer:
+    return {(each["sensor"], run): each["why"] for each in runs for run in each["runs"]}
 
 
 def _solved_means(document: dict[str, Any], key: str) -> Answer:
@@ -79,6 +91,14 @@ def _run_to_run(of_sensor: Mapping[str, Any], where: str) -> Answer:
     }
 
 
+def _noise_assumed(document: dict[str, Any]) -> Answer:
+    return {
+        str(s["sensor"]): "every rate has the same, unstated noise" in s["assumed"]
+        for s in document["solutions"]
+        if document["repeats"][str(s["sensor"])]["run_to_run"]
+    }
+
+
 def _rms_of_bias(run_to_run: Mapping[str, Any]) -> float | None:
     beyond = [each["beyond_standard_errors"] for name, each in run_to_run.items() if name.startswith("B")]
     return math.sqrt(sum(one**2 for one in beyond) / len(beyond)) if beyond else None
@@ -90,6 +110,23 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
         **dict.fromkeys(COMMANDS, lambda document: document["runs_not_used"]),
         "solve, by sensor": lambda document: {
             number: of["runs_not_used"] for number, of in document["repeats"].items() if of["runs_not_used"]
+        },
+    },
+    "which runs had not settled": {
+        **dict.fromkeys(COMMANDS, lambda document: _soaks(document["runs_not_settled"])),
+        "solve, by run": lambda document: {
+            (s["sensor"], run): words[0]
+            for s in document["solutions"]
+            for run in s["runs"]
+            if (words := [each for each in s["reason"].split("; ") if each.endswith("the soak had not ended")])
+        },
+    },
+    "whether what repeats show rests on an assumed noise": {
+        "solve": _noise_assumed,
+        "visibility": lambda document: {
+            n: "assumed noise" in of["noise"]["source"]
+            for n, of in document["sensors"].items()
+            if "its repeats" in of["noise"]["source"]
         },
     },
     "the mean at a temperature": {
@@ -119,7 +156,11 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
         "budget": lambda document: _run_to_run(document["sensors"], "observed_run_to_run"),
     },
     "by how much the bias changes from run to run beyond its standard errors": {
-        "solve": lambda document: {n: _rms_of_bias(of["run_to_run"]) for n, of in document["repeats"].items()},
+        "solve": lambda document: {
+            n: _rms_of_bias(of["run_to_run"])
+            for n, of in document["repeats"].items()
+            if not _noise_assumed(document).get(n)
+        },
         "visibility": lambda document: {
             n: of["noise"]["run_bias_deg_per_hr"]
             for n, of in document["sensors"].items()
