@@ -8,6 +8,7 @@ from hil.files.numbers import decimals_for, degrees
 from hil.report.content import ReportContent, SensorContent
 from hil.report.night import NightContent
 from hil.solve.site import smallest_seen_deg
+from hil.solve.temperatures import how_many
 from procedures.verdict import NOT_GOOD, Verdict
 from procedures.words import counted, listed, numbered
 
@@ -42,15 +43,14 @@ _UNSEEN_DEG = 5.0  # an error of the site that nobody makes who has looked at a 
 
 def headline(content: ReportContent) -> str:
     """Say in one sentence what was done and whether it is good."""
-    runs = {each.run for sensor in content.sensors for each in sensor.solutions}
-    temperatures = max((len(sensor.repeats) for sensor in content.sensors), default=0)
+    made = {number: how_many(rows.conditions) for number, rows in content.campaign.sensors.items()}
+    of_all = [f"{next(iter(made.values()))}, {counted(len(made), 'sensor')}"] if len(set(made.values())) == 1 else []
+    what = "; ".join(of_all or [f"sensor {number}: {each}" for number, each in made.items()])
     counts = content.verdict_counts()
-    what = f"{counted(len(runs), 'self-calibration')} at {counted(temperatures, 'temperature')}"
     verdicts = ", ".join(f"{number} {verdict}" for verdict, number in counts.items())
     night = content.night
     state = "" if night is None or night.state == "complete" else f" The night {_ended(night)}."
-    sensors = counted(len(content.sensors), "sensor")
-    return f"{what}, {sensors}: {verdicts or 'nothing solved'}.{state}"
+    return f"{what}: {verdicts}.{state}" if verdicts else f"nothing solved.{state}"
 
 
 def _ended(night: NightContent) -> str:
