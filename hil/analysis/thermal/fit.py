@@ -116,10 +116,17 @@ class SensorFit:
 
 @dataclass(frozen=True)
 class ThermalFit:
-    """The fits of a campaign's sensors."""
+    """The fits of a campaign's sensors; `not_fitted` says of the others why they have none."""
 
     campaign: Campaign
     sensors: Mapping[int, SensorFit]
+    not_fitted: Mapping[int, str]
+
+    def of(self, number: int) -> SensorFit:
+        """Return the fit of a sensor; raise `InputError` saying why where there is none."""
+        if number not in self.sensors:
+            raise InputError(self.not_fitted[number])
+        return self.sensors[number]
 
     def model(self) -> Model:
         """Return the curves as a model file's content; raise `InputError` where sensors have different forms."""
@@ -140,15 +147,19 @@ def fit_thermal(
     apart_degC: float | None = None,
     seed: int = 0,
 ) -> ThermalFit:
-    """Fit each sensor of a campaign; raise `InputError` where one has no temperatures or fewer than three."""
+    """Fit each sensor of a campaign that can be; raise `InputError` where none can, as it takes three temperatures."""
     if model_name is not None and (model_name not in MODEL_NAMES or model_name == "matrix-6-thermal"):
         choices = ", ".join(name for name in MODEL_NAMES if name != "matrix-6-thermal")
         raise InputError(f"model {model_name}: hil thermal finds the dependence itself, of one of {choices}")
-    sensors = {
-        number: fit_sensor(number, collects, model_name, highest_order, apart_degC, seed)
-        for number, collects in treated(pooled(campaign)).sensors.items()
-    }
-    return ThermalFit(campaign, sensors)
+    sensors, without = {}, {}
+    for number, collects in treated(pooled(campaign)).sensors.items():
+        try:
+            sensors[number] = fit_sensor(number, collects, model_name, highest_order, apart_degC, seed)
+        except InputError as error:
+            without[number] = str(error)
+    if not sensors:
+        raise InputError("; ".join(without.values()) or "no collect was measured")
+    return ThermalFit(campaign, sensors, without)
 
 
 def fit_sensor(

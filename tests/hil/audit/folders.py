@@ -83,6 +83,12 @@ def _two_sensors() -> Campaign:
     return replace(one, sensors={1: first, 2: second})
 
 
+def _two_plans() -> Campaign:
+    """Sensor 1 was measured at two temperatures only, sensor 2 at four."""
+    both = _two_sensors()
+    return replace(both, sensors={1: both.sensors[1].rows(both.sensors[1].conditions.run < 7), 2: both.sensors[2]})
+
+
 def _exchanged_body() -> Campaign:
     """Collects 1 and 2 of run 5 stand under each other's labels in both sensors; sensor 1 is too noisy to prove it."""
     one, rng = _two_sensors(), np.random.default_rng(6)
@@ -133,6 +139,7 @@ FOLDERS: dict[str, Callable[[], Campaign]] = {
     "clipped": _clipped,
     "short soaks": _short_soaks,
     "two sensors": _two_sensors,
+    "two plans": _two_plans,
     "one run": lambda: campaign(1, 1, seed=3),
     "one temperature": lambda: campaign(8, 8, seed=5, scatter=2.0),
     "simulated": lambda: replace(_good(), simulated=True),
