@@ -224,7 +224,6 @@ class Reconciliation:
     twin: Mapping[str, Any] | None = None
     tested: bool = True
     contradicted: Sequence[int] = ()
-    missing: Sequence[str] = ()  # of the measurement
     doubtful: Mapping[str, Sequence[int]] = field(
         default_factory=dict
     )  # runs whose measurement is not good, by verdict
@@ -242,7 +241,6 @@ class Reconciliation:
             "verdict": self.verdict,
             "tested": self.tested,
             "contradicted_runs": list(self.contradicted),
-            "missing": list(self.missing),
             "doubtful_runs": {verdict: list(runs) for verdict, runs in self.doubtful.items()},
             "runs_beyond_errors": list(self.exceeding),
             **self.without,

@@ -216,7 +216,6 @@ def _result(
         rows=rows,
         tested=tested,
         contradicted=sorted({run for run, _ in campaign.contradicted}),
-        missing=campaign.missing,
         doubtful=_doubtful(campaign),
         without=beside,
         exceeding=sorted({run for each in solve_campaign(campaign) if each.exceeds_errors for run in each.runs}),

@@ -161,13 +161,14 @@ def what_is_wrong(campaign: Campaign) -> dict[str, Any]:
 
 
 def without(campaign: Campaign) -> dict[str, Any]:
-    """Return keys `runs_not_used`, by sensor, and `runs_not_settled`: sensor, runs and why.
+    """Return keys `missing`, of what was asked for; `runs_not_used`, by sensor; `runs_not_settled`: sensor, runs, why.
 
     And `runs_used_though_failed` where every run FAILs, so that all are used.
     """
     used = pooled(campaign)
     found: dict[str, Any] = {
-        "runs_not_used": {str(number): list(runs) for number, runs in used.not_used.items() if runs}
+        "missing": list(campaign.missing),
+        "runs_not_used": {str(number): list(runs) for number, runs in used.not_used.items() if runs},
     }
     found["runs_not_settled"] = [
         {"sensor": number, "runs": [run for run, of in soaks.items() if of == why], "why": why}
@@ -192,7 +193,8 @@ def in_words(wrong: Mapping[str, Any]) -> list[str]:
     ]
     where = "in no mean, in no other run's ±, in no search"
     return (
-        rows
+        [f"missing: {each}" for each in wrong.get("missing", ())]
+        + rows
         + [
             f"sensor {number}: {numbered('run', runs)} FAILed by what was recorded: {where}"
             for number, runs in wrong.get("runs_not_used", {}).items()

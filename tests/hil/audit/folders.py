@@ -141,6 +141,7 @@ FOLDERS: dict[str, Callable[[], Campaign]] = {
     "two sensors": _two_sensors,
     "two plans": _two_plans,
     "one run": lambda: campaign(1, 1, seed=3),
+    "not whole": lambda: replace(_good(), missing=["self-calibration 13 at 40.0 °C: all of it"]),
     "one temperature": lambda: campaign(8, 8, seed=5, scatter=2.0),
     "simulated": lambda: replace(_good(), simulated=True),
     "poses": _triad,

@@ -114,6 +114,9 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
             number: of["runs_not_used"] for number, of in document["repeats"].items() if of["runs_not_used"]
         },
     },
+    "what is missing of what was asked for": dict.fromkeys(
+        COMMANDS, lambda document: dict.fromkeys(document["missing"])
+    ),
     "which runs had not settled": {
         **dict.fromkeys(COMMANDS, lambda document: _soaks(document["runs_not_settled"])),
         "solve, by run": lambda document: {
