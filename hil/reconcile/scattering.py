@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import Campaign, Conditions
+from hil.campaign.plausibility import usable
 from hil.model import load_model
 from hil.model.effects.catalogue import EFFECTS, VARIANCE_EFFECTS
 from hil.model.forms import default_form
@@ -103,7 +104,7 @@ class Scattering:
 def what_scatters(campaign: Campaign) -> Scattering:
     """Weigh what may scatter in a campaign; raises `InputError` where no form fits a sensor."""
     campaign = pooled(campaign)
-    chosen = with_stand_ins(campaign)
+    chosen = usable(with_stand_ins(campaign))
     form = default_form(next(iter(chosen.sensors.values())).conditions).name
     problem = replace(pose(chosen, load_model(form), ()), candidates=())
     posterior = weigh(searches(problem, EFFECTS, VARIANCE_EFFECTS, calibrated=True))

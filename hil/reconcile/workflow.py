@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import Campaign
-from hil.campaign.plausibility import unclipped
+from hil.campaign.plausibility import usable
 from hil.errors import InputError
 from hil.model import Model, load_model
 from hil.model.effects.base import Effect, VarianceEffect
@@ -67,12 +67,11 @@ def reconcile(
     for collects in campaign.sensors.values():
         chosen.check_sensor(collects.conditions.sensor)
     beside, campaign = without(campaign), with_stand_ins(pooled(campaign))
-    measured = replace(campaign, sensors={n: unclipped(collects) for n, collects in campaign.sensors.items()})
     # The search over averages and the tests inside the collects share the stated rate of false alarms.
     inside = within_collects(campaign, SERIES_EFFECTS, _INSIDE * alpha)
     of_averages = (1.0 - _INSIDE) * alpha if campaign.series_files else alpha
 
-    problem = pose(measured, chosen, effects)
+    problem = pose(usable(campaign), chosen, effects)
     posterior, reading = _weighed(problem, scattering, of_averages)
     proof = _proof(posterior, reading) if prove else None
     reading, reverted = _kept(reading, proof)

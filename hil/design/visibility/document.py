@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from hil.campaign import Campaign, Collects, Conditions, FloatArray
+from hil.campaign.plausibility import usable
 from hil.config.bench import Bench
 from hil.config.sweep import Sweep, check_sweep_against_bench
 from hil.design.conditions import planned_conditions
@@ -126,7 +127,7 @@ def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[st
     sensors = {number: _with_typical_noise(rows) for number, rows in campaign.sensors.items()}
     stated = replace(campaign, sensors=sensors)
     shown = repeats(stated, solve_campaign(stated))
-    used = treated(pooled(stated)).sensors
+    used = usable(treated(pooled(stated))).sensors
     conditions = {number: rows.conditions for number, rows in used.items()}
     sigmas = {  # as large as residuals show them to be
         number: np.where(np.isfinite(rows.rates_deg_per_hr), rows.rates_se_deg_per_hr, np.nan)
@@ -141,6 +142,7 @@ def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[st
             collect_deg_per_hr=float(np.sqrt(np.nanmean(sigmas[number] ** 2))),
         )
         for number, each in shown.items()
+        if number in used
     }
     found = visibility_document(conditions, campaign.title, model, noise, sigmas)
     return {**found, **told}
@@ -155,8 +157,8 @@ def _with_typical_noise(rows: Collects) -> Collects:
 
 def _seen(shown: SensorRepeats, *, assumed: bool) -> NoiseLevel:
     """Return what repeats scatter by beyond their standard errors: bias and, of a rotor, MU, rms of both channels."""
-    beyond = dict(zip(shown.names, shown.spread.beyond.tolist(), strict=True))
-    bias, mu = ([beyond[name] for name in beyond if name.startswith(kind)] for kind in ("B", "MU"))
+    beyond = [each for each in zip(shown.names, shown.spread.beyond, shown.spread.degrees, strict=True) if each[2]]
+    bias, mu = ([more for name, more, _ in beyond if name.startswith(kind)] for kind in ("B", "MU"))
     source = "its repeats, beyond an assumed noise of collects" if assumed else "its repeats"
     size = [float(np.sqrt(np.mean(np.square(each)))) if each else 0.0 for each in (bias, mu)]
     return NoiseLevel(run_bias_deg_per_hr=size[0], run_mu_deg_per_hr_per_g=size[1], source=source)

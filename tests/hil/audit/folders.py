@@ -119,6 +119,12 @@ def _triad(wrong: bool = False) -> Campaign:
     return Campaign("poses", "", {1: Collects(conditions, rates, np.full((24, 3), 5.0))})
 
 
+def _dead(one: Campaign, number: int) -> Campaign:
+    """The second channel of a sensor shows exactly 0 throughout."""
+    alive = np.arange(one.sensors[number].rates_deg_per_hr.shape[1]) != 1
+    return judged_by_its_records(with_rates(one, one.sensors[number].rates_deg_per_hr * alive, number))
+
+
 def _clipped() -> Campaign:
     """Channel A shows no more than 40 deg/hr: the runs in which it stands there FAIL by that."""
     one = _good()
@@ -137,6 +143,8 @@ FOLDERS: dict[str, Callable[[], Campaign]] = {
     "no standard errors": _no_errors,
     "contradicted": _contradicted,
     "clipped": _clipped,
+    "dead channel": lambda: _dead(_good(), 2),
+    "poses, dead channel": lambda: _dead(_triad(), 1),
     "short soaks": _short_soaks,
     "two sensors": _two_sensors,
     "two plans": _two_plans,

@@ -33,7 +33,7 @@ from tests.hil.solve.test_neighbours import campaign
 Answer = Mapping[Any, Any]
 Ask = Callable[[str], dict[str, Any] | None]
 
-MODEL = dict.fromkeys(("poses", "poses, one wrong", *LOGS), "triad-12")
+MODEL = dict.fromkeys(("poses", "poses, one wrong", "poses, dead channel", *LOGS), "triad-12")
 COMMANDS: dict[str, Callable[[Path, str], list[str]]] = {
     "solve": lambda folder, _: ["solve", str(folder), "--json"],
     "thermal": lambda folder, _: ["thermal", str(folder), "--json"],
@@ -47,6 +47,7 @@ COMMANDS: dict[str, Callable[[Path, str], list[str]]] = {
 QUICK = ("solve", "thermal", "budget", "visibility")
 AT_ONCE = (
     "contradicted",
+    "dead channel",
     "short soaks",
     "no standard errors",
     "labels exchanged",
