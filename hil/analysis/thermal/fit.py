@@ -23,6 +23,7 @@ from hil.model.forms import MODEL_NAMES, LinearForm, default_form, named_form
 from hil.model.model_file import SCHEMA as MODEL_SCHEMA
 from hil.solve import solve
 from hil.solve.runs import OBSERVABLE
+from hil.solve.temperatures import same_temperature
 from hil.solve.wrong_rows import pooled, treated
 from procedures.words import counted
 
@@ -229,12 +230,7 @@ def layout_of(
     Raises `InputError` where fewer than three temperatures are left, or a number cannot be.
     """
     refuse_impossible(collects)
-    conditions = collects.conditions
-    temperature = conditions.columns.get("temperature_degC")
-    notes = []
-    if temperature is not None and not np.all(np.isfinite(temperature)) and np.any(np.isfinite(temperature)):
-        notes.append(f"sensor {number}: {int(np.sum(~np.isfinite(temperature)))} rows without temperature are left out")
-        collects = collects.rows(np.isfinite(temperature))
+    collects, notes = _at_known_temperatures(number, collects, apart_degC)
     stations = find_stations(collects.conditions, apart_degC)
     form = named_form(model_name, collects.conditions) if model_name else default_form(collects.conditions)
     if form.reason:
@@ -257,6 +253,26 @@ def layout_of(
     both = len(stations.both_directions) > 0
     layout = Layout(collects, form, form.columns(collects.conditions), stations, float(np.round(middle)), half, both)
     return layout, notes
+
+
+def _at_known_temperatures(number: int, collects: Collects, apart_degC: float | None) -> tuple[Collects, list[str]]:
+    """Take rows without the unit's temperature at its mean through the same setpoint, or leave them out; say so."""
+    conditions = collects.conditions
+    shown = conditions.columns.get("temperature_degC", np.zeros(0))
+    known = np.isfinite(shown)
+    if known.all() or not known.any():
+        return collects, []
+    at, filled = same_temperature(conditions, apart_degC), shown.copy()
+    for place in np.unique(at[known]).tolist():
+        filled[(at == place) & ~known] = shown[(at == place) & known].mean()
+    left, taken = np.isnan(filled), ~known & np.isfinite(filled)
+    columns = {**conditions.columns, "temperature_degC": filled}
+    said = [
+        f"sensor {number}: {counted(int(rows.sum()), 'row')} without temperature: {what}"
+        for rows, what in ((taken, "taken at the unit's mean through the same setpoint"), (left, "left out"))
+        if rows.any()
+    ]
+    return replace(collects, conditions=replace(conditions, columns=columns)).rows(~left), said
 
 
 def _tells_all(form: LinearForm, collects: Collects) -> bool:

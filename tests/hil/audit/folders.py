@@ -74,6 +74,15 @@ def _short_soaks() -> Campaign:
     return replace(one, sensors={2: replace(one.sensors[2], conditions=replace(conditions, columns=columns))})
 
 
+def _one_not_shown() -> Campaign:
+    """The unit's own thermometer was silent through run 5."""
+    one = _good()
+    conditions = one.sensors[2].conditions
+    shown = np.where(conditions.run == 5, np.nan, conditions.columns["temperature_degC"])
+    conditions = replace(conditions, columns={**conditions.columns, "temperature_degC": shown})
+    return replace(one, sensors={2: replace(one.sensors[2], conditions=conditions)})
+
+
 def _two_sensors() -> Campaign:
     one, other = _good(), campaign(12, 3, seed=2, scatter=2.0).sensors[2]
     layout = replace(other.conditions.sensor, number=1)
@@ -146,6 +155,7 @@ FOLDERS: dict[str, Callable[[], Campaign]] = {
     "dead channel": lambda: _dead(_good(), 2),
     "poses, dead channel": lambda: _dead(_triad(), 1),
     "short soaks": _short_soaks,
+    "one run without its thermometer": _one_not_shown,
     "two sensors": _two_sensors,
     "two plans": _two_plans,
     "one run": lambda: campaign(1, 1, seed=3),
