@@ -281,6 +281,18 @@ def test_a_sensor_that_cannot_be_fitted_hides_no_other(ask: Ask) -> None:
     assert headline(gather(FOLDERS["clipped"]())).startswith("12 self-calibrations at 4 temperatures, 1 sensor: 7 PASS")
 
 
+@pytest.mark.parametrize("ask", ["poses, dead channel"], indirect=True)
+def test_a_dead_channel_has_no_value_and_no_pass(ask: Ask) -> None:
+    """What is exactly 0 in every pose was not measured; the other channels have their values, and scatter answers."""
+    document = ask("solve")
+    assert document is not None
+    (solved,) = document["solutions"]
+    assert solved["verdict"] == "FAIL"
+    assert "GY: every rate is exactly 0: nothing was measured" in solved["reason"]
+    assert {name for name, of in solved["parameters"].items() if of["value"] is None} == {"BY", "GYX", "GYY", "GYZ"}
+    assert ask("scatter") is not None
+
+
 @pytest.mark.parametrize("ask", ["labels exchanged", "one rate far off", "poses, one wrong"], indirect=True)
 def test_no_run_that_rests_on_a_wrong_row_passes(ask: Ask) -> None:
     """Whatever was done about it; and the row is named in the verdict's cause."""
