@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from hil.campaign.data import BoolArray, Campaign, Collects, FloatArray
 from hil.campaign.laws import laws, soaked
+from hil.errors import InputError
 from procedures.pose import Contradiction, PoseTable
 from procedures.verdict import Judgement, Verdict, combine
 from procedures.words import listed, numbered
@@ -39,7 +40,7 @@ def judged_by_its_records(campaign: Campaign, series: Mapping[int, FloatArray] |
     """
     poses = list(_poses(campaign))
     found = [(about, each.collects, each.words) for about, each in poses]
-    found += [*_tables(campaign), *_copies(campaign), *_dead(campaign), *_limits(campaign)]
+    found += [*_tables(campaign), *_copies(campaign), *_limits(campaign)]
     found += _laws(campaign, series or {})
     contradicted: dict[tuple[int, int], Judgement] = {}
     said = []
@@ -151,27 +152,22 @@ def _copies(campaign: Campaign) -> Iterator[_Found]:
             yield [collects], twice, f"sensor {number}: show the very same rates: one was copied from another"
 
 
-def _dead(campaign: Campaign) -> Iterator[_Found]:
-    """Look for runs in which every rate of a sensor is exactly 0, as no measured one is."""
-    for number, collects in campaign.sensors.items():
-        run, zero = collects.conditions.run, np.all(collects.rates_deg_per_hr == 0.0, axis=1)
-        for one in np.unique(run[zero]).tolist():
-            if (rows := zero & (run == one)).sum() >= _SAME_ROWS:
-                yield [collects], rows, f"sensor {number}: every rate is exactly 0: nothing was measured"
-
-
 def clipped(collects: Collects) -> Iterator[tuple[int, BoolArray, str]]:
-    """Yield channel, rows (n,) and words where averages pile up on a channel's extreme value, as no noise does."""
+    """Yield channel, rows (n,) and words where averages pile up on a channel's extreme value, as no noise does.
+
+    And where a channel shows exactly 0 in every collect of a run.
+    """
+    run = collects.conditions.run
     for channel, rates in enumerate(collects.rates_deg_per_hr.T):
+        name = f"sensor {collects.conditions.sensor.number}: {[*collects.conditions.sensor.channels][channel]}"
+        dead = [one for one in np.unique(run).tolist() if len(own := rates[run == one]) >= _SAME_ROWS and not own.any()]
+        if dead:
+            yield channel, np.isin(run, dead), f"{name}: every rate is exactly 0: nothing was measured"
         levels, counts = np.unique(rates[np.isfinite(rates)], return_counts=True)
         for end in (0, -1) if len(levels) > _PILED else ():
             if counts[end] > max(_PILED - 1, _PILED_RATIO * counts[1:-1].max()):
-                name = f"sensor {collects.conditions.sensor.number}: {[*collects.conditions.sensor.channels][channel]}"
-                yield (
-                    channel,
-                    rates == levels[end],
-                    f"{name} goes no further than {levels[end]:g} deg/hr: it is clipped",
-                )
+                words = f"{name} goes no further than {levels[end]:g} deg/hr: it is clipped"
+                yield channel, rates == levels[end], words
 
 
 def unclipped(collects: Collects) -> Collects:
@@ -180,6 +176,15 @@ def unclipped(collects: Collects) -> Collects:
     for channel, rows, _ in clipped(collects):
         rates[rows, channel] = np.nan
     return replace(collects, rates_deg_per_hr=rates)
+
+
+def usable(campaign: Campaign) -> Campaign:
+    """Return the campaign `unclipped`, without sensors of which no rate is left; `InputError` where none is."""
+    sensors = {number: unclipped(collects) for number, collects in campaign.sensors.items()}
+    sensors = {number: rows for number, rows in sensors.items() if np.isfinite(rows.rates_deg_per_hr).any()}
+    if not sensors:
+        raise InputError(f"{campaign.title}: no rate was measured that can be used")
+    return replace(campaign, sensors=sensors)
 
 
 def _limits(campaign: Campaign) -> Iterator[_Found]:

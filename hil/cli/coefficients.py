@@ -11,6 +11,7 @@ from rich.table import Table
 
 from hil.cli.answer import Answer, Aside
 from hil.cli.data import Source, read_source
+from hil.cli.exit_status import Exit
 from hil.cli.output import check_result_folder, listing
 from hil.errors import InputError
 
@@ -209,9 +210,10 @@ def thermal(
         from hil.analysis.thermal.files import draw_fit
         from hil.report.plots import which_sensor
 
-        return draw_fit(result.sensors[which_sensor(source, campaign, sensor)], campaign)
+        return draw_fit(result.of(which_sensor(source, campaign, sensor)), campaign)
 
-    return Answer(document, lambda: _thermal(document, out, written), drawn)
+    status = Exit.INCOMPLETE if result.not_fitted else Exit.DONE
+    return Answer(document, lambda: _thermal(document, out, written), drawn, status)
 
 
 def _thermal(document: dict[str, Any], out: Path | None, written: list[str]) -> Iterator[str | Table]:
@@ -222,6 +224,7 @@ def _thermal(document: dict[str, Any], out: Path | None, written: list[str]) -> 
     yield from in_words(document)
     for sensor in document["sensors"]:
         yield from _of_sensor(sensor)
+    yield from (f"not fitted: {each['why']}" for each in document["not_fitted"])
     if written:
         yield f"\nwritten to {out}: {', '.join(written)}"
 

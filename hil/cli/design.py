@@ -86,7 +86,7 @@ def _budget(document: Mapping[str, Any]) -> Iterator[str | Table]:
 
     yield from (Aside(f"warning: {line}") for line in document.get("warnings", ()))
     yield f"{document['title']}{'  SIMULATED' * document['simulated']}"
-    yield from in_words(document)
+    yield from (*in_words(document), *document["without"])
     for number, sensor in document["sensors"].items():
         degC, whose = sensor["temperature_degC"], _WHOSE.get(sensor["temperature_of"] or "", "planned")
         at = "" if degC is None else f" at {degC:.4g} °C ({whose})"

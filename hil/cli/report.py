@@ -46,6 +46,7 @@ def report(
     from hil.files.page import page_file
     from hil.records.reader import units_in
     from hil.report.pdf import find_browser, write_pdf
+    from hil.report.statements import good
     from hil.report.tables import write_tables
     from hil.report.units import write_units
 
@@ -67,7 +68,9 @@ def report(
             messages().print(f"ERROR: {error}")
     formats: list[TableFormat] = [*(["csv"] if csv else []), *(["parquet"] if parquet else [])]  # type: ignore[list-item]
     for path, content in written.values():
-        results().print(f"report: {path}")
+        results().print(f"report: {path}: {': '.join(good(content))}")
+        for line in () if content.in_spec is None else content.in_spec.sentences()[:1]:
+            results().print(line)
         for kind in formats:
             for table in write_tables(content, path.with_suffix(""), kind):
                 results().print(f"table: {table}")

@@ -224,11 +224,10 @@ class Reconciliation:
     twin: Mapping[str, Any] | None = None
     tested: bool = True
     contradicted: Sequence[int] = ()
-    missing: Sequence[str] = ()  # of the measurement
     doubtful: Mapping[str, Sequence[int]] = field(
         default_factory=dict
     )  # runs whose measurement is not good, by verdict
-    not_used: Mapping[str, Sequence[int]] = field(default_factory=dict)  # runs by sensor
+    without: Mapping[str, Any] = field(default_factory=dict)  # which runs are in no search or had not settled
     exceeding: Sequence[int] = ()  # runs whose residuals are larger than standard errors allow: FAIL in `hil solve`
 
     def document(self) -> dict[str, Any]:
@@ -242,10 +241,9 @@ class Reconciliation:
             "verdict": self.verdict,
             "tested": self.tested,
             "contradicted_runs": list(self.contradicted),
-            "missing": list(self.missing),
             "doubtful_runs": {verdict: list(runs) for verdict, runs in self.doubtful.items()},
             "runs_beyond_errors": list(self.exceeding),
-            "runs_not_used": {number: list(runs) for number, runs in self.not_used.items()},
+            **self.without,
             "p_value": self.p_value,
             "calibration": self.calibration,
             "disagreements": [d.document() for d in self.disagreements],

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import Campaign, Conditions
+from hil.campaign.plausibility import usable
 from hil.model import load_model
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS
 from hil.model.forms import default_form
@@ -23,7 +24,7 @@ from hil.reconcile.search.fitted import Fitted, fitted
 from hil.reconcile.search.posterior import Posterior
 from hil.reconcile.unrecorded import with_stand_ins
 from hil.reconcile.workflow import ALPHA, searched
-from hil.solve.temperatures import runs_by_temperature, unsettled
+from hil.solve.temperatures import runs_by_temperature
 from hil.solve.wrong_rows import in_words, otherwise, pooled, without
 from procedures.words import listed, unit_in_words
 
@@ -58,15 +59,14 @@ class Scattering:
             told = [f"nothing but ordinary noise: {ranked[0]}"]
         else:
             told = [f"these repeats cannot tell: {'; '.join(ranked)}" if ranked else "too few repeats to tell anything"]
-        soaks = []
-        for number, collects in self.campaign.sensors.items():
-            soaks += [f"sensor {number}: {words}" for words in dict.fromkeys(unsettled(collects.conditions).values())]
-            if not _repeated(collects.conditions):
-                alone = "nothing was repeated: what is observed is what a smooth model leaves of single runs"
-                soaks.append(f"sensor {number}: {alone}")
+        alone = [
+            f"sensor {number}: nothing was repeated: what is observed is what a smooth model leaves of single runs"
+            for number, collects in self.campaign.sensors.items()
+            if not _repeated(collects.conditions)
+        ]
         beside = [f"beside it something moves the mean: {listed(self.moves)}; see hil reconcile"] if self.moves else []
         rows = [*in_words({"rows": self.rows, **without(self.campaign)}), *otherwise(self.campaign, self.rows)]
-        return [*soaks, *told, *scatter.in_words(self.noise), *beside, *rows]
+        return [*alone, *told, *scatter.in_words(self.noise), *beside, *rows]
 
     def document(self) -> dict[str, Any]:
         """Return what `hil scatter --json` prints."""
@@ -96,7 +96,7 @@ class Scattering:
 def what_scatters(campaign: Campaign) -> Scattering:
     """Weigh what may scatter in a campaign; raises `InputError` where no form fits a sensor."""
     campaign = with_stand_ins(pooled(campaign))
-    model = load_model(default_form(next(iter(campaign.sensors.values())).conditions).name)
+    model = load_model(default_form(next(iter(usable(campaign).sensors.values())).conditions).name)
     _, posterior, reading, *_ = searched(campaign, model, (*BASE_EFFECTS, *EFFECTS), VARIANCE_EFFECTS, ALPHA)
     fit = fitted(posterior, reading.found)
     titles = {

@@ -9,14 +9,14 @@ The rest only reads it: what the model becomes, whether it predicts what it has 
 and what should be measured next.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from hil.campaign import Campaign
-from hil.campaign.plausibility import unclipped
+from hil.campaign.plausibility import usable
 from hil.errors import InputError
 from hil.model import Model, load_model
 from hil.model.effects.base import Effect, VarianceEffect
@@ -68,10 +68,10 @@ def reconcile(
     effects = (*BASE_EFFECTS, *EFFECTS) if catalogue is None else tuple(catalogue)
     for collects in campaign.sensors.values():
         chosen.check_sensor(collects.conditions.sensor)
-    campaign = with_stand_ins(pooled(campaign))
+    beside, campaign = without(campaign), with_stand_ins(pooled(campaign))
     inside = within_collects(campaign, SERIES_EFFECTS, _INSIDE * alpha)
     found = searched(campaign, chosen, effects, scattering, alpha, prove=prove)
-    return _result(campaign, chosen, *found, inside, alpha, (draws, seed), prove=prove)
+    return _result(campaign, chosen, *found, inside, beside, alpha, (draws, seed), prove=prove)
 
 
 def searched(
@@ -87,8 +87,7 @@ def searched(
 
     The search over averages and the tests inside the collects share `alpha`, the stated rate of false alarms.
     """
-    measured = replace(campaign, sensors={n: unclipped(collects) for n, collects in campaign.sensors.items()})
-    problem = pose(measured, model, effects)
+    problem = pose(usable(campaign), model, effects)
     posterior, reading = _weighed(problem, scattering, (1.0 - _INSIDE) * alpha if campaign.series_files else alpha)
     proof = _proof(posterior, reading) if prove else None
     reading, reverted = _kept(reading, proof)
@@ -130,6 +129,7 @@ def _result(
     proof: tuple[HeldOut, HeldOut] | None,
     reverted: Sequence[Named],
     inside: Sequence[dict[str, Any]],
+    beside: Mapping[str, Any],
     alpha: float,
     chances: tuple[int, int],
     *,
@@ -180,8 +180,7 @@ def _result(
         after = scatter.with_offsets(after, noise, conditions)
         values = before_and_after(sensors, added, calibrated)
     after = findings.with_inside(after, model.version + 1, within, campaign)
-    not_used = without(campaign)
-    notes = [*campaign.warnings, *in_words(not_used), *problem.notes, *mistakes.mistake_notes(reading, campaign)]
+    notes = [*campaign.warnings, *in_words(beside), *problem.notes, *mistakes.mistake_notes(reading, campaign)]
     notes += findings.laws_that_fail(fit, problem.sensors)
     notes += [f"{n.name}: the gap on held-out data did not shrink, so it was not added" for n in reverted]
     notes += [findings.NOT_HELD_OUT] if prove and proof is None and names else []
@@ -219,9 +218,8 @@ def _result(
         rows=rows,
         tested=tested,
         contradicted=sorted({run for run, _ in campaign.contradicted}),
-        missing=campaign.missing,
         doubtful=_doubtful(campaign),
-        not_used=not_used["runs_not_used"],
+        without=beside,
         exceeding=sorted({run for each in solve_campaign(campaign) if each.exceeds_errors for run in each.runs}),
         values=values,
     )

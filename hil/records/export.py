@@ -315,9 +315,6 @@ def _notes(journal: JournalReader, bench: Bench, rows: Sequence[_Row]) -> Iterat
     """Yield what a reader of the campaign must know, one sentence per line."""
     if journal.night.simulated:
         yield "SIMULATED: these are no measurements."
-    missing = missing_in_words(journal.plan, journal.completed(), journal.attempts())
-    if missing:
-        yield f"The night is not complete; missing: {'; '.join(in_brief(missing))}."
     done, runs = journal.completed(), journal.plan.self_calibrations
     judged = [("Collect", r.number, r.collect.data.get("verdict"), r.collect.data.get("reason", "")) for r in rows]
     judged += [

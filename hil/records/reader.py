@@ -168,15 +168,15 @@ class JournalReader:
         """Return the one DONE attempt of every step that has one, by step key."""
         return {each.step_key: each for each in self.attempts() if each.outcome is Outcome.DONE}
 
-    def blocks(self) -> tuple[BlockRow, ...]:
-        """Return every block that was committed, in the order in which they were."""
+    def blocks(self, *, of_all: bool = False) -> tuple[BlockRow, ...]:
+        """Return every block that was committed, in the order in which they were; `of_all`: of the other units too."""
         rows = self._connection.execute(
             "SELECT step_key, attempt, kind, path, sha256, size, rows, content_sha256 FROM blocks ORDER BY id"
         )
         return tuple(
             BlockRow(key, attempt, Block(*columns))
             for key, attempt, *columns in rows
-            if not self.unit or key in self._own_steps
+            if of_all or not self.unit or key in self._own_steps
         )
 
     def events(self, after: int = 0) -> tuple[Event, ...]:

@@ -16,6 +16,7 @@ from procedures.words import counted, hours_minutes
 
 _BY_VERDICT = {
     "PASS": "nothing; hil report {} has the parameters",
+    "OUT OF SPEC": "with the measurement nothing, but the unit is out of spec: hil report {} has the limits",
     "MARGINAL": "read the reasons before its numbers are used: hil report {}",
     "FAIL": "use no number that FAILED; hil report {} names them and why: mend that, and measure them again",
     "INCONCLUSIVE": "measure again what could not be told; hil report {} names it and why",
@@ -43,6 +44,8 @@ def to_do(folder: Path, status: Mapping[str, Any]) -> str:
         return f"{first}use no number of it: hil repair {folder} --out NEW brings back what is proven"
     verdict, left = (status["verdict"] or {}).get("verdict", ""), status["steps_total"] - status["steps_done"]
     if status["state"] == "complete":
+        if verdict == "PASS" and (status.get("in_spec") or {}).get("verdict") == "out of spec":
+            verdict = "OUT OF SPEC"
         return first + _BY_VERDICT.get(verdict, "hil report {} judges it").format(own)
     if not left:
         return f"{first}hil resume {folder} measures again what rests on the damage; use no number of it before"

@@ -63,7 +63,11 @@ def verify_night(folder: Path | str, key: Path | None = None) -> dict[str, Any]:
                     problems += trace_damage(unit_folder(journal.folder, unit), end.get("trace", {}))
                 signature, wrong = _signature(folder, key or key_file(journal.night.configuration))
                 problems += [f"{HEAD_NAME}: {signature}"] if wrong else []
-            notes += [each for each in _orphans(folder, rows) if each.partition(":")[0] not in str(problems)]
+            notes += [
+                each
+                for each in _orphans(folder, journal.blocks(of_all=True))
+                if each.partition(":")[0] not in str(problems)
+            ]
             missing = missing_in_words(journal.plan, journal.completed(), tuple(attempts.values()))
             complete, verdict = not missing, recorded_verdict(journal)
             if problems:

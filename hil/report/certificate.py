@@ -40,8 +40,10 @@ from hil.report.content import ReportContent, gather
 from hil.report.statements import assumed
 from hil.solve.repeats import SensorRepeats
 from hil.solve.runs import finite
+from hil.solve.temperatures import how_many
+from hil.solve.wrong_rows import in_words, what_is_wrong
 from procedures.verdict import NOT_GOOD
-from procedures.words import counted, listed
+from procedures.words import listed
 
 SCHEMA = "hil.certificate/1"
 K = 2.0
@@ -213,20 +215,20 @@ def _annex(sensor: int, each: MeanBudget) -> dict[str, Any]:
 
 
 def _conditions(campaign: Campaign, content: ReportContent) -> Iterator[str]:
-    """Yield under what conditions it was measured, a sentence for each sensor, and the site."""
+    """Yield under what conditions it was measured, a sentence for each sensor, what is wrong, and the site."""
     for each in content.sensors:
         rows, shown = campaign.sensors[each.number], each.shown
         own = [degC for mean in shown.means for degC in mean.unit_degC or ()]
         inside = f"; inside the unit {min(own):.1f} … {max(own):.1f} °C" if own else ""
         yield (
-            f"sensor {each.number}: {counted(len({int(run) for run in rows.conditions.run}), 'self-calibration')} at "
-            f"{counted(len(shown.means), 'temperature')}{_air(rows)}{inside}; collects of "
+            f"sensor {each.number}: {how_many(rows.conditions)}{_air(rows)}{inside}; collects of "
             f"{listed(f'{s:g} s' for s in sorted({float(s) for s in rows.conditions.duration_s}))} at positions "
             f"{listed(sorted({str(label) for label in rows.conditions.position}))}, after restabilisation"
         )
     told = ", ".join(
         f"{name.removesuffix('_deg').replace('_', ' ')} {value:.4g}°" for name, value in campaign.site.items()
     )
+    yield from in_words(what_is_wrong(campaign))
     yield f"site: {told}; 1 g is the local gravity, and the earth's rotation is taken off"
 
 

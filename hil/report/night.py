@@ -173,17 +173,12 @@ def _asked(plan: Plan) -> str:
     temperatures = list(dict.fromkeys(step.temperature_degC for step in soaks if step.temperature_degC is not None))
     first = next(iter(runs.values()), ())
     positions = ", ".join(str(step.position) for step in first if step.kind is StepKind.COLLECT)
-    each = len(runs) / len(temperatures) if temperatures else 0.0
     at_least = {hours_minutes(step.parameters["at_least_s"]) for step in soaks if "at_least_s" in step.parameters}
     soak = f"; each after at least {' or '.join(sorted(at_least))} of restabilisation" if at_least else ""
     where = ", ".join(f"{temperature:.1f}" for temperature in temperatures)
-    at = (
-        f"{each:g} at each of {len(temperatures)} temperatures ({where} °C)"
-        if len(temperatures) > 1
-        else f"at {where} °C"
-    )
+    at = f" at {counted(len(temperatures), 'temperature')} ({where} °C)" if temperatures else ""
     return (
-        f"{counted(len(runs), 'self-calibration')}, {at}; collects at positions {positions}{soak}; "
+        f"{counted(len(runs), 'self-calibration')}{at}; collects at positions {positions}{soak}; "
         f"{hours_minutes(plan.total_s)} planned"
     )
 

@@ -4,10 +4,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from hil.analysis.night_verdict import night_verdict
 from hil.files.numbers import decimals_for, degrees
 from hil.report.content import ReportContent, SensorContent
 from hil.report.night import NightContent
 from hil.solve.site import smallest_seen_deg
+from hil.solve.temperatures import how_many
 from procedures.verdict import NOT_GOOD, Verdict
 from procedures.words import counted, listed, numbered
 
@@ -42,15 +44,14 @@ _UNSEEN_DEG = 5.0  # an error of the site that nobody makes who has looked at a 
 
 def headline(content: ReportContent) -> str:
     """Say in one sentence what was done and whether it is good."""
-    runs = {each.run for sensor in content.sensors for each in sensor.solutions}
-    temperatures = max((len(sensor.repeats) for sensor in content.sensors), default=0)
+    made = {number: how_many(rows.conditions) for number, rows in content.campaign.sensors.items()}
+    of_all = [f"{next(iter(made.values()))}, {counted(len(made), 'sensor')}"] if len(set(made.values())) == 1 else []
+    what = "; ".join(of_all or [f"sensor {number}: {each}" for number, each in made.items()])
     counts = content.verdict_counts()
-    what = f"{counted(len(runs), 'self-calibration')} at {counted(temperatures, 'temperature')}"
     verdicts = ", ".join(f"{number} {verdict}" for verdict, number in counts.items())
     night = content.night
     state = "" if night is None or night.state == "complete" else f" The night {_ended(night)}."
-    sensors = counted(len(content.sensors), "sensor")
-    return f"{what}, {sensors}: {verdicts or 'nothing solved'}.{state}"
+    return f"{what}: {verdicts}.{state}" if verdicts else f"nothing solved.{state}"
 
 
 def _ended(night: NightContent) -> str:
@@ -60,27 +61,25 @@ def _ended(night: NightContent) -> str:
 
 def good(content: ReportContent) -> tuple[str, str]:
     """Say whether it is good, by a verdict and a sentence."""
-    counts = content.verdict_counts()
-    worst = next((each for each in (*NOT_GOOD, Verdict.MARGINAL) if each in counts), None)
-    whole = not content.campaign.missing if content.night is None else content.night.state == "complete"
-    if worst is None and whole and content.comparison is not None and content.comparison.doubts:
+    found = content.solutions
+    state = ("incomplete" if content.campaign.missing else "complete") if content.night is None else content.night.state
+    judged = night_verdict(state, found).verdict
+    if state != "complete":
+        worst = night_verdict("complete", found).verdict
+        there = "what is there is measured well" if worst is Verdict.PASS else f"some of what is there is {worst}"
+        return str(judged), f"Not whole: {_missing(content)}; {there if found else 'nothing was solved'}."
+    if not found:
+        return str(judged), "Nothing was solved."
+    if judged is Verdict.PASS and content.comparison is not None and content.comparison.doubts:
         return str(Verdict.MARGINAL), f"An earlier campaign contradicts this one. {content.comparison.doubts[0]}"
-    if worst is None and counts and whole:
-        whole_of = "that was asked for is there, and" if content.night is not None else "that is here is"
-        return str(Verdict.PASS), f"Measured well: everything {whole_of} as a measurement must be."
-    if not whole:
-        there = "some of what is there" if worst else "what is there"
-        limits = f"{there} is {worst or 'measured well'}" if counts else "nothing was solved"
-        verdict = Verdict.FAIL if worst is Verdict.FAIL else Verdict.INCONCLUSIVE
-        return str(verdict), f"Not whole: {_missing(content)}; {limits}."
-    if worst is None:
-        return str(Verdict.INCONCLUSIVE), "Nothing was solved."
+    whole_of = "that was asked for is there, and" if content.night is not None else "that is here is"
     words = {
+        Verdict.PASS: f"Measured well: everything {whole_of} as a measurement must be.",
         Verdict.MARGINAL: "Usable, but something deserves a look; the reasons are below.",
         Verdict.INCONCLUSIVE: "Not conclusive: for some of it the evidence does not suffice; the reasons are below.",
         Verdict.FAIL: "Not good: some of it must not be used; the reasons are below.",
     }
-    return str(worst), words[worst]
+    return str(judged), words[judged]
 
 
 def _missing(content: ReportContent) -> str:

@@ -101,12 +101,6 @@ def kept_shares(base: FloatArray, columns: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(project_out(base, unit_columns(columns)), axis=0))
 
 
-def share_within(basis: FloatArray, columns: FloatArray) -> float:
-    """Return how much of the norm of columns, (N,) or (N, p), lies in an orthonormal `basis`: 0 nothing, 1 all."""
-    whole = float(np.linalg.norm(columns))
-    return min(float(np.linalg.norm(basis.T @ columns)) / whole, 1.0) if whole > 0.0 else 0.0
-
-
 def independent_columns(columns: FloatArray, tolerance: float = RANK_TOLERANCE) -> FloatArray:
     """Return the columns, in order, without those that are combinations of earlier ones, shape (N, p')."""
     return columns[:, independent(columns, tolerance)].astype(np.float64)
@@ -205,9 +199,9 @@ def _membership(sizes: Sequence[int]) -> FloatArray:
     return np.equal.outer(np.arange(len(sizes)), np.repeat(np.arange(len(sizes)), sizes)).astype(np.float64)
 
 
-def classes(overlaps: FloatArray, threshold: float = SAME_CLASS) -> tuple[tuple[int, ...], ...]:
-    """Return the groups of indices that are linked by overlaps (k, k) above `threshold`, in order of first member."""
-    return tuple(map(tuple, linked_groups(overlaps > threshold, np.ones(len(overlaps), np.bool_))))
+def classes(overlaps: FloatArray) -> tuple[tuple[int, ...], ...]:
+    """Return the groups of indices that are linked by overlaps (k, k) above `SAME_CLASS`, in order of first member."""
+    return tuple(map(tuple, linked_groups(overlaps > SAME_CLASS, np.ones(len(overlaps), np.bool_))))
 
 
 @lru_cache(maxsize=256)

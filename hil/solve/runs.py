@@ -24,8 +24,7 @@ from hil.model.forms import LinearForm, default_form, named_form
 from hil.solve.contractor import METHOD, can_follow, solve_as_contractor
 from hil.solve.least_squares import solve
 from hil.solve.precision import measured_well_enough, unstated
-from hil.solve.temperatures import unsettled
-from hil.solve.wrong_rows import WrongRows, wrong_rows
+from hil.solve.wrong_rows import WrongRows, not_settled, wrong_rows
 from procedures.verdict import Judgement, Verdict, combine
 from procedures.words import counted, numbered, plural, spelled
 
@@ -126,7 +125,7 @@ class _Beside:
         """Gather it from a campaign, and from what its rows say of each other."""
         rows = campaign.sensors[sensor]
         here = {run: of for (run, number), of in campaign.contradicted.items() if number == sensor}
-        soak = {run: Judgement(Verdict.MARGINAL, of) for run, of in unsettled(rows.conditions).items()}
+        soak = {run: Judgement(Verdict.MARGINAL, of) for run, of in not_settled(campaign)[sensor].items()}
         lacking: dict[int, list[int]] = {}
         for row in np.flatnonzero(unstated(rows).any(axis=1)):
             lacking.setdefault(int(rows.conditions.run[row]), []).append(int(rows.conditions.collect[row]))

@@ -12,12 +12,15 @@ import numpy as np
 
 from hil.campaign import Conditions, FloatArray, IntArray
 from hil.campaign.data import TELL_TEMPERATURE
+from procedures.words import counted
 
 WIDEST_DEGC = 4.0
 """Values that belong to one temperature lie within this; two further apart never do."""
 
 NARROWEST_DEGC = 1.0
-"""Neighbours that are this close always belong to one temperature: no sweep has setpoints that are closer."""
+"""Neighbours that are this close always belong to one temperature; setpoints that are further apart never do."""
+
+_SETPOINT = "setpoint_degC"
 
 ELSEWHERE_DEGC = 2.0
 """Another campaign's temperature, or a printed one, is the same where it is this close: chambers differ."""
@@ -27,16 +30,17 @@ def same_temperature(conditions: Conditions, apart_degC: float | None = None) ->
     """Number the temperatures of n collects, coldest first, shape (n,); -1 where a collect's is unknown.
 
     The setpoint tells, if there is one and the unit followed it (setpoints explain most of what its thermometer showed,
-    or it stayed within `WIDEST_DEGC` of its mean at each); else the unit's own thermometer, else the chamber's.
-    Without any temperature all collects are of one. Given
-    `apart_degC`, steps of more than that part two temperatures, and nothing else does.
+    or most of it lies within `WIDEST_DEGC` of the middle at each); else the unit's own thermometer, else the chamber's.
+    Without any temperature all collects are of one. Given `apart_degC`, steps of more than that part two temperatures,
+    and nothing else does.
     """
-    level = level_degC(conditions, apart_degC)
-    if level is None:
+    name = told_by(conditions, apart_degC)
+    if name is None:
         return np.zeros(len(conditions), dtype=np.int64)
+    level = conditions.columns[name]
     known = np.isfinite(level)
     out = np.full(len(conditions), -1, dtype=np.int64)
-    out[known] = _numbered(level[known], apart_degC)
+    out[known] = _numbered(level[known], apart_degC if name != _SETPOINT else apart_degC or NARROWEST_DEGC)
     return out
 
 
@@ -60,6 +64,14 @@ def runs_by_temperature(conditions: Conditions) -> list[tuple[float | None, tupl
     return [(None if at < 0 else _mean(np.array([means[run] for run in group])), tuple(group)) for at, group in told]
 
 
+def how_many(conditions: Conditions) -> str:
+    """Say how many self-calibrations were made, and at how many known temperatures."""
+    made = runs_by_temperature(conditions)
+    known = sum(temperature is not None for temperature, _ in made)
+    at = f" at {counted(known, 'temperature')}" if known else ""
+    return f"{counted(sum(len(runs) for _, runs in made), 'self-calibration')}{at}"
+
+
 def nearest(temperature_degC: float | None, others_degC: Sequence[float]) -> float | None:
     """Return the one of `others_degC` that is the same temperature in another campaign, None where none is."""
     if temperature_degC is None or not np.isfinite(temperature_degC):
@@ -68,9 +80,9 @@ def nearest(temperature_degC: float | None, others_degC: Sequence[float]) -> flo
     return min(close, key=lambda other: abs(other - temperature_degC), default=None)
 
 
-def level_degC(conditions: Conditions, apart_degC: float | None = None) -> FloatArray | None:
+def level_degC(conditions: Conditions) -> FloatArray | None:
     """Return the column that tells temperatures from each other, shape (n,), NaN where it does not; None for none."""
-    name = told_by(conditions, apart_degC)
+    name = told_by(conditions)
     return None if name is None else conditions.columns[name]
 
 
@@ -78,17 +90,16 @@ def told_by(conditions: Conditions, apart_degC: float | None = None) -> str | No
     """Return the column that tells temperatures from each other: setpoint, unit's own or chamber's; None for none."""
     columns = conditions.columns
     said = [name for name in TELL_TEMPERATURE if name in columns and np.any(np.isfinite(columns[name]))]
-    if len(said) < 2 or said[0] != "setpoint_degC":
+    if len(said) < 2 or said[0] != _SETPOINT:
         return said[0] if said else None
     setpoint, own = (columns[name] for name in said[:2])
     here = np.isfinite(own)
     if not np.all(np.isfinite(setpoint[here])):
         return said[1]
-    number = _numbered(setpoint[here], apart_degC)
-    centre = np.bincount(number, own[here]) / np.bincount(number)
-    off = own[here] - centre[number]
+    number = _numbered(setpoint[here], apart_degC or NARROWEST_DEGC)
+    off = own[here] - np.array([np.median(own[here][number == place]) for place in range(number.max() + 1)])[number]
     explained = np.sum(off**2) < 0.5 * np.sum((own[here] - own[here].mean()) ** 2)
-    return said[0] if explained or np.all(np.abs(off) < WIDEST_DEGC) else said[1]
+    return said[0] if explained or np.mean(np.abs(off) < WIDEST_DEGC) > 0.5 else said[1]
 
 
 def unit_range_degC(conditions: Conditions, runs: Sequence[int]) -> tuple[float, float] | None:
@@ -100,11 +111,11 @@ def unit_range_degC(conditions: Conditions, runs: Sequence[int]) -> tuple[float,
 
 def unsettled(conditions: Conditions) -> dict[int, str]:
     """Return the runs in which the unit was at another temperature than in most of the others at their setpoint."""
-    own, setpoint = (conditions.columns.get(name) for name in ("temperature_degC", "setpoint_degC"))
+    own, setpoint = (conditions.columns.get(name) for name in ("temperature_degC", _SETPOINT))
     found: dict[int, str] = {}
     if own is None or setpoint is None or not np.isfinite(setpoint).all() or not np.isfinite(own).any():
         return found
-    number = _numbered(setpoint, None)
+    number = _numbered(setpoint, NARROWEST_DEGC)
     for place in np.unique(number):
         here = (number == place) & np.isfinite(own)
         if here.any() and float(np.ptp(own[here])) > WIDEST_DEGC:

@@ -23,6 +23,7 @@ from hil.model.forms import default_form
 from hil.solve.identifiability import orthonormal
 from hil.solve.neighbours import Found, Neighbours, compared_with_neighbours
 from hil.solve.precision import with_every_error
+from hil.solve.temperatures import unsettled
 from procedures.verdict import Judgement, Verdict, combine
 from procedures.words import numbered
 
@@ -148,7 +149,7 @@ def clipped_rows(collects: Collects) -> list[Wrong]:
 
 
 def what_is_wrong(campaign: Campaign) -> dict[str, Any]:
-    """Return what is wrong with rows and runs of all sensors: keys `rows` and `runs_not_used` of every document.
+    """Return what is wrong with rows and runs of all sensors: keys `rows`, and those of `without`, of every document.
 
     Rows are those of runs that are in means: of the others each solution's reason says it.
     """
@@ -160,10 +161,21 @@ def what_is_wrong(campaign: Campaign) -> dict[str, Any]:
     }
 
 
-def without(campaign: Campaign) -> dict[str, dict[str, list[int]]]:
-    """Return key `runs_not_used`, by sensor; and `runs_used_though_failed` where every run FAILs, so that all are."""
+def without(campaign: Campaign) -> dict[str, Any]:
+    """Return keys `missing`, of what was asked for; `runs_not_used`, by sensor; `runs_not_settled`: sensor, runs, why.
+
+    And `runs_used_though_failed` where every run FAILs, so that all are used.
+    """
     used = pooled(campaign)
-    found = {"runs_not_used": {str(number): list(runs) for number, runs in used.not_used.items() if runs}}
+    found: dict[str, Any] = {
+        "missing": list(campaign.missing),
+        "runs_not_used": {str(number): list(runs) for number, runs in used.not_used.items() if runs},
+    }
+    found["runs_not_settled"] = [
+        {"sensor": number, "runs": [run for run, of in soaks.items() if of == why], "why": why}
+        for number, soaks in not_settled(used).items()
+        for why in dict.fromkeys(soaks.values())
+    ]
     runs = {number: set(rows.conditions.run.tolist()) for number, rows in used.sensors.items()}
     every = {
         str(number): sorted(own)
@@ -174,7 +186,7 @@ def without(campaign: Campaign) -> dict[str, dict[str, list[int]]]:
 
 
 def in_words(wrong: Mapping[str, Any]) -> list[str]:
-    """Say of each entry of the keys `rows` and `runs_not_used` what is done and why."""
+    """Say of each entry of the keys that `what_is_wrong` returns what is done and why."""
     more = "; hil reconcile weighs it against everything else, and may leave it out"
     rows = [
         f"{each['done']}: sensor {each['sensor']}, run {each['run']}: {each['why']}{more * (each['done'] == USED)}"
@@ -182,7 +194,8 @@ def in_words(wrong: Mapping[str, Any]) -> list[str]:
     ]
     where = "in no mean, in no other run's ±, in no search"
     return (
-        rows
+        [f"missing: {each}" for each in wrong.get("missing", ())]
+        + rows
         + [
             f"sensor {number}: {numbered('run', runs)} FAILed by what was recorded: {where}"
             for number, runs in wrong.get("runs_not_used", {}).items()
@@ -191,7 +204,16 @@ def in_words(wrong: Mapping[str, Any]) -> list[str]:
             f"sensor {number}: every run FAILed by what was recorded: no number of it is to be used"
             for number in wrong.get("runs_used_though_failed", {})
         ]
+        + [
+            f"sensor {each['sensor']}, {numbered('run', each['runs'])}: {each['why']}"
+            for each in wrong.get("runs_not_settled", ())
+        ]
     )
+
+
+def not_settled(campaign: Campaign) -> dict[int, dict[int, str]]:
+    """Return by sensor the runs, of those that are in means, in which the unit had not settled, and why."""
+    return {number: unsettled(rows.conditions) for number, rows in pooled(campaign).sensors.items()}
 
 
 def otherwise(campaign: Campaign, rows: Sequence[Mapping[str, Any]]) -> list[str]:

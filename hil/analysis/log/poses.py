@@ -47,7 +47,7 @@ class LogCampaign:
     document: dict[str, Any]
 
 
-def campaign_of_log(log: Log, test: StaticTest, *, latitude_deg: float | None = None, sensor: int = 1) -> LogCampaign:
+def campaign_of_log(log: Log, test: StaticTest, *, latitude_deg: float | None = None) -> LogCampaign:
     """Return the campaign that the static stretches of `log` make; raise `InputError` where they make none."""
     stretches, sentences = static_stretches(log, test)
     n = len(stretches)
@@ -61,7 +61,7 @@ def campaign_of_log(log: Log, test: StaticTest, *, latitude_deg: float | None = 
     told = _calibration_in_words(fitted, n)
     turns = fit_turns(log, stretches, f_g, mean[:, :3])
     up = EARTH_RATE_DEG_PER_HR * np.sin(np.deg2rad(latitude_deg or 0.0)) * f_g
-    layout = Sensor(sensor, AXES, dict(zip(CHANNELS, AXES, strict=True)))
+    layout = Sensor(1, AXES, dict(zip(CHANNELS, AXES, strict=True)))
     start_s, last_s = np.array([log.time_s[each.rows][[0, -1]] for each in stretches]).T
     columns = {"n_samples": np.array([each.n for each in averages], dtype=np.float64)}
     columns |= {f"accelerometer_{axis}_g": calibrated[:, j] for j, axis in enumerate(AXES)}
@@ -90,7 +90,7 @@ def campaign_of_log(log: Log, test: StaticTest, *, latitude_deg: float | None = 
     campaign = Campaign(
         title=f"{log.path.stem}, {n} poses by hand",
         source=f"{log.path.name}, a log that others recorded",
-        sensors={sensor: Collects(conditions, mean[:, :3], se[:, :3])},
+        sensors={1: Collects(conditions, mean[:, :3], se[:, :3])},
         simulated=log.simulated,
         site={} if latitude_deg is None else {"latitude_deg": latitude_deg},
         condition_units={f"accelerometer_{axis}_g": "what the calibrated accelerometers show, g" for axis in AXES},

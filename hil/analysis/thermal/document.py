@@ -27,6 +27,7 @@ def thermal_document(result: ThermalFit) -> dict[str, Any]:
         "confidence": CONFIDENCE,
         "false_alarm": FALSE_ALARM,
         "sensors": [_sensor(each) for each in result.sensors.values()],
+        "not_fitted": [{"sensor": number, "why": why} for number, why in result.not_fitted.items()],
     }
 
 

@@ -7,8 +7,6 @@ Sources: PX4 developer guide, "Thermal Calibration and Compensation", and PX4 To
 ArduPilot libraries/AP_InertialSensor/AP_InertialSensor_tempcal.cpp.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from hil.analysis.thermal.fit import ParameterFit, SensorFit
@@ -26,38 +24,20 @@ CUBIC = 3
 PX4_INTEGER, PX4_FLOAT = 6, 9
 
 
-@dataclass(frozen=True)
-class BiasPolynomials:
-    """The biases of a triad's three axes as cubics in T - `reference_degC`, (3, 4), rad/s, lowest power first.
+def bias_polynomials(fit: SensorFit) -> tuple[FloatArray, list[str]]:
+    """Return the biases of a triad as cubics in T less the range's middle, (3, 4), rad/s, lowest power first.
 
-    `held_out` are their held-out errors, deg/hr, and `notes` say where a cubic is not what the data ask for.
+    And notes that say where a cubic is not what the data ask for. Raises `InputError` where the sensor is no triad.
     """
-
-    coefficients: FloatArray
-    reference_degC: float
-    range_degC: tuple[float, float]
-    held_out_deg_per_hr: tuple[float, ...]
-    notes: tuple[str, ...]
-
-    def about(self, reference_degC: float) -> FloatArray:
-        """Return the same cubics in T - `reference_degC`, (3, 4)."""
-        shift = np.polynomial.Polynomial([reference_degC - self.reference_degC, 1.0])
-        moved = [np.polynomial.Polynomial(row)(shift).coef for row in self.coefficients]
-        return np.array([np.pad(row, (0, CUBIC + 1 - len(row))) for row in moved])
-
-
-def bias_polynomials(fit: SensorFit) -> BiasPolynomials:
-    """Return the biases of a triad as cubics; raise `InputError` where the sensor is no three-axis triad."""
     sensor = fit.layout.collects.conditions.sensor
     if not sensor.is_triad:
         raise InputError(f"sensor {sensor.number}: PX4 and ArduPilot correct three-axis triads, and this is none")
     by_axis = dict(zip(sensor.channels.values(), bias_names(sensor), strict=True))
-    rows, errors, notes = [], [], []
+    rows, notes = [], []
     for axis in sensor.axes:
         each = fit.parameters[by_axis[axis]]
         row, name = _cubic_or_lower(each, fit)
         rows.append(np.pad(row, (0, CUBIC + 1 - len(row))) * RAD_PER_S)
-        errors.append(each.choice.errors[name])
         if name != each.form:
             notes.append(
                 f"{each.name}: {each.form} is what the data ask for; the best these files hold is {name}, held-out "
@@ -67,8 +47,7 @@ def bias_polynomials(fit: SensorFit) -> BiasPolynomials:
             notes.append(f"{each.name}: differs between temperatures, and no form describes how; {name} is held here")
         elif each.finding == "modelled" and not each.is_confirmed:
             notes.append(f"{each.name}: temperatures that did not choose its form do not confirm it")
-    low, high = fit.range_degC
-    return BiasPolynomials(np.array(rows), fit.layout.middle_degC, (low, high), tuple(errors), tuple(notes))
+    return np.array(rows), notes
 
 
 def _cubic_or_lower(each: ParameterFit, fit: SensorFit) -> tuple[FloatArray, str]:
@@ -84,54 +63,49 @@ def _cubic_or_lower(each: ParameterFit, fit: SensorFit) -> tuple[FloatArray, str
     return np.asarray(np.polynomial.polynomial.polyfit(centre, each.values.values, best, w=weight)), names[best]
 
 
-def px4_parameters(fit: SensorFit, instance: int = 0, device_id: int | None = None) -> str:
-    """Return a QGroundControl parameter file (tab-separated) for PX4's gyro `instance`."""
-    found = bias_polynomials(fit)
-    low, high = found.range_degC
-    values: dict[str, float] = {
-        f"TC_G{instance}_TMIN": low,
-        f"TC_G{instance}_TMAX": high,
-        f"TC_G{instance}_TREF": found.reference_degC,
-    }
-    for axis, row in enumerate(found.coefficients):
-        values |= {f"TC_G{instance}_X{power}_{axis}": float(value) for power, value in enumerate(row)}
-    whole = {"TC_G_ENABLE": 1} | ({} if device_id is None else {f"TC_G{instance}_ID": device_id})
-    lines = ["# Gyro thermal compensation, bias only, rad/s; written by hil thermal", *_remarks(fit, found)]
-    if device_id is None:
-        lines.append(f"# TC_G{instance}_ID must be the device id of this gyro on your board; it is not set here")
-    lines.append("# Vehicle-Id\tComponent-Id\tName\tValue\tType")
-    lines += [f"1\t1\t{name}\t{value}\t{PX4_INTEGER}" for name, value in whole.items()]
+def px4_parameters(fit: SensorFit) -> str:
+    """Return a QGroundControl parameter file (tab-separated) for PX4's gyro 0."""
+    coefficients, notes = bias_polynomials(fit)
+    low, high = fit.range_degC
+    values: dict[str, float] = {"TC_G0_TMIN": low, "TC_G0_TMAX": high, "TC_G0_TREF": fit.layout.middle_degC}
+    for axis, row in enumerate(coefficients):
+        values |= {f"TC_G0_X{power}_{axis}": float(value) for power, value in enumerate(row)}
+    lines = [
+        "# Gyro thermal compensation, bias only, rad/s; written by hil thermal",
+        *_remarks(fit, notes),
+        "# TC_G0_ID must be the device id of this gyro on your board; it is not set here",
+        "# Vehicle-Id\tComponent-Id\tName\tValue\tType",
+        f"1\t1\tTC_G_ENABLE\t1\t{PX4_INTEGER}",
+    ]
     lines += [f"1\t1\t{name}\t{value:.9g}\t{PX4_FLOAT}" for name, value in sorted(values.items())]
     return "\n".join(lines) + "\n"
 
 
-def ardupilot_parameters(fit: SensorFit, instance: int = 1) -> str:
-    """Return an ArduPilot parameter file for IMU `instance`; only what depends on temperature is in it.
+def ardupilot_parameters(fit: SensorFit) -> str:
+    """Return an ArduPilot parameter file for IMU 1; only what depends on temperature is in it.
 
     Raises `InputError` where the range is under 10 °C, which ArduPilot does not accept.
     """
-    found = bias_polynomials(fit)
-    low, high = found.range_degC
+    coefficients, notes = bias_polynomials(fit)
+    low, high = fit.range_degC
     if high - low < ARDUPILOT_LEAST_RANGE_DEGC:
         raise InputError(f"the temperatures span {high - low:.1f} °C; ArduPilot's TMAX must be 10 °C above TMIN")
-    about = found.about(ARDUPILOT_REFERENCE_DEGC)
-    values = {f"INS_TCAL{instance}_ENABLE": "1"}
-    values |= {f"INS_TCAL{instance}_TMIN": f"{low:.1f}", f"INS_TCAL{instance}_TMAX": f"{high:.1f}"}
+    shift = np.polynomial.Polynomial([ARDUPILOT_REFERENCE_DEGC - fit.layout.middle_degC, 1.0])
+    about = [[*np.polynomial.Polynomial(row)(shift).coef, *np.zeros(CUBIC)] for row in coefficients]
+    values = {"INS_TCAL1_ENABLE": "1", "INS_TCAL1_TMIN": f"{low:.1f}", "INS_TCAL1_TMAX": f"{high:.1f}"}
     for power in range(1, CUBIC + 1):
         for axis, row in zip("XYZ", about, strict=True):
-            values[f"INS_TCAL{instance}_GYR{power}_{axis}"] = f"{row[power] * ARDUPILOT_SCALE:.9f}"
+            values[f"INS_TCAL1_GYR{power}_{axis}"] = f"{row[power] * ARDUPILOT_SCALE:.9f}"
     remarks = [
         "# Gyro temperature calibration, 1e-6 rad/s, about 35 degC; written by hil thermal",
-        *_remarks(fit, found),
+        *_remarks(fit, notes),
+        "# the constant part is the gyro offset that the board finds itself; calibrate the gyros after loading",
     ]
-    remarks.append(
-        "# the constant part is the gyro offset that the board finds itself; calibrate the gyros after loading"
-    )
     return "\n".join(remarks + [f"{name} {value}" for name, value in values.items()]) + "\n"
 
 
-def _remarks(fit: SensorFit, found: BiasPolynomials) -> list[str]:
+def _remarks(fit: SensorFit, notes: list[str]) -> list[str]:
     sensor = fit.layout.collects.conditions.sensor
     axes = ", ".join(f"{axis} is {letter}" for axis, letter in zip(sensor.axes, "XYZ", strict=True))
     said = [f"# axes: {axes}, as the unit reports them; acceleration sensitivity is not corrected by these parameters"]
-    return said + [f"# {note}" for note in found.notes]
+    return said + [f"# {note}" for note in notes]

@@ -23,7 +23,7 @@ from hil.model.forms import MODEL_NAMES, LinearForm, default_form, named_form
 from hil.model.model_file import SCHEMA as MODEL_SCHEMA
 from hil.solve import solve
 from hil.solve.runs import OBSERVABLE
-from hil.solve.temperatures import unsettled
+from hil.solve.temperatures import same_temperature
 from hil.solve.wrong_rows import pooled, treated
 from procedures.words import counted
 
@@ -117,10 +117,17 @@ class SensorFit:
 
 @dataclass(frozen=True)
 class ThermalFit:
-    """The fits of a campaign's sensors."""
+    """The fits of a campaign's sensors; `not_fitted` says of the others why they have none."""
 
     campaign: Campaign
     sensors: Mapping[int, SensorFit]
+    not_fitted: Mapping[int, str]
+
+    def of(self, number: int) -> SensorFit:
+        """Return the fit of a sensor; raise `InputError` saying why where there is none."""
+        if number not in self.sensors:
+            raise InputError(self.not_fitted[number])
+        return self.sensors[number]
 
     def model(self) -> Model:
         """Return the curves as a model file's content; raise `InputError` where sensors have different forms."""
@@ -141,15 +148,19 @@ def fit_thermal(
     apart_degC: float | None = None,
     seed: int = 0,
 ) -> ThermalFit:
-    """Fit each sensor of a campaign; raise `InputError` where one has no temperatures or fewer than three."""
+    """Fit each sensor of a campaign that can be; raise `InputError` where none can, as it takes three temperatures."""
     if model_name is not None and (model_name not in MODEL_NAMES or model_name == "matrix-6-thermal"):
         choices = ", ".join(name for name in MODEL_NAMES if name != "matrix-6-thermal")
         raise InputError(f"model {model_name}: hil thermal finds the dependence itself, of one of {choices}")
-    sensors = {
-        number: fit_sensor(number, collects, model_name, highest_order, apart_degC, seed)
-        for number, collects in treated(pooled(campaign)).sensors.items()
-    }
-    return ThermalFit(campaign, sensors)
+    sensors, without = {}, {}
+    for number, collects in treated(pooled(campaign)).sensors.items():
+        try:
+            sensors[number] = fit_sensor(number, collects, model_name, highest_order, apart_degC, seed)
+        except InputError as error:
+            without[number] = str(error)
+    if not sensors:
+        raise InputError("; ".join(without.values()) or "no collect was measured")
+    return ThermalFit(campaign, sensors, without)
 
 
 def fit_sensor(
@@ -173,7 +184,6 @@ def fit_sensor(
         name: _parameter(seen, place, choices[place], free[place], errors[place])
         for place, name in enumerate(layout.form.names)
     }
-    notes += [f"sensor {number}: {words}" for words in dict.fromkeys(unsettled(collects.conditions).values())]
     if layout.hysteresis:
         notes.append(f"sensor {number}: a drift through the campaign, if any, is part of what stands as hysteresis")
     else:
@@ -220,12 +230,7 @@ def layout_of(
     Raises `InputError` where fewer than three temperatures are left, or a number cannot be.
     """
     refuse_impossible(collects)
-    conditions = collects.conditions
-    temperature = conditions.columns.get("temperature_degC")
-    notes = []
-    if temperature is not None and not np.all(np.isfinite(temperature)) and np.any(np.isfinite(temperature)):
-        notes.append(f"sensor {number}: {int(np.sum(~np.isfinite(temperature)))} rows without temperature are left out")
-        collects = collects.rows(np.isfinite(temperature))
+    collects, notes = _at_known_temperatures(number, collects, apart_degC)
     stations = find_stations(collects.conditions, apart_degC)
     form = named_form(model_name, collects.conditions) if model_name else default_form(collects.conditions)
     if form.reason:
@@ -248,6 +253,26 @@ def layout_of(
     both = len(stations.both_directions) > 0
     layout = Layout(collects, form, form.columns(collects.conditions), stations, float(np.round(middle)), half, both)
     return layout, notes
+
+
+def _at_known_temperatures(number: int, collects: Collects, apart_degC: float | None) -> tuple[Collects, list[str]]:
+    """Take rows without the unit's temperature at its mean through the same setpoint, or leave them out; say so."""
+    conditions = collects.conditions
+    shown = conditions.columns.get("temperature_degC", np.zeros(0))
+    known = np.isfinite(shown)
+    if known.all() or not known.any():
+        return collects, []
+    at, filled = same_temperature(conditions, apart_degC), shown.copy()
+    for place in np.unique(at[known]).tolist():
+        filled[(at == place) & ~known] = shown[(at == place) & known].mean()
+    left, taken = np.isnan(filled), ~known & np.isfinite(filled)
+    columns = {**conditions.columns, "temperature_degC": filled}
+    said = [
+        f"sensor {number}: {counted(int(rows.sum()), 'row')} without temperature: {what}"
+        for rows, what in ((taken, "taken at the unit's mean through the same setpoint"), (left, "left out"))
+        if rows.any()
+    ]
+    return replace(collects, conditions=replace(conditions, columns=columns)).rows(~left), said
 
 
 def _tells_all(form: LinearForm, collects: Collects) -> bool:

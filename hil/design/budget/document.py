@@ -41,7 +41,13 @@ def budget_document(
     simulated: bool = False,
     observed: Mapping[int, SensorRepeats] | None = None,
 ) -> dict[str, Any]:
-    """Return the budget of each sensor; raises `InputError` for a run that is not there."""
+    """Return the budget of each sensor that has every rate of some collect.
+
+    Raises `InputError` for a run that is not there, or where no sensor has one.
+    """
+    without = [f"sensor {number}: no collect has every rate: no budget" for number, runs in scenes.items() if not runs]
+    if len(without) == len(scenes):
+        raise InputError("; ".join(without) or "no collect was measured")
     return {
         "schema": SCHEMA,
         "title": title,
@@ -50,8 +56,11 @@ def budget_document(
         "draws": asked.draws,
         "seed": asked.seed,
         "sensors": {
-            str(number): _sensor(number, runs, asked, (observed or {}).get(number)) for number, runs in scenes.items()
+            str(number): _sensor(number, runs, asked, (observed or {}).get(number))
+            for number, runs in scenes.items()
+            if runs
         },
+        "without": without,
     }
 
 

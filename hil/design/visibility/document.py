@@ -10,7 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from hil.campaign import Campaign, Conditions, FloatArray
+from hil.campaign import Campaign, Collects, Conditions, FloatArray
+from hil.campaign.plausibility import usable
 from hil.config.bench import Bench
 from hil.config.sweep import Sweep, check_sweep_against_bench
 from hil.design.conditions import planned_conditions
@@ -123,34 +124,41 @@ def sweep_document(sweep: Sweep, bench: Bench, model: Model | None = None) -> di
 def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[str, object]:
     """Return the map of collects that were measured, with their own standard errors, gaps, and scatter of repeats."""
     told = {"simulated": campaign.simulated, "warnings": list(campaign.warnings), **what_is_wrong(campaign)}
-    shown = repeats(campaign, solve_campaign(campaign))
-    campaign = treated(pooled(campaign))
-    conditions = {number: rows.conditions for number, rows in campaign.sensors.items()}
-    typical = NoiseLevel().collect_deg_per_hr
-    sigmas = {
-        number: np.where(
-            np.isfinite(rows.rates_deg_per_hr),
-            # As large as residuals show them to be.
-            np.nan_to_num(rows.rates_se_deg_per_hr, nan=typical)
-            * (shown[number].spread.factor if number in shown else 1.0),
-            np.nan,
-        )
-        for number, rows in campaign.sensors.items()
+    sensors = {number: _with_typical_noise(rows) for number, rows in campaign.sensors.items()}
+    stated = replace(campaign, sensors=sensors)
+    shown = repeats(stated, solve_campaign(stated))
+    used = usable(treated(pooled(stated))).sensors
+    conditions = {number: rows.conditions for number, rows in used.items()}
+    sigmas = {  # as large as residuals show them to be
+        number: np.where(np.isfinite(rows.rates_deg_per_hr), rows.rates_se_deg_per_hr, np.nan)
+        * (shown[number].spread.factor if number in shown else 1.0)
+        for number, rows in used.items()
     }
     noise = {
         number: replace(
-            _seen(each) if np.any(each.spread.degrees) else NoiseLevel(),
+            _seen(each, assumed=sensors[number] is not campaign.sensors[number])
+            if np.any(each.spread.degrees)
+            else NoiseLevel(),
             collect_deg_per_hr=float(np.sqrt(np.nanmean(sigmas[number] ** 2))),
         )
         for number, each in shown.items()
+        if number in used
     }
     found = visibility_document(conditions, campaign.title, model, noise, sigmas)
     return {**found, **told}
 
 
-def _seen(shown: SensorRepeats) -> NoiseLevel:
+def _with_typical_noise(rows: Collects) -> Collects:
+    """Return the collects with the typical standard error in channels that state none: repeats show what is beyond."""
+    silent = ~np.any(rows.rates_se_deg_per_hr > 0.0, axis=0)
+    errors = np.where(silent, NoiseLevel().collect_deg_per_hr, rows.rates_se_deg_per_hr)
+    return replace(rows, rates_se_deg_per_hr=errors) if silent.any() else rows
+
+
+def _seen(shown: SensorRepeats, *, assumed: bool) -> NoiseLevel:
     """Return what repeats scatter by beyond their standard errors: bias and, of a rotor, MU, rms of both channels."""
-    beyond = dict(zip(shown.names, shown.spread.beyond.tolist(), strict=True))
-    bias, mu = ([beyond[name] for name in beyond if name.startswith(kind)] for kind in ("B", "MU"))
+    beyond = [each for each in zip(shown.names, shown.spread.beyond, shown.spread.degrees, strict=True) if each[2]]
+    bias, mu = ([more for name, more, _ in beyond if name.startswith(kind)] for kind in ("B", "MU"))
+    source = "its repeats, beyond an assumed noise of collects" if assumed else "its repeats"
     size = [float(np.sqrt(np.mean(np.square(each)))) if each else 0.0 for each in (bias, mu)]
-    return NoiseLevel(run_bias_deg_per_hr=size[0], run_mu_deg_per_hr_per_g=size[1], source="its repeats")
+    return NoiseLevel(run_bias_deg_per_hr=size[0], run_mu_deg_per_hr_per_g=size[1], source=source)

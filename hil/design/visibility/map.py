@@ -40,8 +40,8 @@ _TYPICAL_ROTOR = {"bias": (15.0, -10.0), "GS": (60.0, -25.0), "MU": (5.0, 5.0), 
 class NoiseLevel:
     """What averages scatter by: within a run (white, per collect), and from run to run (bias, and a rotor's MU).
 
-    The defaults are the report's quiet cells and its pooled run-to-run scatter. `source` says whose it is: "assumed" or
-    "its repeats", what changes from run to run being what decides.
+    The defaults are the report's quiet cells and its pooled run-to-run scatter. `source` says whose it is: "assumed",
+    "its repeats", or theirs beyond an assumed noise of collects: what changes from run to run decides.
     """
 
     collect_deg_per_hr: float = 0.93

@@ -43,7 +43,7 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     kind = "labels" if only else result.verdict if result.tested else "untested"
     kind = "scatter" if kind == "none" and result.exceeding else kind
     doubts = [f"{numbered('run', runs)} ({verdict})" for verdict, runs in result.doubtful.items()]
-    first = ["what is missing of the measurement (hil report says what)"] if result.missing else []
+    first = ["what is missing of the measurement (hil report says what)"] if result.without.get("missing") else []
     first += [f"what was not measured well (hil report says why): {', '.join(doubts)}"] if doubts else []
     if result.contradicted:
         first.append(f"what its own records contradict (notes): {numbered('run', result.contradicted)}")

@@ -56,6 +56,11 @@ def _one_silent() -> Campaign:
     return replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=errors)})
 
 
+def _no_errors() -> Campaign:
+    one = _good()
+    return replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=np.full((36, 2), np.nan))})
+
+
 def _contradicted() -> Campaign:
     """In run 6 the unit lay otherwise than its labels say, by its own accelerometers, and its bias was another."""
     one = _good()
@@ -75,6 +80,15 @@ def _short_soaks() -> Campaign:
     return replace(one, sensors={2: replace(one.sensors[2], conditions=replace(conditions, columns=columns))})
 
 
+def _one_not_shown() -> Campaign:
+    """The unit's own thermometer was silent through run 5."""
+    one = _good()
+    conditions = one.sensors[2].conditions
+    shown = np.where(conditions.run == 5, np.nan, conditions.columns["temperature_degC"])
+    conditions = replace(conditions, columns={**conditions.columns, "temperature_degC": shown})
+    return replace(one, sensors={2: replace(one.sensors[2], conditions=conditions)})
+
+
 def _two_sensors() -> Campaign:
     one, other = _good(), campaign(12, 3, seed=2, scatter=2.0).sensors[2]
     layout = replace(other.conditions.sensor, number=1)
@@ -82,6 +96,12 @@ def _two_sensors() -> Campaign:
     number = one.sensors[2].conditions.collect + len(first)
     second = replace(one.sensors[2], conditions=replace(one.sensors[2].conditions, collect=number))
     return replace(one, sensors={1: first, 2: second})
+
+
+def _two_plans() -> Campaign:
+    """Sensor 1 was measured at two temperatures only, sensor 2 at four."""
+    both = _two_sensors()
+    return replace(both, sensors={1: both.sensors[1].rows(both.sensors[1].conditions.run < 7), 2: both.sensors[2]})
 
 
 def _exchanged_body() -> Campaign:
@@ -114,6 +134,12 @@ def _triad(wrong: bool = False) -> Campaign:
     return Campaign("poses", "", {1: Collects(conditions, rates, np.full((24, 3), 5.0))})
 
 
+def _dead(one: Campaign, number: int) -> Campaign:
+    """The second channel of a sensor shows exactly 0 throughout."""
+    alive = np.arange(one.sensors[number].rates_deg_per_hr.shape[1]) != 1
+    return judged_by_its_records(with_rates(one, one.sensors[number].rates_deg_per_hr * alive, number))
+
+
 def _clipped() -> Campaign:
     """Channel A shows no more than 40 deg/hr: the runs in which it stands there FAIL by that."""
     one = _good()
@@ -130,11 +156,17 @@ FOLDERS: dict[str, Callable[[], Campaign]] = {
     "one rate far off": _far_off,
     "one collect missing": _one_missing,
     "one standard error missing": _one_silent,
+    "no standard errors": _no_errors,
     "contradicted": _contradicted,
     "clipped": _clipped,
+    "dead channel": lambda: _dead(_good(), 2),
+    "poses, dead channel": lambda: _dead(_triad(), 1),
     "short soaks": _short_soaks,
+    "one run without its thermometer": _one_not_shown,
     "two sensors": _two_sensors,
+    "two plans": _two_plans,
     "one run": lambda: campaign(1, 1, seed=3),
+    "not whole": lambda: replace(_good(), missing=["self-calibration 13 at 40.0 °C: all of it"]),
     "one temperature": lambda: campaign(8, 8, seed=5, scatter=2.0),
     "simulated": lambda: replace(_good(), simulated=True),
     "poses": _triad,

@@ -23,6 +23,8 @@ from hil.design.visibility.document import campaign_document, sweep_document
 from hil.design.visibility.map import NoiseLevel
 from hil.model.forms import default_form
 from hil.reconcile.scattering import what_scatters
+from hil.report.content import gather
+from hil.report.statements import headline
 from hil.solve import repeats, solve_campaign
 from procedures.plan import make_plan
 from tests.hil.audit.folders import FOLDERS, LOGS, written
@@ -31,7 +33,7 @@ from tests.hil.solve.test_neighbours import campaign
 Answer = Mapping[Any, Any]
 Ask = Callable[[str], dict[str, Any] | None]
 
-MODEL = dict.fromkeys(("poses", "poses, one wrong", *LOGS), "triad-12")
+MODEL = dict.fromkeys(("poses", "poses, one wrong", "poses, dead channel", *LOGS), "triad-12")
 COMMANDS: dict[str, Callable[[Path, str], list[str]]] = {
     "solve": lambda folder, _: ["solve", str(folder), "--json"],
     "thermal": lambda folder, _: ["thermal", str(folder), "--json"],
@@ -43,13 +45,26 @@ COMMANDS: dict[str, Callable[[Path, str], list[str]]] = {
     ],
 }  # fmt: skip
 QUICK = ("solve", "thermal", "budget", "visibility")
-AT_ONCE = ("contradicted", "labels exchanged", "one rate far off", "one run", "poses, one wrong")
+AT_ONCE = (
+    "contradicted",
+    "dead channel",
+    "short soaks",
+    "no standard errors",
+    "labels exchanged",
+    "one rate far off",
+    "one run",
+    "poses, one wrong",
+)
 
 
 def rows(document: dict[str, Any]) -> Answer:
     """Which rows are left out or mended, and which channels of them; what is only doubted is not compared."""
     treated = [each for each in document["rows"] if each["done"] != "used"]
     return {(r["sensor"], r["run"], tuple(r["collects"]), tuple(r["channels"])): r["done"] for r in treated}
+
+
+def _soaks(runs: list[dict[str, Any]]) -> Answer:
+    return {(each["sensor"], run): each["why"] for each in runs for run in each["runs"]}
 
 
 def _solved_means(document: dict[str, Any], key: str) -> Answer:
@@ -79,6 +94,14 @@ def _run_to_run(of_sensor: Mapping[str, Any], where: str) -> Answer:
     }
 
 
+def _noise_assumed(document: dict[str, Any]) -> Answer:
+    return {
+        str(s["sensor"]): "every rate has the same, unstated noise" in s["assumed"]
+        for s in document["solutions"]
+        if document["repeats"][str(s["sensor"])]["run_to_run"]
+    }
+
+
 def _rms_of_bias(run_to_run: Mapping[str, Any]) -> float | None:
     beyond = [each["beyond_standard_errors"] for name, each in run_to_run.items() if name.startswith("B")]
     return math.sqrt(sum(one**2 for one in beyond) / len(beyond)) if beyond else None
@@ -95,6 +118,26 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
         **dict.fromkeys(COMMANDS, lambda document: document["runs_not_used"]),
         "solve, by sensor": lambda document: {
             number: of["runs_not_used"] for number, of in document["repeats"].items() if of["runs_not_used"]
+        },
+    },
+    "what is missing of what was asked for": dict.fromkeys(
+        COMMANDS, lambda document: dict.fromkeys(document["missing"])
+    ),
+    "which runs had not settled": {
+        **dict.fromkeys(COMMANDS, lambda document: _soaks(document["runs_not_settled"])),
+        "solve, by run": lambda document: {
+            (s["sensor"], run): words[0]
+            for s in document["solutions"]
+            for run in s["runs"]
+            if (words := [each for each in s["reason"].split("; ") if each.endswith("the soak had not ended")])
+        },
+    },
+    "whether what repeats show rests on an assumed noise": {
+        "solve": _noise_assumed,
+        "visibility": lambda document: {
+            n: "assumed noise" in of["noise"]["source"]
+            for n, of in document["sensors"].items()
+            if "its repeats" in of["noise"]["source"]
         },
     },
     "the mean at a temperature": {
@@ -124,7 +167,11 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
         "budget": lambda document: _run_to_run(document["sensors"], "observed_run_to_run"),
     },
     "by how much the bias changes from run to run beyond its standard errors": {
-        "solve": lambda document: {n: _rms_of_bias(of["run_to_run"]) for n, of in document["repeats"].items()},
+        "solve": lambda document: {
+            n: _rms_of_bias(of["run_to_run"])
+            for n, of in document["repeats"].items()
+            if not _noise_assumed(document).get(n)
+        },
         "visibility": lambda document: {
             n: of["noise"]["run_bias_deg_per_hr"]
             for n, of in document["sensors"].items()
@@ -191,8 +238,8 @@ def ask(request: pytest.FixtureRequest, tmp_path: Path, capsys: pytest.CaptureFi
         if command not in known:
             capsys.readouterr()
             status = run(COMMANDS[command](folder, MODEL.get(request.param, "matrix-6")))
-            assert status in (0, 2), f"{command}: {capsys.readouterr().err}"
-            known[command] = json.loads(capsys.readouterr().out) if status == 0 else None
+            assert status in (0, 2, 4), f"{command}: {capsys.readouterr().err}"
+            known[command] = json.loads(capsys.readouterr().out) if status != 2 else None
         return known[command]
 
     return asked
@@ -231,6 +278,30 @@ def test_the_quick_commands_agree(ask: Ask) -> None:
 def test_all_commands_agree(ask: Ask) -> None:
     """And those that search: what is wrong with rows, and that what is printed is simulated."""
     assert list(disagreements(ask, tuple(COMMANDS))) == []
+
+
+@pytest.mark.parametrize("ask", ["two plans"], indirect=True)
+def test_a_sensor_that_cannot_be_fitted_hides_no_other(ask: Ask) -> None:
+    """Thermal answers of sensor 2 and says why not of sensor 1; a headline counts each sensor's own."""
+    document = ask("thermal")
+    assert document is not None
+    assert [each["sensor"] for each in document["sensors"]] == [2]
+    assert [(each["sensor"], "2 temperatures" in each["why"]) for each in document["not_fitted"]] == [(1, True)]
+    said = headline(gather(FOLDERS["two plans"]()))
+    assert said.startswith("sensor 1: 6 self-calibrations at 2 temperatures; sensor 2: 12 self-calibrations at 4 temp")
+    assert headline(gather(FOLDERS["clipped"]())).startswith("12 self-calibrations at 4 temperatures, 1 sensor: 7 PASS")
+
+
+@pytest.mark.parametrize("ask", ["poses, dead channel"], indirect=True)
+def test_a_dead_channel_has_no_value_and_no_pass(ask: Ask) -> None:
+    """What is exactly 0 in every pose was not measured; the other channels have their values, and scatter answers."""
+    document = ask("solve")
+    assert document is not None
+    (solved,) = document["solutions"]
+    assert solved["verdict"] == "FAIL"
+    assert "GY: every rate is exactly 0: nothing was measured" in solved["reason"]
+    assert {name for name, of in solved["parameters"].items() if of["value"] is None} == {"BY", "GYX", "GYY", "GYZ"}
+    assert ask("scatter") is not None
 
 
 @pytest.mark.parametrize("ask", ["labels exchanged", "one rate far off", "poses, one wrong"], indirect=True)

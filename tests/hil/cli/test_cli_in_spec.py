@@ -36,7 +36,9 @@ def test_every_place_says_both(hil: Run, judged: Path) -> None:
     document = json.loads(status.stdout)
     assert (status.returncode, document["judgement"]["verdict"]) == (0, "PASS")
     assert (document["in_spec"]["verdict"], document["in_spec"]["title"]) == ("out of spec", "narrow")
-    assert "OUT OF SPEC: 2 of 2" in hil("status", judged / "night").stdout
+    said = hil("status", judged / "night").stdout
+    assert "OUT OF SPEC: 2 of 2" in said
+    assert "to do: with the measurement nothing, but the unit is out of spec" in said
     facts = NightFacts(judged / "night", "night")
     head = facts.look()["head"]
     assert (head["verdict"]["verdict"], head["in_spec"]) == ("PASS", document["in_spec"])
@@ -53,7 +55,9 @@ def test_solve_and_report_judge_by_the_nights_limits_or_by_others(hil: Run, judg
     assert other["verdict"] == "in spec"
     assert "\nOUT OF SPEC: 2 of 2" in hil("solve", judged / "night").stdout
     page = judged / "page.html"
-    assert hil("report", judged / "night", "--out", page).returncode == 0
+    ended = hil("report", judged / "night", "--out", page)
+    assert ended.returncode == 0
+    assert re.search(r"page.html: PASS: Measured well.*\nOUT OF SPEC: 2 of 2", ended.stdout)
     assert ">OUT OF SPEC</span> – 2 of 2" in page.read_text()
     assert "PASS</span> – Measured well: " in page.read_text()
     assert "The measurement needs nothing; the unit does" in page.read_text()

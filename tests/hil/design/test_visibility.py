@@ -202,7 +202,7 @@ def test_document_says_everything_a_program_needs(published: dict[int, Condition
 def test_a_campaign_is_mapped_with_its_own_errors_and_gaps() -> None:
     """Rates that were not measured tell nothing: half the rows, about √2 in the smallest size; stated errors count."""
     conditions = campaign()
-    rates, errors = np.zeros((len(conditions), 2)), np.full((len(conditions), 2), 0.5)
+    rates, errors = np.ones((len(conditions), 2)), np.full((len(conditions), 2), 0.5)
     whole = Campaign("t", "s", {2: Collects(conditions, rates, errors)})
     halved = rates.copy()
     halved[conditions.run % 2 == 0] = np.nan
@@ -279,8 +279,8 @@ def test_text_says_what_is_seen_alike_absorbed_and_what_would_help() -> None:
     assert "1. add collect 4 (spin axis down) to every run (costs one more collect per run)" in text
     assert "tells apart: " in text
     assert "SIMULATED" not in text
-    rates = np.zeros((72, 2))
-    simulated = Campaign("night", "twin", {2: Collects(campaign(), rates, rates + 0.5)}, simulated=True)
+    rates = np.ones((72, 2))
+    simulated = Campaign("night", "twin", {2: Collects(campaign(), rates, 0.5 * rates)}, simulated=True)
     lines = visibility_text(campaign_document(simulated)).splitlines()
     assert lines[0] == "night  SIMULATED"
     assert "noise, sensor 1: 0.93 deg/hr in a collect; from run to run the bias by 1.8 deg/hr (assumed)" in text

@@ -69,7 +69,8 @@ def test_a_unit_is_asked_for_by_its_folder(finished: Path) -> None:
     """It is a night of its own to whoever reads: its plan, its verdict, its serial number, its temperatures."""
     own = night_status(finished / "units" / "0041")
     assert (own["state"], own["identity"]["serial"]) == ("complete", "0041")
-    assert verify_night(finished / "units" / "0041")["complete"]
+    own = verify_night(finished / "units" / "0041")
+    assert (own["complete"], own["notes"]) == (True, [])  # the other units' blocks are no orphans
     with reading(finished / "units" / "0041") as journal:
         beat = journal.last_heartbeat()
         assert beat is not None

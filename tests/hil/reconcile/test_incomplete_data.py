@@ -139,15 +139,15 @@ def test_nothing_that_could_be_tested_is_said_to_be_so() -> None:
     full = hidden_campaign(7, mass_unbalance, thermal=False, mu=False)
     alone = only(full, full.sensors[2].conditions.run == 1)
     result = reconcile(replace(alone, verdicts={1: NOT_GOOD, 2: NOT_GOOD}, missing=["run 2"]), "matrix-6")
-    assert (result.doubtful, result.missing) == ({"INCONCLUSIVE": [1]}, ["run 2"])
-    result = replace(result, doubtful={}, missing=[])
+    assert (result.doubtful, result.without["missing"]) == ({"INCONCLUSIVE": [1]}, ["run 2"])
+    result = replace(result, doubtful={}, without={})
     assert result.verdict == "none"
     assert not result.tested
     assert not result.document()["tested"]
     assert what_to_do(result) == ("untested", "Take more runs before anything is concluded.")
     assert "Nobody has to act" not in page(result)
     assert "nothing but noise" not in page(result)
-    told = what_to_do(replace(result, missing=["run 2"], doubtful={"FAIL": [1]}))[1]
+    told = what_to_do(replace(result, without={"missing": ["run 2"]}, doubtful={"FAIL": [1]}))[1]
     assert "what is missing of the measurement" in told
     assert "not measured well (hil report says why): run 1 (FAIL)" in told
     assert what_to_do(replace(result, tested=True, exceeding=[1]))[0] == "scatter"

@@ -16,6 +16,7 @@ from hil.config import Bench, load_bench, parse_bench
 from hil.records.export import campaign_of_night
 from hil.report.certificate import Asked, Certificate, certificate, refusals
 from hil.solve import repeats, solve_campaign
+from hil.solve.wrong_rows import without
 from tests.hil.cli.test_cli_in_spec import WIDE
 
 TODAY = date(2026, 11, 30)
@@ -113,6 +114,18 @@ def test_it_names_what_it_rests_upon(draft: Certificate, bench: Bench) -> None:
     assert draft.document["records"]["journal_head_sha256"] in page
     assert len(draft.document["records"]["journal_head_sha256"]) == 64
     assert "No statement of conformity" in page
+
+
+def test_a_soak_that_had_not_ended_is_said(night: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the words of every other command."""
+    measured = campaign_of_night(night)
+    for rows in measured.sensors.values():
+        rows.conditions.columns["temperature_degC"][:1] += 9.0
+    told = [each["why"] for each in without(measured)["runs_not_settled"]]
+    monkeypatch.setattr("hil.report.certificate.campaign_of_night", lambda _: measured)
+    said = certificate(night, Asked(), TODAY).document["conditions"]
+    assert told
+    assert all(any(why in line for line in said) for why in told)
 
 
 def test_the_command_refuses_or_drafts(night: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

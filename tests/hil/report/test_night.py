@@ -41,7 +41,7 @@ def test_the_verdict_comes_first_and_says_what_was_asked_done_and_missing(page: 
         "hil reconcile",
         "bias of channel A, BA",
         "Sensor 2 ",
-        "Asked: 4 self-calibrations, 2 at each of 2 temperatures (20.0, 30.0 °C)",
+        "Asked: 4 self-calibrations at 2 temperatures (20.0, 30.0 °C)",
         "each after at least 10 min of restabilisation",
     )
     places = [text.index(each) for each in order]

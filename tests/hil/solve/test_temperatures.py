@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hil.campaign import Conditions, Sensor
-from hil.solve.temperatures import WIDEST_DEGC, nearest, runs_by_temperature, same_temperature
+from hil.solve.temperatures import WIDEST_DEGC, nearest, runs_by_temperature, same_temperature, unsettled
 
 SENSOR = Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"})
 
@@ -111,6 +111,16 @@ def test_a_unit_that_lags_behind_its_setpoints_is_at_its_setpoints() -> None:
     own = np.array([4.7, -3.2, -7.0, -5.2, -2.6, -1.2, 3.9, 7.0, 8.7, 13.7, 16.9, 18.6])
     number = same_temperature(collects({"setpoint_degC": setpoint, "temperature_degC": own}))
     assert number.tolist() == np.repeat(range(4), 3).tolist()
+
+
+def test_one_more_run_renames_no_temperature() -> None:
+    """Neither one far from setpoints that are near each other, nor one whose soak was cut short."""
+    near = {"setpoint_degC": [20.0, 20.0, 21.5], "temperature_degC": [28.0, 28.1, 29.6]}
+    far = {"setpoint_degC": [*near["setpoint_degC"], 40.0], "temperature_degC": [*near["temperature_degC"], 48.0]}
+    assert runs_by_temperature(conditions(far))[:2] == runs_by_temperature(conditions(near))
+    short = {"setpoint_degC": [20.0, 20.0, 20.0], "temperature_degC": [28.0, 28.1, 35.0]}
+    assert runs_by_temperature(conditions(short)) == [(20.0, (1, 2, 3))]
+    assert list(unsettled(conditions(short))) == [3]
 
 
 def test_the_chamber_tells_where_nothing_else_does() -> None:

@@ -193,7 +193,8 @@ def test_runs_that_fail_by_their_records_accuse_no_other() -> None:
     rates = one.sensors[2].rates_deg_per_hr.copy()
     rates[[9, 10]], rates[[12, 13]] = rates[[10, 9]], rates[[13, 12]]
     two = judged_by_its_records(with_rates(one, rates))
-    assert what_is_wrong(two) == {"rows": [], "runs_not_used": {"2": [4, 5]}}
+    found = what_is_wrong(two)
+    assert found == {"rows": [], "missing": [], "runs_not_used": {"2": [4, 5]}, "runs_not_settled": []}
     (solved,) = (m for m in repeats(two, solve_campaign(two))[2].means if m.temperature_degC == 0.0)
     assert solved.runs == (6,)
     assert solved.values["GSA"].value == pytest.approx(58.0, abs=1.5)
