@@ -16,24 +16,16 @@ from hil.cli.output import check_named, listing, messages
 from hil.errors import InputError
 from procedures.words import counted
 
-_Archive = Annotated[
-    Path | None,
-    typer.Option("--archive", envvar="HIL_ARCHIVE", help="The archive's folder.", show_default=False),
-]
+_Archive = Annotated[Path | None, typer.Option("--archive", envvar="HIL_ARCHIVE", help="The archive's folder.")]
 
 
 def archive(
-    folder: Annotated[Path, typer.Argument(metavar="ARCHIVE", help="The archive's folder.", show_default=False)],
+    folder: Annotated[Path, typer.Argument(metavar="ARCHIVE", help="The archive's folder.")],
     sources: Annotated[
-        list[Path] | None,
-        typer.Argument(metavar="[NIGHT_OR_CAMPAIGN]...", help="What to take up.", show_default=False),
+        list[Path] | None, typer.Argument(metavar="[NIGHT_OR_CAMPAIGN]...", help="What to take up.")
     ] = None,
-    serial: Annotated[
-        str | None, typer.Option(help="Of which unit, where the records do not say.", show_default=False)
-    ] = None,
-    day: Annotated[
-        str | None, typer.Option("--date", help="When, where they do not say: 2026-03-01.", show_default=False)
-    ] = None,
+    serial: Annotated[str | None, typer.Option(help="Of which unit, where the records do not say.")] = None,
+    day: Annotated[str | None, typer.Option("--date", help="When, where they do not say: 2026-03-01.")] = None,
     rebuild: Annotated[bool, typer.Option("--rebuild", help="Make the index anew from the folders.")] = False,
     found: Annotated[
         bool, typer.Option("--found", help="Make a new archive, or again one that lost its archive.yaml.")
@@ -123,20 +115,18 @@ def _units(document: Mapping[str, Any]) -> Iterator[str | Table]:
 
 
 def history(
-    serial: Annotated[str, typer.Argument(metavar="SERIAL", help="The unit's serial number.", show_default=False)],
+    serial: Annotated[str, typer.Argument(metavar="SERIAL", help="The unit's serial number.")],
     archive: _Archive = None,
     model: Annotated[
-        str | None,
-        typer.Option("--unit-model", help="Of two units with one serial number, which.", show_default=False),
+        str | None, typer.Option("--unit-model", help="Of two units with one serial number, which.")
     ] = None,
     limits: Annotated[
-        str | None, typer.Option("--limits", help="What the unit must be; default: the newest calibration's own.")
+        str | None, typer.Option(help="What the unit must be; default: the newest calibration's own.")
     ] = None,
     csv_file: Annotated[Path | None, typer.Option("--csv", help="Write every value here, .csv.")] = None,
-    page: Annotated[Path | None, typer.Option("--page", help="Write it as a page with pictures here, .html.")] = None,
+    page: Annotated[Path | None, typer.Option(help="Write it as a page with pictures here, .html.")] = None,
     out: Annotated[
-        Path | None,
-        typer.Option("--out", help="Write its life as one campaign folder, for reconcile, thermal, visibility."),
+        Path | None, typer.Option(help="Write its life as one campaign folder, for reconcile, thermal, visibility.")
     ] = None,
 ) -> Answer:
     """Say what became of a unit through the years: drift, jumps, control limits, when the next calibration is due."""

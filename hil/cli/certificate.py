@@ -18,20 +18,16 @@ from hil.errors import InputError
 
 def certificate(
     folder: Folder,
-    unit: Annotated[
-        str | None, typer.Option("--unit", help="The unit's serial number; default: the night's.", show_default=False)
-    ] = None,
+    unit: Annotated[str | None, typer.Option(help="The unit's serial number; default: the night's.")] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", help="Where to write it; default: certificate.html in the folder.")
+        Path | None, typer.Option(help="Where to write it; default: certificate.html in the folder.")
     ] = None,
     pdf: Annotated[bool, typer.Option("--pdf", help="Beside it as PDF on A4; the browser here prints it.")] = False,
     draft: Annotated[
         bool, typer.Option("--draft", help="Where there can be none, write a draft, which every page says.")
     ] = False,
-    customer: Annotated[str, typer.Option(help="For whom.", show_default=False)] = "",
-    number: Annotated[
-        str, typer.Option(help="The certificate's own number; default: from serial and time.", show_default=False)
-    ] = "",
+    customer: Annotated[str, typer.Option(help="For whom.")] = "",
+    number: Annotated[str, typer.Option(help="The certificate's own number; default: from serial and time.")] = "",
     limits: Limits = None,
     strict: Strict = False,
 ) -> Answer:

@@ -34,11 +34,9 @@ class Action(StrEnum):
 
 
 def chamber(
-    bench: Annotated[str, typer.Argument(help="A bench file, or the name of one that ships.", show_default=False)],
-    action: Annotated[Action, typer.Argument(help="What to do.", show_default=False)],
-    temperature: Annotated[
-        str | None, typer.Argument(help="For set: -20 degC, 68 degF; a bare number is °C.", show_default=False)
-    ] = None,
+    bench: Annotated[str, typer.Argument(help="A bench file, or the name of one that ships.")],
+    action: Annotated[Action, typer.Argument(help="What to do.")],
+    temperature: Annotated[str | None, typer.Argument(help="For set: -20 degC, 68 degF; a bare number is °C.")] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask before the chamber is set.")] = False,
     as_json: JsonFlag = False,
 ) -> int:

@@ -22,15 +22,9 @@ if TYPE_CHECKING:
 
 
 def check(
-    target: Annotated[
-        str, typer.Argument(metavar="BENCH", help="A bench; with --bench, the sweep.", show_default=False)
-    ],
-    bench: Annotated[
-        str | None, typer.Option("--bench", help="The bench, where the argument is the sweep.", show_default=False)
-    ] = None,
-    sweep: Annotated[
-        str | None, typer.Option("--sweep", help="What is to be run: a sweep file, or a name.", show_default=False)
-    ] = None,
+    target: Annotated[str, typer.Argument(metavar="BENCH", help="A bench; with --bench, the sweep.")],
+    bench: Annotated[str | None, typer.Option(help="The bench, where the argument is the sweep.")] = None,
+    sweep: Annotated[str | None, typer.Option(help="What is to be run: a sweep file, or a name.")] = None,
     as_json: JsonFlag = False,
 ) -> int:
     """Look before anything moves: ports, identity, frames, chamber, limits, disk, clock, end; and what to do.

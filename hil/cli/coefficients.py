@@ -49,25 +49,20 @@ def allan(
         typer.Argument(
             metavar="FILE",
             help="A table (.parquet, .csv, .txt, .npz), a night or a campaign folder.",
-            show_default=False,
         ),
     ],
-    channel: Annotated[str | None, typer.Option(help="Which channel or column.", show_default=False)] = None,
-    sensor: Annotated[int | None, typer.Option(help="Of a folder: which sensor.", show_default=False)] = None,
+    channel: Annotated[str | None, typer.Option(help="Which channel or column.")] = None,
+    sensor: Annotated[int | None, typer.Option(help="Of a folder: which sensor.")] = None,
     collect: Annotated[int | None, typer.Option(help="Of a folder: one collect; default: all of them.")] = None,
-    rate: Annotated[
-        str | None, typer.Option(help="Sample rate where the file has no times, such as '100 Hz'.", show_default=False)
-    ] = None,
+    rate: Annotated[str | None, typer.Option(help="Sample rate where the file has no times, such as '100 Hz'.")] = None,
     unit: Annotated[
         str | None, typer.Option(help="The column's unit, with a factor for counts: rad/s, '0.05 deg/s'.")
     ] = None,
-    reach: Annotated[
-        str | None, typer.Option(help="How long to average to reach this, such as '0.5 deg/hr'.", show_default=False)
-    ] = None,
+    reach: Annotated[str | None, typer.Option(help="How long to average to reach this, such as '0.5 deg/hr'.")] = None,
     collect_time: Annotated[
-        str | None, typer.Option(help="How long a collect is; default: a folder's own, else 60 s.", show_default=False)
+        str | None, typer.Option(help="How long a collect is; default: a folder's own, else 60 s.")
     ] = None,
-    out: Annotated[Path | None, typer.Option("--out", help="Write the plot here, .svg or .png.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Write the plot here, .svg or .png.")] = None,
 ) -> Answer:
     """Say what a recording's noise is made of (N, B, K), how long to average, and when longer stops helping."""
     import numpy as np
@@ -131,7 +126,6 @@ def audit(
         typer.Argument(
             metavar="TABLE",
             help="A CSV in the layout of Table 1 or Table A-1, or rd-gc-86-1-table-1, rd-gc-86-1-table-a1.",
-            show_default=False,
         ),
     ],
 ) -> Answer:
@@ -186,8 +180,7 @@ def thermal(
         str | None, typer.Option(help="How far apart two temperatures are, to count as two; default: the data tell.")
     ] = None,
     out: Annotated[
-        Path | None,
-        typer.Option("--out", help="Write model.yaml, thermal.json and, for triads, PX4 and ArduPilot files here."),
+        Path | None, typer.Option(help="Write model.yaml, thermal.json and, for triads, PX4 and ArduPilot files here.")
     ] = None,
 ) -> Answer:
     """Fit every parameter against temperature, and say whether modelling it improves the unit."""

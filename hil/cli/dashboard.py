@@ -14,7 +14,6 @@ NightOrFolder = Annotated[
     typer.Argument(
         metavar="DIR_OR_FOLDER",
         help="A night's folder, or a folder of such folders: all are shown.",
-        show_default=False,
     ),
 ]
 
@@ -22,16 +21,11 @@ NightOrFolder = Annotated[
 def dashboard(
     folder: NightOrFolder,
     host: Annotated[
-        str, typer.Option("--host", help="Where to listen. Beyond this machine, reading takes the token too.")
+        str, typer.Option(help="Where to listen. Beyond this machine, reading takes the token too.")
     ] = "127.0.0.1",
-    port: Annotated[int, typer.Option("--port", min=0, max=65535, help="0 takes a free one.")] = 8765,
-    token_file: Annotated[
-        Path | None,
-        typer.Option("--token-file", help="Keeps the token from one start to the next.", show_default=False),
-    ] = None,
-    archive: Annotated[
-        Path | None, typer.Option("--archive", envvar="HIL_ARCHIVE", help="Show its units, too.", show_default=False)
-    ] = None,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="0 takes a free one.")] = 8765,
+    token_file: Annotated[Path | None, typer.Option(help="Keeps the token from one start to the next.")] = None,
+    archive: Annotated[Path | None, typer.Option(envvar="HIL_ARCHIVE", help="Show its units, too.")] = None,
 ) -> None:
     """Show running and finished nights on a live page in the browser, until Ctrl-C. Nights go on without it."""
     from hil.dashboard.access import Access, is_loopback, new_token, token_from, url

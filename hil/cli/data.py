@@ -22,7 +22,7 @@ if TYPE_CHECKING:  # `hil --help` loads no arithmetic
     from hil.solve.repeats import SensorRepeats
 
 Format = Literal["hdf5", "netcdf", "mat", "documents"]
-Source = Annotated[Path, typer.Argument(help="A campaign folder, or a night's folder.", show_default=False)]
+Source = Annotated[Path, typer.Argument(help="A campaign folder, or a night's folder.")]
 
 
 def read_source(source: Path) -> Campaign:
@@ -41,9 +41,7 @@ def solve(
         ),
     ] = None,
     limits: Limits = None,
-    against: Annotated[
-        Path | None, typer.Option("--against", help="An earlier campaign: limits of changes are since then.")
-    ] = None,
+    against: Annotated[Path | None, typer.Option(help="An earlier campaign: limits of changes are since then.")] = None,
     strict: Strict = False,
 ) -> Answer:
     """Solve every self-calibration for bias and acceleration-sensitive drift, with uncertainties."""
@@ -122,16 +120,10 @@ def export(
         Path,
         typer.Argument(
             help="A night's folder; with --format also a campaign's; with --fleet one of them, or of folders of them.",
-            show_default=False,
         ),
     ],
-    out: Annotated[
-        Path,
-        typer.Argument(help="The campaign folder, or with --format or --fleet the file, to make.", show_default=False),
-    ],
-    form: Annotated[
-        Format | None, typer.Option("--format", help="One file instead of a folder of CSV.", show_default=False)
-    ] = None,
+    out: Annotated[Path, typer.Argument(help="The campaign folder, or with --format or --fleet the file, to make.")],
+    form: Annotated[Format | None, typer.Option("--format", help="One file instead of a folder of CSV.")] = None,
     fleet: Annotated[bool, typer.Option("--fleet", help="One Parquet file of many campaigns, for hil fleet.")] = False,
 ) -> None:
     """Write the night as a campaign folder: CSV that a spreadsheet reads; or as HDF5, NetCDF or MATLAB's format.

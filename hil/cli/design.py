@@ -20,13 +20,8 @@ _MOST_TWICE = 8  # parameters for which both columns fit beside each other; of m
 
 
 def budget(
-    source: Annotated[
-        str, typer.Argument(help="A sweep file (or its name), a campaign folder, or a night.", show_default=False)
-    ],
-    bench: Annotated[
-        str | None,
-        typer.Option("--bench", help="The bench; default: the night's own, else simulated.", show_default=False),
-    ] = None,
+    source: Annotated[str, typer.Argument(help="A sweep file (or its name), a campaign folder, or a night.")],
+    bench: Annotated[str | None, typer.Option(help="The bench; default: the night's own, else simulated.")] = None,
     model: Annotated[
         str | None, typer.Option(help="Take GS and MU, on which errors of attitude act, from this model file.")
     ] = None,
@@ -167,7 +162,7 @@ def _one(value: float | None) -> str:
 
 def design(
     sweep: Annotated[str, typer.Argument(help="The sweep whose temperatures and soaks to keep.")] = "rd-gc-86-1",
-    bench: Annotated[str, typer.Option("--bench", help="The bench that would run it.")] = "simulated",
+    bench: Annotated[str, typer.Option(help="The bench that would run it.")] = "simulated",
     goal: Annotated[
         list[str] | None,
         typer.Option(help="Uncertainty of the mean at a temperature: 'MU 0.5 deg/hr', 'BA 0.3 deg/hr'; repeatable."),
@@ -187,7 +182,7 @@ def design(
         ),
     ] = None,
     sensor: Annotated[list[int] | None, typer.Option(help="Only these sensors; repeatable. Default: all.")] = None,
-    out: Annotated[Path | None, typer.Option("--out", help="Write the proposal as this sweep file.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Write the proposal as this sweep file.")] = None,
 ) -> Answer:
     """Propose the sequence of collects for a goal and a time, beside the usual ones; --out writes it as a sweep."""
     from hil.config import load_bench, load_sweep

@@ -10,20 +10,18 @@ from hil.cli.answer import Answer
 from hil.cli.output import results
 from hil.errors import InputError
 
-Description = Annotated[
-    str, typer.Option("--frames", help="A frame description, or the name of one that ships.", show_default=False)
-]
+Description = Annotated[str, typer.Option("--frames", help="A frame description, or the name of one that ships.")]
 Settings = Annotated[
     list[str] | None, typer.Option("--set", help="A parameter of the description, NAME=VALUE; may be repeated.")
 ]
 
 
 def decode(
-    file: Annotated[Path, typer.Argument(help="Raw bytes as they came down the wire.", show_default=False)],
+    file: Annotated[Path, typer.Argument(help="Raw bytes as they came down the wire.")],
     frames: Description,
     settings: Settings = None,
     rate: Annotated[float | None, typer.Option(help="Samples per second, where it is not the description's.")] = None,
-    out: Annotated[Path | None, typer.Option("--out", help="Write the frames as a table: X.parquet or X.csv.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Write the frames as a table: X.parquet or X.csv.")] = None,
 ) -> Answer:
     """Decode a file of raw bytes and account for every one of them."""
     from hil.bench.decode import decode_file, load_frames_named
@@ -52,8 +50,8 @@ def check(
 
 
 def guess(
-    capture: Annotated[Path, typer.Argument(help="Raw bytes as they came down the wire.", show_default=False)],
-    out: Annotated[Path | None, typer.Option("--out", help="Write the first description here, to be edited.")] = None,
+    capture: Annotated[Path, typer.Argument(help="Raw bytes as they came down the wire.")],
+    out: Annotated[Path | None, typer.Option(help="Write the first description here, to be edited.")] = None,
 ) -> Answer:
     """Look at the bytes of an unknown unit: which descriptions read them, where frames begin, what they carry."""
     from hil.bench.guess import guess_file

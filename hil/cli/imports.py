@@ -17,7 +17,7 @@ from hil.cli.output import listing, messages, results, warn
 from hil.errors import InputError
 from procedures.words import counted
 
-Out = Annotated[Path, typer.Argument(help="The campaign folder to make.", show_default=False)]
+Out = Annotated[Path, typer.Argument(help="The campaign folder to make.")]
 
 
 class TableUnlessSaid(TyperGroup):
@@ -29,7 +29,7 @@ class TableUnlessSaid(TyperGroup):
 
 
 def table(
-    table: Annotated[Path, typer.Argument(help="A published table, CSV in the layout of Table 1.", show_default=False)],
+    table: Annotated[Path, typer.Argument(help="A published table, CSV in the layout of Table 1.")],
     out: Out,
 ) -> None:
     """Make a campaign folder from a published table of parameters, as printed, flags kept."""
@@ -45,22 +45,19 @@ def table(
 
 
 def log(
-    log: Annotated[
-        Path,
-        typer.Argument(help="A log: CSV, Parquet, columns of text, .npz; with --frames bytes.", show_default=False),
-    ],
+    log: Annotated[Path, typer.Argument(help="A log: CSV, Parquet, columns of text, .npz; with --frames bytes.")],
     out: Out,
-    frames: Annotated[str | None, typer.Option("--frames", help="What the bytes mean: a frame description.")] = None,
+    frames: Annotated[str | None, typer.Option(help="What the bytes mean: a frame description.")] = None,
     settings: Settings = None,
-    gyro: Annotated[str | None, typer.Option(help="Columns of the rates: X,Y,Z.", show_default=False)] = None,
+    gyro: Annotated[str | None, typer.Option(help="Columns of the rates: X,Y,Z.")] = None,
     gyro_scale: Annotated[str | None, typer.Option(help="Their unit: rad/s, or of counts '0.0076 deg/s'.")] = None,
     accelerometer: Annotated[str | None, typer.Option(help="Columns of the accelerations: X,Y,Z.")] = None,
     accelerometer_scale: Annotated[str | None, typer.Option(help="Their unit: m/s^2, or of counts '0.122 mg'.")] = None,
-    time: Annotated[str | None, typer.Option(help="The column of the times.", show_default=False)] = None,
-    time_scale: Annotated[str | None, typer.Option(help="Its unit: s, ms, '25 us'.", show_default=False)] = None,
+    time: Annotated[str | None, typer.Option(help="The column of the times.")] = None,
+    time_scale: Annotated[str | None, typer.Option(help="Its unit: s, ms, '25 us'.")] = None,
     rate: Annotated[str | None, typer.Option(help="Samples per second, where no times are to be used.")] = None,
-    labels: Annotated[str | None, typer.Option(help="The column that labels positions.", show_default=False)] = None,
-    latitude: Annotated[str | None, typer.Option(help="Where it was recorded: '48.1 deg'.", show_default=False)] = None,
+    labels: Annotated[str | None, typer.Option(help="The column that labels positions.")] = None,
+    latitude: Annotated[str | None, typer.Option(help="Where it was recorded: '48.1 deg'.")] = None,
     window: Annotated[str, typer.Option(help="Of the test of rest: over how long variances are taken.")] = "0.5 s",
     times: Annotated[float, typer.Option(help="Variances up to so many times the quietest tenth's are rest.")] = 4.0,
     shortest: Annotated[str, typer.Option(help="How long a unit must be at rest.")] = "1 s",

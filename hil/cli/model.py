@@ -30,9 +30,7 @@ _PARTS = {
     "series": "inside the collects",
     "conditions": "temperatures and times",
 }
-_ModelName = Annotated[
-    str, typer.Option("--model", help="A model file, or the name of a built-in.", show_default=False)
-]
+_ModelName = Annotated[str, typer.Option("--model", help="A model file, or the name of a built-in.")]
 _Draws = Annotated[int, typer.Option(help="How many nights are simulated; 20 tell at a level of 5 %.")]
 _Seed = Annotated[int, typer.Option(min=0, help="Of the simulated nights.")]
 
@@ -40,7 +38,7 @@ _Seed = Annotated[int, typer.Option(min=0, help="Of the simulated nights.")]
 def reconcile(
     campaign: Source,
     model: _ModelName,
-    out: Annotated[Path | None, typer.Option("--out", help="The folder for the result.", show_default=False)],
+    out: Annotated[Path | None, typer.Option(help="The folder for the result.")],
     alpha: Annotated[float, typer.Option(help="How often the search may find something where nothing is.")] = 0.05,
     with_twin: Annotated[
         bool, typer.Option("--twin", help="Also simulate nights before and after, as hil twin.")
@@ -75,17 +73,12 @@ def reconcile(
 
 
 def fleet(
-    folders: Annotated[
-        list[Path],
-        typer.Argument(metavar="FOLDER...", help="Campaigns, nights, or folders of them.", show_default=False),
-    ],
+    folders: Annotated[list[Path], typer.Argument(metavar="FOLDER...", help="Campaigns, nights, or folders of them.")],
     model: _ModelName,
     workers: Annotated[int, typer.Option(min=1, help="Processes that share the work.")] = 1,
-    cluster: Annotated[
-        str | None, typer.Option(help="A Dask scheduler, such as tcp://host:8786, instead.", show_default=False)
-    ] = None,
-    out: Annotated[Path | None, typer.Option("--out", help="Write the page here, .html.", show_default=False)] = None,
-    csv: Annotated[Path | None, typer.Option("--csv", help="Write the units here, .csv.", show_default=False)] = None,
+    cluster: Annotated[str | None, typer.Option(help="A Dask scheduler, such as tcp://host:8786, instead.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Write the page here, .html.")] = None,
+    csv: Annotated[Path | None, typer.Option(help="Write the units here, .csv.")] = None,
 ) -> Answer:
     """Screen many units that were measured in the same way: which deserve a full reconcile, what many lack."""
     from hil.files.durable import write_result
@@ -169,9 +162,7 @@ def twin(
     model: _ModelName,
     draws: _Draws = 20,
     seed: _Seed = 1,
-    out: Annotated[
-        Path | None, typer.Option("--out", help="Keeps what was simulated; default: NIGHT-twin, beside it.")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Keeps what was simulated; default: NIGHT-twin, beside it.")] = None,
 ) -> Answer:
     """Simulate the same night with a model, many times, through bytes; say whether the measured one can be told."""
     from hil.model import load_model
@@ -218,10 +209,8 @@ def _bar(draws: int) -> Iterator[Callable[[int], None]]:
 
 
 def visibility(
-    source: Annotated[
-        str, typer.Argument(help="A sweep file (or its name), or a campaign folder.", show_default=False)
-    ],
-    bench: Annotated[str, typer.Option("--bench", help="For a sweep: the bench that would run it.")] = "simulated",
+    source: Annotated[str, typer.Argument(help="A sweep file (or its name), or a campaign folder.")],
+    bench: Annotated[str, typer.Option(help="For a sweep: the bench that would run it.")] = "simulated",
     model: Annotated[str | None, typer.Option(help="A model file, or the name of a built-in.")] = None,
 ) -> Answer:
     """Before a night is spent: say which effects these collects can see, at what size, and which look alike."""

@@ -34,26 +34,17 @@ if TYPE_CHECKING:
 _OF_A_DEMO = ("journal", "blocks", "configuration", "controller", "heartbeat", "live", "log", "report")
 """What stands in a demo's folder, by the beginning of its name: the night's own files and the page."""
 _LONGEST_SERIALS = 60  # characters of a folder's name
-SweepName = Annotated[str, typer.Argument(help="A sweep file, or the name of one that ships.", show_default=False)]
-BenchName = Annotated[
-    str, typer.Option("--bench", help="A bench file, or the name of one that ships.", show_default=False)
-]
-Speed = Annotated[
-    float | None,
-    typer.Option("--speed", help="Simulation only: so many times real time, to watch it.", show_default=False),
-]
+SweepName = Annotated[str, typer.Argument(help="A sweep file, or the name of one that ships.")]
+BenchName = Annotated[str, typer.Option("--bench", help="A bench file, or the name of one that ships.")]
+Speed = Annotated[float | None, typer.Option("--speed", help="Simulation only: so many times real time, to watch it.")]
 WithWatchdog = Annotated[
     bool, typer.Option(help="A second process that makes a real chamber safe if this one dies.", show_default=True)
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", help="No progress; only how it ended.")]
 Operator = Annotated[str, typer.Option("--operator", help="Who carries it out, for the record.", show_default="you")]
-Note = Annotated[str, typer.Option("--note", help="A remark, for the record.", show_default=False)]
-Serial = Annotated[
-    str | None, typer.Option("--serial", help="The unit's serial number, typed or scanned.", show_default=False)
-]
-Despite = Annotated[
-    str, typer.Option("--despite", help="Why to go on although hil check says NOT; recorded.", show_default=False)
-]
+Note = Annotated[str, typer.Option("--note", help="A remark, for the record.")]
+Serial = Annotated[str | None, typer.Option("--serial", help="The unit's serial number, typed or scanned.")]
+Despite = Annotated[str, typer.Option("--despite", help="Why to go on although hil check says NOT; recorded.")]
 
 
 def plan(sweep: SweepName, bench: BenchName) -> Answer:
@@ -82,7 +73,6 @@ def run(
     out: Annotated[
         str,
         typer.Option(
-            "--out",
             help="The night's folder; must not exist yet. {date} stands for today's (UTC), {serial} for the unit's, "
             "which is asked where nobody gave it.",
         ),
@@ -238,10 +228,7 @@ def status(
 
 def verify(
     folder: Folder,
-    key: Annotated[
-        Path | None,
-        typer.Option("--key", help="The file of the bench's key, where it is elsewhere now.", show_default=False),
-    ] = None,
+    key: Annotated[Path | None, typer.Option(help="The file of the bench's key, where it is elsewhere now.")] = None,
 ) -> Answer:
     """Check a night's records: every step, every block, every hash."""
     from hil.records.verify import verify_night
@@ -267,7 +254,7 @@ def _verified(folder: Path, document: dict[str, Any]) -> Iterator[str]:
 
 def repair(
     folder: Folder,
-    out: Annotated[Path, typer.Option("--out", help="The new folder to make.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="The new folder to make.")],
 ) -> Answer:
     """Bring what is proven of a damaged night into a new folder, and say what is lost. The old one is not touched."""
     from hil.night.repair import repair_night
@@ -280,9 +267,7 @@ def repair(
 
 
 def demo(
-    out: Annotated[Path, typer.Option("--out", help="The night's folder; an earlier demo there is replaced.")] = Path(
-        "demo"
-    ),
+    out: Annotated[Path, typer.Option(help="The night's folder; an earlier demo there is replaced.")] = Path("demo"),
     quiet: Quiet = False,
 ) -> int:
     """Carry out the published sweep of RD-GC-86-1 on the simulated bench, to a report."""

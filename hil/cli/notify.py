@@ -10,8 +10,8 @@ from hil.errors import InputError
 
 
 def notify(
-    bench: Annotated[str, typer.Argument(help="A bench file, or the name of one that ships.", show_default=False)],
-    text: Annotated[str, typer.Option("--text", help="What to say.")] = "a trial message; nothing has happened",
+    bench: Annotated[str, typer.Argument(help="A bench file, or the name of one that ships.")],
+    text: Annotated[str, typer.Option(help="What to say.")] = "a trial message; nothing has happened",
 ) -> int:
     """Send a trial message to everybody whom the nights of a bench would tell; say who could not be reached."""
     from hil.config import load_bench

@@ -18,7 +18,7 @@ _WIDE = 200
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")  # all but tab and newline
 
 JsonFlag = Annotated[bool, typer.Option("--json", help="One JSON document on standard output, nothing else there.")]
-Folder = Annotated[Path, typer.Argument(help="A night's folder.", show_default=False)]
+Folder = Annotated[Path, typer.Argument(help="A night's folder.")]
 
 
 def always_writable() -> None:

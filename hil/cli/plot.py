@@ -15,25 +15,17 @@ plot_app = typer.Typer(
     rich_markup_mode=None,
 )
 
-Out = Annotated[Path, typer.Option("--out", help="The file to write; .svg or .png says which.", show_default=False)]
-OfSensor = Annotated[
-    int | None, typer.Option("--sensor", help="Which sensor, where there are several.", show_default=False)
-]
+Out = Annotated[Path, typer.Option("--out", help="The file to write; .svg or .png says which.")]
+OfSensor = Annotated[int | None, typer.Option("--sensor", help="Which sensor, where there are several.")]
 
 
 def series(
     source: Source,
     out: Out,
     sensor: OfSensor = None,
-    collect: Annotated[
-        int | None, typer.Option("--collect", help="Its number, as in collects.csv.", show_default=False)
-    ] = None,
-    run: Annotated[
-        int | None, typer.Option("--run", help="Or its self-calibration, with --position.", show_default=False)
-    ] = None,
-    position: Annotated[
-        str | None, typer.Option("--position", help="Its position: 1, 2, 3, …", show_default=False)
-    ] = None,
+    collect: Annotated[int | None, typer.Option(help="Its number, as in collects.csv.")] = None,
+    run: Annotated[int | None, typer.Option(help="Or its self-calibration, with --position.")] = None,
+    position: Annotated[str | None, typer.Option(help="Its position: 1, 2, 3, …")] = None,
 ) -> None:
     """Draw the samples of one collect, their short means, and the average that was taken of them."""
     from hil.files.figure import check_name, save_figure
@@ -45,9 +37,7 @@ def series(
     results().print(f"plot: {out}")
 
 
-def temperatures(
-    folder: Annotated[Path, typer.Argument(help="A night's folder.", show_default=False)], out: Out
-) -> None:
+def temperatures(folder: Annotated[Path, typer.Argument(help="A night's folder.")], out: Out) -> None:
     """Draw chamber and unit temperature through a night, with soaks, collects and events."""
     from hil.files.figure import check_name, save_figure
     from hil.report.plots import draw_temperatures

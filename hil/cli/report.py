@@ -22,15 +22,11 @@ if TYPE_CHECKING:
 
 def report(
     source: Source,
-    out: Annotated[
-        Path | None, typer.Option("--out", help="Where to write it; default: report.html in the folder.")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Where to write it; default: report.html in the folder.")] = None,
     against: Annotated[
         Path | None,
         typer.Option(
-            "--against",
             help="An earlier night or campaign of the same unit: what changed, flagged beyond 3 sigma.",
-            show_default=False,
         ),
     ] = None,
     limits: Limits = None,

@@ -11,7 +11,7 @@ from hil.cli.output import Folder
 from hil.errors import InputError
 from procedures.requests import RequestKind
 
-Why = Annotated[str, typer.Option("--why", help="The reason, for the record.", show_default=False)]
+Why = Annotated[str, typer.Option("--why", help="The reason, for the record.")]
 Wait = Annotated[float, typer.Option("--wait", help="Seconds to wait for the controller's answer.", min=0.0)]
 _WAIT_S = 20.0
 
@@ -34,9 +34,7 @@ def abort(folder: Folder, why: Why, wait: Wait = _WAIT_S) -> Answer:
 def confirm(
     folder: Folder,
     no: Annotated[bool, typer.Option("--no", help="Refuse instead.")] = False,
-    text: Annotated[
-        str, typer.Option("--text", help="The answer, where words are asked for.", show_default=False)
-    ] = "",
+    text: Annotated[str, typer.Option(help="The answer, where words are asked for.")] = "",
     why: Why = "",
     wait: Wait = _WAIT_S,
 ) -> Answer:

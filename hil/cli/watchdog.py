@@ -32,10 +32,9 @@ _ANEW_S = 5.0  # between two starts: one that cannot start costs little
 def watchdog(
     folder: Folder,
     bench: Annotated[
-        str | None,
-        typer.Option("--bench", help="Another way to the chamber than the night's own bench file.", show_default=False),
+        str | None, typer.Option(help="Another way to the chamber than the night's own bench file.")
     ] = None,
-    timeout: Annotated[float, typer.Option("--timeout", help="Seconds of silence that are borne.", min=2.0)] = 60.0,
+    timeout: Annotated[float, typer.Option(help="Seconds of silence that are borne.", min=2.0)] = 60.0,
     kill: Annotated[bool, typer.Option(help="Kill a controller that lives and is silent.")] = True,
     nights: Annotated[bool, typer.Option("--nights", help="DIR holds nights: wait for one to begin there.")] = False,
 ) -> int:
