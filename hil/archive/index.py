@@ -28,22 +28,7 @@ if TYPE_CHECKING:  # a list of units loads no arithmetic
 
 _VERSION = 1
 _BUSY_S = 30.0
-_TABLES = """
-CREATE TABLE entries (
-    name TEXT PRIMARY KEY, stamp TEXT NOT NULL, serial TEXT NOT NULL, trouble TEXT NOT NULL, model TEXT NOT NULL,
-    simulated INTEGER NOT NULL, began_utc TEXT NOT NULL, ended_utc TEXT NOT NULL, title TEXT NOT NULL,
-    verdict TEXT NOT NULL, reason TEXT NOT NULL, night TEXT NOT NULL, collects INTEGER NOT NULL, whence TEXT NOT NULL,
-    settings TEXT NOT NULL, good INTEGER NOT NULL
-);
-CREATE INDEX entries_of_unit ON entries (serial);
-CREATE TABLE means (
-    entry TEXT NOT NULL REFERENCES entries (name) ON DELETE CASCADE, sensor INTEGER NOT NULL, parameter TEXT NOT NULL,
-    temperature_degC REAL, own_degC REAL, value REAL NOT NULL, sd REAL, freedom REAL, runs INTEGER NOT NULL,
-    unit TEXT NOT NULL
-);
-CREATE INDEX means_of_entry ON means (entry);
-CREATE TABLE settings (digest TEXT PRIMARY KEY, document TEXT NOT NULL);
-"""
+_TABLES = Path(__file__).with_name("index.sql")
 
 
 @dataclass(frozen=True)
@@ -208,7 +193,7 @@ def connected(path: Path, *, new: bool) -> Iterator[sqlite3.Connection]:
             connection.execute("BEGIN IMMEDIATE" if new else "BEGIN")
             version = connection.execute("PRAGMA user_version").fetchone()[0]
             if new and version == 0:
-                for statement in filter(str.strip, _TABLES.split(";")):
+                for statement in filter(str.strip, _TABLES.read_text("utf-8").split(";")):
                     connection.execute(statement)
                 connection.execute(f"PRAGMA user_version = {_VERSION}")
             elif version != _VERSION:
