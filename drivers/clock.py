@@ -94,12 +94,10 @@ class PacedClock(VirtualClock):
     `speed` allows, nothing is waited for. `real` is what is slept on. Raises `ValueError` for a `speed` of 0 or less.
     """
 
-    def __init__(
-        self, speed: float, start: datetime = SIMULATED_EPOCH, now_s: float = 0.0, real: Clock | None = None
-    ) -> None:
+    def __init__(self, speed: float, start: datetime = SIMULATED_EPOCH, real: Clock | None = None) -> None:
         if not speed > 0.0:
             raise ValueError(f"speed must be positive, not {speed}")
-        super().__init__(start, now_s)
+        super().__init__(start)
         self.speed = speed
         self._real = real or SystemClock()
         self._due_s = self._real.now()

@@ -24,6 +24,7 @@ from drivers.transports import Transport
 from drivers.transports.live_reader import LiveReader
 
 LOST_S = 2.0  # without a frame, or missing by its counter: what is behind the port by then may be another unit
+_IDENTITY_S = 5.0  # for which an answer is waited
 _ASK_AGAIN = 3  # times that the identity is asked for within the time-out
 
 
@@ -65,7 +66,6 @@ class StreamImu:
         *,
         sample_rate_hz: float | None = None,
         expected: ImuIdentity | None = None,
-        identity_timeout_s: float = 5.0,
     ) -> None:
         if description.roles is None:
             raise ValueError(f"{description.name}: roles: missing, so that no field is known to be a rate")
@@ -75,7 +75,6 @@ class StreamImu:
         self._clock = clock
         self.sample_rate_hz = description.sample_rate_hz if sample_rate_hz is None else sample_rate_hz
         self._expected = expected
-        self._identity_timeout_s = identity_timeout_s
         self._decoder = StreamDecoder(description)
         counter = description.frames[self._roles.frame].counter
         self._sample_clock = SampleClock(
@@ -116,10 +115,10 @@ class StreamImu:
         """
         self.discard()
         begins_s = self._clock.now()
-        deadline_s = begins_s + self._identity_timeout_s
+        deadline_s = begins_s + _IDENTITY_S
         asked, arrived, counts = 0, 0, StreamCounts()
         while (now_s := self._clock.now()) < deadline_s:
-            if now_s >= begins_s + asked * self._identity_timeout_s / _ASK_AGAIN:
+            if now_s >= begins_s + asked * _IDENTITY_S / _ASK_AGAIN:
                 self._ask_identity()
                 asked += 1
             raw = self._transport.read(1, min(deadline_s - now_s, 2.0 / self.sample_rate_hz))
@@ -227,7 +226,7 @@ class StreamImu:
                 )
 
     def _no_identity(self, arrived: int, counts: StreamCounts) -> str:
-        begin = f"{self.port}: within {self._identity_timeout_s:g} s "
+        begin = f"{self.port}: within {_IDENTITY_S:g} s "
         name = self._description.name
         if not arrived:
             return begin + "nothing arrived; is the unit powered, and is the cable in the right port?"

@@ -38,9 +38,8 @@ class LineTiming:
 class LineExchange:
     """One request and its reply at a time. `device` begins every message: "chamber on /dev/ttyUSB0".
 
-    `terminator` ends requests, and replies too unless they have a `reply_terminator` of their own; `framing`,
-    `told_framing` (of commands) and `reply_framing` are what stands around them where that is no terminator. `encoding`
-    is that of the text itself.
+    `terminator` ends requests and replies; `framing`, `told_framing` (of commands) and `reply_framing` are what stands
+    around them where that is no terminator. `encoding` is that of the text itself.
     """
 
     def __init__(
@@ -51,7 +50,6 @@ class LineExchange:
         device: str,
         terminator: bytes = b"",
         timing: LineTiming | None = None,
-        reply_terminator: bytes | None = None,
         framing: Framing | None = None,
         told_framing: Framing | None = None,
         reply_framing: Framing | None = None,
@@ -62,7 +60,7 @@ class LineExchange:
         self._device = device
         self._framing = framing or Line(terminator)
         self._told_framing = told_framing or self._framing
-        self._reply_framing = reply_framing or Line(reply_terminator or terminator)
+        self._reply_framing = reply_framing or Line(terminator)
         self._encoding = encoding
         self._timing = timing or LineTiming()
         self._ready_at_s = clock.now()

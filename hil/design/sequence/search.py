@@ -24,7 +24,7 @@ from hil.design.budget.sources import Scene, sources
 from hil.design.sequence.sequences import Worth, palindromes, scene_of, sequence_worth, sequences
 from hil.errors import InputError
 from hil.files.units import RATE, to_number
-from hil.model import Model, load_model
+from hil.model import load_model
 from hil.model.forms import LinearForm, default_form
 from procedures.plan import make_plan
 
@@ -107,7 +107,7 @@ def parse_target(text: str) -> tuple[str, float]:
     return name, value
 
 
-def propose(sweep: Sweep, bench: Bench, goal: Goal, model: Model | None = None) -> Proposal:
+def propose(sweep: Sweep, bench: Bench, goal: Goal) -> Proposal:
     """Return the best sequence for a goal, on the temperatures and soaks of `sweep`.
 
     Raises `InputError` for a parameter or sensor that the bench does not have, a sweep that it cannot carry out, or
@@ -120,7 +120,7 @@ def propose(sweep: Sweep, bench: Bench, goal: Goal, model: Model | None = None) 
             raise InputError(f"bench {bench.name} has no sensor {number}; it has {', '.join(map(str, bench.sensors))}")
     known = [name for number in sensors for name in _form(bench, number, sweep).names]
     targets = spelled_out(goal.targets, dict.fromkeys(known))
-    weigher = _Weigher(sweep, bench, goal, sensors, model)
+    weigher = _Weigher(sweep, bench, goal, sensors)
     if goal.time_s is not None and weigher.shortest_s() > goal.time_s:
         raise _too_little_time(sweep, goal, weigher.shortest_s())
     arranged = dict.fromkeys([*sequences(bench.positions), sweep.positions, *palindromes(sweep.positions)])
@@ -168,9 +168,9 @@ class _Kind:
 class _Weigher:
     """Weighs sequences on one bench, at the middle of the sweep's temperatures."""
 
-    def __init__(self, sweep: Sweep, bench: Bench, goal: Goal, sensors: Sequence[int], model: Model | None) -> None:
+    def __init__(self, sweep: Sweep, bench: Bench, goal: Goal, sensors: Sequence[int]) -> None:
         self._sweep, self._bench, self._goal, self._sensors = sweep, bench, goal, sensors
-        self._model = model or (None if bench.simulation_model is None else load_model(bench.simulation_model))
+        self._model = None if bench.simulation_model is None else load_model(bench.simulation_model)
         self._temperature = float(np.median(sweep.temperatures))
         slope = sweep.restabilisation.unit_slope_degC_per_min * _UNIFORM
         self._sources = sources(bench.uncertainties, bench.name, slope, "", "")

@@ -31,7 +31,6 @@ def visibility_document(
     model: Model | None = None,
     noise: Mapping[int, NoiseLevel] | None = None,
     sigmas: Mapping[int, FloatArray] | None = None,
-    with_changes: bool = True,
 ) -> dict[str, object]:
     """Return the document hil.visibility/1 of a campaign's or a planned sweep's conditions, by sensor.
 
@@ -47,7 +46,7 @@ def visibility_document(
             if sight.effect.id not in best or sight.kept > best[sight.effect.id][1].kept:
                 best[sight.effect.id] = (number, sight)
     first = next(iter(maps.values()))
-    changes = improvements(sensors, model, noise) if with_changes else ()
+    changes = improvements(sensors, model, noise)
     return {
         "schema": "hil.visibility/1",
         "title": title,

@@ -224,7 +224,7 @@ def test_each_sensor_has_the_scatter_that_its_own_repeats_showed(sweep: Any) -> 
     bench = load_bench("simulated")
 
     def mua(**goal: Any) -> list[float]:
-        weigher = _Weigher(sweep, bench, Goal({}, **goal), (1, 2), None)
+        weigher = _Weigher(sweep, bench, Goal({}, **goal), (1, 2))
         total = weigher.weigh(weigher.kind(("1", "2", "3")), 60.0, 3).total
         return [total[number]["MUA"] for number in (1, 2)]
 
