@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hil.campaign import Campaign, FloatArray
+from hil.campaign import Campaign, Series
 from hil.errors import InputError
+from hil.model.effects.series import blocked
 from hil.records.export import open_source
 from hil.records.reader import JOURNAL_NAME, is_night
 from hil.report.figures import draw_night
@@ -26,21 +27,18 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _COLORS = ("#0072B2", "#D55E00", "#009E73")
-_MEANS = 60  # a collect is drawn with so many means, whatever its length
 
 
 @dataclass(frozen=True)
 class CollectSeries:
-    """One collect of one sensor: `t_s` (k,) from its start, rates by channel and temperature (k,), NaN where rejected.
+    """One collect of one sensor: its samples, and the averages and standard errors that the campaign has, deg/hr.
 
-    `means` are the averages and standard errors that the campaign has of each channel, deg/hr.
+    `means` has them by channel, in the order of the samples' columns.
     """
 
     title: str
     simulated: bool
-    t_s: FloatArray
-    rates_deg_per_hr: Mapping[str, FloatArray]
-    temperature_degC: FloatArray | None
+    series: Series
     means: Mapping[str, tuple[float, float]]
 
 
@@ -62,7 +60,6 @@ def collect_series(
     rows = campaign.sensors[number]
     chosen = _collect(folder, campaign, number, collect, run, position)
     row = int(np.flatnonzero(rows.conditions.collect == chosen)[0])
-    channels = list(rows.conditions.sensor.channels)
     series = source.series(chosen)
     if series is None:
         raise InputError(f"{folder}: collect {chosen} of sensor {number} was kept as an average only, no series")
@@ -71,12 +68,10 @@ def collect_series(
         f"{campaign.title}, collect {chosen}: sensor {number}, run {conditions.run[row]}, "
         f"position {conditions.position[row]}",
         campaign.simulated,
-        series.t_s,
-        dict(zip(channels, series.rates_deg_per_hr.T, strict=True)),
-        series.temperature_degC,
+        series,
         {
             name: (float(rows.rates_deg_per_hr[row, place]), float(rows.rates_se_deg_per_hr[row, place]))
-            for place, name in enumerate(channels)
+            for place, name in enumerate(conditions.sensor.channels)
         },
     )
 
@@ -116,18 +111,18 @@ def _known(conditions: object) -> str:
     return f"there are {len(collect)} from {min(collect)} to {max(collect)}, runs {ranges(run)}, positions {positions}"
 
 
-def draw_series(series: CollectSeries) -> Figure:
+def draw_series(collect: CollectSeries) -> Figure:
     """Draw every sample, means over a sixtieth of the collect, and the average with its standard error as a band."""
     from matplotlib.figure import Figure
 
-    panels = len(series.rates_deg_per_hr) + (series.temperature_degC is not None)
+    series = collect.series
+    panels = len(collect.means) + (series.temperature_degC is not None)
     figure = Figure(figsize=(8.0, 1.2 + 2.0 * panels), layout="constrained")
     every = figure.subplots(panels, 1, sharex=True, squeeze=False)[:, 0]
-    for axes, (name, rates), color in zip(every, series.rates_deg_per_hr.items(), _COLORS, strict=False):
+    for k, (axes, (name, (mean, se)), color) in enumerate(zip(every, collect.means.items(), _COLORS, strict=False)):
+        rates = series.rates_deg_per_hr[:, k]
         axes.plot(series.t_s, rates, ".", color="0.7", markersize=2, label="sample", rasterized=len(rates) > 5000)
-        at_s, means = _block_means(series.t_s, rates)
-        axes.plot(at_s, means, "o-", color=color, markersize=3, linewidth=1.0, label="short means")
-        mean, se = series.means[name]
+        axes.plot(*blocked(series, k), "o-", color=color, markersize=3, linewidth=1.0, label="short means")
         axes.axhline(mean, color="black", linewidth=1.0, linestyle="--", label=_average(mean, se))
         if np.isfinite(se):
             axes.axhspan(mean - se, mean + se, color="0.85", zorder=0)
@@ -137,7 +132,7 @@ def draw_series(series: CollectSeries) -> Figure:
         every[-1].plot(series.t_s, series.temperature_degC, color="black", linewidth=1.0)
         every[-1].set_ylabel("unit, °C")
     every[-1].set_xlabel("time since the collect began, s")
-    every[0].set_title(_title(series.title, simulated=series.simulated), loc="left", fontsize=10, parse_math=False)
+    every[0].set_title(_title(collect.title, simulated=collect.simulated), loc="left", fontsize=10, parse_math=False)
     for axes in every:
         axes.grid(visible=True, color="0.92")
     return figure
@@ -145,19 +140,6 @@ def draw_series(series: CollectSeries) -> Figure:
 
 def _average(mean: float, se: float) -> str:
     return f"average {mean:.2f} ±{se:.2f} deg/hr".replace("-", "\N{MINUS SIGN}")
-
-
-def _block_means(t_s: FloatArray, rates: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return middles and means of at most `_MEANS` stretches of equal length, without what was rejected."""
-    known = np.isfinite(rates)
-    t_s, rates = t_s[known], rates[known]
-    if len(t_s) < 2 * _MEANS:
-        return t_s, rates
-    where = np.minimum((_MEANS * (t_s - t_s[0]) / (t_s[-1] - t_s[0])).astype(int), _MEANS - 1)
-    counts = np.bincount(where, minlength=_MEANS)
-    there = counts > 0
-    sums = [np.bincount(where, weights=values, minlength=_MEANS) for values in (t_s, rates)]
-    return sums[0][there] / counts[there], sums[1][there] / counts[there]
 
 
 def draw_temperatures(folder: Path) -> Figure:

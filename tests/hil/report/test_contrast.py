@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hil.campaign import Series
 from hil.files.figure import LOOKS
 from hil.files.page import inline_svg
 from hil.report.figures import Line, draw_against_temperature, draw_night
@@ -56,7 +57,9 @@ def pictures() -> dict[str, str]:
     lines = [Line(style, at, at, at / 10.0, style) for style in LOOKS]
     names = ("setpoint", "chamber", "unit, sensor 1", "unit, sensor 2")
     night = NightContent("complete", hours=at, temperatures=dict.fromkeys(names, at), event_hours=at)
-    series = CollectSeries("a collect", True, at, {"RA": at, "RB": at}, at, {"RA": (20.0, 1.0), "RB": (20.0, 1.0)})
+    series = CollectSeries(
+        "a collect", True, Series(at, np.stack([at, at], 1), at), {"RA": (20.0, 1.0), "RB": (20.0, 1.0)}
+    )
     return {
         "parameter": inline_svg(draw_against_temperature("bias A", "deg/hr", lines), "a parameter"),
         "night": inline_svg(draw_night(night), "a night"),
