@@ -12,7 +12,7 @@ another position (`{from: "3", rotate: -90 deg, about: 2}`), or as a matrix with
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -23,7 +23,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, PositiveInt, Valida
 
 from drivers.outside import brought
 from drivers.strict_yaml import first_mistake
-from hil.campaign import Sensor
+from hil.campaign import FloatArray, Sensor
 from hil.campaign.data import Technology
 from hil.config.chamber import ChamberSection
 from hil.config.faults import Fault
@@ -318,6 +318,12 @@ class Bench(WholeFile):
     def orientations(self, number: int) -> Mapping[str, Orientation]:
         """Return the orientation of a sensor at each position."""
         return self.sensors[number].built
+
+    def along_axes(self, number: int, positions: Iterable[str]) -> dict[str, FloatArray]:
+        """Return gravity, g, and earth rate, deg/hr, along a sensor's axes at n positions, (n, 3), as `Conditions`."""
+        lies = [self.sensors[number].built[label] for label in positions]
+        known = {"f_g": self.site.gravity_g(), "w_deg_per_hr": self.site.earth_rate_deg_per_hr()}
+        return {name: np.array([each.components(of) for each in lies]) for name, of in known.items()}
 
     @property
     def poses(self) -> PoseTable:

@@ -25,22 +25,19 @@ def planned_conditions(plan: Plan, bench: Bench) -> dict[int, Conditions]:
     steps = [step for step in plan.steps if step.kind is StepKind.COLLECT]
     columns, start_s, duration_s = _columns(plan, steps)
     position = np.array([str(step.position) for step in steps])
-    gravity, earth_rate = bench.site.gravity_g(), bench.site.earth_rate_deg_per_hr()
-    result = {}
-    for number in bench.sensors:
-        orientations = bench.orientations(number)
-        result[number] = Conditions(
+    return {
+        number: Conditions(
             bench.sensor(number),
             collect=np.arange(1, len(steps) + 1),
             run=np.array([step.self_calibration for step in steps], dtype=np.int64),
             position=position,
             start_s=start_s,
             duration_s=duration_s,
-            f_g=np.array([orientations[label].components(gravity) for label in position]),
-            w_deg_per_hr=np.array([orientations[label].components(earth_rate) for label in position]),
+            **bench.along_axes(number, position),
             columns=columns,
         )
-    return result
+        for number in bench.sensors
+    }
 
 
 def _columns(plan: Plan, steps: list[Step]) -> tuple[dict[str, FloatArray], FloatArray, FloatArray]:

@@ -260,17 +260,15 @@ def _collects(journal: JournalReader) -> list[_Collect]:
 
 def _of_sensor(rows: Sequence[_Row], bench: Bench, number: int) -> Collects:
     sensor = bench.sensor(number)
-    gravity, earth_rate = bench.site.gravity_g(), bench.site.earth_rate_deg_per_hr()
-    orientations = [bench.orientations(number)[str(row.collect.data["position"])] for row in rows]
+    positions = [str(row.collect.data["position"]) for row in rows]
     conditions = Conditions(
         sensor=sensor,
         collect=np.array([row.number for row in rows], dtype=np.int64),
         run=np.array([row.collect.step.self_calibration or 0 for row in rows], dtype=np.int64),
-        position=np.array([str(row.collect.data["position"]) for row in rows], dtype=np.str_),
+        position=np.array(positions, dtype=np.str_),
         start_s=np.array([row.collect.start_s for row in rows]),
         duration_s=np.array([float(row.collect.data["duration_s"]) for row in rows]),
-        f_g=np.array([orientation.components(gravity) for orientation in orientations]),
-        w_deg_per_hr=np.array([orientation.components(earth_rate) for orientation in orientations]),
+        **bench.along_axes(number, positions),
         columns=_columns(rows, sensor),
     )
     return Collects(conditions, _rates(rows, sensor, "mean_deg_per_hr"), _rates(rows, sensor, "se_deg_per_hr"))

@@ -90,7 +90,6 @@ def scene_of(
     """
     n = len(positions)
     table = bench.orientations(sensor)
-    gravity, earth_rate = bench.site.gravity_g(), bench.site.earth_rate_deg_per_hr()
     apart_s = collect.index_s + collect.settle_s + collect.duration_s
     conditions = Conditions(
         bench.sensor(sensor),
@@ -99,8 +98,7 @@ def scene_of(
         position=np.array(positions),
         start_s=np.arange(n, dtype=np.float64) * apart_s,
         duration_s=np.full(n, collect.duration_s),
-        f_g=np.array([table[label].components(gravity) for label in positions]),
-        w_deg_per_hr=np.array([table[label].components(earth_rate) for label in positions]),
+        **bench.along_axes(sensor, positions),
         columns={"temperature_degC": np.full(n, temperature_degC)},
     )
     noise = 60.0 * bench.uncertainties.angle_random_walk / np.sqrt(collect.duration_s)
