@@ -20,16 +20,15 @@ The unit follows the panel. Values in 0.1 °C; reply awaited 2 s. Pauses are the
 import math
 from collections.abc import Callable
 from contextlib import suppress
-from typing import TypeVar
+from functools import partial
 
 from drivers.chambers.controller import Controller, ControllerIdentity, ControllerState, Mode, NativeLimits, Which
-from drivers.chambers.controllers.espec_replies import ReplyParser
+from drivers.chambers.controllers import espec_replies as replies
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, ProtocolError
 from drivers.transports import Transport
+from drivers.transports.asking import Reply
 from drivers.transports.lines import LineExchange
-
-Reply = TypeVar("Reply")
 
 _LETTER = {"low": "L", "setpoint": "S", "high": "H"}
 _MODES: dict[str, Mode] = {"OFF": "OFF", "STANDBY": "STANDBY", "CONSTANT": "CONSTANT"}
@@ -51,25 +50,24 @@ class Espec(Controller):
         super().__init__(transport)
         self._prefix = "" if address is None else f"{address},"
         self._exchange = LineExchange(transport, clock, device=self.device, terminator=terminator)
-        self._replies = ReplyParser(self.device)
         self._mode: Mode | None = None
 
     def identify(self) -> ControllerIdentity:
         """Ask model and highest temperature; the unit cannot be asked."""
         try:
-            model = self._query("ROM?", self._replies.text)
+            model = self._query("ROM?", replies.text)
         except CommandRefused:
             model = ""  # the oldest controllers know TYPE? alone
-        controller, maximum = self._query("TYPE?", self._replies.chamber_type)
+        controller, maximum = self._query("TYPE?", replies.chamber_type)
         return ControllerIdentity(model or controller, maximum=maximum)
 
     def state(self) -> ControllerState:
         """Look at temperature, setpoint, alarm limits and mode, and at the alarms where there are any."""
         self._mode = None
-        temperatures = self._query("TEMP?", self._replies.temperatures)
-        status = self._query("MON?", self._replies.status)
+        temperatures = self._query("TEMP?", replies.temperatures)
+        status = self._query("MON?", replies.status)
         self._mode = _MODES.get(status.mode, "RUN")  # RUN PAUSE, RMT RUN and the like
-        codes = self._query("ALARM?", self._replies.alarms) if status.alarms else ()
+        codes = self._query("ALARM?", replies.alarms) if status.alarms else ()
         alarms = tuple(f"alarm {code}" for code in codes)
         return ControllerState(
             temperature=temperatures.temperature_degC,
@@ -113,7 +111,7 @@ class Espec(Controller):
             self._command("TIMER,OFF,0")
         self._command(f"TIMER WRITE,NO0,{minutes // 60}:{minutes % 60},STANDBY")
         self._command("TIMER,ON,0")
-        mode, left = self._query("TIMER LIST?,0", self._replies.quick_timer)
+        mode, left = self._query("TIMER LIST?,0", replies.quick_timer)
         if mode != "STANDBY" or not minutes - 1 <= left <= minutes or 0 not in self._timers():
             raise ProtocolError(
                 f"{self.device} did not take its timer: it leads to {mode} in {left} min and not to STANDBY in "
@@ -122,13 +120,13 @@ class Espec(Controller):
         return True
 
     def _timers(self) -> tuple[int, ...]:
-        return self._query("TIMER ON?", self._replies.timers)
+        return self._query("TIMER ON?", replies.timers)
 
     def _command(self, command: str) -> None:
         """Send a setting once. A lost acknowledgement is no error: what was set is read back."""
         request = self._prefix + command
-        self._exchange.command(request, lambda line: self._replies.acknowledged(request, line))
+        self._exchange.command(request, partial(replies.understood, self.device, request, replies.acknowledged))
 
-    def _query(self, command: str, parse: Callable[[str, str], Reply]) -> Reply:
+    def _query(self, command: str, parse: Callable[[str], Reply]) -> Reply:
         request = self._prefix + command
-        return self._exchange.query(request, lambda line: parse(request, line))
+        return self._exchange.query(request, partial(replies.understood, self.device, request, parse))

@@ -11,9 +11,11 @@ Byte-exact from sources: the data of `TEMP?`, `TYPE?`, `MON?` and `CONSTANT SET?
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from drivers.errors import CommandRefused, ProtocolError
+from drivers.transports.asking import Reply
 
 _ACKNOWLEDGED = re.compile(r"OK\s*:")
 _REFUSED = re.compile(r"NA\s*:?\s*(.*)")
@@ -69,91 +71,78 @@ def meaning_of(error_text: str) -> str:
     return "its manual must say what this means"
 
 
-class ReplyParser:
-    """Turns reply lines into values, or into errors that begin with the device's name.
+def understood(device: str, request: str, parse: Callable[[str], Reply], line: str) -> Reply:
+    """Return what `parse` makes of the reply line to a request; messages begin with the `device`.
 
-    Every method raises `CommandRefused` for a refusal and `ProtocolError` for a line that is no reply to the request.
+    Raises `CommandRefused` for a refusal, and `ProtocolError` where `parse` raises `ValueError`: no reply to this.
     """
-
-    def __init__(self, device: str) -> None:
-        self._device = device
-
-    def acknowledged(self, request: str, line: str) -> bool:
-        """Return True for `OK:`, False for a line that is no reply to a setting; raise `CommandRefused` for `NA:`."""
-        self._raise_refusal(request, line)
-        return _ACKNOWLEDGED.match(line) is not None
-
-    def text(self, request: str, line: str) -> str:
-        """Return any data that is not empty, not an acknowledgement and not a refusal."""
-        self._raise_refusal(request, line)
-        if not line or _ACKNOWLEDGED.match(line) or not line.isprintable():
-            raise self._unexpected(request, line)
-        return line
-
-    def temperatures(self, request: str, line: str) -> Temperatures:
-        """Return `PV,SP,high,low`, as in `26.4,0.0,140.0,-50.0`."""
-        fields = self._fields(request, line, 4)
-        return Temperatures(*(self._number(request, line, field) for field in fields))
-
-    def status(self, request: str, line: str) -> Status:
-        """Return `T,humidity or nothing,MODE,number of alarms`, as in `24.1,100,CONSTANT,0`."""
-        temperature, _humidity, mode, alarms = self._fields(request, line, 4)
-        if not _MODE.fullmatch(mode) or not alarms.isdecimal():
-            raise self._unexpected(request, line)
-        return Status(self._number(request, line, temperature), mode, int(alarms))
-
-    def alarms(self, request: str, line: str) -> tuple[str, ...]:
-        """Return the codes of `n[,code,…]`; the single character `0` says that there is none."""
-        self._raise_refusal(request, line)
-        count, *codes = (field.strip() for field in line.split(","))
-        if not count.isdecimal() or not all(code.isdecimal() for code in codes) or int(count) != len(codes):
-            raise self._unexpected(request, line)
-        return tuple(codes)
-
-    def timers(self, request: str, line: str) -> tuple[int, ...]:
-        """Return the numbers of the timers that are on, from `n[,number,…]`."""
-        return tuple(int(number) for number in self.alarms(request, line))
-
-    def quick_timer(self, request: str, line: str) -> tuple[str, int]:
-        """Return where the quick timer leads and after how many minutes, from `STANDBY,3:00`."""
-        self._raise_refusal(request, line)
-        found = _QUICK_TIMER.fullmatch(line)
-        if found is None:
-            raise self._unexpected(request, line)
-        return found[1], 60 * int(found[2]) + int(found[3])
-
-    def chamber_type(self, request: str, line: str) -> tuple[str, float | None]:
-        """Return controller and highest temperature of `T,[T,]S2,160.0`; None where it gives no highest."""
-        fields = [field.strip() for field in self.text(request, line).split(",")]
-        if len(fields) < 2:
-            raise self._unexpected(request, line)
-        try:
-            return fields[-2], float(fields[-1])
-        except ValueError:
-            return fields[-1], None
-
-    def _fields(self, request: str, line: str, count: int) -> list[str]:
-        self._raise_refusal(request, line)
-        fields = [field.strip() for field in line.split(",")]
-        if len(fields) != count:
-            raise self._unexpected(request, line)
-        return fields
-
-    def _number(self, request: str, line: str, field: str) -> float:
-        try:
-            return float(field)
-        except ValueError:
-            # A field without digits stands where a number should: what a controller shows for a missing sensor.
-            if field and not any(character.isalnum() for character in field):
-                return math.nan
-            raise self._unexpected(request, line) from None
-
-    def _raise_refusal(self, request: str, line: str) -> None:
-        if refused := _REFUSED.match(line):
-            raise CommandRefused(f"{self._device} refused {request!r} with {line!r}: {meaning_of(refused[1])}")
-
-    def _unexpected(self, request: str, line: str) -> ProtocolError:
-        return ProtocolError(
-            f"{self._device} answered {request!r} with {line!r}, which its protocol does not allow there; "
+    if refused := _REFUSED.match(line):
+        raise CommandRefused(f"{device} refused {request!r} with {line!r}: {meaning_of(refused[1])}")
+    try:
+        return parse(line)
+    except ValueError:
+        raise ProtocolError(
+            f"{device} answered {request!r} with {line!r}, which its protocol does not allow there; "
             "check the line settings and the controller named in the bench file"
-        )
+        ) from None
+
+
+def acknowledged(line: str) -> bool:
+    """Return True for `OK:`, False for a line that is no reply to a setting."""
+    return _ACKNOWLEDGED.match(line) is not None
+
+
+def text(line: str) -> str:
+    """Return any data that is not empty and not an acknowledgement."""
+    if not line or acknowledged(line) or not line.isprintable():
+        raise ValueError(line)
+    return line
+
+
+def temperatures(line: str) -> Temperatures:
+    """Return `PV,SP,high,low`, as in `26.4,0.0,140.0,-50.0`."""
+    air, setpoint, high, low = map(_number, line.split(","))
+    return Temperatures(air, setpoint, high, low)
+
+
+def status(line: str) -> Status:
+    """Return `T,humidity or nothing,MODE,number of alarms`, as in `24.1,100,CONSTANT,0`."""
+    temperature, _humidity, mode, count = (field.strip() for field in line.split(","))
+    if not _MODE.fullmatch(mode) or not count.isdecimal():
+        raise ValueError(line)
+    return Status(_number(temperature), mode, int(count))
+
+
+def alarms(line: str) -> tuple[str, ...]:
+    """Return the codes of `n[,code,…]`; the single character `0` says that there is none."""
+    count, *codes = (field.strip() for field in line.split(","))
+    if not count.isdecimal() or not all(map(str.isdecimal, codes)) or int(count) != len(codes):
+        raise ValueError(line)
+    return tuple(codes)
+
+
+def timers(line: str) -> tuple[int, ...]:
+    """Return the numbers of the timers that are on, from `n[,number,…]`."""
+    return tuple(map(int, alarms(line)))
+
+
+def quick_timer(line: str) -> tuple[str, int]:
+    """Return where the quick timer leads and after how many minutes, from `STANDBY,3:00`."""
+    if (found := _QUICK_TIMER.fullmatch(line)) is None:
+        raise ValueError(line)
+    return found[1], 60 * int(found[2]) + int(found[3])
+
+
+def chamber_type(line: str) -> tuple[str, float | None]:
+    """Return controller and highest temperature of `T,[T,]S2,160.0`; None where it gives no highest."""
+    *_, controller, highest = (field.strip() for field in text(line).split(","))
+    try:
+        return controller, float(highest)
+    except ValueError:
+        return highest, None
+
+
+def _number(field: str) -> float:
+    # A field without digits stands where a number should: what a controller shows for a missing sensor.
+    field = field.strip()
+    return math.nan if field and not any(map(str.isalnum, field)) else float(field)

@@ -6,10 +6,11 @@ import math
 
 import pytest
 
-from drivers.chambers.controllers.espec_replies import ReplyParser, Status, Temperatures, meaning_of
+from drivers.chambers.controllers import espec_replies as replies
+from drivers.chambers.controllers.espec_replies import Status, Temperatures, meaning_of, understood
 from drivers.errors import CommandRefused, ProtocolError
 
-PARSER = ReplyParser("chamber on /dev/ttyUSB0")
+DEVICE = "chamber on /dev/ttyUSB0"
 
 ERROR_TEXTS = {
     "CMD ERR": "does not know this command",
@@ -32,27 +33,31 @@ ERROR_TEXTS = {
 
 def test_temperatures_setpoint_and_alarm_limits() -> None:
     """`TEMP?` of the recorded dialog, and of a GL."""
-    assert PARSER.temperatures("TEMP?", "26.4,0.0,140.0,-50.0") == Temperatures(26.4, 0.0, 140.0, -50.0)
-    assert PARSER.temperatures("TEMP?", "23.0,85.0,105.0,-75.0") == Temperatures(23.0, 85.0, 105.0, -75.0)
+    assert understood(DEVICE, "TEMP?", replies.temperatures, "26.4,0.0,140.0,-50.0") == Temperatures(
+        26.4, 0.0, 140.0, -50.0
+    )
+    assert understood(DEVICE, "TEMP?", replies.temperatures, "23.0,85.0,105.0,-75.0") == Temperatures(
+        23.0, 85.0, 105.0, -75.0
+    )
 
 
 def test_status_with_and_without_humidity() -> None:
     """`MON?` of the EHS manual; a chamber without humidity leaves the field blank."""
-    assert PARSER.status("1,MON?", "24.1,100,CONSTANT,0") == Status(24.1, "CONSTANT", 0)
-    assert PARSER.status("MON?", "-30.2,,STANDBY,2") == Status(-30.2, "STANDBY", 2)
+    assert understood(DEVICE, "1,MON?", replies.status, "24.1,100,CONSTANT,0") == Status(24.1, "CONSTANT", 0)
+    assert understood(DEVICE, "MON?", replies.status, "-30.2,,STANDBY,2") == Status(-30.2, "STANDBY", 2)
 
 
 def test_alarms_may_be_a_single_character() -> None:
     """`0` is the whole reply where there is none."""
-    assert PARSER.alarms("ALARM?", "0") == ()
-    assert PARSER.alarms("ALARM?", "2,19,40") == ("19", "40")
+    assert understood(DEVICE, "ALARM?", replies.alarms, "0") == ()
+    assert understood(DEVICE, "ALARM?", replies.alarms, "2,19,40") == ("19", "40")
 
 
 def test_type_names_controller_and_highest_temperature() -> None:
     """With one bulb, with two, and without a highest temperature."""
-    assert PARSER.chamber_type("TYPE?", "T,T,S2,160.0") == ("S2", 160.0)
-    assert PARSER.chamber_type("TYPE?", "T,GL,185.0") == ("GL", 185.0)
-    assert PARSER.chamber_type("TYPE?", "T,T,S2") == ("S2", None)
+    assert understood(DEVICE, "TYPE?", replies.chamber_type, "T,T,S2,160.0") == ("S2", 160.0)
+    assert understood(DEVICE, "TYPE?", replies.chamber_type, "T,GL,185.0") == ("GL", 185.0)
+    assert understood(DEVICE, "TYPE?", replies.chamber_type, "T,T,S2") == ("S2", None)
 
 
 @pytest.mark.parametrize(
@@ -60,13 +65,13 @@ def test_type_names_controller_and_highest_temperature() -> None:
 )
 def test_every_observed_acknowledgement_is_one(line: str) -> None:
     """The echo is spelt in three ways and is never compared."""
-    assert PARSER.acknowledged("TEMP,S25", line)
+    assert understood(DEVICE, "TEMP,S25", replies.acknowledged, line)
 
 
 @pytest.mark.parametrize("line", ["", "OK", "OKAY", "26.4,0.0,140.0,-50.0", "K:TEMP,S25", "0"])
 def test_a_line_that_belongs_to_something_else_acknowledges_nothing(line: str) -> None:
     """A late reply to a monitor command is not mistaken for an acknowledgement."""
-    assert not PARSER.acknowledged("TEMP,S25", line)
+    assert not understood(DEVICE, "TEMP,S25", replies.acknowledged, line)
 
 
 @pytest.mark.parametrize(("text", "advice"), ERROR_TEXTS.items())
@@ -75,7 +80,7 @@ def test_every_error_text_becomes_advice(text: str, advice: str, spelling: str) 
     """The device, the request, the controller's own words, and what to do."""
     line = spelling.format(text)
     with pytest.raises(CommandRefused) as caught:
-        PARSER.acknowledged("TEMP,S25", line)
+        understood(DEVICE, "TEMP,S25", replies.acknowledged, line)
     message = str(caught.value)
     assert message.startswith("chamber on /dev/ttyUSB0 refused 'TEMP,S25' with ")
     assert text in message
@@ -86,28 +91,28 @@ def test_an_unknown_error_text_is_repeated() -> None:
     """Nothing is invented for it."""
     assert meaning_of("SOMETHING NEW") == "its manual must say what this means"
     with pytest.raises(CommandRefused, match="SOMETHING NEW"):
-        PARSER.status("MON?", "NA:SOMETHING NEW")
+        understood(DEVICE, "MON?", replies.status, "NA:SOMETHING NEW")
 
 
 def test_refusals_are_refusals_for_every_parser() -> None:
     """A monitor command can be refused as well."""
     for parse in (
-        PARSER.text,
-        PARSER.temperatures,
-        PARSER.status,
-        PARSER.alarms,
-        PARSER.chamber_type,
-        PARSER.acknowledged,
+        replies.text,
+        replies.temperatures,
+        replies.status,
+        replies.alarms,
+        replies.chamber_type,
+        replies.acknowledged,
     ):
         with pytest.raises(CommandRefused, match="CMD ERR"):
-            parse("TENMP?", "NA:CMD ERR")
+            understood(DEVICE, "TENMP?", parse, "NA:CMD ERR")
 
 
 @pytest.mark.parametrize("line", ["", "26.4,0.0,140.0", "26.4,0.0,140.0,-50.0,1", "26.4,x,140.0,-50.0", "OK:TEMP,S25"])
 def test_temperatures_of_another_shape_are_refused(line: str) -> None:
     """A cut line, or the reply to another request."""
     with pytest.raises(ProtocolError, match="TEMP"):
-        PARSER.temperatures("TEMP?", line)
+        understood(DEVICE, "TEMP?", replies.temperatures, line)
 
 
 @pytest.mark.parametrize(
@@ -116,23 +121,23 @@ def test_temperatures_of_another_shape_are_refused(line: str) -> None:
 def test_a_status_of_another_shape_is_refused(line: str) -> None:
     """Above all the reply to `TEMP?`, which has four fields too."""
     with pytest.raises(ProtocolError):
-        PARSER.status("MON?", line)
+        understood(DEVICE, "MON?", replies.status, line)
 
 
 @pytest.mark.parametrize("line", ["", "2,19", "0,19", "x", "1,x", "-1"])
 def test_alarms_of_another_shape_are_refused(line: str) -> None:
     """The count must agree with the codes: a lost code is a lost byte."""
     with pytest.raises(ProtocolError):
-        PARSER.alarms("ALARM?", line)
+        understood(DEVICE, "ALARM?", replies.alarms, line)
 
 
 @pytest.mark.parametrize("line", ["", "OK:TEMP,S25", "P3\x07"])
 def test_a_name_that_is_none_is_refused(line: str) -> None:
     """An acknowledgement or noise is no model."""
     with pytest.raises(ProtocolError):
-        PARSER.text("ROM?", line)
+        understood(DEVICE, "ROM?", replies.text, line)
 
 
 def test_dashes_for_a_missing_sensor_are_no_number() -> None:
     """They parse as not a number, for the plausibility check to name."""
-    assert math.isnan(PARSER.temperatures("TEMP?", "---.-,0.0,140.0,-50.0").temperature_degC)
+    assert math.isnan(understood(DEVICE, "TEMP?", replies.temperatures, "---.-,0.0,140.0,-50.0").temperature_degC)
