@@ -93,7 +93,7 @@ def acknowledged(line: str) -> bool:
 
 
 def text(line: str) -> str:
-    """Return any data that is not empty and not an acknowledgement."""
+    """Return any data; `ValueError` where it is empty, noise or an acknowledgement."""
     if not line or acknowledged(line) or not line.isprintable():
         raise ValueError(line)
     return line
@@ -106,7 +106,7 @@ def temperatures(line: str) -> Temperatures:
 
 
 def status(line: str) -> Status:
-    """Return `T,humidity or nothing,MODE,number of alarms`, as in `24.1,100,CONSTANT,0`."""
+    """Return `T,humidity or nothing,MODE,number of alarms`, as in `24.1,100,CONSTANT,0`; `ValueError` for no such line."""
     temperature, _humidity, mode, count = (field.strip() for field in line.split(","))
     if not _MODE.fullmatch(mode) or not count.isdecimal():
         raise ValueError(line)
@@ -114,7 +114,7 @@ def status(line: str) -> Status:
 
 
 def alarms(line: str) -> tuple[str, ...]:
-    """Return the codes of `n[,code,…]`; the single character `0` says that there is none."""
+    """Return the codes of `n[,code,…]`; `0` alone says that there is none. `ValueError` for no such line."""
     count, *codes = (field.strip() for field in line.split(","))
     if not count.isdecimal() or not all(map(str.isdecimal, codes)) or int(count) != len(codes):
         raise ValueError(line)
@@ -127,7 +127,7 @@ def timers(line: str) -> tuple[int, ...]:
 
 
 def quick_timer(line: str) -> tuple[str, int]:
-    """Return where the quick timer leads and after how many minutes, from `STANDBY,3:00`."""
+    """Return where the quick timer leads and after how many minutes, from `STANDBY,3:00`; else `ValueError`."""
     if (found := _QUICK_TIMER.fullmatch(line)) is None:
         raise ValueError(line)
     return found[1], 60 * int(found[2]) + int(found[3])
