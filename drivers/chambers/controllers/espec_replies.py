@@ -106,7 +106,7 @@ def temperatures(line: str) -> Temperatures:
 
 
 def status(line: str) -> Status:
-    """Return `T,humidity or nothing,MODE,number of alarms`, as in `24.1,100,CONSTANT,0`; `ValueError` for no such line."""
+    """Return `T,humidity or nothing,MODE,number of alarms`, as in `24.1,100,CONSTANT,0`, or `ValueError`."""
     temperature, _humidity, mode, count = (field.strip() for field in line.split(","))
     if not _MODE.fullmatch(mode) or not count.isdecimal():
         raise ValueError(line)
@@ -127,7 +127,7 @@ def timers(line: str) -> tuple[int, ...]:
 
 
 def quick_timer(line: str) -> tuple[str, int]:
-    """Return where the quick timer leads and after how many minutes, from `STANDBY,3:00`; else `ValueError`."""
+    """Return where the quick timer leads and after how many minutes, from `STANDBY,3:00`, or `ValueError`."""
     if (found := _QUICK_TIMER.fullmatch(line)) is None:
         raise ValueError(line)
     return found[1], 60 * int(found[2]) + int(found[3])
