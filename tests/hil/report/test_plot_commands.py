@@ -61,6 +61,8 @@ def test_a_collect_shows_its_samples_and_the_average_that_was_taken(night: Path)
         assert se > 0.0
     figure = draw_series(series)
     assert labels(figure) == ["RA, deg/hr", "RB, deg/hr", "time since the collect began, s", "unit, °C"]
+    for axes, (mean, _) in zip(figure.axes, series.means.values(), strict=False):
+        assert np.mean(axes.lines[1].get_ydata()) == pytest.approx(mean, abs=1.0)  # the short means are its own
     assert figure.axes[0].get_title(loc="left") == "SIMULATED  One temperature, collect 4: sensor 2, run 1, position 3"
 
 
