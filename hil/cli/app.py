@@ -77,20 +77,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-_ROOMS: tuple[Any, ...] = (
-    night,
-    data,
-    report,
-    certificate,
-    archive,
-    model,
-    frames,
-    device,
-    replay,
-    control,
-    notify,
-    watchdog,
-)
+_ROOMS = (night, data, report, certificate, archive, model, frames, device, replay, control, notify, watchdog)
 for room in (*_ROOMS, coefficients, design, reproduction, start):
     for command in room.COMMANDS:
         app.command()(with_status(command))
@@ -98,15 +85,14 @@ app.command("continue")(with_status(control.go_on))
 app.command()(with_status(dashboard.dashboard))
 # An argument such as -20 is a temperature, not an option that nobody knows.
 app.command(context_settings={"ignore_unknown_options": True})(with_status(chamber.chamber))
-for about_frames in (frames.check, frames.guess):
-    frames.frames_app.command()(with_status(about_frames))
-app.add_typer(frames.frames_app)
-for from_elsewhere in imports.COMMANDS:
-    imports.import_app.command()(with_status(from_elsewhere))
-app.add_typer(imports.import_app)
-for picture in plot.COMMANDS:
-    plot.plot_app.command()(with_status(picture))
-app.add_typer(plot.plot_app)
+for below, commands in (
+    (frames.frames_app, (frames.check, frames.guess)),
+    (imports.import_app, imports.COMMANDS),
+    (plot.plot_app, plot.COMMANDS),
+):
+    for command in commands:
+        below.command()(with_status(command))
+    app.add_typer(below)
 
 
 @app.callback()
