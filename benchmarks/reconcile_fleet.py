@@ -43,12 +43,12 @@ def fleet_rates(screen: Screen, seed: int, size: float, fleets: int, units: int)
     for k in range(fleets):
         campaigns = [unit(seed + k * units + i, size * (i % EVERY == 0)) for i in range(units)]
         weighed = screen.weigh([screen.rates(each) for each in campaigns])
-        findings = screen.findings([each.title for each in campaigns], weighed)
+        findings = screen.asked.findings([each.title for each in campaigns], weighed)
         found = [i for i, finding in enumerate(findings) if finding.q_value < LEVEL]
         wrong = sum(size == 0.0 or i % EVERY != 0 for i in found)
         false.append(wrong / max(len(found), 1))
         right.append((len(found) - wrong) / (units // EVERY))
-        together = screen.in_common(weighed)
+        together = screen.asked.in_common(weighed)
         shared.append(together.p_value < LEVEL and (size == 0.0 or together.name == "supply"))
     power = "" if size == 0.0 else f", faulty units found {np.mean(right):.3f}"
     return f"false discoveries {np.mean(false):.3f}{power}, shared effect found {np.mean(shared):.3f}"

@@ -29,7 +29,7 @@ from hil.campaign.header import day_of
 from hil.campaign.reader import HEADER_FILE
 from hil.errors import InputError
 from hil.model import Model, load_model
-from hil.reconcile.fleet import NOISY_UNITS, Screen, SharedFinding, Stood, UnitFinding, beside_the_earth
+from hil.reconcile.fleet import NOISY_UNITS, Asked, Screen, SharedFinding, Stood, UnitFinding, beside_the_earth
 from hil.reconcile.proof.places import false_discovery
 from hil.records.export import open_source
 from hil.records.reader import is_night, units_in
@@ -38,7 +38,7 @@ LEVEL = 0.05
 """False discoveries among the units that are called, at most, on average."""
 _MISSING = "rates are missing: a screen needs every row of its layout"
 _PIECE = 256  # units that a process takes at once
-_AT_ONCE = 16  # pieces that are read or weighed at once, and that memory holds
+_AT_ONCE = 8  # pieces that are read or weighed at once; memory holds two times as many
 
 Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
 
@@ -199,8 +199,11 @@ def _holds_one(folder: Path) -> bool:
 
 
 def _some_at_once(mapped: Map, function: Callable[[Any], Any], things: Sequence[Any], most: int) -> Iterator[Any]:
-    for first in range(0, len(things), most):
-        yield from mapped(function, things[first : first + most])
+    """Yield what a function makes of things; the next of them are under way while these are taken."""
+    ahead = mapped(function, things[:most])
+    for first in range(most, len(things) + most, most):
+        these, ahead = ahead, mapped(function, things[first : first + most])
+        yield from these
 
 
 def _read(piece: tuple[str, int]) -> list[tuple[str, Campaign | str]]:
@@ -223,11 +226,10 @@ def _weighed(
     group.facts, group.values = [facts for facts, _ in whole], [own for _, own in whole]
     layout = group.layout(model)
     pieces = [(layout, group.values[first : first + _PIECE]) for first in range(0, len(group.values), _PIECE)]
-    by_name = np.concatenate(list(_some_at_once(mapped, _weigh, pieces, _AT_ONCE)), axis=1)
-    screen = _screen(layout)
-    findings = screen.findings([facts.title for facts in group.facts], by_name)
-    found = list(zip(group.facts, findings, strict=True))
-    return found, screen.in_common(by_name)
+    asked, parts = zip(*_some_at_once(mapped, _weigh, pieces, _AT_ONCE), strict=True)
+    by_name = np.concatenate(parts, axis=1)
+    findings = asked[0].findings([facts.title for facts in group.facts], by_name)
+    return list(zip(group.facts, findings, strict=True)), asked[0].in_common(by_name)
 
 
 @lru_cache(maxsize=2)
@@ -235,11 +237,11 @@ def _screen(layout: _Layout) -> Screen:
     return Screen.of(layout.units, layout.model)
 
 
-def _weigh(piece: tuple[_Layout, Sequence[Mapping[int, FloatArray]]]) -> FloatArray:
+def _weigh(piece: tuple[_Layout, Sequence[Mapping[int, FloatArray]]]) -> tuple[Asked, FloatArray]:
     """Weigh some units, in whichever process this is, which lays a layout out once."""
     layout, values = piece
     screen = _screen(layout)
-    return screen.weigh([screen.in_blocks(each, "") for each in values])
+    return screen.asked, screen.weigh([screen.in_blocks(each, "") for each in values])
 
 
 @contextmanager

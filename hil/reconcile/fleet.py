@@ -4,12 +4,11 @@ Is anything missing, in which of them, in all of them?
 
     screen = Screen.of(campaigns, "matrix-6")           # the layout: terms and noise, once
     findings = screen.units(campaigns)                  # milliseconds per unit
-    shared = screen.shared(campaigns)                   # one effect that many of the fleet have
 
-Every term is tried at a few models of the noise, in many units at once. Where that finds something, it is tried again
-at all that forty units of the fleet leave probable; and where that does, too, at those that the unit's own rates leave.
-What only the first find is the noise of a unit that is like none of them. What weighs a unit never depends on which
-others are weighed, so that processes may share the work.
+Every term is tried at a few models of the noise, in many units at once; where that finds something, again at all that
+forty units of the fleet leave probable; and where that does, too, at those that the unit's own rates leave. What weighs
+a unit never depends on which others are weighed, so that processes may share the work. Values of the base stand or
+follow temperature, whichever is more probable in those forty, as in `hil reconcile`.
 
 Units whose layout differs (a missing row, another order, other temperatures) need a screen of their own; what an effect
 follows (supply, temperature) is taken from the first unit. Discoveries over units are held to a false discovery rate;
@@ -30,7 +29,7 @@ from hil.model import Model, load_model
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS
 from hil.reconcile.proof.places import false_discovery
 from hil.reconcile.search.evidence import log_sum
-from hil.reconcile.search.layout import searches
+from hil.reconcile.search.layout import may_be_calibrated, searches
 from hil.reconcile.search.problem import pose
 from hil.reconcile.search.sets import SensorSearch
 from hil.reconcile.search.terms import Term
@@ -38,6 +37,8 @@ from hil.solve.temperatures import ELSEWHERE_DEGC, WIDEST_DEGC, same_temperature
 
 NOISY_UNITS = 40
 """So many units, evenly over the fleet, say what noise is: one alone knows its own too badly to judge others by."""
+ASKED_UNITS = 8
+"""So many of these say whether the base's values follow temperature."""
 FRACTIONS = (0.01, 0.03, 0.1, 0.3, 1.0)
 """Of the fleet, the shares that may have a shared effect."""
 FEW = (4, 10)
@@ -68,16 +69,47 @@ class UnitFinding:
 
 @dataclass(frozen=True)
 class SharedFinding:
-    """What a fleet has in common: the leading name with its share, log evidence for any name, and its p-value.
-
-    `fraction` is the share of the units that the leading name is most probably missing from.
-    """
+    """What a `fraction` of a fleet lacks: the leading name, its share, log evidence for any name, and its p-value."""
 
     name: str
     share: float
     log_evidence: float
     p_value: float
     fraction: float
+
+
+@dataclass(frozen=True)
+class Asked:
+    """The n names that a screen asks about, and their log odds (n,): all that is needed once units are weighed."""
+
+    names: Sequence[str]
+    log_odds: FloatArray
+
+    def findings(self, titles: Sequence[str], by_name: FloatArray) -> list[UnitFinding]:
+        """Return what is found of each unit, by what `weigh` says of all of them, (n, u)."""
+        posterior = by_name + self.log_odds[:, None]
+        statistic = log_sum(posterior)
+        p_values = _ville(statistic)
+        leaders = np.argmax(posterior, axis=0)
+        share = np.exp(posterior[leaders, np.arange(len(titles))] - statistic)
+        numbers = (each.tolist() for each in (statistic, p_values, false_discovery(p_values)))
+        told = zip(titles, *numbers, [self.names[each] for each in leaders], share.tolist(), strict=True)
+        return [UnitFinding(*each) for each in told]
+
+    def in_common(self, by_name: FloatArray) -> SharedFinding:
+        """Return the effect that many units lack, each by an amplitude of its own; `weigh` says (n, u).
+
+        The evidence for a name is that of a mixture: some fraction of the units lacks it, the others lack nothing.
+        """
+        none = [np.log1p(-p) if p < 1.0 else -np.inf for p in FRACTIONS]
+        mixed = [np.logaddexp(of, np.log(p) + by_name).sum(axis=1) for p, of in zip(FRACTIONS, none, strict=True)]
+        posterior = np.array(mixed) + self.log_odds - np.log(len(FRACTIONS))
+        statistic = float(log_sum(posterior.reshape(-1, 1))[0])
+        share = np.exp(posterior - statistic)
+        leader = int(np.argmax(share.sum(axis=0)))
+        fraction = FRACTIONS[int(np.argmax(share[:, leader]))]
+        p_value = float(_ville(np.array([statistic]))[0])
+        return SharedFinding(self.names[leader], float(share[:, leader].sum()), statistic, p_value, fraction)
 
 
 @dataclass(frozen=True)
@@ -100,30 +132,46 @@ class Screen:
         chosen = load_model(model) if isinstance(model, str) else model
         problem = pose(fleet[0], chosen, (*BASE_EFFECTS, *EFFECTS))
         conditions = {number: sensor.collects.conditions for number, sensor in problem.sensors.items()}
-        found = searches(problem, (), VARIANCE_EFFECTS)
-        out = cls(chosen, conditions, found)
-        some = [out.rates(fleet[i]) for i in np.unique(np.linspace(0, len(fleet) - 1, NOISY_UNITS).astype(np.int64))]
-        of_block = iter(zip(*some, strict=True))
-        for search in found.values():
+        ways = (False, True) if may_be_calibrated(problem) else (False,)
+        laid = [cls(chosen, conditions, searches(problem, (), VARIANCE_EFFECTS, calibrated=way)) for way in ways]
+        if all(term.is_mistake for search in laid[0].found.values() for term in search.terms):
+            raise InputError(
+                f"{fleet[0].title}: too few rows to test anything by; a screen needs several runs of each unit"
+            )
+        some = [
+            laid[0].rates(fleet[i]) for i in np.unique(np.linspace(0, len(fleet) - 1, NOISY_UNITS).astype(np.int64))
+        ]
+        likelier = max(laid, key=lambda each: each._log_evidence(some[:: NOISY_UNITS // ASKED_UNITS]))
+        likelier._adapt(some)
+        return likelier
+
+    def _adapt(self, units: Sequence[Sequence[FloatArray]]) -> None:
+        """Take the noise that some units leave probable, and ask for no mistakes in the data."""
+        of_block = iter(zip(*units, strict=True))
+        for search in self.found.values():
             search.terms = [term for term in search.terms if not term.is_mistake]
             for block in search.blocks:
                 block.choose([np.zeros((len(block.y), 0))], next(of_block))
                 likeliest = block.scanned
                 block.scanned = np.append(likeliest, np.setdiff1d(np.arange(len(block.points)), likeliest))
             search.forget()
-        if not any(search.terms for search in found.values()):
-            raise InputError(
-                f"{fleet[0].title}: too few rows to test anything by; a screen needs several runs of each unit"
-            )
-        return out
+
+    def _log_evidence(self, units: Sequence[Sequence[FloatArray]]) -> float:
+        """Return how probable some units are together, log, in the noise that they leave probable."""
+        self._adapt(units)
+        of_block, total = list(zip(*units, strict=True)), 0.0
+        for block, data in zip((b for search in self.found.values() for b in search.blocks), of_block, strict=True):
+            for rates in data:
+                block.measure(rates / block.unit)
+                total += float(log_sum(block.beside.log_null() + block.points.log_prior))
+        by_name = self._by_name([np.column_stack(own) for own in of_block], None)
+        return total + float(np.sum(np.logaddexp(0.0, log_sum(by_name + self.asked.log_odds[:, None]))))
 
     def units(self, campaigns: Sequence[Campaign]) -> list[UnitFinding]:
         """Screen units with this layout; raises `InputError` for a unit whose layout differs."""
-        return self.findings([each.title for each in campaigns], self.weigh([self.rates(each) for each in campaigns]))
-
-    def shared(self, campaigns: Sequence[Campaign]) -> SharedFinding:
-        """Test whether one effect is missing from many units; raises `InputError` for a unit whose layout differs."""
-        return self.in_common(self.weigh([self.rates(each) for each in campaigns]))
+        return self.asked.findings(
+            [each.title for each in campaigns], self.weigh([self.rates(each) for each in campaigns])
+        )
 
     def rates(self, campaign: Campaign) -> list[FloatArray]:
         """Return what a unit is weighed by: its rates (N,) in every block; raises `InputError` for another layout."""
@@ -144,25 +192,25 @@ class Screen:
         return Stood(self.conditions)
 
     @cached_property
-    def _names(self) -> tuple[list[str], FloatArray]:
+    def asked(self) -> Asked:
         """The names, and their log odds: those of the sensor in which each is likeliest."""
         every = [(t.name, odds) for search in self.found.values() for t, odds in _with_odds(search)]
         names = list(dict.fromkeys(name for name, _ in every))
-        return names, np.array([max(odds for name, odds in every if name == own) for own in names])
+        return Asked(names, np.array([max(odds for name, odds in every if name == own) for own in names]))
 
     def weigh(self, units: Sequence[Sequence[FloatArray]]) -> FloatArray:
         """Log Bayes factor of each of n names in each of u units, (n, u), whose `rates` these are, (N,) each."""
         parts = [self._weighed(units[first : first + TOGETHER]) for first in range(0, len(units), TOGETHER)]
-        return np.concatenate([np.zeros((len(self._names[0]), 0)), *parts], axis=1)
+        return np.concatenate([np.zeros((len(self.asked.names), 0)), *parts], axis=1)
 
     def _weighed(self, units: Sequence[Sequence[FloatArray]]) -> FloatArray:
         data = [np.column_stack(each) for each in zip(*units, strict=True)]
         by_name = self._by_name(data, FEW[0])
         for most in (*FEW[1:], None):
-            again = np.flatnonzero(log_sum(by_name + self._names[1][:, None]) > ASKED_AGAIN)
+            again = np.flatnonzero(log_sum(by_name + self.asked.log_odds[:, None]) > ASKED_AGAIN)
             if len(again):
                 by_name[:, again] = self._by_name([rates[:, again] for rates in data], most)
-        for i in np.flatnonzero(log_sum(by_name + self._names[1][:, None]) > CALLED).tolist():
+        for i in np.flatnonzero(log_sum(by_name + self.asked.log_odds[:, None]) > CALLED).tolist():
             by_name[:, i] = self._by_its_own_noise([rates[:, i] for rates in data])
         return by_name
 
@@ -183,7 +231,7 @@ class Screen:
 
     def _by_name(self, data: Sequence[FloatArray], most: int | None) -> FloatArray:
         """Log Bayes factor of each name whatever its shape, (names, m), of rates (N, m) by block, at `most` points."""
-        names, first = self._names[0], 0
+        names, first = self.asked.names, 0
         total = np.zeros((len(names), data[0].shape[1]))
         for search in self.found.values():
             blocks, first = data[first : first + len(search.blocks)], first + len(search.blocks)
@@ -196,34 +244,6 @@ class Screen:
             whole = np.logaddexp.reduceat(odds[order], starts, axis=0)
             total[places] += np.logaddexp.reduceat((of_units + odds)[order], starts, axis=0) - whole
         return total
-
-    def findings(self, titles: Sequence[str], by_name: FloatArray) -> list[UnitFinding]:
-        """Return what is found of each unit, by what `weigh` says of all of them, (n, u)."""
-        names, odds = self._names
-        posterior = by_name + odds[:, None]
-        statistic = log_sum(posterior)
-        p_values = _ville(statistic)
-        leaders = np.argmax(posterior, axis=0)
-        share = np.exp(posterior[leaders, np.arange(len(titles))] - statistic)
-        numbers = (each.tolist() for each in (statistic, p_values, false_discovery(p_values)))
-        told = zip(titles, *numbers, [names[each] for each in leaders], share.tolist(), strict=True)
-        return [UnitFinding(*each) for each in told]
-
-    def in_common(self, by_name: FloatArray) -> SharedFinding:
-        """Return the effect that many units lack, each by an amplitude of its own; `weigh` says (n, u).
-
-        The evidence for a name is that of a mixture: in some fraction of the units it is missing, in the others nothing
-        is.
-        """
-        names, odds = self._names
-        mixed = [np.logaddexp(np.log1p(-p) if p < 1.0 else -np.inf, np.log(p) + by_name) for p in FRACTIONS]
-        posterior = np.array(mixed).sum(axis=2) + odds - np.log(len(FRACTIONS))
-        statistic = float(log_sum(posterior.reshape(-1, 1))[0])
-        share = np.exp(posterior - statistic)
-        leader = int(np.argmax(share.sum(axis=0)))
-        fraction = FRACTIONS[int(np.argmax(share[:, leader]))]
-        p_value = float(_ville(np.array([statistic]))[0])
-        return SharedFinding(names[leader], float(share[:, leader].sum()), statistic, p_value, fraction)
 
 
 def _with_odds(search: SensorSearch) -> Iterator[tuple[Term, float]]:
@@ -251,10 +271,8 @@ class Stood:
     def __init__(self, conditions: Mapping[int, Conditions]) -> None:
         self._known = conditions
         self._order = {number: _in_order(rows) for number, rows in conditions.items()}
-        self._levels = {
-            number: same_temperature(rows) if "temperature_degC" in rows.columns else None
-            for number, rows in conditions.items()
-        }
+        known = [(number, rows, "temperature_degC" in rows.columns) for number, rows in conditions.items()]
+        self._levels = {number: same_temperature(rows) if levels else None for number, rows, levels in known}
 
     def like(self, campaign: Campaign) -> bool:
         """Whether every sensor stood so in another campaign."""
