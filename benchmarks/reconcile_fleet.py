@@ -58,13 +58,15 @@ def from_file(path: Path, units: int, seed: int, workers: int) -> str:
     """Screen a file of units, which is written where it is not there, and say what it took."""
     if not path.exists():
         write_fleet_file(((f"u{i}", unit(seed + i)) for i in range(units)), path)
-    start = time.perf_counter()
+    start, before = time.perf_counter(), time.process_time()
     found = screen_folders([path], "matrix-6-thermal", workers)
-    whole = time.perf_counter() - start
+    whole, own = time.perf_counter() - start, time.process_time() - before
     most = [resource.getrusage(who).ru_maxrss / 1e6 for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    theirs = resource.getrusage(resource.RUSAGE_CHILDREN)
     size, called = path.stat().st_size / 1e6, sum(each.worth for each in found.units)
     return (
-        f"{size:.0f} MB, {len(found.units)} units by {workers} workers: {whole:.0f} s, {called} called; "
+        f"{size:.0f} MB, {len(found.units)} units by {workers} workers: {whole:.0f} s ({own:.0f} s of processor "
+        f"time, of the workers {theirs.ru_utime + theirs.ru_stime:.0f} s), {called} called; "
         f"most memory {most[0]:.2f} GB, of a worker {most[1]:.2f} GB"
     )
 

@@ -17,6 +17,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from importlib.metadata import version
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +39,8 @@ LEVEL = 0.05
 """False discoveries among the units that are called, at most, on average."""
 _MISSING = "rates are missing: a screen needs every row of its layout"
 _PIECE = 256  # units that a process takes at once
-_AT_ONCE = 8  # pieces that are read or weighed at once; memory holds two times as many
+_AT_ONCE = 8  # pieces that are read at once; memory holds two times as many
+_WEIGHED = 64  # that are weighed at once
 
 Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
 
@@ -218,16 +220,16 @@ def _weighed(
     group: _Group, model: Model, mapped: Map, told: dict[str, str]
 ) -> tuple[list[tuple[Facts, UnitFinding]], SharedFinding]:
     """Weigh the units of a layout; those with rows missing are `told`. Raises `InputError` for an unfit model."""
-    both = list(zip(group.facts, group.values, strict=True))
-    whole = [(facts, own) for facts, own in both if all(np.all(np.isfinite(each)) for each in own.values())]
-    told |= dict.fromkeys({facts.folder for facts, _ in both} - {facts.folder for facts, _ in whole}, _MISSING)
-    if not whole:
+    whole = [all(np.all(np.isfinite(each)) for each in own.values()) for own in group.values]
+    told |= {facts.folder: _MISSING for facts, good in zip(group.facts, whole, strict=True) if not good}
+    if not any(whole):
         raise InputError(_MISSING)
-    group.facts, group.values = [facts for facts, _ in whole], [own for _, own in whole]
+    group.facts, group.values = list(compress(group.facts, whole)), list(compress(group.values, whole))
     layout = group.layout(model)
     pieces = [(layout, group.values[first : first + _PIECE]) for first in range(0, len(group.values), _PIECE)]
-    asked, parts = zip(*_some_at_once(mapped, _weigh, pieces, _AT_ONCE), strict=True)
+    asked, parts = zip(*_some_at_once(mapped, _weigh, pieces, _WEIGHED), strict=True)
     by_name = np.concatenate(parts, axis=1)
+    del group.values[:], pieces[:], parts  # what each name says of a unit is all that is still needed
     findings = asked[0].findings([facts.title for facts in group.facts], by_name)
     return list(zip(group.facts, findings, strict=True)), asked[0].in_common(by_name)
 
