@@ -135,7 +135,8 @@ def _export_unit(folder: Path, target: Path, form: Format | None) -> Export:
             write_campaign(campaign, target, series)
         else:
             write_file(campaign, target, form, series)
-    return Export(target, len(rows), tuple(campaign.notes.splitlines()))
+    missing = f"The night is not complete; missing: {'; '.join(campaign.missing)}."
+    return Export(target, len(rows), (*campaign.notes.splitlines(), *([missing] if campaign.missing else ())))
 
 
 def _bench(journal: JournalReader) -> Bench:
