@@ -81,7 +81,10 @@ def read_campaign(folder: Path | str) -> Campaign:
     table.require([*IDENTITY, *(name for sensor in used.values() for name in _needed_columns(sensor))])
     collects = table.integers("collect")
     _check_identity(table)
-    extra = [name for name in table.header if name not in IDENTITY and name not in own]
+    declared = {*STANDARD_CONDITIONS, *header.campaign.condition_units}
+    others = [name for name in table.header if name not in IDENTITY and name not in own]
+    remarks = [name for name in others if name not in declared and table.holds_text(name)]
+    extra = [name for name in others if name not in remarks]
     columns = {name: table.numbers(name) for name in extra}
     numbers = table.integers("sensor")
     sensors: dict[int, Collects] = {}
@@ -91,8 +94,11 @@ def read_campaign(folder: Path | str) -> Campaign:
         lines[number] = [table.rows[int(i)] for i in chosen]
         sensors[number] = _collects_of(table, sensor, chosen, columns, header.campaign.centrifuge)
     series = _series_files(root / SERIES_FOLDER, {int(collect) for collect in collects})
-    undeclared = [name for name in extra if name not in {*STANDARD_CONDITIONS, *header.campaign.condition_units}]
-    said = suspicions(table, header, sensors, lines, undeclared)
+    undeclared = [name for name in extra if name not in declared]
+    said = (
+        *suspicions(table, header, sensors, lines, undeclared),
+        *(f"{table.path}, column {name}: holds no number; taken as a remark, and not used" for name in remarks),
+    )
     campaign = replace(header.campaign, sensors=sensors, warnings=said, series_files=series)
     campaign = _without_series(campaign, header.series)
     # Nothing partial is imported: a bad cell of a series is refused now, not when somebody needs it.

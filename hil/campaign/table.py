@@ -58,6 +58,11 @@ class Table:
         j = self._index[column]
         return [cells[j].strip() for _, cells in self.lines]
 
+    def holds_text(self, column: str) -> bool:
+        """Tell whether a column has words in some rows, and in none what begins as a number does."""
+        cells = [text for text in self.texts(column) if text]
+        return bool(cells) and not any(text[0].isdigit() or text[0] in "+-−.," for text in cells)
+
     def numbers(self, column: str, *, required: bool = False) -> FloatArray:
         """Return the cells of a column as numbers, (n,), NaN where empty; raise `InputError` for no finite number."""
         values = np.empty(len(self.lines))

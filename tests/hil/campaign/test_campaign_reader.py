@@ -129,6 +129,24 @@ def test_empty_cells_are_missing_and_missing_errors_are_not_stated(folder: Path)
     assert "temperature_degC" not in read_campaign(folder).sensors[2].conditions.columns
 
 
+def test_a_column_of_remarks_is_set_aside_and_said(folder: Path) -> None:
+    """Words where no condition is declared; a number among them, or a declared column, is refused as before."""
+    cells = ["", "door open for 2 min", "", "Jo", "", ""]
+    lines = [f"{row},{cell}" for row, cell in zip(ROWS, cells, strict=True)]
+    (folder / "collects.csv").write_text(table(*lines, header=f"{HEADER},remark"))
+    campaign = read_campaign(folder)
+    assert "remark" not in campaign.sensors[2].conditions.columns
+    assert [each.split(", ", 1)[1] for each in campaign.warnings] == [
+        "column remark: holds no number; taken as a remark, and not used"
+    ]
+    (folder / "collects.csv").write_text(table(*[*lines[:-1], f"{ROWS[-1]},2 degC"], header=f"{HEADER},remark"))
+    with pytest.raises(InputError, match="row 3, column remark: 'door open for 2 min' is not a number"):
+        read_campaign(folder)
+    (folder / "collects.csv").write_text(cell(4, "supply_V", "fine"))
+    with pytest.raises(InputError, match="column supply_V"):
+        read_campaign(folder)
+
+
 def test_two_sensors_of_different_kind_share_a_file(folder: Path) -> None:
     """A rotor sensor and a triad: each needs its own columns only, the other's cells stay empty."""
     (folder / "campaign.yaml").write_text(
