@@ -105,8 +105,7 @@ def what_scatters(campaign: Campaign) -> Scattering:
     }
     weights = {name: float(sum(np.exp(f.log_weight) for f in posterior.sets if f.kind == name)) for name in titles}
     weights[ORDINARY] = 1.0 - sum(weights.values()) if len(titles) > 1 else 0.0
-    told = len(titles) > 1 and any(_repeated(rows.conditions) for rows in campaign.sensors.values())
-    ranked = dict(sorted(weights.items(), key=lambda pair: -pair[1])) if told else {}
+    ranked = dict(sorted(weights.items(), key=lambda pair: -pair[1])) if len(titles) > 1 else {}
     return _read(campaign, posterior, reading, fit, ranked, titles, model.title)
 
 

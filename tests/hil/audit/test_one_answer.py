@@ -206,10 +206,6 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
         "solve": lambda document: {n: of["means"][0]["temperature_of"] for n, of in document["repeats"].items()},
         "budget": lambda document: {n: of["temperature_of"] for n, of in document["sensors"].items()},
     },
-    "whether its repeats tell what scatters": {
-        "solve": lambda document: {"told": any(of["run_to_run"] for of in document["repeats"].values())},
-        "scatter": lambda document: {"told": bool(document["causes"])},
-    },
     "what is named of the scatter, and by how much they scatter": {
         "scatter": lambda document: _scattering(document, document["named"]),
         "reconcile": lambda document: _scattering(
