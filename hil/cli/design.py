@@ -222,7 +222,10 @@ def _scatter_of(folder: str) -> dict[int, dict[str, float]]:
 
     campaign = read_source(Path(folder))
     shown = repeats(campaign, solve_campaign(campaign))
-    return {n: dict(zip(of.names, of.spread.beyond.tolist(), strict=True)) for n, of in shown.items()}
+    told = {n: of for n, of in shown.items() if of.spread.degrees.any()}
+    if not told:
+        raise InputError(f"--scatter {folder}: nothing was repeated there, so it does not tell what runs differ by")
+    return {n: dict(zip(of.names, of.spread.beyond.tolist(), strict=True)) for n, of in told.items()}
 
 
 def _proposed(document: Mapping[str, Any], out: Path | None) -> Iterator[str | Table]:

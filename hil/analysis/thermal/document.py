@@ -166,7 +166,7 @@ def verdict_in_words(fit: SensorFit) -> str:
     )
     if all(each.choice.form.order == 0 for each in fit.parameters.values()):
         reason = (
-            "no parameter depends on temperature"
+            "no parameter is shown to depend on temperature"
             if all(each.finding == "constant" for each in fit.parameters.values())
             else "no curve is shown to predict better than a constant"
         )

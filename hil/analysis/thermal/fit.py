@@ -28,6 +28,7 @@ from hil.solve.wrong_rows import pooled, treated
 from procedures.words import counted
 
 HIGHEST_ORDER = 5
+_MOVES_DEGC = 0.1  # half the range of a thermometer that tells anything
 _RARE, _CHANGED = 0.4, 0.05
 """Of `FALSE_ALARM`, shared by a sensor's parameters: for a win over the constant alone, and for values that change.
 
@@ -250,6 +251,9 @@ def layout_of(
         )
     own = collects.conditions.columns["temperature_degC"]
     middle, half = 0.5 * float(own.min() + own.max()), 0.5 * float(np.ptp(own))
+    if half < _MOVES_DEGC:
+        shown = f"temperature_degC is {own.mean():.1f} °C at every setpoint"
+        raise InputError(f"sensor {number}: {shown}; nothing can be said against it: look at that column")
     both = len(stations.both_directions) > 0
     layout = Layout(collects, form, form.columns(collects.conditions), stations, float(np.round(middle)), half, both)
     return layout, notes

@@ -41,6 +41,7 @@ ALONE = 0.5
 SMOOTH_DEGC = 30.0
 """Over which a smooth curve forgets itself: values of a unit turn two or three times over a sweep, not more."""
 FEWEST_RUNS = 4
+"""Runs that tell kinds of scatter apart, and exchanged labels; of two each may have an offset already."""
 ALIKE = 0.985
 """Covariances of which the cosine is larger are one and the same to these rows."""
 LARGEST = 4e6
@@ -114,8 +115,9 @@ class Noise:
         self._known: dict[int, FloatArray] = {}
         self.profiles: list[Profile] = [(FIXED,) * block.values.shape[1]]
         runs = len(np.unique(run))
-        self.has_offsets = runs >= FEWEST_RUNS and len(rows) / runs / apart.shape[1] > 1.5
-        self.kinds = list(self._kinds(conditions, effects, rows, channel)) if self.has_offsets else []
+        self.has_offsets = runs > 1 and len(rows) / runs / apart.shape[1] > 1.5
+        tells = self.has_offsets and runs >= FEWEST_RUNS
+        self.kinds = list(self._kinds(conditions, effects, rows, channel)) if tells else []
 
     def _kinds(
         self, conditions: Conditions, effects: Sequence[VarianceEffect], rows: IntArray, channel: IntArray

@@ -12,6 +12,8 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
+from hil.campaign.writer import write_campaign
+from hil.cli.app import run
 from hil.config import load_bench, load_sweep, parse_bench
 from hil.config.bench import Bench
 from hil.design.budget.budget import error_budget
@@ -26,6 +28,7 @@ from hil.model.equation import Orientation
 from hil.model.forms import default_form
 from procedures.plan import make_plan
 from procedures.settings import CollectSettings
+from tests.hil.solve.test_neighbours import campaign
 
 
 @pytest.fixture(scope="module")
@@ -285,8 +288,6 @@ def test_the_recommended_sweep_is_what_the_command_proposes(sweep: Any, recommen
 @pytest.mark.slow
 def test_the_sweep_that_is_written_is_accepted_by_the_plan(tmp_path: Path, capsys: Any) -> None:
     """From the command line: proposal, file, plan; and a file that is there stays as it is."""
-    from hil.cli.app import run
-
     out = tmp_path / "my.yaml"
     assert (
         run(["design", "quick", "--goal", "MU 40 deg/hr", "--even-terms", "--sensor", "2", "--out", str(out), "--json"])
@@ -305,3 +306,14 @@ def test_the_sweep_that_is_written_is_accepted_by_the_plan(tmp_path: Path, capsy
     assert out.read_text() == before
     assert run(["design", "quick", "--sensor", "2"]) == 0
     assert "proposed: " in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_a_folder_without_repeats_says_nothing_of_scatter(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Refused, where zero would be taken; one with repeats is taken."""
+    for per_temperature, status in ((1, 2), (3, 0)):
+        folder = tmp_path / str(per_temperature)
+        write_campaign(campaign(6, per_temperature, seed=34, scatter=2.0), folder)
+        asked = ["design", "quick", "--sensor", "2", "--scatter", str(folder), "--out", f"{folder}.yaml"]
+        assert run(asked) == status
+    assert "nothing was repeated there" in capsys.readouterr().err

@@ -15,6 +15,7 @@ from hil.errors import InputError
 from hil.model import load_model
 from hil.reconcile import Reconciliation, Screen, reconcile, write_result
 from tests.hil.reconcile.hidden_effects import TRIAD, base_rates, both, campaign_of, hidden_campaign, lay_out, noise
+from tests.hil.solve.test_neighbours import campaign as ordinary
 
 FEW = {"temperatures": (-25.0, 0.0, 25.0, 50.0), "runs_each": 2}
 
@@ -93,6 +94,14 @@ def test_a_walk_is_found_and_not_told_from_a_bias_that_wanders_for_longer_than_t
     same = {rival.id for rival in found.confusable_with if rival.overlap > 0.95}
     assert {found.id, *same} == {"rrw", "markov"}
     assert found.kind == "ambiguous"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("runs", "scatter"), [(2, 2.0), (3, 4.0)])
+def test_two_runs_that_differ_by_an_ordinary_offset_lack_nothing(runs: int, scatter: float) -> None:
+    """Nobody can tell how much such a unit differs from run to run; that it may is known before."""
+    results = [reconcile(ordinary(runs, runs, seed, scatter=scatter), "matrix-6", prove=False) for seed in range(12)]
+    assert [each.verdict for each in results].count("none") >= 11
 
 
 @pytest.mark.slow

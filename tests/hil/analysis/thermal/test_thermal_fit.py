@@ -129,7 +129,7 @@ def test_without_temperature_dependence_it_says_so() -> None:
     assert all(each.finding == "constant" for each in result.sensors[2].parameters.values())
     document = thermal_document(result)["sensors"][0]
     assert not document["verdict"]["improves"]
-    assert "no parameter depends on temperature" in document["verdict"]["words"]
+    assert "no parameter is shown to depend on temperature" in document["verdict"]["words"]
     assert "no temperature dependence found" in document["parameters"]["MUB"]["verdict"]
     assert 0.5 < document["parameters"]["GSA"]["largest_linear_change"] < 5.0
 
@@ -238,6 +238,9 @@ def test_what_cannot_be_fitted_is_refused() -> None:
         fit_thermal(refused(night, {}))
     with pytest.raises(InputError, match="2 temperatures with every parameter; at least three"):
         fit_thermal(refused(night, {"temperature_degC": np.repeat([0.0, 20.0], 36)}))
+    stuck = {"temperature_degC": np.full(72, 20.0), "setpoint_degC": np.repeat([0.0, 20.0, 40.0], 24)}
+    with pytest.raises(InputError, match="°C at every setpoint; nothing can be said"):
+        fit_thermal(refused(night, stuck))
     with pytest.raises(InputError, match="finds the dependence itself"):
         fit_thermal(night, "matrix-6-thermal")
 
