@@ -207,10 +207,11 @@ class SensorRepeats:
             for name, unit, sd, more, degrees in rows
             if degrees and more > 0.5 * sd
         ]
-        degrees = int(self.spread.degrees.max())
+        unknown = "" if self.told_by else "; no temperature was recorded, so that every run counts as a repeat"
+        degrees = f"{self.spread.degrees.max()} degrees of freedom{unknown}"
         if not told:
-            return [f"repeats scatter as their standard errors say ({degrees} degrees of freedom)"]
-        more = f"repeats scatter more than their standard errors say ({degrees} degrees of freedom)"
+            return [f"repeats scatter as their standard errors say ({degrees})"]
+        more = f"repeats scatter more than their standard errors say ({degrees})"
         return [f"{more}: {'; '.join(told)}; each ± includes it"]
 
 

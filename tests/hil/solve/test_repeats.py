@@ -73,6 +73,11 @@ def test_what_standard_errors_do_not_know_is_in_the_mean_of_three() -> None:
     assert alone < 0.7
     assert mean.sd == pytest.approx(np.hypot(RUN_TO_RUN["MUB"], 1.1) / np.sqrt(3), rel=0.35)
     assert "MUB by" in shown.sentences()[0]
+    assert "every run counts as a repeat" not in shown.sentences()[0]
+    rows = one.sensors[2]
+    bare = replace(rows, conditions=replace(rows.conditions, columns={}))
+    without = repeats(replace(one, sensors={2: bare}), solutions)[2]
+    assert "no temperature was recorded, so that every run counts as a repeat" in without.sentences()[0]
 
 
 def test_where_nothing_was_repeated_standard_errors_stand_and_it_is_said() -> None:
