@@ -108,8 +108,8 @@ def _rms_of_bias(run_to_run: Mapping[str, Any]) -> float | None:
 
 
 def _scattering(document: dict[str, Any], named: list[str]) -> Answer:
-    observed = {(of["sensor"], of["channel"]): of["observed_deg_per_hr"] for of in document["noise"]}
-    return {"named": named, **observed}
+    told = {(of["sensor"], of["channel"], of["under"]): of["observed_deg_per_hr"] for of in document["noise"]}
+    return {"named": named, **told}
 
 
 ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
