@@ -96,14 +96,19 @@ class Asked:
         told = zip(titles, *numbers, [self.names[each] for each in leaders], share.tolist(), strict=True)
         return [UnitFinding(*each) for each in told]
 
-    def in_common(self, by_name: FloatArray) -> SharedFinding:
-        """Return the effect that many units lack, each by an amplitude of its own; `weigh` says (n, u).
+    def mixed(self, by_name: FloatArray) -> FloatArray:
+        """Return the log evidence that some fraction lacks a name and the others nothing, (k, n); `weigh` says (n, u).
 
-        The evidence for a name is that of a mixture: some fraction of the units lacks it, the others lack nothing.
+        Each unit has an amplitude of its own, so that this of a whole fleet is the sum over its pieces.
         """
         none = [np.log1p(-p) if p < 1.0 else -np.inf for p in FRACTIONS]
-        mixed = [np.logaddexp(of, np.log(p) + by_name).sum(axis=1) for p, of in zip(FRACTIONS, none, strict=True)]
-        posterior = np.array(mixed) + self.log_odds - np.log(len(FRACTIONS))
+        return np.array(
+            [np.logaddexp(of, np.log(p) + by_name).sum(axis=1) for p, of in zip(FRACTIONS, none, strict=True)]
+        )
+
+    def in_common(self, mixed: FloatArray) -> SharedFinding:
+        """Return the effect that many units lack, by what `mixed` says of them all, (k, n)."""
+        posterior = mixed + self.log_odds - np.log(len(FRACTIONS))
         statistic = float(log_sum(posterior.reshape(-1, 1))[0])
         share = np.exp(posterior - statistic)
         leader = int(np.argmax(share.sum(axis=0)))

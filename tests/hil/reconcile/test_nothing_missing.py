@@ -259,7 +259,9 @@ def test_units_without_a_fault_are_left_alone_one_by_one_and_together() -> None:
     assert np.mean(p_values < 0.2) < 0.26
     assert np.mean(p_values < 0.05) < 0.09
     assert min(finding.q_value for finding in findings) > 0.05
-    assert screen.asked.in_common(screen.weigh([screen.rates(each) for each in units])).p_value > 0.05
+    assert (
+        screen.asked.in_common(screen.asked.mixed(screen.weigh([screen.rates(each) for each in units]))).p_value > 0.05
+    )
 
 
 @pytest.mark.slow
@@ -268,7 +270,7 @@ def test_what_no_unit_shows_alone_the_fleet_shows_together() -> None:
     units = fleet(40, 5.0, 1)
     screen = Screen.of(units, "matrix-6-thermal")
     assert sum(finding.q_value < 0.05 for finding in screen.units(units)) < 10
-    shared = screen.asked.in_common(screen.weigh([screen.rates(each) for each in units]))
+    shared = screen.asked.in_common(screen.asked.mixed(screen.weigh([screen.rates(each) for each in units])))
     assert shared.name == "supply"
     assert shared.p_value < 0.001
 
