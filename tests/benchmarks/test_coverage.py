@@ -30,7 +30,7 @@ def test_every_entry_of_the_catalogue_is_asked_for() -> None:
     assert len(list(entries())) > 50
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=25)
 def test_an_effect_in_the_bytes_is_found_named_and_covered() -> None:
     """Mass unbalances that were taken for zero, through bytes."""
     found = case(("published", "mean", "MU_real", "high"), twin=False)

@@ -111,7 +111,7 @@ def test_what_cannot_be_set_is_refused_before_a_port_is_opened(
     assert len(ended.stderr.strip().splitlines()) == 1
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=15)
 def test_stop_is_the_safe_state_through_a_port(hil: Any, simulation: Simulation, client: Path) -> None:
     """The chamber that was set stands by; its unit is not needed for that."""
     assert hil("chamber", client, "set", "30", "--yes").returncode == 0

@@ -42,7 +42,7 @@ def ports(bench: Bench) -> Iterator[dict[str, str]]:
         server.stdout.close()
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=33)
 @pytest.mark.timeout(180)  # real seconds: a chamber's own pacing, on a machine that may be busy
 def test_a_sweep_runs_through_real_ports(
     hil_process: Any, hil: Any, bench: Bench, ports: dict[str, str], tmp_path: Path

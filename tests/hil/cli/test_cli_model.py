@@ -123,7 +123,7 @@ def test_too_few_nights_to_tell_by_are_refused_in_a_sentence(hil: Any, contracto
     assert not (tmp_path / "kept").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=21)
 def test_the_twin_tells_the_model_that_lacks_something_and_not_the_one_that_reconcile_wrote(
     hil: Any, tmp_path: Path
 ) -> None:

@@ -135,7 +135,7 @@ def asked(nights: Nights, name: str) -> list[tuple[str, str, str, bool | None]]:
         return [(row.kind, row.who, row.why, row.accepted) for row in journal.requests()]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=16)
 def test_a_whole_night_is_watched_to_its_end(nights: Nights, open_page: Callable[..., Any]) -> None:
     """Countdown, temperatures and rates change; errors shrink during a collect; results appear; then it is complete."""
     nights.begin("watched", temperatures=["40 degC"])
@@ -185,7 +185,7 @@ def test_a_whole_night_is_watched_to_its_end(nights: Nights, open_page: Callable
     assert sum(name in {"MUB", "GSA"} and "deg/hr/g" in text for text, name, _ in cells) == 4
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=20)
 def test_a_question_is_answered_and_a_night_paused_continued_and_aborted(
     nights: Nights, open_page: Callable[..., Any]
 ) -> None:
@@ -225,7 +225,7 @@ def test_a_question_is_answered_and_a_night_paused_continued_and_aborted(
     assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")  # nothing hangs over the side
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=14)
 def test_a_killed_controller_is_told_within_five_seconds_and_a_dashboard_that_comes_back_is_found(
     nights: Nights, open_page: Callable[..., Any]
 ) -> None:
@@ -354,7 +354,7 @@ def during(step: Step, elapsed_s: float) -> Snapshot:
     return Snapshot(step, 1, elapsed_s, 10.0, 50.0, end, 19.9, 20.0, {1: 21.0, 2: 22.0}, **shows)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=11)
 def test_an_audit_finds_nothing_that_keeps_people_out(nights: Nights, open_page: Callable[..., Any]) -> None:
     """No violation of axe-core's rules, contrast included, in light and dark: a question, a dialog, a collect, many."""
     nights.begin("audited", operator=True)

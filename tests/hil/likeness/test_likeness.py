@@ -127,7 +127,7 @@ def test_a_night_of_a_real_bench_is_simulated_on_its_own_chamber_and_unit(night:
     assert found["p_value"] > 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=31)
 def test_a_triads_campaign_is_told_from_the_model_that_lacks_its_sensitivity(tmp_path: Path) -> None:
     """By hand or by another program: whatever the axes are called, with the full matrix it cannot be told."""
     write_triad(1, 20.0, tmp_path / "campaign")

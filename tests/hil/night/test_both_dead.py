@@ -115,7 +115,7 @@ def test_a_chamber_with_a_timer_of_its_own_has_it_armed_by_default() -> None:
         assert parse_bench(yaml.safe_dump(document), "bench.yaml").chamber.night_dead_man == expected, chamber
 
 
-@pytest.mark.slow  # a P300 is given its pauses in real time
+@pytest.mark.slow(seconds=13)  # a P300 is given its pauses in real time
 @pytest.mark.timeout(60)
 def test_the_timer_that_nobody_asked_for_is_armed_over_a_serial_line() -> None:
     """By a night; a single command, such as hil chamber set, arms what the bench file says and no more."""

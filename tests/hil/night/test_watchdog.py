@@ -166,7 +166,7 @@ signal.pause()
 """
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=15)
 def test_a_killed_controller_s_chamber_is_brought_to_its_safe_state_in_time(
     simulation: Simulation, bench: Bench, processes: Processes
 ) -> None:
@@ -189,7 +189,7 @@ def test_a_killed_controller_s_chamber_is_brought_to_its_safe_state_in_time(
     wait_until(lambda: "brought the chamber to its safe state" in log.read_text())  # its last words
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=10)
 def test_a_hung_controller_is_killed_and_its_chamber_made_safe(
     simulation: Simulation, bench: Bench, processes: Processes
 ) -> None:
@@ -213,7 +213,7 @@ def test_a_hung_controller_is_killed_and_its_chamber_made_safe(
     ]
 
 
-@pytest.mark.slow  # in real time, as the one above shows it with a process that only hangs
+@pytest.mark.slow(seconds=23)  # in real time, as the one above shows it with a process that only hangs
 def test_a_real_controller_that_hangs_is_replaced_within_the_stated_time(
     simulation: Simulation, bench: Bench, processes: Processes
 ) -> None:
@@ -249,7 +249,7 @@ def test_the_stated_times_are_those_of_the_how_to() -> None:
         assert stated in page
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=19)
 def test_a_controller_that_is_well_needs_no_watchdog(bench: Bench, processes: Processes, tmp_path: Path) -> None:
     """A second night on its ports is refused; a silence is reported where that was all; its end is its own."""
     controller = processes.controller(bench, "--no-watchdog")

@@ -104,7 +104,7 @@ def test_the_numbers_do_not_depend_on_who_weighs(folder: Path) -> None:
                                                       *pieces_in([folder])[4:]]  # fmt: skip
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=22)
 def test_on_a_dask_cluster_too_though_a_worker_is_killed(folder: Path) -> None:
     """A scheduler and two workers as processes, one of them killed at work: the same document as alone."""
     distributed = pytest.importorskip("distributed", reason="distributed is not installed: hil[cluster]")
@@ -120,7 +120,7 @@ def test_on_a_dask_cluster_too_though_a_worker_is_killed(folder: Path) -> None:
             assert fleet_document(asked.result(120.0)) == alone
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=11)
 def test_a_worker_of_another_version_takes_no_part_and_that_is_said(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -310,7 +310,7 @@ def test_a_file_of_campaigns_is_read_as_it_was_written(tmp_path: Path) -> None:
     assert [each.name for each in tmp_path.iterdir()] == ["fleet.parquet"]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=10)
 def test_values_that_follow_temperature_are_no_finding_by_a_model_of_constants() -> None:
     """Forty sound units with values of their own at each of eight temperatures: none is called, a supply effect is.
 

@@ -36,7 +36,7 @@ def campaign(*arguments: str) -> dict[str, Any]:
     return dict(json.loads(ended.stdout))
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=11)
 def test_a_night_killed_before_any_change_of_a_file_is_carried_on_as_if_nothing_had_happened() -> None:
     """SIGKILL before every 32nd call that changes a file (`make reliability`: all); each state is carried on."""
     found = campaign("points", "--only-new", "--part", "3/32")
@@ -81,7 +81,7 @@ DEFECTS = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=10)
 @pytest.mark.parametrize("mutation", list(DEFECTS))
 def test_a_defect_on_purpose_is_found(mutation: str) -> None:
     """A removed fsync, a swapped rename, a double commit: the same campaign says that something was lost."""

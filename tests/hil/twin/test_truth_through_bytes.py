@@ -80,7 +80,7 @@ def test_the_truth_comes_back_within_its_errors(tmp_path: Path, benches: list[Li
         assert abs(float(np.mean(values))) < 4.0 / np.sqrt(len(values)), f"{name} is biased"
 
 
-@pytest.mark.slow
+@pytest.mark.slow(seconds=22)
 @pytest.mark.timeout(600)  # four nights of fifty self-calibrations
 def test_95_percent_intervals_cover_the_truth_93_to_97_percent(tmp_path: Path, benches: list[LiveBench]) -> None:
     """Per parameter, over many seeds, both sensors: |estimate - truth| < 1.96 standard errors as often as it says."""
