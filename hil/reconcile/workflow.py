@@ -34,6 +34,7 @@ from hil.reconcile.search.fitted import Fitted, fitted
 from hil.reconcile.search.layout import may_be_calibrated, searches, values_follow
 from hil.reconcile.search.posterior import Posterior, weigh
 from hil.reconcile.search.problem import Problem, pose
+from hil.reconcile.search.terms import PLAIN
 from hil.reconcile.unrecorded import beside_unasked, with_stand_ins
 from hil.solve.runs import solve_campaign
 from hil.solve.wrong_rows import in_words, otherwise, pooled, without
@@ -98,14 +99,16 @@ def _weighed(problem: Problem, scattering: Sequence[VarianceEffect], alpha: floa
     """Weigh and read what may be missing beside the form's values, or beside values that follow temperature.
 
     The more probable of the two is read: a smooth curve with a roughness, of all of the base's values, against as many
-    laws of temperature as the form's own need. Nobody asks where they explain nothing.
+    laws of temperature as the form's own need. Nobody asks where they explain nothing, and a form in which values stand
+    is as much more probable before the data as a value that is one number.
     """
     plain = weigh(searches(problem, EFFECTS, scattering))
     reading = read(plain, alpha)
     if not may_be_calibrated(problem) or not values_follow(problem, plain.searches, reading.found.terms):
         return plain, reading
     calibrated = weigh(searches(problem, EFFECTS, scattering, calibrated=True))
-    return (plain, reading) if plain.log_evidence >= calibrated.log_evidence else (calibrated, read(calibrated, alpha))
+    stands = plain.log_evidence + np.log(PLAIN) >= calibrated.log_evidence
+    return (plain, reading) if stands else (calibrated, read(calibrated, alpha))
 
 
 def _proof(posterior: Posterior, reading: Reading) -> tuple[HeldOut, HeldOut] | None:

@@ -22,6 +22,7 @@ from hil.reconcile.search.set_in_block import CLOSE
 from hil.reconcile.search.tied import tied_gain
 from hil.reconcile.workflow import _kept
 from tests.hil.reconcile.hidden_effects import EIGHT, Rows, both, campaign_of, hidden_campaign, lay_out
+from tests.hil.solve.test_neighbours import campaign, with_rates
 
 
 def turning(seed: int = 3, runs_each: int = 2) -> Campaign:
@@ -115,10 +116,21 @@ def test_values_that_turn_from_setpoint_to_setpoint_are_a_calibration(model: str
     assert any("no quadratics" in note for note in result.notes) == (model == "matrix-6-thermal")
 
 
+@pytest.mark.slow
+def test_a_jump_beside_a_line_over_temperature_is_no_calibration_that_follows_time_in_three_ways() -> None:
+    """Where each temperature was measured once, values at each leave a jump to be ageing and a curve over time."""
+    one = campaign(24, 3, seed=9, scatter=2.0)
+    rates = one.sensors[2].rates_deg_per_hr.copy()
+    rates[39:42] += [30.0, -21.0]
+    result = reconcile(with_rates(one, rates), "matrix-6", prove=False)
+    assert result.calibration == "one set"
+    assert {effect.id for effect in result.effects} == {"bias_T", "jump"}
+
+
 def test_values_at_each_temperature_are_asked_for_where_they_explain_something() -> None:
     """Of values that turn from setpoint to setpoint, not of quadratics."""
-    for campaign, expected in ((turning(), True), (hidden_campaign(7, noise_of_supply), False)):
-        problem = pose(campaign, load_model("matrix-6-thermal"), ())
+    for one, expected in ((turning(), True), (hidden_campaign(7, noise_of_supply), False)):
+        problem = pose(one, load_model("matrix-6-thermal"), ())
         assert values_follow(problem, searches(problem, (), ()), {2: ()}) is expected
 
 
