@@ -101,19 +101,16 @@ class Asked:
 
         Each unit has an amplitude of its own, so that this of a whole fleet is the sum over its pieces.
         """
-        none = [np.log1p(-p) if p < 1.0 else -np.inf for p in FRACTIONS]
-        return np.array(
-            [np.logaddexp(of, np.log(p) + by_name).sum(axis=1) for p, of in zip(FRACTIONS, none, strict=True)]
-        )
+        of_others = ((p, np.log1p(-p) if p < 1.0 else -np.inf) for p in FRACTIONS)
+        return np.array([np.logaddexp(none, np.log(p) + by_name).sum(axis=1) for p, none in of_others])
 
     def in_common(self, mixed: FloatArray) -> SharedFinding:
         """Return the effect that many units lack, by what `mixed` says of them all, (k, n)."""
         posterior = mixed + self.log_odds - np.log(len(FRACTIONS))
         statistic = float(log_sum(posterior.reshape(-1, 1))[0])
         share = np.exp(posterior - statistic)
-        leader = int(np.argmax(share.sum(axis=0)))
+        leader, p_value = int(np.argmax(share.sum(axis=0))), float(_ville(np.array([statistic]))[0])
         fraction = FRACTIONS[int(np.argmax(share[:, leader]))]
-        p_value = float(_ville(np.array([statistic]))[0])
         return SharedFinding(self.names[leader], float(share[:, leader].sum()), statistic, p_value, fraction)
 
 

@@ -66,8 +66,8 @@ def beside_unasked(named: Named, posterior: Posterior, conditions: Mapping[int, 
     if not named.terms or not isinstance(named.effect, Effect):
         return named
     number, places = next(iter(named.terms.items()))
-    here = conditions[number]
-    kin = named.effect.kin_for(here, posterior.term(number, places[0]).candidate.shape)
+    here, own = conditions[number], named.effect if named.name == named.effect.id else effect_by_id(named.name)
+    kin = own.kin_for(here, posterior.term(number, places[0]).candidate.shape)
     unasked: list[tuple[Effect, float, str]] = []
     for name, weight in kin.items():
         effect = effect_by_id(name)
@@ -75,8 +75,8 @@ def beside_unasked(named: Named, posterior: Posterior, conditions: Mapping[int, 
         if needs or not effect.shape_grid(here):
             record = [f"record {listed(need.replace('|', ' or ') for need in needs)}"] if needs else []
             unasked.append((effect, weight, record[0] if record else effect.experiment))
-    aliases = named.effect.aliases_for(here).items()
-    unasked += [(effect_by_id(name), weight, named.effect.experiment) for name, weight in aliases]
+    aliases = own.aliases_for(here).items()
+    unasked += [(effect_by_id(name), weight, own.experiment) for name, weight in aliases]
     if not unasked:
         return named
     share = 1.0 / (1.0 + sum(weight for _, weight, _ in unasked))

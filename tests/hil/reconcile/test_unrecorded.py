@@ -46,6 +46,17 @@ def test_the_setpoint_stands_in_for_a_temperature_that_was_not_recorded() -> Non
 
 
 @pytest.mark.slow
+def test_a_law_of_temperature_in_any_form_is_as_sure_as_the_rivals_of_its_name() -> None:
+    """A bias on a straight line may follow the case instead, whose temperature nobody recorded."""
+    here = with_columns(hidden_campaign(3, warm), case_degC=None)
+    first = reconcile(here, "matrix-6", prove=False).effects[0]
+    case = next(rival for rival in first.confusable_with if rival.id == "demod")
+    assert first.id == "bias_T"
+    assert first.kind == "ambiguous"
+    assert case.probability == pytest.approx(0.1 * first.probability)
+
+
+@pytest.mark.slow
 def test_without_any_temperature_a_rising_bias_is_never_named() -> None:
     """Ageing, drift or a temperature that nobody wrote down: ambiguous, and the temperature is what to record."""
     unknown = dict.fromkeys(hidden_campaign(7).sensors[2].conditions.columns)
