@@ -13,6 +13,7 @@ from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.unrecorded import with_stand_ins
 from tests.hil.model.effect_conditions import ROTOR
 from tests.hil.reconcile.hidden_effects import Rows, both, hidden_campaign
+from tests.hil.solve.test_neighbours import campaign as runs_at_their_temperatures
 
 
 def with_columns(campaign: Campaign, **columns: FloatArray | None) -> Campaign:
@@ -48,8 +49,7 @@ def test_the_setpoint_stands_in_for_a_temperature_that_was_not_recorded() -> Non
 @pytest.mark.slow
 def test_a_law_of_temperature_in_any_form_is_as_sure_as_the_rivals_of_its_name() -> None:
     """A bias on a straight line may follow the case instead, whose temperature nobody recorded."""
-    here = with_columns(hidden_campaign(3, warm), case_degC=None)
-    first = reconcile(here, "matrix-6", prove=False).effects[0]
+    first = reconcile(runs_at_their_temperatures(24, 3, seed=11, scatter=0.5), "matrix-6", prove=False).effects[0]
     case = next(rival for rival in first.confusable_with if rival.id == "demod")
     assert first.id == "bias_T"
     assert first.kind == "ambiguous"
