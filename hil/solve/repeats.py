@@ -22,29 +22,30 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.special import ndtr, stdtrit
+from scipy.special import chdtrc, ndtr, stdtrit
 
-from hil.campaign import Campaign, FloatArray, IntArray
+from hil.campaign import BoolArray, Campaign, FloatArray, IntArray
 from hil.solve.runs import Estimate, RunSolution
 from hil.solve.temperatures import nearest, runs_by_temperature, told_by, unit_range_degC
 from hil.solve.wrong_rows import pooled
 
 CONFIDENCE = 0.95
 """Of every interval that is stated."""
+RARE = 0.01
+"""Chance of what is not put down to chance."""
 
 
 @dataclass(frozen=True)
 class Spread:
     """How p parameters scatter from run to run at one temperature, (p,) each.
 
-    `observed` is their standard deviation, NaN where nothing was repeated; `beyond` what the runs' standard errors,
-    times `factor`, leave unexplained, and `explained` the share of the variance that they explain; `degrees` how many
-    runs were repeated.
+    `observed` is their standard deviation, NaN where nothing was repeated; `stated` what the runs' standard errors,
+    times `factor`, say of it, and `beyond` what these leave unexplained; `degrees` how many runs were repeated.
     """
 
     observed: FloatArray
     beyond: FloatArray
-    explained: FloatArray
+    stated: FloatArray
     degrees: IntArray
     factor: float = 1.0
 
@@ -67,8 +68,7 @@ class Spread:
         enough = np.maximum(degrees, 1)
         observed = np.where(degrees > 0, np.sqrt(squares / enough), np.nan)
         more = np.maximum(squares - explained, 0.0)
-        share = explained / np.maximum(explained + more, np.finfo(np.float64).tiny)
-        return cls(observed, np.sqrt(more / enough), share, degrees.astype(np.int64), factor)
+        return cls(observed, np.sqrt(more / enough), np.sqrt(explained / enough), degrees.astype(np.int64), factor)
 
     def sd(self, errors: FloatArray) -> FloatArray:
         """Return the standard deviation of a run's values by its standard errors (…, p); NaN where nothing tells it."""
@@ -81,7 +81,16 @@ class Spread:
 
         What they explain is known better the more repeats agree (`benchmarks/intervals.py` measures the coverage).
         """
-        return np.where(self.degrees > 0, self.degrees * (1.0 + 0.5 * self.degrees * self.explained**2), np.inf)
+        own = self.stated**2
+        explained = own / np.maximum(own + self.beyond**2, np.finfo(np.float64).tiny)
+        return np.where(self.degrees > 0, self.degrees * (1.0 + 0.5 * self.degrees * explained**2), np.inf)
+
+    def times_stated(self, which: BoolArray) -> float:
+        """Return by how much parameters (p,) scatter more than standard errors say: 1 where chance explains it."""
+        told = which & (self.degrees > 0) & (self.stated > 0.0)
+        times = (self.observed[told] / self.stated[told]) ** 2 @ self.degrees[told]
+        count = self.degrees[told].sum()
+        return math.sqrt(times / count) if chdtrc(count, times) < RARE else 1.0
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ from hil.solve.changes import CHANGES, with_collect_4, with_order_1_3_2, with_se
 from hil.solve.identifiability import orthonormal, project_out, whitener
 from procedures.plan import make_plan
 from tests.hil.model.effect_conditions import ROTOR, TRIAD, campaign, triad_poses
+from tests.hil.solve.test_neighbours import campaign as runs_at_their_temperatures
 
 
 @pytest.fixture(scope="module")
@@ -234,6 +235,19 @@ def test_what_repeats_scatter_by_is_what_an_effect_must_exceed() -> None:
     assert maps[1]["2"]["noise"]["run_bias_deg_per_hr"] == pytest.approx(8.0, rel=0.4)
     matrix_6 = built_in_model("matrix-6")
     assert smallest(loud, matrix_6, "ageing") > 5.0 * smallest(quiet, matrix_6, "ageing")
+
+
+@pytest.mark.slow
+def test_standard_errors_that_are_too_small_are_no_scatter_from_run_to_run() -> None:
+    """GS, which nothing but white noise moves, tells it from a bias of its own in each run."""
+    for offset in (0.0, 2.0):
+        one = runs_at_their_temperatures(24, 3, seed=5, scatter=offset)
+        small = replace(one.sensors[2], rates_se_deg_per_hr=0.25 * one.sensors[2].rates_se_deg_per_hr)
+        found: Any = campaign_document(replace(one, sensors={2: small}))
+        noise = found["sensors"]["2"]["noise"]
+        assert noise["collect_deg_per_hr"] == pytest.approx(0.7, rel=0.2)
+        assert noise["run_bias_deg_per_hr"] == pytest.approx(offset, abs=0.4)
+        assert noise["run_mu_deg_per_hr_per_g"] < 0.6
 
 
 @pytest.mark.parametrize(
