@@ -22,7 +22,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtrc, ndtr, stdtrit
+from scipy.special import chdtr, chdtrc, ndtr, stdtrit
 
 from hil.campaign import BoolArray, Campaign, FloatArray, IntArray
 from hil.solve.runs import Estimate, RunSolution
@@ -86,11 +86,12 @@ class Spread:
         return np.where(self.degrees > 0, self.degrees * (1.0 + 0.5 * self.degrees * explained**2), np.inf)
 
     def times_stated(self, which: BoolArray) -> float:
-        """Return by how much parameters (p,) scatter more than standard errors say: 1 where chance explains it."""
+        """Return how many times what standard errors say parameters (p,) scatter by: 1 where chance explains it."""
         told = which & (self.degrees > 0) & (self.stated > 0.0)
-        times = (self.observed[told] / self.stated[told]) ** 2 @ self.degrees[told]
+        squares = (self.observed[told] / self.stated[told]) ** 2 @ self.degrees[told]
         count = self.degrees[told].sum()
-        return math.sqrt(times / count) if chdtrc(count, times) < RARE else 1.0
+        by_chance = min(chdtr(count, squares), chdtrc(count, squares)) > 0.5 * RARE if count else True
+        return 1.0 if by_chance else math.sqrt(squares / count)
 
 
 @dataclass(frozen=True)
@@ -176,6 +177,11 @@ class SensorRepeats:
                 found[name] = Uncertain(each.value, sd, float(self.spread.freedom[place]), 1, unit)
         return found
 
+    @property
+    def times_stated(self) -> float:
+        """By how much more or less than stated averages scatter by themselves: what neither bias nor MU moves shows."""
+        return self.spread.times_stated(np.array([not name.startswith(("B", "MU")) for name in self.names]))
+
     def document(self) -> dict[str, Any]:
         """Return the JSON of it: `run_to_run` by parameter, `means` by temperature, and runs that are in neither."""
         beyond = zip(
@@ -218,10 +224,13 @@ class SensorRepeats:
         ]
         unknown = "" if self.told_by else "; no temperature was recorded, so that every run counts as a repeat"
         degrees = f"{self.spread.degrees.max()} degrees of freedom{unknown}"
+        times = self.times_stated
+        how = f"{max(times, 1.0 / times):.2g} times too {'small' if times > 1.0 else 'large'}"
+        by_noise = [f"standard errors are {how}, as what nothing but noise moves shows ({degrees})"] * (times != 1.0)
         if not told:
-            return [f"repeats scatter as their standard errors say ({degrees})"]
+            return by_noise or [f"repeats scatter as their standard errors say ({degrees})"]
         more = f"repeats scatter more than their standard errors say ({degrees})"
-        return [f"{more}: {'; '.join(told)}; each ± includes it"]
+        return [f"{more}: {'; '.join(told)}; each ± includes it", *by_noise]
 
 
 def repeats(campaign: Campaign, solutions: Sequence[RunSolution]) -> dict[int, SensorRepeats]:

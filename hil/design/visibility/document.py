@@ -128,15 +128,14 @@ def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[st
     shown = repeats(stated, solve_campaign(stated))
     used = usable(treated(pooled(stated))).sensors
     conditions = {number: rows.conditions for number, rows in used.items()}
-    larger = {number: _white(each) for number, each in shown.items()}
     sigmas = {  # as large as residuals and repeats show them to be
         number: np.where(np.isfinite(rows.rates_deg_per_hr), rows.rates_se_deg_per_hr, np.nan)
-        * (shown[number].spread.factor * larger[number] if number in shown else 1.0)
+        * (shown[number].spread.factor * shown[number].times_stated if number in shown else 1.0)
         for number, rows in used.items()
     }
     noise = {
         number: replace(
-            _seen(each, larger[number], assumed=sensors[number] is not campaign.sensors[number])
+            _seen(each, assumed=sensors[number] is not campaign.sensors[number])
             if np.any(each.spread.degrees)
             else NoiseLevel(),
             collect_deg_per_hr=float(np.sqrt(np.nanmean(sigmas[number] ** 2))),
@@ -155,14 +154,9 @@ def _with_typical_noise(rows: Collects) -> Collects:
     return replace(rows, rates_se_deg_per_hr=errors) if silent.any() else rows
 
 
-def _white(shown: SensorRepeats) -> float:
-    """Return how much more than stated averages scatter by themselves: what neither bias nor MU moves shows it."""
-    return shown.spread.times_stated(np.array([not name.startswith(("B", "MU")) for name in shown.names]))
-
-
-def _seen(shown: SensorRepeats, times_white: float, *, assumed: bool) -> NoiseLevel:
+def _seen(shown: SensorRepeats, *, assumed: bool) -> NoiseLevel:
     """Return what repeats scatter by beyond white noise: bias and, of a rotor, MU, rms of both channels."""
-    more = np.maximum(shown.spread.beyond**2 - (times_white**2 - 1.0) * shown.spread.stated**2, 0.0)
+    more = np.maximum(shown.spread.observed**2 - (shown.times_stated * shown.spread.stated) ** 2, 0.0)
     beyond = [each for each in zip(shown.names, more, shown.spread.degrees, strict=True) if each[2]]
     bias, mu = ([more for name, more, _ in beyond if name.startswith(kind)] for kind in ("B", "MU"))
     source = "its repeats, beyond an assumed noise of collects" if assumed else "its repeats"

@@ -15,6 +15,7 @@ from hil.solve.repeats import Spread
 from hil.solve.wrong_rows import in_words, what_is_wrong
 from procedures.verdict import Judgement, Verdict
 from tests.hil.analysis.thermal.nights import PUBLISHED_DEGC, RUN_TO_RUN, rotor_night, scaled
+from tests.hil.solve.test_neighbours import campaign as runs_at_their_temperatures
 
 TRUTH = {
     "BA": (20.0, 5.0),
@@ -119,6 +120,18 @@ def test_a_spread_is_pooled_over_temperatures_and_never_less_than_standard_error
     assert quiet.beyond[0] == 0.0
     assert quiet.sd(np.full((6, 1), 5.0))[0, 0] == 5.0
     assert quiet.freedom[0] == 3 * spread.degrees[0]  # what stated errors explain is known better
+
+
+@pytest.mark.parametrize(("times", "said"), [(0.25, "times too small"), (1.0, "scatter as"), (4.0, "times too large")])
+def test_standard_errors_that_repeats_contradict_are_said_to_be_wrong(times: float, said: str) -> None:
+    """By about how much, from what neither bias nor MU moves; a bias of its own in each run changes nothing of that."""
+    for offset in (0.0, 2.0):
+        one = runs_at_their_temperatures(24, 3, seed=5, scatter=offset)
+        errors = replace(one.sensors[2], rates_se_deg_per_hr=times * one.sensors[2].rates_se_deg_per_hr)
+        stated = replace(one, sensors={2: errors})
+        shown = repeats(stated, solve_campaign(stated))[2]
+        assert shown.times_stated == pytest.approx(1.0 / times, rel=0.2)
+        assert said in shown.sentences()[-1] or (offset > 0.0 and times == 1.0)
 
 
 @pytest.mark.slow
