@@ -182,8 +182,8 @@ class StreamImu:
         codes = batch.wire(role.position)
         same = codes == codes[-1]
         for field, of in bits.items():
-            mask = sum(1 << bit.bit for name, bit in of.items() if name in (role.moving, role.in_position))
-            same &= (words[field] ^ words[field][-1]) & mask == 0
+            if mask := sum(1 << bit.bit for name, bit in of.items() if name in (role.moving, role.in_position)):
+                same &= (words[field] ^ words[field][-1]) & mask == 0
         status = IndexStatus(
             time_s=float(times_s[-1]),
             since_s=float(times_s[0 if same.all() else len(same) - int(np.argmin(same[::-1]))]),
