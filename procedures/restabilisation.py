@@ -121,21 +121,23 @@ class RestabilisationGate:
         self._air = _recent(self._air, begins_s)
         self._unit = {sensor: _recent(looks, begins_s) for sensor, looks in self._unit.items()}
         held = self._band_s is not None and self._band_s <= begins_s + _EPSILON_S
-        steady = held and abs(_slope(self._air)) <= self._settings.slope_degC_per_min
+        air, unit = _evidence(self._air), {str(sensor): _evidence(looks) for sensor, looks in self._unit.items()}
+        slope = air["slope_degC_per_min"]
+        steady = held and slope is not None and abs(slope) <= self._settings.slope_degC_per_min
         criteria = {"time": soaked, "band": held, "slope": steady}
         for sensor, looks in self._unit.items():
             whole = bool(looks) and looks[0][0] <= begins_s + self._settings.window_s / _EVALUATIONS + self._pace(looks)
             criteria[f"unit band (sensor {sensor})"] = whole and _span(looks) <= self._settings.unit_band_degC
+            slope = unit[str(sensor)]["slope_degC_per_min"]
             criteria[f"unit slope (sensor {sensor})"] = (
-                whole and abs(_slope(looks)) <= self._settings.unit_slope_degC_per_min
+                whole and slope is not None and abs(slope) <= self._settings.unit_slope_degC_per_min
             )
         before = self._since
         self._since = {
             name: (time_s if before.get(name) is None else before[name]) if met else None
             for name, met in criteria.items()
         }
-        unit = {str(sensor): _evidence(looks) for sensor, looks in self._unit.items()}
-        self.decision = Decision(self._since, {"chamber": _evidence(self._air), "unit": unit})
+        self.decision = Decision(self._since, {"chamber": air, "unit": unit})
 
     @staticmethod
     def _pace(looks: list[tuple[float, float]]) -> float:
@@ -148,13 +150,6 @@ def _recent(looks: list[tuple[float, float]], begins_s: float) -> list[tuple[flo
     return [look for look in looks if look[0] >= begins_s - _EPSILON_S]
 
 
-def _slope(looks: list[tuple[float, float]]) -> float:
-    """Return the slope in °C/min, infinite where it cannot be told."""
-    table = np.array(looks).reshape(-1, 2)
-    slope = slope_per_min(table[:, 0], table[:, 1])
-    return np.inf if slope is None else slope
-
-
 def _span(looks: list[tuple[float, float]]) -> float:
     values = [value for _, value in looks]
     return max(values) - min(values)
@@ -164,8 +159,8 @@ def _evidence(looks: list[tuple[float, float]]) -> dict[str, float | None]:
     """Return last temperature, slope and span over the window."""
     if not looks:
         return {"temperature_degC": None, "slope_degC_per_min": None, "span_degC": None}
-    slope = _slope(looks)
-    known = float(slope) if np.isfinite(slope) else None
+    slope = slope_per_min(*np.array(looks).T)
+    known = slope if slope is not None and np.isfinite(slope) else None
     return {"temperature_degC": looks[-1][1], "slope_degC_per_min": known, "span_degC": _span(looks)}
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from drivers.errors import DeviceError, WrongDevice
 from drivers.frames.counts import StreamCounts
 from drivers.imu import ImuIdentity, SampleBlock
-from drivers.imu.samples import rate_fields
+from drivers.imu.samples import finite_mean, rate_fields
 from procedures.devices import BenchDevices
 from procedures.interlocks import Look, of_unit
 from procedures.stuck_rates import Unchanged
@@ -98,10 +98,9 @@ class UnitWatch:
         for number, channels in self.imu.sensors.items():
             if channels.temperature is None or channels.temperature not in block.fields:
                 continue
-            values = block.fields[channels.temperature]
-            values = values[np.isfinite(values)]
-            if len(values):
-                temperatures[number] = float(values.mean())
+            mean, n = finite_mean(block.fields[channels.temperature])
+            if n:
+                temperatures[number] = mean
         return temperatures
 
 

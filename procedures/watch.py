@@ -245,6 +245,7 @@ class Watch:
         self._drained_s = self.now_s
         fresh, chamber_error = self._read_chamber()
         self._answered_s = self._drained_s if fresh else self._answered_s
+        disk_free_mb = None if self._disk_free_mb is None else self._disk_free_mb()
         # Interlocks come before anything that could fail for another reason.
         looks = {
             name: Look(
@@ -263,7 +264,7 @@ class Watch:
                 commanded_degC=self.commanded_degC,
                 arrived=self.arrived,
                 frozen_s=self.units[name].unchanged.lasting_s(block, self._drained_s),
-                disk_free_mb=None if self._disk_free_mb is None else self._disk_free_mb(),
+                disk_free_mb=disk_free_mb,
                 resting=self.resting,
             )
             for name, (block, span_s, stream_error) in drained.items()

@@ -64,10 +64,13 @@ class FrameFamily:
 
     def alike(self, rows: Rows, layout: FrameLayout) -> NDArray[np.bool_]:
         """Tell which of n stretches as long as a good frame, the first, (n, length), are good frames of its form."""
-        ends = rows[:, rows.shape[1] - len(self.delimiter) :] == np.frombuffer(self.delimiter, np.uint8)
-        same = [] if self._told is None else self._told.places
-        alike = ends.all(axis=1) & (rows[:, same] == rows[0, same]).all(axis=1)
-        return np.asarray(layout.checksum.matches_rows(rows) & alike)
+        alike = layout.checksum.matches_rows(rows)
+        if self.delimiter:
+            ends = rows[:, rows.shape[1] - len(self.delimiter) :] == np.frombuffer(self.delimiter, np.uint8)
+            alike &= ends.all(axis=1)
+        if self._told is not None:
+            alike &= (rows[:, self._told.places] == rows[0, self._told.places]).all(axis=1)
+        return alike
 
 
 class ItemsFamily(FrameFamily):

@@ -85,7 +85,9 @@ class FrameLayout:
     def blank(self, n: int) -> Rows:
         """Return n frames with header and delimiter, everything else 0, shape (n, length)."""
         template = self.header + bytes(self.length - len(self.header) - len(self.delimiter)) + self.delimiter
-        return np.tile(np.frombuffer(template, np.uint8), (n, 1))
+        rows = np.empty((n, self.length), np.uint8)
+        rows[:] = np.frombuffer(template, np.uint8)
+        return rows
 
     def _whole(self, rows: Rows) -> Rows:
         """Return frames with the zeros that were not sent."""
@@ -119,6 +121,14 @@ class FrameLayout:
         mask = told.dtype.type(when.mask) if when.mask is not None else ~told.dtype.type(0)
         return np.asarray((told & mask) == when.equals)
 
+    @cached_property
+    def _conversions(self) -> Sequence[tuple[str, bool, float, float, bool]]:
+        """Of every numeric field: name, whether its width is native, factor, offset, whether it takes turns."""
+        return [
+            (name, name not in self.assembled, self.factor(name), field.offset, field.when is not None)
+            for name, field in self.numeric.items()
+        ]
+
     def columns(self, rows: Rows) -> dict[str, FloatArray]:
         """Return all numeric fields of n frames in their units, each of shape (n,); NaN where a field is not there."""
         n = len(rows)
@@ -126,13 +136,12 @@ class FrameLayout:
         for start in range(0, n, _BLOCK):
             block = self._whole(rows[start : start + _BLOCK])
             records = np.ndarray(len(block), self.record, block)
-            for part, (name, field) in zip(values[:, start : start + _BLOCK], self.numeric.items(), strict=True):
-                wire = self.wire_values(block, name) if name in self.assembled else records[name]
-                np.multiply(wire, self.factor(name), out=part, dtype=np.float64)
-                if field.offset != 0.0:
-                    part += field.offset
-                there = self.present(block, name)
-                if there is not None:
+            parts = zip(values[:, start : start + _BLOCK], self._conversions, strict=True)
+            for part, (name, native, factor, offset, sometimes) in parts:
+                np.multiply(records[name] if native else self.wire_values(block, name), factor, part, dtype=np.float64)
+                if offset != 0.0:
+                    part += offset
+                if sometimes and (there := self.present(block, name)) is not None:
                     part[~there] = np.nan
         columns = dict(zip(self.numeric, values, strict=True))
         for name in self.absent:
@@ -147,26 +156,27 @@ class FrameLayout:
         return [cell.split(b"\0")[0].decode("ascii", "replace").replace("�", "?").strip() for cell in cells]
 
     @cached_property
-    def _whole_numbers(self) -> dict[str, tuple[float, float, int, int]]:
-        """Of the native integers that a float holds exactly: offset, factor, and the ends of their range."""
-        return {
-            name: (field.offset, self.factor(name), *_range(field))
-            for name, field in self.numeric.items()
-            if name not in self.assembled and field.type[0] in "ui" and field.bits <= 32
-        }
+    def _whole_numbers(self) -> tuple[dict[str, int], FloatArray]:
+        """Of the native integers that a float holds exactly: their rows in offset, factor, least, most: (4, k, 1)."""
+        fields = {name: field for name, field in self.numeric.items() if name not in self.assembled}
+        known = {name: field for name, field in fields.items() if field.type[0] in "ui" and field.bits <= 32}
+        told = [(field.offset, self.factor(name), *_range(field)) for name, field in known.items()]
+        return {name: row for row, name in enumerate(known)}, np.array(told, float).reshape(-1, 4, 1).swapaxes(0, 1)
 
     def store_together(self, rows: Rows, columns: Mapping[str, ArrayLike]) -> None:
         """Write numeric fields (n,) of n frames as `store` does, what fits all at once: a poll brings few frames."""
-        usual = [name for name in columns if name in self._whole_numbers]
-        told = np.array([self._whole_numbers[name] for name in usual]).reshape(-1, 4, 1)
+        places, told = self._whole_numbers
+        usual = [name for name in columns if name in places]
+        offset, factor, least, most = told[:, [places[name] for name in usual]]
         wire = np.empty((len(usual), len(rows)))
         for row, name in zip(wire, usual, strict=True):
             row[:] = columns[name]
-        wire -= told[:, 0]
-        wire /= told[:, 1]
+        wire -= offset
+        wire /= factor
         np.rint(wire, out=wire)
-        within = np.logical_and.reduce((wire >= told[:, 2]) & (wire <= told[:, 3]), axis=1).tolist()
-        fit = dict(zip([name for name, fits in zip(usual, within, strict=True) if fits], wire[within], strict=True))
+        ends = wire.min(axis=1, initial=np.inf), wire.max(axis=1, initial=-np.inf)  # NaN where there is any
+        within = ((ends[0] >= least[:, 0]) & (ends[1] <= most[:, 0])).tolist()
+        fit = {name: row for name, row, fits in zip(usual, wire, within, strict=True) if fits}
         records = np.ndarray(len(rows), self.record, rows) if len(rows) else np.empty(0, self.record)
         for name, values in columns.items():
             if name in fit:

@@ -173,7 +173,9 @@ class Scanner:
         begins = rows[:, : len(header)] == np.frombuffer(header, np.uint8)
         if None in header.told:
             begins |= [byte is None for byte in header.told]
-        run = begins.all(axis=1) & family.alike(rows, form)
+        run = family.alike(rows, form)
+        if not begins.all():
+            run &= begins.all(axis=1)
         n = len(rows) if run.all() else int(np.argmin(run))
         if self._confirms:
             self.newest[index] = (form, rows[n - 1].tobytes())

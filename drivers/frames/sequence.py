@@ -67,7 +67,9 @@ class FrameSequence:
         if self._counter is not None:
             moved, step = self._moved(values, self._counter.step, self._counter.modulus), self._counter.step
             # A counter between two steps belongs to the nearer; one that moved at all is no repetition.
-            steps = np.where(moved == 0, 0, np.maximum(1, (moved + step // 2) // step)).astype(np.int64)
+            steps = np.ones(len(moved), np.int64)
+            if not (moved == step).all():
+                steps = np.where(moved == 0, 0, np.maximum(1, (moved + step // 2) // step)).astype(np.int64)
         else:
             time = self._time
             modulus = None if time is None else time.modulus

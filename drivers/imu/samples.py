@@ -1,5 +1,6 @@
 """What a unit gives: who it is, and its stream as blocks of decoded samples."""
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
@@ -48,11 +49,19 @@ def rate_fields(sensors: Mapping[int, SensorRole]) -> Mapping[str, str]:
     return {f"{number}.{channel}": name for number, each in sensors.items() for channel, name in each.rates.items()}
 
 
+def finite_mean(values: FloatArray) -> tuple[float, int]:
+    """Return the mean of the finite ones of n values, NaN where there is none, and their number."""
+    total = float(values.sum())
+    if not math.isfinite(total):
+        values = values[np.isfinite(values)]
+        total = float(values.sum())
+    return total / len(values) if len(values) else math.nan, len(values)
+
+
 def rate_means(block: SampleBlock, fields: Mapping[str, str]) -> Iterator[tuple[str, float, int]]:
     """Yield label, mean and number of a block's finite values for every rate of which it holds any."""
     for label, name in fields.items():
         if name in block.fields:
-            values = block.fields[name]
-            values = values[np.isfinite(values)]
-            if len(values):
-                yield label, float(values.mean()), len(values)
+            mean, n = finite_mean(block.fields[name])
+            if n:
+                yield label, mean, n

@@ -161,7 +161,7 @@ class StreamImu:
         if not len(batch):
             return decoded, np.empty(0)
         times_s, correction = self._sample_clock.stamp(batch.sequence, arrival_s)
-        gap_s = float(np.diff(times_s, prepend=self._last_s).max())
+        gap_s = max(float(times_s[0]) - self._last_s, float((times_s[1:] - times_s[:-1]).max(initial=0.0)))
         jumped = correction != 0 and decoded.counts.lost > LOST_S * self.sample_rate_hz
         self.unsure |= jumped or (gap_s > LOST_S and not self._sample_clock.anew)
         self._last_s = float(times_s[-1])
@@ -182,8 +182,8 @@ class StreamImu:
         codes = batch.wire(role.position)
         same = codes == codes[-1]
         for field, of in bits.items():
-            mask = sum(1 << bit.bit for name, bit in of.items() if name in (role.moving, role.in_position))
-            same &= (words[field] ^ words[field][-1]) & mask == 0
+            if mask := sum(1 << bit.bit for name, bit in of.items() if name in (role.moving, role.in_position)):
+                same &= (words[field] ^ words[field][-1]) & mask == 0
         status = IndexStatus(
             time_s=float(times_s[-1]),
             since_s=float(times_s[0 if same.all() else len(same) - int(np.argmin(same[::-1]))]),

@@ -1,5 +1,6 @@
 """What moves slowly in the simulated unit, on a grid of 5 s: temperatures, coefficients, supply, spin, noise levels."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -155,10 +156,10 @@ class SlowGrid:
 
     def advance(self, to_s: float, unit: object) -> None:
         """Add the grid points up to `to_s`, for which a `unit` asks."""
-        times_s, state, slopes = self._thermal.advance(to_s)
         self._asked[unit] = len(self._state.rows)
-        if not len(times_s):
+        if math.floor((to_s - self._begins_s) / GRID_S) < len(self._state.rows):
             return
+        _, state, slopes = self._thermal.advance(to_s)
         oldest = min(self._asked.values()) - _KEPT
         for table in (self.level, self.slope, self.sigma, *self._coefficients.values()):
             table.drop_before(oldest)

@@ -87,6 +87,7 @@ class SimulatedUnit:
         self._columns: FieldColumns = field_columns(self._sensors, roles)
         self._grid: SlowGrid = alike._grid if alike else self._slow_grid(settings, plant, begins_s, sample_rate_hz)
         self._supply = None if self._columns.supply is None else Supply(settings, session)
+        self._rests: dict[tuple[int, int], tuple[Rest, FloatArray]] = {}  # until the next move
         self._timeline = Timeline(
             {n: bench.orientations(n) for n in self._sensors},
             settings.start.position,
@@ -122,6 +123,7 @@ class SimulatedUnit:
         settling = self._settling
         time_constant_s = settling.time_constant_cold if rotor_degC < _COLD_DEGC else settling.time_constant
         leg = self._timeline.add(position, begins_s, ends_s, time_constant_s)
+        self._rests.clear()
         for sensor in self._sensors.values():
             sensor.begin_run(leg.run, rotor_degC)
 
@@ -176,34 +178,37 @@ class SimulatedUnit:
 
     def _stay(self, number: int, here: _Part) -> None:
         """Add rates and accelerations of a sensor that rests at its position."""
-        one, rest = self._sensors[number], self._rest(number, here.leg)
-        f_g = rest.f_g
+        one, leg = self._sensors[number], here.leg
+        if (number, leg.number) not in self._rests:
+            rest = self._rest(number, leg)
+            self._rests[number, leg.number] = rest, one.rates(one.scatter_coefficients(leg.run)[None], rest.f_g)
+        rest, own = self._rests[number, leg.number]
         first, last = int(here.nodes[0]), int(here.nodes[-1])
+        at, risen = here.nodes - first, np.zeros(1)
         if number in self._terms:
-            level = self._terms[number].rates(rest, first, last)
-            slope = np.zeros_like(level)
+            level = self._terms[number].rates(rest, first, last)[at]
         else:
-            key = first, last, here.leg.position
-            level, slope = self._grid.once(number, key, lambda: self._at_rest(number, rest, first, last))
-        level = level + one.rates(one.scatter_coefficients(here.leg.run)[None], f_g)
-        at = here.nodes - first
-        named = []
+            key = float(here.times_s[0]), float(here.times_s[-1]), len(at), leg.position
+            level, risen = self._grid.once(number, key, lambda: self._at_rest(number, rest, here))
+        rates = level + own
+        named: list[FloatArray] = []
         if number in self._scatter:
-            wandered, columns = self._scatter[number].rates(rest, first, last)
-            level += wandered
-            named = [(c[at], drawn) for c, drawn in zip(columns, here.white[number], strict=True)]
-        rates = level[at] + slope[at] * here.since_s[:, None]
-        for unit, drawn in named:
-            rates += np.einsum("ncp,np->nc", unit, drawn)
-        rates += _settling(here.leg, self._settling.size, here.times_s)
+            wandered, named = self._scatter[number].rates(rest, first, last)
+            rates += wandered[at]
+        rates += risen
+        for columns, drawn in zip(named, here.white.get(number, ()), strict=True):
+            rates += np.einsum("ncp,np->nc", columns[at], drawn)
+        rates += _settling(leg, self._settling.size, here.times_s)
         here.readings[:, self._columns.rates[number]] += rates
-        here.readings[:, self._columns.accelerations[number]] += f_g[one.acceleration_axes]
+        here.readings[:, self._columns.accelerations[number]] += rest.f_g[one.acceleration_axes]
 
-    def _at_rest(self, number: int, rest: Rest, first: int, last: int) -> tuple[FloatArray, FloatArray]:
-        """Return the rates at grid points `first` to `last` while resting, (m, c), deg/hr, and their slopes, per s."""
-        one = self._sensors[number]
+    def _at_rest(self, number: int, rest: Rest, here: _Part) -> tuple[FloatArray, FloatArray]:
+        """Return the rates at the grid points before samples at rest, (n, c), deg/hr, and what they rose since."""
+        one, first, last = self._sensors[number], int(here.nodes[0]), int(here.nodes[-1])
         now, then = np.hsplit(self._grid.coefficients(number).between(first, last), 2)
-        return one.rates(now, rest.f_g, rest.w_deg_per_hr[one.sensor.channel_axes]), one.rates(then, rest.f_g)
+        level, slope = one.rates(now, rest.f_g, rest.w_deg_per_hr[one.sensor.channel_axes]), one.rates(then, rest.f_g)
+        at = here.nodes - first
+        return level[at], slope[at] * here.since_s[:, None]
 
     def _turn(self, number: int, here: _Part) -> None:
         """Add rates and accelerations of a sensor that is being turned: it sees the motion itself."""

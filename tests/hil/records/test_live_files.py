@@ -13,7 +13,8 @@ import pytest
 from drivers.clock import VirtualClock
 from drivers.frames.counts import StreamCounts
 from drivers.frames.roles import SensorRole
-from hil.records.live import LIVE_NAME, TRACE_NAME, LiveFiles, TraceReader, read_live
+from hil.records.live import LIVE_NAME, TRACE_NAME, LiveFiles, LiveFilesOfUnits, TraceReader, read_live
+from hil.records.units import unit_folder
 from procedures.plan import Step, StepKind
 from procedures.progress import Audience, Silent, Snapshot
 
@@ -64,6 +65,16 @@ def test_the_newest_state_and_a_row_for_every_second_can_be_read_while_the_night
     assert rows[0, 1:].tolist() == pytest.approx([23.5, 23.4, 31.0, 11.5, 12.0, 0.5])
     assert len(trace.read()) == 0
     files.close()
+
+
+def test_every_unit_sees_its_own_snapshots_only(tmp_path, clock) -> None:
+    """What one unit reads never stands in another's folder."""
+    units = {name: LiveFiles(tmp_path, SENSORS, every_s=0.5, unit=name, clock=clock) for name in ("a", "b")}
+    files = LiveFilesOfUnits(units)
+    files.update(seen(100.0, unit="a"))
+    files.update(seen(101.0, unit="b"))
+    files.close()
+    assert [read_live(unit_folder(tmp_path, name))["elapsed_s"] for name in units] == [100.0, 101.0]
 
 
 def test_a_night_that_jumps_writes_its_state_by_real_time_and_its_trace_by_the_nights(tmp_path, clock) -> None:
