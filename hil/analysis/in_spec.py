@@ -39,6 +39,7 @@ from procedures.verdict import NOT_GOOD, Judgement
 from procedures.words import counted, numbered
 
 _ALONE = "nothing was repeated, so what changes from run to run is not known: measure a temperature more than once"
+_NO_TEMPERATURE = "no temperature was recorded: runs at different ones may count as repeats"
 _NO_EARLIER = "no earlier campaign was given to compare with (--against)"
 _OF = {"value": "", "scatter": " from run to run", "change": ", change since the earlier campaign", "span": ", span"}
 
@@ -248,8 +249,9 @@ class _Judged:
             (None, self.limits.scatter),
             self._doubt([each for each in self.shown.means if len(each.runs) > 1]),
         )
-        if self.limits.scatter is not None and (doubt or not self._degrees):
-            yield self._told("scatter", limits, doubt or _ALONE)
+        doubt = doubt or (_ALONE if not self._degrees else "" if self.shown.told_by else _NO_TEMPERATURE)
+        if self.limits.scatter is not None and doubt:
+            yield self._told("scatter", limits, doubt)
         elif self.limits.scatter is not None:
             sd, chance = float(self.shown.spread.observed[self._place]), float(ndtr(-self.rule.sigmas))
             ends = [sd * math.sqrt(self._degrees / chdtri(self._degrees, each)) for each in (chance, 1.0 - chance)]
@@ -309,7 +311,10 @@ def in_spec_of(
     limits = None if name is None else load_limits(name)
     if limits is not None and campaign is not None:
         sensors = {number: each.conditions.sensor for number, each in campaign.sensors.items()}
-        limits.check(sensors, campaign.identity.get("model", ""))
+        there = {number: of for number, of in limits.sensors.items() if number in sensors}
+        limits.model_copy(update={"sensors": there or limits.sensors}).check(
+            sensors, campaign.identity.get("model", "")
+        )
     elif limits is None and night:
         with reading(source) as journal:
             limits = recorded_limits(journal.night.configuration)

@@ -140,34 +140,44 @@ def _copies(campaign: Campaign) -> Iterator[_Found]:
                 words = f"{name} of sensor {numbers[0]} and {another} of sensor {numbers[1]} show the very same rates"
                 yield list({id(each): each for each in (one, other)}.values()), np.isfinite(rates), words
     for number, collects in () if campaign.rebuilt else campaign.sensors.items():
-        rates, errors = collects.rates_deg_per_hr, collects.rates_se_deg_per_hr
-        if np.isnan(errors).all():
+        rates = collects.rates_deg_per_hr
+        if np.isnan(collects.rates_se_deg_per_hr).all():
             continue
-        step = 10.0 ** np.ceil(np.log10(np.min(errors[errors > 0.0]) / _DIGITS))  # so coarse, two may agree by chance
         known = np.isfinite(rates).all(axis=1)
         _, first, times = np.unique(rates[known], axis=0, return_inverse=True, return_counts=True)
         twice = np.zeros_like(known)
         twice[known] = (times > 1)[first.ravel()]
-        if twice.any() and np.any(np.abs(rates[twice] / step - np.round(rates[twice] / step)) > _ROUNDING):
+        if np.any([twice & _by_no_chance(collects, channel) for channel in range(rates.shape[1])]):
             yield [collects], twice, f"sensor {number}: show the very same rates: one was copied from another"
 
 
 def clipped(collects: Collects) -> Iterator[tuple[int, BoolArray, str]]:
     """Yield channel, rows (n,) and words where averages pile up on a channel's extreme value, as no noise does.
 
-    And where a channel shows exactly 0 in every collect of a run.
+    And where a channel shows the very same in every collect of a run, which turned it over.
     """
     run = collects.conditions.run
     for channel, rates in enumerate(collects.rates_deg_per_hr.T):
         name = f"sensor {collects.conditions.sensor.number}: {[*collects.conditions.sensor.channels][channel]}"
-        dead = [one for one in np.unique(run).tolist() if len(own := rates[run == one]) >= _SAME_ROWS and not own.any()]
-        if dead:
-            yield channel, np.isin(run, dead), f"{name}: every rate is exactly 0: nothing was measured"
-        levels, counts = np.unique(rates[np.isfinite(rates)], return_counts=True)
+        of_run = ((run == one) & _by_no_chance(collects, channel) for one in np.unique(run).tolist())
+        stuck = [rows for rows in of_run if rows.sum() >= _SAME_ROWS and np.ptp(rates[rows]) == 0.0]
+        for level in dict.fromkeys(float(rates[rows][0]) for rows in stuck):
+            here = np.any([rows for rows in stuck if rates[rows][0] == level], axis=0)
+            yield channel, here, f"{name}: every rate is exactly {level + 0.0:g}: nothing was measured"
+        moving = np.isfinite(rates) & ~np.any([np.zeros_like(run, bool), *stuck], axis=0)
+        levels, counts = np.unique(rates[moving], return_counts=True)
         for end in (0, -1) if len(levels) > _PILED else ():
             if counts[end] > max(_PILED - 1, _PILED_RATIO * counts[1:-1].max()):
                 words = f"{name} goes no further than {levels[end]:g} deg/hr: it is clipped"
                 yield channel, rates == levels[end], words
+
+
+def _by_no_chance(collects: Collects, channel: int) -> BoolArray:
+    """Return the rows (n,) whose rate has more digits than two averages have in common by chance, or is exactly 0."""
+    rates, errors = collects.rates_deg_per_hr[:, channel], collects.rates_se_deg_per_hr[:, channel]
+    least = np.min(errors, where=errors > 0.0, initial=np.inf)
+    in_steps = rates / 10.0 ** np.ceil(np.log10(least / _DIGITS))  # 0 where no error is stated
+    return np.asarray((rates == 0.0) | (np.abs(in_steps - np.round(in_steps)) > _ROUNDING))
 
 
 def unclipped(collects: Collects) -> Collects:

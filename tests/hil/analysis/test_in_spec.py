@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hil.analysis.against import compare
-from hil.analysis.in_spec import InSpec, Word, judge
+from hil.analysis.in_spec import _NO_TEMPERATURE, InSpec, Word, in_spec_of, judge
 from hil.analysis.night_verdict import night_verdict
 from hil.campaign import Campaign
 from hil.config.limits import Limits, ParameterLimits
+from hil.errors import InputError
 from hil.solve import repeats, solve_campaign
 from hil.solve.repeats import means_of
 from procedures.verdict import Judgement, Verdict
@@ -41,6 +43,28 @@ def judged(campaign: Campaign, of: Limits, earlier: Campaign | None = None) -> I
     solutions = solve_campaign(campaign)
     comparison = None if earlier is None else compare(campaign, earlier)
     return judge(of, repeats(campaign, solutions), solutions, night_verdict("complete", solutions), comparison)
+
+
+def test_limits_of_two_sensors_judge_the_one_that_was_measured(tmp_path: Path) -> None:
+    """Of the other nobody can tell; a sensor that neither has is a mistake in the file."""
+    one = night()
+    found = in_spec_of(tmp_path, one, solve_campaign(one), "rd-gc-86-1")
+    assert found is not None
+    assert {each.reason for each in found.characteristics if each.sensor == 1} == {"no run could tell it"}
+    assert {each.word for each in found.characteristics if each.sensor == 2 and each.parameter == "BA"} >= {Word.IN}
+    assert found.word is Word.UNKNOWN
+    other = replace(one, sensors={3: one.sensors[2]})
+    with pytest.raises(InputError, match="there is no such sensor"):
+        in_spec_of(tmp_path, other, solve_campaign(one), "rd-gc-86-1")
+
+
+def test_scatter_without_a_temperature_is_nobody_s_to_judge() -> None:
+    """Runs at five temperatures would count as repeats of one."""
+    one = night()
+    own = {name: of for name, of in one.sensors[2].conditions.columns.items() if not name.endswith("degC")}
+    bare = replace(one.sensors[2], conditions=replace(one.sensors[2].conditions, columns=own))
+    (found,) = judged(replace(one, sensors={2: bare}), limits({"MUB": {"scatter": "12 deg/hr/g"}})).characteristics
+    assert (found.word, found.reason) == (Word.UNKNOWN, _NO_TEMPERATURE)
 
 
 @pytest.mark.parametrize(
@@ -146,7 +170,7 @@ def test_a_unit_on_the_limit_is_called_in_spec_as_rarely_as_stated(temperatures:
     names = {f"B{unit}": "deg/hr" for unit in range(UNITS)}
     at = [(20.0 * k, tuple(range(k * runs + 1, (k + 1) * runs + 1))) for k in range(temperatures)]
     shown = means_of(names, values, np.ones_like(values), np.repeat(np.arange(temperatures), runs), at[:])
-    shown = replace(shown, means=shown.means[:1])
+    shown = replace(shown, means=shown.means[:1], told_by="temperature_degC")
     of = ParameterLimits(high=0.0, scatter=float(np.hypot(beyond, 1.0)))
     rule = limits({"BA": {"high": "1 deg/hr"}})
     found = judge(rule.model_copy(update={"sensors": {2: dict.fromkeys(names, of)}}), {2: shown}, [], GOOD)

@@ -211,10 +211,12 @@ def test_where_every_run_fails_that_is_said() -> None:
     assert told["runs_used_though_failed"] == {"2": list(range(1, 13))}
     assert in_words(told)[-1].startswith("sensor 2: every run FAILed")
     rates = one.sensors[2].rates_deg_per_hr.copy()
-    rates[12:18] = 0.0
+    rates[12:15], rates[15:18, 1] = 0.0, -3.2174
     dead = judged_by_its_records(with_rates(one, rates))
     assert {run: of.verdict for (run, _), of in dead.contradicted.items()} == {5: Verdict.FAIL, 6: Verdict.FAIL}
-    assert "every rate is exactly 0" in dead.contradicted[5, 2].reason
+    assert "RA: every rate is exactly 0" in dead.contradicted[5, 2].reason
+    assert "RB: every rate is exactly -3.2174: nothing was measured" in dead.contradicted[6, 2].reason
+    assert not any("clipped" in words for words in dead.warnings)
     assert what_is_wrong(dead)["runs_not_used"] == {"2": [5, 6]}
 
 
