@@ -16,7 +16,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import stdtr
+from scipy.special import stdtr, stdtrit
 
 from hil.campaign import BoolArray, Collects, FloatArray, IntArray
 from hil.campaign.laws import FIXTURE_G, from_the_usual_g
@@ -50,11 +50,15 @@ class Found:
 
 @dataclass(frozen=True)
 class Neighbours:
-    """What is wrong with runs whose collects their neighbours contradict, and which runs have none to compare with."""
+    """What is wrong with runs whose collects their neighbours contradict, and which runs have none to compare with.
+
+    `sees_from`, deg/hr: where so few runs tell nothing of what is less than `FAR`, a collect off by less is not seen.
+    """
 
     judged: Mapping[int, Judgement]
     found: Sequence[Found]
     not_compared: Set[int]
+    sees_from: float | None = None
 
 
 def compared_with_neighbours(collects: Collects, distrusted: Collection[int] = ()) -> Neighbours:
@@ -73,7 +77,8 @@ def compared_with_neighbours(collects: Collects, distrusted: Collection[int] = (
         if run not in judged:
             found.append(Found(run, row, np.zeros(collects.rates_deg_per_hr.shape, dtype=bool), None))
         judged.setdefault(run, doubt)
-    return Neighbours(judged, found, every - set(runs[departures.known].tolist()))
+    known = departures.known
+    return Neighbours(judged, found, every - set(runs[known].tolist()), departures.sees_from(apart | untold))
 
 
 class _Departures:
@@ -172,13 +177,29 @@ class _Departures:
         """Of which collects, (n,), it is known what to expect and how far collects usually are from that."""
         return np.asarray(np.isfinite(self._expected + self._scale).all(axis=1))
 
+    def _repeats(self, left_out: BoolArray) -> list[IntArray]:
+        """Return the indices of the collects at one position and temperature, where these tell of each other."""
+        places = [place[~left_out[place]] for place in self._places()]
+        return [place for place in places if len(place) >= _REPEATED and self._level[place[0]] >= 0]
+
+    def _degrees(self, places: Sequence[IntArray]) -> float:
+        """Degrees of freedom of one position's scatter: runs are independent, and the positions of one are not."""
+        return sum(len(p) - 1 for p in places) / len({int(self._label[p[0]]) for p in places}) - 1.0
+
+    def sees_from(self, left_out: BoolArray) -> float | None:
+        """Return how far off, deg/hr, a collect must be to be seen where too few repeat it for less to be doubted."""
+        places, known = self._repeats(left_out), self.known
+        level = FALSE_ALARM / (4.0 * sum(map(len, places)) * self._rates.shape[1]) if places else 0.0
+        if not known.any() or (places and -stdtrit(self._degrees(places), level) < FAR):
+            return None
+        return float(FAR * np.median(self._scale[known], axis=0).max())
+
     def doubtful(self, left_out: BoolArray) -> Iterator[tuple[int, IntArray, Judgement]]:
         """Yield the runs with a collect that scatter alone does not explain, though it is not `FAR`, from the worst.
 
         Asked of each rate, and of each beside the rest of its run, whose own offset is no matter there.
         """
-        places = [place[~left_out[place]] for place in self._places()]
-        places = [place for place in places if len(place) >= _REPEATED and self._level[place[0]] >= 0]
+        places = self._repeats(left_out)
         if not places:
             return
         rows = np.concatenate(places)
@@ -189,9 +210,7 @@ class _Departures:
         own = self._collects.conditions.run[rows][:, None] == self._collects.conditions.run[rows]
         others = own.sum(axis=1)[:, None] - 1.0
         beside = np.where(others > 1.0, off - (own @ off - off) / np.maximum(others, 1.0), 0.0)
-        # Runs are independent and the positions of one are not: degrees of freedom are those of a single position.
-        degrees = (len(rows) - len(places)) / len(np.unique(label)) - 1.0
-        found = []
+        degrees, found = self._degrees(places), []
         # A temperature may scatter more than the others, and beside the rest of its run a position.
         for far, words, pools in (
             (off, "", (np.zeros_like(level), level)),

@@ -53,12 +53,16 @@ class Wrong:
 
 @dataclass(frozen=True)
 class WrongRows:
-    """What is wrong with one sensor's rows; `collects` are those to solve, `not_compared` runs that stand alone."""
+    """What is wrong with one sensor's rows; `collects` are those to solve, `not_compared` runs that stand alone.
+
+    `sees_from`, deg/hr, is that of `Neighbours`: among so few runs what is off by less does not show.
+    """
 
     collects: Collects
     rows: tuple[Wrong, ...]
     judged: Mapping[int, Judgement]
     not_compared: Set[int]
+    sees_from: float | None
 
 
 def wrong_rows(campaign: Campaign) -> dict[int, WrongRows]:
@@ -112,7 +116,7 @@ def _wrong_rows(collects: Collects, exchanged: Sequence[tuple[int, int]], failed
             judged[run] = combine([*([judged[run]] if run in judged else []), Judgement(Verdict.MARGINAL, why)])
             rows.append(_wrong(collects, found, LEFT_OUT, why))
     used = replace(collects, rates_deg_per_hr=rates, rates_se_deg_per_hr=se)
-    return WrongRows(used, tuple(rows), judged, neighbours.not_compared)
+    return WrongRows(used, tuple(rows), judged, neighbours.not_compared, neighbours.sees_from)
 
 
 def _as_the_unit_lay(
@@ -151,14 +155,16 @@ def clipped_rows(collects: Collects) -> list[Wrong]:
 def what_is_wrong(campaign: Campaign) -> dict[str, Any]:
     """Return what is wrong with rows and runs of all sensors: keys `rows`, and those of `without`, of every document.
 
-    Rows are those of runs that are in means: of the others each solution's reason says it.
+    Rows are those of runs that are in means: of the others each solution's reason says it. `rows_seen_from`, deg/hr by
+    sensor, is there for one of which so few runs were made that a collect off by less is not seen.
     """
-    not_used = pooled(campaign).not_used
-    rows = [each for found in wrong_rows(campaign).values() for each in found.rows]
+    not_used, every = pooled(campaign).not_used, wrong_rows(campaign)
+    rows = [each for found in every.values() for each in found.rows]
+    seen_from = {str(number): found.sees_from for number, found in every.items() if found.sees_from is not None}
     return {
         "rows": [each.document() for each in rows if each.run not in not_used[each.sensor]],
         **without(campaign),
-    }
+    } | ({"rows_seen_from": seen_from} if seen_from else {})
 
 
 def without(campaign: Campaign) -> dict[str, Any]:
@@ -207,6 +213,11 @@ def in_words(wrong: Mapping[str, Any]) -> list[str]:
         + [
             f"sensor {each['sensor']}, {numbered('run', each['runs'])}: {each['why']}"
             for each in wrong.get("runs_not_settled", ())
+        ]
+        + [
+            f"sensor {number}: among so few runs a collect that is off by less than {size:.2g} deg/hr is not seen "
+            "here; hil reconcile looks closer"
+            for number, size in wrong.get("rows_seen_from", {}).items()
         ]
     )
 
