@@ -39,6 +39,7 @@ from procedures.verdict import NOT_GOOD, Judgement
 from procedures.words import counted, numbered
 
 _ALONE = "nothing was repeated, so what changes from run to run is not known: measure a temperature more than once"
+_UNEVEN = "it scatters more at some temperatures than at others, so that no one uncertainty holds at each"
 _NO_TEMPERATURE = "no temperature was recorded: runs at different ones may count as repeats"
 _NO_EARLIER = "no earlier campaign was given to compare with (--against)"
 _OF = {"value": "", "scatter": " from run to run", "change": ", change since the earlier campaign", "span": ", span"}
@@ -211,6 +212,8 @@ class _Judged:
             return f"{numbered('run', bad)}: not good (INCONCLUSIVE or FAIL)"
         if not self._degrees and self.rule.sigmas:
             return _ALONE
+        if self.shown.spread.uneven[self._place] and self.rule.sigmas:
+            return _UNEVEN
         single = self.alone.intersection(mean.runs[0] for mean in means if len(mean.runs) == 1)
         once = "measured once, beside nothing that would show a wrong collect: repeat it"
         return f"{numbered('run', single)}: {once}" if single and self.rule.sigmas else ""

@@ -28,6 +28,7 @@ from hil.campaign import BoolArray, Campaign, FloatArray, IntArray
 from hil.solve.runs import Estimate, RunSolution
 from hil.solve.temperatures import nearest, runs_by_temperature, told_by, unit_range_degC
 from hil.solve.wrong_rows import pooled
+from procedures.words import listed
 
 CONFIDENCE = 0.95
 """Of every interval that is stated."""
@@ -40,13 +41,15 @@ class Spread:
     """How p parameters scatter from run to run at one temperature, (p,) each.
 
     `observed` is their standard deviation, NaN where nothing was repeated; `stated` what the runs' standard errors,
-    times `factor`, say of it, and `beyond` what these leave unexplained; `degrees` how many runs were repeated.
+    times `factor`, say of it, and `beyond` what these leave unexplained; `degrees` how many runs were repeated. Those
+    that are `uneven` scatter more at some temperatures than at others, as chance hardly explains.
     """
 
     observed: FloatArray
     beyond: FloatArray
     stated: FloatArray
     degrees: IntArray
+    uneven: BoolArray
     factor: float = 1.0
 
     @classmethod
@@ -55,20 +58,24 @@ class Spread:
 
         `errors` (r, p) are standard errors, NaN where there is none; a value that is NaN was not measured.
         """
-        squares, explained, degrees = (np.zeros(values.shape[1]) for _ in range(3))
-        known = np.isfinite(values)
+        known, places = np.isfinite(values), np.unique(group)
         own = np.where(known, factor * np.nan_to_num(errors), 0.0) ** 2
-        for number in np.unique(group):
-            here, rows = known[group == number], values[group == number]
+        squares, explained, degrees = (np.zeros((len(places), values.shape[1])) for _ in range(3))
+        for k, place in enumerate(places):
+            here, rows = known[group == place], values[group == place]
             count = np.maximum(here.sum(axis=0), 1)
             mean = np.where(here, rows, 0.0).sum(axis=0) / count
-            squares += np.where(here, (rows - mean) ** 2, 0.0).sum(axis=0)
-            explained += own[group == number].sum(axis=0) * (1.0 - 1.0 / count)
-            degrees += count - 1
-        enough = np.maximum(degrees, 1)
-        observed = np.where(degrees > 0, np.sqrt(squares / enough), np.nan)
-        more = np.maximum(squares - explained, 0.0)
-        return cls(observed, np.sqrt(more / enough), np.sqrt(explained / enough), degrees.astype(np.int64), factor)
+            squares[k] = np.where(here, (rows - mean) ** 2, 0.0).sum(axis=0)
+            explained[k] = own[group == place].sum(axis=0) * (1.0 - 1.0 / count)
+            degrees[k] = count - 1
+        freedom = degrees.sum(axis=0)
+        enough = np.maximum(freedom, 1)
+        observed = np.where(freedom > 0, np.sqrt(squares.sum(axis=0) / enough), np.nan)
+        beyond = np.sqrt(np.maximum((squares - explained).sum(axis=0), 0.0) / enough)
+        expected = explained + degrees * beyond**2
+        uneven = _uneven(squares / np.where(expected > 0.0, expected, np.inf), degrees)
+        stated = np.sqrt(explained.sum(axis=0) / enough)
+        return cls(observed, beyond, stated, freedom.astype(np.int64), uneven, factor)
 
     def sd(self, errors: FloatArray) -> FloatArray:
         """Return the standard deviation of a run's values by its standard errors (…, p); NaN where nothing tells it."""
@@ -87,11 +94,26 @@ class Spread:
 
     def times_stated(self, which: BoolArray) -> float:
         """Return how many times what standard errors say parameters (p,) scatter by: 1 where chance explains it."""
-        told = which & (self.degrees > 0) & (self.stated > 0.0)
+        told = which & (self.degrees > 0) & (self.stated > 0.0) & ~self.uneven
         squares = (self.observed[told] / self.stated[told]) ** 2 @ self.degrees[told]
         count = self.degrees[told].sum()
         by_chance = min(chdtr(count, squares), chdtrc(count, squares)) > 0.5 * RARE if count else True
         return 1.0 if by_chance else math.sqrt(squares / count)
+
+
+def _uneven(times: FloatArray, degrees: FloatArray) -> BoolArray:
+    """Return which parameters scatter otherwise from temperature to temperature: variances `times` (k, p) the expected.
+
+    Bartlett's test (Snedecor and Cochran, Statistical Methods) at `RARE` for all parameters together.
+    """
+    told = (degrees > 0) & (times > 0.0)
+    nu = np.where(told, degrees, 0.0)
+    whole, others = np.maximum(nu.sum(axis=0), 1.0), told.sum(axis=0) - 1
+    logs = np.log(np.where(told, times, 1.0))
+    statistic = whole * np.log(np.maximum((nu * times).sum(axis=0) / whole, 1e-300)) - (nu * logs).sum(axis=0)
+    inverse = np.where(told, 1.0 / np.maximum(nu, 1.0), 0.0).sum(axis=0) - 1.0 / whole
+    chance = chdtrc(np.maximum(others, 1), statistic / (1.0 + inverse / (3.0 * np.maximum(others, 1))))
+    return np.asarray((others > 0) & (chance < RARE / times.shape[1]))
 
 
 @dataclass(frozen=True)
@@ -230,7 +252,14 @@ class SensorRepeats:
         if not told:
             return by_noise or [f"repeats scatter as their standard errors say ({degrees})"]
         more = f"repeats scatter more than their standard errors say ({degrees})"
-        return [f"{more}: {'; '.join(told)}; each ± includes it", *by_noise]
+        return [f"{more}: {'; '.join(told)}; each ± includes it", *by_noise, *self._by_temperature()]
+
+    def _by_temperature(self) -> list[str]:
+        """Say which parameters scatter more at some temperatures than at others: no one ± holds at each."""
+        names = [name for name, uneven in zip(self.names, self.spread.uneven, strict=True) if uneven]
+        how = "scatters" if len(names) == 1 else "scatter"
+        where = "more at some temperatures than at others: no one ± holds at each; hil scatter asks what it is"
+        return [f"{listed(names)} {how} {where}"] if names else []
 
 
 def repeats(campaign: Campaign, solutions: Sequence[RunSolution]) -> dict[int, SensorRepeats]:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from hil.analysis.against import compare
-from hil.analysis.in_spec import _NO_TEMPERATURE, InSpec, Word, in_spec_of, judge
+from hil.analysis.in_spec import _NO_TEMPERATURE, _UNEVEN, InSpec, Word, in_spec_of, judge
 from hil.analysis.night_verdict import night_verdict
 from hil.campaign import Campaign
 from hil.config.limits import Limits, ParameterLimits
@@ -56,6 +56,18 @@ def test_limits_of_two_sensors_judge_the_one_that_was_measured(tmp_path: Path) -
     other = replace(one, sensors={3: one.sensors[2]})
     with pytest.raises(InputError, match="there is no such sensor"):
         in_spec_of(tmp_path, other, solve_campaign(one), "rd-gc-86-1")
+
+
+def test_what_scatters_more_at_one_temperature_is_nobody_s_to_judge_by_one_uncertainty() -> None:
+    """The value alone may still decide, where the limits say so."""
+    one = night(runs=6)
+    rates = one.sensors[2].rates_deg_per_hr.copy()
+    rates[:18, 0] += np.random.default_rng(1).normal(0.0, 6.0, 18)
+    cold = replace(one, sensors={2: replace(one.sensors[2], rates_deg_per_hr=rates)})
+    rule = limits({"BA": {"low": "0 deg/hr", "high": "50 deg/hr"}})
+    assert judged(one, rule).word is Word.IN
+    assert {each.reason for each in judged(cold, rule).characteristics} == {_UNEVEN}
+    assert judged(cold, rule.model_copy(update={"decision": "simple acceptance"})).word is Word.IN
 
 
 def test_scatter_without_a_temperature_is_nobody_s_to_judge() -> None:

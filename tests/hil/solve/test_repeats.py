@@ -16,6 +16,7 @@ from hil.solve.wrong_rows import in_words, what_is_wrong
 from procedures.verdict import Judgement, Verdict
 from tests.hil.analysis.thermal.nights import PUBLISHED_DEGC, RUN_TO_RUN, rotor_night, scaled
 from tests.hil.solve.test_neighbours import campaign as runs_at_their_temperatures
+from tests.hil.solve.test_neighbours import with_rates
 
 TRUTH = {
     "BA": (20.0, 5.0),
@@ -120,6 +121,29 @@ def test_a_spread_is_pooled_over_temperatures_and_never_less_than_standard_error
     assert quiet.beyond[0] == 0.0
     assert quiet.sd(np.full((6, 1), 5.0))[0, 0] == 5.0
     assert quiet.freedom[0] == 3 * spread.degrees[0]  # what stated errors explain is known better
+
+
+def test_what_scatters_in_the_cold_only_is_said_and_judged_by_no_limit() -> None:
+    """One temperature of four at which the averages scatter by 6 deg/hr, .7 elsewhere; none is said of even scatter."""
+    even = runs_at_their_temperatures(16, 4, seed=27, scatter=2.0)
+    rates = even.sensors[2].rates_deg_per_hr.copy()
+    rates[:12] += np.random.default_rng(127).normal(0.0, 6.0, (12, 2))
+    for one, cold in ((even, False), (with_rates(even, rates), True)):
+        shown = repeats(one, solve_campaign(one))[2]
+        assert any("more at some temperatures than at others" in said for said in shown.sentences()) is cold
+        assert not any("too small" in said for said in shown.sentences())  # standard errors hold elsewhere
+        assert bool(shown.spread.uneven[shown.names.index("MUA")]) is cold
+
+
+@pytest.mark.slow
+def test_even_scatter_is_seldom_called_uneven() -> None:
+    """Of 200 sound campaigns at most 1 in 33, whether or not runs differ."""
+    found = 0
+    for seed in range(100):
+        for scatter in (0.0, 2.0):
+            one = runs_at_their_temperatures(16, 4, seed=1000 + seed, scatter=scatter)
+            found += repeats(one, solve_campaign(one))[2].spread.uneven.any()
+    assert found <= 6
 
 
 @pytest.mark.parametrize(("times", "said"), [(0.25, "times too small"), (1.0, "scatter as"), (4.0, "times too large")])
