@@ -9,12 +9,13 @@ import pytest
 
 from hil.analysis.thermal import fit_thermal
 from hil.analysis.thermal.document import thermal_document
-from hil.campaign import Campaign
+from hil.campaign import Campaign, Collects, Conditions
 from hil.campaign.plausibility import judged_by_its_records
 from hil.solve import repeats, solve_campaign
 from hil.solve.wrong_rows import LEFT_OUT, MENDED, USED, in_words, otherwise, pooled, treated, what_is_wrong, wrong_rows
 from procedures.verdict import Judgement, Verdict
 from tests.hil.audit.folders import FOLDERS
+from tests.hil.model.effect_conditions import TRIAD
 from tests.hil.solve.test_neighbours import campaign, with_column, with_rates
 
 
@@ -218,6 +219,48 @@ def test_where_every_run_fails_that_is_said() -> None:
     assert "RB: every rate is exactly -3.2174: nothing was measured" in dead.contradicted[6, 2].reason
     assert not any("clipped" in words for words in dead.warnings)
     assert what_is_wrong(dead)["runs_not_used"] == {"2": [5, 6]}
+
+
+def triads(seed: int, runs: int = 8) -> Campaign:
+    """Six poses, two runs at each temperature, a bias of each run, white noise of 1 deg/hr as stated."""
+    rng, f = np.random.default_rng(seed), np.tile(np.repeat(np.eye(3), 2, axis=0), (runs, 1))
+    f[1::2] *= -1.0
+    run, k = np.repeat(np.arange(1, runs + 1), 6), np.arange(6 * runs)
+    temperature = 20.0 * ((run - 1) // 2) - 20.0
+    bias = [100.0, -50.0, 30.0] + np.outer(temperature, [0.5, 0.2, -0.3]) + rng.normal(0.0, 1.0, (runs, 3))[run - 1]
+    rates = bias + f @ rng.normal(0.0, 30.0, (3, 3)) + rng.normal(0.0, 1.0, f.shape)
+    labels = np.array(["X+", "X-", "Y+", "Y-", "Z+", "Z-"] * runs)
+    columns = {"temperature_degC": temperature + 5.0, "setpoint_degC": temperature}
+    at = Conditions(TRIAD, k + 1, run, labels, 600.0 * k, np.full(len(k), 60.0), f, np.zeros(f.shape), columns)
+    return Campaign("triad", "", {1: Collects(at, rates, np.ones(f.shape))})
+
+
+@pytest.mark.parametrize("pair", [(6, 8), (7, 9), (30, 35)])
+def test_labels_exchanged_in_a_run_that_has_no_neighbours_show_in_its_residuals(pair: tuple[int, int]) -> None:
+    """Of two pairs that explain them alike, that which agrees with the other runs; no sound run is accused for it."""
+    one = triads(51)
+    rates = one.sensors[1].rates_deg_per_hr.copy()
+    rates[list(pair)] = rates[list(pair[::-1])]
+    (row,) = wrong_rows(with_rates(one, rates, 1))[1].rows
+    assert (row.collects, row.done) == ((pair[0] + 1, pair[1] + 1), MENDED)
+    solved = solve_campaign(with_rates(one, rates, 1))
+    assert {s.runs[0] for s in solved if s.verdict is Verdict.FAIL} == {row.run}
+
+
+@pytest.mark.slow
+def test_nothing_else_is_called_an_exchange() -> None:
+    """Not a sound run, a wrong rate or collect, a drift; and a run that is all there is does not say which pair."""
+    for seed in range(40):
+        one, rng = triads(seed), np.random.default_rng(seed)
+        for spoil in (0.0, 300.0, -25.0):
+            rates = one.sensors[1].rates_deg_per_hr.copy()
+            rates[6 + seed % 6, seed % 3] += spoil
+            rates[12:18] += spoil / 10.0 * np.arange(6)[:, None]
+            rates[24 + seed % 6] += spoil * rng.normal(size=3)
+            assert not any(row.done == MENDED for row in wrong_rows(with_rates(one, rates, 1))[1].rows), (seed, spoil)
+        alone = one.sensors[1].rows(np.arange(6))
+        rates = alone.rates_deg_per_hr[[2, 1, 0, 3, 4, 5]]
+        assert wrong_rows(Campaign("t", "", {1: replace(alone, rates_deg_per_hr=rates)}))[1].rows == ()
 
 
 def test_among_few_runs_it_is_said_what_would_not_be_seen() -> None:
