@@ -50,7 +50,7 @@ def rate_fields(sensors: Mapping[int, SensorRole]) -> Mapping[str, str]:
 
 
 def finite_mean(values: FloatArray) -> tuple[float, int]:
-    """Return the mean of the finite ones of n values, NaN where there is none, and their number."""
+    """Return the mean of the finite ones of the values (n,), NaN where there is none, and their number."""
     total = float(values.sum())
     if not math.isfinite(total):
         values = values[np.isfinite(values)]

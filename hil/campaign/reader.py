@@ -30,6 +30,7 @@ from procedures.words import numbered
 HEADER_FILE = "campaign.yaml"
 COLLECTS_FILE = "collects.csv"
 SERIES_FOLDER = "series"
+_LEAST_SE = 1e-12  # deg/hr: less is a slip, and its weight is beyond arithmetic
 
 IDENTITY = ("collect", "run", "sensor", "position", "start_s", "duration_s")
 
@@ -262,6 +263,8 @@ def _errors(table: Table, column: str, chosen: np.ndarray) -> FloatArray:
     values = np.asarray(table.numbers(column)[chosen])
     for i in np.flatnonzero(values < 0.0):
         raise table.complaint(int(chosen[i]), column, "a standard error cannot be negative")
+    for i in np.flatnonzero((values > 0.0) & (values < _LEAST_SE)):
+        raise table.complaint(int(chosen[i]), column, f"no standard error is as small (less than {_LEAST_SE:g} deg/hr)")
     return np.where(values > 0.0, values, np.nan)
 
 

@@ -93,8 +93,11 @@ class Spread:
         return np.where(self.degrees > 0, self.degrees * (1.0 + 0.5 * self.degrees * explained**2), np.inf)
 
     def times_stated(self, which: BoolArray) -> float:
-        """Return how many times what standard errors say parameters (p,) scatter by: 1 where chance explains it."""
-        told = which & (self.degrees > 0) & (self.stated > 0.0) & ~self.uneven
+        """Return how many times what standard errors say parameters (p,) scatter by: 1 where chance explains it.
+
+        Values that do not scatter at all were rounded or copied, and tell nothing of noise.
+        """
+        told = which & (self.observed > 0.0) & (self.stated > 0.0) & ~self.uneven  # NaN where nothing was repeated
         squares = (self.observed[told] / self.stated[told]) ** 2 @ self.degrees[told]
         count = self.degrees[told].sum()
         by_chance = min(chdtr(count, squares), chdtrc(count, squares)) > 0.5 * RARE if count else True

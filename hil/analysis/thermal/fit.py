@@ -14,7 +14,7 @@ from hil.analysis.thermal.choice import FALSE_ALARM, Choice, choose
 from hil.analysis.thermal.estimate import Estimates, Layout, Visits, scaled, visits
 from hil.analysis.thermal.forms import MONOTONE, monotone
 from hil.analysis.thermal.improvement import Improvement, improvement, nested_errors
-from hil.analysis.thermal.stations import Stations, find_stations, refuse_impossible
+from hil.analysis.thermal.stations import Stations, find_stations
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.errors import InputError
 from hil.model import Model
@@ -228,9 +228,8 @@ def layout_of(
 ) -> tuple[Layout, list[str]]:
     """Choose the form and the rows: temperatures at which not every parameter can be told are left out.
 
-    Raises `InputError` where fewer than three temperatures are left, or a number cannot be.
+    Raises `InputError` where fewer than three temperatures are left.
     """
-    refuse_impossible(collects)
     collects, notes = _at_known_temperatures(number, collects, apart_degC)
     stations = find_stations(collects.conditions, apart_degC)
     form = named_form(model_name, collects.conditions) if model_name else default_form(collects.conditions)

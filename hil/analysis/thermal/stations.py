@@ -5,12 +5,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from hil.campaign import Collects, Conditions, FloatArray, IntArray
+from hil.campaign import Conditions, FloatArray, IntArray
 from hil.errors import InputError
 from hil.solve.temperatures import same_temperature
-
-_MOST = 1e12
-_LEAST_SE = 1e-12
 
 
 @dataclass(frozen=True)
@@ -48,24 +45,6 @@ def find_stations(conditions: Conditions, apart_degC: float | None = None) -> St
     rising = np.argsort(centre, kind="stable")
     number = np.argsort(rising)[number]
     return Stations(number, centre[rising], _directions(conditions, number))
-
-
-def refuse_impossible(collects: Collects) -> None:
-    """Raise `InputError` for numbers that no bench gives and arithmetic does not bear, naming the collect."""
-    conditions, se = collects.conditions, collects.rates_se_deg_per_hr
-    large = {
-        "start_s": conditions.start_s[:, None],
-        "a rate": collects.rates_deg_per_hr,
-        "a standard error": se,
-        "an earth rate": conditions.w_deg_per_hr,
-    }
-    found = [(what, np.any(np.abs(values) > _MOST, axis=1), f"above {_MOST:g}") for what, values in large.items()]
-    found.append(("a standard error", np.any((se > 0.0) & (se < _LEAST_SE), axis=1), f"below {_LEAST_SE:g} deg/hr"))
-    for what, rows, how in found:
-        for row in np.flatnonzero(rows)[:1]:
-            raise InputError(
-                f"sensor {conditions.sensor.number}: collect {conditions.collect[row]}: {what} {how} cannot be"
-            )
 
 
 def _directions(conditions: Conditions, number: IntArray) -> FloatArray:

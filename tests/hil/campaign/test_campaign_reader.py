@@ -210,6 +210,7 @@ REFUSED_TABLES = {
     "below absolute zero": (cell(2, "temperature_degC", "-300"), r"row 2, column temperature_degC: -300 °C is below"),
     "no duration": (cell(2, "duration_s", "0"), r"row 2, column duration_s: .* more than 0 s"),
     "negative error": (cell(2, "RA_se_deg_per_hr", "-1"), r"row 2, column RA_se_deg_per_hr: .* negative"),
+    "no error is as small": (cell(2, "RA_se_deg_per_hr", "1e-320"), r"row 2, column RA_se_deg_per_hr: .* as small"),
     "cut off": (table(*ROWS)[:-30], r"row 7, column \w+: the row ends before this column"),
     "too many cells": (table(*ROWS[:2], ROWS[2] + ",99"), r"row 4: 19 cells under 18 columns; '99'"),
     "column twice": (table(*ROWS, header=HEADER.replace("supply_V", "run")), r"row 1: column run stands there twice"),
