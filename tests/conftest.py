@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import os
 import shutil
+import signal
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 settings.register_profile("hil", deadline=None, derandomize=bool(os.environ.get("CI")))
 settings.load_profile("hil")
+
+# A script that starts the tests in the background hands them signals that are ignored, and so to all that they start.
+for _number in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP):
+    if signal.getsignal(_number) is signal.SIG_IGN:
+        signal.signal(_number, signal.default_int_handler if _number == signal.SIGINT else signal.SIG_DFL)
 
 _MEMORY = Path("/dev/shm")  # noqa: S108 - a folder in memory
 _ENOUGH = 4e9  # bytes; all tests write a tenth of it
