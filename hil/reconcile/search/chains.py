@@ -31,6 +31,16 @@ class Chain:
     def __len__(self) -> int:
         return int(self.columns.shape[1])
 
+    @cached_property
+    def begins(self) -> IntArray:
+        """The rows (m,) to which those before hand nothing on: stretches begin there."""
+        return np.flatnonzero(~np.any(self.keep, axis=1) | (np.arange(len(self.keep)) == 0))
+
+    def stretches(self) -> list[IntArray]:
+        """Return the rows of the stretches, (m, n) for each length n that there is."""
+        lengths = np.diff(np.append(self.begins, len(self.keep)))
+        return [self.begins[lengths == n][:, None] + np.arange(n) for n in np.unique(lengths).tolist()]
+
     def scaled(self, factor: float) -> Chain:
         """Return the same states, each row moved by `factor` times as much."""
         return replace(self, columns=factor * self.columns)
@@ -109,29 +119,34 @@ class Whitened:
     half_log_det: FloatArray
 
 
-def whitened(chain: Chain, amounts: FloatArray, white: FloatArray, columns: FloatArray) -> Whitened:
-    """Whiten columns (N, k), in the order of time, at t models of the noise.
+def whitened(
+    chains: Sequence[Chain], of: IntArray, amounts: FloatArray, white: FloatArray, columns: FloatArray
+) -> Whitened:
+    """Whiten columns (N, k), in the order of time, at t models of the noise, each `of` one of the chains, (t,).
 
-    `amounts` (t, s) are the sizes of the chain's states, `white` (t, N) the variance of each row by itself.
+    The chains have as many states and the same stretches, which are filtered side by side as the models are. `amounts`
+    (t, s) are the sizes of the states, `white` (t, N) the variance of each row by itself.
     """
-    points, states = amounts.shape
-    out = np.empty((points, *columns.shape))
-    scale = np.empty((points, len(columns)))
-    expected = np.zeros((points, states, columns.shape[1]))
-    covariance = np.zeros((points, states, states))
-    diagonal = np.einsum("tss->ts", covariance)
-    for i, row in enumerate(columns):
-        keep, kick = chain.keep[i], chain.kick[i]
-        if np.any(keep != 1.0):
-            expected *= keep[:, None]
-            covariance *= np.outer(keep, keep)
-        if kick.any():
-            diagonal += kick**2
-        seen = amounts * chain.columns[i]
-        gain = (covariance @ seen[:, :, None])[:, :, 0]
-        scale[:, i] = 1.0 / np.sqrt(np.einsum("ts,ts->t", seen, gain) + white[:, i])
-        gain *= scale[:, i, None]
-        out[:, i] = (row - (seen[:, None, :] @ expected)[:, 0]) * scale[:, i, None]
-        expected += gain[:, :, None] * out[:, i, None, :]
-        covariance -= gain[:, :, None] * gain[:, None, :]
+    (points, states), wide = amounts.shape, columns.shape[1]
+    seen_by, keeps, kicks = (np.array([getattr(c, name) for c in chains]) for name in ("columns", "keep", "kick"))
+    out, scale = np.empty((points, *columns.shape)), np.empty((points, len(columns)))
+    for stretches in chains[0].stretches():
+        expected = np.zeros((points, len(stretches), states, wide))
+        covariance = np.zeros((points, len(stretches), states, states))
+        diagonal = np.einsum("tmss->tms", covariance)
+        for rows in stretches.T:
+            at = of[:, None], rows
+            keep = keeps[at]
+            if np.any(keep != 1.0):
+                expected *= keep[..., None]
+                covariance *= keep[..., :, None] * keep[..., None, :]
+            diagonal += kicks[at] ** 2
+            seen = amounts[:, None, :] * seen_by[at]
+            gain = (covariance @ seen[..., None])[..., 0]
+            own = 1.0 / np.sqrt(np.einsum("tms,tms->tm", seen, gain) + white[:, rows])
+            gain *= own[..., None]
+            row = (columns[rows] - (seen[..., None, :] @ expected)[..., 0, :]) * own[..., None]
+            expected += gain[..., None] * row[..., None, :]
+            covariance -= gain[..., None] * gain[..., None, :]
+            out[:, rows], scale[:, rows] = row, own
     return Whitened(out, -np.sum(np.log(scale), axis=1))

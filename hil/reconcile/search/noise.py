@@ -118,6 +118,9 @@ class Noise:
         self.has_offsets = runs > 1 and len(rows) / runs / apart.shape[1] > 1.5
         tells = self.has_offsets and runs >= FEWEST_RUNS
         self.kinds = list(self._kinds(conditions, effects, rows, channel)) if tells else []
+        ordinary = [self.stated, self.offset]
+        self._chains = {k: joined([*ordinary, kind.chain], len(rows)) for k, kind in enumerate(self.kinds)}
+        self._chains[-1] = joined(ordinary, len(rows))
 
     def _kinds(
         self, conditions: Conditions, effects: Sequence[VarianceEffect], rows: IntArray, channel: IntArray
@@ -175,15 +178,18 @@ class Noise:
     def _whitened(self, points: Points, columns: FloatArray) -> Iterator[tuple[IntArray, Whitened]]:
         """Yield places among the points with what they whiten, no piece larger than some tens of megabytes."""
         most = max(1, int(LARGEST / columns.size))
+        alike: dict[tuple[int, bytes], list[int]] = {}
         for kind in np.unique(points.kind).tolist():
-            parts = [(self.stated, None), (self.offset, points.offset)]
-            parts += [(self.kinds[kind].chain, points.amount)] if kind >= 0 else []
-            chain = joined([own for own, _ in parts], len(columns))
-            of_kind = np.flatnonzero(points.kind == kind)
-            for at in (of_kind[first : first + most] for first in range(0, len(of_kind), most)):
-                sizes = [np.ones(len(at)) if size is None else size[at] for _, size in parts]
-                each = [np.repeat(size[:, None], len(own), axis=1) for size, (own, _) in zip(sizes, parts, strict=True)]
-                yield at, whitened(chain, np.hstack(each), self._white(points.level[at]), columns)
+            alike.setdefault((len(self._chains[kind]), self._chains[kind].begins.tobytes()), []).append(kind)
+        for kinds in alike.values():
+            places = np.flatnonzero(np.isin(points.kind, kinds))
+            chains = [self._chains[kind] for kind in kinds]
+            wide = [len(self.stated), len(self.offset), len(chains[0]) - len(self._chains[-1])]
+            for at in (places[first : first + most] for first in range(0, len(places), most)):
+                own = points.take(at)
+                sizes = np.stack([np.ones(len(at)), own.offset, own.amount], axis=1)
+                amounts, white = np.repeat(sizes, wide, axis=1), self._white(own.level)
+                yield at, whitened(chains, np.searchsorted(kinds, own.kind), amounts, white, columns)
 
     def factor(self, profile: int) -> FloatArray:
         """Return the factor (r, r) of what is known of the columns `by_station` (N, r) before the data."""
