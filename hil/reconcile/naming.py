@@ -219,7 +219,7 @@ def _rival(
         overlap = min((values.overlap(posterior, n, own[n], terms[n]) for n in own if n in terms), default=0.0)
     if beside:
         other = fitted(posterior, instead[0])
-        factor = float(np.exp(np.clip(other.information() - values.information(), -600.0, 600.0)))
+        factor = float(np.exp(np.clip(other.information - values.information, -600.0, 600.0)))
         factor = 1.0 if overlap > 0.999 else factor
     odds = probability / max(sum(float(np.exp(f.log_weight)) for f in beside), 1e-300)
     first = next(iter(terms.items()), None)

@@ -250,7 +250,7 @@ def _next(names: Sequence[Named], posterior: Posterior, fit: Fitted, problem: Pr
         values = np.zeros(candidate.size)
         for column, (value, _) in findings.values_of(posterior, fit, number, places[0]).items():
             values[column] = value
-        sigma = float(np.sqrt(np.mean([np.median(np.diag(b.noise_alone())) for b in fit.blocks])))
+        sigma = float(np.sqrt(np.mean([np.median(b.variance) for b in fit.blocks])))
         other = (
             None
             if rival is None or number not in rival.terms

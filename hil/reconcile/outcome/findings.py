@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from drivers.clock import SystemClock
-from hil.campaign import Campaign, Conditions, FloatArray
+from hil.campaign import Campaign, Conditions
 from hil.model import Model
 from hil.model.effects.base import Described
 from hil.model.model_file import InsideCollects
@@ -17,7 +17,7 @@ from hil.reconcile.outcome.scatter import FoundScatter
 from hil.reconcile.outcome.values import Values
 from hil.reconcile.proof.held_out import HeldOut
 from hil.reconcile.result import FoundEffect, Gap, Rival
-from hil.reconcile.search.fitted import Fitted, FittedBlock
+from hil.reconcile.search.fitted import Fitted
 from hil.reconcile.search.posterior import Posterior
 from hil.reconcile.search.problem import SensorProblem
 
@@ -73,7 +73,7 @@ def _noise(fit: Fitted, conditions: Mapping[int, Conditions]) -> float:
     squares, free, known = 0.0, 0, []
     for block in fit.blocks:
         own = block.search.block
-        known.append(np.diag(block.noise_alone()))
+        known.append(block.variance)
         of = conditions[own.sensor]
         alike = np.column_stack([own.station, own.channel, of.f_g[own.rows], of.w_deg_per_hr[own.rows]])
         _, group = np.unique(np.round(alike, 3), axis=0, return_inverse=True)
@@ -223,9 +223,9 @@ def picture(
     for b, (block, plain) in enumerate(zip(fit.blocks, before.blocks, strict=True)):
         own = block.search.block
         known = conditions[own.sensor]
-        noise = [np.sqrt(np.diag(each.noise_alone())) for each in (plain, block)]
+        noise = [np.sqrt(each.variance) for each in (plain, block)]
         left, whole = fit.residual(block), before.residual(plain)
-        inner = [_beside_values(f, o) for f, o in ((before, plain), (fit, block))]
+        inner = [plain.beside_values(whole), block.beside_values(left)]
         held = (
             inner
             if proof is None
@@ -258,13 +258,6 @@ def picture(
                 }
             )
     return {"rows": rows, "minutes_per_collect": float(np.median(minutes)) if minutes else None}
-
-
-def _beside_values(fit: Fitted, block: FittedBlock) -> FloatArray:
-    """Return what values of the base that follow temperature leave of a residual, (N,)."""
-    left = fit.residual(block)
-    values = block.covariance - block.noise_alone()
-    return np.asarray(left - values @ np.linalg.solve(block.covariance, left))
 
 
 def as_it_stands(model: Model, campaign: Campaign, reading: Reading) -> dict[str, Any] | None:

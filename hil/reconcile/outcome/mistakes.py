@@ -111,7 +111,7 @@ def mistake_places(reading: Reading, campaign: Campaign, fit: Fitted) -> list[Di
             own = block.search.block
             if own.sensor != n or not np.any(part := own.select(term.candidate.columns)):
                 continue
-            noise = np.sqrt(np.diag(block.noise_alone()))
+            noise = np.sqrt(block.variance)
             before = fit.residual(block) + (fit.design(block) @ fit.values if term.name == "run" else part[:, 0])
             for c in np.unique(own.channel):
                 rows = np.any(part != 0.0, axis=1) & (own.channel == c)

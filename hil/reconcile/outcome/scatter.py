@@ -163,7 +163,7 @@ def _observed(search: SensorSearch, chosen: Set, block: FittedBlock) -> tuple[Fl
     """
     own = block.search
     weighed, points = search.in_block(chosen, next(i for i, s in enumerate(search.blocks) if s is own)), own.points
-    total = np.where(points.kind == block.point["kind"], weighed.terms_log + points.log_prior, -np.inf)
+    total = np.where(points.kind == points.kind[block.at], weighed.terms_log + points.log_prior, -np.inf)
     scales = np.array([weighed.left_at(t)[1] for t in range(len(points))])
     weight = np.exp(total - np.logaddexp.reduce(total)) * scales * own.unit**2
     return weight @ own.noise.variance(points), float(np.sqrt(weight @ points.offset**2))

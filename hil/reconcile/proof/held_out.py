@@ -80,7 +80,7 @@ def held_out(
     """
     sets = [before, lead, *(f for f in posterior.sets[:SETS] if f not in (before, lead))]
     known: list[dict[tuple[object, ...], dict[int, Predicted]]] = [{} for _ in folds]
-    inverses: dict[tuple[object, ...], FloatArray] = {}  # of the noise, which most sets share
+    inverses: dict[tuple[int, int, int], FloatArray] = {}  # of the noise, which most sets share
     for number, b, found in (
         (n, b, f) for n, s in posterior.searches.items() for b in range(len(s.blocks)) for f in sets
     ):
@@ -89,9 +89,10 @@ def held_out(
             continue
         block = fitted_block(number, posterior.searches[number], found.terms[number], found.kind, b)
         wrong = _wrong_rows(posterior, lead, number, b)
-        noise = (number, b, *block.point.values())
+        noise = (number, b, block.at)
         if noise not in inverses:
-            inverses[noise] = np.asarray(block.scale * np.linalg.inv(block.covariance), dtype=np.float64)
+            white = block.white(np.eye(len(block.search.block.y)))
+            inverses[noise] = block.scale * (white.T @ white)
         precision = block.precision(inverses[noise] / block.scale)
         for own, cut in zip(known, folds, strict=True):
             own[key] = dict(_predicted(block, precision, cut(block), wrong))
@@ -162,7 +163,7 @@ def _predicted(
     """Yield of each fold what the other rows predict for it."""
     y = block.search.block.y - block.columns @ block.mean
     pulled = precision @ y
-    noise = np.diag(block.covariance)
+    noise = block.variance
     for fold in np.unique(folds):
         rows = np.array([i for i in np.flatnonzero(folds == fold) if i not in wrong], dtype=np.int64)
         while len(rows):

@@ -73,8 +73,8 @@ def channels_touched(fit: Fitted, conditions: Mapping[int, Conditions], p_value:
         effect = fit.design(block) @ fit.values
         if np.any(effect):
             own = block.search.block
-            white = block.whitening
-            score = float(np.linalg.norm(project_out(orthonormal(white @ own.base), white @ effect)))
+            white = block.white(np.column_stack([own.base, effect]))
+            score = float(np.linalg.norm(project_out(orthonormal(white[:, :-1]), white[:, -1])))
             size = float(np.sqrt(np.mean(effect**2)))
             channels = list(conditions[own.sensor].sensor.channels)
             where = {"sensor": own.sensor, "channel": channels[int(own.channel[0])]}
@@ -86,11 +86,12 @@ def _described(members: set[tuple[int, int]], fit: Fitted, own: Sequence[FittedB
     """One effect's contribution to the sensor's blocks: itself, or beside the base where no more can be known."""
     itself, beside, white, rest_white = [], [], [], []
     for block in own:
-        design, whitening, base = fit.design(block, members), block.whitening, block.search.block.base
-        absorbed = np.linalg.lstsq(whitening @ base, whitening @ design, rcond=1e-8)[0]
+        design, base = fit.design(block, members), block.search.block.base
+        white_base, white_design = np.split(block.white(np.hstack([base, design])), [base.shape[1]], axis=1)
+        absorbed = np.linalg.lstsq(white_base, white_design, rcond=1e-8)[0]
         rest = design - base @ absorbed
-        white.append(whitening @ design)
-        rest_white.append(whitening @ rest)
+        white.append(white_design)
+        rest_white.append(white_design - white_base @ absorbed)
         itself.append(_Contribution(design @ fit.values, design))
         beside.append(_Contribution(rest @ fit.values, rest))
     determined = _least_left(np.vstack(white), np.vstack(rest_white)) > _DETERMINED

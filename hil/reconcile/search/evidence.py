@@ -9,7 +9,7 @@ the noise, over the sizes that an amplitude may have, and over how strongly the 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -71,8 +71,8 @@ class Beside:
     """Rows whitened at every point, (t, N), with a base projected out, and what is left of the data there.
 
     `values` (t, N, v) whitens what follows temperature by a known size: columns X become X − values values' X. `basis`
-    (t, N, p) spans the base, `residual` (t, N) is what it leaves, `rss` (t,) its square, `log_base` (t,) the log
-    determinants of noise and base.
+    (t, N, p) spans the base, `residual` (t, N) is what it leaves, `rss` (t,) its square, `log_noise` (t,) the log
+    determinants of the noise, and `log_base` (t,) of noise and base, as they stand in the evidence.
     """
 
     scales: Sequence[Scale]
@@ -80,6 +80,7 @@ class Beside:
     basis: FloatArray
     residual: FloatArray
     rss: FloatArray
+    log_noise: FloatArray
     log_base: FloatArray
     freedom: int
 
@@ -91,14 +92,13 @@ class Beside:
         seen = white.columns[:, :, :many] @ factor[:, :, np.any(factor, axis=(0, 1))]
         # 1 + seen seen' has the inverse root 1 − U (1 − (1 + λ)^-½) U', λ being the squares of what is seen.
         squares, vectors = np.linalg.eigh(np.swapaxes(seen, 1, 2) @ seen)
-        squares = np.maximum(squares, 0.0)
-        root = np.sqrt(1.0 + squares)
+        root = np.sqrt(1.0 + np.maximum(squares, 0.0))
         values = seen @ (vectors / np.sqrt(root * (1.0 + root))[:, None, :])
-        log_base = -white.half_log_det - np.sum(np.log(root), axis=1)
+        log_noise = -white.half_log_det - np.sum(np.log(root), axis=1)
         known = _less(values, white.columns[:, :, many:])
         residual = known[:, :, -1]
-        nothing = cls(scales, values, known[:, :, :0], residual, np.zeros(len(points)), log_base, residual.shape[1])
-        return nothing.beside(known[:, :, :-1])
+        none = known[:, :, :0], residual, np.zeros(len(points)), log_noise, log_noise, residual.shape[1]
+        return cls(scales, values, *none).beside(known[:, :, :-1])
 
     def beside(self, columns: FloatArray) -> Beside:
         """Add projected columns (t, N, q) to the base, those that are combinations of others left out."""
@@ -111,16 +111,20 @@ class Beside:
         log_base = self.log_base - 0.5 * np.sum(np.log(size), axis=1)
         freedom = self.freedom - int(usable.sum(axis=1).max(initial=0))
         basis = np.concatenate([self.basis, own], axis=2)
-        return Beside(self.scales, self.values, basis, left, rss, log_base, freedom)
+        return replace(self, basis=basis, residual=left, rss=rss, log_base=log_base, freedom=freedom)
 
     def at(self, index: IntArray | slice) -> Beside:
         """Return some of the points."""
-        values, basis, residual = self.values[index], self.basis[index], self.residual[index]
-        return Beside(self.scales, values, basis, residual, self.rss[index], self.log_base[index], self.freedom)
+        names = ("values", "basis", "residual", "rss", "log_noise", "log_base")
+        return replace(self, **{name: getattr(self, name)[index] for name in names})
+
+    def follow(self, white: FloatArray) -> FloatArray:
+        """Return columns (t, N, k) that were whitened but for values that follow temperature, whitened of these too."""
+        return _less(self.values, white)
 
     def project(self, white: FloatArray) -> FloatArray:
-        """Return columns (t, N, k), whitened but for what follows temperature, less what the base can do."""
-        return _less(self.basis, _less(self.values, white))
+        """Return whitened columns (t, N, k) less what the base can do."""
+        return _less(self.basis, white)
 
     def student(self, left: FloatArray, half_log_det: FloatArray) -> FloatArray:
         """Log evidence (s, t, …) of quadratic forms `left` (s, t, …) under every scale, prior of the point apart."""
@@ -252,7 +256,9 @@ def _weighed(beside: Beside, gram: FloatArray, score: FloatArray, group: Group) 
     else:
         rss = beside.rss[..., None]
     values, z = decoupled(gram * (deviation[:, :, None] * deviation[:, None, :]), score * deviation)
-    least = np.maximum(rss - explained(values, z), LEAST)
+    usable = values > 1e-10 * np.maximum(values.max(axis=-1, keepdims=True), 1e-300)
+    explained = np.sum(np.where(usable, z**2 / np.where(usable, values, 1.0), 0.0), axis=-1)
+    least = np.maximum(rss - explained, LEAST)
     variance = beside.scale_left(least)[..., None]
     terms = []
     for u in range(group.sizes.shape[1]):
@@ -269,12 +275,6 @@ def decoupled(gram: FloatArray, score: FloatArray) -> tuple[FloatArray, FloatArr
         return np.maximum(gram[..., 0], 0.0), score
     values, vectors = np.linalg.eigh(gram)
     return np.maximum(values, 0.0), np.einsum("...qk,...q->...k", vectors, score)
-
-
-def explained(values: FloatArray, z: FloatArray) -> FloatArray:
-    """Return how much of the squared residuals free amplitudes explain, (…,)."""
-    usable = values > 1e-10 * np.maximum(values.max(axis=-1, keepdims=True), 1e-300)
-    return np.asarray(np.sum(np.where(usable, z**2 / np.where(usable, values, 1.0), 0.0), axis=-1))
 
 
 def shrunk(gram: FloatArray, score: FloatArray, rss: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -1,7 +1,8 @@
 """A set as numbers: values with errors, the noise beside them, and what each term makes of every row."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -19,15 +20,14 @@ WIDE = 1e4
 
 @dataclass(frozen=True)
 class FittedBlock:
-    """One block with one set: covariance of its noise (N, N), deg²/hr², and the set's columns (N, k) with their keys.
+    """One block with one set: columns (N, k) with their keys, and noise, `scale` times that of the search's point `at`.
 
-    `deviation` (k,) and `mean` (k,) are the amplitudes' prior at its most probable size; `point` says how it scatters.
+    `deviation` (k,) and `mean` (k,) are the amplitudes' prior at its most probable size.
     """
 
     search: BlockSearch
-    covariance: FloatArray
+    at: int
     scale: float
-    point: Mapping[str, float]
     columns: FloatArray
     keys: Sequence[Key]
     mean: FloatArray
@@ -36,25 +36,30 @@ class FittedBlock:
     @property
     def calibrated(self) -> bool:
         """Whether a value of the base follows temperature."""
-        return any(far for far, _ in self.search.noise.profiles[int(self.point["profile"])])
+        return bool(self.search.points.profile[self.at] > 0)
+
+    def white(self, columns: FloatArray) -> FloatArray:
+        """Return columns (N, k), deg/hr, with rows that are independent and of variance one."""
+        return np.asarray(self.search.whitened(columns, np.array([self.at]))[0] / np.sqrt(self.scale))
 
     @property
-    def whitening(self) -> FloatArray:
-        """W with W'W = V^-1, (N, N), per deg/hr."""
-        return np.asarray(np.linalg.inv(np.linalg.cholesky(self.covariance)))
+    def variance(self) -> FloatArray:
+        """The variance of the rows' noise, (N,), deg²/hr², without values that follow temperature, which are none."""
+        noise = self.search.noise
+        return np.asarray(noise.variance(self.search.points.take(np.array([self.at])))[0] * noise.unit * self.scale)
 
-    def noise_alone(self) -> FloatArray:
-        """Return the covariance (N, N) without values per temperature, which are no noise."""
-        own, point = self.search.noise, self.point
-        values = own.by_temperature(int(point["profile"]))
-        return np.asarray(self.covariance - own.unit * self.scale * values)
+    def beside_values(self, left: FloatArray) -> FloatArray:
+        """Return what values of the base that follow temperature leave of a residual, (N,)."""
+        noise = self.search.noise
+        values = np.sqrt(noise.unit * self.scale) * noise.following(int(self.search.points.profile[self.at]))
+        return np.asarray(left - values @ (self.white(values).T @ self.white(left[:, None])[:, 0]))
 
     def precision(self, inverse: FloatArray) -> FloatArray:
         """Return the inverse covariance (N, N) of the rates before anything was fitted: noise, base and amplitudes.
 
         `inverse` (N, N) is that of the noise; what else there is, is few columns (Woodbury).
         """
-        base, unit = self.search.block.base, WIDE * np.sqrt(np.mean(np.diag(self.covariance)))
+        base, unit = self.search.block.base, WIDE * np.sqrt(np.mean(self.variance))
         columns = np.hstack([base / np.maximum(np.abs(base).max(axis=0), 1e-12) * unit, self.columns * self.deviation])
         pulled = inverse @ columns
         inner = np.eye(columns.shape[1]) + columns.T @ pulled
@@ -85,20 +90,23 @@ class Fitted:
 
     def residual(self, block: FittedBlock) -> FloatArray:
         """Return what terms and base leave of a block's rates, (N,), deg/hr."""
-        left = block.search.block.y - self.design(block) @ self.values
-        white = block.whitening
-        beta = np.linalg.lstsq(white @ block.search.block.base, white @ left, rcond=1e-9)[0]
-        return np.asarray(left - block.search.block.base @ beta)
+        left, base = block.search.block.y - self.design(block) @ self.values, block.search.block.base
+        white = block.white(np.column_stack([base, left]))
+        beta = np.linalg.lstsq(white[:, :-1], white[:, -1], rcond=1e-9)[0]
+        return np.asarray(left - base @ beta)
 
+    @cached_property
     def information(self) -> float:
         """Log likelihood, each free value paid for by half the log of the rows (Schwarz 1978)."""
-        total = 0.0
+        total, rows = 0.0, 0
         for block in self.blocks:
-            white = block.whitening
-            base = orthonormal(white @ block.search.block.base)
-            left = project_out(base, white @ (block.search.block.y - self.design(block) @ self.values))
-            total += float(np.sum(np.log(np.diag(white)))) - 0.5 * float(left @ left)
-        rows = sum(len(block.search.block.y) for block in self.blocks)
+            own = block.search
+            left = own.block.y - self.design(block) @ self.values
+            white = block.white(np.column_stack([own.block.base, left]))
+            left = project_out(orthonormal(white[:, :-1]), white[:, -1])
+            rows += len(left)
+            total += float(own.beside.log_noise[block.at]) - 0.5 * float(left @ left)
+            total -= 0.5 * len(left) * float(np.log(own.noise.unit * block.scale))
         return total - 0.5 * len(self.keys) * float(np.log(rows))
 
     def overlap(self, posterior: Posterior, number: int, own: Sequence[int], rival: int) -> float:
@@ -106,14 +114,17 @@ class Fitted:
         whole, share = 0.0, 0.0
         blocks = [block for block in self.blocks if any(block.search is b for b in posterior.searches[number].blocks)]
         for b, block in enumerate(blocks):
-            white = block.whitening
-            base = orthonormal(white @ block.search.block.base)
             added = self.design(block, {(number, j) for j in own}) @ self.values
-            target = project_out(base, white @ added)
             part = posterior.term(number, rival).parts[b]
+            columns = [block.search.block.base, added[:, None], *([] if part is None else [part.columns])]
+            base, target, others = np.split(
+                block.white(np.hstack(columns)), np.cumsum([c.shape[1] for c in columns[:2]]), 1
+            )
+            base = orthonormal(base)
+            target = project_out(base, target[:, 0])
             whole += float(target @ target)
             if part is not None:
-                other = orthonormal(project_out(base, white @ part.columns), 1e-6)
+                other = orthonormal(project_out(base, others), 1e-6)
                 share += float(np.sum((other.T @ target) ** 2))
         return float(np.sqrt(share / whole)) if whole > 0.0 else 0.0
 
@@ -124,9 +135,9 @@ class Fitted:
         """
         out = []
         for block in self.blocks:
-            noise, point = block.search.noise, int(block.point["kind"])
-            rows = noise.order[:COMPARED]
-            white = np.linalg.inv(np.linalg.cholesky(block.covariance[np.ix_(rows, rows)]))
+            noise, points = block.search.noise, block.search.points.take(np.array([block.at]))
+            rows, point = noise.order[:COMPARED], int(points.kind[0])
+            white = np.linalg.inv(np.linalg.cholesky(noise.covariance(points, len(rows))))
             values = noise.by_station[: len(rows)] * block.calibrated
             base = orthonormal(white @ np.hstack([block.search.block.base[rows], values]), 1e-6)
             fitted_kind = [noise.kinds[point]] if point >= 0 and noise.kinds[point].effect.id == name else []
@@ -154,11 +165,11 @@ def fitted(posterior: Posterior, found: Found) -> Fitted:
     for block in blocks:
         if not block.keys:
             continue
-        white, index = block.whitening, np.array([keys.index(key) for key in block.keys])
-        base = orthonormal(white @ block.search.block.base)
-        own = project_out(base, white @ block.columns)
-        gram[np.ix_(index, index)] += own.T @ own
-        score[index] += own.T @ (white @ block.search.block.y)
+        index, base = np.array([keys.index(key) for key in block.keys]), block.search.block.base
+        white = block.white(np.column_stack([base, block.search.block.y, block.columns]))
+        own = project_out(orthonormal(white[:, : base.shape[1]]), white[:, base.shape[1] :])
+        gram[np.ix_(index, index)] += own[:, 1:].T @ own[:, 1:]
+        score[index] += own[:, 1:].T @ own[:, 0]
     unit = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     covariance = np.linalg.pinv(gram / np.outer(unit, unit), rcond=1e-9, hermitian=True) / np.outer(unit, unit)
     return Fitted(blocks, keys, covariance @ score, covariance)
@@ -175,11 +186,7 @@ def fitted_block(number: int, search: SensorSearch, chosen: Set, kind: str, b: i
     if weighed.options:
         _, (mean,), (deviation,) = weighed.prior_at(np.array([weighed.best]))
     scale = weighed.left_at(t)[1]
-    names_of = ("kind", "amount", "offset", "level", "profile")
-    point = {name: float(getattr(own.points, name)[t]) for name in names_of}
-    rest = point["amount"], point["offset"], point["level"], int(point["profile"])
-    covariance = own.noise.covariance(int(point["kind"]), *rest) * own.noise.unit * scale
     parts = [(j, part) for j in chosen if (part := search.terms[j].parts[b]) is not None]
     columns = np.hstack([np.zeros((len(own.y), 0)), *(part.columns for _, part in parts)])
     keys = [(number, j, int(k)) for j, part in parts for k in part.parameters]
-    return FittedBlock(own, covariance, scale, point, columns, keys, mean, deviation)
+    return FittedBlock(own, t, scale, columns, keys, mean, deviation)

@@ -208,13 +208,12 @@ class Noise:
             self.profiles.append(profile)
         return self.profiles.index(profile)
 
-    def covariance(self, kind: int, amount: float, offset: float, level: float, profile: int) -> FloatArray:
-        """Return V of one point, (N, N), in units of the mean white variance, in the block's own order of rows."""
-        out = np.diag(self._white(np.array([level]))[0]) + self.stated.covariance
-        out += offset**2 * self.offset.covariance
-        out += amount**2 * self.kinds[kind].chain.covariance if kind >= 0 else 0.0
-        back = np.argsort(self.order)
-        return np.asarray(out[np.ix_(back, back)] + self.by_temperature(profile))
+    def covariance(self, point: Points, first: int) -> FloatArray:
+        """Return V of one point for so many of the first rows, in the order of time, over the mean white variance."""
+        kind, values = int(point.kind[0]), self.by_station[:first] @ self.factor(int(point.profile[0]))
+        out = np.diag(self._white(point.level)[0, :first]) + self.stated.first(first).covariance + values @ values.T
+        out += point.offset[0] ** 2 * self.offset.first(first).covariance
+        return out + (point.amount[0] ** 2 * self.kinds[kind].chain.first(first).covariance if kind >= 0 else 0.0)
 
     def variance(self, points: Points) -> FloatArray:
         """Return the variance of every row at every point, (t, N), in units of the mean white variance.
@@ -232,10 +231,9 @@ class Noise:
         """Return the variance that the model states beside the rows' own errors, (N,), (deg/hr)²."""
         return np.asarray(self.unit * self.stated.variance()[np.argsort(self.order)])
 
-    def by_temperature(self, profile: int) -> FloatArray:
-        """Return what base values that follow temperature add to V, (N, N), in the block's own order of rows."""
-        seen = (self.by_station @ self.factor(profile))[np.argsort(self.order)]
-        return np.asarray(seen @ seen.T)
+    def following(self, profile: int) -> FloatArray:
+        """Return S (N, r), with SS' what base values that follow temperature add to V, in the block's own order."""
+        return np.asarray((self.by_station @ self.factor(profile))[np.argsort(self.order)])
 
     def _white(self, level: FloatArray) -> FloatArray:
         share = level[:, None]

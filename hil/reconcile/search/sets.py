@@ -69,7 +69,7 @@ class BlockSearch:
         unit = float(np.sqrt(noise.unit))
         scales = HOLDS if block.sigma_stated else UNKNOWN
         cube, flat, line = (np.zeros((0,) * n) for n in (3, 2, 1))
-        nothing = Beside(scales, cube, cube, flat, line, line, 0)
+        nothing = Beside(scales, cube, cube, flat, line, line, line, 0)
         out = cls(block, noise, noise.grid(), scales, block.y / unit, unit, nothing, np.zeros(0, dtype=np.int64))
         out.choose([np.zeros((len(block.y), 0))])
         out.scanned = out.scanned[:GLANCED]
@@ -94,7 +94,11 @@ class BlockSearch:
 
     def projected(self, columns: FloatArray, at: IntArray | slice = slice(None)) -> FloatArray:
         """Return columns (N, k), deg/hr, at some of the points, whitened and less what the base can do, (t, N, k)."""
-        return self.beside.at(at).project(self._white(columns[self.noise.order] / self.unit, at).columns)
+        return self.beside.at(at).project(self.whitened(columns, at))
+
+    def whitened(self, columns: FloatArray, at: IntArray | slice = slice(None)) -> FloatArray:
+        """Return columns (N, k), deg/hr, at some of the points, with rows that are independent, in time, (t, N, k)."""
+        return self.beside.at(at).follow(self._white(columns[self.noise.order] / self.unit, at).columns)
 
     def _white(self, columns: FloatArray, at: IntArray | slice = slice(None)) -> Whitened:
         """Whiten columns (N, k), in the order of time, at some of the points: few rows by one matrix, kept."""

@@ -86,6 +86,12 @@ def term(search: SensorSearch, name: str) -> int:
     return next(j for j, one in enumerate(search.terms) if one.name == name)
 
 
+def covariance_of(own: BlockSearch, t: int) -> FloatArray:
+    """The covariance of a block's rows at one point, in the block's own order."""
+    back = np.argsort(own.noise.order)
+    return own.noise.covariance(own.points.take(np.array([t])), len(own.y))[np.ix_(back, back)]
+
+
 def brute_force(search: SensorSearch, chosen: tuple[int, ...], b: int, *, near: bool = True) -> FloatArray:
     """Log evidence by kind of scatter: Student t densities of the rows beside the base, summed over all that is open.
 
@@ -111,9 +117,7 @@ def brute_force(search: SensorSearch, chosen: tuple[int, ...], b: int, *, near: 
     stacked = beside.T @ np.hstack([np.zeros((len(own.y), 0)), *columns])
     out = np.full(len(own.noise.kinds) + 1, -np.inf)
     for t in range(len(points)):
-        point = (points.amount[t], points.offset[t], points.level[t])
-        noise = own.noise.covariance(int(points.kind[t]), *point, int(points.profile[t]))
-        noise = beside.T @ noise @ beside
+        noise = beside.T @ covariance_of(own, t) @ beside
         white = np.linalg.inv(np.linalg.cholesky(noise))
         left = white @ y
         if stacked.shape[1]:
@@ -262,7 +266,8 @@ def test_one_number_in_two_blocks_gains_what_a_joint_density_says() -> None:
 def test_what_is_held_out_is_predicted_as_by_a_refit_without_it(search: SensorSearch, kind: str) -> None:
     """Run by run: base and effect refitted to the other runs by generalised least squares, each error and density."""
     block = fitted_block(2, search, (term(search, "usual"),), kind, 0)
-    own, folds, noise = block.search.block, by_run(block), block.covariance
+    own, folds = block.search.block, by_run(block)
+    noise = block.scale * block.search.noise.unit * covariance_of(block.search, block.at)
     design = np.hstack([own.base, block.columns])
     weight = np.concatenate([np.zeros(own.base.shape[1]), block.deviation**-2])
     seen = 0
