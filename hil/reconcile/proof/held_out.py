@@ -162,23 +162,25 @@ def _predicted(
 ) -> Iterator[tuple[int, Predicted]]:
     """Yield of each fold what the other rows predict for it."""
     y = block.search.block.y - block.columns @ block.mean
-    pulled = precision @ y
-    noise = block.variance
-    for fold in np.unique(folds):
-        rows = np.array([i for i in np.flatnonzero(folds == fold) if i not in wrong], dtype=np.int64)
-        while len(rows):
-            covariance = np.linalg.inv(precision[np.ix_(rows, rows)])
-            known = np.diag(covariance) < BEYOND**2 * noise[rows]
-            if known.all():
-                break
-            rows = rows[known]
-        if not len(rows):
-            continue
-        error = covariance @ pulled[rows]
-        factor = np.linalg.cholesky(0.5 * (covariance + covariance.T))
-        white = np.linalg.solve(factor, error)
-        density = -0.5 * float(white @ white) - float(np.sum(np.log(np.diag(factor)))) - 0.919 * len(rows)
-        yield int(fold), Predicted(rows, density, error, np.asarray(factor, dtype=np.float64))
+    pulled, least = precision @ y, BEYOND**2 * block.variance
+    right = ~np.isin(np.arange(len(y)), list(wrong))
+    asked = {fold: np.flatnonzero((folds == fold) & right) for fold in np.unique(folds).tolist()}
+    while asked:
+        size = len(next(iter(asked.values())))
+        alike = [fold for fold, own in asked.items() if len(own) == size]
+        rows = np.array([asked.pop(fold) for fold in alike])
+        covariance = np.linalg.inv(precision[rows[:, :, None], rows[:, None, :]])
+        known = np.diagonal(covariance, axis1=1, axis2=2) < least[rows]
+        asked |= {alike[k]: rows[k][known[k]] for k in np.flatnonzero(known.any(axis=1) & ~known.all(axis=1)).tolist()}
+        told = np.flatnonzero(known.all(axis=1) & (size > 0))
+        rows, covariance = rows[told], covariance[told]
+        error = (covariance @ pulled[rows][..., None])[..., 0]
+        factor = np.linalg.cholesky(0.5 * (covariance + np.swapaxes(covariance, 1, 2)))
+        white = np.linalg.solve(factor, error[..., None])[..., 0]
+        log_det = np.sum(np.log(np.diagonal(factor, axis1=1, axis2=2)), axis=1)
+        density = -0.5 * np.sum(white**2, axis=1) - log_det - 0.919 * size
+        for k, place in enumerate(told):
+            yield alike[place], Predicted(rows[k], float(density[k]), error[k], factor[k])
 
 
 def by_run(block: FittedBlock) -> IntArray:

@@ -49,8 +49,9 @@ class Chain:
         """Return the chain of the first rows only."""
         return Chain(self.columns[:rows], self.keep[:rows], self.kick[:rows])
 
+    @cached_property
     def variance(self) -> FloatArray:
-        """Return the variance of every row, (N,)."""
+        """The variance of every row, (N,)."""
         own, out = np.zeros(self.columns.shape[1]), np.zeros(len(self.columns))
         for i, (seen, keep, kick) in enumerate(zip(self.columns, self.keep, self.kick, strict=True)):
             own = keep**2 * own + kick**2

@@ -134,7 +134,7 @@ class Noise:
             for shape in effect.shape_grid(conditions):
                 parts = [chain_of(part, conditions, rows, channel) for part in effect.scatter(conditions, shape)]
                 chain = joined(parts, len(rows))
-                size = float(np.mean(chain.variance()))
+                size = float(np.mean(chain.variance))
                 covariance = chain.first(few).covariance
                 if size <= 0.0 or any(_cosine(covariance, other) > ALIKE for other in known):
                     continue
@@ -220,16 +220,16 @@ class Noise:
 
         In the block's own order of rows, what base values do over temperature apart.
         """
-        out = self._white(points.level) + self.stated.variance() + points.offset[:, None] ** 2 * self.offset.variance()
+        out = self._white(points.level) + self.stated.variance + points.offset[:, None] ** 2 * self.offset.variance
         for kind in set(points.kind.tolist()) - {-1}:
             out[points.kind == kind] += np.outer(
-                points.amount[points.kind == kind] ** 2, self.kinds[kind].chain.variance()
+                points.amount[points.kind == kind] ** 2, self.kinds[kind].chain.variance
             )
         return np.asarray(out[:, np.argsort(self.order)])
 
     def stated_variance(self) -> FloatArray:
         """Return the variance that the model states beside the rows' own errors, (N,), (deg/hr)²."""
-        return np.asarray(self.unit * self.stated.variance()[np.argsort(self.order)])
+        return np.asarray(self.unit * self.stated.variance[np.argsort(self.order)])
 
     def following(self, profile: int) -> FloatArray:
         """Return S (N, r), with SS' what base values that follow temperature add to V, in the block's own order."""

@@ -38,7 +38,7 @@ def test_a_chain_has_the_covariance_of_what_scatters(effect: VarianceEffect) -> 
             parts = [chain_of(part, CONDITIONS, rows[first:], channel[first:]) for part in scatter]
             chain = joined(parts, len(rows) - first)
             np.testing.assert_allclose(chain.covariance, dense[first:, first:], atol=1e-9)
-            np.testing.assert_allclose(chain.variance(), np.diag(dense)[first:], atol=1e-9)
+            np.testing.assert_allclose(chain.variance, np.diag(dense)[first:], atol=1e-9)
 
 
 def test_a_group_that_is_not_together_in_time_is_still_one() -> None:
