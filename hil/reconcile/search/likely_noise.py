@@ -4,8 +4,10 @@ What the rows are to every model of the noise is said once, by inner products of
 follow temperature then costs matrices of the size of a sweep, however many rows there are.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -50,21 +52,14 @@ class _Rows:
     def _without_values(self, at: IntArray, places: Sequence[int]) -> tuple[FloatArray, FloatArray]:
         """Integrate the values at each temperature out: inner products (k, f, m', m') and half log dets (k, f)."""
         values = self.noise.by_station.shape[1]
-        gram, half_log_det = self.gram[at], self.half_log_det[at]
-        rest = np.repeat(gram[:, None, values:, values:], len(places), axis=1)
-        logs = np.repeat(half_log_det[:, None], len(places), axis=1)
-        for f, place in enumerate(places):
-            factor = self.noise.factor(place)
-            acting = np.any(factor, axis=0)
-            if not acting.any():
-                continue
-            own = factor[:, acting].T @ gram[:, :values]
-            inner = np.eye(acting.sum()) + own[:, :, :values] @ factor[:, acting]
-            triangle = np.linalg.cholesky(inner)
-            seen = np.linalg.solve(triangle, own[:, :, values:])
-            rest[:, f] -= np.swapaxes(seen, 1, 2) @ seen
-            logs[:, f] += np.sum(np.log(np.diagonal(triangle, axis1=1, axis2=2)), axis=1)
-        return rest, logs
+        gram, half_log_det = self.gram[at][:, None], self.half_log_det[at][:, None]
+        factors = np.array([self.noise.factor(place) for place in places])
+        factors = factors[:, :, np.any(factors, axis=(0, 1))]
+        own = np.swapaxes(factors, 1, 2) @ gram[:, :, :values]
+        triangle = np.linalg.cholesky(np.eye(factors.shape[2]) + own[..., :values] @ factors)
+        seen = np.linalg.solve(triangle, own[..., values:])
+        rest = gram[:, :, values:, values:] - np.swapaxes(seen, 2, 3) @ seen
+        return rest, half_log_det + np.sum(np.log(np.diagonal(triangle, axis1=2, axis2=3)), axis=2)
 
     def _alone(self, rest: FloatArray, half_log_det: FloatArray, columns: IntArray, data: int) -> FloatArray:
         """Log evidence (k, f) of the data beside some columns that are free."""
@@ -77,27 +72,32 @@ class _Rows:
         freedom = len(self.noise.order) - len(columns)
         return log_sum(student(rss[None], log_base, self.scales, freedom))
 
-    def climb(self, v: int) -> tuple[list[Profile], FloatArray]:
-        """Return the likeliest profiles of one variant, the likeliest first, and the heights (κ,) beside that."""
-        every = np.arange(len(self.grid))
-        one = _Rows(
-            self.noise, self.grid, self.scales, self.gram, self.half_log_det, [self.variants[v]], [self.data[v]]
-        )
-        best = self.noise.profiles[0]
+    def climb(self) -> list[tuple[list[Profile], FloatArray]]:
+        """Return of each variant how values likeliest follow, the likeliest first, and the heights (κ,) beside that."""
+        stand = self.noise.profiles[0]
         if not self.noise.calibrated:
-            return [best], one.heights(every, [best])[0, :, 0]
+            return [([stand], own[:, 0]) for own in self.heights(np.arange(len(self.grid)), [stand])]
         ordinary = np.flatnonzero(self.grid.kind < 0)
-        alike = [(way,) * len(best) for way in FOLLOWS]
-        k, f = np.unravel_index(np.argmax(heights := one.heights(ordinary, alike)[0]), heights.shape)
-        best, at = alike[f], int(ordinary[k])
+        alike = [(way,) * len(stand) for way in FOLLOWS]
+        starts = [np.unravel_index(np.argmax(own), own.shape) for own in self.heights(ordinary, alike)]
+        return [self._only(v)._climb(int(ordinary[k]), alike[f]) for v, (k, f) in enumerate(starts)]
+
+    def _only(self, v: int) -> _Rows:
+        """Return what is about one variant."""
+        values, own = self.noise.by_station.shape[1], len(self.variants[v])
+        index = np.append(np.arange(values), values + np.append(self.variants[v], self.data[v]))
+        return replace(self, gram=self.gram[:, index[:, None], index], variants=[np.arange(own)], data=[own])
+
+    def _climb(self, at: int, best: Profile) -> tuple[list[Profile], FloatArray]:
+        every = np.arange(len(self.grid))
         near: dict[Profile, float] = {}
         for _ in range(ROUNDS):
             before, near = (best, at), {}
             for place in range(len(best)):
                 changed = [(*best[:place], way, *best[place + 1 :]) for way in FOLLOWS]
-                near |= dict(zip(changed, one.heights(np.array([at]), changed)[0, 0].tolist(), strict=True))
+                near |= dict(zip(changed, self.heights(np.array([at]), changed)[0, 0].tolist(), strict=True))
                 best = max(changed, key=lambda p: near[p])
-            beside = one.heights(every, [best])[0, :, 0]
+            beside = self.heights(every, [best])[0, :, 0]
             at = int(np.argmax(beside))
             if (best, at) == before:
                 break
@@ -121,7 +121,7 @@ def likely_points(
     pairs = [(v, int(ends[-1]) + y) for v in variants for y in range(len(data))]
     rows = _Rows(noise, grid, scales, gram, half_log_det, [v for v, _ in pairs], [y for _, y in pairs])
 
-    found = [rows.climb(v) for v in range(len(pairs))]
+    found = rows.climb()
     profiles = list(dict.fromkeys(p for own, _ in found for p in own[: max(2, PROFILES // len(found))]))
     near = np.flatnonzero(
         np.any([(b > b.max() - 2.0 * DEPTH) | _highest(b, grid.kind) for _, b in found], axis=0) | _quiet(grid)

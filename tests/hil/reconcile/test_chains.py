@@ -50,23 +50,30 @@ def test_a_group_that_is_not_together_in_time_is_still_one() -> None:
     np.testing.assert_allclose(chain.covariance, part.covariance(CONDITIONS)[np.ix_(place, place)])
 
 
-def test_filtered_rows_are_independent_and_keep_the_determinant() -> None:
-    """Against a Cholesky factor: inner products of columns, and the log determinant, at every size of the states."""
+@pytest.mark.parametrize("wanders", [True, False])
+def test_filtered_rows_are_independent_and_keep_the_determinant(wanders: bool) -> None:
+    """Against a Cholesky factor: inner products of columns, and the log determinant, at every size of the states.
+
+    Of two kinds side by side, which wander through the rows, or leave each run by itself.
+    """
     rng = np.random.default_rng(1)
     late = replace(CONDITIONS, start_s=CONDITIONS.start_s + 3600.0)
     rows, channel, _ = laid(late)
-    parts = [
-        Scatter(rng.normal(size=(len(late), 2, 2)), group=late.run),
-        Scatter(rng.normal(size=(len(late), 2, 1)), tau_s=7200.0),
-        Scatter(rng.normal(size=(len(late), 2, 1)), walk=True),
-    ]
-    chains = [chain_of(part, late, rows, channel) for part in parts]
-    chain = joined(chains, len(rows))
-    amounts, white = rng.uniform(0.1, 5.0, (4, 4)), rng.uniform(0.5, 2.0, (4, len(rows)))
+
+    def drawn() -> list[Scatter]:
+        sizes = rng.normal(size=(3, len(late), 2, 2))
+        if wanders:
+            return [Scatter(sizes[0], group=late.run), Scatter(sizes[1], tau_s=7200.0), Scatter(sizes[2], walk=True)]
+        return [Scatter(each, group=late.run) for each in sizes]
+
+    kinds = [joined([chain_of(part, late, rows, channel) for part in drawn()], len(rows)) for _ in range(2)]
+    assert len(kinds[0].begins) == (1 if wanders else len(np.unique(late.run)))
+    of = np.array([0, 1, 1, 0])
+    amounts, white = rng.uniform(0.1, 5.0, (4, 6)), rng.uniform(0.5, 2.0, (4, len(rows)))
     columns = rng.normal(size=(len(rows), 3))
-    found = whitened(chain, amounts, white, columns)
+    found = whitened(kinds, of, amounts, white, columns)
     for t in range(4):
-        sized = replace(chain, columns=chain.columns * amounts[t])
+        sized = replace(kinds[of[t]], columns=kinds[of[t]].columns * amounts[t])
         covariance = sized.covariance + np.diag(white[t])
         inner = found.columns[t].T @ found.columns[t]
         np.testing.assert_allclose(inner, columns.T @ np.linalg.solve(covariance, columns), rtol=1e-9)
