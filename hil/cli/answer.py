@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
-from hil.cli.output import Lasting, messages, print_json, results
+from hil.cli.output import Aside, Lasting, messages, print_json, results
 from hil.errors import InputError
 from hil.files.optional import library
 
@@ -48,12 +48,6 @@ _TABLES: dict[str, tuple[_Path, tuple[str, ...]]] = {
 
 Without levels the document itself has the columns, each as long as the one that tells its rows apart.
 """
-
-
-class Aside(str):
-    """A line that goes beside the result: a warning, a note; on standard error."""
-
-    __slots__ = ()
 
 
 @dataclass(frozen=True)
@@ -137,6 +131,17 @@ class Answer:
         if schema.partition("/")[0] not in _TABLES:
             raise InputError(f"{schema} is no list of rows; use what is in .document")
         return _TABLES[schema.partition("/")[0]]
+
+
+def told(document: Mapping[str, Any], **beside: Any) -> Callable[[], Iterable[str | Table]]:
+    """Return what says a document in the words of its template (`hil.cli.told`), which knows what is `beside` it."""
+
+    def said() -> Iterable[str | Table]:
+        from hil.cli.told import lines_of  # a program that reads JSON waits for no template
+
+        return lines_of(document, beside)
+
+    return said
 
 
 def _rows(level: Mapping[str, Any], path: _Path, above: Mapping[str, Any]) -> Iterator[dict[str, Any]]:

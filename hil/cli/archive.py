@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import date
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.table import Table
 
-from hil.archive.sentences import sentences, some
-from hil.cli.answer import Answer, Aside
-from hil.cli.output import check_named, listing, messages
+from hil.cli.answer import Answer, told
+from hil.cli.output import check_named, messages
 from hil.errors import InputError
-from procedures.words import counted
 
 _Archive = Annotated[Path | None, typer.Option("--archive", envvar="HIL_ARCHIVE", help="The archive's folder.")]
 
@@ -65,22 +62,7 @@ def archive(
         "cannot_be_read": dict(done.broken),
         "unfinished": list(done.unfinished),
     }
-    return Answer(document, lambda: _archived(document), status=4 if refused or done.broken else 0)
-
-
-def _archived(document: Mapping[str, Any]) -> Iterator[str]:
-    for each in document["taken_up"]:
-        replaces = f" in the place of {each['replaces']}" if each["replaces"] else ""
-        yield f"unit {each['serial']}: {each['entry']}{' was there before' * each['before']}{replaces}"
-    yield from (Aside(f"not taken up: {source}: {why}") for source, why in document["not_taken_up"].items())
-    yield from _some([f"warning: {name}: cannot be read: {why}" for name, why in document["cannot_be_read"].items()])
-    if document["cannot_be_read"]:
-        yield Aside(
-            f"hil archive {document['archive']} NIGHT_OR_CAMPAIGN takes up anew what is damaged, from its source"
-        )
-    yield from _some([f"warning: {name}: is gone from the folder" for name in document["gone"]])
-    yield from _some([f"note: {name}: was never finished; nothing is read from it" for name in document["unfinished"]])
-    yield f"{document['archive']}: {counted(document['entries'], 'campaign')}, {len(document['read'])} of them read now"
+    return Answer(document, told(document), status=4 if refused or done.broken else 0)
 
 
 def units(
@@ -100,18 +82,7 @@ def units(
         "units": rows,
         "said": behind,
     }
-    return Answer(document, lambda: _units(document))
-
-
-def _units(document: Mapping[str, Any]) -> Iterator[str | Table]:
-    yield from _some([f"warning: {each}; hil archive ARCHIVE brings the index up" for each in document["said"]])
-    table = listing("unit", "model", "campaigns", "first", "last", "verdict", "", left={"unit", "model", "verdict", ""})
-    for each in document["units"]:
-        bad = f"{each['cannot_be_read']} cannot be read" if each["cannot_be_read"] else ""
-        remark = "; ".join(filter(None, ["SIMULATED" * each["simulated"], bad, each["remark"]]))
-        cells = (each[name] or "–" for name in ("first", "last", "verdict"))
-        table.add_row(each["serial"], each["model"], str(each["campaigns"]), *cells, remark)
-    yield table
+    return Answer(document, told(document))
 
 
 def history(
@@ -130,7 +101,7 @@ def history(
     ] = None,
 ) -> Answer:
     """Say what became of a unit through the years: drift, jumps, control limits, when the next calibration is due."""
-    from hil.archive.history import history as told
+    from hil.archive.history import history as became
     from hil.archive.index import opened_index
 
     if page is not None:
@@ -143,7 +114,7 @@ def history(
 
         chosen = load_limits(limits)
     with opened_index(folder) as index:
-        found = told(index, serial, model, chosen)
+        found = became(index, serial, model, chosen)
     document = found.document()
     if csv_file is not None:
         _write_csv(csv_file, _rows(document))
@@ -157,7 +128,7 @@ def history(
         from hil.campaign.writer import write_campaign
 
         write_campaign(life(folder, [each.name for each in found.used]), out)
-    return Answer(document, lambda: _history(document, [each for each in (csv_file, page, out) if each is not None]))
+    return Answer(document, told(document, written_to=list(filter(None, (csv_file, page, out)))))
 
 
 def _rows(document: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
@@ -167,37 +138,6 @@ def _rows(document: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
             for each in station["values"]:
                 names = {"sensor": parameter["sensor"], "parameter": parameter["parameter"]}
                 yield {**names, "temperature_degC": station["temperature_degC"], **each}
-
-
-def _history(document: Mapping[str, Any], written: Sequence[Path]) -> Iterator[str | Table]:
-    yield from _some([f"warning: {each}" for each in document["said"]])
-    used = [each for each in document["campaigns"] if each["used"]]
-    mark = "  SIMULATED" * document["simulated"]
-    first, last = (used[place]["began_utc"][:10] if used else "–" for place in (0, -1))
-    yield f"unit {document['serial']} {document['model']}: {counted(len(used), 'calibration')}, {first} to {last}{mark}"
-    headings = ("sensor", "parameter", "unit", "drift per month", "95 % interval", "finding", "outside control limits")
-    table = listing(*headings, left={"parameter", "unit", "finding", "outside control limits"})
-    for each in document["parameters"]:
-        slope = each["drift_per_month"]
-        cells = (
-            ("–", "–") if slope is None else (f"{slope['value']:+.3g}", f"{slope['low']:+.3g} … {slope['high']:+.3g}")
-        )
-        out = [_at(of) for of in each["temperatures"] if of["control"] and of["control"]["outside"]]
-        row = (str(each["sensor"]), each["parameter"], each["unit"], *cells, each["finding"])
-        table.add_row(*row, ", ".join(out))
-    yield table
-    yield from sentences(document)
-    yield from (f"written: {path}" for path in written)
-
-
-def _at(station: Mapping[str, Any]) -> str:
-    degC = station["temperature_degC"]
-    return "yes" if degC is None else f"{degC:.1f} °C"
-
-
-def _some(lines: Sequence[str]) -> Iterator[Aside]:
-    """Yield the first of many lines that go beside the answer."""
-    yield from map(Aside, some(lines))
 
 
 def _named(archive: Path | None) -> Path:

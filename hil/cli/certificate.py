@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
-from rich.table import Table
 
 from drivers.clock import SystemClock
-from hil.cli.answer import Answer, Aside
+from hil.cli.answer import Answer, told
 from hil.cli.exit_status import Limits, Strict, of_unit
-from hil.cli.output import Folder, listing
+from hil.cli.output import Folder
 from hil.errors import InputError
 
 
@@ -55,20 +53,7 @@ def certificate(
         write_pdf(path, path.with_suffix(".pdf"))
         written.append(path.with_suffix(".pdf"))
     document = found.document
-    return Answer(document, lambda: _said(document, written), status=of_unit(document["in_spec"], strict))
-
-
-def _said(document: Mapping[str, Any], written: list[Path]) -> Iterator[str | Table]:
-    yield from (Aside(f"DRAFT: {why}") for why in document["refused_because"])
-    table = listing("sensor", "at, °C", "parameter", "value", "U (k = 2)", "unit", left={"parameter", "unit"})
-    for each in document["results"]:
-        degC, digits = each["temperature_degC"], each["decimals"]
-        numbers = (each["value"], each["expanded_uncertainty"])
-        cells = ("–" if value is None else f"{value:.{digits}f}" for value in numbers)
-        at = "–" if degC is None else f"{degC:.1f}"
-        table.add_row(str(each["sensor"]), at, each["parameter"], *cells, each["unit"])
-    yield table
-    yield from (f"{'draft' if document['draft'] else 'certificate'}: {path}" for path in written)
+    return Answer(document, told(document, written_to=written), status=of_unit(document["in_spec"], strict))
 
 
 COMMANDS = (certificate,)

@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.table import Table
 
-from hil.cli.answer import Answer, Aside
+from hil.cli.answer import Answer, told
 from hil.cli.data import Source, read_source
 from hil.cli.exit_status import Exit
-from hil.cli.output import check_result_folder, listing
+from hil.cli.output import check_result_folder
 from hil.errors import InputError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-_READINGS_SHOWN = 4
-_ROUNDING = 1e-9
 
 
 def quantity(option: str, text: str, convert: Callable[[str], float]) -> float:
@@ -88,36 +84,7 @@ def allan(
     if out is not None:
         save_figure(draw(result), out)
     document = result.document(collect_s, wanted)
-    return Answer(document, lambda: _allan(document, out), lambda _: draw(result))
-
-
-def _allan(document: dict[str, Any], out: Path | None) -> Iterator[str | Table]:
-    mark = "  SIMULATED" if document["simulated"] else ""
-    yield (
-        f"{document['source']}: {document['samples']} samples at {document['rate_hz']:.6g} Hz, "
-        f"{document['stretches']} stretch{'es' if document['stretches'] > 1 else ''} without a gap{mark}"
-    )
-    table = listing("averaging, s", "deviation, deg/hr", "95 % interval", "slope", "fit", left=())
-    columns = ("tau_s", "deviation", "low", "high", "slope", "fitted")
-    for tau, deviation, low, high, slope, fitted in zip(*(document[name] for name in columns), strict=True):
-        table.add_row(f"{tau:.4g}", f"{deviation:.4g}", f"{low:.4g} to {high:.4g}", f"{slope:+.2f}", f"{fitted:.4g}")
-    yield table
-    terms = listing("term", "value", "95 % interval", "unit", "slope", "what it is")
-    for name, term in document["fit"].items():
-        value = f"{term['value']:.4g}" if term["seen"] else "not seen"
-        terms.add_row(
-            name,
-            value,
-            f"{term['low']:.4g} to {term['high']:.4g}" if term["seen"] else f"below {term['high']:.4g}",
-            term["unit"],
-            f"{term['slope']:+g}",
-            term["meaning"],
-        )
-    yield terms
-    yield from document["summary"]
-    yield from (Aside(f"note: {note}") for note in document["notes"])
-    if out is not None:
-        yield f"plot: {out}"
+    return Answer(document, told(document, out=out), lambda _: draw(result))
 
 
 def audit(
@@ -133,41 +100,7 @@ def audit(
     from hil.analysis.published import audit_table
 
     document = audit_table(name).document()
-    return Answer(document, lambda: _audited(document))
-
-
-def _audited(document: dict[str, Any]) -> Iterator[str | Table]:
-    table = listing("row", "identity", "residual", "tolerance", "verdict", left={"row", "identity", "verdict"})
-    doubtful = [each for each in document["identities"] if each["verdict"] != "ok"]
-    for each in doubtful:
-        numbers = (f"{each['residual']:+.4f}", f"{each['tolerance']:.4f}")
-        table.add_row(str(each["row"]), each["identity"], *numbers, each["verdict"])
-    if doubtful:
-        yield table
-    for each in doubtful:
-        yield from _mending(each)
-    yield f"\n{document['summary']}"
-    yield from (Aside(f"note: {note}") for note in document["notes"])
-
-
-def _mending(identity: dict[str, Any]) -> Iterator[str]:
-    """What would mend one identity, in a few lines."""
-    readings = identity["candidates"][:_READINGS_SHOWN]
-    alone = [each for each in identity["would_close"] if each["others_hold"]]
-    if identity["note"]:
-        yield f"\n{identity['row']}, {identity['identity']}: {identity['note']}"
-    elif readings or alone:
-        yield f"\n{identity['row']}, {identity['identity']} would be mended by"
-    for each in readings:
-        rest = "" if each["mends_row"] else "; something else in this row still fails"
-        left = f"leaves {each['residual']:+.4f}"
-        yield f"  {each['cell']} {each['printed']} read as {each['read']} ({each['change']}), {left}{rest}"
-    if any(each["mends_row"] for each in readings) or not alone:
-        return
-    values = " or ".join(f"{each['cell']} = {each['value']}" for each in alone)
-    only = "only " if len(alone) == 1 else ""
-    first = "or" if readings else "no single digit;"
-    yield f"  {first} {only}{values} closes it beside what holds"
+    return Answer(document, told(document))
 
 
 def thermal(
@@ -206,48 +139,7 @@ def thermal(
         return draw_fit(result.of(which_sensor(source, campaign, sensor)), campaign)
 
     status = Exit.INCOMPLETE if result.not_fitted else Exit.DONE
-    return Answer(document, lambda: _thermal(document, out, written), drawn, status)
-
-
-def _thermal(document: dict[str, Any], out: Path | None, written: list[str]) -> Iterator[str | Table]:
-    from hil.solve.wrong_rows import in_words
-
-    yield from (Aside(f"warning: {line}") for line in document["warnings"])
-    yield f"{document['campaign']}{'  SIMULATED' * document['simulated']}"
-    yield from in_words(document)
-    for sensor in document["sensors"]:
-        yield from _of_sensor(sensor)
-    yield from (f"not fitted: {each['why']}" for each in document["not_fitted"])
-    if written:
-        yield f"\nwritten to {out}: {', '.join(written)}"
-
-
-def _of_sensor(sensor: dict[str, Any]) -> Iterator[str | Table]:
-    low, high = (round(each, 1) + 0.0 for each in sensor["range_degC"])  # no minus before a zero
-    yield (
-        f"\nsensor {sensor['sensor']}, {sensor['model']}, {len(sensor['temperatures_degC'])} temperatures from "
-        f"{low:.1f} to {high:.1f} °C, the unit's own; errors are those at a temperature that was left out"
-    )
-    headings = ("", "unit", "form", "its error", "form chosen anew", "a constant's", "± of one run")
-    table = listing(*headings, *(["from below - from above"] if sensor["both_directions_degC"] else []))
-    for name, each in sensor["parameters"].items():
-        scatter = "–" if each["repeatability"] is None else f"{each['repeatability']:.3g}"
-        found = each["improvement"]
-        anew = _error(found["held_out_modelled"]) if found["form_chosen_anew"] else "–"
-        errors = (_error(each["leave_one_out_error"]), anew, _error(each["leave_one_out_error_constant"]))
-        form = "none found" if each["finding"] == "undescribed" else each["form"]
-        change = each["hysteresis"]
-        last = [] if change is None else [f"{change['from_below_less_from_above']:+.2f} ±{change['se']:.2f}"]
-        table.add_row(name, each["unit"], form, *errors, scatter, *last)
-    yield table
-    yield from (f"{name}: {each['verdict']}" for name, each in sensor["parameters"].items())
-    yield sensor["verdict"]["words"]
-    yield from (Aside(f"note: {note}") for note in sensor["notes"])
-
-
-def _error(value: float) -> str:
-    """An error of the sixteenth digit is none."""
-    return f"{value:.3g}" if value > _ROUNDING else "0"
+    return Answer(document, told(document, out=out, written_to=written), drawn, status)
 
 
 COMMANDS = (allan, audit, thermal)

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 from rich.table import Table
 
-from hil.cli.answer import Answer, Aside
+from hil.cli.answer import Answer
 from hil.cli.exit_status import Limits, Strict, of_unit
-from hil.cli.output import check_named, listing, messages, results
+from hil.cli.output import Aside, check_named, listing, messages, results
 from hil.errors import InputError
 
 if TYPE_CHECKING:  # `hil --help` loads no arithmetic

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.table import Table
 from typer.core import TyperGroup
 
-from hil.cli.answer import Answer, Aside
+from hil.cli.answer import Answer, told
 from hil.cli.coefficients import quantity, sample_rate_hz
 from hil.cli.frames import Settings, frame_parameters
-from hil.cli.output import listing, messages, results, warn
+from hil.cli.output import messages, results, warn
 from hil.errors import InputError
-from procedures.words import counted
 
 Out = Annotated[Path, typer.Argument(help="The campaign folder to make.")]
 
@@ -94,26 +91,7 @@ def log(
     made = campaign_of_log(read, test, latitude_deg=latitude_deg)
     write_log_campaign(made, out)
     document = {**made.document, "campaign": str(out)}
-    return Answer(document, lambda: _imported(document))
-
-
-def _imported(document: Mapping[str, Any]) -> Iterator[str | Table]:
-    """What was left out and is not known, each pose, the accelerometers and gyros, and where the campaign is."""
-    yield from (Aside(f"note: {note}") for note in document["notes"])
-    rows = listing("collect", "position", "rows", "start, s", "long, s", "|f|, g", "why it ends", left={"why it ends"})
-    for each in document["stretches"]:
-        first, last = each["rows"]
-        numbers = (f"{each['start_s']:.2f}", f"{each['duration_s']:.2f}", f"{each['size_of_f_g']:.4f}")
-        rows.add_row(str(each["collect"]), each["position"], f"{first}-{last}", *numbers, each["ends"])
-    yield rows
-    fitted, gyros = document["accelerometer"]["parameters"], document["accelerometer"]["gyros"]
-    parameters = listing("parameter", "value", "95 % interval", "unit", left={"unit"})
-    for name, of in {**fitted, **(gyros["parameters"] if gyros else {})}.items():
-        interval = f"{of['low']:+.5f} to {of['high']:+.5f}" if of["told"] else "not told by this log"
-        parameters.add_row(name, f"{of['value']:+.5f}", interval, of["unit"])
-    yield parameters
-    mark = "  SIMULATED" if document["simulated"] else ""
-    yield f"campaign: {document['campaign']}, {counted(len(document['stretches']), 'pose')}{mark}"
+    return Answer(document, told(document))
 
 
 import_app = typer.Typer(

@@ -12,9 +12,9 @@ import typer
 from rich.progress import Progress
 from rich.table import Table
 
-from hil.cli.answer import Answer, Aside
+from hil.cli.answer import Answer
 from hil.cli.data import Source, read_source
-from hil.cli.output import check_named, check_result_folder, listing, messages
+from hil.cli.output import Aside, check_named, check_result_folder, listing, messages
 
 if TYPE_CHECKING:
     from hil.model import Model

@@ -21,6 +21,12 @@ JsonFlag = Annotated[bool, typer.Option("--json", help="One JSON document on sta
 Folder = Annotated[Path, typer.Argument(help="A night's folder.")]
 
 
+class Aside(str):
+    """A line that goes beside the result: a warning, a note; on standard error."""
+
+    __slots__ = ()
+
+
 def always_writable() -> None:
     """Let nothing that is printed end a command: a stream that was closed (`2>&-`), a terminal that has no degree sign.
 

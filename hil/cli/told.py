@@ -1,0 +1,69 @@
+"""What people read of a command's document: its schema's template in `hil/cli/answers` gives lines and tables.
+
+    lines_of(document, {"out": out})      # hil.allan/1 by answers/allan.txt.j2, in which the document is `r`
+
+A line of a template is a line that is printed. `{{ heads("term", "value", left=["term"]) }}` is a line that is a table,
+`{% do row("N", term.value|written(".3g")) %}` adds a row to it, `{{ aside("note: " ~ note) }}` goes beside the answer.
+"""
+
+from collections.abc import Collection, Iterator, Mapping
+from functools import cache
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from rich.table import Table
+
+from hil.archive.sentences import sentences, some
+from hil.cli.output import Aside, harmless, listing
+from hil.solve.wrong_rows import in_words
+from procedures.words import counted
+
+_MARK = "\x1f"  # begins a line that is none of text; what is filled in has no control characters
+
+
+class _Marked(str):
+    """A line that stands for something else."""
+
+    __slots__ = ()
+
+
+def lines_of(document: Mapping[str, Any], beside: Mapping[str, Any]) -> Iterator[str | Table]:
+    """Yield the lines and tables that say a document; `beside` is what its template knows besides."""
+    made: list[Aside | Table] = []
+
+    def kept(each: Aside | Table) -> _Marked:
+        made.append(each)
+        return _Marked(f"{_MARK}{len(made) - 1}")
+
+    def heads(*headings: str, left: Collection[str] | None = None, no_wrap: bool = True) -> _Marked:
+        return kept(listing(*headings, left=left, no_wrap=no_wrap))
+
+    def row(*cells: object, style: str | None = None) -> None:
+        tables = [each for each in made if isinstance(each, Table)]
+        tables[-1].add_row(*map(str, cells), style=style)
+
+    template = _environment().get_template(f"{document['schema'].removeprefix('hil.').partition('/')[0]}.txt.j2")
+    mark = "  SIMULATED" * bool(document.get("simulated"))
+    known = {"heads": heads, "row": row, "aside": lambda text: kept(Aside(text)), "mark": mark, **beside}
+    for line in template.render(r=document, **known).removesuffix("\n").split("\n"):
+        yield made[int(line.removeprefix(_MARK))] if line.startswith(_MARK) else line
+
+
+@cache
+def _environment() -> Environment:
+    environment = Environment(  # noqa: S701 - no page: what steers a terminal is taken out instead
+        loader=PackageLoader("hil.cli", "answers"),
+        extensions=["jinja2.ext.do"],
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=lambda value: value if isinstance(value, _Marked) else harmless(str(value)),
+    )
+    environment.filters["written"] = _written
+    environment.globals |= {"counted": counted, "in_words": in_words, "sentences": sentences, "some": some, "zip": zip}
+    return environment
+
+
+def _written(value: float | None, form: str) -> str:
+    """Write a number, or a dash where it is not known."""
+    return "–" if value is None else format(value, form)

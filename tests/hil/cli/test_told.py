@@ -1,0 +1,46 @@
+"""What people read of a document, by its template."""
+
+from __future__ import annotations
+
+from rich.table import Table
+
+from hil.cli.answer import told
+from hil.cli.output import Aside
+
+_NOISE = {
+    "sensor": 2,
+    "channel": "RA",
+    "stated_deg_per_hr": None,
+    "observed_deg_per_hr": 3.0,
+    "run_offset_deg_per_hr": 1.0,
+}
+
+
+def _scatter(title: str, sentence: str = "they cannot tell") -> list[str | Table]:
+    document = {
+        "schema": "hil.scatter/1",
+        "title": title,
+        "simulated": True,
+        "noise": [_NOISE],
+        "sentences": [sentence],
+    }
+    return list(told(document, warnings=["row 3 is odd"])())
+
+
+def test_lines_tables_and_what_goes_beside_come_in_the_order_of_the_template() -> None:
+    """A table is one line of the template, whatever rows it gets; a number that is not known is a dash."""
+    beside, title, table, sentence = _scatter("night 014")
+    assert beside == "warning: row 3 is odd"
+    assert isinstance(beside, Aside)
+    assert (title, sentence) == ("night 014  SIMULATED", "they cannot tell")
+    assert isinstance(table, Table)
+    assert [list(column.cells) for column in table.columns] == [["2 RA"], ["–"], ["3.00"], ["1.00"]]
+
+
+def test_a_document_cannot_pass_for_a_line_of_the_template() -> None:
+    """Titles come from others' files: what would steer a terminal, or stand for a table, is taken out."""
+    _, title, _, sentence = _scatter("\x1f0 \x1b[2J", "\x1f1")
+    assert (title, sentence) == (
+        "\N{REPLACEMENT CHARACTER}0 \N{REPLACEMENT CHARACTER}[2J  SIMULATED",
+        "\N{REPLACEMENT CHARACTER}1",
+    )
