@@ -6,13 +6,12 @@ text = new_bench("my-bench", Asked("espec", "/dev/ttyUSB1", "-40 to 85 degC", "s
 import re
 from dataclasses import dataclass
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from drivers.chambers import CHAMBER_DRIVERS
 from drivers.frames.description import StreamDescription, load_description
 from hil.config.bench import parse_bench
 from hil.errors import InputError
 from hil.files.strict import find_config, near
+from hil.files.text import filled
 from hil.files.units import TEMPERATURE, to_number
 
 
@@ -35,8 +34,9 @@ def new_bench(name: str, asked: Asked) -> str:
         raise InputError(f"{asked.chamber!r} is no chamber that hil knows{near(asked.chamber, allowed)}")
     description = load_description(find_config("imus", asked.unit))
     low, high = _limits(asked.limits)
-    how = Environment(loader=PackageLoader("hil.bench", "."), undefined=StrictUndefined, trim_blocks=True)  # noqa: S701
-    text = how.get_template("new_bench.yaml.j2").render(
+    text = filled(
+        "hil.bench",
+        "new_bench.yaml.j2",
         name=name,
         asked=asked,
         unit=description,
