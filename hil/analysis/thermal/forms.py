@@ -5,128 +5,65 @@ It is batched, so that a thousand simulated campaigns cost as much as one loop. 
 beyond what it was shown, as it would in use; the interpolating forms hold their end value.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from hil.campaign import FloatArray, IntArray
 
-POLYNOMIAL, MONOTONE, TABLE = "polynomial", "monotone", "table"
+MONOTONE, TABLE = "monotone", "table"
 _LOWEST_STEP_DEGC = 1e-6
 
 
-class Form(Protocol):
-    """One form. `order` is that of a polynomial (0: constant), None for the others."""
-
-    @property
-    def name(self) -> str:
-        """What the form is called: constant, linear, quadratic, cubic, polynomial of order n, monotone, table."""
-
-    @property
-    def order(self) -> int | None:
-        """The order of a polynomial."""
-
-    def held_out(self, values: FloatArray) -> FloatArray:
-        """Return value less prediction at each temperature when it is left out; (..., S) from (..., S)."""
-
-    def fitted(self, values: FloatArray) -> FloatArray:
-        """Return the form fitted to all temperatures, at those temperatures; (..., S) from (..., S)."""
-
-
 @dataclass(frozen=True)
-class PolynomialForm:
-    """A polynomial of an order, by least squares with `weight` (S,) (inverse variances)."""
+class Form:
+    """One form. `order` is that of a polynomial (0: constant), None for the others.
 
-    temperature_degC: FloatArray
-    weight: FloatArray
-    degree: int
+    `fitted` gives the form fitted to all temperatures, at those temperatures, `held_out` value less prediction at each
+    temperature when it is left out; both (..., S) from values (..., S).
+    """
 
-    @property
-    def name(self) -> str:
-        """constant, linear, quadratic, cubic, or polynomial of order n."""
-        names = ("constant", "linear", "quadratic", "cubic")
-        return names[self.degree] if self.degree < len(names) else f"{POLYNOMIAL} of order {self.degree}"
-
-    @property
-    def order(self) -> int | None:
-        """The order."""
-        return self.degree
-
-    @cached_property
-    def _hat(self) -> FloatArray:
-        root = np.sqrt(self.weight)
-        span = np.linalg.qr(root[:, None] * _scaled_powers(self.temperature_degC, self.degree))[0]
-        return np.asarray((span @ span.T) * root[None, :] / root[:, None])
-
-    @cached_property
-    def _left_out(self) -> FloatArray:
-        """The matrix that makes held-out errors of values: residuals over one less the leverage."""
-        return np.asarray((np.eye(len(self.weight)) - self._hat) / (1.0 - np.diagonal(self._hat))[:, None])
-
-    def held_out(self, values: FloatArray) -> FloatArray:
-        """See `Form`."""
-        return np.asarray(values @ self._left_out.T)
-
-    def fitted(self, values: FloatArray) -> FloatArray:
-        """See `Form`."""
-        return np.asarray(values @ self._hat.T)
+    name: str
+    order: int | None
+    fitted: Callable[[FloatArray], FloatArray]
+    held_out: Callable[[FloatArray], FloatArray]
 
 
-@dataclass(frozen=True)
-class TableForm:
-    """The values themselves, (..., S), interpolated by PCHIP."""
-
-    temperature_degC: FloatArray
-    name: str = TABLE
-    order: int | None = None
-
-    def held_out(self, values: FloatArray) -> FloatArray:
-        """See `Form`."""
-        return _left_out_one_by_one(self.temperature_degC, values, lambda _, shown: shown)
-
-    def fitted(self, values: FloatArray) -> FloatArray:
-        """See `Form`."""
-        return values
-
-
-@dataclass(frozen=True)
-class MonotoneForm:
-    """The nearest values, (..., S), that only rise or only fall (isotonic least squares), interpolated by PCHIP."""
-
-    temperature_degC: FloatArray
-    weight: FloatArray
-    name: str = MONOTONE
-    order: int | None = None
-
-    def held_out(self, values: FloatArray) -> FloatArray:
-        """See `Form`."""
-        return _left_out_one_by_one(
-            self.temperature_degC, values, lambda shown, these: monotone(these, self.weight[shown])
-        )
-
-    def fitted(self, values: FloatArray) -> FloatArray:
-        """See `Form`."""
-        return monotone(values, self.weight)
+def polynomial(temperature_degC: FloatArray, weight: FloatArray, order: int) -> Form:
+    """Return the form of a polynomial, by least squares with `weight` (S,) (inverse variances)."""
+    names = ("constant", "linear", "quadratic", "cubic")
+    root = np.sqrt(weight)
+    span = np.linalg.qr(root[:, None] * _scaled_powers(temperature_degC, order))[0]
+    hat = (span @ span.T) * root[None, :] / root[:, None]
+    # Held-out errors are residuals over one less the leverage.
+    left_out = (np.eye(len(weight)) - hat) / (1.0 - np.diagonal(hat))[:, None]
+    return Form(
+        names[order] if order < len(names) else f"polynomial of order {order}",
+        order,
+        lambda values: np.asarray(values @ hat.T),
+        lambda values: np.asarray(values @ left_out.T),
+    )
 
 
-class _Shape(Protocol):
-    def __call__(self, shown: IntArray, values: FloatArray, /) -> FloatArray: ...
+def interpolated(name: str, temperature_degC: FloatArray, shape: Callable[[IntArray, FloatArray], FloatArray]) -> Form:
+    """Return the form that PCHIP puts through what `shape` makes of the values at some of the temperatures."""
+    every = np.arange(len(temperature_degC))
 
+    def held_out(values: FloatArray) -> FloatArray:
+        errors = np.empty_like(values)
+        for left in every.tolist():
+            shown = every[every != left]
+            # Between two temperatures PCHIP is made of them and the next on either side.
+            near = slice(max(left - 2, 0), left + 2) if 0 < left < every[-1] else slice(-2, None) if left else slice(2)
+            shaped = shape(shown, values[..., shown])[..., near]
+            curve = PchipInterpolator(temperature_degC[shown[near]], shaped, axis=-1)
+            at = np.clip(temperature_degC[left], temperature_degC[shown[0]], temperature_degC[shown[-1]])
+            errors[..., left] = values[..., left] - curve(at)
+        return errors
 
-def _left_out_one_by_one(temperature_degC: FloatArray, values: FloatArray, shape: _Shape) -> FloatArray:
-    count = len(temperature_degC)
-    errors = np.empty_like(values)
-    for left in range(count):
-        shown = np.flatnonzero(np.arange(count) != left)
-        # Between two temperatures PCHIP is made of them and the next on either side.
-        near = slice(max(left - 2, 0), left + 2) if 0 < left < count - 1 else slice(-2, None) if left else slice(2)
-        curve = PchipInterpolator(temperature_degC[shown[near]], shape(shown, values[..., shown])[..., near], axis=-1)
-        at = np.clip(temperature_degC[left], temperature_degC[shown[0]], temperature_degC[shown[-1]])
-        errors[..., left] = values[..., left] - curve(at)
-    return errors
+    return Form(name, None, lambda values: shape(every, values), held_out)
 
 
 def monotone(values: FloatArray, weight: FloatArray) -> FloatArray:
@@ -168,7 +105,8 @@ def candidate_forms(temperature_degC: FloatArray, weight: FloatArray, highest_or
     """
     count = len(temperature_degC)
     highest = min(highest_order, max(count - 3, 1)) if count >= 3 else 0
-    forms: list[Form] = [PolynomialForm(temperature_degC, weight, order) for order in range(highest + 1)]
-    if count >= 4:
-        forms += [MonotoneForm(temperature_degC, weight), TableForm(temperature_degC)]
+    forms = [polynomial(temperature_degC, weight, order) for order in range(highest + 1)]
+    if count >= 4:  # the nearest values that only rise or only fall, and the values themselves
+        forms.append(interpolated(MONOTONE, temperature_degC, lambda shown, values: monotone(values, weight[shown])))
+        forms.append(interpolated(TABLE, temperature_degC, lambda _, values: values))
     return forms

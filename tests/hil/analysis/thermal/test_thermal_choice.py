@@ -10,11 +10,16 @@ from scipy.interpolate import PchipInterpolator
 from scipy.optimize import isotonic_regression
 
 from hil.analysis.thermal.choice import FALSE_ALARM, choose
-from hil.analysis.thermal.forms import MonotoneForm, PolynomialForm, TableForm, candidate_forms, monotone
+from hil.analysis.thermal.forms import MONOTONE, TABLE, Form, candidate_forms, monotone, polynomial
+from hil.campaign import FloatArray
 from tests.hil.analysis.thermal.nights import PUBLISHED_DEGC, scaled
 
 T = np.array(PUBLISHED_DEGC)
 UNIT = np.eye(len(T))
+
+
+def _form(name: str, weight: FloatArray) -> Form:
+    return next(each for each in candidate_forms(T, weight, 5) if each.name == name)
 
 
 @pytest.mark.parametrize("order", [0, 1, 2, 3, 4, 5])
@@ -22,7 +27,7 @@ def test_a_polynomial_is_judged_by_fits_that_did_not_see_the_temperature(order: 
     """The held-out errors are those of refitting without each temperature, weights included."""
     rng = np.random.default_rng(order)
     values, weight = rng.normal(size=(3, len(T))), rng.uniform(0.5, 2.0, len(T))
-    found = PolynomialForm(T, weight, order).held_out(values)
+    found = polynomial(T, weight, order).held_out(values)
     for left in range(len(T)):
         shown = np.arange(len(T)) != left
         for row in range(3):
@@ -36,7 +41,7 @@ def test_a_polynomial_is_judged_by_fits_that_did_not_see_the_temperature(order: 
 def test_a_table_is_judged_by_interpolation_and_holds_its_ends() -> None:
     """Between its neighbours PCHIP, beyond the last temperature the last value."""
     values = np.random.default_rng(1).normal(size=len(T))
-    found = TableForm(T).held_out(values)
+    found = _form(TABLE, UNIT.diagonal()).held_out(values)
     inner = PchipInterpolator(np.delete(T, 3), np.delete(values, 3))(T[3])
     assert found[3] == pytest.approx(values[3] - inner)
     assert found[-1] == pytest.approx(values[-1] - values[-2])
@@ -50,7 +55,7 @@ def test_monotone_is_isotonic_regression_in_the_better_direction() -> None:
         tried = [isotonic_regression(row, weights=weight, increasing=up).x for up in (True, False)]
         better = min(tried, key=lambda each: float(weight @ (row - each) ** 2))
         np.testing.assert_allclose(found, better, atol=1e-12)
-    assert MonotoneForm(T, weight).order is None
+    assert _form(MONOTONE, weight).order is None
 
 
 def test_few_temperatures_allow_few_forms() -> None:
