@@ -257,18 +257,18 @@ REFUSED_HEADERS = {
     "no sensors": ("schema: hil.campaign/1\n", "key sensors"),
     "not YAML": ("schema: [", "not valid YAML"),
     "a list": ("- 1\n", "must be a mapping"),
-    "two axes": (YAML.replace("[A, B, S]", "[A, B]"), r"sensors\.2\.axes: it must be a list of three"),
+    "two axes": (YAML.replace("[A, B, S]", "[A, B]"), r"sensors\.2\.axes: must have at least 3 entries"),
     "axes alike": (YAML.replace("[A, B, S]", "[A, B, B]"), r"sensors\.2\.axes: .* not three different"),
     "unknown axis": (YAML.replace("RB: B", "RB: Q"), r"sensors\.2\.channels\.RB: 'Q' is not one of the axes"),
     "no channels": (YAML.replace("{RA: A, RB: B}", "{}"), r"sensors\.2\.channels"),
-    "sensor's name": (YAML.replace("  2:", "  two:"), r"sensors\.two: a sensor is called by a whole number"),
+    "sensor's name": (YAML.replace("  2:", "  two:"), r"sensors\.two: must be a whole number, not 'two'"),
     "unknown technology": (
         YAML.replace("channels:", "technology: laser\n    channels:"),
-        r"sensors\.2\.technology: 'laser' is none of rotor, DTG, RLG, FOG, MEMS, gas",
+        r"sensors\.2\.technology: 'laser' is not allowed; allowed: '', 'rotor', 'DTG', 'RLG', 'FOG', 'MEMS' or 'gas'",
     ),
     "unknown key of a sensor": (YAML.replace("channels:", "chanels: {}\n    channels:"), r"sensors\.2\.chanels"),
     "two columns of one name": (YAML.replace("RB: B", "w_A: B"), "would share the column w_A_deg_per_hr"),
-    "site": (YAML + "site: {latitude_deg: north}\n", r"key site\.latitude_deg: 'north' is not a number"),
+    "site": (YAML + "site: {latitude_deg: north}\n", r"key site\.latitude_deg: must be a number, not 'north'"),
     "simulated": (YAML + "simulated: perhaps\n", "key simulated"),
 }
 

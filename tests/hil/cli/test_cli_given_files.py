@@ -141,7 +141,7 @@ def test_two_columns_of_one_name_in_a_series_are_refused(hil: Any, campaign: Pat
          ("more than 200000 values",)),
         ("# " + "nothing " * 600_000, ("4.8 MB", "HIL_LARGEST_FILE_MB=5")),
         ("k" * 100_000 + ": [", ("line 10",)),
-        (f"series: {{block_s: {'x' * 100_000}}}", ("key series.block_s", "more characters", "is not a number")),
+        (f"series: {{block_s: {'x' * 100_000}}}", ("key series.block_s", "must be a number", "xxx…")),
         ("title: \x1b[2J", ("campaign.yaml",)),
     ],
     ids=["digits", "aliases", "comment", "key", "value", "escape"],

@@ -43,11 +43,11 @@ def test_a_self_calibration_that_never_settled_is_not_called_pass(hil: Run, tmp_
 @pytest.mark.parametrize(
     ("verdicts", "words"),
     [
-        ({1: {"verdict": "GOOD"}}, "verdicts.1.verdict: 'GOOD' is none of PASS"),
+        ({1: {"verdict": "GOOD"}}, "verdicts.1.verdict: 'GOOD' is not allowed; allowed: 'PASS', "),
         ({1: {"verdict": ["PASS"]}}, "verdicts.1.verdict"),
-        ({1: "PASS"}, "verdicts.1: it must hold verdict and reason"),
-        ({"one": {"verdict": "PASS"}}, "verdicts.one: a run is called by its whole number"),
-        (["PASS"], "verdicts: it must hold names and values"),
+        ({1: "PASS"}, "verdicts.1: must be a mapping of keys to values, not 'PASS'"),
+        ({"one": {"verdict": "PASS"}}, "verdicts.one: must be a whole number, not 'one'"),
+        (["PASS"], "verdicts: must be a mapping of keys to values, not a list"),
     ],
 )
 def test_a_verdict_that_cannot_be_understood_is_refused(tmp_path: Path, verdicts: object, words: str) -> None:

@@ -63,5 +63,5 @@ def test_the_limit_travels_with_the_campaign(tmp_path: Path) -> None:
     assert read_campaign(path).largest_se == 2.5
     keys = yaml.safe_load((path / HEADER_FILE).read_text())
     (path / HEADER_FILE).write_text(yaml.safe_dump({**keys, "largest_standard_error_deg_per_hr": 0}))
-    with pytest.raises(InputError, match="key largest_standard_error_deg_per_hr: it must be more than 0"):
+    with pytest.raises(InputError, match="key largest_standard_error_deg_per_hr: must be more than 0, not 0"):
         read_campaign(path)
