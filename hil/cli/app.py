@@ -10,7 +10,6 @@ from typer.core import TyperGroup
 
 from hil.cli import (
     archive,
-    certificate,
     chamber,
     coefficients,
     dashboard,
@@ -22,9 +21,7 @@ from hil.cli import (
     night,
     notify,
     plot,
-    replay,
     report,
-    reproduction,
     start,
     watchdog,
 )
@@ -77,8 +74,8 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-_ROOMS = (night, data, report, certificate, archive, model, frames, device, replay, control, notify, watchdog)
-for room in (*_ROOMS, coefficients, design, reproduction, start):
+_ROOMS = (night, data, report, archive, model, frames, device, control, notify, watchdog)
+for room in (*_ROOMS, coefficients, design, start):
     for command in room.COMMANDS:
         app.command()(with_status(command))
 app.command("continue")(with_status(control.go_on))

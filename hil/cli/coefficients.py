@@ -1,4 +1,4 @@
-"""Commands about what the coefficients mean: audit, thermal, allan."""
+"""Commands about what the coefficients mean, and the published ones: thermal, allan, audit, reproduce."""
 
 from __future__ import annotations
 
@@ -142,4 +142,16 @@ def thermal(
     return Answer(document, told(document, out=out, written_to=written), drawn, status)
 
 
-COMMANDS = (allan, audit, thermal)
+def reproduce(
+    source: Source,
+    sensor: Annotated[int, typer.Option(help="Which sensor; the report's tables are sensor 2's.")] = 2,
+) -> Answer:
+    """Give RD-GC-86-1's Table 1, Figures 2-5 and Table A-1 again from a night, beside the printed values."""
+    from hil.analysis.published.reproduction import reproduce as give_again
+
+    campaign = read_source(source)
+    document = give_again(campaign, sensor).document()
+    return Answer(document, told(document, campaign=campaign))
+
+
+COMMANDS = (allan, audit, reproduce, thermal)

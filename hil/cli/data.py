@@ -1,4 +1,4 @@
-"""Commands that work on measured data: solve, export."""
+"""Commands that work on measured data: solve, export, replay."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import typer
 from rich.table import Table
 
 from hil.cli.answer import Answer
-from hil.cli.exit_status import Limits, Strict, of_unit
-from hil.cli.output import Aside, check_named, listing, messages, results
+from hil.cli.exit_status import Exit, Limits, Strict, of_unit
+from hil.cli.output import Aside, Folder, check_named, listing, messages, results
 from hil.errors import InputError
 
 if TYPE_CHECKING:  # `hil --help` loads no arithmetic
@@ -155,4 +155,19 @@ def _export_fleet(folder: Path, out: Path, form: Format | None) -> None:
     results().print(f"fleet: {out}")
 
 
-COMMANDS = (solve, export)
+def replay(folder: Folder) -> Answer:
+    """Compute a recorded night again from its raw bytes: every average, to the digit."""
+    from hil.night.replay import replay_night
+
+    document = replay_night(folder)
+    found = "identical to the digit" if document["identical"] else "NOT shown to be identical"
+    mark = "  SIMULATED" if document["simulated"] else ""
+    lines = [
+        *(f"different: {difference}" for difference in document["differences"]),
+        *(f"missing: the raw bytes of {key}" for key in document["raw_missing"]),
+        f"{folder}: {found}, {document['collects_checked']} collects computed again{mark}",
+    ]
+    return Answer(document, lambda: lines, status=Exit.DONE if document["identical"] else Exit.INCOMPLETE)
+
+
+COMMANDS = (solve, export, replay)
