@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
-from rich.table import Table
 
-from hil.cli.answer import Answer
+from hil.cli.answer import Answer, told
 from hil.cli.exit_status import Exit, Limits, Strict, of_unit
-from hil.cli.output import Aside, Folder, check_named, listing, messages, results
+from hil.cli.output import Folder, check_named, messages, results
 from hil.errors import InputError
 
 if TYPE_CHECKING:  # `hil --help` loads no arithmetic
     from matplotlib.figure import Figure
 
     from hil.campaign import Campaign
-    from hil.solve import RunSolution
-    from hil.solve.repeats import SensorRepeats
 
 Format = Literal["hdf5", "netcdf", "mat", "documents"]
 Source = Annotated[Path, typer.Argument(help="A campaign folder, or a night's folder.")]
@@ -73,46 +69,9 @@ def solve(
 
         return draw_parameters(source, campaign, sensor)
 
-    shown = repeats(campaign, solutions)
-    status = of_unit(document["in_spec"], strict)
-    return Answer(document, lambda: _solved(campaign, solutions, shown, document, of_all), drawn, status)
-
-
-def _solved(
-    campaign: Campaign,
-    solutions: list[RunSolution],
-    shown: Mapping[int, SensorRepeats],
-    document: Mapping[str, Any],
-    of_all: Sequence[str],
-) -> Iterator[str | Table]:
-    from hil.solve.wrong_rows import in_words
-
-    yield from (Aside(f"warning: {line}") for line in campaign.warnings)
-    yield from (Aside(f"note: {note}") for note in campaign.notes.splitlines())
-    yield f"{campaign.title}{'  SIMULATED' * campaign.simulated}"
-    yield from in_words(document)
-    for sensor in campaign.sensors:
-        own = [each for each in solutions if each.sensor == sensor]
-        models = ", ".join(dict.fromkeys(each.model for each in own))
-        yield f"\nsensor {sensor}, {models}; value ± one standard deviation, what repeats show included"
-        yield _solution_table(own, shown[sensor])
-        yield from shown[sensor].sentences()
-    yield from dict.fromkeys(f"run {e.run}, sensor {e.sensor}: {e.reason}" for e in solutions if e.verdict != "PASS")
-    yield from dict.fromkeys(f"assumed: {text}" for each in solutions for text in each.assumed)
-    yield from of_all
-
-
-def _solution_table(solutions: list[RunSolution], shown: SensorRepeats) -> Table:
-    units = {name: each.unit for solution in solutions for name, each in solution.parameters.items()}
-    table = listing("run", *(f"{name}\n{unit}" for name, unit in units.items()), "verdict", left={"verdict"})
-    for solution in solutions:
-        cells, uncertain = [], shown.of_run(solution)
-        for name in units:
-            found = uncertain.get(name)
-            sd = "" if found is None or found.sd != found.sd else f" ±{found.sd:.2f}"
-            cells.append("–" if found is None else f"{found.value:.2f}{sd}")
-        table.add_row("all" if solution.run is None else str(solution.run), *cells, str(solution.verdict))
-    return table
+    shown = {number: each.sentences() for number, each in repeats(campaign, solutions).items()}
+    said = told(document, notes=campaign.notes.splitlines(), repeats=shown, of_all=of_all)
+    return Answer(document, said, drawn, of_unit(document["in_spec"], strict))
 
 
 def export(

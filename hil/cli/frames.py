@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from hil.cli.answer import Answer
+from hil.cli.answer import Answer, told
 from hil.cli.output import results
 from hil.errors import InputError
 
@@ -28,14 +28,7 @@ def decode(
 
     description = load_frames_named(frames, parameters=frame_parameters(settings), sample_rate_hz=rate)
     document = decode_file(file, description, out=out)
-    counts = {name: number for name, number in document.items() if isinstance(number, int)}
-    lines = [
-        f"{file}: {', '.join(f'{number} {name}' for name, number in document['frames'].items()) or 'no frames'}",
-        *(f"  {name.replace('_', ' ')}: {number}" for name, number in counts.items()),
-        *(f"warning: {warning}" for warning in document["warnings"]),
-        *([] if out is None else [f"written: {out}"]),
-    ]
-    return Answer(document, lambda: lines)
+    return Answer(document, told(document))
 
 
 def check(

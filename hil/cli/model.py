@@ -12,7 +12,7 @@ import typer
 from rich.progress import Progress
 from rich.table import Table
 
-from hil.cli.answer import Answer
+from hil.cli.answer import Answer, told
 from hil.cli.data import Source, read_source
 from hil.cli.output import Aside, check_named, check_result_folder, listing, messages
 
@@ -24,12 +24,6 @@ if TYPE_CHECKING:
 _SHOWN = 3
 _MOST_UNITS = 20
 _LEVEL = 0.05
-_PARTS = {
-    "averages": "averages, beside the fitted model",
-    "run_scatter": "scatter from run to run",
-    "series": "inside the collects",
-    "conditions": "temperatures and times",
-}
 _ModelName = Annotated[str, typer.Option("--model", help="A model file, or the name of a built-in.")]
 _Draws = Annotated[int, typer.Option(help="How many nights are simulated; 20 tell at a level of 5 %.")]
 _Seed = Annotated[int, typer.Option(min=0, help="Of the simulated nights.")]
@@ -169,19 +163,7 @@ def twin(
 
     keep = out or campaign.resolve().with_name(f"{campaign.resolve().name}-twin")
     document = _likeness(campaign, load_model(model), keep, draws=draws, seed=seed)
-    return Answer(document, lambda: _likely(document, draws, keep))
-
-
-def _likely(document: Mapping[str, Any], draws: int, keep: Path) -> Iterator[str]:
-    mark = "  SIMULATED" if document["simulated"] else ""
-    yield f"{document['campaign']}{mark}, beside {draws} nights SIMULATED with {document['model']}"
-    told = "can be told from them" if document["p_value"] < _LEVEL else "cannot be told from them"
-    yield f"\nthe night {told}: p = {_chance(document['p_value'])}"
-    yield from (f"  {words}: {_chance(document['parts'][part])}" for part, words in _PARTS.items())
-    for each in (place for place in document["places"][:_SHOWN] if place["p_value"] < _LEVEL):
-        where = ", ".join(f"{name} {value}" for name, value in each["where"].items()) or "the whole night"
-        yield f"  at {where}: {_chance(each['p_value'])}"
-    yield f"\nkept in {keep}: asked again, with more draws, these are not simulated again"
+    return Answer(document, told(document, keep=keep, level=_LEVEL))
 
 
 def _chance(p_value: float | None) -> str:
