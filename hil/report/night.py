@@ -26,7 +26,6 @@ from hil.records.troubles import to_do
 from hil.report.provenance import night_provenance
 from procedures.journal_protocol import Outcome
 from procedures.plan import Plan, Step, StepKind
-from procedures.verdict import Judgement, self_calibration_verdict
 from procedures.words import counted, hours_minutes, step_in_words
 
 _SECONDS_PER_HOUR = 3600.0
@@ -101,7 +100,6 @@ class NightContent:
     identity: Mapping[str, str] = field(default_factory=dict)  # as `night_identity` has it
     self_calibrations: tuple[int, int] = (0, 0)  # done, asked for
     missing: Sequence[str] = ()
-    judgements: Mapping[int, Judgement] = field(default_factory=dict)  # by self-calibration
     events: Sequence[tuple[str, str, str]] = ()
     event_hours: FloatArray = field(default_factory=lambda: np.empty(0))
     hours: FloatArray = field(default_factory=lambda: np.empty(0))
@@ -124,7 +122,7 @@ def night_content(folder: Path) -> NightContent:
     """Read everything that the report shows of the night in `folder`; raises `InputError` where there is none."""
     status = night_status(folder)
     with reading(folder) as journal:
-        completed, done = journal.completed(), journal.done_attempts()
+        done = journal.done_attempts()
         steps, events = journal.steps_by_key(), journal.events()
         ended = [(steps[key], attempt) for key, attempt in done.items()]
         identity = next((each.data for step, each in ended if step.kind is StepKind.IDENTIFY), {})
@@ -140,10 +138,6 @@ def night_content(folder: Path) -> NightContent:
             identity=status["identity"],
             self_calibrations=(status["self_calibrations_done"], status["self_calibrations_total"]),
             missing=list(status["missing"]),
-            judgements={
-                number: self_calibration_verdict(own, completed)
-                for number, own in journal.plan.self_calibrations.items()
-            },
             events=[(_utc(journal, event.at_s), event.kind, event.message) for event in events],
             event_hours=np.array([event.at_s for event in events], dtype=np.float64) / _SECONDS_PER_HOUR,
             hours=hours,

@@ -1,8 +1,8 @@
 """The error budget of a self-calibration: what each source contributes to each parameter, two ways.
 
     budget = error_budget(scene, sources(...), form)
-    budget.share("tilt").analytic     # (p,) one standard deviation, by the solver's response to small errors
-    budget.share("tilt").simulated    # (p,) the same from draws that went through the solver
+    budget.shares[0].analytic     # (p,) one standard deviation, by the solver's response to small errors
+    budget.shares[0].simulated    # (p,) the same from draws that went through the solver
     budget.total(repeats=3)           # of the mean of three runs: what varies from run to run is averaged
 
 The analytic column propagates each source's covariance through the derivative of the solution. The simulated one draws
@@ -52,10 +52,6 @@ class Budget:
     shares: tuple[Share, ...]
     everything: FloatArray
     draws: int
-
-    def share(self, source: str) -> Share:
-        """Return the contribution of one source, by its id."""
-        return next(each for each in self.shares if each.source.id == source)
 
     def total(self, repeats: int = 1) -> FloatArray:
         """Return the standard deviation (p,) of the mean of `repeats` runs."""

@@ -112,8 +112,9 @@ def test_the_exact_change_begins_as_the_calculated_one_does(source: Source) -> N
 
 def test_a_bias_instability_leaves_two_thirds_of_itself_in_every_average() -> None:
     """0.664 B, the floor of the Allan deviation: of 0.5 deg/hr 0.332, and 0.235 in a bias."""
-    found = error_budget(scene(), every_source(), matrix_6_form(SENSOR), draws=100).share("instability").analytic
-    np.testing.assert_allclose(found[:2], 0.332 / np.sqrt(2.0))
+    shares = error_budget(scene(), every_source(), matrix_6_form(SENSOR), draws=100).shares
+    found = next(each for each in shares if each.source.id == "instability")
+    np.testing.assert_allclose(found.analytic[:2], 0.332 / np.sqrt(2.0))
 
 
 def test_noise_gives_the_covariance_of_the_solver() -> None:
