@@ -12,16 +12,15 @@ import numpy as np
 from hil.analysis.thermal.fit import ParameterFit, SensorFit
 from hil.campaign import FloatArray
 from hil.errors import InputError
+from hil.files.text import filled
 from hil.model.forms import bias_names
 
 RAD_PER_S = np.pi / 180.0 / 3600.0
 """One deg/hr in rad/s."""
 
 ARDUPILOT_REFERENCE_DEGC = 35.0
-ARDUPILOT_SCALE = 1e6
 ARDUPILOT_LEAST_RANGE_DEGC = 10.0
 CUBIC = 3
-PX4_INTEGER, PX4_FLOAT = 6, 9
 
 
 def bias_polynomials(fit: SensorFit) -> tuple[FloatArray, list[str]]:
@@ -65,20 +64,7 @@ def _cubic_or_lower(each: ParameterFit, fit: SensorFit) -> tuple[FloatArray, str
 
 def px4_parameters(fit: SensorFit) -> str:
     """Return a QGroundControl parameter file (tab-separated) for PX4's gyro 0."""
-    coefficients, notes = bias_polynomials(fit)
-    low, high = fit.range_degC
-    values: dict[str, float] = {"TC_G0_TMIN": low, "TC_G0_TMAX": high, "TC_G0_TREF": fit.layout.middle_degC}
-    for axis, row in enumerate(coefficients):
-        values |= {f"TC_G0_X{power}_{axis}": float(value) for power, value in enumerate(row)}
-    lines = [
-        "# Gyro thermal compensation, bias only, rad/s; written by hil thermal",
-        *_remarks(fit, notes),
-        "# TC_G0_ID must be the device id of this gyro on your board; it is not set here",
-        "# Vehicle-Id\tComponent-Id\tName\tValue\tType",
-        f"1\t1\tTC_G_ENABLE\t1\t{PX4_INTEGER}",
-    ]
-    lines += [f"1\t1\t{name}\t{value:.9g}\t{PX4_FLOAT}" for name, value in sorted(values.items())]
-    return "\n".join(lines) + "\n"
+    return _written("px4.params.j2", fit, fit.layout.middle_degC)
 
 
 def ardupilot_parameters(fit: SensorFit) -> str:
@@ -86,26 +72,19 @@ def ardupilot_parameters(fit: SensorFit) -> str:
 
     Raises `InputError` where the range is under 10 °C, which ArduPilot does not accept.
     """
-    coefficients, notes = bias_polynomials(fit)
     low, high = fit.range_degC
     if high - low < ARDUPILOT_LEAST_RANGE_DEGC:
         raise InputError(f"the temperatures span {high - low:.1f} °C; ArduPilot's TMAX must be 10 °C above TMIN")
-    shift = np.polynomial.Polynomial([ARDUPILOT_REFERENCE_DEGC - fit.layout.middle_degC, 1.0])
-    about = [[*np.polynomial.Polynomial(row)(shift).coef, *np.zeros(CUBIC)] for row in coefficients]
-    values = {"INS_TCAL1_ENABLE": "1", "INS_TCAL1_TMIN": f"{low:.1f}", "INS_TCAL1_TMAX": f"{high:.1f}"}
-    for power in range(1, CUBIC + 1):
-        for axis, row in zip("XYZ", about, strict=True):
-            values[f"INS_TCAL1_GYR{power}_{axis}"] = f"{row[power] * ARDUPILOT_SCALE:.9f}"
-    remarks = [
-        "# Gyro temperature calibration, 1e-6 rad/s, about 35 degC; written by hil thermal",
-        *_remarks(fit, notes),
-        "# the constant part is the gyro offset that the board finds itself; calibrate the gyros after loading",
-    ]
-    return "\n".join(remarks + [f"{name} {value}" for name, value in values.items()]) + "\n"
+    return _written("ardupilot.parm.j2", fit, ARDUPILOT_REFERENCE_DEGC)
 
 
-def _remarks(fit: SensorFit, notes: list[str]) -> list[str]:
+def _written(template: str, fit: SensorFit, reference: float) -> str:
+    """Return the parameters of a file that has cubics in T less `reference`, °C."""
+    cubics, notes = bias_polynomials(fit)
+    shift = np.polynomial.Polynomial([reference - fit.layout.middle_degC, 1.0])
+    about = [[*np.polynomial.Polynomial(row)(shift).coef, *np.zeros(CUBIC)] for row in cubics]
     sensor = fit.layout.collects.conditions.sensor
     axes = ", ".join(f"{axis} is {letter}" for axis, letter in zip(sensor.axes, "XYZ", strict=True))
-    said = [f"# axes: {axes}, as the unit reports them; acceleration sensitivity is not corrected by these parameters"]
-    return said + [f"# {note}" for note in notes]
+    said = f"axes: {axes}, as the unit reports them; acceleration sensitivity is not corrected by these parameters"
+    low, high = fit.range_degC
+    return filled(__package__, template, low=low, high=high, reference=reference, cubics=about, remarks=[said, *notes])
