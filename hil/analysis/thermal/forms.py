@@ -48,7 +48,7 @@ def polynomial(temperature_degC: FloatArray, weight: FloatArray, order: int) -> 
 
 
 def interpolated(name: str, temperature_degC: FloatArray, shape: Callable[[IntArray, FloatArray], FloatArray]) -> Form:
-    """Return the form that PCHIP puts through what `shape` makes of the values at some of the temperatures."""
+    """Return the form that PCHIP puts through what `shape` makes of the values at some of the temperatures (S,)."""
     every = np.arange(len(temperature_degC))
 
     def held_out(values: FloatArray) -> FloatArray:
