@@ -209,7 +209,7 @@ class Noise:
         return self.profiles.index(profile)
 
     def covariance(self, point: Points, first: int) -> FloatArray:
-        """Return V of one point for so many of the first rows, in the order of time, over the mean white variance."""
+        """Return V (n, n) of one point for the `first` n rows in the order of time, over the mean white variance."""
         kind, values = int(point.kind[0]), self.by_station[:first] @ self.factor(int(point.profile[0]))
         out = np.diag(self._white(point.level)[0, :first]) + self.stated.first(first).covariance + values @ values.T
         out += point.offset[0] ** 2 * self.offset.first(first).covariance
