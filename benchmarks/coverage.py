@@ -37,12 +37,14 @@ from hil.model.effects.catalogue import EFFECTS, FORM_EFFECTS, SERIES_EFFECTS, V
 from hil.model.forms import named_form
 from hil.night import start_night
 from hil.reconcile import Reconciliation, reconcile
+from hil.reconcile.search.candidates import effect_columns
 from hil.records.export import export_campaign, open_source
 
 SWEEPS = {"published": "rd-gc-86-1", "recommended": "recommended", "triad": "triad-six-positions"}
 SIZES = ("low", "middle", "high")
 SEED = 2301
-_COVERED = 2.0  # standard errors
+STARTS_DEGC = 23.0
+"""Where every sweep says that its chamber begins."""
 _WHITE = {"angle_random_walk": {"unit": "deg/sqrt(hr)", "value": 0.12}}
 
 
@@ -179,8 +181,8 @@ def case(job: tuple[str, str, str, str], *, twin: bool) -> dict[str, Any]:
         if kind == "mean":
             rows, truth = campaign.sensors[number].conditions, load_model(folder / "with" / "model.yaml")
             values = [each["value"] for each in term["parameters"].values()]
-            columns = effect_by_id(name).columns(rows, truth.base_for(rows), term["shape"])
-            column = np.einsum("ncp,p->nc", np.nan_to_num(columns), values)
+            columns = effect_columns(effect_by_id(name), rows, truth.base_for(rows), term["shape"], STARTS_DEGC)
+            column = np.einsum("ncp,p->nc", columns, values)
             if np.any(column):  # nothing, where the condition was not recorded
                 out["off"] = float(np.abs(added - column).max() / np.abs(column).max())
             out |= promised(campaign, number, model, name, columns, values)
@@ -210,7 +212,7 @@ def promised(
     weight = 1.0 / collects.rates_se_deg_per_hr.ravel()
     form = named_form(asked.form, collects.conditions)
     base = weight[:, None] * flattened(form.columns(collects.conditions))
-    own = weight[:, None] * flattened(np.nan_to_num(columns))
+    own = weight[:, None] * flattened(columns)
     own -= base @ np.linalg.lstsq(base, own)[0]
     smallest = told[name]["smallest_visible"]
     parameters = [p.name for p in effect_by_id(name).parameters_for(collects.conditions)]
@@ -226,7 +228,7 @@ def judged(result: Reconciliation, name: str, term: Mapping[str, Any]) -> dict[s
     mine = found.get(name) or found.get(known)
     values = {each["name"]: each for each in (mine.parameters if mine else ()) if each.get("se")}
     near = [
-        abs(values[key]["value"] - each["value"]) < _COVERED * values[key]["se"]
+        values[key]["low"] <= each["value"] <= values[key]["high"]
         for key, each in term["parameters"].items()
         if key in values
     ]

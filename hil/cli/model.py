@@ -58,7 +58,8 @@ def reconcile(
             else _likeness(campaign, result.model_after, out / "twin-after", **how)
         )
         halves = {
-            name: {key: of[key] for key in ("p_value", "parts")} for name, of in (("before", before), ("after", after))
+            name: {key: of[key] for key in ("p_value", "parts", "places")}
+            for name, of in (("before", before), ("after", after))
         }
         result = replace(result, twin={**how, **halves})
     if out is not None:
@@ -217,7 +218,12 @@ def effects() -> Answer:
     table = listing("id", "family", "what it is", "equation", no_wrap=False)
     for effect in document["effects"]:
         table.add_row(effect["id"], effect["family"], effect["title"], effect["equation"])
-    return Answer(document, lambda: [table])
+    idealised = [
+        f"{effect['id']}: its column differs from what a unit does by more than 1 %. {effect['idealises']}"
+        for effect in document["effects"]
+        if effect["idealises"]
+    ]
+    return Answer(document, lambda: [table, *idealised])
 
 
 COMMANDS = (reconcile, fleet, twin, visibility, effects)

@@ -28,7 +28,7 @@ RESOLUTION: Mapping[str, float] = {"degC": 0.5, "min": 0.05, "s": 60.0, "se": 0.
 _CONDITIONS = ("temperature_degC", "dTdt_degC_per_min", "time_since_setpoint_s")
 _OF_A_BENCH = ("chamber_degC", "case_degC")  # which a campaign's is not known to have
 _INSIDE = ("slope", "size of slope", "head", "log steps", "lag", "kurtosis")
-_NORMAL = 2.0 / 3.0  # to this power a size is nearly normal (Wilson, Hilferty)
+NORMAL = 2.0 / 3.0  # to this power a size is nearly normal (Wilson, Hilferty)
 _FEWEST = 8  # blocks of a series
 
 
@@ -125,9 +125,9 @@ def _of_channel(rows: Conditions, left: FloatArray, errors: FloatArray) -> Itera
     scale = max(float(np.sqrt(_mean(left**2))), 1e-9)
     _, run = np.unique(rows.run, return_inverse=True)
     of_run = (np.bincount(run, np.nan_to_num(left)) / np.maximum(np.bincount(run, np.isfinite(left)), 1))[run]
-    yield "run_scatter", "size", np.abs(left) ** _NORMAL, "everywhere"
-    yield "run_scatter", "size of runs", np.abs(of_run) ** _NORMAL, "once"
-    yield "run_scatter", "size within runs", np.abs(left - of_run) ** _NORMAL, "once"
+    yield "run_scatter", "size", np.abs(left) ** NORMAL, "everywhere"
+    yield "run_scatter", "size of runs", np.abs(of_run) ** NORMAL, "once"
+    yield "run_scatter", "size within runs", np.abs(left - of_run) ** NORMAL, "once"
     yield "run_scatter", "mean size over rms", np.abs(left) / scale, "once"  # of tails, nearly normal (Geary)
     for what, values, lag in (("collects", left, 1), ("runs", of_run, int(np.sum(run == run[0])))):
         yield "run_scatter", f"likeness of neighbouring {what}", values * np.roll(values, lag) / scale**2, "once"

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import stdtr
 
 from hil.campaign import FloatArray
-from hil.likeness.features import PARTS, RESOLUTION
+from hil.likeness.features import NORMAL, PARTS, RESOLUTION
 
 SMALLEST = 1e-6
 """Below it a p-value is not said: so few draws cannot vouch for it."""
@@ -25,7 +25,8 @@ def verdict(nights: Sequence[Mapping[str, float]], coarse: float = 1.0) -> dict[
     """Return `p_value`, `parts` and `places` of the first night among others that are alike, for hil.twin/1.
 
     Conditions may differ by `coarse` times their resolution. All are corrected together: `p_value` is the smallest of
-    its parts', each compared with the smallest of a draw's.
+    its parts', each compared with the smallest of a draw's. Where a channel stands at a temperature and a position its
+    place has the size of what the fitted form leaves there: the first night's, the least and the largest of others.
     """
     keys = sorted(set(nights[0]).intersection(*nights[1:]))
     values = np.array([[night[key] for key in keys] for night in nights])
@@ -37,6 +38,13 @@ def verdict(nights: Sequence[Mapping[str, float]], coarse: float = 1.0) -> dict[
     p_parts = corrected(chances, weight, [part for part, _, _ in told])
     p_places = corrected(chances, weight, [json.dumps(where) for _, where, _ in told])
     where = [{"where": json.loads(name), "p_value": p} for name, p in p_places.items()]
+    sizes = {json.dumps(at): k for k, (part, at, name) in enumerate(told) if (part, name) == ("run_scatter", "size")}
+    for place in where:
+        column = sizes.get(json.dumps(place["where"]))
+        if column is not None and {"temperature_degC", "position"} <= place["where"].keys():
+            measured, *drawn = (values[:, column] ** (1.0 / NORMAL)).tolist()
+            place["measured_deg_per_hr"] = measured
+            place["simulated_deg_per_hr"] = [min(drawn), max(drawn)]
     return {
         "p_value": min(p_parts.values()),
         "parts": {part: p_parts.get(part) for part in PARTS},

@@ -65,7 +65,9 @@ class GridRows:
             **({} if self._supply is None else {"supply_V": self._supply.at(nodes)}),
             **self._grid.conditions(self.sensor.sensor.number, nodes),
         }
-        columns["setpoint_degC"], columns["time_since_setpoint_s"] = self._plant.setpoint_at(begins_s)
+        setpoint, columns["time_since_setpoint_s"] = self._plant.setpoint_at(begins_s)
+        # Before the first a unit stands in air as it is: the first is a step from there.
+        columns["setpoint_degC"] = np.where(np.isfinite(setpoint), setpoint, state[:, 0])
         n = len(nodes)
         return Conditions(
             self.sensor.sensor,

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from benchmarks.coverage import case, entries, table
+from benchmarks.coverage import case, entries, judged, table
 
 
 def told(name: str, **found: float) -> dict[str, Any]:
@@ -28,6 +29,17 @@ def test_every_entry_of_the_catalogue_is_asked_for() -> None:
     """On the mean, on the scatter and inside the collects."""
     assert {kind for kind, _ in entries()} == {"mean", "scatter", "inside"}
     assert len(list(entries())) > 50
+
+
+def test_a_value_is_covered_by_the_interval_that_is_stated() -> None:
+    """Student's, of so many runs as there are: not so many standard errors."""
+    parameters = [{"name": "b_A", "value": 1.0, "se": 0.1, "low": 0.7, "high": 1.3}]
+    effect = SimpleNamespace(id="supply", probability=1.0, confusable_with=(), parameters=parameters)
+    gap = SimpleNamespace(before=2.0, after=1.0, noise_floor=1.0)
+    result: Any = SimpleNamespace(effects=[effect], verdict="named", gap=gap)
+    for truth, covered in ((1.25, 1), (1.35, 0)):
+        found = judged(result, "supply", {"parameters": {"b_A": {"value": truth}}})
+        assert (found["covered"], found["of"]) == (covered, 1)
 
 
 @pytest.mark.slow(seconds=25)

@@ -67,6 +67,7 @@ def _entry(entry: Described) -> dict[str, Any]:
         "signature": entry.signature,
         "confusable_with": list(entry.confusable_with),
         "experiment": entry.experiment,
+        "idealises": entry.idealises if isinstance(entry, Effect) else "",
     }
 
 

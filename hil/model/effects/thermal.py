@@ -23,7 +23,15 @@ from hil.model.equation import pickoff_rates
 
 _SOAK_TAU = ShapeParameter("tau_min", "min", (5.0, 8.0, 12.0, 18.0, 25.0, 40.0, 70.0), continuous=True)
 _COLD_DEGC = -80.0
+_OTHERS_DEGC = ("case_degC", "chamber_degC", "setpoint_degC")
 _UNUSUAL = 0.1  # odds, before the data, of what would have to be of an unusual kind or size to stand in
+
+
+def _of_its_own_temperature(conditions: Conditions) -> Mapping[str, float]:
+    """Return the bias that follows temperature where another stands in for the unit's, which decays unrecorded."""
+    own, columns = column(conditions, "temperature_degC"), conditions.columns
+    stood_in = any(np.array_equal(own, columns[name]) for name in _OTHERS_DEGC if name in columns)
+    return {"bias_T": 1.0} if stood_in else {}
 
 
 class BiasTemperature(Effect):
@@ -185,10 +193,18 @@ class InsufficientSoak(Effect):
     needs = frozenset({"time_since_setpoint_s", "setpoint_degC|temperature_degC"})
     signature = "Follows sign and size of the temperature step; falls from run to run within a plateau."
     confusable_with = ("bias_Tdot", "bias_grad", "hyst", "T_lag")
-    came_from_degC = (ROOM_DEGC,)
+    came_from_degC = (ROOM_DEGC, 23.0, 26.0)  # as laboratories are kept
     incidental = True
+    idealises = (
+        "Whence the first setpoint was reached is not recorded: its step counts as none, so that a search prepends "
+        "`came_from_degC`."
+    )
     kin = MappingProxyType({"bias_Tdot": 1.0, "bias_grad": 1.0})
     experiment = "Five or more runs in one soak, or soaks of 45 and 120 min."
+
+    def aliases_for(self, conditions: Conditions) -> Mapping[str, float]:
+        """Return a bias that follows the unit's own temperature, where nobody recorded how that nears the chamber's."""
+        return _of_its_own_temperature(conditions)
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         """Return the step that is left, averaged over the collect, for each channel."""
@@ -214,7 +230,11 @@ class WarmUp(Effect):
     confusable_with = ("soak_insufficient", "drift", "ageing")
     incidental = True
     kin = MappingProxyType({"soak_insufficient": _UNUSUAL})
-    experiment = "Switch power off and on at constant temperature."
+    experiment = "Switch power off and on at constant temperature, with the unit's own temperature recorded."
+
+    def aliases_for(self, conditions: Conditions) -> Mapping[str, float]:
+        """Return a bias that follows the unit's own temperature, where nobody recorded how it warms itself."""
+        return _of_its_own_temperature(conditions)
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         """Return the decay since power-on, averaged over the collect, for each channel."""

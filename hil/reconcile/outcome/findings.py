@@ -217,7 +217,7 @@ def picture(
     """Residuals by row before and after, for the page; minutes from one collect to the next.
 
     `held_*` are those of held-out rows (of the fit where nothing is held out), `noise_*` what they may scatter by,
-    `left` what values at each temperature leave of a residual, and `effect` what was added makes of the rate.
+    `left` what values at each temperature leave of a residual, and `effect` what was added makes beside the base.
     """
     rows, minutes = [], []
     for b, (block, plain) in enumerate(zip(fit.blocks, before.blocks, strict=True)):
@@ -232,6 +232,7 @@ def picture(
             else [np.where(np.isfinite(e), e, i) for e, i in zip(proof[0].errors[b], inner, strict=True)]
         )
         added = fit.design(block) @ fit.values
+        added -= own.base @ np.linalg.lstsq(own.base, added, rcond=1e-9)[0]
         temperature = known.columns.get("temperature_degC")
         steps = np.diff(known.start_s)[np.diff(known.run) == 0]
         minutes += [float(np.median(steps)) / 60.0] if len(steps) else []

@@ -11,7 +11,7 @@ import numpy as np
 
 from hil.files.page import in_style, rendered
 from hil.model import save_model
-from hil.reconcile.outcome.pictures import driver_of, panels_of, pictures
+from hil.reconcile.outcome.pictures import beside_simulated, driver_of, panels_of, pictures
 from hil.reconcile.outcome.scatter import EXCESS
 from hil.reconcile.result import LEFT_OUT, FoundEffect, Reconciliation, rival_in_words, stated, values_off
 from procedures.words import hours_minutes, listed, numbered, percent, unit_in_words
@@ -51,7 +51,7 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     act = _ACT[kind]
     if kind == "scatter":
         runs = numbered("run", result.exceeding)
-        act = f"No effect is named, but averages scatter more than their standard errors say ({runs}: FAIL). {act}"
+        act = f"{act} No effect is named, but averages scatter more than their standard errors say ({runs}: FAIL)."
     elif kind == "none" and max(excess, default=0.0) > EXCESS:
         act += f" Averages scatter {max(excess):.2g} times as much as standard errors say; the ± of hil solve has it."
     return kind, f"First see to {'; '.join(first)}. {act}" if first else act
@@ -66,7 +66,8 @@ def page(result: Reconciliation) -> str:
     following = dict(result.next_experiment or {})
     count = sum(each["runs"] for each in following.get("collects", [])) * following.get("repeats", 1)
     # What only scatters stands out of what the model before explains; the band that it widens is the noise of after.
-    known = {} if on_mean else {(n["sensor"], n["channel"]): n["explained_deg_per_hr"] for n in result.noise}
+    only_scatters = bool(result.effects) and not on_mean
+    known = {(n["sensor"], n["channel"]): n["explained_deg_per_hr"] for n in result.noise if only_scatters}
     view = {
         "title": f"{result.campaign}: what the model lacks",
         "running_title": in_style(result.campaign),
@@ -76,9 +77,11 @@ def page(result: Reconciliation) -> str:
         "act": what_to_do(result),
         "summary": summary(result),
         "driver": driver,
+        "held_out": np.isfinite(result.gap.improved_p_value),
         "before": list(pictures(panels, driver, "held_before", "before", known)),
         "curves": list(pictures(panels, driver, "left", "with what was added", {}, curve=True)) if on_mean else [],
         "after": list(pictures(panels, driver, "held_after", "after", {})) if result.effects else [],
+        "nights": list(beside_simulated(result.twin or {}, panels)),
         "most_places": _MOST_PLACES,
         "place_in_words": place_in_words,
         "effects": [_effect(effect) for effect in result.effects],
@@ -151,9 +154,10 @@ def _gap(result: Reconciliation) -> list[str]:
     how = "on data that was held out" if proved else "of the fit (nothing could be held out)"
     swapped = any(effect.mends_labels for effect in result.effects)
     mended = ["the labels put right"] * swapped
-    mended += ["it in the model"] * any(
+    added = sum(
         not (effect.mends_labels or effect.inside_collects or LEFT_OUT in effect.shape) for effect in result.effects
     )
+    mended += [f"{'them' if added > 1 else 'it'} in the model"] * bool(added)
     if not mended:
         return []
     falls = f"the gap {how} falls from {_number(gap.before)} to {_number(gap.after)} deg/hr"

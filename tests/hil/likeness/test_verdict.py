@@ -46,6 +46,17 @@ def test_where_one_number_is_far_off_part_and_place_are_named() -> None:
     assert found["places"][1]["p_value"] > 0.05
 
 
+def test_a_place_has_the_sizes_that_were_left_there() -> None:
+    """Of the first night, and the least and the largest of the others, deg/hr; where no temperature is told, none."""
+    place, whole = {"channel": "RA", "temperature_degC": 23, "position": "1"}, {"channel": "RA", "position": "1"}
+    keys = [json.dumps(["run_scatter", where, "size"]) for where in (place, whole)]
+    drawn = [dict.fromkeys(keys, size ** (2.0 / 3.0)) for size in (2.0, 1.0, 3.0, 1.5)]
+    told = {json.dumps(each["where"]): each for each in verdict(drawn)["places"]}
+    assert told[json.dumps(place)]["measured_deg_per_hr"] == pytest.approx(2.0)
+    assert told[json.dumps(place)]["simulated_deg_per_hr"] == pytest.approx([1.0, 3.0])
+    assert "measured_deg_per_hr" not in told[json.dumps(whole)]
+
+
 def test_one_draw_that_is_far_off_makes_no_other_night_unlike() -> None:
     """It is the most unlike of all by itself."""
     values = np.random.default_rng(5).standard_normal((21, 30))

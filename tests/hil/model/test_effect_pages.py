@@ -13,7 +13,7 @@ import pytest
 from docs.effect_pages import family_pages, write_pages
 from hil.campaign import Conditions, FloatArray
 from hil.model.effects.base import Base, Effect, Parameter, column, per_channel
-from hil.model.effects.catalogue import entries
+from hil.model.effects.catalogue import EFFECTS, entries
 from hil.model.effects.document import effects_document
 from tests.hil.model.effect_conditions import one_run
 
@@ -39,6 +39,9 @@ def test_document_holds_every_id_once_and_is_json() -> None:
     assert settle["shape_parameters"][0]["name"] == "tau_s"
     assert settle["parameters"][0]["typical"] == [5.0, 100.0]
     assert all(effect["what"] and effect["experiment"] for effect in document["effects"])
+    idealised = {effect["id"] for effect in document["effects"] if effect["idealises"]}
+    assert idealised == {effect.id for effect in EFFECTS if effect.idealises}
+    assert "settle" in idealised
 
 
 def test_every_effect_is_on_the_page_of_its_family() -> None:

@@ -40,8 +40,8 @@ def test_the_story_is_told_in_its_order_and_in_words(aged: Reconciliation) -> No
     body = re.sub(r"<style>.*?</style>|<svg.*?</svg>", "", text, flags=re.DOTALL)
     words = " ".join(re.sub(r"<[^>]+>", " ", body).split())
     order = (
-        "named – Something is missing, and it has a name.",
-        "Use the improved model",
+        "named – Use the improved model, model.yaml, from now on.",
+        "Something is missing, and it has a name.",
         "is missing from matrix-6",
         "Judged is the model",
         "Where they disagree",

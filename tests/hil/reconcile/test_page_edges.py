@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -66,13 +67,58 @@ def test_an_experiment_without_collects_has_a_page(
     assert str(experiment["why"]) in (tmp_path / "reconciliation.html").read_text()
 
 
+def test_nothing_runs_over_the_only_run(plain: Reconciliation) -> None:
+    """A log of one run at one temperature is shown over its positions, upright where they are many."""
+    rows = [
+        {**row, "run": 1, "temperature_degC": 23.0, "position": f"pose-{n % 9}"}
+        for n, row in enumerate(plain.picture["rows"])
+    ]
+    assert "Measured less simulated over run" not in page(plain)
+    one = page(replace(plain, picture={"rows": rows}))
+    assert "Measured less simulated over position" in one
+    assert "rotate(-90)" in one
+
+
+def test_where_nothing_is_missing_the_band_is_all_of_the_noise(plain: Reconciliation) -> None:
+    """Offsets from run to run included, of which standard errors say nothing: two of three points lie within."""
+    stated = [{**channel, "explained_deg_per_hr": 0.01} for channel in plain.noise]
+    assert "noise 0.0" not in page(replace(plain, noise=stated))
+
+
+def test_the_first_line_says_whether_anybody_has_to_act(plain: Reconciliation) -> None:
+    """And says it once; what scatters too much is no green verdict."""
+    said = r'<h2 id="verdict"><span class="tag {}">none</span> – {}</h2>'
+    assert re.search(said.format("none", r"Nobody has to act\."), page(plain))
+    loud = page(replace(plain, exceeding=[2]))
+    assert re.search(said.format("MARGINAL", r"Repeat these collects[^.]*\."), loud)
+    assert loud.count("scatter more than their standard errors") == 1
+
+
 def test_the_page_says_whether_simulated_nights_are_like_the_measured_one(plain: Reconciliation) -> None:
     """Before and after, in words, where the gap is; nothing where nobody asked."""
-    asked = {"draws": 20, "seed": 1, "before": {"p_value": 1e-6}, "after": {"p_value": 0.412}}
+    channel = {key: plain.picture["rows"][0][key] for key in ("sensor", "channel")}
+    worst = [{**channel, "channel": name} for name in ("RA", "RB")]
+    places = [
+        {
+            "where": {**at, "temperature_degC": degC, "position": "1"},
+            "p_value": 0.5,
+            "measured_deg_per_hr": 2.0,
+            "simulated_deg_per_hr": [1.0, 3.0],
+        }
+        for at in worst
+        for degC in (-30, 60)
+    ]
+    asked = {
+        "draws": 20,
+        "seed": 1,
+        "before": {"p_value": 1e-6},
+        "after": {"p_value": 0.412, "places": [*places, {"where": channel, "p_value": 0.1}]},
+    }
     told = (
         "The night beside 20 simulated ones, through bytes: from those with the model as it was it can be told "
         "(p below 0.0001), from those with the model as it is now it cannot be told (p = 0.41)."
     )
     text = page(replace(plain, twin=asked))
     assert text.index("How much smaller the gap is") < text.index(told) < text.index("What to measure next")
+    assert text.count("2 of 2 measured sizes lie among the simulated ones") == 1
     assert "simulated ones" not in page(plain)

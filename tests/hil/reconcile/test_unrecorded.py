@@ -9,6 +9,7 @@ import pytest
 
 from hil.campaign import Campaign, Collects, FloatArray, Series
 from hil.model.effects.series import JumpInCollect, SettlingInCollect
+from hil.model.effects.thermal import InsufficientSoak, WarmUp
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.unrecorded import with_stand_ins
 from tests.hil.model.effect_conditions import ROTOR
@@ -224,3 +225,21 @@ def test_a_power_cycle_per_temperature_cannot_be_told_from_the_temperature() -> 
     assert {"turnon", "bias_T"} <= names(result)
     assert result.next_experiment is not None
     assert "power cycles" in result.next_experiment["why"]
+
+
+def test_what_decays_may_be_the_temperature_of_a_unit_without_a_thermometer() -> None:
+    """The setpoint stands in: a bias that follows how the unit warms itself, or nears it, decays all the same."""
+    plain = hidden_campaign(7)
+    alone = with_stand_ins(with_columns(plain, temperature_degC=None, dTdt_degC_per_min=None))
+    for effect in (WarmUp(), InsufficientSoak()):
+        assert effect.aliases_for(alone.sensors[2].conditions) == {"bias_T": 1.0}
+        assert effect.aliases_for(plain.sensors[2].conditions) == {}
+
+
+def test_a_first_plateau_may_have_been_reached_from_any_laboratory() -> None:
+    """Rooms of 18.5 to 27.5 °C: one of those that are tried has the first step of 50 °C right to some per cent."""
+    rows = hidden_campaign(7).sensors[2].conditions
+    first = rows.columns["setpoint_degC"][0]
+    for room_degC in (18.5, 21.0, 23.0, 25.0, 27.5):
+        steps = [tried - first for tried in InsufficientSoak.came_from_degC]
+        assert min(abs(step / (room_degC - first) - 1.0) for step in steps) < 0.035

@@ -72,9 +72,8 @@ def _column(effect: Effect, term: dict[str, Any], model: Model, conditions: Cond
     rows = conditions
     if effect.came_from_degC:
         first = conditions.rows(np.array([0]))
-        first.columns["temperature_degC"][:] = first.columns["setpoint_degC"][:] = 12.0  # rotors that were switched off
-        if effect.id == "soak_insufficient":
-            first.columns["temperature_degC"][:] = first.columns["setpoint_degC"][:] = 23.0  # the first is no step
+        first.columns["temperature_degC"][:] = 12.0  # rotors that were switched off
+        first.columns["setpoint_degC"][:] = 20.0  # the air in which the unit stood
         rows = joined(first, conditions)
     values = [each["value"] for each in term["parameters"].values()]
     found = np.einsum("ncp,p->nc", effect.columns(rows, model.base_for(rows), term["shape"]), values)

@@ -58,6 +58,20 @@ def test_a_warm_up_term_dies_away_with_time_since_power_on(tmp_path: Path) -> No
     np.testing.assert_allclose(added, 50.0 * np.exp(-times_s / 480.0), atol=0.3)
 
 
+def test_the_first_setpoint_is_a_step_from_the_air_as_it_was(tmp_path: Path) -> None:
+    """Nobody commanded the 23 °C in which the unit stood; what is left of the step to 60 °C dies away all the same."""
+    term, read = _term("soak_insufficient", b_A=("deg/hr/degC", 1.0), shape={"tau_min": 8.0}), []
+    for terms in ([term], []):
+        with build_bench(quiet_bench(tmp_path, {}, terms)) as live:
+            live.devices.chamber.prepare()
+            live.devices.chamber.set_temperature(60.0)
+            live.devices.imu.discard()
+            live.devices.clock.sleep(1800.0)
+            read.append(np.asarray(live.devices.imu.read_block().fields["rate_A2"]))
+    times_s = np.arange(len(read[0])) / 20.0
+    np.testing.assert_allclose((read[0] - read[1])[200:], (37.0 * np.exp(-times_s / 480.0))[200:], atol=0.5)
+
+
 def test_a_term_on_no_sensor_in_particular_acts_on_both(tmp_path: Path) -> None:
     """A cause outside the sensors: the supply."""
     added = _difference(tmp_path, _term("warmup", None, {"tau_min": 8.0}, W_A=("deg/hr", 50.0), W_B=("deg/hr", 50.0)))
