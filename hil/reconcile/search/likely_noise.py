@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from hil.campaign import BoolArray, FloatArray, IntArray
-from hil.reconcile.search.evidence import LEAST, SEEN, Scale, log_sum, student
+from hil.reconcile.search.evidence import LEAST, ROUNDING, SEEN, Scale, log_sum, student
 from hil.reconcile.search.noise import FOLLOWS, Noise, Points, Profile, log_profile
 from hil.solve.identifiability import independent_columns
 
@@ -59,6 +59,8 @@ class _Rows:
         triangle = np.linalg.cholesky(np.eye(factors.shape[2]) + own[..., :values] @ factors)
         seen = np.linalg.solve(triangle, own[..., values:])
         rest = gram[:, :, values:, values:] - np.swapaxes(seen, 2, 3) @ seen
+        # Where values explain all but a part in 10^13, what is left is rounding, and may be less than nothing.
+        np.einsum("kfii->kfi", rest)[:] += ROUNDING * np.einsum("kfii->kfi", gram[:, :, values:, values:])
         return rest, half_log_det + np.sum(np.log(np.diagonal(triangle, axis1=2, axis2=3)), axis=2)
 
     def _alone(self, rest: FloatArray, half_log_det: FloatArray, columns: IntArray, data: int) -> FloatArray:

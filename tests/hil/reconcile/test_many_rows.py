@@ -11,8 +11,9 @@ from hil.reconcile.inside import named_within
 from hil.reconcile.search.candidates import MANY as SHAPES
 from hil.reconcile.search.candidates import catalogue_candidates
 from hil.reconcile.search.layout import _exchanges, searches
-from hil.reconcile.search.noise import FIXED, FOLLOWS, log_profile
+from hil.reconcile.search.noise import FIXED, FOLLOWS, Noise, log_profile
 from hil.reconcile.search.problem import Problem, pose
+from hil.reconcile.search.sets import BlockSearch
 from hil.reconcile.search.spoiled import MANY, wrong_rows
 from tests.hil.reconcile.hidden_effects import Rows, base_rates, both, hidden_campaign
 
@@ -126,3 +127,12 @@ def test_what_shows_inside_pays_the_odds_that_anything_pays() -> None:
     (found,) = named_within([{**finding, "q_value": 1e-6}], SERIES_EFFECTS, 0.05)
     assert found.id == "jump"
     assert found.probability > 0.95
+
+
+def test_rates_beyond_all_measure_are_weighed_as_others_are() -> None:
+    """Of 10^10 deg/hr values at each temperature explain all but rounding, which may come out as less than nothing."""
+    campaign = hidden_campaign(5, lambda rows: both(np.full(len(rows.run), 1e10), 1.0, -1.0), thermal=False)
+    problem = pose(campaign, load_model("matrix-6"), ())
+    noise = Noise(problem.blocks[0], problem.sensors[2].collects.conditions, (), calibrated=True)
+    points = BlockSearch.of(problem.blocks[0], noise).points
+    assert np.all(np.isfinite(points.log_prior))
