@@ -268,7 +268,7 @@ def _from_run_to_run(collects: Collects) -> Iterator[Law]:
         noise = _SIGN_SIGMAS * np.nanmax(errors)
         sure = size[whole].min() > max(0.5 * size[whole].max(), noise) and np.abs(alike[whole]).min() > _ALIKE
         name, shown = f"the likeness of {channel}'s changes between positions", np.where(sure, alike, np.nan)[run]
-        yield Law(name, shown, 0.0, np.inf, "the other runs: its sign is turned")
+        yield Law(name, shown, 0.0, np.inf, "the other runs: its sign is turned, or collects are exchanged")
 
 
 def _in_its_run(record: str, c: Conditions, shown: FloatArray, factor: float) -> Law:

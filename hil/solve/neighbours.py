@@ -30,6 +30,7 @@ FAR = 10.0
 FALSE_ALARM = 1e-3
 """How probable it may be that a campaign with nothing wrong has one collect of a sensor called MARGINAL."""
 
+_FAR_MORE = 2.0  # by less do few of a position differ by chance
 _NEAR = 4.0  # what a cause must bring a collect back to
 _REPEATED = 3  # collects at one position and temperature tell of each other
 _ENOUGH = 6  # departures of a kind that tell how large they usually are
@@ -87,10 +88,16 @@ class _Departures:
     def __init__(self, collects: Collects) -> None:
         self._collects = collects
         self._rates = collects.rates_deg_per_hr
-        labels, self._label = np.unique(collects.conditions.position, return_inverse=True)
+        position = np.unique(collects.conditions.position, return_inverse=True)[1]
+        # What drifts through a run shows where a position is taken again: that is compared with its like.
+        place = np.unique(np.stack([collects.conditions.run, position]), axis=1, return_inverse=True)[1].reshape(-1)
+        order = np.argsort(place, kind="stable")
+        again = np.empty_like(place)
+        again[order] = np.arange(len(place)) - np.searchsorted(place[order], place[order])
+        self._label = len(position) * again + position
         # A collect that lay otherwise than its label says is compared with none of that label.
         elsewhere = from_the_usual_g(collects.conditions) > FIXTURE_G
-        self._label[elsewhere] = len(labels) + np.arange(elsewhere.sum())
+        self._label[elsewhere] = len(position) ** 2 + np.arange(elsewhere.sum())
         self._level = same_temperature(collects.conditions)
         self._temperature_degC = level_degC(collects.conditions)
         self._expected = np.full(self._rates.shape, np.nan)
@@ -111,7 +118,7 @@ class _Departures:
             turns += [np.concatenate([p for p in alone if self._label[p[0]] == label]) for label in self._labels(alone)]
             worst = [place[int(np.argmax(far[place]))] for place in turns if np.any(far[place] > FAR)]
             if not worst:
-                return left_out & (~distrusted | (score > FAR))
+                return left_out & (score > FAR)
             left_out[worst] = True
             if (left_out & ~distrusted).sum() > max(2, _MOST * np.count_nonzero(~distrusted)):
                 return None
@@ -127,7 +134,7 @@ class _Departures:
 
     def _scores(self, left_out: BoolArray) -> FloatArray:
         """Return the largest departure of each collect's channels, (n,), NaN or 0 where nothing is expected."""
-        self._expected[:] = np.nan
+        before, self._expected = self._expected, np.full(self._rates.shape, np.nan)
         repeated = np.zeros(len(self._rates), dtype=bool)
         places = list(self._places())
         for place in places:
@@ -138,12 +145,23 @@ class _Departures:
                     self._expected[i], repeated[i] = self._middle(i, others), True
         for label in np.unique(self._label):
             self._between(np.flatnonzero((self._label == label) & (self._level >= 0)), repeated, left_out)
+        # Where too few are left that tell, what they told before stands, here and of the scatter.
+        self._expected = np.where(np.isnan(self._expected) & left_out[:, None], before, self._expected)
         off = np.abs(self._rates - self._expected)
         floor = np.nan_to_num(self._collects.rates_se_deg_per_hr)
+        told = ~left_out & np.isfinite(off).all(axis=1)
         for kind in (repeated, ~repeated):
-            known = kind & ~left_out & np.isfinite(off).all(axis=1)
-            usual = _SIGMA * np.median(off[known], axis=0) if known.sum() >= _ENOUGH else np.inf
-            self._scale[kind] = np.maximum(usual, 2.0 * floor[kind])
+            if (kind & told).sum() >= _ENOUGH:
+                usual = _SIGMA * np.median(off[kind & told], axis=0)
+                self._scale[kind] = np.fmax(usual, 2.0 * floor[kind])
+        # What MU scatters by shows in one position alone: where that is far more than all do, it is that one's scale.
+        if several := self._repeats(~told):
+            label = self._label[np.concatenate(several)]
+            apart = np.abs(np.concatenate([self._rates[each] - self._rates[np.roll(each, 1)] for each in several]))
+            for one in np.unique(label[np.bincount(label)[label] >= _ENOUGH]):
+                own, here = np.median(apart[label == one], axis=0), repeated & (self._label == one)
+                of_position = np.where(own > _FAR_MORE * np.median(apart, axis=0), _SIGMA / np.sqrt(2.0) * own, 0.0)
+                self._scale[here] = np.fmax(self._scale[here], of_position)
         with np.errstate(invalid="ignore", divide="ignore"):
             scores: FloatArray = np.nan_to_num(off / self._scale, nan=0.0, posinf=0.0).max(axis=1)
         return scores
@@ -179,7 +197,8 @@ class _Departures:
 
     def _repeats(self, left_out: BoolArray) -> list[IntArray]:
         """Return the indices of the collects at one position and temperature, where these tell of each other."""
-        places = [place[~left_out[place]] for place in self._places()]
+        told = ~left_out & np.isfinite(self._rates).all(axis=1)
+        places = [place[told[place]] for place in self._places()]
         return [place for place in places if len(place) >= _REPEATED and self._level[place[0]] >= 0]
 
     def _degrees(self, places: Sequence[IntArray]) -> float:
@@ -188,11 +207,11 @@ class _Departures:
 
     def sees_from(self, left_out: BoolArray) -> float | None:
         """Return how far off, deg/hr, a collect must be to be seen where too few repeat it for less to be doubted."""
-        places, known = self._repeats(left_out), self.known
+        places, known = self._repeats(left_out), self.known & ~left_out
         level = FALSE_ALARM / (4.0 * sum(map(len, places)) * self._rates.shape[1]) if places else 0.0
         if not known.any() or (places and -stdtrit(self._degrees(places), level) < FAR):
             return None
-        return float(FAR * np.median(self._scale[known], axis=0).max())
+        return float(FAR * np.max(self._scale[known]))
 
     def doubtful(self, left_out: BoolArray) -> Iterator[tuple[int, IntArray, Judgement]]:
         """Yield the runs with a collect that scatter alone does not explain, though it is not `FAR`, from the worst.
@@ -251,18 +270,17 @@ class _Departures:
                 reason = f"{pair} look exchanged: each shows what the other runs show at the other's position"
                 found = replace(found, rows=np.array([i, j]), exchanged=(i, j))
                 return Judgement(Verdict.FAIL, f"{reason} ({positions})"), found
-        # A sign is a run's: it shows in every collect whose rate is large, and one that fits with minus does by chance.
-        large = np.any(2.0 * np.abs(self._rates) > FAR * self._scale, axis=1) & (conditions.run == run) & self.known
-        if (
-            len(rows) > 1
-            and set(np.flatnonzero(large)) <= set(rows)
-            and all(self._fits(i, -self._rates[i]) for i in rows)
-        ):
-            found.wrong[rows] = True
-            return Judgement(
-                Verdict.FAIL, f"{named}: the signs look turned: the other runs show the same with minus"
-            ), found
         off = self._rates[rows] - self._expected[rows]
+        every = np.flatnonzero(conditions.run == run)
+        apart, scale = (self._rates - self._expected)[every], self._scale[every]
+        told = np.isfinite(apart + scale)
+        # A sign is a run's: every collect of it fits with minus, as a single one does by chance.
+        turned = np.any(np.abs(off) > FAR * self._scale[rows], axis=0)
+        with_minus = ~told | (np.abs(self._rates + self._expected)[every] <= _NEAR * scale)
+        if len(rows) > 1 and with_minus[:, turned].all():
+            found.wrong[np.ix_(every, turned)] = True
+            said = f"{named}: the signs look turned: the other runs show the same with minus"
+            return Judgement(Verdict.FAIL, said), replace(found, rows=every)
         worst = np.unravel_index(int(np.nanargmax(np.abs(off / self._scale[rows]))), off.shape)
         channel = list(conditions.sensor.channels)[int(worst[1])]
         reason = (
@@ -270,11 +288,12 @@ class _Departures:
             f"{conditions.position[rows[worst[0]]]}, "
             f"{abs(off[worst]) / self._scale[rows][worst]:.0f} times their scatter"
         )
-        whole = len(rows) >= _WHOLE_RUN * np.count_nonzero(conditions.run == run)
-        alike = np.all(np.ptp(off, axis=0) <= FAR * np.nanmax(self._scale[rows], axis=0))
-        if len(rows) > 1 and whole and alike:
+        # A bias is a run's: nearly all of its collects are off by the same, though not all so far.
+        off_too, known = np.abs(apart[:, worst[1]]) > _NEAR * scale[:, worst[1]], told[:, worst[1]].sum()
+        unlike = np.any(np.ptp(apart[off_too], axis=0) > FAR * np.fmax.reduce(scale))
+        if known > 1 and off_too.sum() >= _WHOLE_RUN * known and not unlike:
             said = f"{reason}; the whole run is off by the same: its bias was another"
-            return Judgement(Verdict.MARGINAL, said), found
+            return Judgement(Verdict.MARGINAL, said), replace(found, rows=every[off_too])
         found.wrong[rows] = (
             np.abs(off) > _NEAR * self._scale[rows]
         )  # a collect with one rate wrong is not to be trusted

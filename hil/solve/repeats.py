@@ -92,12 +92,13 @@ class Spread:
         explained = own / np.maximum(own + self.beyond**2, np.finfo(np.float64).tiny)
         return np.where(self.degrees > 0, self.degrees * (1.0 + 0.5 * self.degrees * explained**2), np.inf)
 
-    def times_stated(self, which: BoolArray) -> float:
-        """Return how many times what standard errors say parameters (p,) scatter by: 1 where chance explains it.
+    @property
+    def times_stated(self) -> float:
+        """How many times what standard errors, times `factor`, say they scatter by: 1 where chance explains it.
 
         Values that do not scatter at all were rounded or copied, and tell nothing of noise.
         """
-        told = which & (self.observed > 0.0) & (self.stated > 0.0) & ~self.uneven  # NaN where nothing was repeated
+        told = (self.observed > 0.0) & (self.stated > 0.0) & ~self.uneven  # NaN where nothing was repeated
         squares = (self.observed[told] / self.stated[told]) ** 2 @ self.degrees[told]
         count = self.degrees[told].sum()
         by_chance = min(chdtr(count, squares), chdtrc(count, squares)) > 0.5 * RARE if count else True
@@ -174,7 +175,10 @@ class SensorRepeats:
     """One sensor's means, coldest first, and how its parameters scatter from run to run.
 
     `told_by` is the column whose temperatures those are (None: there is none); `not_used` are runs that FAIL by their
-    own records. `of_each` is one standard deviation of every parameter that a run could tell, by run.
+    own records. `of_each` is one standard deviation of every parameter that a run could tell, by run. `times_stated` is
+    by how much more or less than their standard errors averages scatter, 1 where chance explains it: what neither the
+    bias nor MU moves shows it, in runs that nothing is said against. `noise_times` is that, and what residuals exceed
+    them by where repeats do not contradict it.
     """
 
     names: tuple[str, ...]
@@ -184,6 +188,8 @@ class SensorRepeats:
     told_by: str | None = None
     not_used: tuple[int, ...] = ()
     of_each: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
+    times_stated: float = 1.0
+    noise_times: float = 1.0
 
     def at(self, temperature_degC: float | None) -> MeanAt | None:
         """Return the mean at what is this temperature of another campaign, None where there is none."""
@@ -201,11 +207,6 @@ class SensorRepeats:
                 sd = float(self.spread.sd(np.full(len(self.names), _number(each.se)))[place])
                 found[name] = Uncertain(each.value, sd, float(self.spread.freedom[place]), 1, unit)
         return found
-
-    @property
-    def times_stated(self) -> float:
-        """By how much more or less than stated averages scatter by themselves: what neither bias nor MU moves shows."""
-        return self.spread.times_stated(np.array([not name.startswith(("B", "MU")) for name in self.names]))
 
     def document(self) -> dict[str, Any]:
         """Return the JSON of it: `run_to_run` by parameter, `means` by temperature, and runs that are in neither."""
@@ -234,6 +235,7 @@ class SensorRepeats:
                 for each in self.means
             ],
             "runs_not_used": list(self.not_used),
+            "standard_errors": self.noise_in_words,
         }
 
     def sentences(self) -> list[str]:
@@ -249,13 +251,24 @@ class SensorRepeats:
         ]
         unknown = "" if self.told_by else "; no temperature was recorded, so that every run counts as a repeat"
         degrees = f"{self.spread.degrees.max()} degrees of freedom{unknown}"
-        times = self.times_stated
-        how = f"{max(times, 1.0 / times):.2g} times too {'small' if times > 1.0 else 'large'}"
-        by_noise = [f"standard errors are {how}, as what nothing but noise moves shows ({degrees})"] * (times != 1.0)
         if not told:
-            return by_noise or [f"repeats scatter as their standard errors say ({degrees})"]
+            return self.noise_in_words or [f"repeats scatter as their standard errors say ({degrees})"]
         more = f"repeats scatter more than their standard errors say ({degrees})"
-        return [f"{more}: {'; '.join(told)}; each ± includes it", *by_noise, *self._by_temperature()]
+        return [f"{more}: {'; '.join(told)}; each ± includes it", *self.noise_in_words, *self._by_temperature()]
+
+    @property
+    def noise_in_words(self) -> list[str]:
+        """Say by how much standard errors are too small or too large, and where residuals are no noise."""
+        times, residuals = self.times_stated, self.spread.factor
+        how = f"{max(times, 1.0 / times):.2g} times too {'small' if times > 1.0 else 'large'}"
+        by_noise = [f"standard errors are {how}, as what nothing but noise moves shows"] * (times != 1.0)
+        if times < 1.0 or self.noise_times >= residuals:
+            return by_noise
+        left = "what is left is the same in every run, and no noise"
+        return [
+            *by_noise,
+            f"residuals are {residuals:.2g} times what standard errors allow, and repeats are not: {left}",
+        ]
 
     def _by_temperature(self) -> list[str]:
         """Say which parameters scatter more at some temperatures than at others: no one ± holds at each."""
@@ -320,7 +333,15 @@ def _of_sensor(own: Sequence[RunSolution], at: Sequence[tuple[float | None, tupl
     at = [(temperature, tuple(run for run in runs if run in told)) for temperature, runs in at]
     freedom = sum(each.degrees_of_freedom for each in own if each.chi_square is not None)
     excess = sum(each.chi_square or 0.0 for each in own) / max(freedom, 1)
-    return means_of(units, values, errors, group, at, math.sqrt(max(excess, 1.0)))
+    factor = math.sqrt(max(excess, 1.0))
+    sound = np.array([not each.doubted for each in own])
+    noise = np.array([not name.startswith(("B", "MU")) for name in units])
+    quiet = values[sound][:, noise], errors[sound][:, noise], group[sound]
+    return replace(
+        means_of(units, values, errors, group, at, factor),
+        times_stated=Spread.of(*quiet).times_stated,
+        noise_times=factor * Spread.of(*quiet, factor).times_stated,
+    )
 
 
 def _of(solution: RunSolution, name: str) -> Estimate:

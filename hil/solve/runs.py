@@ -12,7 +12,7 @@ runs say of its collects, and of whether the standard errors are small enough to
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -56,7 +56,7 @@ class RunSolution:
     `covariance` (p, p) in the order of `parameters`, NaN where unknown; `condition_number` None where infinite;
     `residual_rms_deg_per_hr` None without degrees of freedom; `combinations` are seen mixtures of parameters that are
     not known singly. `chi_square` is that of the residuals, None without stated standard errors. `compared`: whether
-    other runs say what this one's collects should show.
+    other runs say what this one's collects should show; `doubted`: whether anything is said against a row of it.
     """
 
     run: int | None
@@ -76,6 +76,7 @@ class RunSolution:
     assumed: tuple[str, ...]
     chi_square: float | None = None
     compared: bool = True
+    doubted: bool = False
 
     @property
     def exceeds_errors(self) -> bool:
@@ -112,11 +113,12 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None) -> list[Ru
 class _Beside:
     """What is known of a sensor's runs beside their solutions: judgements by run, and what no other run was held to.
 
-    `lacking` are the collects without a standard error, by run.
+    `lacking` are the collects without a standard error, by run; `doubted` the runs against whose rows something is.
     """
 
     judged: Sequence[Mapping[int, Judgement]]
     not_compared: Sequence[int]
+    doubted: Set[int]
     lacking: Mapping[int, list[int]]
     largest_se: float | None
 
@@ -130,7 +132,7 @@ class _Beside:
         for row in np.flatnonzero(unstated(rows).any(axis=1)):
             lacking.setdefault(int(rows.conditions.run[row]), []).append(int(rows.conditions.collect[row]))
         judged = (campaign.verdicts, here, wrong.judged, soak)
-        return cls(judged, sorted(wrong.not_compared), lacking, campaign.largest_se)
+        return cls(judged, sorted(wrong.not_compared), wrong.judged.keys(), lacking, campaign.largest_se)
 
 
 def _judged(solution: RunSolution, rows: Collects, beside: _Beside) -> RunSolution:
@@ -138,6 +140,7 @@ def _judged(solution: RunSolution, rows: Collects, beside: _Beside) -> RunSoluti
 
     Where there is nothing to compare it with, that stands among what was assumed.
     """
+    solution = replace(solution, doubted=not beside.doubted.isdisjoint(solution.runs))
     if not set(beside.not_compared).isdisjoint(solution.runs):
         alone = (
             f"{numbered('run', beside.not_compared)} cannot be compared with others (it takes three at a temperature, "

@@ -1,8 +1,8 @@
 """Every self-calibration's parameters against its temperature: free at every temperature, or along chosen forms.
 
-A visit is one run, or all collects at a temperature (from one side) where no single run there tells every parameter.
-Its parameters have the uncertainty that every other command states (`hil.solve.repeats`). Where temperatures were
-reached from both sides, half the difference is a parameter of its own, so that the curve is the middle one.
+A visit is one run. Its parameters have the uncertainty that every other command states (`hil.solve.repeats`). Where
+temperatures were reached from both sides, half the difference is a parameter of its own, so that the curve is the
+middle one, and what is left of the scatter is without it.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Layout:
     """The rows of one sensor with its columns: `columns` (n, c, p) of the form, and how temperature enters.
 
     `middle_degC` and `half_degC` scale temperature to -1 … 1 for polynomials. `hysteresis` says that half the
-    difference between the two directions is estimated.
+    difference between the two directions is estimated. `spread` is that of all runs, where temperatures are left out.
     """
 
     collects: Collects
@@ -63,6 +63,7 @@ class Layout:
     middle_degC: float
     half_degC: float
     hysteresis: bool
+    spread: Spread | None = None
 
     @property
     def temperature_degC(self) -> FloatArray:
@@ -125,20 +126,8 @@ class Visits:
 
 def visits(layout: Layout) -> Visits:
     """Solve every visit of a sensor for the layout's form."""
-    conditions, stations = layout.collects.conditions, layout.stations
-    runs = np.unique(conditions.run, return_inverse=True)[1]
-    own = _solved(layout, runs)
-    whole = np.asarray(np.isfinite(own.values).all(axis=1))
-    tells = np.isin(np.arange(len(stations)), stations.number[whole[runs]])
-    if np.all(tells):
-        return own
-    # A run there holds some of the positions: what was measured at the temperature is one self-calibration.
-    together = runs.max() + 1 + 3 * stations.number + stations.direction.astype(np.int64) + 1
-    return _solved(layout, np.unique(np.where(tells[stations.number], runs, together), return_inverse=True)[1])
-
-
-def _solved(layout: Layout, label: IntArray) -> Visits:
     conditions, sigma = layout.collects.conditions, stated_noise(layout.collects)
+    label = np.unique(conditions.run, return_inverse=True)[1]
     rates = layout.collects.rates_deg_per_hr - conditions.w_channels_deg_per_hr
     values, errors, excess, freedom, rows = [], [], 0.0, 0, []
     for k in range(label.max() + 1):
@@ -157,7 +146,8 @@ def _solved(layout: Layout, label: IntArray) -> Visits:
     at = np.array([layout.temperature_degC[r].mean() for r in rows])
     measured, stated = np.array(values), np.array(errors)
     place = np.unique(np.stack([station, direction.astype(np.int64)]), axis=1, return_inverse=True)[1].reshape(-1)
-    spread = Spread.of(measured, stated, place, float(np.sqrt(max(excess / max(freedom, 1), 1.0))))
+    factor = float(np.sqrt(max(excess / max(freedom, 1), 1.0)))
+    spread = Spread.of(measured, stated, place, factor) if layout.spread is None else layout.spread
     sd = spread.sd(stated)
     known = bool(np.isfinite(sd[np.isfinite(measured)]).all() and np.all(sd[np.isfinite(measured)] > 0.0))
     sd = sd if known else np.ones_like(sd)

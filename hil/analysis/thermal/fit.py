@@ -226,7 +226,7 @@ def _choices(
 def layout_of(
     number: int, collects: Collects, model_name: str | None, apart_degC: float | None
 ) -> tuple[Layout, list[str]]:
-    """Choose the form and the rows: temperatures at which not every parameter can be told are left out.
+    """Choose the form and the rows: temperatures at which no run tells every parameter are left out.
 
     Raises `InputError` where fewer than three temperatures are left.
     """
@@ -235,10 +235,14 @@ def layout_of(
     form = named_form(model_name, collects.conditions) if model_name else default_form(collects.conditions)
     if form.reason:
         notes.append(f"sensor {number}: {form.reason}")
-    whole = np.array([_tells_all(form, collects.rows(stations.number == place)) for place in range(len(stations))])
+    run = collects.conditions.run
+    tell = {each for each in np.unique(run).tolist() if _tells_all(form, collects.rows(run == each))}
+    whole = np.array([not tell.isdisjoint(run[stations.number == place].tolist()) for place in range(len(stations))])
+    spread = None
     if not np.all(whole):
         left = ", ".join(f"{each:.1f} °C" for each in stations.centre_degC[~whole])
-        notes.append(f"sensor {number}: too few positions for every parameter at {left}; left out")
+        notes.append(f"sensor {number}: no run tells every parameter at {left}; left out")
+        spread = visits(Layout(collects, form, form.columns(collects.conditions), stations, 0.0, 1.0, False)).spread
         keep = whole[stations.number]
         collects = collects.rows(keep)
         number_of = np.cumsum(whole) - 1
@@ -254,7 +258,13 @@ def layout_of(
         shown = f"temperature_degC is {own.mean():.1f} °C at every setpoint"
         raise InputError(f"sensor {number}: {shown}; nothing can be said against it: look at that column")
     both = len(stations.both_directions) > 0
-    layout = Layout(collects, form, form.columns(collects.conditions), stations, float(np.round(middle)), half, both)
+    if both:
+        apart = "which the means and ± of hil solve hold"
+        notes.append(
+            f"sensor {number}: values are the middle between both directions; without their difference, {apart}"
+        )
+    columns = form.columns(collects.conditions)
+    layout = Layout(collects, form, columns, stations, float(np.round(middle)), half, both, spread)
     return layout, notes
 
 

@@ -130,7 +130,7 @@ def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[st
     conditions = {number: rows.conditions for number, rows in used.items()}
     sigmas = {  # as large as residuals and repeats show them to be
         number: np.where(np.isfinite(rows.rates_deg_per_hr), rows.rates_se_deg_per_hr, np.nan)
-        * (shown[number].spread.factor * shown[number].times_stated if number in shown else 1.0)
+        * (shown[number].noise_times if number in shown else 1.0)
         for number, rows in used.items()
     }
     noise = {
@@ -156,9 +156,11 @@ def _with_typical_noise(rows: Collects) -> Collects:
 
 def _seen(shown: SensorRepeats, *, assumed: bool) -> NoiseLevel:
     """Return what repeats scatter by beyond white noise: bias and, of a rotor, MU, rms of both channels."""
-    more = np.maximum(shown.spread.observed**2 - (shown.times_stated * shown.spread.stated) ** 2, 0.0)
+    white = shown.noise_times / shown.spread.factor * shown.spread.stated
+    more = np.maximum(shown.spread.observed**2 - white**2, 0.0)
     beyond = [each for each in zip(shown.names, more, shown.spread.degrees, strict=True) if each[2]]
     bias, mu = ([more for name, more, _ in beyond if name.startswith(kind)] for kind in ("B", "MU"))
     source = "its repeats, beyond an assumed noise of collects" if assumed else "its repeats"
+    source += "".join(f"; {each}" for each in shown.noise_in_words)
     size = [float(np.sqrt(np.mean(each))) if each else 0.0 for each in (bias, mu)]
     return NoiseLevel(run_bias_deg_per_hr=size[0], run_mu_deg_per_hr_per_g=size[1], source=source)

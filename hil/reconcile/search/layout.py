@@ -9,7 +9,7 @@ import numpy as np
 from hil.campaign import Conditions
 from hil.model.effects.base import Effect, VarianceEffect
 from hil.reconcile.search.candidates import MANY, Candidate, effect_columns
-from hil.reconcile.search.noise import FEWEST_RUNS, Noise
+from hil.reconcile.search.noise import Noise
 from hil.reconcile.search.problem import LEAST_FREEDOM, Problem, SensorProblem
 from hil.reconcile.search.sets import BlockSearch, SensorSearch, Set
 from hil.reconcile.search.spoiled import MANY as MANY_PLACES
@@ -21,6 +21,7 @@ BETWEEN = (0.25, 0.5, 0.75)
 """Where, in logarithms, a shape is tried between two points of its grid: a time constant is then right to a tenth."""
 SEEN = float(np.log(1e4))
 """Log odds that labels are exchanged where the unit's accelerometers say so, rather than that these are wrong."""
+_TOLD = 3  # runs of which two say what the third should have shown
 BEYOND = 1.6
 """By this factor a shape may lie outside its grid."""
 
@@ -142,10 +143,10 @@ def _exchanges(sensor: SensorProblem, blocks: Sequence[Block], mislabelled: Sequ
 
     Of very many runs those are asked about that are odd.
     """
-    conditions = sensor.collects.conditions
+    conditions, rates = sensor.collects.conditions, sensor.collects.rates_deg_per_hr
     runs = len(np.unique(conditions.run))
-    if runs < FEWEST_RUNS:
-        return  # the other runs cannot say what a run should have shown
+    if runs < _TOLD:
+        return  # of two, neither can say what the other should have shown
     for effect in (e for e in mislabelled if not e.in_models):
         if not effect.applies_to(conditions.sensor) or effect.missing(conditions):
             continue
@@ -154,6 +155,11 @@ def _exchanges(sensor: SensorProblem, blocks: Sequence[Block], mislabelled: Sequ
         bases = sensor.bases_without(asked)
         for shape in (s for s in grid if s.get("run") in bases):
             columns = np.nan_to_num(effect.columns(conditions, bases[int(shape["run"])], shape))
+            rows = np.flatnonzero(np.any(columns != 0.0, axis=(1, 2)))
+            if len(set(conditions.position[rows].tolist())) == len(rows) == 2:
+                # Each has what the other measured, whatever the base is at that temperature.
+                apart = rates[rows] - rates[rows[::-1]]
+                columns[rows, :, 0] = np.where(np.isfinite(apart), apart, columns[rows, :, 0])
             if np.any(columns):
                 parameters = effect.parameters_for(conditions)
                 yield Candidate(

@@ -15,7 +15,7 @@ from hil.campaign.plausibility import judged_by_its_records
 from hil.campaign.reader import read_campaign
 from hil.campaign.writer import write_campaign
 from tests.hil.analysis.thermal.nights import TRIAD
-from tests.hil.solve.test_neighbours import campaign, with_rates
+from tests.hil.solve.test_neighbours import campaign, repeated, with_rates
 
 
 def _changed(one: Campaign, rows: list[int], rates: np.ndarray) -> Campaign:
@@ -31,6 +31,24 @@ def _good() -> Campaign:
 def _exchanged() -> Campaign:
     one = _good()
     return _changed(one, [12, 13], one.sensors[2].rates_deg_per_hr[[13, 12]])
+
+
+def _exchanged_first(runs: int) -> Campaign:
+    """One temperature: in run 1 collects 1 and 2, of three runs known by the others, of two not."""
+    one = campaign(runs, runs, seed=8, scatter=2.0)
+    return _changed(one, [0, 1], one.sensors[2].rates_deg_per_hr[[1, 0]])
+
+
+def _mu_of_each_run() -> Campaign:
+    """MU scatters from run to run by far more than anything else."""
+    one = campaign(15, 3, seed=5, scatter=0.0)
+    mu = np.random.default_rng(5).normal(0.0, 5.0, (15, 2))
+    return _changed(one, list(range(2, 45, 3)), one.sensors[2].rates_deg_per_hr[2::3] + mu)
+
+
+def _errors_too_small() -> Campaign:
+    one = _good()
+    return replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=np.full((36, 2), 0.2))})
 
 
 def _exchanged_twice() -> Campaign:
@@ -153,6 +171,12 @@ FOLDERS: dict[str, Callable[[], Campaign]] = {
     "labels exchanged": _exchanged,
     "labels exchanged in a body": _exchanged_body,
     "labels exchanged twice": _exchanged_twice,
+    "labels exchanged, three runs": lambda: _exchanged_first(3),
+    "labels exchanged, two runs": lambda: _exchanged_first(2),
+    "MU of each run": _mu_of_each_run,
+    "drift through every run": lambda: repeated(12, 3, (0, 1, 2, 3, 4, 5, 0), drift=6.0),
+    "position missing at one temperature": lambda: _changed(_good(), [2, 5, 8], np.full((3, 2), np.nan)),
+    "standard errors too small": _errors_too_small,
     "one rate far off": _far_off,
     "one collect missing": _one_missing,
     "one standard error missing": _one_silent,

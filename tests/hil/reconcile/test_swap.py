@@ -13,6 +13,8 @@ from hil.model import Model
 from hil.model.curve import Polynomial
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.page import page
+from hil.reconcile.scattering import what_scatters
+from tests.hil.analysis.thermal.nights import rotor_night
 from tests.hil.reconcile.hidden_effects import TRIAD, Hidden, both, hidden_campaign
 
 
@@ -181,6 +183,13 @@ def known_unit() -> Model:
         for name, values in thermal.items()
     }
     return Model(schema="hil.model/1", title="known", form="matrix-6", sensors={2: curves})
+
+
+def test_labels_are_put_right_where_values_follow_temperature() -> None:
+    """Each of the two has what the other measured, whatever the base is at that temperature: nothing is left out."""
+    curves = {"GSA": lambda at: 58.0 + 0.0 * at, "MUA": lambda at: 0.8 * at, "MUB": lambda at: -0.6 * at}
+    night = rotor_night(np.random.default_rng(3), curves, run_to_run={"MUA": 4.0, "MUB": 4.0})
+    assert [row["done"] for row in what_scatters(exchanged(night, (1, 3))).rows] == ["mended"]
 
 
 @pytest.mark.slow

@@ -242,3 +242,85 @@ def test_one_rate_that_fits_with_minus_by_chance_is_no_turned_sign() -> None:
     reasons = " ".join(each.reason for each in solve_campaign(with_rates(one, rates)))
     assert "signs look turned" not in reasons
     assert "collect 9" in reasons
+
+
+def repeated(runs: int, per_temperature: int, order: tuple[int, ...], seed: int = 0, drift: float = 0.0) -> Campaign:
+    """Return a campaign of collects in another `order`; the bias moves by `drift` deg/hr from each to the next.
+
+    Positions 4 to 6 are 1 to 3 under another label.
+    """
+    made, k = campaign(runs, per_temperature, seed, scatter=0.0).sensors[2], len(order)
+    own = np.add.outer(3 * np.arange(runs), np.mod(order, 3)).reshape(-1)
+    rows, place = made.rows(own), np.tile(np.arange(k), runs)
+    rng = np.random.default_rng(seed)
+    rates = rows.rates_deg_per_hr + drift * place[:, None] + rng.normal(0.0, 0.7, (k * runs, 2))
+    number = np.arange(k * runs)
+    position = np.tile([str(each + 1) for each in order], runs)
+    conditions = replace(rows.conditions, collect=number + 1, start_s=600.0 * number, position=position)
+    return Campaign("made", "", {2: Collects(conditions, rates, np.ones_like(rates))})
+
+
+def test_a_drift_through_every_run_accuses_no_collect() -> None:
+    """A position that is taken again at the end of a run is compared with its like in other runs."""
+    found = compared_with_neighbours(repeated(12, 3, (0, 1, 2, 3, 4, 5, 0), drift=6.0).sensors[2])
+    assert not found.judged
+    assert not found.not_compared
+
+
+def test_mu_of_each_run_accuses_no_collect() -> None:
+    """What collects 3 scatter by is judged by themselves: in two of a hundred sound campaigns one was left out."""
+    for seed in range(20):
+        made = campaign(15, 3, seed, scatter=0.0)
+        mu = np.random.default_rng(seed).normal(0.0, 5.0, (15, 2))
+        rates = made.sensors[2].rates_deg_per_hr + np.where(np.arange(45) % 3 == 2, 1.0, 0.0)[:, None] * mu.repeat(3, 0)
+        assert not compared_with_neighbours(with_rates(made, rates).sensors[2]).judged
+
+
+def test_of_three_runs_the_one_with_exchanged_labels_is_known() -> None:
+    """The other two tell what each position shows, and what they told stands when too few are left to tell it."""
+    made = campaign(3, 3, scatter=0.0)
+    rates = made.sensors[2].rates_deg_per_hr.copy()
+    rates[[0, 1]] = rates[[1, 0]]
+    (found,) = compared_with_neighbours(with_rates(made, rates).sensors[2]).found
+    assert (found.run, found.exchanged) == (1, (0, 1))
+
+
+def test_a_sound_collect_beside_wrong_ones_is_not_accused() -> None:
+    """Who stood out from what was wrong itself stands out no more when that is left out."""
+    made = campaign(12, 3, seed=28, scatter=2.0)
+    rates = made.sensors[2].rates_deg_per_hr.copy()
+    rates[[21, 22]], rates[18, 0] = rates[[22, 21]], rates[18, 0] + 200.0
+    found = compared_with_neighbours(with_rates(made, rates).sensors[2])
+    assert set(found.judged) == {7, 8}
+
+
+def test_the_sign_of_one_channel_is_turned_in_every_collect_of_its_run() -> None:
+    """Also in those that are near 0, where it hardly shows; the other channel is kept."""
+    made = campaign(12, 3, seed=3)
+    rates = made.sensors[2].rates_deg_per_hr.copy()
+    rates[12:15, 0] *= -1.0
+    found = compared_with_neighbours(with_rates(made, rates).sensors[2])
+    assert found.judged[5].verdict is Verdict.FAIL
+    assert "the signs look turned" in found.judged[5].reason
+    assert np.argwhere(found.found[0].wrong).tolist() == [[12, 0], [13, 0], [14, 0]]
+
+
+def test_a_rate_that_is_missing_makes_no_other_doubted() -> None:
+    """What the collects of its position scatter by is told by the others."""
+    made = campaign(12, 3, seed=5, scatter=0.0)
+    mu = np.random.default_rng(5).normal(0.0, 4.0, (12, 2))
+    rates = made.sensors[2].rates_deg_per_hr.copy()
+    rates[2::3] += mu
+    rates[[11, 14, 17]] = np.nan
+    assert not compared_with_neighbours(with_rates(made, rates).sensors[2]).judged
+
+
+def test_another_bias_of_which_one_collect_alone_stands_far_out_is_the_whole_runs() -> None:
+    """The others are off by the same, a little less than what is called far."""
+    made = campaign(12, 3, seed=2, scatter=2.0)
+    rates = made.sensors[2].rates_deg_per_hr.copy()
+    for off in np.arange(15.0, 60.0, 1.0):
+        moved = rates.copy()
+        moved[12:15] += off
+        for each in compared_with_neighbours(with_rates(made, moved).sensors[2]).judged.values():
+            assert "its bias was another" in each.reason

@@ -16,7 +16,7 @@ from hil.solve.wrong_rows import in_words, what_is_wrong
 from procedures.verdict import Judgement, Verdict
 from tests.hil.analysis.thermal.nights import PUBLISHED_DEGC, RUN_TO_RUN, rotor_night, scaled
 from tests.hil.solve.test_neighbours import campaign as runs_at_their_temperatures
-from tests.hil.solve.test_neighbours import with_rates
+from tests.hil.solve.test_neighbours import repeated, with_rates
 
 TRUTH = {
     "BA": (20.0, 5.0),
@@ -156,6 +156,26 @@ def test_standard_errors_that_repeats_contradict_are_said_to_be_wrong(times: flo
         shown = repeats(stated, solve_campaign(stated))[2]
         assert shown.times_stated == pytest.approx(1.0 / times, rel=0.2)
         assert said in shown.sentences()[-1] or (offset > 0.0 and times == 1.0)
+
+
+def test_one_doubted_collect_makes_no_standard_error_too_small() -> None:
+    """By how much they are is asked of the runs that nothing is said against."""
+    one = runs_at_their_temperatures(24, 3, seed=0, scatter=1.0)
+    rates = one.sensors[2].rates_deg_per_hr.copy()
+    rates[16, 0] += 12.0
+    doubted = replace(one, sensors={2: replace(one.sensors[2], rates_deg_per_hr=rates)})
+    assert [each["done"] for each in what_is_wrong(doubted)["rows"]] == ["used"]
+    assert repeats(doubted, solve_campaign(doubted))[2].times_stated == 1.0
+
+
+def test_residuals_that_repeats_do_not_share_are_no_noise() -> None:
+    """A drift that is the same in every run: it says nothing of standard errors, in either direction."""
+    drifting = repeated(12, 3, (0, 1, 2, 3, 4, 5, 0), drift=6.0)
+    shown = repeats(drifting, solve_campaign(drifting))[2]
+    assert shown.spread.factor > 3.0
+    assert shown.times_stated == 1.0
+    assert shown.noise_times < 2.0
+    assert "the same in every run, and no noise" in shown.sentences()[-1]
 
 
 @pytest.mark.slow

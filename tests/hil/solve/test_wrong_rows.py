@@ -283,3 +283,17 @@ def test_a_temperature_of_which_no_run_tells_anything_has_no_mean() -> None:
     shown = repeats(lost := with_rates(one, rates), solve_campaign(lost))[2]
     assert [mean.temperature_degC for mean in shown.means] == [-20.0, 20.0, 40.0]
     assert all(mean.runs for mean in shown.means)
+
+
+@pytest.mark.parametrize(("runs", "per_temperature"), [(2, 2), (4, 2), (2, 1), (3, 1)])
+def test_runs_that_nothing_is_held_against_must_not_contradict_each_other(runs: int, per_temperature: int) -> None:
+    """Of two that differ in what neither a bias nor MU moves neither is a PASS; sound ones are."""
+    made = campaign(runs, per_temperature, scatter=3.0)
+    rates = made.sensors[2].rates_deg_per_hr.copy()
+    rates[[0, 1]] = rates[[1, 0]]
+    wrong = with_rates(made, rates)
+    assert {each.verdict for each in solve_campaign(made)} == {Verdict.PASS}
+    assert [each.verdict for each in solve_campaign(wrong)][:2] == [Verdict.INCONCLUSIVE] * 2
+    (first, *_) = what_is_wrong(wrong)["rows"]
+    assert first["done"] == "used"
+    assert "runs 1–2 differ by" in first["why"]

@@ -27,6 +27,7 @@ from hil.errors import InputError
 from hil.files.strict import find_config
 from hil.model import load_model, save_model
 from hil.model.curve import Constant, Polynomial, Table
+from hil.solve import repeats, solve_campaign
 from hil.solve.beside_terms import solve_beside
 from tests.hil.analysis.thermal.nights import PUBLISHED_DEGC, rotor_night, scaled, triad_night
 from tests.hil.twin.quiet import changed_bench, collect
@@ -229,6 +230,20 @@ def refused(campaign: Campaign, change: dict[str, np.ndarray]) -> Campaign:
     collects = campaign.sensors[2]
     conditions = replace(collects.conditions, columns=change)
     return replace(campaign, sensors={2: Collects(conditions, collects.rates_deg_per_hr, collects.rates_se_deg_per_hr)})
+
+
+@pytest.mark.parametrize("lost", [[2, 5, 8], [0, 4, 8]])
+def test_a_temperature_that_no_run_tells_is_left_out_and_its_repeats_are_not(lost: list[int]) -> None:
+    """Values and their uncertainty at the others are those of hil solve, to which all repeats tell something."""
+    night = rotor_night(np.random.default_rng(12), {})
+    rates = night.sensors[2].rates_deg_per_hr.copy()
+    rates[lost] = np.nan
+    night = replace(night, sensors={2: replace(night.sensors[2], rates_deg_per_hr=rates)})
+    means, fit = repeats(night, solve_campaign(night))[2].means[1:], fit_thermal(night).of(2)
+    assert "no run tells every parameter at -29.7 °C; left out" in fit.notes[0]
+    for name, each in fit.parameters.items():
+        assert each.values.values == pytest.approx([mean.values[name].value for mean in means])
+        assert each.values.se == pytest.approx([mean.values[name].sd for mean in means])
 
 
 def test_what_cannot_be_fitted_is_refused() -> None:
