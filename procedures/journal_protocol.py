@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Protocol
@@ -33,6 +33,10 @@ class StepResult:
     samples: SampleBlock | None = None  # a collect's samples and raw bytes
 
 
+Ended = tuple[Step, int, StepResult]
+"""How an attempt at a step ended: the step, the attempt's number, its result."""
+
+
 def of_unit(data: Mapping[str, Any], unit: str) -> Mapping[str, Any]:
     """Return the data of a chamber's step as they are for one unit: what is told of it (`units`) laid over the rest."""
     own = data.get("units", {}).get(unit)
@@ -45,11 +49,11 @@ class Journal(Protocol):
     def completed(self) -> Mapping[str, StepResult]:
         """Return the results of the steps that are DONE, by step key (without samples)."""
 
-    def begin(self, step: Step) -> int:
-        """Record that `step` begins; return the attempt number, 1 for the first."""
+    def begin(self, *steps: Step) -> Sequence[int]:
+        """Record that steps begin, at once; return the number of each one's attempt, 1 for the first."""
 
-    def end(self, step: Step, attempt: int, result: StepResult) -> None:
-        """Commit the result, with its samples, before the next step begins."""
+    def end(self, *ended: Ended) -> None:
+        """Commit results, with their samples, all of them or none, before anything else begins."""
 
     def event(self, kind: str, message: str, **evidence: Any) -> None:
         """Record something that happened: a retry, an alarm, a hold, a signal, a resumption."""

@@ -60,6 +60,9 @@ _WHY_AGAIN: Mapping[StepKind, str] = {
 _INTERRUPTED_BY_A_PAUSE = (StepKind.SETPOINT, StepKind.RESTABILISE, StepKind.INDEX)
 _NEVER_RETRIED = (WrongDevice, SetpointOutOfLimits, CommandRefused)
 
+Ends = Sequence[tuple[Step, StepResult]]
+"""How steps of a stage ended: they are committed at once."""
+
 
 class Sequencer:
     """Runs a plan on a bench. `began` is the UTC instant from which campaign time counts, also across a resume.
@@ -167,8 +170,7 @@ class Sequencer:
         reason = why(cause)
         try:
             outcome = Outcome.ABORTED if isinstance(cause, StopRequested) else Outcome.ERROR
-            for step, _ in tuple(self._open.values()):
-                self._end(step, StepResult(outcome, reason))
+            self._end([(step, StepResult(outcome, reason)) for step, _ in self._open.values()])
             if cause is not None:
                 kind = "interlock" if isinstance(cause, InterlockTripped) else state_after(cause).value
                 self._watch.event(kind, reason, **(self._watch.evidence() if kind == "interlock" else {}))
@@ -218,8 +220,8 @@ class Sequencer:
         """Do steps again that are DONE in the journal, as events; return whether they are in effect now."""
         results: dict[str, StepResult] = {}
 
-        def again(step: Step, result: StepResult) -> None:
-            results[step.key] = result
+        def again(ended: Ends) -> None:
+            results.update((step.key, result) for step, result in ended)
 
         steps = self._going_on(steps)
         for step in steps:
@@ -236,22 +238,22 @@ class Sequencer:
         """Do the steps of a stage and commit their results."""
         results: dict[str, StepResult] = {}
 
-        def begin(step: Step) -> int:
-            attempt = self._journal.begin(step)
-            self._open[step.key] = step, attempt
-            return attempt
+        def begin(steps: Sequence[Step]) -> Sequence[int]:
+            attempts = self._journal.begin(*steps)
+            self._open.update((step.key, (step, attempt)) for step, attempt in zip(steps, attempts, strict=True))
+            return attempts
 
-        def end(step: Step, result: StepResult) -> None:
-            self._end(step, result)
-            results[step.key] = result
+        def end(ended: Ends) -> None:
+            self._end(ended)
+            results.update((step.key, result) for step, result in ended)
 
         self._with_retries(steps, begin, end)
         for step in self._going_on(steps):
             if not self._now_in_effect(step, results[step.key]):
                 self._failed[step.key] = results[step.key].reason
 
-    def _begin(self, steps: Sequence[Step], begin: Callable[[Step], int]) -> None:
-        attempts = [begin(step) for step in steps]
+    def _begin(self, steps: Sequence[Step], begin: Callable[[Sequence[Step]], Sequence[int]]) -> None:
+        attempts = begin(steps)
         self._touched = True
         later = (each for each in self._plan.steps[self._after(steps[0]) :] if each.key not in self._done)
         total = len(self._plan.steps)
@@ -262,15 +264,21 @@ class Sequencer:
         """Return the index of the first step of the next stage."""
         return next((each.index for each in self._plan.steps[step.index :] if each.stage != step.stage), step.index + 1)
 
-    def _end(self, step: Step, result: StepResult) -> None:
-        self._journal.end(*self._open[step.key], result)
-        del self._open[step.key]
-        if result.outcome is Outcome.DONE:
-            self._done.add(step.key)
-        self._watch.step_ended(step, result)
+    def _end(self, ended: Ends) -> None:
+        if not ended:
+            return
+        self._journal.end(*((*self._open[step.key], result) for step, result in ended))
+        for step, result in ended:
+            del self._open[step.key]
+            if result.outcome is Outcome.DONE:
+                self._done.add(step.key)
+            self._watch.step_ended(step, result)
 
     def _with_retries(
-        self, steps: Sequence[Step], begin: Callable[[Step], int], end: Callable[[Step, StepResult], None]
+        self,
+        steps: Sequence[Step],
+        begin: Callable[[Sequence[Step]], Sequence[int]],
+        end: Callable[[Ends], None],
     ) -> None:
         """Perform steps until each has a result to keep: device errors and bad collects are tried again, bounded."""
         collects_left = {step.key: int(CollectSettings.from_parameters(step.parameters).attempts) for step in steps}
@@ -281,44 +289,46 @@ class Sequencer:
             if steps:
                 self._begin(steps, begin)
             if blocked:
-                for step in steps:
-                    end(step, StepResult(Outcome.FAILED, f"{blocked} could not be restored after the pause"))
+                lost = StepResult(Outcome.FAILED, f"{blocked} could not be restored after the pause")
+                end([(step, lost) for step in steps])
             if blocked or not steps:
                 return
             try:
                 self._watch.interruptible = steps[0].kind in _INTERRUPTED_BY_A_PAUSE
                 results = self._actions.perform(steps)
             except PauseAsked as pause:
-                for step in steps:
-                    end(step, StepResult(Outcome.ABORTED, f"{pause}; done again afterwards"))
+                paused = StepResult(Outcome.ABORTED, f"{pause}; done again afterwards")
+                end([(step, paused) for step in steps])
                 continue
             except DeviceError as error:
                 results = {step.key: error for step in steps}
             finally:
                 self._watch.interruptible = False
-            again = []
+            ended, given_up, again = list[tuple[Step, StepResult]](), dict[str, DeviceError](), dict[str, str]()
             for step in steps:
                 if step.unit in self._watch.aside:
-                    end(step, StepResult(Outcome.ERROR, self._watch.aside[step.unit or ""]))
+                    ended.append((step, StepResult(Outcome.ERROR, self._watch.aside[step.unit or ""])))
                 elif isinstance(result := results[step.key], DeviceError):
                     devices_left[step.key] -= 1
-                    end(step, StepResult(Outcome.ERROR, str(result)))
-                    if devices_left[step.key] <= 0 or isinstance(result, _NEVER_RETRIED):
-                        self._give_up(step, result)
+                    ended.append((step, StepResult(Outcome.ERROR, str(result))))
+                    if (tries := devices_left[step.key]) <= 0 or isinstance(result, _NEVER_RETRIED):
+                        given_up[step.key] = result
                     else:
-                        tries = devices_left[step.key]
-                        self._watch.event("retry", f"{step.key}: {result}; {tries} more tries", step=step.key)
-                        again.append(step)
+                        again[step.key] = f"{step.key}: {result}; {tries} more tries"
                 else:
                     collects_left[step.key] -= 1
                     if step.kind is StepKind.COLLECT and collects_left[step.key] > 0 and _not_good(result):
-                        end(step, replace(result, outcome=Outcome.FAILED))
-                        self._watch.event("retry", f"{step.key} is taken again: {result.reason}", step=step.key)
-                        again.append(step)
-                    else:
-                        end(step, result)
-            self._before_trying_again(again, results)
-            steps = again
+                        result = replace(result, outcome=Outcome.FAILED)
+                        again[step.key] = f"{step.key} is taken again: {result.reason}"
+                    ended.append((step, result))
+            end(ended)
+            for step in steps:
+                if step.key in given_up:
+                    self._give_up(step, given_up[step.key])
+                elif step.key in again:
+                    self._watch.event("retry", again[step.key], step=step.key)
+            steps = [step for step in steps if step.key in again]
+            self._before_trying_again(steps, results)
 
     def _give_up(self, step: Step, error: DeviceError) -> None:
         """Set the unit aside that its device failed; raise where it is the last, or the chamber's device did."""
@@ -383,9 +393,9 @@ class Sequencer:
         return True
 
 
-def _unrecorded(_step: Step) -> int:
-    """Begin no attempt: the step has a result, and is done again."""
-    return 0
+def _unrecorded(steps: Sequence[Step]) -> Sequence[int]:
+    """Begin no attempt: the steps have results, and are done again."""
+    return [0] * len(steps)
 
 
 def _not_good(result: StepResult) -> bool:

@@ -24,7 +24,7 @@ class Unchanged:
             if values is None or not len(values):
                 continue
             value, since_s = self._last.get(label, (float(values[0]), time_s))
-            if np.any(values != value):
+            if values[-1] != value or np.any(values != value):  # nearly always the newest tells
                 value, since_s = float(values[-1]), time_s
             self._last[label] = (value, since_s)
             lasting[label] = time_s - since_s

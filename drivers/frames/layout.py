@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from drivers.frames.wire import Rows, native_type, read_column, sign_extended, w
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+_MOST_SETS = 8  # of fields that are stored together: a device stores one or two
 _BLOCK = 8192  # rows whose bytes stay in the processor's cache while all their columns are read
 
 
@@ -55,6 +56,7 @@ class FrameLayout:
         whole = frame.length.whole if isinstance(frame.length, LengthDescription) else None
         self._lacks = max(0, (whole or 0) - self.length)  # zeros that were not sent
         self.record, self.assembled = self._native_record()
+        self._usual = lru_cache(_MOST_SETS)(self._whole_numbers)
 
     def _native_record(self) -> tuple[np.dtype[np.void], Sequence[str]]:
         """Return a structured type over one frame with every field of a native width, and the names of the others."""
@@ -122,27 +124,32 @@ class FrameLayout:
         return np.asarray((told & mask) == when.equals)
 
     @cached_property
-    def _conversions(self) -> Sequence[tuple[str, bool, float, float, bool]]:
-        """Of every numeric field: name, whether its width is native, factor, offset, whether it takes turns."""
-        return [
-            (name, name not in self.assembled, self.factor(name), field.offset, field.when is not None)
-            for name, field in self.numeric.items()
-        ]
+    def _conversions(self) -> tuple[Sequence[tuple[str, bool]], FloatArray, FloatArray, Sequence[tuple[int, str]]]:
+        """Of every numeric field name and whether its width is native; factors and offsets, (k, 1); who takes turns."""
+        fields = self.numeric.items()
+        return (
+            [(name, name not in self.assembled) for name in self.numeric],
+            np.array([self.factor(name) for name in self.numeric])[:, None],
+            np.array([field.offset for _, field in fields])[:, None],
+            [(row, name) for row, (name, field) in enumerate(fields) if field.when is not None],
+        )
 
     def columns(self, rows: Rows) -> dict[str, FloatArray]:
         """Return all numeric fields of n frames in their units, each of shape (n,); NaN where a field is not there."""
         n = len(rows)
         values = np.empty((len(self.numeric), n))
+        fields, factors, offsets, turns = self._conversions
         for start in range(0, n, _BLOCK):
-            block = self._whole(rows[start : start + _BLOCK])
+            block, part = self._whole(rows[start : start + _BLOCK]), values[:, start : start + _BLOCK]
             records = np.ndarray(len(block), self.record, block)
-            parts = zip(values[:, start : start + _BLOCK], self._conversions, strict=True)
-            for part, (name, native, factor, offset, sometimes) in parts:
-                np.multiply(records[name] if native else self.wire_values(block, name), factor, part, dtype=np.float64)
-                if offset != 0.0:
-                    part += offset
-                if sometimes and (there := self.present(block, name)) is not None:
-                    part[~there] = np.nan
+            for row, (name, native) in zip(part, fields, strict=True):
+                row[:] = records[name] if native else self.wire_values(block, name)
+            part *= factors
+            if offsets.any():
+                part += offsets
+            for row, name in turns:
+                if (there := self.present(block, name)) is not None:
+                    part[row, ~there] = np.nan
         columns = dict(zip(self.numeric, values, strict=True))
         for name in self.absent:
             columns[name] = np.full(n, np.nan)
@@ -155,34 +162,37 @@ class FrameLayout:
         cells = (bytes(row[at : at + size]) for row in rows)
         return [cell.split(b"\0")[0].decode("ascii", "replace").replace("�", "?").strip() for cell in cells]
 
-    @cached_property
-    def _whole_numbers(self) -> tuple[dict[str, int], FloatArray]:
-        """Of the native integers that a float holds exactly: their rows in offset, factor, least, most: (4, k, 1)."""
-        fields = {name: field for name, field in self.numeric.items() if name not in self.assembled}
-        known = {name: field for name, field in fields.items() if field.type[0] in "ui" and field.bits <= 32}
+    def _whole_numbers(self, *names: str) -> tuple[Sequence[str], Sequence[str], FloatArray]:
+        """Return which are native integers that a float holds exactly, the others, and of those what is to be known.
+
+        Offset, factor, least and most are (4, k, 1).
+        """
+        native = {name: self.numeric[name] for name in names if name in self.numeric and name not in self.assembled}
+        known = {name: field for name, field in native.items() if field.type[0] in "ui" and field.bits <= 32}
         told = [(field.offset, self.factor(name), *_range(field)) for name, field in known.items()]
-        return {name: row for row, name in enumerate(known)}, np.array(told, float).reshape(-1, 4, 1).swapaxes(0, 1)
+        others = [name for name in names if name not in known]
+        return [*known], others, np.array(told, float).reshape(-1, 4, 1).swapaxes(0, 1)
 
     def store_together(self, rows: Rows, columns: Mapping[str, ArrayLike]) -> None:
         """Write numeric fields (n,) of n frames as `store` does, what fits all at once: a poll brings few frames."""
-        places, told = self._whole_numbers
-        usual = [name for name in columns if name in places]
-        offset, factor, least, most = told[:, [places[name] for name in usual]]
+        usual, others, (offset, factor, least, most) = self._usual(*columns)
         wire = np.empty((len(usual), len(rows)))
         for row, name in zip(wire, usual, strict=True):
             row[:] = columns[name]
-        wire -= offset
+        if offset.any():
+            wire -= offset
         wire /= factor
         np.rint(wire, out=wire)
         ends = wire.min(axis=1, initial=np.inf), wire.max(axis=1, initial=-np.inf)  # NaN where there is any
         within = ((ends[0] >= least[:, 0]) & (ends[1] <= most[:, 0])).tolist()
-        fit = {name: row for name, row, fits in zip(usual, wire, within, strict=True) if fits}
         records = np.ndarray(len(rows), self.record, rows) if len(rows) else np.empty(0, self.record)
-        for name, values in columns.items():
-            if name in fit:
-                records[name] = fit[name]
+        for name, row, fits in zip(usual, wire, within, strict=True):
+            if fits:
+                records[name] = row
             else:
-                self.store(rows, name, values)
+                self.store(rows, name, columns[name])
+        for name in others:
+            self.store(rows, name, columns[name])
 
     def store(self, rows: Rows, field: str, values: ArrayLike) -> None:
         """Write a numeric field of n frames from values in its unit, shape (n,) or one for all.

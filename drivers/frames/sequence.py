@@ -34,33 +34,31 @@ class FrameSequence:
         self._continuous = False
 
     def take(
-        self, n: int, told: Callable[[str], Mask], wire: Callable[[str], NDArray[Any]]
+        self, n: int, told: Callable[[str], Mask | None], wire: Callable[[str], NDArray[Any]]
     ) -> tuple[Mask, IntArray, int]:
-        """Make n frames a part of the sequence, where `told` says which frames have a field, and `wire` its values.
+        """Make n frames a part of the sequence; `told` says which have a field (None: all), and `wire` its values.
 
         Return which rows are no repetitions, shape (n,), their numbers, shape (kept,), and how many frames were lost
         between them. Frames that lack the counter (it may be an item) do not move it: they get the number of the one
         before.
         """
         told_by = self._counter or self._time
-        keep = np.ones(n, np.bool_)
         if told_by is None or not n:
             first, self.number = self.number + 1, self.number + n
-            return keep, first + np.arange(n, dtype=np.int64), 0
+            return np.ones(n, np.bool_), first + np.arange(n, dtype=np.int64), 0
         there = told(told_by.field)
-        if not there.any():
-            return keep, np.full(n, self.number), 0
-        first = self.number
-        values = wire(told_by.field)[there]  # decimals of a line of text stay what they are
-        steps = self._steps(values if values.dtype.kind == "f" else values.astype(np.int64))
-        numbers, lost, repeated = self._follow(steps)
-        if not there.all():
-            keep[there] = ~repeated
-            before = np.cumsum(there) - 1
-            numbers = np.where(before >= 0, numbers[before], first)
-        else:
-            keep = ~repeated
-        return keep, numbers[keep], lost
+        if there is not None and not there.any():
+            return np.ones(n, np.bool_), np.full(n, self.number), 0
+        first, values = self.number, wire(told_by.field)
+        if there is not None:
+            values = values[there]
+        # Decimals of a line of text stay what they are.
+        numbers, lost, moved = self._follow(self._steps(values if values.dtype.kind == "f" else values.astype(np.int64)))
+        if there is None:
+            return moved, numbers[moved], lost
+        keep, before = np.ones(n, np.bool_), np.cumsum(there) - 1
+        keep[there] = moved
+        return keep, np.where(before >= 0, numbers[before], first)[keep], lost
 
     def _steps(self, values: NDArray[Any]) -> IntArray:
         """Return by how many frames each frame is ahead of the one before."""
@@ -80,16 +78,14 @@ class FrameSequence:
         return steps
 
     def _follow(self, steps: IntArray) -> tuple[IntArray, int, NDArray[np.bool_]]:
-        """Return the sequence after `steps`, how many frames were lost, and which are repetitions."""
-        repeated = steps == 0
+        """Return the sequence after `steps`, how many frames were lost, and which are no repetitions."""
         if not self._continuous:
             steps[0] = max(1, int(steps[0]))
-            repeated[0] = False
-        gaps = np.maximum(steps - 1, 0)
-        lost = int(gaps.sum()) - (0 if self._continuous else int(gaps[0]))
-        sequence = self.number + np.cumsum(steps)
+        moved, sequence = steps != 0, self.number + np.cumsum(steps)
+        left_out = 0 if self._continuous else int(steps[0]) - 1
+        lost = int(sequence[-1]) - self.number - int(np.count_nonzero(moved)) - left_out
         self.number, self._continuous = int(sequence[-1]), True
-        return sequence, lost, repeated
+        return sequence, lost, moved
 
     def _moved(self, values: NDArray[Any], step: int, modulus: int | None) -> NDArray[Any]:
         """Return by how much each value is ahead of the one before; the very first is one step ahead of nothing."""

@@ -176,27 +176,22 @@ class StreamImu:
         role = self._roles.index
         if role is None:
             return None
-        words = {field: batch.wire(field) for field in batch.layout.description.status}
-        bits = batch.layout.description.status
-        on = {name for field, of in bits.items() for name, bit in of.items() if int(words[field][-1]) >> bit.bit & 1}
-        codes = batch.wire(role.position)
-        same = codes == codes[-1]
-        for field, of in bits.items():
-            if mask := sum(1 << bit.bit for name, bit in of.items() if name in (role.moving, role.in_position)):
-                same &= (words[field] ^ words[field][-1]) & mask == 0
-        status = IndexStatus(
-            time_s=float(times_s[-1]),
-            since_s=float(times_s[0 if same.all() else len(same) - int(np.argmin(same[::-1]))]),
-            code=int(codes[-1]),
-            moving=role.moving in on,
-            in_position=role.in_position in on,
-            fault=role.fault in on,
-            rejected=role.rejected in on,
-        )
-        before = self.index_status
-        if before is not None and same.all() and before.place == status.place:
-            return replace(status, since_s=before.since_s)
-        return status
+        codes, on = batch.wire(role.position), set[str]()
+        same, code = codes == codes[-1], int(codes[-1])
+        for field, bits in batch.layout.description.status.items():
+            words = batch.wire(field)
+            newest = int(words[-1])
+            on |= {name for name, bit in bits.items() if newest >> bit.bit & 1}
+            if mask := sum(1 << bits[name].bit for name in (role.moving, role.in_position) if name in bits):
+                same &= words & mask == newest & mask
+        moving, in_position = role.moving in on, role.in_position in on
+        before, whole = self.index_status, bool(same.all())
+        if before is not None and whole and before.place == (code, moving, in_position):
+            since_s = before.since_s
+        else:
+            since_s = float(times_s[0 if whole else len(same) - int(np.argmin(same[::-1]))])
+        fault, rejected = role.fault in on, role.rejected in on
+        return IndexStatus(float(times_s[-1]), since_s, code, moving, in_position, fault, rejected)
 
     def _ask_identity(self) -> None:
         commands = self._description.commands

@@ -168,9 +168,10 @@ class SimulatedImu:
             self._freeze(columns, times_s)
         counter = self._layout.description.counter
         if counter is not None:
-            ahead = _COUNTER_AHEAD * self._faults.during(ImuFault.WRONG_COUNTER, times_s)
-            ahead = ahead + _ANOTHER_COUNTER * self._faults.during(ImuFault.EXCHANGED, times_s)
-            columns[counter.field] = ((numbers + ahead) * counter.step) % counter.modulus
+            if self._faults:
+                ahead = _COUNTER_AHEAD * self._faults.during(ImuFault.WRONG_COUNTER, times_s)
+                numbers = numbers + ahead + _ANOTHER_COUNTER * self._faults.during(ImuFault.EXCHANGED, times_s)
+            columns[counter.field] = (numbers * counter.step) % counter.modulus
         time = self._layout.description.time
         if time is not None and counter is None:
             ticks = np.floor(times_s / time.resolution + 1e-6) % (time.modulus or 2.0**63)
@@ -198,7 +199,7 @@ class SimulatedImu:
         self, role: IndexRole, columns: dict[str, FloatArray | NDArray[np.int64]], times_s: FloatArray
     ) -> None:
         moving = self._index.moving(times_s)
-        columns[role.position] = np.where(moving, 0, self._index.code)
+        columns[role.position] = ~moving * np.int64(self._index.code)  # 0 while it moves
         bits = {role.moving: moving, role.in_position: ~moving}
         if self._index.failed and role.fault is not None:
             bits[role.fault] = np.ones(len(times_s), np.bool_)

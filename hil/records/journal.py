@@ -2,12 +2,13 @@
 
     SqliteJournal.create(folder, plan, night)                      # once
     with SqliteJournal.open(folder, clock=clock, who="rk") as journal:  # one controller at a time
-        attempt = journal.begin(step)
-        journal.end(step, attempt, StepResult(Outcome.DONE, data={...}, samples=block))
+        (attempt,) = journal.begin(step)
+        journal.end((step, attempt, StepResult(Outcome.DONE, data={...}, samples=block)))
 
-The order of `end` is: data blocks (hil.records.blocks), then one transaction with the result and the names of the
-blocks. A crash before the transaction leaves an attempt that never ended and perhaps an orphan block, never half a
-result. Then the write-ahead log is emptied into the database: what a kill leaves in it is of one step at most.
+What several units do at once begins and ends at once. The order of `end` is: data blocks (hil.records.blocks), then one
+transaction with the results and the names of the blocks. A crash before the transaction leaves attempts that never
+ended and perhaps orphan blocks, never half a result. Then the write-ahead log is emptied into the database: what a kill
+leaves in it is of one stage at most.
 
 Heartbeats are the one exception to durability: they survive the death of the process, but the last of them may be lost
 with the power. They are the only thing that is written while nothing happens, and an fsync a minute buys nothing.
@@ -20,7 +21,7 @@ import json
 import os
 import socket
 import sqlite3
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, astuple
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -36,7 +37,7 @@ from hil.records.ledger import Ledger
 from hil.records.reader import JOURNAL_NAME, JournalReader, journal_of, reading
 from hil.records.rows import Night, digest_of, step_row, to_json
 from hil.records.witnesses import ENDED
-from procedures.journal_protocol import StepResult
+from procedures.journal_protocol import Ended, StepResult
 from procedures.plan import Plan, Step
 from procedures.requests import Request, RequestKind
 
@@ -172,55 +173,70 @@ class SqliteJournal(JournalReader):
         """Write blocks to another disk from now on: one that a rehearsal lets be full."""
         self._blocks.disk = disk
 
-    def begin(self, step: Step) -> int:
-        """Record that `step` begins; return the attempt number, 1 for the first.
+    def begin(self, *steps: Step) -> Sequence[int]:
+        """Record that steps begin, at once; return the number of each one's attempt, 1 for the first.
 
-        Raises `ValueError` where the step is DONE already, or is none of the plan.
+        Raises `ValueError` where one is DONE already, or is none of the plan.
         """
         with self._transaction():
-            earlier = self._connection.execute(
-                "SELECT count(*), total(outcome = 'DONE' AND withdrawn IS NULL) FROM attempts WHERE step_key = ?",
-                (step.key,),
-            ).fetchone()
-            if earlier[1]:
-                raise ValueError(f"step {step.key} is done; it cannot begin again")
-            attempt = int(earlier[0]) + 1
-            try:
-                row = (step.key, attempt, self._controller, self.now_s())
-                self._insert("attempts", "step_key, attempt, controller, began_s", row)
-            except sqlite3.IntegrityError:
-                raise ValueError(f"step {step.key} is no step of this night's plan") from None
-        self._tell("step begins", step=step.key, attempt=attempt)
+            attempts = [self._begin(step) for step in steps]
+        for step, attempt in zip(steps, attempts, strict=True):
+            self._tell("step begins", step=step.key, attempt=attempt)
+        return attempts
+
+    def _begin(self, step: Step) -> int:
+        earlier = self._connection.execute(
+            "SELECT count(*), total(outcome = 'DONE' AND withdrawn IS NULL) FROM attempts WHERE step_key = ?",
+            (step.key,),
+        ).fetchone()
+        if earlier[1]:
+            raise ValueError(f"step {step.key} is done; it cannot begin again")
+        attempt = int(earlier[0]) + 1
+        try:
+            row = (step.key, attempt, self._controller, self.now_s())
+            self._insert("attempts", "step_key, attempt, controller, began_s", row)
+        except sqlite3.IntegrityError:
+            raise ValueError(f"step {step.key} is no step of this night's plan") from None
         return attempt
 
-    def end(self, step: Step, attempt: int, result: StepResult) -> None:
-        """Commit the result, with its samples, before the next step begins.
+    def end(self, *ended: Ended) -> None:
+        """Commit results, with their samples, all of them or none, before anything else begins.
 
-        Raises `OSError` or `sqlite3.OperationalError` where the disk is full: the attempt then never ended, and
-        nothing of it counts. Raises `ValueError` where the attempt never began or has ended already.
+        Raises `OSError` or `sqlite3.OperationalError` where the disk is full: the attempts then never ended, and
+        nothing of them counts. Raises `ValueError` where one never began or has ended already.
         """
-        blocks: tuple[Block, ...] = ()
-        if result.samples is not None:
-            blocks = self._blocks.write(step, attempt, result.samples)
-        data, ended_s = to_json(result.data), self.now_s()
+        written = [
+            (*each, () if each[2].samples is None else self._blocks.write(*each[:2], each[2].samples)) for each in ended
+        ]
+        ended_s = self.now_s()
         with self._transaction():
-            going_on = "WHERE step_key = ? AND attempt = ? AND outcome IS NULL"
-            begun = f"SELECT began_s FROM attempts {going_on}"  # noqa: S608
-            began = self._connection.execute(begun, (step.key, attempt)).fetchone()
-            if began is None:
-                raise ValueError(f"attempt {attempt} of step {step.key} is not going on, so it cannot end")
-            facts = {"step": step.key, "attempt": attempt, "began_s": began[0], "ended_s": ended_s}
-            facts |= {"outcome": result.outcome.value, "reason": result.reason, "data": json.loads(data)}
-            facts |= {"blocks": [asdict(block) for block in blocks]}
-            for block in blocks:
-                columns = "step_key, attempt, kind, path, sha256, size, rows, content_sha256"
-                self._insert("blocks", columns, (step.key, attempt, *astuple(block)))
-            self._connection.execute(
-                f"UPDATE attempts SET outcome = ?, reason = ?, data = ?, ended_s = ?, digest = ? {going_on}",  # noqa: S608
-                (result.outcome.value, result.reason, data, ended_s, digest_of(facts), step.key, attempt),
-            )
-        self._tell(ENDED, **facts, digest=digest_of(facts))
+            facts = [self._end(*each, ended_s) for each in written]
+        for each in facts:
+            self._tell(ENDED, **each)
         self._empty_write_ahead_log()
+
+    def _end(
+        self, step: Step, attempt: int, result: StepResult, blocks: Sequence[Block], ended_s: float
+    ) -> Mapping[str, Any]:
+        """Record how an attempt ended; return the facts, and their digest."""
+        going_on = "WHERE step_key = ? AND attempt = ? AND outcome IS NULL"
+        begun = f"SELECT began_s FROM attempts {going_on}"  # noqa: S608
+        began = self._connection.execute(begun, (step.key, attempt)).fetchone()
+        if began is None:
+            raise ValueError(f"attempt {attempt} of step {step.key} is not going on, so it cannot end")
+        data = to_json(result.data)
+        facts = {"step": step.key, "attempt": attempt, "began_s": began[0], "ended_s": ended_s}
+        facts |= {"outcome": result.outcome.value, "reason": result.reason, "data": json.loads(data)}
+        facts |= {"blocks": [asdict(block) for block in blocks]}
+        facts |= {"digest": digest_of(facts)}
+        for block in blocks:
+            columns = "step_key, attempt, kind, path, sha256, size, rows, content_sha256"
+            self._insert("blocks", columns, (step.key, attempt, *astuple(block)))
+        self._connection.execute(
+            f"UPDATE attempts SET outcome = ?, reason = ?, data = ?, ended_s = ?, digest = ? {going_on}",  # noqa: S608
+            (result.outcome.value, result.reason, data, ended_s, facts["digest"], step.key, attempt),
+        )
+        return facts
 
     def _empty_write_ahead_log(self) -> None:
         """Leave nothing in it that damage could take; whoever reads at this moment is not waited for."""

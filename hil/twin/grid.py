@@ -68,13 +68,23 @@ class GrowingTable:
         return self._array[: self._count]
 
 
+Places = NDArray[np.int64] | slice
+"""Columns of readings; a slice where they lie side by side, which is added to in a fraction of the time."""
+
+
+def _together(places: list[int]) -> Places:
+    if places and places == [*range(places[0], places[0] + len(places))]:
+        return slice(places[0], places[-1] + 1)
+    return np.array(places, dtype=np.int64)
+
+
 @dataclass(frozen=True)
 class FieldColumns:
     """Which column of the readings each field has, by what it is for; rates (c,) and accelerations (k,) by sensor."""
 
     names: tuple[str, ...]
-    rates: Mapping[int, NDArray[np.int64]]  # by sensor, one per channel
-    accelerations: Mapping[int, NDArray[np.int64]]
+    rates: Mapping[int, Places]  # by sensor, one per channel
+    accelerations: Mapping[int, Places]
     rotors: Mapping[int, int]
     spins: Mapping[int, int]
     case: int | None
@@ -97,10 +107,9 @@ def field_columns(sensors: Mapping[int, SimulatedSensor], roles: Roles) -> Field
             f"the simulated unit has no {', '.join(sorted(unknown))}; take it out of the description's roles"
         )
     return FieldColumns(
-        rates={n: np.array([place(field) for field in one.rate_fields]) for n, one in sensors.items()},
+        rates={n: _together([place(field) for field in one.rate_fields]) for n, one in sensors.items()},
         accelerations={
-            n: np.array([place(field) for field in one.acceleration_fields.values()], dtype=np.int64)
-            for n, one in sensors.items()
+            n: _together([place(field) for field in one.acceleration_fields.values()]) for n, one in sensors.items()
         },
         rotors={n: place(one.temperature_field) for n, one in sensors.items() if one.temperature_field},
         spins={n: place(one.spin_field) for n, one in sensors.items() if one.spin_field},

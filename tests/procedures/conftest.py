@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import Any
@@ -20,7 +20,7 @@ from drivers.frames.counts import StreamCounts
 from drivers.frames.roles import SensorRole
 from drivers.imu import ImuIdentity, SampleBlock
 from procedures.devices import BenchDevices
-from procedures.journal_protocol import Outcome, StepResult
+from procedures.journal_protocol import Ended, Outcome, StepResult
 from procedures.plan import Plan, Step, make_plan
 from procedures.sequencer import Sequencer
 from procedures.settings import CollectSettings, InterlockSettings, Polling, Restabilisation, SweepProcedure
@@ -233,22 +233,23 @@ class ListJournal:
     def completed(self) -> Mapping[str, StepResult]:
         return self._around(lambda: dict(self.record.results))
 
-    def begin(self, step: Step) -> int:
-        def act() -> int:
-            self.record.begins.append(step.key)
-            attempts = self.record.begins.count(step.key)
-            if attempts > MOST_ATTEMPTS:
-                pytest.fail(f"{step.key} is tried without end")
+    def begin(self, *steps: Step) -> Sequence[int]:
+        def act() -> Sequence[int]:
+            self.record.begins += [step.key for step in steps]
+            attempts = [self.record.begins.count(step.key) for step in steps]
+            if max(attempts) > MOST_ATTEMPTS:
+                pytest.fail(f"{steps[0].key} is tried without end")
             return attempts
 
         return self._around(act)
 
-    def end(self, step: Step, attempt: int, result: StepResult) -> None:
+    def end(self, *ended: Ended) -> None:
         def act() -> None:
-            assert step.key not in self.record.results, f"{step.key} was DONE and got a second result"
-            self.record.ends.append((step.key, attempt, result))
-            if result.outcome is Outcome.DONE:
-                self.record.results[step.key] = replace(result, samples=None)
+            for step, attempt, result in ended:
+                assert step.key not in self.record.results, f"{step.key} was DONE and got a second result"
+                self.record.ends.append((step.key, attempt, result))
+                if result.outcome is Outcome.DONE:
+                    self.record.results[step.key] = replace(result, samples=None)
 
         self._around(act)
 

@@ -63,12 +63,12 @@ def _console(*, terminal: bool) -> Console:
 def test_a_pipe_gets_a_line_with_the_time_for_every_change_and_no_more(journal: SqliteJournal) -> None:
     """What a log or grep can use: no control characters, nothing twice."""
     first = journal.plan.steps[0]
-    attempt = journal.begin(first)
+    (attempt,) = journal.begin(first)
     clock = Shell(
         lambda: None,
         lambda: journal.event("pause", "paused by ann: tea", who="ann", why="tea"),
         lambda: journal.event("continue", "on", who="ann"),
-        lambda: journal.end(first, attempt, StepResult(Outcome.DONE, "all there")),
+        lambda: journal.end((first, attempt, StepResult(Outcome.DONE, "all there"))),
         lambda: journal.event("prompt", "Bring the unit to position 1", prompt=1, timeout_s=60.0),
     )
     console = _console(terminal=False)

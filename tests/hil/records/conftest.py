@@ -100,13 +100,13 @@ def collect_result(step: Step, start_s: float) -> StepResult:
 
 def carry_out(journal: SqliteJournal, step: Step, clock: VirtualClock) -> None:
     """Do a step as planned, with the result it would have."""
-    attempt = journal.begin(step)
+    (attempt,) = journal.begin(step)
     start_s = journal.now_s()
     clock.sleep(step.duration_s)
     if step.kind is StepKind.COLLECT:
-        journal.end(step, attempt, collect_result(step, start_s))
+        journal.end((step, attempt, collect_result(step, start_s)))
     else:
-        journal.end(step, attempt, StepResult(Outcome.DONE, "as planned", {"verdict": "PASS", "reason": "in band"}))
+        journal.end((step, attempt, StepResult(Outcome.DONE, "as planned", {"verdict": "PASS", "reason": "in band"})))
 
 
 @pytest.fixture

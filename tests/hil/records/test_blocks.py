@@ -183,5 +183,5 @@ def test_any_damage_to_a_block_is_found(tmp_path: Path) -> None:
 def test_a_result_without_samples_has_no_block(journal: SqliteJournal, plan: Plan) -> None:
     """Only collects leave blocks."""
     step = plan.steps[0]
-    journal.end(step, journal.begin(step), StepResult(Outcome.DONE))
+    journal.end((step, *journal.begin(step), StepResult(Outcome.DONE)))
     assert journal.blocks() == ()

@@ -35,8 +35,8 @@ def test_plan_and_night_come_back_as_they_were_given(journal: SqliteJournal, pla
 def test_only_done_steps_are_completed(journal: SqliteJournal, plan: Plan) -> None:
     """A step that failed, or never ended, does not count as completed."""
     first, second, third = plan.steps[:3]
-    journal.end(first, journal.begin(first), StepResult(Outcome.DONE, "seen", {"model": "MFS"}))
-    journal.end(second, journal.begin(second), StepResult(Outcome.TIMEOUT, "never in band"))
+    journal.end((first, *journal.begin(first), StepResult(Outcome.DONE, "seen", {"model": "MFS"})))
+    journal.end((second, *journal.begin(second), StepResult(Outcome.TIMEOUT, "never in band")))
     journal.begin(third)
     assert journal.completed() == {first.key: StepResult(Outcome.DONE, "seen", {"model": "MFS"})}
     assert [(each.step_key, each.outcome) for each in journal.attempts()] == [
@@ -49,16 +49,16 @@ def test_only_done_steps_are_completed(journal: SqliteJournal, plan: Plan) -> No
 def test_attempts_are_counted_from_one_across_a_resume(new_night: Path, plan: Plan, clock: VirtualClock) -> None:
     """An attempt that was cut off stays visible, and the next one has the next number."""
     with SqliteJournal.open(new_night, clock=clock) as journal:
-        assert journal.begin(plan.steps[0]) == 1
+        assert journal.begin(plan.steps[0]) == [1]
     with SqliteJournal.open(new_night, clock=clock) as journal:
-        assert journal.begin(plan.steps[0]) == 2
+        assert journal.begin(plan.steps[0]) == [2]
         assert [each.outcome for each in journal.attempts()] == [None, None]
 
 
 def test_a_step_that_is_done_cannot_begin_again(journal: SqliteJournal, plan: Plan) -> None:
     """There is at most one DONE per step."""
     step = plan.steps[0]
-    journal.end(step, journal.begin(step), StepResult(Outcome.DONE))
+    journal.end((step, *journal.begin(step), StepResult(Outcome.DONE)))
     with pytest.raises(ValueError, match="is done"):
         journal.begin(step)
 
@@ -66,12 +66,12 @@ def test_a_step_that_is_done_cannot_begin_again(journal: SqliteJournal, plan: Pl
 def test_an_attempt_ends_once(journal: SqliteJournal, plan: Plan) -> None:
     """A second result of the same attempt is refused, and the first one stays."""
     step = plan.steps[0]
-    attempt = journal.begin(step)
-    journal.end(step, attempt, StepResult(Outcome.FAILED, "first"))
+    (attempt,) = journal.begin(step)
+    journal.end((step, attempt, StepResult(Outcome.FAILED, "first")))
     with pytest.raises(ValueError, match="not going on"):
-        journal.end(step, attempt, StepResult(Outcome.DONE, "second"))
+        journal.end((step, attempt, StepResult(Outcome.DONE, "second")))
     with pytest.raises(ValueError, match="not going on"):
-        journal.end(step, attempt + 1, StepResult(Outcome.DONE, "never began"))
+        journal.end((step, attempt + 1, StepResult(Outcome.DONE, "never began")))
     assert [(each.outcome, each.reason) for each in journal.attempts()] == [(Outcome.FAILED, "first")]
 
 
@@ -231,6 +231,6 @@ def test_the_log_hears_of_every_commit(new_night: Path, plan: Plan, clock: Virtu
     with SqliteJournal.open(new_night, clock=clock) as journal:
         journal.listen(listen)
         step = plan.steps[0]
-        journal.end(step, journal.begin(step), StepResult(Outcome.DONE))
+        journal.end((step, *journal.begin(step), StepResult(Outcome.DONE)))
         journal.event("note", "x")
     assert heard == [("step begins", ""), ("step ends", "DONE"), ("event", "")]

@@ -43,10 +43,10 @@ with SqliteJournal.open(Path(sys.argv[1]), clock=SystemClock(), who="child") as 
     for step in journal.plan.steps:
         if step.key in done:
             continue
-        attempt = journal.begin(step)
+        (attempt,) = journal.begin(step)
         journal.heartbeat(step, {"chamber_degC": 20.0})
         samples = SampleBlock(np.arange(20.0), {"rate": np.full(20, float(step.index))}, raw=b"%d" % step.index * 50)
-        journal.end(step, attempt, StepResult(Outcome.DONE, "", {"n": step.index}, samples))
+        journal.end((step, attempt, StepResult(Outcome.DONE, "", {"n": step.index}, samples)))
         print(step.key, flush=True)
 """
 

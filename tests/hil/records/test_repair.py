@@ -196,6 +196,6 @@ def test_collects_are_written_once(killed: Path, plan: Plan, clock: VirtualClock
     collect = plan.of_kind(StepKind.COLLECT)[1]
     with SqliteJournal.open(killed, clock=clock) as journal:
         journal.withdraw([collect.key], "again")
-        journal.begin = lambda _: 1  # type: ignore[method-assign]
+        journal.begin = lambda *_: [1]  # type: ignore[method-assign]
         with pytest.raises(FileExistsError, match="written before"):
             do(journal, collect, clock)

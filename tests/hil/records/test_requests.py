@@ -262,7 +262,7 @@ def test_a_withdrawn_result_is_kept_and_counts_no_more(full_night: Path, plan: A
     with SqliteJournal.open(full_night, clock=clock) as journal:
         journal.withdraw([step.key], "its samples are damaged")
         assert step.key not in journal.completed()
-        assert journal.begin(step) == 2
+        assert journal.begin(step) == [2]
     assert attempts(full_night, step.key)[0] == (Outcome.FAILED, "its samples are damaged")
     assert not any("changed after" in problem for problem in verify_night(full_night)["problems"])
     assert json.dumps(night_status(full_night)["missing"]).count("samples are damaged") <= 1

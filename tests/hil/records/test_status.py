@@ -128,7 +128,7 @@ def test_what_is_missing_comes_with_the_reason_of_its_last_attempt(
     for step in plan.steps[:2]:
         do(journal, step, clock)
     soak = plan.steps[2]
-    journal.end(soak, journal.begin(soak), StepResult(Outcome.TIMEOUT, "the unit still drifted after 4 h"))
+    journal.end((soak, *journal.begin(soak), StepResult(Outcome.TIMEOUT, "the unit still drifted after 4 h")))
     (first, *_) = night_status(journal.folder)["missing"]
     assert first.startswith(
         "self-calibration 1 at 20.0 °C: restabilisation (timeout: the unit still drifted after 4 h)"

@@ -70,9 +70,9 @@ def test_a_step_that_was_tried_again_is_a_problem_until_it_is_done(
     """Trying again is told while it is not known whether it helps."""
     key = plan.steps[0].key
     journal.event("retry", f"{key}: no answer; 2 more tries", step=key)
-    attempt = journal.begin(plan.steps[0])
+    (attempt,) = journal.begin(plan.steps[0])
     assert "2 more tries" in night_status(journal.folder)["problems"][0]
-    journal.end(plan.steps[0], attempt, StepResult(Outcome.DONE, "answered"))
+    journal.end((plan.steps[0], attempt, StepResult(Outcome.DONE, "answered")))
     assert night_status(journal.folder)["problems"] == []
 
 

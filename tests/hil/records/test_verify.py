@@ -154,10 +154,10 @@ def test_a_wrong_average_is_found_although_every_hash_is_right(journal: SqliteJo
     """Averages are computed again from the samples."""
     step = plan.of_kind(StepKind.COLLECT)[0]
     for sign, expected in ((1.0, 0), (-1.0, 1)):
-        attempt = journal.begin(step)
+        (attempt,) = journal.begin(step)
         data = {"sensors": {"2": {"rates": {"RA": {"mean_deg_per_hr": sign * 2.0}}}}}
         samples = SampleBlock(np.arange(3.0), {"rate_A2": np.array([1.0, 2.0, 3.0])})
-        journal.end(step, attempt, StepResult(Outcome.FAILED, "", data, samples))
+        journal.end((step, attempt, StepResult(Outcome.FAILED, "", data, samples)))
         found = [each for each in verify_night(journal.folder)["problems"] if "average to 2.000000" in each]
         assert len(found) == expected
 
@@ -165,7 +165,7 @@ def test_a_wrong_average_is_found_although_every_hash_is_right(journal: SqliteJo
 def test_a_collect_without_samples_is_found(journal: SqliteJournal, plan: Plan) -> None:
     """A DONE collect must have its samples."""
     step = plan.of_kind(StepKind.COLLECT)[0]
-    journal.end(step, journal.begin(step), StepResult(Outcome.DONE))
+    journal.end((step, *journal.begin(step), StepResult(Outcome.DONE)))
     assert any("no samples are recorded" in problem for problem in verify_night(journal.folder)["problems"])
 
 
