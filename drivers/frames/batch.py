@@ -49,11 +49,16 @@ class FrameBatch:
         """Return a text field of every frame, without its padding; bytes that are not ASCII become `?`."""
         return self.layout.texts(self.rows, field)
 
-    def told(self, field: str) -> NDArray[np.bool_] | None:
+    def present(self, field: str) -> NDArray[np.bool_] | None:
         """Return in which frames a numeric field is there, shape (n,); None for all."""
         if field not in self.layout.numeric:
             return np.zeros(len(self), np.bool_)
         return self.layout.present(self.rows, field)
+
+    def told(self, field: str) -> NDArray[np.bool_]:
+        """Return in which frames a numeric field is there, shape (n,)."""
+        present = self.present(field)
+        return np.ones(len(self), np.bool_) if present is None else present
 
     def select(self, keep: NDArray[np.bool_], sequence: IntArray) -> FrameBatch:
         """Return the frames to keep, shape (n,) of bool, with their `sequence`, shape (kept,)."""
@@ -114,12 +119,11 @@ class VariedBatch(FrameBatch):
                 values[place] = wire
         return values
 
-    def told(self, field: str) -> NDArray[np.bool_]:
+    def present(self, field: str) -> NDArray[np.bool_]:
         """Return in which frames a numeric field is there, shape (n,)."""
         there = np.zeros(len(self), np.bool_)
         for place, part in zip(self._places, self._parts, strict=True):
-            told = part.told(field)
-            there[place] |= True if told is None else told
+            there[place] |= part.told(field)
         return there
 
     def text(self, field: str) -> list[str]:

@@ -79,7 +79,7 @@ class Crc:
             return np.fromiter(map(self.of_bytes, map(bytes, rows)), np.uint64, len(rows))
         tables, begins, constant = self._affine
         if len(rows) <= _POLL:
-            return np.asarray(np.bitwise_xor.reduce(tables[rows.T + begins], axis=0) ^ constant)
+            return np.asarray(np.bitwise_xor.reduce(tables.take(rows.T + begins, mode="clip"), axis=0) ^ constant)
         crc = np.full(len(rows), constant)
         part = np.empty_like(crc)
         for begin, column in zip(begins[:, 0].tolist(), np.ascontiguousarray(rows.T), strict=True):

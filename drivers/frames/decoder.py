@@ -189,7 +189,7 @@ class StreamDecoder:
 
 def _numbered(batch: FrameBatch, sequence: FrameSequence) -> tuple[FrameBatch, int, int]:
     """Return a batch without repetitions and with its numbers, how many frames were lost, and were repeated."""
-    keep, numbers, missing = sequence.take(len(batch), batch.told, batch.wire)
+    keep, numbers, missing = sequence.take(len(batch), batch.present, batch.wire)
     repeated = len(batch) - len(numbers)
     if repeated:
         return batch.select(keep, numbers), missing, repeated

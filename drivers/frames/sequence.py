@@ -34,9 +34,9 @@ class FrameSequence:
         self._continuous = False
 
     def take(
-        self, n: int, told: Callable[[str], Mask | None], wire: Callable[[str], NDArray[Any]]
+        self, n: int, present: Callable[[str], Mask | None], wire: Callable[[str], NDArray[Any]]
     ) -> tuple[Mask, IntArray, int]:
-        """Make n frames a part of the sequence; `told` says which have a field (None: all), and `wire` its values.
+        """Make n frames a part of the sequence; `present` says which have a field (None: all), `wire` its values.
 
         Return which rows are no repetitions, shape (n,), their numbers, shape (kept,), and how many frames were lost
         between them. Frames that lack the counter (it may be an item) do not move it: they get the number of the one
@@ -46,14 +46,16 @@ class FrameSequence:
         if told_by is None or not n:
             first, self.number = self.number + 1, self.number + n
             return np.ones(n, np.bool_), first + np.arange(n, dtype=np.int64), 0
-        there = told(told_by.field)
+        there = present(told_by.field)
         if there is not None and not there.any():
             return np.ones(n, np.bool_), np.full(n, self.number), 0
         first, values = self.number, wire(told_by.field)
         if there is not None:
             values = values[there]
         # Decimals of a line of text stay what they are.
-        numbers, lost, moved = self._follow(self._steps(values if values.dtype.kind == "f" else values.astype(np.int64)))
+        numbers, lost, moved = self._follow(
+            self._steps(values if values.dtype.kind == "f" else values.astype(np.int64))
+        )
         if there is None:
             return moved, numbers[moved], lost
         keep, before = np.ones(n, np.bool_), np.cumsum(there) - 1

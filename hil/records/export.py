@@ -8,7 +8,7 @@ have two numbers; both have the same start. Known acceleration and earth rate ar
 applied to its site; nothing in them is measured. A night that is not complete is exported as far as it got.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,8 +30,10 @@ from hil.records.blocks import SAMPLES, Block, Samples, read_samples
 from hil.records.damage import refuse_damaged_samples
 from hil.records.identity import night_identity
 from hil.records.reader import JOURNAL_NAME, JournalReader, is_night, reading
+from hil.records.rows import Attempt
 from hil.records.status import in_brief, missing_in_words
 from hil.records.units import night_of, place_of, unit_folder
+from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Step, StepKind
 from procedures.verdict import Judgement, Verdict, combine, self_calibration_verdict
 from procedures.words import numbered
@@ -154,9 +156,10 @@ def campaign_of_night(folder: Path | str) -> Campaign:
         return _campaign(journal)[0]
 
 
-def _verdicts(journal: JournalReader) -> dict[int, Judgement]:
+def _verdicts(
+    journal: JournalReader, done: Mapping[str, StepResult], taken: Mapping[str, Attempt]
+) -> dict[int, Judgement]:
     """Return how each self-calibration was measured; one in which somebody set the clock is MARGINAL at best."""
-    done, taken = journal.completed(), journal.done_attempts()
     jumps = [event for event in journal.events() if event.kind == "wall-clock-jump"]
     verdicts = {}
     for number, steps in journal.plan.self_calibrations.items():
@@ -218,7 +221,9 @@ def open_source(folder: Path | str) -> Source:
 def _campaign(journal: JournalReader) -> tuple[Campaign, Sequence[_Row]]:
     bench = _bench(journal)
     refuse_damaged_samples(journal)
-    collects = _collects(journal)
+    done, attempts = journal.completed(), journal.attempts()
+    taken = {each.step_key: each for each in attempts if each.outcome is Outcome.DONE}
+    collects, verdicts = _collects(journal, taken), _verdicts(journal, done, taken)
     if not collects:
         raise InputError(f"{journal.folder}: no collect of this night was completed, so there is nothing to export")
     # A unit may stream sensors that the bench file does not orient: their rates mean nothing without f and w.
@@ -240,10 +245,10 @@ def _campaign(journal: JournalReader) -> tuple[Campaign, Sequence[_Row]]:
         condition_units={name: meaning for name, meaning in _meanings(bench).items() if name in columns},
         simulated=night.simulated,
         site={name: getattr(bench.site, name) for name in _SITE},
-        notes="\n".join(_notes(journal, bench, rows)),
+        notes="\n".join(_notes(journal, bench, rows, done, verdicts)),
         series_block_s=bench.record.series_block,
-        verdicts=_verdicts(journal),
-        missing=in_brief(missing_in_words(journal.plan, journal.completed(), journal.attempts())),
+        verdicts=verdicts,
+        missing=in_brief(missing_in_words(journal.plan, done, attempts)),
         identity=night_identity(journal),
         pose=bench.pose,
         largest_se=bench.largest_standard_error,
@@ -251,11 +256,10 @@ def _campaign(journal: JournalReader) -> tuple[Campaign, Sequence[_Row]]:
     return judged_by_its_records(campaign), rows
 
 
-def _collects(journal: JournalReader) -> list[_Collect]:
-    done = journal.done_attempts()
+def _collects(journal: JournalReader, taken: Mapping[str, Attempt]) -> list[_Collect]:
     samples = {(row.step_key, row.attempt): row.block for row in journal.blocks() if row.block.kind == SAMPLES}
-    taken = [(step, done[step.key]) for step in journal.plan.of_kind(StepKind.COLLECT) if step.key in done]
-    collects = [_Collect(step, each.data, samples.get((step.key, each.attempt))) for step, each in taken]
+    of_steps = [(step, taken[step.key]) for step in journal.plan.of_kind(StepKind.COLLECT) if step.key in taken]
+    collects = [_Collect(step, each.data, samples.get((step.key, each.attempt))) for step, each in of_steps]
     return sorted(collects, key=lambda collect: collect.start_s)
 
 
@@ -310,15 +314,21 @@ def _meanings(bench: Bench) -> dict[str, str]:
     return {**_MEANINGS, **measured}
 
 
-def _notes(journal: JournalReader, bench: Bench, rows: Sequence[_Row]) -> Iterator[str]:
+def _notes(
+    journal: JournalReader,
+    bench: Bench,
+    rows: Sequence[_Row],
+    done: Collection[str],
+    verdicts: Mapping[int, Judgement],
+) -> Iterator[str]:
     """Yield what a reader of the campaign must know, one sentence per line."""
     if journal.night.simulated:
         yield "SIMULATED: these are no measurements."
-    done, runs = journal.completed(), journal.plan.self_calibrations
+    runs = journal.plan.self_calibrations
     judged = [("Collect", r.number, r.collect.data.get("verdict"), r.collect.data.get("reason", "")) for r in rows]
     judged += [
         ("Self-calibration", number, str(each.verdict), each.reason)
-        for number, each in _verdicts(journal).items()
+        for number, each in verdicts.items()
         if any(step.key in done for step in runs[number])
     ]
     alike: dict[tuple[str, str], list[int]] = {}

@@ -53,6 +53,7 @@ class JournalReader:
         self.unit = unit
         self.found: Sequence[str] = known.found if known else ()  # what `reading` found damaged
         self.owner: Owner | None = known.owner if known else None  # who held the folder just before
+        self._known = known  # a reader of the same instant
         self._connection = connection
 
     def close(self) -> None:
@@ -109,6 +110,8 @@ class JournalReader:
     @cached_property
     def whole_plan(self) -> Plan:
         """The steps of the night, as they were planned. Raises `InputError` where they are damaged."""
+        if self._known is not None:
+            return self._known.whole_plan
         rows = self._connection.execute(
             "SELECT number, key, kind, starts_s, duration_s, temperature_degC, self_calibration, position, parameters "
             "FROM steps ORDER BY number"

@@ -79,8 +79,8 @@ def sealed_log(folder: Path) -> list[dict[str, Any]]:
 def forgotten(connection: sqlite3.Connection, folder: Path) -> Iterator[str]:
     """Yield in words what the log does not say any more of a night: it was lost, shortened or edited.
 
-    A killed controller may not have come to say how its last attempts ended, all at once. Nothing is asked of a log that has become
-    so long that its oldest part was deleted.
+    A killed controller may not have come to say how its last attempts ended, which end together. Nothing is asked of a
+    log that has become so long that its oldest part was deleted.
     """
     parts, told = list(folder.glob(f"{LOG_NAME}*")), Witnesses.of(folder).ended.items()
     if folder / f"{LOG_NAME}.{LOG_KEPT}" in parts:
@@ -89,9 +89,9 @@ def forgotten(connection: sqlite3.Connection, folder: Path) -> Iterator[str]:
     unsaid = [
         f"{key}, attempt {n}"
         for key, n, digest in connection.execute(
-            "SELECT step_key, attempt, digest FROM attempts WHERE outcome IS NOT NULL AND (controller, ended_s) NOT IN ("
-            "SELECT c.id, max(a.ended_s) FROM attempts a JOIN controllers c ON c.id = controller "
-            "WHERE c.ended IS NULL AND outcome IS NOT NULL GROUP BY c.id) ORDER BY id"
+            "SELECT step_key, attempt, digest FROM attempts WHERE outcome IS NOT NULL "
+            "AND (controller, ended_s) NOT IN (SELECT c.id, max(a.ended_s) FROM attempts a JOIN controllers c "
+            "ON c.id = controller WHERE c.ended IS NULL AND outcome IS NOT NULL GROUP BY c.id) ORDER BY id"
         )
         if said.get((key, n)) != digest
     ]

@@ -128,8 +128,8 @@ class Supply:
         self._table = GrowingTable(1)
 
     def at(self, nodes: NDArray[np.int64]) -> FloatArray:
-        """Return it at grid points, (n,)."""
-        lacking = int(nodes.max(initial=-1)) + 1 - len(self._table.rows)
+        """Return it at rising grid points, (n,), n ≥ 1."""
+        lacking = int(nodes[-1]) + 1 - len(self._table.rows)
         if lacking > 0:
             self._table.append((self._nominal + self._wander.advance(lacking))[:, None])
         return self._table.at(nodes)[:, 0]

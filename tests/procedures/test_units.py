@@ -186,19 +186,22 @@ def test_a_resume_tries_a_unit_again_that_was_set_aside(chamberful: Any) -> None
     assert before.items() <= chamberful.record.results.items()
 
 
-def test_a_kill_in_the_middle_of_a_stage_redoes_what_had_not_ended(chamberful: Any, killed: Any) -> None:
-    """Between the ends of two units of one collect: the one that ended stands, the other is taken, once."""
+def test_a_stage_ends_at_once_and_one_without_a_result_is_done_again(chamberful: Any, killed: Any) -> None:
+    """Killed after the first of them, all have ended; a unit whose result was withdrawn since is taken again, alone."""
+    collects = [f"T1/S1/C2/collect@{unit}" for unit in UNITS]
 
     def dies(_call: int, when: str) -> None:
-        if when == "after" and f"T1/S1/C2/collect@{UNITS[0]}" in chamberful.record.results:
+        if when == "after" and collects[0] in chamberful.record.results:
             raise killed
 
     with pytest.raises(killed):
         chamberful.run(dies)
-    assert f"T1/S1/C2/collect@{SICK}" not in chamberful.record.results
+    assert set(collects) <= set(chamberful.record.results)
+    del chamberful.record.results[f"T1/S1/C2/collect@{SICK}"]
     chamberful.reboot()
     assert chamberful.run().state is SweepState.COMPLETE
     assert set(chamberful.record.results) == {step.key for step in chamberful.plan.steps}
+    assert [chamberful.record.begins.count(key) for key in collects] == [1 + (SICK in key) for key in collects]
 
 
 class _Slow:

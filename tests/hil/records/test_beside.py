@@ -23,6 +23,7 @@ from hil.records.reader import JOURNAL_NAME, is_night, refuse_existing
 from hil.records.rows import Night
 from hil.records.verify import verify_night
 from hil.records.witnesses import LOG_KEPT, LOG_NAME
+from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Plan
 
 
@@ -95,6 +96,20 @@ def test_a_killed_controller_need_not_have_said_how_its_last_attempt_ended(
     for gone, named in ((last[1], False), (last[0], True)):
         log.write_text(log.read_text().replace(gone, ""))
         assert (LOG_NAME in problems(killed)) == named
+
+
+def test_nor_how_those_ended_that_ended_with_it(new_night: Path, plan: Plan, clock: VirtualClock) -> None:
+    """A stage is committed at once: a kill just then leaves none of it in the log, and that is no loss."""
+    steps, done = plan.steps[:3], StepResult(Outcome.DONE)
+    with SqliteJournal.open(new_night, clock=clock) as journal:
+        for stage in (steps[:1], steps[1:]):
+            clock.sleep(1.0)
+            journal.end(*((step, attempt, done) for step, attempt in zip(stage, journal.begin(*stage), strict=True)))
+        log, ends = new_night / LOG_NAME, lines(new_night)
+        text = log.read_text()
+        for gone, named in ((ends[1:], False), (ends[:1], True)):
+            log.write_text("".join(line for line in text.splitlines(keepends=True) if line not in gone))
+            assert (LOG_NAME in problems(new_night)) == named
 
 
 def test_a_file_of_the_configuration_that_is_lost_or_another_is_said(

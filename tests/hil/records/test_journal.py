@@ -17,6 +17,7 @@ from hil.errors import InputError
 from hil.records import SqliteJournal, open_readonly
 from hil.records import schema as journal_schema
 from hil.records.journal import JOURNAL_NAME
+from hil.records.ledger import read_head
 from hil.records.rows import Night, to_json
 from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Plan, Step, StepKind
@@ -73,6 +74,33 @@ def test_an_attempt_ends_once(journal: SqliteJournal, plan: Plan) -> None:
     with pytest.raises(ValueError, match="not going on"):
         journal.end((step, attempt + 1, StepResult(Outcome.DONE, "never began")))
     assert [(each.outcome, each.reason) for each in journal.attempts()] == [(Outcome.FAILED, "first")]
+
+
+def test_what_ends_together_is_committed_at_once_or_not_at_all(
+    journal: SqliteJournal, plan: Plan, new_night: Path
+) -> None:
+    """One entry of the ledger for all that begin, one for all that end; where one cannot end, none has."""
+
+    def entries() -> int:
+        head = read_head(new_night)
+        assert head is not None
+        return head[0]
+
+    first, second = plan.steps[:2]
+    before = entries()
+    assert journal.begin(first, second) == [1, 1]
+    assert entries() == before + 1
+    done = StepResult(Outcome.DONE)
+    with pytest.raises(ValueError, match=r"attempt 2 of step .* is not going on"):
+        journal.end((first, 1, done), (second, 2, done))
+    assert not journal.completed()
+    journal.end((first, 1, done), (second, 1, done))
+    assert entries() == before + 2
+    assert [*journal.completed()] == [first.key, second.key]
+    third, last = plan.steps[2], replace(plan.steps[2], key="none of the plan")
+    with pytest.raises(ValueError, match="is no step of this night's plan"):
+        journal.begin(third, last)
+    assert journal.begin(third) == [1]
 
 
 def test_the_tables_themselves_refuse_duplicates(full_night: Path) -> None:
