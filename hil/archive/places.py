@@ -56,7 +56,7 @@ def found(archive: Path, serial: str | None = None) -> tuple[list[str], dict[str
             there += [f"{unit}/{each.name}" for each in os.scandir(archive / unit) if each.is_dir()]
         except OSError as error:
             closed[unit] = str(error.strerror)
-    return sorted(name for name in there if PARTIAL not in name and os.path.lexists(archive / name / ENTRY)), closed
+    return sorted(name for name in there if PARTIAL not in name), closed
 
 
 def stamp(archive: Path, entry: str) -> str:

@@ -240,16 +240,17 @@ def verify(
 
 def _verified(folder: Path, document: dict[str, Any]) -> Iterator[str]:
     from hil.records.status import in_brief
+    from hil.records.verify import MISSING
 
-    lacking = [each.removeprefix("missing: ") for each in document["problems"] if each.startswith("missing: ")]
-    wrong = [each for each in document["problems"] if not each.startswith("missing: ")]
+    lacking = [each.removeprefix(MISSING) for each in document["problems"] if each.startswith(MISSING)]
+    wrong = [each for each in document["problems"] if not each.startswith(MISSING)]
     how = "complete" if document["complete"] else "NOT complete" if lacking else "NOT as it was written"
     judged = document["judgement"] or {"verdict": "not judged", "reason": "it has not ended"}
     checked = f"{document['blocks_checked']} blocks checked, {document['signature']}"
     yield f"{folder}: {how}, {judged['verdict']}, {checked}{'  SIMULATED' if document['simulated'] else ''}"
     if judged["verdict"] not in ("PASS", "ERROR"):
         yield f"{judged['verdict']}: {judged['reason']}"
-    yield from (f"problem: {each}" for each in [*wrong, *(f"missing: {what}" for what in in_brief(lacking))])
+    yield from (f"problem: {each}" for each in [*wrong, *(f"{MISSING}{what}" for what in in_brief(lacking))])
 
 
 def repair(

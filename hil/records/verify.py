@@ -27,6 +27,9 @@ from hil.records.rows import Attempt, BlockRow
 from hil.records.status import missing_in_words, recorded_ends, recorded_verdict
 from hil.records.units import night_of, unit_folder
 
+MISSING = "missing: "
+"""How what of the plan is not there begins among the problems: no record of it is wrong."""
+
 _TOLERANCE_DEG_PER_HR = 1e-6  # the order of the sum may differ, by much less than this
 
 
@@ -72,7 +75,7 @@ def verify_night(folder: Path | str, key: Path | None = None) -> dict[str, Any]:
             complete, verdict = not missing, recorded_verdict(journal)
             if problems:
                 verdict = {"verdict": "ERROR", "reason": problems[0]}
-            problems += [f"missing: {what}" for what in missing]
+            problems += [f"{MISSING}{what}" for what in missing]
     except Damaged as error:  # it cannot be believed any further
         problems += [] if problems else [str(error)]
         verdict = {"verdict": "ERROR", "reason": problems[0]}

@@ -35,7 +35,7 @@ from hil.records.export import campaign_of_night
 from hil.records.ledger import read_head
 from hil.records.reader import is_night
 from hil.records.status import night_status
-from hil.records.verify import verify_night
+from hil.records.verify import MISSING, verify_night
 from hil.report.content import ReportContent, gather
 from hil.report.statements import assumed
 from hil.solve.repeats import SensorRepeats
@@ -146,7 +146,8 @@ def refusals(
         yield f"the night is {status['state']}: {status['reason']}"
     if bad:
         yield f"the measurement is not good: {bad}"
-    yield from (f"the records are not what was written: {each}" for each in proof["problems"])
+    for each in proof["problems"]:
+        yield each if each.startswith(MISSING) else f"the records are not what was written: {each}"
     if status["identity"].get("despite"):
         yield f"the night was begun despite a warning: {status['identity']['despite']}"
     if not serial:

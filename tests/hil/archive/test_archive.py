@@ -167,6 +167,24 @@ def test_what_is_broken_gone_or_new_is_told_and_the_rest_answers(
         assert len(json.loads(capsys.readouterr().out)["campaigns"]) == COUNT - 3
 
 
+def test_an_entry_that_lost_its_note_is_told_and_taken_up_anew(
+    copy: Path, campaigns: list[Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its averages are still there; without archived.yaml nobody says of which unit, when, or that they are sound."""
+    entry = found(copy)[0][0]
+    (copy / entry / ENTRY).unlink()
+    assert hil(["archive", str(copy), "--rebuild"]) == 4
+    assert f"{entry}: cannot be read" in capsys.readouterr().err
+    assert hil(["units", "--archive", str(copy), "--json"]) == 0
+    (row,) = json.loads(capsys.readouterr().out)["units"]
+    assert (row["campaigns"], row["cannot_be_read"]) == (COUNT - 1, 1)
+    assert hil(["archive", str(copy), *map(str, campaigns)]) == 0
+    capsys.readouterr()
+    assert hil(["units", "--archive", str(copy), "--json"]) == 0
+    (row,) = json.loads(capsys.readouterr().out)["units"]
+    assert (row["campaigns"], row["cannot_be_read"]) == (COUNT, 0)
+
+
 def test_a_unit_that_cannot_be_looked_into_is_told_and_the_others_answer(
     copy: Path, measured: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -42,7 +42,10 @@ def draft(night: Path) -> Certificate:
 
 
 def test_every_reason_against_it_is_told_and_without_one_there_is_none(bench: Bench) -> None:
-    """Simulated, not whole, not good, damaged, of nobody, by nobody, with nothing or with what is past its date."""
+    """Simulated, not whole, not good, damaged, of nobody, by nobody, with nothing or with what is past its date.
+
+    What is only missing is no record that is not what was written.
+    """
     proven = {"problems": []}
     assert not list(refusals(GOOD, "", proven, bench, "0042", TODAY))
     for wrong, word in (
@@ -54,6 +57,11 @@ def test_every_reason_against_it_is_told_and_without_one_there_is_none(bench: Be
         assert word in said
     assert ["FAIL" in each for each in refusals(GOOD, "FAIL: run 3", proven, bench, "0042", TODAY)] == [True]
     assert len(list(refusals(GOOD, "", {"problems": ["a block is lost"]}, bench, "", TODAY))) == 2
+    lacking = {"problems": ["missing: self-calibration 2 at 23.0 °C", "a block is lost"]}
+    assert [*refusals(GOOD, "", lacking, bench, "0042", TODAY)] == [
+        "missing: self-calibration 2 at 23.0 °C",
+        "the records are not what was written: a block is lost",
+    ]
     (late,) = refusals(GOOD, "", proven, bench, "0042", date(2026, 12, 1))
     assert late == "thermometer KA-0012 was due for calibration on 2026-11-30, and measured until 2026-12-01"
     bare = bench.model_copy(update={"laboratory": None, "equipment": ()})
