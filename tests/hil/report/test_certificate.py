@@ -104,6 +104,7 @@ def test_a_draft_says_so_on_every_page_and_a_certificate_nowhere(draft: Certific
     assert page.count('class="draft-mark"') == 1
     assert "DRAFT\\20 Calibration" in page
     assert "size: A4" in page
+    assert set(re.findall(r'id="budget-\d+" class="(\w+)', page)) == {"short"}  # none is cut in two between pages
     document = {**draft.document, "draft": False, "simulated": False, "refused_because": []}
     good = replace(draft, document=document, refused=[]).page()
     assert not re.search("draft-mark. role|DRAFT", good)
