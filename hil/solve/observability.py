@@ -103,9 +103,11 @@ def _sentence(visible: Sequence[str], hidden: Sequence[str]) -> str:
 
 def linked_groups(linked: NDArray[np.bool_], entangled: NDArray[np.bool_]) -> list[list[int]]:
     """Gather the entangled of k things into groups that are linked (k, k) to one another, in order of first member."""
+    members = np.flatnonzero(entangled)
+    if not len(members):
+        return []
     from scipy.sparse.csgraph import connected_components  # imported late: few designs have anything entangled
 
-    members = np.flatnonzero(entangled)
     count, group = connected_components(linked[np.ix_(members, members)], directed=False)
     return [members[group == number].tolist() for number in range(count)]
 

@@ -187,7 +187,7 @@ def _solve_rows(sensor: int, run: int | None, form: LinearForm, collects: Collec
         parameters=_estimates(form, solution.values, solution.se),
         combinations={
             text: Estimate(finite(value), finite(se), _combined_unit(text, unit))
-            for text, value, se in (() if as_contractor else solution.combinations())
+            for text, value, se in (solution.combinations() if unobservable else ())
         },
         covariance=solution.covariance,
         condition_number=finite(float(solution.condition_number)),
