@@ -92,6 +92,13 @@ class Conditions:
         return replace(self, **chosen, columns={name: values[index] for name, values in self.columns.items()})
 
     @property
+    def of_each_run(self) -> Mapping[int, IntArray]:
+        """The rows of each run, (k,), by its number in rising order: a life has thousands, and is gone through once."""
+        order = np.argsort(self.run, kind="stable")
+        runs, begins = np.unique(self.run[order], return_index=True)
+        return dict(zip(runs.tolist(), np.split(order, begins[1:]), strict=True)) if len(runs) else {}
+
+    @property
     def w_channels_deg_per_hr(self) -> FloatArray:
         """Earth rate about each channel's own axis, shape (n, c)."""
         return self.w_deg_per_hr[:, self.sensor.channel_axes]

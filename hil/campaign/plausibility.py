@@ -15,7 +15,7 @@ from itertools import combinations, product
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.campaign.data import BoolArray, Campaign, Collects, FloatArray
+from hil.campaign.data import BoolArray, Campaign, Collects, FloatArray, IntArray
 from hil.campaign.laws import laws, soaked
 from hil.errors import InputError
 from procedures.pose import Contradiction, PoseTable
@@ -156,15 +156,19 @@ def clipped(collects: Collects) -> Iterator[tuple[int, BoolArray, str]]:
 
     And where a channel shows the very same in every collect of a run, which turned it over.
     """
-    run = collects.conditions.run
     for channel, rates in enumerate(collects.rates_deg_per_hr.T):
         name = f"sensor {collects.conditions.sensor.number}: {[*collects.conditions.sensor.channels][channel]}"
-        of_run = ((run == one) & _by_no_chance(collects, channel) for one in np.unique(run).tolist())
-        stuck = [rows for rows in of_run if rows.sum() >= _SAME_ROWS and np.ptp(rates[rows]) == 0.0]
-        for level in dict.fromkeys(float(rates[rows][0]) for rows in stuck):
-            here = np.any([rows for rows in stuck if rates[rows][0] == level], axis=0)
+        telling, at_level = _by_no_chance(collects, channel), dict[float, list[IntArray]]()
+        for own in collects.conditions.of_each_run.values():
+            rows = own[telling[own]]
+            if len(rows) >= _SAME_ROWS and np.ptp(rates[rows]) == 0.0:
+                at_level.setdefault(float(rates[rows[0]]), []).append(rows)
+        moving = np.isfinite(rates)
+        for level, stuck in at_level.items():
+            here = np.zeros(len(rates), bool)
+            here[np.concatenate(stuck)] = True
+            moving &= ~here
             yield channel, here, f"{name}: every rate is exactly {level + 0.0:g}: nothing was measured"
-        moving = np.isfinite(rates) & ~np.any([np.zeros_like(run, bool), *stuck], axis=0)
         levels, counts = np.unique(rates[moving], return_counts=True)
         for end in (0, -1) if len(levels) > _PILED else ():
             if counts[end] > max(_PILED - 1, _PILED_RATIO * counts[1:-1].max()):

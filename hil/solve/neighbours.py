@@ -226,9 +226,10 @@ class _Departures:
         level, label = (of[[place[0] for place in places]] for of in (self._level, self._label))
         share = np.concatenate([np.full(len(p), len(p) / (len(p) - 1.0)) for p in places])[:, None]
         off = self._rates[rows] - np.array([self._rates[place].mean(axis=0) for place in places])[groups]
-        own = self._collects.conditions.run[rows][:, None] == self._collects.conditions.run[rows]
-        others = own.sum(axis=1)[:, None] - 1.0
-        beside = np.where(others > 1.0, off - (own @ off - off) / np.maximum(others, 1.0), 0.0)
+        run = np.unique(self._collects.conditions.run[rows], return_inverse=True)[1]
+        others = np.bincount(run)[run][:, None] - 1.0
+        whole = np.stack([np.bincount(run, weights=each)[run] for each in off.T], axis=1)
+        beside = np.where(others > 1.0, off - (whole - off) / np.maximum(others, 1.0), 0.0)
         degrees, found = self._degrees(places), []
         # A temperature may scatter more than the others, and beside the rest of its run a position.
         for far, words, pools in (

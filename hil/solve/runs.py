@@ -99,11 +99,11 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None) -> list[Ru
             form = named_form(model_name, collects.conditions)
             found.append(_solve_rows(number, None, form, collects))
             continue
-        for run in np.unique(collects.conditions.run):
-            chosen = collects.rows(collects.conditions.run == run)
+        for run, own in collects.conditions.of_each_run.items():
+            chosen = collects.rows(own)
             conditions = chosen.conditions
             form = default_form(conditions) if model_name is None else named_form(model_name, conditions)
-            found.append(_solve_rows(number, int(run), form, chosen))
+            found.append(_solve_rows(number, run, form, chosen))
     beside = {number: _Beside.of(campaign, number, wrong) for number, wrong in rows.items()}
     judged = [_judged(each, campaign.sensors[each.sensor], beside[each.sensor]) for each in found]
     return sorted(judged, key=lambda each: (each.runs[0], each.sensor))
