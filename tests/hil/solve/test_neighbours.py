@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -324,3 +325,27 @@ def test_another_bias_of_which_one_collect_alone_stands_far_out_is_the_whole_run
         moved[12:15] += off
         for each in compared_with_neighbours(with_rates(made, moved).sensors[2]).judged.values():
             assert "its bias was another" in each.reason
+
+
+def test_a_life_is_compared_run_by_run() -> None:
+    """Of 600 runs each is held against its neighbours without a table of all collects by all."""
+    life = campaign(600, per_temperature=60)
+    table = 8 * len(life.sensors[2]) ** 2  # bytes
+    compared_with_neighbours(life.sensors[2])
+    tracemalloc.start()
+    try:
+        compared_with_neighbours(life.sensors[2])
+        assert tracemalloc.get_traced_memory()[1] < table / 4
+    finally:
+        tracemalloc.stop()
+
+
+def test_the_rows_of_each_run_are_found_in_any_order() -> None:
+    """All of them, each once, in their order; of no rows there are none."""
+    mixed = campaign(4).sensors[2].conditions.rows(np.array([9, 0, 4, 1, 10, 3, 2]))
+    assert {run: mixed.collect[rows].tolist() for run, rows in mixed.of_each_run.items()} == {
+        1: [1, 2, 3],
+        2: [5, 4],
+        4: [10, 11],
+    }
+    assert not mixed.rows(np.zeros(len(mixed), bool)).of_each_run
