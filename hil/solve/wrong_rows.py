@@ -314,9 +314,10 @@ def _explained_by_an_exchange(collects: Collects, here: BoolArray) -> tuple[int,
     Two axes may be exchanged by one pair or by the opposite one: what the other runs show at these positions decides.
     """
     own, others = collects.rows(here), collects.rows(~here)
-    conditions, rates, weight = own.conditions, own.rates_deg_per_hr, 1.0 / own.rates_se_deg_per_hr
-    if not np.all(np.isfinite(rates * weight)):
+    conditions, rates, errors = own.conditions, own.rates_deg_per_hr, own.rates_se_deg_per_hr
+    if not np.all(np.isfinite(rates) & (errors > 0.0)):
         return None
+    weight = 1.0 / errors
     columns = default_form(conditions).columns(conditions) * weight[..., None]
     basis = orthonormal(columns.reshape(-1, columns.shape[-1]))
     freedom, filed = rates.size - basis.shape[1], list(range(len(rates)))
@@ -362,6 +363,7 @@ def _contradicting(collects: Collects, runs: Set[int]) -> Iterator[tuple[tuple[i
         first, second = np.nonzero(conditions.position[one][:, None] == conditions.position[other])
         one, other = one[first], other[second]
         sigma = np.hypot(*(collects.rates_se_deg_per_hr[rows] for rows in (one, other)))
+        sigma = np.where(sigma > 0.0, sigma, np.nan)  # 0 states nothing
         shown = np.stack([rates[one] / sigma, rates[other] / sigma], axis=-1)
         known = np.isfinite(shown).all(axis=-1)
         basis = orthonormal((columns[one] / sigma[..., None])[known])

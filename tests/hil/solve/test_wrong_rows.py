@@ -297,3 +297,14 @@ def test_runs_that_nothing_is_held_against_must_not_contradict_each_other(runs: 
     (first, *_) = what_is_wrong(wrong)["rows"]
     assert first["done"] == "used"
     assert "runs 1–2 differ by" in first["why"]
+
+
+@pytest.mark.parametrize("runs", [1, 2, 6])
+def test_a_channel_that_stands_still_and_so_has_errors_of_nothing_is_left_out(runs: int) -> None:
+    """A night writes standard errors of exactly 0 for a rate that never moves: they state nothing."""
+    one = campaign(runs)
+    rates, errors = (getattr(one.sensors[2], name).copy() for name in ("rates_deg_per_hr", "rates_se_deg_per_hr"))
+    rates[:, 0], errors[:, 0] = 0.0, 0.0
+    dead = replace(one, sensors={2: replace(one.sensors[2], rates_deg_per_hr=rates, rates_se_deg_per_hr=errors)})
+    assert {(row.channels, row.done) for row in wrong_rows(dead)[2].rows} == {(("RA",), LEFT_OUT)}
+    assert not any(each.verdict is Verdict.PASS for each in solve_campaign(dead))
