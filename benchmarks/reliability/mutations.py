@@ -17,8 +17,7 @@ import hil.records.journal
 from hil.files.durable import RealDisk
 from hil.records import SqliteJournal, ledger
 from hil.records import schema as journal_schema
-from procedures.journal_protocol import StepResult
-from procedures.plan import Step
+from procedures.journal_protocol import Ended
 
 
 def no_fsync() -> None:
@@ -56,8 +55,8 @@ def rename_after_commit() -> None:
 
     end = SqliteJournal.end
 
-    def end_then_rename(self: SqliteJournal, step: Step, attempt: int, result: StepResult) -> None:
-        end(self, step, attempt, result)
+    def end_then_rename(self: SqliteJournal, *ended: Ended) -> None:
+        end(self, *ended)
         while waiting:
             RealDisk().rename(*waiting.pop(0))
 
@@ -71,11 +70,12 @@ def double_commit() -> None:
     journal_schema.TABLES = journal_schema.TABLES.replace(unique, plain)
     end = SqliteJournal.end
 
-    def end_twice(self: SqliteJournal, step: Step, attempt: int, result: StepResult) -> None:
-        end(self, step, attempt, result)
-        row = (step.key, attempt + 1, self._controller, self.now_s())
-        self._insert("attempts", "step_key, attempt, controller, began_s", row)
-        end(self, step, attempt + 1, result)
+    def end_twice(self: SqliteJournal, *ended: Ended) -> None:
+        end(self, *ended)
+        for step, attempt, _ in ended:
+            row = (step.key, attempt + 1, self._controller, self.now_s())
+            self._insert("attempts", "step_key, attempt, controller, began_s", row)
+        end(self, *((step, attempt + 1, result) for step, attempt, result in ended))
 
     SqliteJournal.end = end_twice  # type: ignore[method-assign]
 

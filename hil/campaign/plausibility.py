@@ -164,6 +164,8 @@ def clipped(collects: Collects) -> Iterator[tuple[int, BoolArray, str]]:
             if len(rows) >= _SAME_ROWS and np.ptp(rates[rows]) == 0.0:
                 at_level.setdefault(float(rates[rows[0]]), []).append(rows)
         moving = np.isfinite(rates)
+        if moving.sum() >= 2 * _SAME_ROWS and np.ptp(rates[moving]) == 0.0:
+            at_level = {float(rates[moving][0]): [np.flatnonzero(moving)]}  # in run after run, however round it is
         for level, stuck in at_level.items():
             here = np.zeros(len(rates), bool)
             here[np.concatenate(stuck)] = True

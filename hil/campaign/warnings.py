@@ -65,13 +65,6 @@ def _of_sensor(where: str, collects: Collects, rows: np.ndarray, centrifuge: boo
         )
     if not conditions.w_deg_per_hr.any() and not centrifuge:
         found.append(f"{where}: w is 0 in every row: what there is of the earth rate (15 deg/hr) is in the parameters")
-    for channel, values in zip(conditions.sensor.channels, rates.T, strict=True):
-        present = ~np.isnan(values)
-        if present.sum() > 1 and np.ptp(values[present]) == 0.0:
-            found.append(
-                f"{where}, {_words(rows[present])}, column {channel}_deg_per_hr: the channel never changes "
-                f"(always {values[present][0]:g} deg/hr)"
-            )
     return found
 
 

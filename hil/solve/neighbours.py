@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import stdtr, stdtrit
 
-from hil.campaign import BoolArray, Collects, FloatArray, IntArray
+from hil.campaign import BoolArray, Collects, Conditions, FloatArray, IntArray
 from hil.campaign.laws import FIXTURE_G, from_the_usual_g
 from hil.solve.temperatures import level_degC, same_temperature
 from procedures.verdict import Judgement, Verdict
@@ -82,22 +82,29 @@ def compared_with_neighbours(collects: Collects, distrusted: Collection[int] = (
     return Neighbours(judged, found, every - set(runs[known].tolist()), departures.sees_from(apart | untold))
 
 
+def place_in_each_run(conditions: Conditions) -> IntArray:
+    """Number collects, (n,), by position and by the how-manieth time that their run took it.
+
+    What drifts through a run shows where a position is taken again: that is compared with its like.
+    """
+    position = np.unique(conditions.position, return_inverse=True)[1]
+    place = np.unique(np.stack([conditions.run, position]), axis=1, return_inverse=True)[1].reshape(-1)
+    order = np.argsort(place, kind="stable")
+    again = np.empty_like(place)
+    again[order] = np.arange(len(place)) - np.searchsorted(place[order], place[order])
+    return np.asarray(len(position) * again + position)
+
+
 class _Departures:
     """How far n collects of c channels are from what others lead one to expect, in units of the usual scatter."""
 
     def __init__(self, collects: Collects) -> None:
         self._collects = collects
         self._rates = collects.rates_deg_per_hr
-        position = np.unique(collects.conditions.position, return_inverse=True)[1]
-        # What drifts through a run shows where a position is taken again: that is compared with its like.
-        place = np.unique(np.stack([collects.conditions.run, position]), axis=1, return_inverse=True)[1].reshape(-1)
-        order = np.argsort(place, kind="stable")
-        again = np.empty_like(place)
-        again[order] = np.arange(len(place)) - np.searchsorted(place[order], place[order])
-        self._label = len(position) * again + position
+        self._label = place_in_each_run(collects.conditions)
         # A collect that lay otherwise than its label says is compared with none of that label.
         elsewhere = from_the_usual_g(collects.conditions) > FIXTURE_G
-        self._label[elsewhere] = len(position) ** 2 + np.arange(elsewhere.sum())
+        self._label[elsewhere] = len(self._label) ** 2 + np.arange(elsewhere.sum())
         self._level = same_temperature(collects.conditions)
         self._temperature_degC = level_degC(collects.conditions)
         self._expected = np.full(self._rates.shape, np.nan)

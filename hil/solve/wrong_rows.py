@@ -10,7 +10,7 @@ same position and temperature (`hil.solve.neighbours`), and where a run stands a
 parameters, whether it is far more probable with one collect left out, with the search's own prior of a wrong row.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence, Set
+from collections.abc import Collection, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise, product
 from typing import Any
@@ -22,7 +22,7 @@ from hil.campaign import BoolArray, Campaign, Collects, FloatArray, IntArray
 from hil.campaign.plausibility import clipped, unclipped
 from hil.model.forms import default_form
 from hil.solve.identifiability import orthonormal
-from hil.solve.neighbours import FAR, Found, Neighbours, compared_with_neighbours
+from hil.solve.neighbours import FAR, Found, Neighbours, compared_with_neighbours, place_in_each_run
 from hil.solve.precision import with_every_error
 from hil.solve.temperatures import runs_by_temperature, unsettled
 from procedures.verdict import Judgement, Verdict, combine
@@ -121,8 +121,10 @@ def _wrong_rows(collects: Collects, exchanged: Sequence[tuple[int, int]], failed
             judged[run] = combine([*([judged[run]] if run in judged else []), Judgement(Verdict.MARGINAL, why)])
             rows.append(_wrong(collects, found, LEFT_OUT, why))
     used = replace(collects, rates_deg_per_hr=rates, rates_se_deg_per_hr=se)
-    for pair, why in _contradicting(used, neighbours.not_compared - set(failed)):
-        for run in set(pair) - judged.keys():
+    # Where a wrong collect would not be seen among its neighbours, these say no more than those that are not there.
+    unseen = neighbours.not_compared if neighbours.sees_from is None else set(used.conditions.run.tolist())
+    for run, why in _contradicting(used, unseen - set(failed)).items():
+        if run not in judged:
             here = Found(run, np.flatnonzero(used.conditions.run == run), np.zeros(rates.shape, dtype=bool), None)
             judged[run] = Judgement(Verdict.INCONCLUSIVE, why)
             rows.append(_wrong(used, here, USED, why))
@@ -347,20 +349,23 @@ def _explained_by_an_exchange(collects: Collects, here: BoolArray) -> tuple[int,
     return one, other
 
 
-def _contradicting(collects: Collects, runs: Set[int]) -> Iterator[tuple[tuple[int, int], str]]:
-    """Yield two of the `runs`, next to each other in temperature, that contradict each other, and say by how much.
+def _contradicting(collects: Collects, runs: Set[int]) -> dict[int, str]:
+    """Return those of the `runs` that another, at their temperature or at the next, contradicts; say by how much.
 
     They differ in what neither a bias nor MU moves; at two temperatures by more than these make. Of two alone nobody
-    knows which is wrong.
+    knows which is wrong; one with which another at its temperature agrees is not.
     """
+    out: dict[int, str] = {}
+    agree: set[int] = set()
     conditions, form = collects.conditions, default_form(collects.conditions)
     rates, columns = collects.rates_deg_per_hr - conditions.w_channels_deg_per_hr, form.columns(conditions)
     columns = columns[..., [name.startswith(("B", "MU")) for name in form.names]]
-    groups = runs_by_temperature(conditions)
+    groups, alike = runs_by_temperature(conditions), place_in_each_run(conditions)
     place = {run: k for k, (_, at) in enumerate(groups) for run in at if run in runs}
-    for pair in pairwise(place):
+    near = [pair for pair in combinations(place, 2) if place[pair[0]] == place[pair[1]]]
+    for pair in dict.fromkeys([*near, *pairwise(place)]):
         one, other = (np.flatnonzero(conditions.run == run) for run in pair)
-        first, second = np.nonzero(conditions.position[one][:, None] == conditions.position[other])
+        first, second = np.nonzero(alike[one][:, None] == alike[other])
         one, other = one[first], other[second]
         sigma = np.hypot(*(collects.rates_se_deg_per_hr[rows] for rows in (one, other)))
         sigma = np.where(sigma > 0.0, sigma, np.nan)  # 0 states nothing
@@ -374,8 +379,11 @@ def _contradicting(collects: Collects, runs: Set[int]) -> Iterator[tuple[tuple[i
         repeated = not steps and groups[place[pair[0]]][0] is not None
         if times > FAR and (repeated or (steps <= 1 and apart > _CHANGED * size)):
             by = f"{times:.0f} times their standard errors in what neither a bias nor MU moves"
-            which = "a collect of one is wrong or exchanged, and two do not tell which"
-            yield pair, f"{numbered('run', pair)} differ by {by}: {which}"
+            why = f"{numbered('run', pair)} differ by {by}: a collect of one is wrong or exchanged"
+            out = dict.fromkeys(pair, why) | out
+        elif repeated:
+            agree |= set(pair)
+    return {run: why for run, why in out.items() if run not in agree}
 
 
 def _log_odds(columns: FloatArray, observed: FloatArray) -> FloatArray | None:

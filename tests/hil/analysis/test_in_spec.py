@@ -141,7 +141,7 @@ def test_a_temperature_measured_once_that_nothing_can_be_held_against_tells_noth
     of, thrice = limits({"BA": {"high": "40 deg/hr", "scatter": "90 deg/hr"}}), night()
     rows = thrice.sensors[2].rows(~np.isin(thrice.sensors[2].conditions.run, (2, 3)))
     rates = rows.rates_deg_per_hr.copy()
-    rates[1] += [250.0, 0.0]
+    rates[:3] += [60.0, 0.0]
     one = replace(thrice, sensors={2: replace(rows, rates_deg_per_hr=rates)})
     said = judged(one, of)
     assert said.word is Word.UNKNOWN

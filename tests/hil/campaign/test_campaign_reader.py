@@ -321,7 +321,7 @@ WARNED_TABLES = {
     ),
     "channel never changes": (
         table(*(",".join([*row.split(",")[:12], "5", *row.split(",")[13:]]) for row in ROWS)),
-        r"rows 2-7, column RA_deg_per_hr: the channel never changes \(always 5",
+        "collects 1–6: sensor 2: RA: every rate is exactly 5: nothing was measured",
     ),
     "not chronological": (cell(6, "start_s", "305"), "row 6, column start_s: earlier"),
     "one error column gone": (without("RB_se_deg_per_hr") + "\n", NO_ERROR),

@@ -299,6 +299,28 @@ def test_runs_that_nothing_is_held_against_must_not_contradict_each_other(runs: 
     assert "runs 1–2 differ by" in first["why"]
 
 
+@pytest.mark.parametrize("wrong", [0, 1, 2])
+def test_of_three_runs_the_one_that_two_contradict_is_no_pass(wrong: int) -> None:
+    """Whether collects are exchanged or a rate's sign is turned; the two that agree with each other are not accused."""
+    one = campaign(3)
+    for change in ("exchanged", "turned"):
+        rates = one.sensors[2].rates_deg_per_hr.copy()
+        own = rates[3 * wrong : 3 * wrong + 3]
+        rates[3 * wrong : 3 * wrong + 3] = own[[0, 2, 1]] if change == "exchanged" else own * [1.0, -1.0]
+        found = solve_campaign(with_rates(one, rates))
+        assert [each.verdict is Verdict.PASS for each in found] == [k != wrong for k in range(3)], change
+    assert {each.verdict for each in solve_campaign(one)} == {Verdict.PASS}
+
+
+@pytest.mark.parametrize("level", [7.5, 1e10])
+def test_a_channel_that_shows_one_round_value_in_every_run_was_not_measured(level: float) -> None:
+    """However few digits it has."""
+    one = campaign(6)
+    rates = one.sensors[2].rates_deg_per_hr.copy()
+    rates[:, 1] = level
+    assert not any(each.verdict is Verdict.PASS for each in solve_campaign(with_rates(one, rates)))
+
+
 @pytest.mark.parametrize("runs", [1, 2, 6])
 def test_a_channel_that_stands_still_and_so_has_errors_of_nothing_is_left_out(runs: int) -> None:
     """A night writes standard errors of exactly 0 for a rate that never moves: they state nothing."""
