@@ -32,6 +32,7 @@ from procedures.words import listed
 
 CONFIDENCE = 0.95
 """Of every interval that is stated."""
+_TINY = 1e-300
 RARE = 0.01
 """Chance of what is not put down to chance."""
 
@@ -60,18 +61,24 @@ class Spread:
         """
         known, places = np.isfinite(values), np.unique(group)
         own = np.where(known, factor * np.nan_to_num(errors), 0.0) ** 2
-        squares, explained, degrees = (np.zeros((len(places), values.shape[1])) for _ in range(3))
+        squares, explained, degrees, more, room = (np.zeros((len(places), values.shape[1])) for _ in range(5))
+        # What is beyond shows in runs of small standard errors: one that is large hides nothing. Where none is, alike.
+        weight = np.where(known, np.where(np.any(known & (own <= 0.0), axis=0), 1.0, 1.0 / np.maximum(own, _TINY)), 0.0)
         for k, place in enumerate(places):
-            here, rows = known[group == place], values[group == place]
-            count = np.maximum(here.sum(axis=0), 1)
-            mean = np.where(here, rows, 0.0).sum(axis=0) / count
-            squares[k] = np.where(here, (rows - mean) ** 2, 0.0).sum(axis=0)
-            explained[k] = own[group == place].sum(axis=0) * (1.0 - 1.0 / count)
+            here, rows, w, errors_squared = (each[group == place] for each in (known, values, weight, own))
+            rows, count = np.where(here, rows, 0.0), np.maximum(here.sum(axis=0), 1)
+            squares[k] = np.where(here, (rows - rows.sum(axis=0) / count) ** 2, 0.0).sum(axis=0)
+            explained[k] = errors_squared.sum(axis=0) * (1.0 - 1.0 / count)
             degrees[k] = count - 1
+            whole = np.maximum(w.sum(axis=0), _TINY)
+            more[k] = np.sum(
+                w * (rows - (w * rows).sum(axis=0) / whole) ** 2 - w * (1.0 - w / whole) * errors_squared, 0
+            )
+            room[k] = whole - np.sum(w**2, axis=0) / whole
         freedom = degrees.sum(axis=0)
         enough = np.maximum(freedom, 1)
         observed = np.where(freedom > 0, np.sqrt(squares.sum(axis=0) / enough), np.nan)
-        beyond = np.sqrt(np.maximum((squares - explained).sum(axis=0), 0.0) / enough)
+        beyond = np.sqrt(np.maximum(more.sum(axis=0), 0.0) / np.maximum(room.sum(axis=0), _TINY)) * (freedom > 0)
         expected = explained + degrees * beyond**2
         uneven = _uneven(squares / np.where(expected > 0.0, expected, np.inf), degrees)
         stated = np.sqrt(explained.sum(axis=0) / enough)

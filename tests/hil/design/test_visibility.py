@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from hil.campaign import Campaign, Collects, Conditions
+from hil.campaign import Campaign, Collects, Conditions, FloatArray
 from hil.config.bench import load_bench
 from hil.config.sweep import load_sweep
 from hil.design.conditions import planned_conditions
@@ -203,7 +203,8 @@ def test_document_says_everything_a_program_needs(published: dict[int, Condition
 def test_a_campaign_is_mapped_with_its_own_errors_and_gaps() -> None:
     """Rates that were not measured tell nothing: half the rows, about √2 in the smallest size; stated errors count."""
     conditions = campaign()
-    rates, errors = np.ones((len(conditions), 2)), np.full((len(conditions), 2), 0.5)
+    errors = np.full((len(conditions), 2), 0.5)
+    rates = of_each_position(conditions)
     whole = Campaign("t", "s", {2: Collects(conditions, rates, errors)})
     halved = rates.copy()
     halved[conditions.run % 2 == 0] = np.nan
@@ -213,6 +214,11 @@ def test_a_campaign_is_mapped_with_its_own_errors_and_gaps() -> None:
     unstated = Campaign("t", "s", {2: Collects(conditions, rates, np.full_like(rates, np.nan))})
     assumed = Campaign("t", "s", {2: Collects(conditions, rates, np.full_like(rates, NoiseLevel().collect_deg_per_hr))})
     assert smallest(unstated, matrix_6, "GS_T") == pytest.approx(smallest(assumed, matrix_6, "GS_T"))
+
+
+def of_each_position(conditions: Conditions) -> FloatArray:
+    """Rates that are the same whenever a position is taken again."""
+    return np.unique(conditions.position, return_inverse=True)[1][:, None] + np.array([1.0, 2.0])
 
 
 def smallest(one: Campaign, model: Model, name: str) -> float:
@@ -293,8 +299,8 @@ def test_text_says_what_is_seen_alike_absorbed_and_what_would_help() -> None:
     assert "1. add collect 4 (spin axis down) to every run (costs one more collect per run)" in text
     assert "tells apart: " in text
     assert "SIMULATED" not in text
-    rates = np.ones((72, 2))
-    simulated = Campaign("night", "twin", {2: Collects(campaign(), rates, 0.5 * rates)}, simulated=True)
+    rates = of_each_position(campaign())
+    simulated = Campaign("night", "twin", {2: Collects(campaign(), rates, np.full((72, 2), 0.5))}, simulated=True)
     lines = visibility_text(campaign_document(simulated)).splitlines()
     assert lines[0] == "night  SIMULATED"
     assert "noise, sensor 1: 0.93 deg/hr in a collect; from run to run the bias by 1.8 deg/hr (assumed)" in text

@@ -195,3 +195,13 @@ def test_a_run_that_its_records_contradict_widens_no_other_and_is_in_no_mean() -
     assert thermal["parameters"] == alone["parameters"]
     every = replace(with_it, contradicted={(run, 2): contradicted[5, 2] for run in range(1, 25)})
     assert repeats(every, solve_campaign(every))[2].not_used == ()
+
+
+def test_one_large_standard_error_makes_no_other_run_surer() -> None:
+    """What repeats show beyond standard errors shows in the runs that these hold close."""
+    one = runs_at_their_temperatures(24, 3, scatter=5.0)
+    errors = one.sensors[2].rates_se_deg_per_hr.copy()
+    errors[14, 0] = 50.0
+    poor = replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=errors)})
+    told, beside = (repeats(each, solve_campaign(each))[2].of_each[13] for each in (one, poor))
+    assert beside == pytest.approx(told, rel=0.25)
