@@ -251,8 +251,9 @@ def _collects_of(
 
 def _filled(table: Table, column: str, chosen: np.ndarray) -> FloatArray:
     values = np.asarray(table.numbers(column)[chosen])
+    hint = " (0 where w is unknown)" if column.startswith("w_") else ""
     for i in np.flatnonzero(np.isnan(values)):
-        raise table.complaint(int(chosen[i]), column, "the cell is empty; a number is needed (0 where w is unknown)")
+        raise table.complaint(int(chosen[i]), column, f"the cell is empty; a number is needed{hint}")
     return values
 
 

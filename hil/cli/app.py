@@ -68,7 +68,8 @@ app = typer.Typer(
     cls=Grouped,
     help="Run a gyro self-calibration bench by itself: chamber, collects, matrix solution, report.",
     epilog="Exit status: 0 done, 1 failed or aborted, 2 bad input, 3 stopped with the bench safe, 4 incomplete, "
-    "5 the chamber is NOT SAFE, 6 whether it is safe is NOT KNOWN; with --strict 7 out of spec, 8 nobody can tell.",
+    "5 the chamber is NOT SAFE, 6 whether it is safe is NOT KNOWN; with --strict 7 out of spec, 8 nobody can tell; "
+    "9 complete for some of several units.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
