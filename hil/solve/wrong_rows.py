@@ -12,7 +12,7 @@ parameters, whether it is far more probable with one collect left out, with the 
 
 from collections.abc import Collection, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
-from itertools import combinations, pairwise, product
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
@@ -21,10 +21,11 @@ from scipy.special import chdtrc
 from hil.campaign import BoolArray, Campaign, Collects, FloatArray, IntArray
 from hil.campaign.plausibility import clipped, unclipped
 from hil.model.forms import default_form
+from hil.solve.contradicting import contradicting
 from hil.solve.identifiability import orthonormal
-from hil.solve.neighbours import FAR, Found, Neighbours, compared_with_neighbours, place_in_each_run
+from hil.solve.neighbours import Found, Neighbours, compared_with_neighbours
 from hil.solve.precision import with_every_error
-from hil.solve.temperatures import runs_by_temperature, unsettled
+from hil.solve.temperatures import unsettled
 from procedures.verdict import Judgement, Verdict, combine
 from procedures.words import numbered
 
@@ -35,7 +36,6 @@ _NEARER = 0.5  # times as far (squared) as by the other way of exchanging them
 _HARDLY = 1e-3  # chance of residuals that are looked into, and of those that an exchange may leave
 _WIDE = np.log(30.0)  # what a row that may be anywhere pays for each of its rates
 _FREEDOM = 6  # residuals that must be left where a collect is left out
-_CHANGED = 0.25  # of its size: more no temperature changes what neither a bias nor MU moves
 _LEVEL = 0.7  # of a channel's mean variance in every row's: standard errors leave out what differs by collect
 
 
@@ -123,7 +123,7 @@ def _wrong_rows(collects: Collects, exchanged: Sequence[tuple[int, int]], failed
     used = replace(collects, rates_deg_per_hr=rates, rates_se_deg_per_hr=se)
     # Where a wrong collect would not be seen among its neighbours, these say no more than those that are not there.
     unseen = neighbours.not_compared if neighbours.sees_from is None else set(used.conditions.run.tolist())
-    for run, why in _contradicting(used, unseen - set(failed)).items():
+    for run, why in contradicting(used, unseen - set(failed)).items():
         if run not in judged:
             here = Found(run, np.flatnonzero(used.conditions.run == run), np.zeros(rates.shape, dtype=bool), None)
             judged[run] = Judgement(Verdict.INCONCLUSIVE, why)
@@ -347,43 +347,6 @@ def _explained_by_an_exchange(collects: Collects, here: BoolArray) -> tuple[int,
         return None
     one, other = conditions.collect[list(found[0][1])].tolist()
     return one, other
-
-
-def _contradicting(collects: Collects, runs: Set[int]) -> dict[int, str]:
-    """Return those of the `runs` that another, at their temperature or at the next, contradicts; say by how much.
-
-    They differ in what neither a bias nor MU moves; at two temperatures by more than these make. Of two alone nobody
-    knows which is wrong; one with which another at its temperature agrees is not.
-    """
-    out: dict[int, str] = {}
-    agree: set[int] = set()
-    conditions, form = collects.conditions, default_form(collects.conditions)
-    rates, columns = collects.rates_deg_per_hr - conditions.w_channels_deg_per_hr, form.columns(conditions)
-    columns = columns[..., [name.startswith(("B", "MU")) for name in form.names]]
-    groups, alike = runs_by_temperature(conditions), place_in_each_run(conditions)
-    place = {run: k for k, (_, at) in enumerate(groups) for run in at if run in runs}
-    near = [pair for pair in combinations(place, 2) if place[pair[0]] == place[pair[1]]]
-    for pair in dict.fromkeys([*near, *pairwise(place)]):
-        one, other = (np.flatnonzero(conditions.run == run) for run in pair)
-        first, second = np.nonzero(alike[one][:, None] == alike[other])
-        one, other = one[first], other[second]
-        sigma = np.hypot(*(collects.rates_se_deg_per_hr[rows] for rows in (one, other)))
-        sigma = np.where(sigma > 0.0, sigma, np.nan)  # 0 states nothing
-        shown = np.stack([rates[one] / sigma, rates[other] / sigma], axis=-1)
-        known = np.isfinite(shown).all(axis=-1)
-        basis = orthonormal((columns[one] / sigma[..., None])[known])
-        left = shown[known] - basis @ (basis.T @ shown[known])
-        apart, size = float(np.linalg.norm(left[:, 0] - left[:, 1])), float(np.linalg.norm(left, axis=0).max())
-        times = apart / np.sqrt(max(len(left) - basis.shape[1], 1))
-        steps = place[pair[1]] - place[pair[0]]
-        repeated = not steps and groups[place[pair[0]]][0] is not None
-        if times > FAR and (repeated or (steps <= 1 and apart > _CHANGED * size)):
-            by = f"{times:.0f} times their standard errors in what neither a bias nor MU moves"
-            why = f"{numbered('run', pair)} differ by {by}: a collect of one is wrong or exchanged"
-            out = dict.fromkeys(pair, why) | out
-        elif repeated:
-            agree |= set(pair)
-    return {run: why for run, why in out.items() if run not in agree}
 
 
 def _log_odds(columns: FloatArray, observed: FloatArray) -> FloatArray | None:

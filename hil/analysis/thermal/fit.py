@@ -259,10 +259,8 @@ def layout_of(
         raise InputError(f"sensor {number}: {shown}; nothing can be said against it: look at that column")
     both = len(stations.both_directions) > 0
     if both:
-        apart = "which the means and ± of hil solve hold"
-        notes.append(
-            f"sensor {number}: values are the middle between both directions; without their difference, {apart}"
-        )
+        middles = "values are the middle between both directions; without their difference, which the means and ± of"
+        notes.append(f"sensor {number}: {middles} hil solve hold")
     columns = form.columns(collects.conditions)
     layout = Layout(collects, form, columns, stations, float(np.round(middle)), half, both, spread)
     return layout, notes
