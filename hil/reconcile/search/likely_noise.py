@@ -91,7 +91,7 @@ class _Rows:
         return replace(self, gram=self.gram[:, index[:, None], index], variants=[np.arange(own)], data=[own])
 
     def _climb(self, at: int, best: Profile) -> tuple[list[Profile], FloatArray]:
-        every = np.arange(len(self.grid))
+        beside, probable = np.full(len(self.grid), -np.inf), np.arange(len(self.grid))
         near: dict[Profile, float] = {}
         for _ in range(ROUNDS):
             before, near = (best, at), {}
@@ -99,8 +99,9 @@ class _Rows:
                 changed = [(*best[:place], way, *best[place + 1 :]) for way in FOLLOWS]
                 near |= dict(zip(changed, self.heights(np.array([at]), changed)[0, 0].tolist(), strict=True))
                 best = max(changed, key=lambda p: near[p])
-            beside = self.heights(every, [best])[0, :, 0]
+            beside[probable] = self.heights(probable, [best])[0, :, 0]
             at = int(np.argmax(beside))
+            probable = np.flatnonzero(beside > beside[at] - 2.0 * DEPTH)
             if (best, at) == before:
                 break
         return sorted(near, key=lambda p: -near[p])[:PROFILES], beside

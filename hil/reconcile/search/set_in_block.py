@@ -10,6 +10,7 @@ import numpy as np
 
 from hil.campaign import FloatArray, IntArray
 from hil.reconcile.search.evidence import LEAST, Beside, Options, log_sum, shrunk
+from hil.reconcile.search.likely_noise import DEPTH
 from hil.reconcile.search.noise import Points
 from hil.reconcile.search.terms import Part
 from hil.reconcile.search.tied import AtBest
@@ -87,13 +88,19 @@ class SetInBlock:
             self.best, self.terms_log = leaps[better].tolist(), heights[better]
         while True:  # every round makes the rows likelier, and sizes are few
             near = every[np.abs(every[:, 1] - np.array(self.best)[every[:, 0]]) <= 2]
-            found = self._at(self._instead(near))
+            total = self.terms_log + self.points.log_prior
+            likely = np.flatnonzero(total > total.max() - DEPTH)
+            found = self._at(self._instead(near), likely)
             # What is best at the point that was likeliest may not be so at another, which is likelier with it.
-            heights = (found + self.points.log_prior).max(axis=1)
-            if not heights.max() > (self.terms_log + self.points.log_prior).max() + CLOSE:
+            heights = (found + self.points.log_prior[likely]).max(axis=1)
+            if not heights.max() > total.max() + CLOSE:
                 break
-            self.best, self.terms_log = self._instead(near[[np.argmax(heights)]])[0].tolist(), found[np.argmax(heights)]
-        self.slack = [log_sum(found[near[:, 0] == e]) - self.terms_log for e in range(len(self.options))]
+            choice = self._instead(near[[np.argmax(heights)]])
+            self.best, (self.terms_log,) = choice[0].tolist(), self._at(choice)
+        # At points that are next to impossible with these sizes, others add what they add at the likeliest.
+        gain = np.tile(found[:, [np.argmax(total[likely])]] - self.terms_log[np.argmax(total)], len(self.points))
+        gain[:, likely] = found - self.terms_log[likely]
+        self.slack = [log_sum(gain[near[:, 0] == e]) for e in range(len(self.options))]
         self.terms_log = self.terms_log + np.sum(self.slack, axis=0)
 
     def _instead(self, changes: IntArray) -> IntArray:
