@@ -182,9 +182,7 @@ def fitted_block(number: int, search: SensorSearch, chosen: Set, kind: str, b: i
     total = weighed.terms_log + own.points.log_prior
     names = np.array(["", *(k.effect.id for k in own.noise.kinds)])[own.points.kind + 1]
     t = int(np.argmax(np.where((names == kind) | (names == ""), total, -np.inf)))
-    mean = deviation = np.zeros(0)
-    if weighed.options:
-        _, (mean,), (deviation,) = weighed.prior_at(np.array([weighed.best]))
+    mean, deviation = weighed.prior()
     scale = weighed.left_at(t)[1]
     parts = [(j, part) for j in chosen if (part := search.terms[j].parts[b]) is not None]
     columns = np.hstack([np.zeros((len(own.y), 0)), *(part.columns for _, part in parts)])

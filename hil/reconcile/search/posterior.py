@@ -8,6 +8,7 @@ posterior.of_name("supply")         # how probable it is that the name is among 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from math import log
 
 import numpy as np
 
@@ -83,7 +84,7 @@ def likely_sets(search: SensorSearch) -> list[Set]:
                 further = tuple(sorted((*given, j)))
                 if further not in known and scores[j] > least:
                     grown.add(further)
-        search.lay({j for further in grown for j in further})
+        search.weigh(grown)
         for further in grown:
             known[further] = _alone(search, further)
         layer = list(grown)
@@ -161,9 +162,10 @@ def weigh(searches: Mapping[int, SensorSearch]) -> Posterior:
     evidences = {n: {s: shared_evidence(searches[n], s, names) for s in sets} for n, sets in lists.items()}
     askable = {n: {t.name for t in search.terms} for n, search in searches.items()}
     found: list[Found] = []
+    own = {n: {s: _Names.of(searches[n], s) for s in sets} for n, sets in lists.items()}
     for combination in itertools.product(*lists.values()):
         chosen = dict(zip(lists, combination, strict=True))
-        log_prior = _log_prior(chosen, searches, askable)
+        log_prior = _log_prior({n: own[n][s] for n, s in chosen.items()}, askable)
         by_kind = log_kind + log_prior + sum(evidences[n][s] for n, s in chosen.items())
         found += [Found(chosen, name, float(w)) for name, w in zip(["", *names], by_kind, strict=True)]
     weights = np.array([f.log_weight for f in found])
@@ -183,28 +185,35 @@ def _with_the_others(number: int, searches: Mapping[int, SensorSearch]) -> list[
     return sets[:most] if () in sets[:most] else [*sets[: most - 1], ()]
 
 
-def _log_prior(
-    chosen: Mapping[int, Set], searches: Mapping[int, SensorSearch], askable: Mapping[int, set[str]]
-) -> float:
-    """Log prior odds of a combination: one price for a name, and whether each sensor that may have it does."""
-    total = 0.0
-    own: dict[str, dict[int, list[Term]]] = {}
-    for number, places in chosen.items():
-        for j in places:
-            term = searches[number].terms[j]
-            if term.is_mistake:
-                total += term.log_odds
+@dataclass(frozen=True)
+class _Names:
+    """The names in a set of one sensor, each with its log odds, and what all else in the set costs (log)."""
+
+    odds: Mapping[str, float]
+    rest: float
+    common: frozenset[str]
+
+    @classmethod
+    def of(cls, search: SensorSearch, chosen: Set) -> "_Names":
+        odds: dict[str, float] = {}
+        rest, common = 0.0, set()
+        for term in (search.terms[j] for j in chosen):
+            if term.is_mistake or term.name in odds:
+                rest += term.log_odds
             else:
-                own.setdefault(term.name, {}).setdefault(number, []).append(term)
-    for name, by_sensor in own.items():
-        first = [terms[0] for terms in by_sensor.values()]
-        effect = first[0].candidate.effect
-        rho = COMMON if effect is not None and effect.common_to_sensors else SHARED
-        could = [number for number in chosen if name in askable[number]]
-        total += max(t.log_odds for t in first)
-        total += sum(t.log_odds for terms in by_sensor.values() for t in terms[1:])
-        if len(could) > 1:
-            total += sum(np.log(rho if number in by_sensor else 1.0 - rho) for number in could)
+                odds[term.name] = term.log_odds
+                common |= {term.name} if term.candidate.effect and term.candidate.effect.common_to_sensors else set()
+        return cls(odds, rest, frozenset(common))
+
+
+def _log_prior(chosen: Mapping[int, _Names], askable: Mapping[int, set[str]]) -> float:
+    """Log prior odds of a combination: one price for a name, and whether each sensor that may have it does."""
+    total = sum(own.rest for own in chosen.values())
+    for name in {name for own in chosen.values() for name in own.odds}:
+        total += max(own.odds[name] for own in chosen.values() if name in own.odds)
+        rho = COMMON if any(name in own.common for own in chosen.values()) else SHARED
+        could = [name in own.odds for number, own in chosen.items() if name in askable[number]]
+        total += sum(log(rho if has else 1.0 - rho) for has in could) if len(could) > 1 else 0.0
     return float(total)
 
 

@@ -1,155 +1,67 @@
-"""A set of terms in one block of rows: how probable the rows are with it, whatever sizes its amplitudes may have."""
+"""Sets of terms in one block of rows: how probable the rows are with each, whatever sizes its amplitudes may have.
+
+Inner products of all columns that are asked about are taken once. A set is a choice of columns, and sets are weighed
+side by side: one of fewer columns than another is filled up with a column of zeros, which changes nothing.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import groupby, pairwise
 
 import numpy as np
 
-from hil.campaign import FloatArray, IntArray
-from hil.reconcile.search.evidence import LEAST, Beside, Options, log_sum, shrunk
+from hil.campaign import BoolArray, FloatArray, IntArray
+from hil.reconcile.search.evidence import LEAST, Beside, Options, log_sum, shrunk, student
 from hil.reconcile.search.likely_noise import DEPTH
-from hil.reconcile.search.noise import Points
-from hil.reconcile.search.terms import Part
+from hil.reconcile.search.noise import LARGEST, Points
 from hil.reconcile.search.tied import AtBest
 
 ROUNDS = 8
 """At most, in which the sizes of a set are improved: two are enough unless columns are nearly the same."""
 CLOSE = 0.01
 """Sizes that make the rows less more probable than this (log) are not climbed to."""
+ABOUT = np.arange(-2, 3)
+"""Steps of a size about the best that are summed over."""
+_ALIKE = 4  # columns by which sets that are weighed side by side may differ
 
 
-@dataclass
+@dataclass(frozen=True)
+class Member:
+    """A term in a block: which of its parameters it has here (q,), every size of them, projected columns (t, N, q)."""
+
+    parameters: IntArray
+    options: Options
+    columns: FloatArray
+
+
+@dataclass(frozen=True)
 class SetInBlock:
-    """A set of terms in one block: inner products (t, k, k) and (t, k), log evidence (t,), the sizes that are best.
+    """A set of terms, by place, in one block: inner products (t, k, k) and (t, k), log evidence (t,), the best sizes.
 
-    `inverse` (t, k, k) turns scores into amplitudes that are free.
+    `slack` (t,) is by member what its other sizes add, `inverse` (t, k, k) turns scores into amplitudes that are free.
     """
 
     beside: Beside
     points: Points
-    gram: FloatArray
-    score: FloatArray
+    members: tuple[int, ...]
     owner: list[tuple[int, int]]
     options: list[Options]
-    places: list[IntArray]
-    members: list[int]
+    gram: FloatArray
+    score: FloatArray
+    inverse: FloatArray
     terms_log: FloatArray
     best: list[int]
     slack: Sequence[FloatArray]
-    variance: FloatArray
-    inverse: FloatArray
 
-    @classmethod
-    def of(cls, beside: Beside, points: Points, members: Sequence[tuple[int, Part, Options, FloatArray]]) -> SetInBlock:
-        """Weigh members together: their places, what they are here, their sizes, and projected columns (t, N, q)."""
-        owner = [(j, int(k)) for j, part, _, _ in members for k in part.parameters]
-        ends = np.cumsum([0, *(len(part.parameters) for _, part, _, _ in members)])
-        columns = np.concatenate([np.zeros((*beside.residual.shape, 0)), *(own for *_, own in members)], axis=2)
-        gram = np.swapaxes(columns, 1, 2) @ columns
-        score = (beside.residual[:, None, :] @ columns)[:, 0]
-        places = [np.arange(first, end) for first, end in pairwise(ends)]
-        options = [own for _, _, own, _ in members]
-        at = [j for j, *_ in members]
-        unit = np.sqrt(np.maximum(np.diagonal(gram, axis1=1, axis2=2), LEAST))
-        both = unit[:, :, None] * unit[:, None, :]
-        inverse = np.linalg.pinv(gram / both, rcond=1e-9, hermitian=True) / both
-        out = cls(beside, points, gram, score, owner, options, places, at, np.zeros(0), [], [], np.zeros(0), inverse)
-        out._weigh()
-        return out
-
-    def _weigh(self) -> None:
-        """Sum over sizes about the best of each term: they are nearly independent given the data, and of the noise."""
-        if not self.options:
-            self.terms_log = self.beside.log_null()
-            return
-        # A large effect in quiet noise and a small one in noise that is large may both be summits: climb the higher.
-        free = self._left()
-        self.variance = self.beside.scale_left(free)
-        with_all = log_sum(self.beside.student(free[None], np.zeros(1)))
-        either = (self.beside.log_null(), with_all)
-        starts = np.array([self._best_sizes(int(np.argmax(log + self.points.log_prior))) for log in either])
-        heights = self._at(starts)
-        first = int(np.argmax((heights + self.points.log_prior).max(axis=1)))
-        self.best, self.terms_log = starts[first].tolist(), heights[first]
-        every = np.array([(e, o) for e, own in enumerate(self.options) for o in range(len(own))])
-        for _ in range(ROUNDS):
-            t = np.array([int(np.argmax(self.terms_log + self.points.log_prior))])
-            found = self._at(self._instead(every), t)[:, 0]
-            of_each = [np.flatnonzero(every[:, 0] == e) for e in range(len(self.options))]
-            most = np.concatenate([every[places[np.argmax(found[places])]][1:] for places in of_each])
-            leaps = np.array([most, self._instead(every[[np.argmax(found)]])[0]])
-            if leaps[1].tolist() == self.best:
-                break
-            heights = self._at(leaps)
-            better = int(np.argmax((heights + self.points.log_prior).max(axis=1)))
-            self.best, self.terms_log = leaps[better].tolist(), heights[better]
-        while True:  # every round makes the rows likelier, and sizes are few
-            near = every[np.abs(every[:, 1] - np.array(self.best)[every[:, 0]]) <= 2]
-            total = self.terms_log + self.points.log_prior
-            likely = np.flatnonzero(total > total.max() - DEPTH)
-            found = self._at(self._instead(near), likely)
-            # What is best at the point that was likeliest may not be so at another, which is likelier with it.
-            heights = (found + self.points.log_prior[likely]).max(axis=1)
-            if not heights.max() > total.max() + CLOSE:
-                break
-            choice = self._instead(near[[np.argmax(heights)]])
-            self.best, (self.terms_log,) = choice[0].tolist(), self._at(choice)
-        # At points that are next to impossible with these sizes, others add what they add at the likeliest.
-        gain = np.tile(found[:, [np.argmax(total[likely])]] - self.terms_log[np.argmax(total)], len(self.points))
-        gain[:, likely] = found - self.terms_log[likely]
-        self.slack = [log_sum(gain[near[:, 0] == e]) for e in range(len(self.options))]
-        self.terms_log = self.terms_log + np.sum(self.slack, axis=0)
-
-    def _instead(self, changes: IntArray) -> IntArray:
-        """Return the best sizes with one of them another, (m, e), for changes (m, 2) of a member's size."""
-        out = np.tile(np.array(self.best), (len(changes), 1))
-        out[np.arange(len(changes)), changes[:, 0]] = changes[:, 1]
-        return out
-
-    def _left(self) -> FloatArray:
-        """Return what is left where all amplitudes are free, (t,)."""
-        explained = np.einsum("tk,tkl,tl->t", self.score, self.inverse, self.score)
-        return np.asarray(np.maximum(self.beside.rss - explained, LEAST))
-
-    def _best_sizes(self, t: int) -> list[int]:
-        """Return the sizes that a free fit at one point of the noise makes most probable."""
-        inverse = self.inverse[t]
-        fit = inverse @ self.score[t]
-        freedom = max(self.beside.freedom - len(fit), 1)
-        values = np.diag(inverse) * max((self.beside.rss[t] - fit @ self.score[t]) / freedom, 1e-9)
-        best = []
-        for own, places in zip(self.options, self.places, strict=True):
-            variance = own.deviation**2 + values[places]
-            misfit = np.sum((fit[places] - own.mean) ** 2 / variance + np.log(variance), axis=1)
-            best.append(int(np.argmax(own.log_weights - 0.5 * misfit)))
-        return best
-
-    def prior_at(self, choices: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return log weights (o,), means (o, k) and deviations (o, k) of choices of sizes (o, e)."""
-        each = list(zip(self.options, choices.T, strict=True))
-        log_weights = np.sum([own.log_weights[o] for own, o in each], axis=0)
-        return (
-            log_weights,
-            np.hstack([own.mean[o] for own, o in each]),
-            np.hstack([own.deviation[o] for own, o in each]),
+    def prior(self) -> tuple[FloatArray, FloatArray]:
+        """Return the means (k,) and deviations (k,) of the amplitudes at the best sizes."""
+        at = list(zip(self.options, self.best, strict=True))
+        none = [np.zeros(0)]
+        return np.concatenate(none + [own.mean[o] for own, o in at]), np.concatenate(
+            none + [own.deviation[o] for own, o in at]
         )
-
-    def _at(self, choices: IntArray, at: IntArray | slice = slice(None)) -> FloatArray:
-        """Log evidence (o, t) of several choices of sizes (o, e), at some points."""
-        log_weights, mean, deviation = self.prior_at(choices)
-        mean, deviation = mean[:, None, :], deviation[:, None, :]
-        gram, score, beside = self.gram[at], self.score[at], self.beside.at(at)
-        rss = beside.rss
-        if np.any(mean):
-            pull = np.einsum("tpq,oxq->otp", gram, mean)
-            rss, score = rss + np.sum((pull - 2.0 * score) * mean, axis=-1), score - pull
-        root = deviation / np.sqrt(self.variance[:, None, at, None])
-        left, half_log_det = shrunk(gram * (root[..., :, None] * root[..., None, :]), score * root, rss)
-        by_point = beside.student(np.swapaxes(left, 1, 2), np.swapaxes(half_log_det, 1, 2))
-        return np.asarray(log_weights[:, None] + log_sum(by_point).T)
 
     def by_kind(self, kinds: int) -> FloatArray:
         """Log evidence by kind of scatter, (v,), ordinary noise first."""
@@ -160,14 +72,227 @@ class SetInBlock:
 
     def left_at(self, t: int) -> tuple[float, float]:
         """Return what a free fit leaves at one point, and the scale s² that it most probably means."""
-        left = float(self._left()[t])
+        left = float(_left(self.beside.rss[t], self.score[t], self.inverse[t]))
         best = int(np.argmax(self.beside.student(np.full((1, len(self.beside.rss)), left), np.zeros(1))[:, t]))
         return left, float(self.beside.scale_left(np.array(left))[best])
 
     def at_best(self) -> AtBest:
         """Return what the set says at its most probable point, in units of the noise there."""
         t = int(np.argmax(self.terms_log + self.points.log_prior))
-        variance = float(self._left()[t]) / max(self.beside.freedom - len(self.owner), 1)
+        left = float(_left(self.beside.rss[t], self.score[t], self.inverse[t]))
+        variance = left / max(self.beside.freedom - len(self.owner), 1)
         slack = {j: float(own[t]) for j, own in zip(self.members, self.slack, strict=True)}
         scaled = (self.gram[t] / variance, self.score[t] / variance)
         return AtBest(*scaled, self.owner, self.members, self.options, self.best, slack)
+
+
+@dataclass(frozen=True)
+class Inner:
+    """Inner products (t, n, n) of the columns of some terms and one of zeros, those with the data (t, n), and places."""
+
+    gram: FloatArray
+    score: FloatArray
+    places: Mapping[int, IntArray]
+
+    @classmethod
+    def of(cls, beside: Beside, terms: Mapping[int, Member]) -> Inner:
+        """Multiply the columns of terms, by place, with each other and with what the base leaves of the data."""
+        laid = np.concatenate([np.zeros((*beside.residual.shape, 0)), *(own.columns for own in terms.values())], axis=2)
+        gram = np.pad(np.swapaxes(laid, 1, 2) @ laid, ((0, 0), (0, 1), (0, 1)))
+        score = np.pad((beside.residual[:, None, :] @ laid)[:, 0], ((0, 0), (0, 1)))
+        ends = np.cumsum([0, *(len(own.parameters) for own in terms.values())])
+        return cls(gram, score, {j: np.arange(a, b) for j, (a, b) in zip(terms, pairwise(ends), strict=True)})
+
+
+def weigh_in_block(
+    beside: Beside, points: Points, terms: Mapping[int, Member], sets: Sequence[tuple[int, ...]]
+) -> Iterator[SetInBlock]:
+    """Yield sets of some of the terms weighed in one block."""
+    inner = Inner.of(beside, terms)
+
+    def size(chosen: tuple[int, ...]) -> int:
+        return -(-sum(len(inner.places[j]) for j in chosen) // _ALIKE)
+
+    for wide, alike in groupby(sorted(sets, key=size), size):
+        own = list(alike)
+        most = max(1, int(LARGEST / (len(points) * (_ALIKE * wide + 1) ** 2 * 10 * max(1, *map(len, own)))))
+        for first in range(0, len(own), most):
+            yield from Sets(beside, points, terms, own[first : first + most], inner).weighed()
+
+
+class Sets:
+    """Sets (m,) of e members and k columns at most, side by side, in one block."""
+
+    def __init__(
+        self,
+        beside: Beside,
+        points: Points,
+        terms: Mapping[int, Member],
+        sets: Sequence[tuple[int, ...]],
+        inner: Inner,
+    ) -> None:
+        self.beside, self.points, self.terms, self.sets = beside, points, terms, sets
+        gram, score, places = inner.gram, inner.score, inner.places
+        columns = [np.concatenate([np.zeros(0, dtype=np.int64), *(places[j] for j in s)]) for s in sets]
+        members, wide = max(1, *(len(s) for s in sets)), max(1, *(len(c) for c in columns))
+        used = list(dict.fromkeys(j for s in sets for j in s))
+        none, zeros = len(used), score.shape[1] - 1
+        of = np.array([[*(used.index(j) for j in s), *[none] * (members - len(s))] for s in sets], dtype=np.int64)
+        filled = np.array([[*c, *[zeros] * (wide - len(c))] for c in columns], dtype=np.int64)
+        self.size = np.array([len(c) for c in columns])
+        # Of every size of every term, and of one more that has no columns: log weight, means and deviations.
+        most = max((len(terms[j].options) for j in used), default=1)
+        log_weights = np.full((none + 1, most), -np.inf)
+        mean, deviation = np.zeros((2, none + 1, most, zeros + 1))
+        log_weights[none, 0] = 0.0
+        for i, j in enumerate(used):
+            own = terms[j].options
+            log_weights[i, : len(own)] = own.log_weights
+            mean[i, : len(own), places[j]] = own.mean.T
+            deviation[i, : len(own), places[j]] = own.deviation.T
+        at = of[:, :, None], slice(None), filled[:, None, :]
+        self.log_weights, self.known = log_weights[of], np.isfinite(log_weights[of])  # (m, e, o)
+        self.mean, self.deviation = (np.moveaxis(own[at], 3, 2) for own in (mean, deviation))  # (m, e, o, k)
+        self.has_means = bool(np.any(self.mean))
+        index = filled[:, :, None], filled[:, None, :]
+        self.gram = np.ascontiguousarray(np.moveaxis(gram[:, *index], 0, 1))  # (m, t, k, k)
+        self.score = np.ascontiguousarray(np.moveaxis(score[:, filled], 0, 1))
+        unit = np.sqrt(np.maximum(np.diagonal(self.gram, axis1=2, axis2=3), LEAST))
+        both = unit[..., :, None] * unit[..., None, :]
+        self.inverse = np.linalg.pinv(self.gram / both, rcond=1e-9, hermitian=True) / both
+        self.left = _left(beside.rss, self.score, self.inverse)
+        self.variance = beside.scale_left(self.left)
+        self.each = np.arange(len(sets))
+
+    def weighed(self) -> Iterator[SetInBlock]:
+        """Sum over sizes about the best of each term: they are nearly independent given the data, and of the noise."""
+        best, heights, near, found = self._climbed()
+        total = heights + self.points.log_prior
+        likely, first = total > total.max(axis=1, keepdims=True) - DEPTH, np.argmax(total, axis=1)
+        gain = found - heights[:, None, None, :]
+        # At points that are next to impossible with these sizes, others add what they add at the likeliest.
+        usual = gain[self.each, :, :, first][..., None]
+        gain = np.where(likely[:, None, None, :] | ~near[..., None], gain, usual)
+        slack = log_sum(np.moveaxis(gain, 2, 0))
+        for m, chosen in enumerate(self.sets):
+            own = [self.terms[j] for j in chosen]
+            owner = [(j, int(k)) for j, term in zip(chosen, own, strict=True) for k in term.parameters]
+            k, e = len(owner), len(chosen)
+            within = (slice(None), slice(k), slice(k))
+            yield SetInBlock(
+                self.beside,
+                self.points,
+                chosen,
+                owner,
+                [term.options for term in own],
+                self.gram[m][within],
+                self.score[m][:, :k],
+                self.inverse[m][within],
+                heights[m] + np.sum(slack[m, :e], axis=0),
+                best[m, :e].tolist(),
+                list(slack[m, :e]),
+            )
+
+    def _climbed(self) -> tuple[IntArray, FloatArray, BoolArray, FloatArray]:
+        """Return the best sizes (m, e), the log evidence with these (m, t), and what is about them."""
+        # A large effect in quiet noise and a small one in noise that is large may both be summits: climb the higher.
+        null = np.broadcast_to(self.beside.log_null(), self.left.shape)
+        with_all = student(self.left[None], self.beside.log_base, self.beside.scales, self.beside.freedom)
+        either = null, log_sum(with_all)
+        starts = np.stack([self.best_sizes(np.argmax(log + self.points.log_prior, axis=1)) for log in either], axis=1)
+        best, heights = self._higher(self.each, starts)
+        climbing = self.each
+        for _ in range(ROUNDS):
+            t = np.argmax(heights[climbing] + self.points.log_prior, axis=1)
+            found = np.where(self.known[climbing], 0.0, -np.inf)
+            i, e, o = np.nonzero(self.known[climbing])
+            found[i, e, o] = self.at(climbing[i], instead(best[climbing][i], e, o), t[i])
+            leaps = np.stack([np.argmax(found, axis=2), instead(best[climbing], *_most(found))], axis=1)
+            moves = np.any(leaps[:, 1] != best[climbing], axis=1)
+            climbing, leaps = climbing[moves], leaps[moves]
+            if not len(climbing):
+                break
+            best[climbing], heights[climbing] = self._higher(climbing, leaps)
+        near, about = self._about(self.each, best, heights)
+        climbing = self.each
+        while len(climbing):  # every round makes the rows likelier, and sizes are few
+            # What is best at the point that was likeliest may not be so at another, which is likelier with it.
+            highest = (about[climbing] + self.points.log_prior).max(axis=3)
+            moves = highest.max(axis=(1, 2)) > (heights[climbing] + self.points.log_prior).max(axis=1) + CLOSE
+            climbing, highest = climbing[moves], highest[moves]
+            e, step = _most(highest)
+            best[climbing, e] += ABOUT[step]
+            _, heights[climbing] = self._higher(climbing, best[climbing][:, None])
+            near[climbing], about[climbing] = self._about(climbing, best, heights)
+        return best, heights, near, about
+
+    def _higher(self, sets: IntArray, choices: IntArray) -> tuple[IntArray, FloatArray]:
+        """Return the better of several choices of sizes (s, c, e) of some sets, and its log evidence (s, t)."""
+        points = len(self.points)
+        i, c, t = (part.ravel() for part in np.indices((*choices.shape[:2], points)))
+        heights = self.at(sets[i], choices[i, c], t).reshape(*choices.shape[:2], points)
+        better = np.argmax((heights + self.points.log_prior).max(axis=2), axis=1)
+        at = np.arange(len(sets)), better
+        return choices[at], heights[at]
+
+    def _about(self, sets: IntArray, best: IntArray, heights: FloatArray) -> tuple[BoolArray, FloatArray]:
+        """Return which sizes about the best there are in some sets, (s, e, a), and the log evidence with each in turn.
+
+        That is (s, e, a, t), at points that are likely with the best; elsewhere minus infinity.
+        """
+        sizes = best[sets][:, :, None] + ABOUT
+        inside = (sizes >= 0) & (sizes < self.known.shape[2])
+        near = inside & np.take_along_axis(self.known[sets], np.where(inside, sizes, 0), axis=2)
+        total = heights[sets] + self.points.log_prior
+        likely = total > total.max(axis=1, keepdims=True) - DEPTH
+        found = np.full((*near.shape, len(self.points)), -np.inf)
+        i, e, a, t = np.nonzero(near[..., None] & likely[:, None, None, :])
+        found[i, e, a, t] = self.at(sets[i], instead(best[sets][i], e, sizes[i, e, a]), t)
+        return near, found
+
+    def best_sizes(self, t: IntArray) -> IntArray:
+        """Return the sizes (m, e) that a free fit at one point of the noise (m,) makes most probable."""
+        inverse = self.inverse[self.each, t]
+        fit = np.einsum("mkl,ml->mk", inverse, self.score[self.each, t])
+        freedom = np.maximum(self.beside.freedom - self.size, 1)
+        left = np.maximum(self.left[self.each, t] / freedom, 1e-9)
+        values = np.einsum("mkk->mk", inverse) * left[:, None]
+        variance = self.deviation**2 + values[:, None, None, :]
+        own = np.any(self.deviation > 0.0, axis=2, keepdims=True)
+        variance = np.where(own, variance, 1.0)
+        misfit = np.where(own, (fit[:, None, None, :] - self.mean) ** 2, 0.0) / variance + np.log(variance)
+        return np.argmax(self.log_weights - 0.5 * np.sum(misfit, axis=3), axis=2)
+
+    def at(self, sets: IntArray, choices: IntArray, t: IntArray) -> FloatArray:
+        """Log evidence (q,) of some sets (q,), with choices of sizes (q, e), each at a point (q,)."""
+        member = sets[:, None], np.arange(choices.shape[1]), choices
+        deviation = self.deviation[member].sum(axis=1)
+        gram, score, rss = self.gram[sets, t], self.score[sets, t], self.beside.rss[t]
+        if self.has_means:
+            mean = self.mean[member].sum(axis=1)
+            pull = np.einsum("qkl,ql->qk", gram, mean)
+            rss, score = rss + np.sum((pull - 2.0 * score) * mean, axis=1), score - pull
+        root = deviation / np.sqrt(self.variance[:, sets, t, None])
+        left, half_log_det = shrunk(gram * (root[..., :, None] * root[..., None, :]), score * root, rss)
+        by_scale = student(left, self.beside.log_base[t], self.beside.scales, self.beside.freedom) - half_log_det
+        return np.asarray(self.log_weights[member].sum(axis=1) + log_sum(by_scale))
+
+
+def _left(rss: FloatArray, score: FloatArray, inverse: FloatArray) -> FloatArray:
+    """Return what is left of squares (…,) where amplitudes are free, of scores (…, k)."""
+    explained = np.einsum("...k,...kl,...l->...", score, inverse, score, optimize=True)
+    return np.asarray(np.maximum(rss - explained, LEAST))
+
+
+def instead(choices: IntArray, member: IntArray, size: IntArray) -> IntArray:
+    """Return choices of sizes (q, e) with one member's (q,) another (q,)."""
+    out = choices.copy()
+    out[np.arange(len(out)), member] = size
+    return out
+
+
+def _most(found: FloatArray) -> tuple[IntArray, IntArray]:
+    """Return in which member (m,), and at which of its sizes (m,), each of (m, e, o) is highest."""
+    sets, members, sizes = found.shape
+    e, o = np.divmod(np.argmax(found.reshape(sets, members * sizes), axis=1), sizes)
+    return e, o

@@ -30,7 +30,7 @@ from hil.reconcile.search.evidence import (
 )
 from hil.reconcile.search.likely_noise import likely_points
 from hil.reconcile.search.noise import Noise, Points
-from hil.reconcile.search.set_in_block import SetInBlock
+from hil.reconcile.search.set_in_block import Member, SetInBlock, weigh_in_block
 from hil.reconcile.search.terms import Term
 from hil.reconcile.search.tied import AtBest, tied_gain
 from hil.solve.identifiability import independent_columns
@@ -119,7 +119,7 @@ class SensorSearch:
     _weighed: dict[tuple[Set, int], SetInBlock] = field(default_factory=dict)
     _laid: list[list[Laid]] = field(default_factory=list)
     _scannable: int = 0
-    _members: dict[tuple[int, int], tuple[Options, FloatArray]] = field(default_factory=dict)
+    _members: dict[tuple[int, int], Member] = field(default_factory=dict)
 
     def leading(self, given: Set = ()) -> list[int]:
         """Return the places of the terms that explain most beside a set, one of each name."""
@@ -169,7 +169,7 @@ class SensorSearch:
         total = np.zeros(len(self.terms))
         for b, (search, laid) in enumerate(zip(self.blocks, self._groups(), strict=True)):
             points, base = search.points.take(search.scanned), search.beside.at(search.scanned)
-            own = [self._member(j, b)[1][search.scanned] for j in given if self.terms[j].parts[b]]
+            own = [self.member(j, b).columns[search.scanned] for j in given if self.terms[j].parts[b]]
             beside = base.beside(np.concatenate(own, axis=2)) if own else base
             added = beside.basis[:, :, base.basis.shape[2] :]
             by_point = log_factors(beside, laid, added, len(self.terms)) + points.log_prior[:, None]
@@ -199,29 +199,39 @@ class SensorSearch:
             self._known[chosen] = self._evidence(chosen)
         return self._known[chosen]
 
+    def weigh(self, sets: Iterable[Set]) -> None:
+        """Weigh several sets in every block, all at once: what they are made of is laid out, and weighed, once."""
+        for b, own in enumerate(self.blocks):
+            new = dict.fromkeys(here for chosen in sets if ((here := self._here(chosen, b)), b) not in self._weighed)
+            members = {j: self.member(j, b) for j in self._laid_out({j for here in new for j in here}, b)}
+            for weighed in weigh_in_block(own.beside, own.points, members, list(new)) if new else ():
+                self._weighed[weighed.members, b] = weighed
+
     def in_block(self, chosen: Set, b: int) -> SetInBlock:
         """Return a set weighed in one block."""
-        own = self.blocks[b]
-        if (chosen, b) not in self._weighed:
-            parts = {j: part for j in chosen if (part := self.terms[j].parts[b]) is not None}
-            members = [(j, part, *self._member(j, b)) for j, part in parts.items()]
-            self._weighed[chosen, b] = SetInBlock.of(own.beside, own.points, members)
-        return self._weighed[chosen, b]
+        here = self._here(chosen, b)
+        if (here, b) not in self._weighed:
+            self.weigh((chosen,))
+        return self._weighed[here, b]
 
-    def lay(self, places: Iterable[int]) -> None:
-        """Lay out what several terms are in every block, all at once: a filter costs as much for one as for many."""
-        for b, search in enumerate(self.blocks):
-            new = {j: part for j in places if (j, b) not in self._members and (part := self.terms[j].parts[b])}
-            ends = np.cumsum([0, *(part.columns.shape[1] for part in new.values())])
-            if new:
-                laid = search.projected(np.hstack([part.columns for part in new.values()]))
-                for j, (first, end) in zip(new, pairwise(ends), strict=True):
-                    self._members[j, b] = Options.of(self.terms[j].amplitudes[b]), laid[:, :, first:end]
+    def _here(self, chosen: Set, b: int) -> Set:
+        """Return what of a set shows in a block."""
+        return tuple(j for j in chosen if self.terms[j].parts[b] is not None)
 
-    def _member(self, j: int, b: int) -> tuple[Options, FloatArray]:
-        """Return every size that a term may have in a block, and its projected columns there (t, N, q)."""
-        if (j, b) not in self._members:
-            self.lay((j,))
+    def _laid_out(self, places: Iterable[int], b: int) -> list[int]:
+        """Lay out what several terms are in a block, all at once: a filter costs as much for one as for many."""
+        asked = sorted(places)
+        new = {j: part for j in asked if (j, b) not in self._members and (part := self.terms[j].parts[b])}
+        ends = np.cumsum([0, *(part.columns.shape[1] for part in new.values())])
+        laid = self.blocks[b].projected(np.hstack([part.columns for part in new.values()])) if new else np.zeros(0)
+        for (j, part), (first, end) in zip(new.items(), pairwise(ends), strict=True):
+            options = Options.of(self.terms[j].amplitudes[b])
+            self._members[j, b] = Member(part.parameters, options, laid[:, :, first:end])
+        return asked
+
+    def member(self, j: int, b: int) -> Member:
+        """Return what a term is in a block."""
+        self._laid_out((j,), b)
         return self._members[j, b]
 
     def _evidence(self, chosen: Set) -> list[FloatArray]:

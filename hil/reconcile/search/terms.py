@@ -6,8 +6,9 @@ terms like any other, and compete with them.
 """
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -59,7 +60,7 @@ class Term:
     name: str
     tier: int
     candidate: Candidate
-    parts: tuple[Part | None, ...]
+    parts: Sequence[Part | None]
     amplitudes: tuple[tuple[Amplitude, ...], ...]
     scale: FloatArray
     log_odds: float
@@ -102,10 +103,8 @@ def terms(
         for block in blocks
     ]
     scales = [_root_mean_square(c.columns) for c in candidates]
-    laid = [
-        (c, scale, [_part(c, scale, block, base) for block, base in zip(blocks, bases, strict=True)])
-        for c, scale in zip(candidates, scales, strict=True)
-    ]
+    by_block = [_parts(candidates, scales, block, base) for block, base in zip(blocks, bases, strict=True)]
+    laid = list(zip(candidates, scales, zip(*by_block, strict=True), strict=True))
     values = {id(c.effect): any(parts) for c, _, parts in laid if c.effect is not None and c.form == "constant"}
     seen = [
         (c, scale, parts)
@@ -120,7 +119,7 @@ def terms(
         acting = [set(part.parameters.tolist()) for part in parts if part is not None]
         ties = any(a & b for a, b in itertools.combinations(acting, 2)) and not _is_exact(candidate)
         log_odds = float(np.log(odds))
-        out.append(Term(candidate.name, candidate.tier, candidate, tuple(parts), own, scale, log_odds, ties))
+        out.append(Term(candidate.name, candidate.tier, candidate, parts, own, scale, log_odds, ties))
     return _undescribed(out, bases)
 
 
@@ -172,15 +171,22 @@ def _root_mean_square(columns: FloatArray) -> FloatArray:
     return np.where(rms > 0.0, rms, 1.0)
 
 
-def _part(candidate: Candidate, scale: FloatArray, block: Block, base: FloatArray) -> Part | None:
-    columns = block.select(candidate.columns) / scale
-    largest = np.sqrt(np.mean(candidate.columns**2, axis=0)).max(axis=0) / scale
+def _parts(
+    candidates: Sequence[Candidate], scales: Sequence[FloatArray], block: Block, base: FloatArray
+) -> Iterator[Part | None]:
+    """Yield what each candidate is in a block: columns that act here and of which the base leaves something."""
+    if not candidates:
+        return
+    columns = np.hstack([block.select(c.columns) / scale for c, scale in zip(candidates, scales, strict=True)])
+    largest = np.concatenate(
+        [np.sqrt(np.mean(c.columns**2, axis=0)).max(axis=0) / s for c, s in zip(candidates, scales, strict=True)]
+    )
     here = np.sqrt(np.mean(columns**2, axis=0))
-    acts = np.flatnonzero((here > TIES * largest) & (here > 0.0))
-    if not len(acts):
-        return None
-    acts = acts[kept_shares(base, columns[:, acts]) > UNSEEN]
-    return Part(columns[:, acts], acts) if len(acts) else None
+    seen = (here > TIES * largest) & (here > 0.0)
+    seen[seen] = kept_shares(base, columns[:, seen]) > UNSEEN
+    for first, end in pairwise(np.cumsum([0, *(c.size for c in candidates)]).tolist()):
+        own = np.flatnonzero(seen[first:end])
+        yield Part(columns[:, first + own], own) if len(own) else None
 
 
 def _is_exact(candidate: Candidate) -> bool:

@@ -18,7 +18,7 @@ from hil.reconcile.proof.held_out import HeldOut, likeliest_without
 from hil.reconcile.search.layout import searches, values_follow
 from hil.reconcile.search.posterior import Posterior, weigh
 from hil.reconcile.search.problem import pose
-from hil.reconcile.search.set_in_block import CLOSE
+from hil.reconcile.search.set_in_block import CLOSE, Inner, Sets, instead
 from hil.reconcile.search.tied import tied_gain
 from hil.reconcile.workflow import _kept
 from tests.hil.reconcile.hidden_effects import EIGHT, Rows, both, campaign_of, hidden_campaign, lay_out
@@ -66,8 +66,12 @@ def test_no_size_is_left_that_another_noise_makes_likelier() -> None:
         climbed = weighed.terms_log - np.sum(weighed.slack, axis=0)
         near = [(e, weighed.best[e] + k) for e, own in enumerate(weighed.options) for k in (-2, -1, 1, 2)]
         inside = np.array([(e, o) for e, o in near if 0 <= o < len(weighed.options[e])])
-        others = weighed._at(weighed._instead(inside)) + weighed.points.log_prior
-        assert others.max() < (climbed + weighed.points.log_prior).max() + 2.0 * CLOSE
+        own, members = search.blocks[b], {j: search.member(j, b) for j in weighed.members}
+        sets = Sets(own.beside, own.points, members, [weighed.members], Inner.of(own.beside, members))
+        o, t = (part.ravel() for part in np.indices((len(inside), len(own.points))))
+        others = instead(np.tile(weighed.best, (len(o), 1)), *inside[o].T)
+        heights = sets.at(np.zeros(len(o), dtype=np.int64), others, t) + own.points.log_prior[t]
+        assert heights.max() < (climbed + own.points.log_prior).max() + 2.0 * CLOSE
 
 
 @pytest.mark.slow
