@@ -8,10 +8,6 @@ import numpy as np
 from hil.campaign import Conditions, FloatArray
 from hil.model.effects.base import OUTSIDE, Base, Effect, Parameter, ShapeParameter, required_base
 from hil.model.effects.geometry import local_frame
-from hil.model.equation import pickoff_rates
-
-ALL_RUNS = -1.0
-"""Value of swap's shape parameter `run` that stands for the whole campaign."""
 
 
 class EarthRateFrame(Effect):
@@ -49,7 +45,7 @@ class EarthRateFrame(Effect):
 
 
 class Mislabelled(Effect):
-    """Two positions, or the two channels, of one run (or of all) were exchanged in the record."""
+    """Two collects, or the two channels, of one run were exchanged in the record."""
 
     id = "swap"
     follows = "run"
@@ -66,45 +62,32 @@ class Mislabelled(Effect):
     experiment = "Look at the accelerometers of that run: G shows which way it stood."
 
     def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
-        """Return the run (−1: all) and which exchange: pairs of collects (or positions), then the channels."""
-        runs = [ALL_RUNS, *(float(run) for run in np.unique(conditions.run))]
-        most = max((len(_collect_pairs(conditions, run)) for run in np.unique(conditions.run)), default=0)
-        exchanges = max(most, len(_pairs(conditions))) + (len(conditions.sensor.channels) == 2)
+        """Return the run and which exchange: pairs of collects, then the channels."""
+        runs = np.unique(conditions.run).tolist()
+        most = max((len(_pairs(conditions, run)) for run in runs), default=0)
+        exchanges = most + (len(conditions.sensor.channels) == 2)
         return (
-            ShapeParameter("run", "", tuple(runs)),
+            ShapeParameter("run", "", tuple(float(run) for run in runs)),
             ShapeParameter("exchange", "", tuple(float(index) for index in range(exchanges))),
         )
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         """Return by how much the exchange changes each rate, shape (n, c, 1)."""
-        base = required_base(self, base)
-        everywhere = shape["run"] == ALL_RUNS
-        rows = np.ones(len(conditions), dtype=bool) if everywhere else conditions.run == shape["run"]
-        exchange, change = int(shape["exchange"]), np.zeros_like(base.rates)
-        pairs = _pairs(conditions) if everywhere else _collect_pairs(conditions, shape["run"])
-        if exchange >= len(pairs):
-            last = self.shapes_for(conditions)[1].grid[-1]
-            if base.rates.shape[1] == 2 and exchange == last:
-                change[rows] = base.rates[rows][:, ::-1] - base.rates[rows]
-            return change[..., None]
-        axes, w = conditions.sensor.channel_axes, np.nan_to_num(conditions.w_deg_per_hr)
-        labels = conditions.position if everywhere else conditions.collect
-        for label, other in (pairs[exchange], pairs[exchange][::-1]):
-            here, there = rows & (labels == label), (labels == other) & (rows | everywhere)
-            f = conditions.f_g[there].mean(axis=0) - conditions.f_g[here]
-            change[here] = pickoff_rates(0.0, base.k[here], f, (w[there].mean(axis=0) - w[here])[:, axes])
-        return change[..., None]
+        rates = required_base(self, base).rates
+        return (self.exchanged(conditions, rates, shape) - rates)[..., None]
+
+    def exchanged(self, conditions: Conditions, rates: FloatArray, shape: Mapping[str, float]) -> FloatArray:
+        """Return rates (n, c) in the places that the exchange gives them."""
+        out, pairs, exchange = rates.copy(), _pairs(conditions, shape["run"]), int(shape["exchange"])
+        if exchange < len(pairs):
+            out[pairs[exchange]] = rates[pairs[exchange][::-1]]
+        elif rates.shape[1] == 2 and exchange == self.shapes_for(conditions)[1].grid[-1]:
+            rows = conditions.run == shape["run"]
+            out[rows] = rates[rows, ::-1]
+        return out
 
 
-def _collect_pairs(conditions: Conditions, run: float) -> list[tuple[int, int]]:
-    """Pairs of collects of one run that stand in different positions, by number."""
-    rows = np.flatnonzero(conditions.run == run)
-    return [
-        (int(conditions.collect[i]), int(conditions.collect[j]))
-        for i, j in itertools.combinations(rows.tolist(), 2)
-        if conditions.position[i] != conditions.position[j]
-    ]
-
-
-def _pairs(conditions: Conditions) -> list[tuple[str, str]]:
-    return list(itertools.combinations(sorted(str(label) for label in np.unique(conditions.position)), 2))
+def _pairs(conditions: Conditions, run: float) -> list[list[int]]:
+    """Pairs of rows of one run that stand in different positions."""
+    rows = np.flatnonzero(conditions.run == run).tolist()
+    return [[i, j] for i, j in itertools.combinations(rows, 2) if conditions.position[i] != conditions.position[j]]

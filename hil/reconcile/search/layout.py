@@ -8,6 +8,7 @@ import numpy as np
 
 from hil.campaign import Conditions
 from hil.model.effects.base import Effect, VarianceEffect
+from hil.model.effects.data import Mislabelled
 from hil.reconcile.search.candidates import MANY, Candidate, effect_columns
 from hil.reconcile.search.noise import Noise
 from hil.reconcile.search.problem import LEAST_FREEDOM, Problem, SensorProblem
@@ -21,7 +22,6 @@ BETWEEN = (0.25, 0.5, 0.75)
 """Where, in logarithms, a shape is tried between two points of its grid: a time constant is then right to a tenth."""
 SEEN = float(np.log(1e4))
 """Log odds that labels are exchanged where the unit's accelerometers say so, rather than that these are wrong."""
-_TOLD = 3  # runs of which two say what the third should have shown
 BEYOND = 1.6
 """By this factor a shape may lie outside its grid."""
 
@@ -139,35 +139,27 @@ def _between(sensor: SensorProblem, candidate: Candidate) -> Iterator[Candidate]
 
 
 def _exchanges(sensor: SensorProblem, blocks: Sequence[Block], mislabelled: Sequence[Effect]) -> Iterator[Candidate]:
-    """Yield one candidate per exchange of labels in one run: its columns are what the exchange would change.
+    """Yield one candidate per exchange of labels in one run: each has what the other measured.
 
-    Of very many runs those are asked about that are odd.
+    Or should have measured, where that is missing. Of very many runs those are asked about that are odd.
     """
     conditions, rates = sensor.collects.conditions, sensor.collects.rates_deg_per_hr
     runs = len(np.unique(conditions.run))
-    if runs < _TOLD:
-        return  # of two, neither can say what the other should have shown
-    for effect in (e for e in mislabelled if not e.in_models):
-        if not effect.applies_to(conditions.sensor) or effect.missing(conditions):
-            continue
+    for effect in (e for e in mislabelled if isinstance(e, Mislabelled)):
         grid = list(effect.shape_grid(conditions))
         asked = runs_to_ask(blocks, conditions, MANY_PLACES * runs // max(len(grid), 1)).tolist()
-        bases = sensor.bases_without(asked)
-        for shape in (s for s in grid if s.get("run") in bases):
-            columns = np.nan_to_num(effect.columns(conditions, bases[int(shape["run"])], shape))
-            rows = np.flatnonzero(np.any(columns != 0.0, axis=(1, 2)))
-            if len(set(conditions.position[rows].tolist())) == len(rows) == 2:
-                # Each has what the other measured, whatever the base is at that temperature.
-                apart = rates[rows] - rates[rows[::-1]]
-                columns[rows, :, 0] = np.where(np.isfinite(apart), apart, columns[rows, :, 0])
+        for shape in (s for s in grid if s["run"] in asked):
+            laid = effect.exchanged(conditions, rates, shape)
+            if np.any(missing := np.isfinite(rates) & ~np.isfinite(laid)):
+                laid = np.where(missing, sensor.predicted_from(laid), laid)
+            columns = np.nan_to_num(rates - laid)[..., None]
             if np.any(columns):
-                parameters = effect.parameters_for(conditions)
                 yield Candidate(
                     effect.id,
                     0,
                     sensor.number,
                     columns,
-                    parameters,
+                    effect.parameters_for(conditions),
                     shape=shape,
                     effect=effect,
                     title=effect.title,

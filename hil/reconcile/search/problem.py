@@ -51,23 +51,11 @@ class SensorProblem:
         """Return the base on other rows of this sensor."""
         return _added(base_at(self.form, conditions, self.values), self.given, conditions)
 
-    def bases_without(self, runs: Sequence[int]) -> Mapping[int, Base]:
-        """Return for each run the base fitted to all others: what a mistake in it has not touched.
-
-        Residuals beyond the usual count by their size alone, not by its square: there may be mistakes in others too.
-        """
+    def predicted_from(self, rates: FloatArray) -> FloatArray:
+        """Return what the form makes of other rates (n, c) than were filed, at every row."""
         conditions = self.collects.conditions
-        columns, rates = self.form.columns(conditions), self.collects.rates_deg_per_hr - self.known_rates()
-        weighed = self.collects.rates_se_deg_per_hr
-        for _ in range(_ROUNDS):
-            left = np.abs(rates - columns @ _fit(columns, rates, weighed))
-            weighed = np.sqrt(np.maximum(left, np.nanmedian(left)))
-        out = {}
-        for run in runs:
-            others = np.where((conditions.run == run)[:, None], np.nan, rates)
-            values = _fit(columns, others, weighed)
-            out[run] = _added(base_at(self.form, conditions, values), self.given, conditions)
-        return out
+        values = _fit(self.form.columns(conditions), rates - self.known_rates(), self.collects.rates_se_deg_per_hr)
+        return _added(base_at(self.form, conditions, values), self.given, conditions).rates
 
     def base_beside(self, effect: Effect, shape: Mapping[str, float]) -> Base:
         """Return the base as it is if `effect` acts too: what scales or turns the base has changed the fitted one.

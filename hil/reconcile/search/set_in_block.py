@@ -77,10 +77,9 @@ class SetInBlock:
         return left, float(self.beside.scale_left(np.array(left))[best])
 
     def at_best(self) -> AtBest:
-        """Return what the set says at its most probable point, in units of the noise there."""
+        """Return what the set says at its most probable point, in units of the noise that it leaves there."""
         t = int(np.argmax(self.terms_log + self.points.log_prior))
-        left = float(_left(self.beside.rss[t], self.score[t], self.inverse[t]))
-        variance = left / max(self.beside.freedom - len(self.owner), 1)
+        variance = self.left_at(t)[1]
         slack = {j: float(own[t]) for j, own in zip(self.members, self.slack, strict=True)}
         scaled = (self.gram[t] / variance, self.score[t] / variance)
         return AtBest(*scaled, self.owner, self.members, self.options, self.best, slack)
@@ -88,7 +87,7 @@ class SetInBlock:
 
 @dataclass(frozen=True)
 class Inner:
-    """Inner products (t, n, n) of the columns of some terms and one of zeros, those with the data (t, n), and places."""
+    """Inner products (t, n, n) of the columns of some terms and one of zeros, with the data (t, n), and places."""
 
     gram: FloatArray
     score: FloatArray
@@ -261,7 +260,7 @@ class Sets:
         own = np.any(self.deviation > 0.0, axis=2, keepdims=True)
         variance = np.where(own, variance, 1.0)
         misfit = np.where(own, (fit[:, None, None, :] - self.mean) ** 2, 0.0) / variance + np.log(variance)
-        return np.argmax(self.log_weights - 0.5 * np.sum(misfit, axis=3), axis=2)
+        return np.asarray(np.argmax(self.log_weights - 0.5 * np.sum(misfit, axis=3), axis=2))
 
     def at(self, sets: IntArray, choices: IntArray, t: IntArray) -> FloatArray:
         """Log evidence (q,) of some sets (q,), with choices of sizes (q, e), each at a point (q,)."""
@@ -294,5 +293,6 @@ def instead(choices: IntArray, member: IntArray, size: IntArray) -> IntArray:
 def _most(found: FloatArray) -> tuple[IntArray, IntArray]:
     """Return in which member (m,), and at which of its sizes (m,), each of (m, e, o) is highest."""
     sets, members, sizes = found.shape
-    e, o = np.divmod(np.argmax(found.reshape(sets, members * sizes), axis=1), sizes)
-    return e, o
+    highest = np.argmax(found.reshape(sets, members * sizes), axis=1)
+    member, size = np.divmod(highest, sizes)
+    return np.asarray(member), np.asarray(size)

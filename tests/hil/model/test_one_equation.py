@@ -76,7 +76,6 @@ ASKED: dict[str, tuple[Callable[[Conditions], FloatArray], str]] = {
     "tilt": (of_an_effect("tilt"), "f"),
     "accel": (of_an_effect("accel"), "f"),
     "index": (of_an_effect("index"), "fw"),
-    "swap": (of_an_effect("swap", run=-1.0, exchange=0.0), "fw"),
     "T_lag": (of_an_effect("T_lag"), "Bf"),
 }
 WEIGHTS = {"B": (2.0, 1.0, 1.0), "f": (1.0, 2.0, 1.0), "w": (1.0, 1.0, 2.0)}

@@ -164,6 +164,15 @@ def test_a_rate_that_is_missing_in_one_of_the_two_hides_no_exchange() -> None:
     assert max(abs(row["after"]) for row in result.picture["rows"]) < 4.5
 
 
+def test_labels_exchanged_in_the_only_run_are_called_that() -> None:
+    """Seven collects in four positions say it by themselves; terms that use up all rates do not say it better."""
+    one = hidden_campaign(2, temperatures=(25.0,), runs_each=1, positions=tuple("1234321"), thermal=False, quiet=0.5)
+    result = found(exchanged(one, (1, 3)), "matrix-6")
+    assert swaps(result) == [1.0]
+    assert [effect.id for effect in result.effects] == ["swap"]
+    assert result.gap.after < 0.1 * result.gap.before
+
+
 def known_unit() -> Model:
     """The unit that is hidden, with values that follow temperature: deg/hr and deg/hr/g over (T − 20 °C)/40."""
     thermal = {
