@@ -229,6 +229,7 @@ class Reconciliation:
     )  # runs whose measurement is not good, by verdict
     without: Mapping[str, Any] = field(default_factory=dict)  # which runs are in no search or had not settled
     exceeding: Sequence[int] = ()  # runs whose residuals are larger than standard errors allow: FAIL in `hil solve`
+    unsolved: Mapping[str, Sequence[int]] = field(default_factory=dict)  # runs that `hil solve` does not pass
 
     def document(self) -> dict[str, Any]:
         """Return the JSON document of formats/reconciliation.md; keys beyond the contract are additions."""
@@ -243,6 +244,7 @@ class Reconciliation:
             "contradicted_runs": list(self.contradicted),
             "doubtful_runs": {verdict: list(runs) for verdict, runs in self.doubtful.items()},
             "runs_beyond_errors": list(self.exceeding),
+            "runs_not_solved": {verdict: list(runs) for verdict, runs in self.unsolved.items()},
             **self.without,
             "p_value": self.p_value,
             "calibration": self.calibration,

@@ -193,6 +193,7 @@ def _result(
     rows = mistakes.rows_found(reading, campaign, outliers)
     outliers += mistakes.at_limits(campaign, problem)
     notes += otherwise(campaign, rows)
+    solved = solve_campaign(campaign)
     return Reconciliation(
         campaign=campaign.title,
         model_before=model.title,
@@ -223,7 +224,12 @@ def _result(
         contradicted=sorted({run for run, _ in campaign.contradicted}),
         doubtful=_doubtful(campaign),
         without=beside,
-        exceeding=sorted({run for each in solve_campaign(campaign) if each.exceeds_errors for run in each.runs}),
+        exceeding=sorted({run for each in solved if each.exceeds_errors for run in each.runs}),
+        unsolved={
+            str(verdict): sorted(runs)
+            for verdict in NOT_GOOD
+            if (runs := {run for each in solved if each.verdict is verdict for run in each.runs})
+        },
         values=values,
     )
 

@@ -14,6 +14,7 @@ from hil.model import save_model
 from hil.reconcile.outcome.pictures import beside_simulated, driver_of, panels_of, pictures
 from hil.reconcile.outcome.scatter import EXCESS
 from hil.reconcile.result import LEFT_OUT, FoundEffect, Reconciliation, rival_in_words, stated, values_off
+from hil.solve.wrong_rows import LEFT_OUT as OMITTED
 from procedures.words import hours_minutes, listed, numbered, percent, unit_in_words
 
 _FALLS = 0.98  # of what it was: from there on a gap is said to fall
@@ -47,8 +48,20 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     first += [f"what was not measured well (hil report says why): {', '.join(doubts)}"] if doubts else []
     if result.contradicted:
         first.append(f"what its own records contradict (notes): {numbered('run', result.contradicted)}")
+    if kind in ("none", "scatter"):
+        omitted = [row for row in result.rows if row["done"] == OMITTED]
+        known = {*result.contradicted, *result.exceeding, *(row["run"] for row in omitted)}
+        known |= {run for runs in result.doubtful.values() for run in runs}
+        doubts = [
+            f"{numbered('run', left)} ({verdict})"
+            for verdict, runs in result.unsolved.items()
+            if (left := [run for run in runs if run not in known])
+        ]
+        first += [f"what hil solve does not pass (hil report says why): {', '.join(doubts)}"] if doubts else []
+        spoiled = sorted({collect for row in omitted for collect in row["collects"]})
+        first += [f"what is left out (notes): {numbered('collect', spoiled)}"] if spoiled else []
     excess = [n["observed_deg_per_hr"] / n["stated_deg_per_hr"] for n in result.noise if n["stated_deg_per_hr"]]
-    act = _ACT[kind]
+    act = "The model itself lacks nothing that can be told." if kind == "none" and first else _ACT[kind]
     if kind == "scatter":
         runs = numbered("run", result.exceeding)
         act = f"{act} No effect is named, but averages scatter more than their standard errors say ({runs}: FAIL)."

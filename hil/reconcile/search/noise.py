@@ -128,6 +128,9 @@ class Noise:
         """Yield what these rows can tell from ordinary noise and from each other."""
         few = min(len(rows), COMPARED)
         known = [np.eye(few), np.diag(self.white[:few]), self.offset.first(few).covariance]
+        # Where nothing was repeated a value that is another in each run is one that is another at each temperature.
+        of_values = self.by_station[:few].reshape(few, self.block.values.shape[1], -1)
+        known += [own @ own.T for own in np.moveaxis(of_values, 1, 0)]
         for effect in effects:
             if not effect.applies_to(conditions.sensor) or effect.missing(conditions):
                 continue

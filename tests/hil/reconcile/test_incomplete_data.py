@@ -11,7 +11,7 @@ import pytest
 
 from hil.campaign import Campaign, Collects
 from hil.model import load_model
-from hil.model.effects.catalogue import EFFECTS, effect_by_id
+from hil.model.effects.catalogue import EFFECTS, VARIANCE_EFFECTS, effect_by_id
 from hil.model.effects.history import place_in_run
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.page import page, what_to_do
@@ -151,6 +151,10 @@ def test_nothing_that_could_be_tested_is_said_to_be_so() -> None:
     assert "what is missing of the measurement" in told
     assert "not measured well (hil report says why): run 1 (FAIL)" in told
     assert what_to_do(replace(result, tested=True, exceeding=[1]))[0] == "scatter"
+    quiet = replace(result, tested=True, unsolved={"INCONCLUSIVE": [1, 2]}, exceeding=[])
+    assert what_to_do(quiet)[1].startswith("First see to what hil solve does not pass (hil report says why): runs 1–2")
+    assert "Nobody has to act" not in what_to_do(quiet)[1]
+    assert what_to_do(replace(quiet, doubtful={"FAIL": [1, 2]}))[1].count("runs 1–2") == 1
     failed = replace(result, contradicted=(3, 4))
     assert what_to_do(failed)[1].startswith("First see to what its own records contradict (notes): runs 3–4. Take")
 
@@ -348,3 +352,22 @@ def test_a_run_that_has_only_begun_lacks_nothing_before_its_first_collect() -> N
         np.testing.assert_array_equal(begun[7:], places)
     without_its_first = place_in_run(asked.rows(np.delete(np.arange(14), 7)), 100.0)
     np.testing.assert_array_equal(without_its_first[7:], np.arange(1, 7))
+
+
+def test_a_wrong_rate_that_was_left_out_is_something_to_see_to() -> None:
+    """Nothing is missing from the model, but somebody has to look at collect 11."""
+    campaign = hidden_campaign(4)
+    campaign.sensors[2].rates_deg_per_hr[10, 0] += 60.0
+    told = what_to_do(reconcile(campaign, "matrix-6-thermal", prove=False))[1]
+    first = "First see to what is left out (notes): collect 11. The model itself lacks nothing that can be told."
+    assert told.startswith(first)
+
+
+def test_what_scatters_from_run_to_run_is_not_told_from_temperature_where_nothing_was_repeated() -> None:
+    """One run at each temperature: an MU that is another in each run is one that is another at each temperature."""
+    asked = {}
+    for runs_each in (1, 2):
+        campaign = hidden_campaign(3, runs_each=runs_each)
+        search = searches(pose(campaign, load_model("matrix-6"), EFFECTS), EFFECTS, VARIANCE_EFFECTS)[2]
+        asked[runs_each] = {kind.effect.id for own in search.blocks for kind in own.noise.kinds}
+    assert asked[2] - asked[1] == {"MU_rr"}
