@@ -26,6 +26,7 @@ from hil.archive.stations import at_usual_temperatures, differs, shifts_of, stat
 from hil.archive.trend import Trend, at_one_temperature, control_half_width, control_limits, predicted, trend
 from hil.campaign import FloatArray
 from hil.errors import InputError
+from hil.files.document import picked
 from hil.files.strict import near
 from hil.solve.repeats import Uncertain
 from hil.solve.runs import finite
@@ -116,12 +117,7 @@ class History:
             "simulated": bool(self.simulated),
             "campaigns": [
                 {
-                    "entry": each.name,
-                    "began_utc": each.began_utc,
-                    "title": each.title,
-                    "verdict": each.verdict,
-                    "reason": each.reason,
-                    "from": each.whence,
+                    **picked(each, "entry=name began_utc title verdict reason from=whence"),
                     "used": each in self.used,
                     "changed_since_the_last": list(self.changes.get(each.name, ())),
                 }
@@ -270,21 +266,17 @@ def _due(found: Trend, months: FloatArray, asked: ParameterLimits | None, k: flo
 
 def _parameter(of: Parameter, days: Mapping[str, str]) -> dict[str, Any]:
     return {
-        "sensor": of.sensor,
-        "parameter": of.name,
-        "unit": of.unit,
+        **picked(of, "sensor parameter=name unit"),
         **_trend(of.together, [days[name] for name in of.entries], of.unit),
         "differs_between_temperatures": of.differs,
         "temperatures": [
             {
                 "temperature_degC": station.temperature_degC,
                 **_trend(station.trend, [days[each.entry] for each in station.means], of.unit),
-                "control": None
-                if station.control is None
-                else {
+                "control": station.control
+                and {
                     "centre": station.control.value,
-                    "low": station.control.value - control_half_width(station.control),
-                    "high": station.control.value + control_half_width(station.control),
+                    **_ends(station.control.value, control_half_width(station.control)),
                     "outside": station.outside,
                 },
                 "due_in_months": station.due,
@@ -300,11 +292,11 @@ def _parameter(of: Parameter, days: Mapping[str, str]) -> dict[str, Any]:
 
 def _trend(found: Trend, days: Sequence[str], unit: str) -> dict[str, Any]:
     slope, jump = found.per_month, found.jump
-    ends = {} if slope is None else {"low": slope.value - slope.half_width, "high": slope.value + slope.half_width}
-    size = {} if jump is None else {"low": jump.value - jump.half_width, "high": jump.value + jump.half_width}
+    drift = slope and {"value": finite(slope.value), **_ends(slope.value, slope.half_width), "unit": f"{unit}/month"}
     between = {"between": [days[found.step - 1], days[found.step]]} if found.step else {}
-    return {
-        "finding": found.word,
-        "drift_per_month": None if slope is None else {"value": finite(slope.value), **ends, "unit": f"{unit}/month"},
-        "jump": None if jump is None else {**between, "value": jump.value, **size, "unit": unit},
-    }
+    size = jump and {**between, "value": jump.value, **_ends(jump.value, jump.half_width), "unit": unit}
+    return {"finding": found.word, "drift_per_month": drift, "jump": size}
+
+
+def _ends(value: float, half_width: float) -> dict[str, float]:
+    return {"low": value - half_width, "high": value + half_width}

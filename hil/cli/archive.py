@@ -14,6 +14,7 @@ from hil.cli.answer import Answer, told
 from hil.cli.exit_status import Limits, Strict, of_unit
 from hil.cli.output import Folder, check_named, messages
 from hil.errors import InputError
+from hil.files.document import picked
 
 _Archive = Annotated[Path | None, typer.Option("--archive", envvar="HIL_ARCHIVE", help="The archive's folder.")]
 
@@ -100,11 +101,7 @@ def archive(
         "archive": str(folder),
         "taken_up": [vars(each) for each in taken],
         "not_taken_up": refused,
-        "entries": done.all_of,
-        "read": list(done.new),
-        "gone": list(done.gone),
-        "cannot_be_read": dict(done.broken),
-        "unfinished": list(done.unfinished),
+        **picked(done, "entries=all_of read=new gone cannot_be_read=broken unfinished"),
     }
     return Answer(document, told(document), status=4 if refused or done.broken else 0)
 
@@ -176,7 +173,6 @@ def history(
 
 
 def _rows(document: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    """Yield a row for every value."""
     for parameter in document["parameters"]:
         for station in parameter["temperatures"]:
             for each in station["values"]:

@@ -33,6 +33,7 @@ from hil.config import Bench
 from hil.config.frames import load_frames
 from hil.config.recorded import configuration_of
 from hil.errors import Damaged, InputError
+from hil.files.document import picked
 from hil.records import JournalReader, reading
 from hil.records.blocks import RAW, SAMPLES, Block, DamagedBlock, Samples, read_raw, read_samples
 from hil.records.units import night_of
@@ -64,9 +65,7 @@ def replay_night(folder: Path | str) -> dict[str, Any]:
         "schema": SCHEMA,
         "simulated": simulated,
         "identical": bool(replay.checked) and not replay.differences and not replay.raw_missing,
-        "collects_checked": replay.checked,
-        "differences": replay.differences,
-        "raw_missing": replay.raw_missing,
+        **picked(replay, "collects_checked=checked differences raw_missing"),
     }
 
 

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from hil.files.document import picked, plain
 from hil.model import Model
 from procedures.words import numbered, unit_in_words
 
@@ -24,10 +25,6 @@ class Disagreement:
     se_deg_per_hr: float
     q_value: float
 
-    def document(self) -> dict[str, Any]:
-        """Return the JSON object."""
-        return dict(vars(self))
-
 
 @dataclass(frozen=True)
 class Rival:
@@ -46,10 +43,8 @@ class Rival:
 
     def document(self) -> dict[str, Any]:
         """Return the JSON object."""
-        document = {"id": self.id, "probability": self.probability, "overlap": self.overlap, "title": self.title}
-        if self.bayes_factor is not None:
-            document |= {"bayes_factor": self.bayes_factor, "prior_odds": self.prior_odds}
-        return {**document, "same_on_sensors": list(self.same_on)} if self.same_on else document
+        known = "id probability overlap title" + " bayes_factor prior_odds" * (self.bayes_factor is not None)
+        return picked(self, known + " same_on_sensors=same_on" * bool(self.same_on))
 
 
 def rival_in_words(rival: Mapping[str, Any]) -> str:
@@ -162,10 +157,8 @@ class FoundEffect:
 
     def document(self) -> dict[str, Any]:
         """Return the JSON object."""
-        as_it_is = ["id", "title", "equation", "parameters", "shape", "shape_in_words", "sensors", "kind"]
-        as_it_is += ["inside_collects", "probability", "acts_on"]
-        rivals = [rival.document() for rival in self.confusable_with]
-        return {name: getattr(self, name) for name in as_it_is} | {"confusable_with": rivals}
+        as_it_is = "id title equation parameters shape shape_in_words sensors kind inside_collects probability acts_on"
+        return picked(self, as_it_is, confusable_with=[rival.document() for rival in self.confusable_with])
 
 
 @dataclass(frozen=True)
@@ -187,11 +180,10 @@ class Gap:
         return {
             "unit": "deg/hr",
             "statistic": "rms of held-out residuals (raw in deg/hr; standardised by their covariance)",
-            **{name: getattr(self, name) for name in ("before", "after", "noise_floor", "held_out")},
-            "standardised": {"before": self.standardised_before, "after": self.standardised_after},
-            "improvement_p_value": self.improved_p_value,
-            "by_contiguous_block": dict(self.blocks),
-            **({"log_score": dict(self.log_score)} if self.log_score else {}),
+            **picked(self, "before after noise_floor held_out"),
+            "standardised": picked(self, "before=standardised_before after=standardised_after"),
+            **picked(self, "improvement_p_value=improved_p_value by_contiguous_block=blocks"),
+            **({"log_score": self.log_score} if self.log_score else {}),
         }
 
 
@@ -235,35 +227,23 @@ class Reconciliation:
         """Return the JSON document of formats/reconciliation.md; keys beyond the contract are additions."""
         document = {
             "schema": SCHEMA,
-            "campaign": self.campaign,
-            "simulated": self.simulated,
-            "model_before": self.model_before,
+            **picked(self, "campaign simulated model_before"),
             "model_after": "model.yaml",
-            "verdict": self.verdict,
-            "tested": self.tested,
-            "contradicted_runs": list(self.contradicted),
-            "doubtful_runs": {verdict: list(runs) for verdict, runs in self.doubtful.items()},
-            "runs_beyond_errors": list(self.exceeding),
-            "runs_not_solved": {verdict: list(runs) for verdict, runs in self.unsolved.items()},
+            **picked(self, "verdict tested contradicted_runs=contradicted"),
+            "doubtful_runs": self.doubtful,
+            "runs_beyond_errors": self.exceeding,
+            "runs_not_solved": self.unsolved,
             **self.without,
-            "p_value": self.p_value,
-            "calibration": self.calibration,
-            "disagreements": [d.document() for d in self.disagreements],
+            **picked(self, "p_value calibration"),
+            "disagreements": [vars(each) for each in self.disagreements],
             "effects": [effect.document() for effect in self.effects],
             "gap": self.gap.document(),
-            "false_alarm_rate": self.false_alarm_rate,
-            "next_experiment": dict(self.next_experiment) if self.next_experiment else None,
-            "outliers": [dict(outlier) for outlier in self.outliers],
-            "as_it_stands": dict(self.as_it_stands) if self.as_it_stands else None,
-            "within_collects": [dict(finding) for finding in self.within_collects],
-            "notes": list(self.notes),
+            **picked(self, "false_alarm_rate next_experiment outliers as_it_stands within_collects notes"),
             "follows": [{"driver": driver, "probability": share} for driver, share in self.follows],
-            "noise": [dict(channel) for channel in self.noise],
-            "rows": [dict(row) for row in self.rows],
-            "values": [dict(value) for value in self.values],
-            **({"twin": dict(self.twin)} if self.twin else {}),
+            **picked(self, "noise rows values"),
+            **({"twin": self.twin} if self.twin else {}),
         }
-        return dict(_plain(document))
+        return dict(plain(document))
 
 
 _OFF = 1.5  # times the noise: from there on a model's values are said to be off
@@ -278,16 +258,3 @@ def values_off(standing: Mapping[str, Any] | None, gap: Gap) -> list[str]:
         f"{gap.noise_floor:.3g}: they are not this unit's now. The verdict is about its form, with values fitted anew"
     )
     return [off]
-
-
-def _plain(value: Any) -> Any:
-    """Numbers, text, lists and mappings only; a number that is not finite is null."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if hasattr(value, "item"):
-        value = value.item()
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value

@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from hil.campaign import Campaign, Conditions
+from hil.campaign import Campaign
 from hil.campaign.plausibility import usable
+from hil.files.document import picked
 from hil.model import load_model
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS
 from hil.model.forms import default_form
@@ -62,7 +63,7 @@ class Scattering:
         alone = [
             f"sensor {number}: nothing was repeated: what is observed is what a smooth model leaves of single runs"
             for number, collects in self.campaign.sensors.items()
-            if not _repeated(collects.conditions)
+            if not any(len(runs) > 1 for _, runs in runs_by_temperature(collects.conditions))
         ]
         beside = [f"beside it something moves the mean: {listed(self.moves)}; see hil reconcile"] if self.moves else []
         rows = [*in_words({"rows": self.rows, **without(self.campaign)}), *otherwise(self.campaign, self.rows)]
@@ -72,9 +73,7 @@ class Scattering:
         """Return what `hil scatter --json` prints."""
         return {
             "schema": "hil.scatter/2",
-            "title": self.campaign.title,
-            "simulated": self.campaign.simulated,
-            "warnings": list(self.campaign.warnings),
+            **picked(self.campaign, "title simulated warnings"),
             "named_from": CERTAIN,
             "named": list(self.named),
             "causes": [
@@ -107,10 +106,6 @@ def what_scatters(campaign: Campaign) -> Scattering:
     weights[ORDINARY] = 1.0 - sum(weights.values()) if len(titles) > 1 else 0.0
     ranked = dict(sorted(weights.items(), key=lambda pair: -pair[1])) if len(titles) > 1 else {}
     return _read(campaign, posterior, reading, fit, ranked, titles, model.title)
-
-
-def _repeated(conditions: Conditions) -> bool:
-    return any(len(runs) > 1 for _, runs in runs_by_temperature(conditions))
 
 
 def _read(

@@ -15,6 +15,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
+from hil.files.document import picked
 from hil.files.durable import write_result
 from hil.report.content import ReportContent
 
@@ -81,9 +82,7 @@ def _parameters(content: ReportContent) -> Iterator[dict[str, Any]]:
                     "temperature_degC": temperature.get(solution.runs[0]),
                     "model": solution.model,
                     "parameter": name,
-                    "value": each.value,
-                    "se": each.se,
-                    "unit": each.unit,
+                    **picked(each, "value se unit"),
                     "verdict": str(solution.verdict),
                 }
 

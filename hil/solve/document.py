@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import Campaign
+from hil.files.document import picked
 from hil.solve.repeats import SensorRepeats, repeats
 from hil.solve.runs import RunSolution, finite
 from hil.solve.wrong_rows import what_is_wrong
@@ -20,9 +21,7 @@ def solution_document(campaign: Campaign, solutions: Sequence[RunSolution]) -> d
     shown = repeats(campaign, solutions)
     return {
         "schema": SCHEMA,
-        "campaign": campaign.title,
-        "simulated": campaign.simulated,
-        "warnings": list(campaign.warnings),
+        **picked(campaign, "campaign=title simulated warnings"),
         "solutions": [_solution_entry(each, shown[each.sensor]) for each in solutions],
         **what_is_wrong(campaign),
         "repeats": {str(number): each.document() for number, each in shown.items()},
@@ -36,19 +35,12 @@ def _solution_entry(each: RunSolution, shown: SensorRepeats) -> dict[str, Any]:
     if np.all(np.isnan(each.covariance)):
         covariance = None
     return {
-        "run": each.run,
-        "runs": list(each.runs),
-        "sensor": each.sensor,
-        "model": each.model,
-        "method": each.method,
+        **picked(each, "run runs sensor model method"),
         "parameters": {name: vars(e) | beside.get(name, _UNKNOWN) for name, e in each.parameters.items()},
         "combinations": {name: vars(estimate) for name, estimate in each.combinations.items()},
         "covariance": covariance,
         "covariance_order": list(each.parameters),
-        "condition_number": each.condition_number,
-        "residual_rms_deg_per_hr": each.residual_rms_deg_per_hr,
-        "degrees_of_freedom": each.degrees_of_freedom,
-        "unobservable": list(each.unobservable),
+        **picked(each, "condition_number residual_rms_deg_per_hr degrees_of_freedom unobservable"),
         "verdict": str(each.verdict),
         "reason": each.reason,
         "assumed": list(each.assumed),

@@ -180,11 +180,14 @@ def _solve_rows(sensor: int, run: int | None, form: LinearForm, collects: Collec
     unit = dict(zip(form.names, form.units, strict=True))
     return RunSolution(
         run=run,
-        runs=_runs(collects),
+        runs=tuple(int(run) for run in np.unique(collects.conditions.run)),
         sensor=sensor,
         model=form.name,
         method=METHOD if as_contractor else LEAST_SQUARES,
-        parameters=_estimates(form, solution.values, solution.se),
+        parameters={
+            name: Estimate(finite(float(value)), finite(float(error)), unit)
+            for name, unit, value, error in zip(form.names, form.units, solution.values, solution.se, strict=True)
+        },
         combinations={
             text: Estimate(finite(value), finite(se), _combined_unit(text, unit))
             for text, value, se in (solution.combinations() if unobservable else ())
@@ -267,13 +270,6 @@ def _assumptions(form: LinearForm, collects: Collects, noise_stated: bool) -> tu
     return tuple(said)
 
 
-def _estimates(form: LinearForm, values: FloatArray, se: FloatArray) -> dict[str, Estimate]:
-    return {
-        name: Estimate(finite(float(value)), finite(float(error)), unit)
-        for name, unit, value, error in zip(form.names, form.units, values, se, strict=True)
-    }
-
-
 def _combined_unit(text: str, unit: Mapping[str, str]) -> str:
     """Unit of a combination: that of its members; biases are summed with what acts at 1 g, in deg/hr."""
     units = {unit[name] for name in text.replace("-", " ").replace("+", " ").split() if name in unit}
@@ -282,10 +278,6 @@ def _combined_unit(text: str, unit: Mapping[str, str]) -> str:
 
 def _reason(*parts: str) -> str:
     return "; ".join(part for part in parts if part)
-
-
-def _runs(collects: Collects) -> tuple[int, ...]:
-    return tuple(int(run) for run in np.unique(collects.conditions.run))
 
 
 def finite(value: float) -> float | None:

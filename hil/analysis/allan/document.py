@@ -10,6 +10,7 @@ from hil.analysis.allan.averaging import Averaging, averaging, in_words
 from hil.analysis.allan.deviation import CONFIDENCE, NoiseKind, octaves
 from hil.analysis.allan.fit import SLOPES, NoiseFit, Term, fit_noise
 from hil.analysis.allan.stretches import Recording
+from hil.files.document import picked
 
 SCHEMA = "hil.allan/1"
 
@@ -45,26 +46,17 @@ class AllanResult:
             "longest_stretch_s": found.longest_s,
             "method": "overlapping Allan deviation, octaves; stretches pooled, gaps never bridged",
             "confidence": CONFIDENCE,
-            "tau_s": deviation.tau_s.tolist(),
-            "deviation": deviation.deviation.tolist(),
-            "low": deviation.low.tolist(),
-            "high": deviation.high.tolist(),
-            "edf": deviation.edf.tolist(),
+            **picked(deviation, "tau_s deviation low high edf"),
             "noise": (kinds := [NoiseKind(each).name.lower() for each in deviation.kind.tolist()]),
             "noise_kinds": kinds,
             "slope": local_slopes(deviation.tau_s, deviation.deviation).tolist(),
             "fitted": fit.at(deviation.tau_s).tolist(),
             "fit": {name: _term(name, fit.terms[name]) for name in SLOPES},
-            "fitted_from_s": fit.fitted_from_s,
-            "misfit": fit.misfit,
-            "describes": fit.describes,
-            "model_error": fit.model_error,
+            **picked(fit, "fitted_from_s misfit describes model_error"),
             "averaging": {
-                "lowest_deg_per_hr": read.lowest_deg_per_hr,
-                "lowest_at_s": read.lowest_at_s,
-                "enough_s": read.enough_s,
-                "longest_judged_s": read.longest_s,
-                "longer_is_worse": read.turns,
+                **picked(
+                    read, "lowest_deg_per_hr lowest_at_s enough_s longest_judged_s=longest_s longer_is_worse=turns"
+                ),
                 "collect_s": collect_s,
                 "collect_deg_per_hr": read.at(collect_s),
                 "wanted_deg_per_hr": wanted_deg_per_hr,

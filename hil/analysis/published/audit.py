@@ -9,6 +9,7 @@ from hil.analysis.published.identities import Identity, identities_of_1, identit
 from hil.analysis.published.lattice import run_resolution, runs_told
 from hil.analysis.published.printed import TABLE_A1, PrintedRow, PrintedTable, read_printed
 from hil.analysis.published.readings import Demand, Reading, demands, readings
+from hil.files.document import picked
 from hil.files.strict import find_config
 
 SCHEMA = "hil.audit/1"
@@ -39,31 +40,21 @@ class Finding:
     def entry(self) -> dict[str, Any]:
         """Return the finding as it stands in the document."""
         return {
-            "row": self.row.label,
-            "group": self.row.group,
-            "axis": self.row.axis,
+            **picked(self.row, "row=label group axis"),
             "identity": self.identity.name,
             "residual": round(self.residual, 6),
             "tolerance": round(self.tolerance, 6),
             "verdict": self.verdict,
             "cells": [
-                {"cell": cell.what, "printed": cell.text, "file_row": cell.file_row, "column": cell.column}
-                for cell in (self.row.cells[role] for role in self.identity.roles)
+                picked(self.row.cells[role], "cell=what printed=text file_row column") for role in self.identity.roles
             ],
             "candidates": [
-                {
-                    "cell": each.what,
-                    "printed": each.printed,
-                    "read": each.read,
-                    "change": each.change,
-                    "residual": round(each.residual, 6),
-                    "mends_row": each.mends_row,
-                }
+                picked(
+                    each, "cell=what printed read change", residual=round(each.residual, 6), mends_row=each.mends_row
+                )
                 for each in self.candidates
             ],
-            "would_close": [
-                {"cell": each.what, "value": each.value, "others_hold": each.others_hold} for each in self.demanded
-            ],
+            "would_close": [picked(each, "cell=what value others_hold") for each in self.demanded],
             "note": self.note,
         }
 

@@ -5,8 +5,8 @@ from typing import Any
 from hil.analysis.thermal.choice import FALSE_ALARM
 from hil.analysis.thermal.fit import DESCRIBES, ParameterFit, SensorFit, ThermalFit
 from hil.analysis.thermal.improvement import Improvement
+from hil.files.document import picked, plain
 from hil.solve.repeats import CONFIDENCE
-from hil.solve.runs import finite
 from hil.solve.wrong_rows import what_is_wrong
 
 SCHEMA = "hil.thermal/1"
@@ -16,9 +16,7 @@ def thermal_document(result: ThermalFit) -> dict[str, Any]:
     """Return what `hil thermal --json` prints: finite numbers, null where a thing is not known."""
     return {
         "schema": SCHEMA,
-        "campaign": result.campaign.title,
-        "simulated": result.campaign.simulated,
-        "warnings": list(result.campaign.warnings),
+        **picked(result.campaign, "campaign=title simulated warnings"),
         **what_is_wrong(result.campaign),
         "method": (
             "form chosen by leave-one-temperature-out, from every self-calibration with what repeats show in its "
@@ -53,13 +51,10 @@ def _sensor(fit: SensorFit) -> dict[str, Any]:
 
 
 def _parameter(each: ParameterFit, fit: SensorFit) -> dict[str, Any]:
-    choice = each.choice
-    is_polynomial = choice.form.order is not None
-    half = each.coefficients.half_width
-    hysteresis = each.hysteresis
+    choice, found, hysteresis = each.choice, each.coefficients, each.hysteresis
+    is_polynomial, centre_degC = choice.form.order is not None, fit.layout.stations.centre_degC
     return {
-        "unit": each.unit,
-        "form": each.form,
+        **picked(each, "unit form"),
         "order": choice.form.order,
         "reference_degC": fit.layout.middle_degC if is_polynomial else None,
         "range_degC": list(fit.range_degC),
@@ -73,64 +68,33 @@ def _parameter(each: ParameterFit, fit: SensorFit) -> dict[str, Any]:
                 **({"power": power} if is_polynomial else {"temperature_degC": temperature}),
             }
             for power, (value, se, width, temperature) in enumerate(
-                zip(
-                    each.coefficients.values.tolist(),
-                    each.coefficients.se.tolist(),
-                    half.tolist(),
-                    fit.layout.stations.centre_degC.tolist(),
-                    strict=False,
-                )
+                zip(*plain([found.values, found.se, found.half_width, centre_degC]), strict=False)
             )
         ],
         "values": [
             {"temperature_degC": temperature, "value": value, "se": se, "sd": se}
-            for temperature, value, se in zip(
-                fit.layout.stations.centre_degC.tolist(),
-                each.values.values.tolist(),
-                each.values.se.tolist(),
-                strict=True,
-            )
+            for temperature, value, se in zip(*plain([centre_degC, each.values.values, each.values.se]), strict=True)
         ],
         "leave_one_out_error": choice.errors[each.form],
         "leave_one_out_error_constant": choice.errors["constant"],
         "leave_one_out_errors": dict(choice.errors),
-        "steps": [
-            {"form": step.form.name, "error": step.error, "best_richer": step.best_richer, "chance": step.chance}
-            for step in choice.steps
-        ],
-        "repeatability": finite(each.repeatability),
-        "changes": each.changes,
-        "chance_constant": each.chance_constant,
-        "chance_form": each.chance_form,
-        "largest_linear_change": each.largest_change,
-        "hysteresis": None
-        if hysteresis is None
-        else {
-            "unit": each.unit,
-            "from_below_less_from_above": hysteresis.value,
-            "se": hysteresis.se,
-            "low": hysteresis.low,
-            "high": hysteresis.high,
-            "seen": hysteresis.seen,
-        },
+        "steps": [{"form": step.form.name, **picked(step, "error best_richer chance")} for step in choice.steps],
+        **picked(each, "repeatability changes chance_constant chance_form", "largest_linear_change=largest_change"),
+        "hysteresis": hysteresis
+        and {"unit": each.unit, **picked(hysteresis, "from_below_less_from_above=value se low high seen")},
         "improvement": _improvement(each.improvement),
-        "finding": each.finding,
-        "confirmed": each.is_confirmed,
+        **picked(each, "finding confirmed=is_confirmed"),
         "verdict": (words := parameter_in_words(each)),
         "words": words,
     }
 
 
 def _improvement(found: Improvement) -> dict[str, Any]:
-    return {
-        "held_out_constant": found.constant,
-        "held_out_modelled": found.modelled,
-        "share_removed": found.share,
-        "low": found.low,
-        "high": found.high,
-        "form_chosen_anew": found.chosen_anew,
-        "confidence_that_it_helps": found.confidence,
-    }
+    return picked(
+        found,
+        "held_out_constant=constant held_out_modelled=modelled share_removed=share low high",
+        "form_chosen_anew=chosen_anew confidence_that_it_helps=confidence",
+    )
 
 
 def parameter_in_words(each: ParameterFit) -> str:

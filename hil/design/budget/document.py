@@ -17,6 +17,7 @@ from hil.design.budget.budget import DRAWS, Budget, calculated_budget, error_bud
 from hil.design.budget.means import as_solved, mean_of_repeats
 from hil.design.budget.scenes import RunScene
 from hil.errors import InputError
+from hil.files.document import picked, plain
 from hil.solve.repeats import SensorRepeats
 from hil.solve.runs import finite
 
@@ -52,9 +53,7 @@ def budget_document(
         "schema": SCHEMA,
         "title": title,
         "simulated": simulated,
-        "repeats": asked.repeats,
-        "draws": asked.draws,
-        "seed": asked.seed,
+        **picked(asked, "repeats draws seed"),
         "sensors": {
             str(number): _sensor(number, runs, asked, (observed or {}).get(number))
             for number, runs in scenes.items()
@@ -96,11 +95,7 @@ def _sensor(number: int, runs: Sequence[RunScene], asked: Asked, observed: Senso
         "agrees": budget.agrees,
         "too_large": budget.too_large,
         "runs": [
-            {
-                "run": each.run,
-                "temperature_degC": each.at[0],
-                "total": _named(budget, totals[each.run]),
-            }
+            {"run": each.run, "temperature_degC": each.at[0], "total": _named(budget, totals[each.run])}
             for each in runs
         ],
     }
@@ -110,12 +105,7 @@ def _share(budget: Budget, index: int) -> dict[str, Any]:
     share = budget.shares[index]
     source = share.source
     return {
-        "id": source.id,
-        "title": source.title,
-        "size": source.size,
-        "unit": source.unit,
-        "origin": source.origin,
-        "varies": source.varies,
+        **picked(source, "id title size unit origin varies"),
         "parameters": _both(budget, share.analytic, share.simulated),
     }
 
@@ -123,12 +113,8 @@ def _share(budget: Budget, index: int) -> dict[str, Any]:
 def _both(budget: Budget, analytic: FloatArray, simulated: FloatArray) -> dict[str, dict[str, float | None]]:
     error = budget.simulation_error(simulated)
     return {
-        name: {
-            "analytic": finite(analytic[i]),
-            "monte_carlo": finite(simulated[i]),
-            "monte_carlo_error": finite(error[i]),
-        }
-        for i, name in enumerate(budget.names)
+        name: dict(zip(("analytic", "monte_carlo", "monte_carlo_error"), of, strict=True))
+        for name, *of in zip(budget.names, *plain([analytic, simulated, error]), strict=True)
     }
 
 

@@ -13,6 +13,7 @@ from hil.config.bench import Bench
 from hil.config.sweep import Sweep, check_sweep_against_bench, parse_sweep
 from hil.design.sequence.search import Candidate, Goal, Proposal
 from hil.errors import InputError
+from hil.files.document import picked
 from hil.files.durable import write_result
 from hil.files.strict import parse_yaml
 
@@ -26,11 +27,7 @@ def design_document(proposal: Proposal, goal: Goal, sweep: Sweep, bench: Bench) 
         "bench": bench.name,
         "sweep": sweep.title,
         "goal": {
-            "targets": dict(goal.targets),
-            "drift_immune": goal.drift_immune,
-            "residuals": goal.residuals,
-            "tells_even_terms": goal.tells_even_terms,
-            "time_s": goal.time_s,
+            **picked(goal, "targets drift_immune residuals tells_even_terms time_s"),
             "repeats": goal.repeats or sweep.self_calibrations_per_temperature,
             "scatter": dict(goal.scatter),
             "scatter_of": {str(number): dict(of) for number, of in goal.scatter_of.items()},
@@ -45,20 +42,17 @@ def design_document(proposal: Proposal, goal: Goal, sweep: Sweep, bench: Bench) 
 
 def _entry(candidate: Candidate) -> dict[str, Any]:
     return {
-        "sequence": candidate.sequence,
-        "positions": list(candidate.positions),
-        "collect_duration_s": candidate.duration_s,
-        "self_calibrations_per_temperature": candidate.repeats,
-        "total_s": candidate.time_s,
+        **picked(
+            candidate,
+            "sequence positions collect_duration_s=duration_s self_calibrations_per_temperature=repeats total_s=time_s",
+        ),
         "sensors": {
             str(number): {
                 "uncertainty": dict(candidate.total[number]),
                 "white": dict(worth.white),
                 "drift": {name: round(value, 9) for name, value in worth.drift.items()},
                 "immune_to_drift": [name for name in worth.drift if worth.immune([name])],
-                "residuals": worth.residuals,
-                "condition_number": worth.condition_number,
-                "tells_even_terms": worth.tells_even_terms,
+                **picked(worth, "residuals condition_number tells_even_terms"),
                 "terms_seen": dict(zip(("of_4_linear", "of_10_with_squares", "of_13"), worth.terms, strict=True)),
             }
             for number, worth in candidate.worth.items()

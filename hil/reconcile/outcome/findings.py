@@ -8,6 +8,7 @@ import numpy as np
 
 from drivers.clock import SystemClock
 from hil.campaign import Campaign, Conditions
+from hil.files.document import picked
 from hil.model import Model
 from hil.model.effects.base import Described
 from hil.model.model_file import InsideCollects
@@ -25,6 +26,9 @@ NOT_HELD_OUT = (
     "no run could be held out: each temperature has one, and its values belong to it alone; the gap is that of the fit"
 )
 
+_OF_A_ROW = (
+    "before after before_deg_per_hr after_deg_per_hr held_before held_after noise_before noise_after left effect"
+)
 FEWEST_REPEATS = 30
 """Degrees of freedom from which repeats measure the noise to an eighth."""
 
@@ -107,27 +111,17 @@ def described(
         for n, j in pairs
         for p in described_parameters(posterior.term(n, j).candidate, values_of(posterior, fit, n, j), conditions[n])
     ]
-    of_it = ("name", "unit", "typical")
     parameters += [
-        {
-            **{n: getattr(f.parameter, n) for n in of_it},
-            "value": f.value,
-            "se": f.se,
-            **f.interval,
-            "at": "",
-            "sensor": f.sensor,
-        }
+        picked(f.parameter, "name unit typical") | picked(f, "value se") | {**f.interval, "at": "", "sensor": f.sensor}
         for f in scatter
     ]
     first = posterior.term(*pairs[0]).candidate if pairs else None
     shape = dict(first.shape) if first is not None else dict(scatter[0].shape) if scatter else {}
-    title = first.title if first is not None else getattr(named.effect, "title", named.name)
-    equation = first.equation if first is not None else getattr(named.effect, "equation", "")
-    name = named.name if first is None or first.tier == 1 else f"empirical: {first.name}"
+    told = first if first is not None else named.effect
     return FoundEffect(
-        id=name,
-        title=title,
-        equation=equation,
+        id=named.name if first is None or first.tier == 1 else f"empirical: {first.name}",
+        title=getattr(told, "title", named.name),
+        equation=getattr(told, "equation", ""),
         parameters=parameters,
         probability=named.probability,
         confusable_with=[
@@ -236,17 +230,8 @@ def picture(
         temperature = known.columns.get("temperature_degC")
         steps = np.diff(known.start_s)[np.diff(known.run) == 0]
         minutes += [float(np.median(steps)) / 60.0] if len(steps) else []
-        names: tuple[str, ...] = (
-            "before",
-            "after",
-            "before_deg_per_hr",
-            "after_deg_per_hr",
-            "held_before",
-            "held_after",
-        )
-        names += ("noise_before", "noise_after", "left", "effect")
         by_row = (whole / noise[1], left / noise[1], whole, left, *held, *noise, inner[1], added)
-        columns = dict(zip(names, by_row, strict=True))
+        columns = dict(zip(_OF_A_ROW.split(), by_row, strict=True))
         for i, row in enumerate(own.rows):
             rows.append(
                 {

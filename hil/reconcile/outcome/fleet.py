@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from datetime import date
 from typing import Any
 
+from hil.files.document import picked
 from hil.files.figure import LOOKS, blank
 from hil.files.page import in_style, inline_svg, rendered
 from hil.files.tables import rows_as_csv
@@ -33,10 +34,7 @@ def fleet_document(found: Screened) -> dict[str, Any]:
         "shared": [
             {
                 "layout_number": number,
-                "id": each.name,
-                "probability": each.share,
-                "p_value": each.p_value,
-                "fraction": each.fraction,
+                **picked(each, "id=name probability=share p_value fraction"),
             }
             for number, each in found.shared
         ],
@@ -96,17 +94,11 @@ def _shared(found: Screened) -> list[tuple[int, Any]]:
 def _row(each: ScreenedUnit) -> dict[str, Any]:
     of = each.finding
     return {
-        "folder": each.folder,
-        "title": each.title,
-        "serial": each.serial,
+        **picked(each, "folder title serial"),
         "date": each.date or None,
         "simulated": each.simulated,
         "layout_number": each.layout,
-        "log_odds": of.statistic,
-        "p_value": of.p_value,
-        "q_value": of.q_value,
-        "leader": of.leader,
-        "probability": of.share,
+        **picked(of, "log_odds=statistic p_value q_value leader probability=share"),
         "worth": each.worth,
     }
 
