@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
+from drivers.strict_yaml import packaged
 from hil.cli.output import Aside, Lasting, messages, print_json, results
 from hil.errors import InputError
 from hil.files.optional import library
@@ -27,23 +28,7 @@ if TYPE_CHECKING:
 _WIDE = 200
 _Path = Sequence[tuple[str, str]]
 
-_TABLES: dict[str, tuple[_Path, tuple[str, ...]]] = {
-    "hil.solution": ((("solutions", ""), ("parameters", "parameter")), ("sensor", "run", "parameter")),
-    "hil.thermal": (
-        (("sensors", ""), ("parameters", "parameter"), ("values", "")),
-        ("sensor", "parameter", "temperature_degC"),
-    ),
-    "hil.budget": (
-        (("sensors", "sensor"), ("sources", ""), ("parameters", "parameter")),
-        ("sensor", "id", "parameter"),
-    ),
-    "hil.scatter": ((("noise", ""),), ("sensor", "channel")),
-    "hil.reconciliation": ((("effects", ""), ("parameters", "")), ()),
-    "hil.visibility": ((("effects", ""),), ("sensor", "id")),
-    "hil.twin": ((("places", ""),), ()),
-    "hil.effects": ((("effects", ""),), ("id",)),
-    "hil.allan": ((), ("tau_s",)),
-}
+_TABLES: Mapping[str, Mapping[str, Any]] = packaged("hil.cli", "tables.yaml")
 """Where the rows of a document are, level by level with the column that a level's keys make, and what tells them apart.
 
 Without levels the document itself has the columns, each as long as the one that tells its rows apart.
@@ -126,11 +111,12 @@ class Answer:
         dataset: xr.Dataset = (frame.set_index(axes) if axes else frame).to_xarray()
         return dataset.assign_attrs({**frame.attrs, "simulated": int(frame.attrs["simulated"])})
 
-    def _table(self) -> tuple[_Path, tuple[str, ...]]:
+    def _table(self) -> tuple[_Path, Sequence[str]]:
         schema = str(self.document["schema"])
         if schema.partition("/")[0] not in _TABLES:
             raise InputError(f"{schema} is no list of rows; use what is in .document")
-        return _TABLES[schema.partition("/")[0]]
+        table = _TABLES[schema.partition("/")[0]]
+        return list(table["levels"].items()), table["axes"]
 
 
 def told(document: Mapping[str, Any], **beside: Any) -> Callable[[], Iterable[str | Table]]:
@@ -158,7 +144,6 @@ def _rows(level: Mapping[str, Any], path: _Path, above: Mapping[str, Any]) -> It
 
 
 def _html(each: str | Table) -> str:
-    """Return a line or a table as HTML."""
     if isinstance(each, str):
         return f'<div style="white-space: pre-wrap">{escape(each)}</div>'
     columns = [[str(column.header), *map(str, column.cells)] for column in each.columns]

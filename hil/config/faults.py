@@ -17,6 +17,7 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, model_validator
 
+from drivers.strict_yaml import packaged
 from hil.files.strict import Section, near
 from hil.files.units import DIFFERENCE, TEMPERATURE, TIME, Kind, to_number
 
@@ -44,52 +45,12 @@ class FaultKind:
     lasts: bool = True
 
 
+_SIZES = {"time": TIME, "jump": _JUMP, "temperature": TEMPERATURE, "difference": DIFFERENCE}
 CATALOGUE: Mapping[Device, Mapping[str, FaultKind]] = {
-    "imu": {
-        "silence": FaultKind("the stream stops"),
-        "corrupted_bytes": FaultKind("a bit is wrong in this share of the frames", "share", 0.5),
-        "dropped_bytes": FaultKind("a byte is missing in this share of the frames", "share", 0.5),
-        "dropped_frames": FaultKind("this share of the frames never arrives", "share", 0.2),
-        "repeated_frames": FaultKind("this share of the frames arrives twice", "share", 0.2),
-        "garbage": FaultKind("noise stands before this share of the frames", "share", 0.2),
-        "frozen_values": FaultKind("every value stays as it is, counter and checksum go on"),
-        "wrong_counter": FaultKind("the frames' counter is five ahead"),
-        "exchanged": FaultKind("another unit is put behind its port, which takes 8 s"),
-        "spin_fault": FaultKind("a rotor is not at speed, and the status says so"),
-        "silent_identity": FaultKind("the unit does not say who it is"),
-        "index_refused": FaultKind("an index command only sets the fault bit"),
-        "index_never_finishes": FaultKind("a move begins and does not end"),
-        "index_wrong_position": FaultKind("a move ends elsewhere"),
-        "index_slips": FaultKind("a move is confirmed, but the unit has not turned"),
-        "unplugged": FaultKind("the unit's cable is pulled, and put back"),
-    },
-    "chamber": {
-        "silence": FaultKind("requests are lost: nothing is done, nothing answered"),
-        "no_reply": FaultKind("requests are carried out, replies are lost"),
-        "garbage": FaultKind("replies are noise"),
-        "truncated": FaultKind("replies break off"),
-        "corrupted_bytes": FaultKind("a bit of every reply is wrong"),
-        "late": FaultKind("replies come this late", TIME, 3.0),
-        "refused": FaultKind("every command is refused"),
-        "alarm": FaultKind("the chamber raises an alarm and stops; at the end somebody acknowledges it"),
-        "panel_lock": FaultKind("its panel is locked: what is written is refused"),
-        "power_cycle": FaultKind("its power goes, and comes back: stopped, its setpoint forgotten"),
-        "fahrenheit": FaultKind("somebody switches its panel to °F"),
-        "program": FaultKind("somebody starts a program at its panel", lasts=False),
-        "sensor_frozen": FaultKind("its sensor shows the same temperature for ever"),
-        "sensor_break": FaultKind("its sensor shows this temperature", TEMPERATURE, -199.9),
-        "setpoint_not_followed": FaultKind("compressor and heater are dead"),
-        "not_carried_out": FaultKind("acknowledges and shows what it is told, and goes on as it was"),
-        "runaway": FaultKind("it conditions, but this far beyond its setpoint", DIFFERENCE, 60.0),
-        "unplugged": FaultKind("its cable is pulled, and put back"),
-    },
-    "disk": {"full": FaultKind("samples and raw bytes cannot be written: no space is left")},
-    "clock": {"jump": FaultKind("somebody sets the wall clock by this much", _JUMP, 3600.0, lasts=False)},
-    "operator": {
-        "no_answer": FaultKind("nobody answers a question"),
-        "wrong_position": FaultKind("the unit is laid as in the table's next position, and confirmed"),
-    },
-    "controller": {"killed": FaultKind("the controller is killed with SIGKILL", lasts=False)},
+    device: {
+        kind: FaultKind(**said | {"size": _SIZES.get(said.get("size"), said.get("size"))}) for kind, said in of.items()
+    }
+    for device, of in packaged("hil.config", "faults.yaml").items()
 }
 
 

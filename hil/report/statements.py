@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from drivers.strict_yaml import packaged
 from hil.analysis.night_verdict import night_verdict
 from hil.files.numbers import decimals_for, degrees
 from hil.report.content import ReportContent, SensorContent
@@ -13,32 +14,7 @@ from hil.solve.temperatures import how_many
 from procedures.verdict import NOT_GOOD, Verdict
 from procedures.words import counted, listed, numbered
 
-_WANDER = (
-    "the noise within a collect is seen within it: a wander slower than about a tenth of the collect is not in the "
-    "standard errors (the scatter from run to run shows it)"
-)
-
-_THREE_COLLECTS = (
-    "Six equations, six unknowns: no residual is left, so these collects cannot contradict the model.",
-    (
-        "What is alike in all positions is called bias; what changes sign between Collects 1 and 2 is called drift per "
-        "g across the spin axis (GS); what appears in Collect 3 alone is called drift along it (MU), be it settling, "
-        "an index error times GS, a drift, or an even g² term."
-    ),
-    "The B direction is hardly excited (G2 is nearly zero): that GSA and GSB are alike for both channels is assumed.",
-    (
-        "A fourth collect, spin axis down (index 180°), gives the first residual: a linear MU changes sign there, an "
-        "even g² term does not."
-    ),
-)
-
-_CHANNELS = (
-    "A rate channel whose sign is turned or whose gain is wrong, and two rate channels that are exchanged, also those "
-    "of two sensors, fit these equations as well as what is right, and a fourth collect's too. What shows it: the rate "
-    "during a known rotation (an index move), a second heading of the bench, or the unit's last parameters (hil report "
-    "--against)."
-)
-
+_ALWAYS = packaged("hil.report", "statements.yaml")
 _UNSEEN_DEG = 5.0  # an error of the site that nobody makes who has looked at a map or a compass
 
 
@@ -142,7 +118,7 @@ def assumed(content: ReportContent) -> list[str]:
         return ["nothing: no collect was solved"]
     site = content.campaign.site
     told = [f"site: {', '.join(_with_unit(name, value) for name, value in site.items())}"] if site else []
-    return list(dict.fromkeys([*told, *found, _WANDER]))
+    return list(dict.fromkeys([*told, *found, _ALWAYS["wander"]]))
 
 
 def _with_unit(name: str, value: float) -> str:
@@ -160,9 +136,9 @@ def cannot_tell(content: ReportContent) -> list[str]:
             open_things.setdefault((each.sensor, text), []).extend(each.runs)
     told = [f"sensor {sensor}, {numbered('run', runs)}: {text}" for (sensor, text), runs in open_things.items()]
     if any(sensor.is_rotor for sensor in content.sensors) and all(each.degrees_of_freedom == 0 for each in solutions):
-        told = [*_THREE_COLLECTS, *told]
+        told = [*_ALWAYS["three_collects"], *told]
     if solutions and content.comparison is None:
-        told += [_CHANNELS, *_site(content)]
+        told += [_ALWAYS["channels"], *_site(content)]
     if any(len(sensor.repeats) > 1 and _visited_once(sensor) for sensor in content.sensors):
         told.append(
             "Each temperature was visited once, so temperature cannot be told from elapsed time, history and power "

@@ -11,10 +11,11 @@ Byte-exact from sources: the data of `TEMP?`, `TYPE?`, `MON?` and `CONSTANT SET?
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from drivers.errors import CommandRefused, ProtocolError
+from drivers.strict_yaml import packaged
 from drivers.transports.asking import Reply
 
 _ACKNOWLEDGED = re.compile(r"OK\s*:")
@@ -22,24 +23,7 @@ _REFUSED = re.compile(r"NA\s*:?\s*(.*)")
 _MODE = re.compile(r"[A-Z][A-Z ]*")
 _QUICK_TIMER = re.compile(r"(?:0,)?(\w+)(?:,R[AO]M:\d+,STEP\d+)?,(\d+):(\d+)")
 
-_MEANINGS = {
-    "CMD ERR": "it does not know this command: check that the bench file names the right controller, and that the "
-    "line is free of noise",
-    "ADDR ERR": "the address is wrong: compare the address in the bench file with the one on the controller's panel",
-    "CONT NOT READY-1": "the chamber has no such equipment (humidity or product temperature control)",
-    "CONT NOT READY-2": "no program is running that the command could act on",
-    "CONT NOT READY-3": "the command belongs to another controller: check the controller named in the bench file",
-    "CONT NOT READY-4": "the keys cannot be locked or unlocked while its power is off: switch the chamber on",
-    "CONT NOT READY-5": "the time signal cannot be changed now: release it at the panel",
-    "DATA NOT READY": "it holds no such program: check the program number at the panel",
-    "PARA ERR": "it does not understand the command's parameter: check that the bench file names the right controller",
-    "DATA OUT OF RANGE": "the value lies beyond the high or low temperature alarm set on it, or beyond its own range: "
-    "check the alarm limits at the panel",
-    "PROTECT ON": "its panel protection is on: an operator must release it at the panel",
-    "INVALID REQ": "the request is not valid for this chamber: check the controller named in the bench file",
-    "INVLID REQ": "the request is not valid for this chamber: check the controller named in the bench file",
-    "CHB NOT READY": "the chamber is not ready: wait until it has started, and look for a message on its panel",
-}
+_MEANINGS: Mapping[str, str] = packaged("drivers.chambers.controllers", "espec_refusals.yaml")
 
 
 @dataclass(frozen=True)

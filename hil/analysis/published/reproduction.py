@@ -17,10 +17,12 @@ from typing import Any
 
 import numpy as np
 
+from drivers.strict_yaml import packaged
 from hil.analysis.published import Audit, audit_table
 from hil.analysis.published.closed_forms import contractor_error, contractor_solution, matrix_solution, seven_biases
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.errors import InputError
+from hil.files.document import picked, plain
 from hil.files.units import TEMPERATURE, to_number
 from hil.model.equation import RD_GC_86_1_SENSOR_2
 from hil.model.forms import MATRIX_6
@@ -31,23 +33,7 @@ SCHEMA = "hil.reproduction/1"
 SEVEN = tuple(f"A-{number}" for number in range(27, 34))
 CONTRACTORS = MATRIX_6[:4]
 
-_ROWS = (
-    ("MUA2 matrix", "deg/hr/g", "MUA", "B", "mu"),
-    ("MUB2 matrix", "deg/hr/g", "MUB", "A", "mu"),
-    ("BA2 Collins", "deg/hr", "BA Collins", "A", "contractor"),
-    ("BA2 matrix", "deg/hr", "BA", "A", "matrix"),
-    ("BB2 Collins", "deg/hr", "BB Collins", "B", "contractor"),
-    ("BB2 matrix", "deg/hr", "BB", "B", "matrix"),
-)
-"""Table 1's rows as printed: label, unit, what is averaged here, and the axis and role of the printed cell."""
-
-_FIGURES = (
-    ("Figure 2. Bias A drift vs temperature", "deg/hr", (("M", 3), ("C", 2))),
-    ("Figure 3. Bias B drift vs temperature", "deg/hr", (("M", 5), ("C", 4))),
-    ("Figure 4. MUA drift vs temperature", "deg/hr/g", (("MUA", 0),)),
-    ("Figure 5. MUB drift vs temperature", "deg/hr/g", (("MUB", 1),)),
-)
-"""Title, unit, and the lines with their row in Table 1; M is the matrix line, C the contractor's, as in the report."""
+_PRINTED = packaged("hil.analysis.published", "printed.yaml")
 
 
 @dataclass(frozen=True)
@@ -132,27 +118,17 @@ class Reproduction:
         """Return what `hil reproduce --json` prints."""
         return {
             "schema": SCHEMA,
-            "sensor": self.sensor,
-            "simulated": self.simulated,
-            "temperatures_degC": list(self.temperatures_degC),
-            "printed_temperatures": list(self.printed_temperatures),
+            **picked(self, "sensor simulated temperatures_degC printed_temperatures"),
             "table_1": [asdict(row) for row in self.table_1],
             "figures": [
-                {"title": title, "unit": unit, "lines": [self._line(label, row) for label, row in lines]}
-                for title, unit, lines in _FIGURES
+                {"title": title, "unit": unit, "lines": [self._line(label, row) for label, row in lines.items()]}
+                for title, unit, lines in _PRINTED["figures"]
             ],
             "table_a1": [_seven_entry(each) for each in self.table_a1],
             "printed_a1": [_seven_entry(each) for each in self.printed_a1],
             "contractor_errors": [
-                {
-                    "run": each.run,
-                    **{
-                        name: dict(zip(CONTRACTORS, values.tolist(), strict=True))
-                        for name, values in vars(each).items()
-                        if name != "run"
-                    },
-                }
-                for each in self.contractor_errors
+                {name: of if name == "run" else dict(zip(CONTRACTORS, plain(of), strict=True)) for name, of in said}
+                for said in (vars(each).items() for each in self.contractor_errors)
             ],
         }
 
@@ -202,7 +178,7 @@ def reproduce(
                 _cell(runs, name, _printed(audit, at, axis, role)) for (_, runs), at in zip(groups, labels, strict=True)
             ),
         )
-        for label, unit, name, axis, role in _ROWS
+        for label, unit, name, axis, role in _PRINTED["rows"]
     )
     return Reproduction(
         sensor,
@@ -291,11 +267,4 @@ def _printed_seven(name: str) -> tuple[SevenBiases, ...]:
 
 
 def _seven_entry(each: SevenBiases) -> dict[str, Any]:
-    ratio = each.g3_over_g1
-    return {
-        "row": each.label,
-        "biases_deg_per_hr": dict(each.biases),
-        "MUB_G1": each.mub_g1,
-        "MUB_G3": each.mub_g3,
-        "G3_over_G1": ratio if math.isfinite(ratio) else None,
-    }
+    return picked(each, "row=label biases_deg_per_hr=biases MUB_G1=mub_g1 MUB_G3=mub_g3 G3_over_G1=g3_over_g1")

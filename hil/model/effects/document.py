@@ -3,23 +3,13 @@
 from collections.abc import Mapping
 from typing import Any
 
+from drivers.strict_yaml import packaged
+from hil.files.document import picked
 from hil.model.effects.base import Described, Effect, VarianceEffect
 from hil.model.effects.catalogue import entries
 from hil.model.effects.inside import SeriesEffect
 
-FAMILIES: Mapping[str, str] = {
-    "thermal": "What temperature, its rate and its history do to the bias.",
-    "g-linear": "What follows acceleration linearly: GS, MU, and a triad's full matrix.",
-    "g-squared": "What follows the square of acceleration.",
-    "pickoff": "Phase, scale and alignment of the pickoff.",
-    "setup": "How the bench stands, turns, and what it believes about gravity and the Earth.",
-    "data": "Mistakes in the record.",
-    "noise": "Time and chance: drift, ageing, jumps, and all that only scatters.",
-    "dynamics": "Motion: settling after an index move, and the rotor's speed.",
-    "vibration": "Vibration and tones.",
-    "electronics": "Quadrature, supply, magnetic field, limits.",
-    "environment": "Condensation, and a base that moves.",
-}
+FAMILIES: Mapping[str, str] = packaged("hil.model.effects", "families.yaml")
 """What the effects of each family are."""
 
 _WORKS_ON = {Effect: "averages of collects", VarianceEffect: "scatter of averages", SeriesEffect: "within a collect"}
@@ -45,28 +35,16 @@ def works_on(entry: Described) -> str:
 
 def _entry(entry: Described) -> dict[str, Any]:
     return {
-        "id": entry.id,
-        "family": entry.family,
-        "title": entry.title,
+        **picked(entry, "id family title"),
         "works_on": [works_on(entry)],
         "what": summary(entry),
         "equation": entry.equation,
         "parameters": [
-            {
-                "name": parameter.name,
-                "unit": parameter.unit,
-                "typical": list(parameter.typical),
-                "typical_other": {name: list(size) for name, size in parameter.typical_other.items()},
-                "per_channel": entry.per_channel,
-            }
-            for parameter in entry.parameters
+            picked(each, "name unit typical typical_other", per_channel=entry.per_channel) for each in entry.parameters
         ],
-        "shape_parameters": [{"name": s.name, "unit": s.unit, "grid": list(s.grid)} for s in entry.shapes],
+        "shape_parameters": [picked(each, "name unit grid") for each in entry.shapes],
         "needs": sorted(entry.needs),
-        "common_to_sensors": entry.common_to_sensors,
-        "signature": entry.signature,
-        "confusable_with": list(entry.confusable_with),
-        "experiment": entry.experiment,
+        **picked(entry, "common_to_sensors signature confusable_with experiment"),
         "idealises": entry.idealises if isinstance(entry, Effect) else "",
     }
 

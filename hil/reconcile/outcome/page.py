@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from drivers.strict_yaml import packaged
 from hil.files.page import in_style, rendered
 from hil.model import save_model
 from hil.reconcile.outcome.pictures import beside_simulated, driver_of, panels_of, pictures
@@ -23,16 +24,7 @@ _MOST_PLACES = 12
 _LEAST = 1e-4  # p-values are said down to it
 
 
-_ACT = {
-    "none": "Nobody has to act.",
-    "named": "Use the improved model, model.yaml, from now on.",
-    "ambiguous": "Measure what is said below before the name is relied upon.",
-    "empirical": "Look for the cause: what it follows is known, what it is is not.",
-    "scatter": "Repeat these collects, so that it can be told what scatters; until then use the ± of hil solve.",
-    "unresolved": "Do not predict with this model; take more runs.",
-    "untested": "Take more runs before anything is concluded.",
-    "labels": "Put the labels right where they were recorded; the model stays.",
-}
+_ACT = packaged("hil.reconcile.outcome", "what_to_do.yaml")
 
 
 def what_to_do(result: Reconciliation) -> tuple[str, str]:
