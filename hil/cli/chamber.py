@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from hil.cli.answer import Answer, told
 from hil.cli.ask import must_agree
-from hil.cli.output import JsonFlag, messages, printed, results, warn
+from hil.cli.output import JsonFlag, messages, warn
 from hil.errors import InputError
+from hil.files.document import picked
 
 if TYPE_CHECKING:
     from drivers.chambers import ChamberReading
@@ -153,33 +155,12 @@ def _set(live: LiveChamber, target_degC: float) -> None:
 
 
 def _show(bench: Bench, action: Action, identity: ChamberIdentity, reading: ChamberReading, *, as_json: bool) -> None:
-    if printed(_document(bench, action, identity, reading), as_json):
-        return
-    console = results()
-    console.print(f"{bench.name}: {identity.model}{'  SIMULATED' if bench.simulated else ''}")
-    console.print(f"air {reading.temperature_degC:.2f} °C, setpoint {reading.setpoint_degC:.2f} °C, {reading.mode}")
-    low, high = _known(reading.low_limit_degC), _known(reading.high_limit_degC)
-    if low is not None and high is not None:
-        console.print(f"the controller's own limits {low:g} … {high:g} °C")
-    console.print(f"alarms: {', '.join(reading.alarms) or 'none'}")
-
-
-def _document(bench: Bench, action: Action, identity: ChamberIdentity, reading: ChamberReading) -> dict[str, Any]:
-    """Return schema hil.chamber/1; a limit that the controller does not have is null."""
-    return {
+    document = {
         "schema": "hil.chamber/1",
         "bench": bench.name,
         "simulated": bench.simulated,
         "action": action.value,
         "model": identity.model,
-        "temperature_degC": reading.temperature_degC,
-        "setpoint_degC": reading.setpoint_degC,
-        "mode": reading.mode,
-        "low_limit_degC": _known(reading.low_limit_degC),
-        "high_limit_degC": _known(reading.high_limit_degC),
-        "alarms": list(reading.alarms),
+        **picked(reading, "temperature_degC setpoint_degC mode low_limit_degC high_limit_degC alarms"),
     }
-
-
-def _known(limit_degC: float) -> float | None:
-    return limit_degC if math.isfinite(limit_degC) else None
+    Answer(document, told(document)).show(as_json=as_json)

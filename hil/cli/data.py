@@ -119,14 +119,8 @@ def replay(folder: Folder) -> Answer:
     from hil.night.replay import replay_night
 
     document = replay_night(folder)
-    found = "identical to the digit" if document["identical"] else "NOT shown to be identical"
-    mark = "  SIMULATED" if document["simulated"] else ""
-    lines = [
-        *(f"different: {difference}" for difference in document["differences"]),
-        *(f"missing: the raw bytes of {key}" for key in document["raw_missing"]),
-        f"{folder}: {found}, {document['collects_checked']} collects computed again{mark}",
-    ]
-    return Answer(document, lambda: lines, status=Exit.DONE if document["identical"] else Exit.INCOMPLETE)
+    said = told(document, folder=folder)
+    return Answer(document, said, status=Exit.DONE if document["identical"] else Exit.INCOMPLETE)
 
 
 COMMANDS = (solve, export, replay)

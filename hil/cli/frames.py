@@ -1,6 +1,5 @@
 """Commands about what a unit sends: decode a file of raw bytes, and explain a frame description."""
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -53,18 +52,7 @@ def guess(
     document = guess_file(capture)
     if out is not None and document["description"] is not None:
         write_result(out, document["description"])
-    return Answer(document, lambda: _guessed(document))
-
-
-def _guessed(document: dict[str, Any]) -> Iterator[str]:
-    for fit in document["fits"]:
-        yield f"{fit['description']} reads {fit['share']:.1%} of {document['bytes']} bytes: {fit['frames']} frames"
-    length = "length" if document.get("length") else "repeats_every"  # frames that are found say how long they are
-    for key in ("lines", "sync", length, "checksum", "counter"):
-        if document.get(key) is not None:
-            among = f" bytes, in {document['frames']} frames in a row" if key == "length" else ""
-            yield f"{key.replace('_', ' ')}: {document[key]}{among}"
-    yield document["description"] or "nothing in it repeats itself as frames do: compare the baud rate"
+    return Answer(document, told(document))
 
 
 def frame_parameters(settings: list[str] | None) -> dict[str, Any]:

@@ -10,19 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.progress import Progress
-from rich.table import Table
 
 from hil.cli.answer import Answer, told
 from hil.cli.data import Source, read_source
-from hil.cli.output import Aside, check_named, check_result_folder, listing, messages
+from hil.cli.output import check_named, check_result_folder, messages
 
 if TYPE_CHECKING:
     from hil.model import Model
-    from hil.reconcile import Reconciliation
-    from hil.reconcile.campaigns import Screened
 
-_SHOWN = 3
-_MOST_UNITS = 20
 _LEVEL = 0.05
 _ModelName = Annotated[str, typer.Option("--model", help="A model file, or the name of a built-in.")]
 _Draws = Annotated[int, typer.Option(help="How many nights are simulated; 20 tell at a level of 5 %.")]
@@ -43,6 +38,9 @@ def reconcile(
     """Find where model and measurement disagree, name what is missing, add it, show that the gap shrinks."""
     from hil.reconcile import reconcile as search
     from hil.reconcile import write_result
+    from hil.reconcile.outcome.page import place_in_words, summary, what_to_do
+    from hil.reconcile.result import before_and_after_in_words, rival_in_words
+    from procedures.words import percent
 
     data = read_source(campaign)
     if out is not None:  # a notebook asks without files
@@ -64,7 +62,10 @@ def reconcile(
         result = replace(result, twin={**how, **halves})
     if out is not None:
         write_result(result, out)
-    return Answer(result.document(), lambda: _reconciled(result, data.warnings, out))
+    document, stated_by = result.document(), {"values_of": _values, "before_and_after": before_and_after_in_words}
+    words = {"place_in_words": place_in_words, "rival_in_words": rival_in_words, "percent": percent, **stated_by}
+    beside = {"result": result, "act": what_to_do(result)[1], "summary": summary(result), "out": out}
+    return Answer(document, told(document, warnings=data.warnings, **beside, **words))
 
 
 def fleet(
@@ -78,7 +79,7 @@ def fleet(
     """Screen many units that were measured in the same way: which deserve a full reconcile, what many lack."""
     from hil.files.durable import write_result
     from hil.reconcile.campaigns import screen_folders
-    from hil.reconcile.outcome.fleet import fleet_csv, fleet_document, fleet_page
+    from hil.reconcile.outcome.fleet import fleet_csv, fleet_document, fleet_page, fleet_sentences
 
     for path, ending in ((out, ".html"), (csv, ".csv")):
         if path is not None:
@@ -87,58 +88,8 @@ def fleet(
     for path, write in ((out, fleet_page), (csv, fleet_csv)):
         if path is not None:
             write_result(path, write(found))
-    return Answer(fleet_document(found), lambda: _screened(found, [path for path in (out, csv) if path is not None]))
-
-
-def _screened(found: Screened, written: Sequence[Path]) -> Iterator[str | Table]:
-    """What a screening found, the units that deserve more, and where it was written."""
-    from hil.reconcile.outcome.fleet import fleet_sentences
-
-    yield from (Aside(f"warning: {each}") for each in found.said)
-    yield from (Aside(f"warning: {folder}: {why}") for folder, why in found.not_screened.items())
-    yield from fleet_sentences(found)
-    table = listing("unit", "serial", "date", "what leads", "q", "folder")
-    for each in [each for each in found.units if each.worth][:_MOST_UNITS]:
-        of = each.finding
-        table.add_row(each.title, each.serial, each.date, of.leader, f"{of.q_value:.1g}", each.folder)
-    yield table
-    yield from (f"written: {path}" for path in written)
-
-
-def _reconciled(result: Reconciliation, warnings: Sequence[str], out: Path | None) -> Iterator[str]:
-    """The result in a screenful: verdict, what was found, its values and rivals, where, what was left out."""
-    from hil.reconcile.outcome.page import place_in_words, summary, what_to_do
-    from hil.reconcile.result import before_and_after_in_words, rival_in_words
-    from procedures.words import percent
-
-    yield from (Aside(f"warning: {line}") for line in warnings)
-    yield f"{result.campaign}, model {result.input_model.full_title}{'  SIMULATED' * result.simulated}"
-    yield f"\nverdict: {result.verdict}. {what_to_do(result)[1]}"
-    yield from summary(result)
-    for each in result.disagreements[:5]:
-        yield f"  {each.size_deg_per_hr:+.2f} ± {each.se_deg_per_hr:.2f} deg/hr  {place_in_words(each.where)}"
-    for effect in result.effects:
-        yield f"\n{effect.id}: {effect.title}, probability {effect.probability:.2f}"
-        yield f"  {effect.equation}{', ' * bool(effect.shape_in_words)}{effect.shape_in_words}"
-        yield from _values(effect.parameters)
-        for rival in effect.confusable_with[:4]:
-            why = rival_in_words(rival.document())
-            yield f"  rival: {rival.id} ({percent(rival.probability)}){f': {why}' if why else ''}"
-    if result.values:
-        yield "\nwhat the unit's parameters are:"
-        yield from (f"  {line}" for line in before_and_after_in_words(result.values))
-    if result.twin:
-        halves = (f"{when} {_chance(result.twin[when]['p_value'])}" for when in ("before", "after"))
-        yield f"simulated nights told from the measured one, p: {', '.join(halves)} ({result.twin['draws']} draws)"
-    for row in result.outliers[:_SHOWN]:
-        where = f"collect {row['collect']}, sensor {row['sensor']} {row['channel']}"
-        yield f"left out: {where}, off by {row['size_deg_per_hr']:.4g} deg/hr"
-    if len(result.outliers) > _SHOWN:
-        yield f"left out: {len(result.outliers) - _SHOWN} more, in reconciliation.json"
-    yield from (f"note: {note}" for note in result.notes)
-    yield "every ± is one standard error"
-    if out is not None:
-        yield f"\nwritten to {out}: reconciliation.html (for people), reconciliation.json, model.yaml"
+    document = fleet_document(found)
+    return Answer(document, told(document, found=list(fleet_sentences(found)), written=list(filter(None, (out, csv)))))
 
 
 def _values(parameters: Sequence[Mapping[str, Any]]) -> Iterator[str]:
@@ -165,10 +116,6 @@ def twin(
     keep = out or campaign.resolve().with_name(f"{campaign.resolve().name}-twin")
     document = _likeness(campaign, load_model(model), keep, draws=draws, seed=seed)
     return Answer(document, told(document, keep=keep, level=_LEVEL))
-
-
-def _chance(p_value: float | None) -> str:
-    return "not asked" if p_value is None else "below 0.0001" if p_value < 1e-4 else f"{p_value:.2g}"
 
 
 def _likeness(folder: Path, model: Model, keep: Path, *, draws: int, **how: Any) -> dict[str, Any]:
@@ -215,15 +162,7 @@ def effects() -> Answer:
     from hil.model.effects.document import effects_document
 
     document = effects_document()
-    table = listing("id", "family", "what it is", "equation", no_wrap=False)
-    for effect in document["effects"]:
-        table.add_row(effect["id"], effect["family"], effect["title"], effect["equation"])
-    idealised = [
-        f"{effect['id']}: its column differs from what a unit does by more than 1 %. {effect['idealises']}"
-        for effect in document["effects"]
-        if effect["idealises"]
-    ]
-    return Answer(document, lambda: [table, *idealised])
+    return Answer(document, told(document))
 
 
 COMMANDS = (reconcile, fleet, twin, visibility, effects)

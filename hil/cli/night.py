@@ -16,11 +16,11 @@ import typer
 
 from drivers.clock import SystemClock
 from drivers.given_file import check_folder
-from hil.cli.answer import Answer
+from hil.cli.answer import Answer, told
 from hil.cli.ask import TerminalQuestions, ask_words, must_agree
 from hil.cli.check import check, look_first
 from hil.cli.exit_status import Exit, Strict, of_unit
-from hil.cli.output import Folder, JsonFlag, listing, messages, printed, results, warn
+from hil.cli.output import Folder, JsonFlag, messages, printed, results, warn
 from hil.cli.progress import TerminalProgress, onlooker
 from hil.cli.watchdog import WatchdogBeside
 from hil.errors import InputError
@@ -56,15 +56,8 @@ def plan(sweep: SweepName, bench: BenchName) -> Answer:
     check_sweep_against_bench(asked, on)
     warn(cautions(asked, on))
     steps = planned(asked, on)
-    table = listing("begins", "lasts", "step", left={"step"}, no_wrap=False)
-    for step in steps.steps:
-        table.add_row(hours_minutes(step.starts_s), hours_minutes(step.duration_s), step_in_words(step))
-    title = f"{steps.title} on {on.name}{'  SIMULATED' if on.simulated else ''}"
-    lasts = (
-        f"{len(steps.steps)} steps, {len(steps.self_calibrations)} self-calibrations, {hours_minutes(steps.total_s)}; "
-        "a soak that needs longer moves everything behind it"
-    )
-    return Answer(plan_document(steps, simulated=on.simulated), lambda: (title, table, lasts))
+    document, words = plan_document(steps, simulated=on.simulated), (hours_minutes, step_in_words)
+    return Answer(document, told(document, bench=on.name, steps=steps.steps, **{each.__name__: each for each in words}))
 
 
 def run(
@@ -231,26 +224,15 @@ def verify(
     key: Annotated[Path | None, typer.Option(help="The file of the bench's key, where it is elsewhere now.")] = None,
 ) -> Answer:
     """Check a night's records: every step, every block, every hash."""
-    from hil.records.verify import verify_night
+    from hil.records.status import in_brief
+    from hil.records.verify import MISSING, verify_night
 
     document = verify_night(folder, key)
-    whole = document["complete"] and not document["problems"]
-    return Answer(document, lambda: _verified(folder, document), status=Exit.DONE if whole else Exit.INCOMPLETE)
-
-
-def _verified(folder: Path, document: dict[str, Any]) -> Iterator[str]:
-    from hil.records.status import in_brief
-    from hil.records.verify import MISSING
-
-    lacking = [each.removeprefix(MISSING) for each in document["problems"] if each.startswith(MISSING)]
-    wrong = [each for each in document["problems"] if not each.startswith(MISSING)]
-    how = "complete" if document["complete"] else "NOT complete" if lacking else "NOT as it was written"
-    judged = document["judgement"] or {"verdict": "not judged", "reason": "it has not ended"}
-    checked = f"{document['blocks_checked']} blocks checked, {document['signature']}"
-    yield f"{folder}: {how}, {judged['verdict']}, {checked}{'  SIMULATED' if document['simulated'] else ''}"
-    if judged["verdict"] not in ("PASS", "ERROR"):
-        yield f"{judged['verdict']}: {judged['reason']}"
-    yield from (f"problem: {each}" for each in [*wrong, *(f"{MISSING}{what}" for what in in_brief(lacking))])
+    problems, whole = document["problems"], document["complete"] and not document["problems"]
+    lacking = in_brief([each.removeprefix(MISSING) for each in problems if each.startswith(MISSING)])
+    wrong = [each for each in problems if not each.startswith(MISSING)]
+    said = told(document, folder=folder, wrong=wrong, lacking=lacking)
+    return Answer(document, said, status=Exit.DONE if whole else Exit.INCOMPLETE)
 
 
 def repair(
@@ -262,9 +244,7 @@ def repair(
     from hil.records.requests import who_asks
 
     document = repair_night(folder, out, who_asks())
-    lines = [f"{what}: {line}" for what in ("restored", "lost") for line in document[what]]
-    lines.append(f"{out}: {document['steps_done']} of {document['steps_total']} steps are proven")
-    return Answer(document, lambda: lines, status=Exit.INCOMPLETE if document["lost"] else Exit.DONE)
+    return Answer(document, told(document), status=Exit.INCOMPLETE if document["lost"] else Exit.DONE)
 
 
 def demo(

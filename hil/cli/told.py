@@ -59,9 +59,13 @@ def _environment() -> Environment:
         lstrip_blocks=True,
         finalize=lambda value: value if isinstance(value, _Marked) else harmless(str(value)),
     )
-    environment.filters["written"] = _written
+    environment.filters |= {"written": _written, "chance": _chance}
     environment.globals |= {"counted": counted, "in_words": in_words, "sentences": sentences, "some": some, "zip": zip}
     return environment
+
+
+def _chance(p_value: float | None) -> str:
+    return "not asked" if p_value is None else "below 0.0001" if p_value < 1e-4 else f"{p_value:.2g}"
 
 
 def _written(value: float | None, form: str) -> str:
