@@ -35,15 +35,19 @@ def _require(condition: bool, sentence: str) -> None:
         raise ValueError(sentence)
 
 
-def _require_possible(settings: Any, section: str) -> None:
-    """Raise `ValueError` for a setting that is no finite number, or larger than any can be."""
+def _require_possible(settings: Any, section: str, positive: str = "", not_negative: str = "") -> None:
+    """Raise `ValueError` for a setting that is no finite number, larger than any can be, or not `positive` (names)."""
     for item in fields(settings):
         value = getattr(settings, item.name)
         largest, words = next(limit for suffix, limit in _LARGEST.items() if item.name.endswith(suffix))
-        _require(
-            math.isfinite(value) and abs(value) <= largest,
-            f"{section}: {item.name} must be a finite number of at most {words}, not {value:g}",
-        )
+        finite = math.isfinite(value) and abs(value) <= largest
+        _require(finite, f"{section}: {item.name} must be a finite number of at most {words}, not {value:g}")
+    for name in positive.split():
+        value = getattr(settings, name)
+        _require(value > 0.0, f"{section}: {name} must be positive, not {value}")
+    for name in not_negative.split():
+        value = getattr(settings, name)
+        _require(value >= 0.0, f"{section}: {name} must not be negative, not {value}")
 
 
 class _Parameters:
@@ -84,11 +88,8 @@ class Restabilisation(_Parameters):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "collect_at_ceiling", bool(self.collect_at_ceiling))
-        _require_possible(self, "restabilisation")
-        for name in ("band_degC", "slope_degC_per_min", "window_s", "unit_band_degC", "unit_slope_degC_per_min"):
-            _require(getattr(self, name) > 0.0, f"restabilisation: {name} must be positive, not {getattr(self, name)}")
-        _require(self.at_least_s >= 0.0, f"restabilisation: at_least_s must not be negative, not {self.at_least_s}")
-        _require(self.excursion_s >= 0.0, f"restabilisation: excursion_s must not be negative, not {self.excursion_s}")
+        positive = "band_degC slope_degC_per_min window_s unit_band_degC unit_slope_degC_per_min"
+        _require_possible(self, "restabilisation", positive, "at_least_s excursion_s")
         shortest = max(self.at_least_s, self.window_s)
         _require(
             self.ceiling_s >= shortest,
@@ -113,18 +114,9 @@ class CollectSettings(_Parameters):
     attempts: int = 2  # a collect that is not good is taken again, the last one is kept as it is
 
     def __post_init__(self) -> None:
-        _require_possible(self, "collect")
+        positive = "duration_s index_timeout_s drift_limit_deg_per_hr_per_min drift_sigmas motion_limit_g"
+        _require_possible(self, "collect", positive, "settle_s index_s frozen_s")
         object.__setattr__(self, "attempts", int(self.attempts))
-        for name in (
-            "duration_s",
-            "index_timeout_s",
-            "drift_limit_deg_per_hr_per_min",
-            "drift_sigmas",
-            "motion_limit_g",
-        ):
-            _require(getattr(self, name) > 0.0, f"collect: {name} must be positive, not {getattr(self, name)}")
-        for name in ("settle_s", "index_s", "frozen_s"):
-            _require(getattr(self, name) >= 0.0, f"collect: {name} must not be negative, not {getattr(self, name)}")
         _require(0.0 < self.minimum_fraction <= 1.0, "collect: minimum_fraction must lie above 0 and not above 1")
         _require(self.attempts >= 1, "collect: attempts must be at least 1")
 
@@ -177,9 +169,7 @@ class Polling:
     safe_air_s: float = 900.0  # how long the air is then looked at, until it shows that the chamber does as it was told
 
     def __post_init__(self) -> None:
-        _require_possible(self, "polling")
-        for name in ("interval_s", "read_interval_s", "heartbeat_s"):
-            _require(getattr(self, name) > 0.0, f"polling: {name} must be positive, not {getattr(self, name)}")
+        _require_possible(self, "polling", "interval_s read_interval_s heartbeat_s")
         _require(self.device_attempts >= 1, "polling: device_attempts must be at least 1")
         _require(self.retry_wait_s >= 0.0, "polling: retry_wait_s must not be negative")
 
@@ -216,9 +206,6 @@ class InterlockSettings:
     pause_s: float = 12 * 3600.0  # the longest pause; then nobody comes back
 
     def __post_init__(self) -> None:
-        _require_possible(self, "interlocks")
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if not item.name.startswith("unit_") or item.name.endswith("_s"):
-                _require(value >= 0.0, f"interlocks: {item.name} must not be negative, not {value}")
+        own = [item.name for item in fields(self) if not item.name.startswith("unit_") or item.name.endswith("_s")]
+        _require_possible(self, "interlocks", not_negative=" ".join(own))
         _require(self.unit_low_degC < self.unit_high_degC, "interlocks: unit_low_degC must be below unit_high_degC")
