@@ -1,6 +1,7 @@
 """The unit's own index turns it, and its stream confirms where it stands."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import KW_ONLY, dataclass, field
 
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, DeviceTimeout
@@ -10,6 +11,7 @@ _CONFIRMED_LATE_S = 0.3  # between looks at a move that may end at any moment
 _DRAINED_S = 1.0  # between looks at a move that cannot end yet: the system holds so much of a stream for us
 
 
+@dataclass(eq=False)
 class IndexingPositioner:
     """A `drivers.positioners.positioner.Positioner` by the unit's own index, confirmed in its stream.
 
@@ -22,30 +24,25 @@ class IndexingPositioner:
     now and then, and looked at again when it should have arrived.
     """
 
-    def __init__(
-        self,
-        imu: StreamImu,
-        clock: Clock,
-        positions: Mapping[str, int],
-        *,
-        poll_s: float = 0.1,
-        confirm_s: float = 0.25,
-        reaction_s: float = 0.2,
-    ) -> None:
-        self._imu = imu
-        self._clock = clock
-        self._codes = dict(positions)
-        self._labels = {code: label for label, code in positions.items()}
-        self._poll_s = poll_s
-        self._confirm_s = confirm_s
-        self._reaction_s = reaction_s
-        self._usual_s: dict[tuple[int | None, int], float] = {}  # from command to arrival, by start and target
+    imu: StreamImu
+    clock: Clock
+    positions: Mapping[str, int]
+    _: KW_ONLY
+    poll_s: float = 0.1
+    confirm_s: float = 0.25
+    reaction_s: float = 0.2
+    # From command to arrival, by start and target:
+    _usual_s: dict[tuple[int | None, int], float] = field(default_factory=dict, init=False)
+
+    @property
+    def _labels(self) -> Mapping[int, str]:
+        return {code: label for label, code in self.positions.items()}
 
     def position(self) -> str | None:
         """Return the position that the newest frame confirms, or None: moving, not known, or not one of ours."""
-        if self._imu.index_status is None:
-            self._imu.read_block()
-        status = self._imu.index_status
+        if self.imu.index_status is None:
+            self.imu.read_block()
+        status = self.imu.index_status
         if status is None or status.moving or not status.in_position:
             return None
         return self._labels.get(status.code)
@@ -57,61 +54,61 @@ class IndexingPositioner:
         arrive within `timeout_s`; the message says what the stream said last.
         """
         for wait_s in self.moving(position, timeout_s):
-            self._clock.sleep(wait_s)
+            self.clock.sleep(wait_s)
 
     def moving(self, position: str, timeout_s: float) -> Iterator[float]:
         """Do as `move_to`, and yield how many seconds to wait each time: other units move meanwhile.
 
         Raises `CommandRefused` and `DeviceTimeout` as that does.
         """
-        if position not in self._codes:
-            known = ", ".join(self._codes)
-            raise CommandRefused(f"{self._imu.port}: there is no position {position!r}; the bench file gives {known}")
-        code = self._codes[position]
-        self._imu.discard()
-        start = self._imu.index_status
+        if position not in self.positions:
+            known = ", ".join(self.positions)
+            raise CommandRefused(f"{self.imu.port}: there is no position {position!r}; the bench file gives {known}")
+        code = self.positions[position]
+        self.imu.discard()
+        start = self.imu.index_status
         move = (None if start is None else start.code, code)
-        self._imu.command_index(code)
-        begins_s = self._clock.now()
-        valid_s, tries = begins_s + self._reaction_s, 1
+        self.imu.command_index(code)
+        begins_s = self.clock.now()
+        valid_s, tries = begins_s + self.reaction_s, 1
         status = None
-        while (elapsed_s := self._clock.now() - begins_s) < timeout_s:
+        while (elapsed_s := self.clock.now() - begins_s) < timeout_s:
             wait_s = self._until_next_look(elapsed_s, status, self._usual_s.get(move, 0.0))
-            yield min(wait_s, max(timeout_s - elapsed_s, self._poll_s))
-            self._imu.read_block()
-            newest = self._imu.index_status
+            yield min(wait_s, max(timeout_s - elapsed_s, self.poll_s))
+            self.imu.read_block()
+            newest = self.imu.index_status
             if newest is None or newest.time_s < valid_s:
                 continue
             status = newest
             if status.rejected and tries == 1:  # the line was damaged on its way; once more
-                self._imu.command_index(code)
-                valid_s, tries = self._clock.now() + self._reaction_s, 2
+                self.imu.command_index(code)
+                valid_s, tries = self.clock.now() + self.reaction_s, 2
                 continue
             self._refuse(status, position)
             if status.place == (code, False, True):
                 reached_s = max(status.since_s, valid_s)
-                if status.time_s - reached_s >= self._confirm_s:
+                if status.time_s - reached_s >= self.confirm_s:
                     self._usual_s[move] = reached_s - begins_s
                     return
         raise DeviceTimeout(
-            f"{self._imu.port}: position {position!r} was not confirmed within {timeout_s:g} s; {self._said(status)}"
+            f"{self.imu.port}: position {position!r} was not confirmed within {timeout_s:g} s; {self._said(status)}"
         )
 
     def _until_next_look(self, elapsed_s: float, status: IndexStatus | None, usual_s: float) -> float:
         """Return how long to wait, `elapsed_s` after the command, before the stream is looked at again."""
         if status is None or not status.moving:
-            return self._poll_s
-        arrives_s = usual_s + self._confirm_s - elapsed_s
+            return self.poll_s
+        arrives_s = usual_s + self.confirm_s - elapsed_s
         if arrives_s > _CONFIRMED_LATE_S:
-            return min(arrives_s + self._poll_s, _DRAINED_S)
-        return min(max(self._poll_s, elapsed_s / 4.0), _CONFIRMED_LATE_S)
+            return min(arrives_s + self.poll_s, _DRAINED_S)
+        return min(max(self.poll_s, elapsed_s / 4.0), _CONFIRMED_LATE_S)
 
     def _refuse(self, status: IndexStatus, position: str) -> None:
         if status.rejected:
-            raise CommandRefused(f"{self._imu.port}: the unit does not understand the index command")
+            raise CommandRefused(f"{self.imu.port}: the unit does not understand the index command")
         if status.fault:
             raise CommandRefused(
-                f"{self._imu.port}: the unit reports an index fault on the way to position {position!r}; look at it"
+                f"{self.imu.port}: the unit reports an index fault on the way to position {position!r}; look at it"
             )
 
     def _said(self, status: IndexStatus | None) -> str:

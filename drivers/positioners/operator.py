@@ -5,6 +5,7 @@ positioner.move_to("1", timeout_s=600.0)
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import KW_ONLY, dataclass, field
 
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, DeviceError, DeviceTimeout
@@ -16,6 +17,7 @@ Returns True where the operator confirms, False where they refuse, None where no
 """
 
 
+@dataclass(eq=False)
 class OperatorPositioner:
     """A `Positioner` that asks an operator. The position is unknown until, and unless, it is confirmed.
 
@@ -24,19 +26,12 @@ class OperatorPositioner:
     simulated unit, which nobody else can.
     """
 
-    def __init__(
-        self,
-        ask: AskOperator,
-        clock: Clock,
-        *,
-        instructions: Mapping[str, str] | None = None,
-        hands: Callable[[str], None] | None = None,
-    ) -> None:
-        self._ask = ask
-        self._clock = clock
-        self._instructions = dict(instructions or {})
-        self._hands = hands
-        self._position: str | None = None
+    ask: AskOperator
+    clock: Clock
+    _: KW_ONLY
+    instructions: Mapping[str, str] = field(default_factory=dict)
+    hands: Callable[[str], None] | None = None
+    _position: str | None = field(default=None, init=False)
 
     def move_to(self, position: str, timeout_s: float) -> None:
         """Ask for `position` and return once it is confirmed.
@@ -44,15 +39,15 @@ class OperatorPositioner:
         Raises `CommandRefused` where the operator refuses, `DeviceTimeout` where no confirmation came within
         `timeout_s` seconds, and `DeviceError` for a position that the bench does not have.
         """
-        if self._instructions and position not in self._instructions:
-            known = ", ".join(sorted(self._instructions))
+        if self.instructions and position not in self.instructions:
+            known = ", ".join(sorted(self.instructions))
             raise DeviceError(f"the bench has no position {position}; its operator knows {known}")
         self._position = None
-        asked_s = self._clock.now()
-        if self._hands is not None:
-            self._hands(position)
-        answer = self._ask(self._question(position), timeout_s)
-        waited_s = self._clock.now() - asked_s
+        asked_s = self.clock.now()
+        if self.hands is not None:
+            self.hands(position)
+        answer = self.ask(self._question(position), timeout_s)
+        waited_s = self.clock.now() - asked_s
         if answer is None or waited_s > timeout_s:
             raise DeviceTimeout(
                 f"the operator did not confirm position {position} within {timeout_s:g} s; "
@@ -67,5 +62,5 @@ class OperatorPositioner:
         return self._position
 
     def _question(self, position: str) -> str:
-        how = self._instructions.get(position, "")
+        how = self.instructions.get(position, "")
         return f"Bring the unit to position {position}{f' ({how})' if how else ''} and confirm when it lies still."
