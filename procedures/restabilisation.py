@@ -141,7 +141,6 @@ class RestabilisationGate:
 
     @staticmethod
     def _pace(looks: list[tuple[float, float]]) -> float:
-        """Return the time between looks."""
         return looks[1][0] - looks[0][0] if len(looks) > 1 else 0.0
 
 

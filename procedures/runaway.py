@@ -46,10 +46,8 @@ def rate_interlocks(settings: InterlockSettings) -> Sequence[Interlock]:
 
 
 def _chamber_air(look: Look) -> Mapping[str, float]:
-    """Return the chamber's new reading, if there is one."""
     return {"the chamber": look.chamber.temperature_degC} if look.chamber_fresh and look.chamber is not None else {}
 
 
 def _unit_sensors(look: Look) -> Mapping[str, float]:
-    """Return the unit's own temperatures."""
     return {f"sensor {number}": value for number, value in look.unit_degC.items()}

@@ -80,7 +80,6 @@ def _name(step: Step) -> str:
 
 
 def _of_step(result: StepResult | None) -> Judgement:
-    """Return the verdict that the step recorded."""
     if result is None:
         return Judgement(Verdict.INCONCLUSIVE, "missing")
     verdict = Verdict(result.data.get("verdict", Verdict.INCONCLUSIVE))

@@ -48,7 +48,6 @@ def _byte_table(kind: CrcParameters) -> Words:
 
 
 def _output(register: int, kind: CrcParameters) -> int:
-    """Return the CRC for a final register."""
     return (register if kind.refout else _reflect(register, kind.width)) ^ kind.xorout
 
 

@@ -20,6 +20,7 @@ from drivers.frames.sequence import FrameSequence
 _FEW = 4096  # bytes below which looking at frames one by one is faster
 _PIECE = 16384  # frames that are verified at once; their bytes stay in the processor's cache
 _USUAL_LENGTH = 64  # bytes; a type whose frames may be much longer is not looked at in larger pieces
+_OF_A_SCAN = ("bad_checksum", "bad_delimiter", "unknown_id", "resyncs")
 
 
 class StreamDecoder:
@@ -173,17 +174,9 @@ class StreamDecoder:
             if samples is not None:
                 frames[each.name], missing, repeated = _numbered(samples, each.sequence)
                 ok, lost, duplicate = ok + count - repeated, lost + missing + absent, duplicate + repeated
-        counts = StreamCounts(
-            ok=ok,
-            bad_checksum=sum(scan.bad_checksum for _, scan in scans),
-            bad_delimiter=sum(scan.bad_delimiter for _, scan in scans),
-            unknown_id=sum(scan.unknown_id for _, scan in scans),
-            skipped_bytes=consumed - taken_bytes,
-            resyncs=sum(scan.resyncs for _, scan in scans),
-            lost=lost,
-            duplicate=duplicate,
-            timed_out=timed_out,
-        )
+        seen = {name: sum(getattr(scan, name) for _, scan in scans) for name in _OF_A_SCAN}
+        told = {"ok": ok, "lost": lost, "duplicate": duplicate, "timed_out": timed_out}
+        counts = StreamCounts(skipped_bytes=consumed - taken_bytes, **seen, **told)
         return Decoded(frames, counts)
 
 

@@ -253,7 +253,6 @@ class TextLayout(FrameLayout):
         self._tokens = tokens
 
     def _cells(self, rows: Rows) -> list[dict[str, bytes]]:
-        """Return the tokens of n lines."""
         text, size = self.description.text, len(self.header)
         return (
             [] if text is None else [text.cells(bytes(row), size, self.delimiter, self._tokens) or {} for row in rows]

@@ -227,7 +227,7 @@ def _rival(
     remedy, effect = "", scatter.get(rival) if first is None else posterior.term(*first).candidate.effect
     if first is not None and rival == NO_NAME:
         term = posterior.term(*first)
-        follows = _order(posterior, own)
+        follows = next((posterior.term(n, places[0]).follows for n, places in own.items()), "time")
         rival, remedy = f"{NO_NAME}: {term.name}", f"let {term.follows} go in another order than {follows}"
         overlap = 0.0 if term.follows == follows else overlap  # a curve over the same says nothing else
     return Also(
@@ -241,11 +241,6 @@ def _rival(
         remedy,
         effect is not None and not effect.incidental and effect.odds >= 1.0,
     )
-
-
-def _order(posterior: Posterior, own: Mapping[int, Sequence[int]]) -> str:
-    """What the leader follows."""
-    return next((posterior.term(n, places[0]).follows for n, places in own.items()), "time")
 
 
 def _is(term: Term, name: str) -> bool:

@@ -146,7 +146,7 @@ class LiveFilesOfUnits(Silent):
 
 def _open_trace(path: Path, columns: Sequence[str]) -> BufferedWriter:
     """Open a trace to append whole rows; begin a new one where there is none, or one with other columns."""
-    head = _head(columns)
+    head = json.dumps({"schema": SCHEMA, "dtype": "<f4", "columns": list(columns)}).encode() + b"\n"
     with suppress(OSError), path.open("rb") as file:
         if file.read(len(head)) == head:
             rows = (path.stat().st_size - len(head)) // _size(columns)
@@ -156,10 +156,6 @@ def _open_trace(path: Path, columns: Sequence[str]) -> BufferedWriter:
     trace = path.open("wb")
     trace.write(head)
     return trace
-
-
-def _head(columns: Sequence[str]) -> bytes:
-    return json.dumps({"schema": SCHEMA, "dtype": "<f4", "columns": list(columns)}).encode() + b"\n"
 
 
 def _size(columns: Sequence[str]) -> int:

@@ -358,7 +358,6 @@ def missing_in_words(plan: Plan, done: Mapping[str, object], attempts: Sequence[
 
 
 def _missing(plan: Plan, done: Mapping[str, object], reasons: Mapping[str, str]) -> Iterator[str]:
-    """Yield what is missing of one unit."""
     runs = plan.self_calibrations
     told: set[int] = set()
     for step in plan.steps:

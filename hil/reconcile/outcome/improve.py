@@ -43,7 +43,7 @@ def described_parameters(candidate: Candidate, values: Values, conditions: Condi
             "se": error,
             "low": value - width * error,
             "high": value + width * error,
-            "unit": parameter.unit + _power_unit(power),
+            "unit": parameter.unit + {0: "", 1: "/degC"}.get(power, f"/degC^{power}"),
             "at": at or _range(conditions),
             "sensor": candidate.sensor,
         }
@@ -69,10 +69,6 @@ def _place(candidate: Candidate, number: int) -> tuple[int, str]:
     if candidate.form == "table":
         return 0, f"{candidate.stations_degC[part]:.1f} degC"
     return part, f"about {candidate.reference_degC:g} degC"
-
-
-def _power_unit(power: int) -> str:
-    return {0: "", 1: "/degC"}.get(power, f"/degC^{power}")
 
 
 def _range(conditions: Conditions) -> str:
@@ -180,7 +176,6 @@ def _terms(
     sensors: Mapping[int, SensorProblem],
     record: Mapping[str, Mapping[str, Any]],
 ) -> list[Term]:
-    """Return the terms of one effect on one sensor."""
     if candidate.tier == 2:
         return _empirical_terms(candidate, values, sensors[candidate.sensor].collects.conditions, record["empirical"])
     if candidate.effect is None:
@@ -234,12 +229,8 @@ def _empirical_terms(
         own = effect.columns(conditions, None, {"reference": reference})[:, channel, 0]
         mine = candidate.columns[:, channel, column]
         scale = float(own @ mine) / max(float(own @ own), 1e-300)
-        if name != "w":
-            parameter = Constant(
-                unit=effect.parameters_for(conditions)[0].unit, value=value * scale, se=abs(error * scale)
-            )
-        else:
-            parameter = Constant(unit=f"1 per {driver}", value=value * scale, se=abs(error * scale))
+        unit = effect.parameters_for(conditions)[0].unit
+        parameter = Constant(unit=unit, value=value * scale, se=abs(error * scale))
         out.append(
             Term(
                 effect=effect.id,

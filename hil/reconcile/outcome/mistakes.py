@@ -73,7 +73,6 @@ def wrong_runs(reading: Reading) -> list[tuple[int, int, int]]:
 
 
 def _exchange(candidate: Candidate, campaign: Campaign) -> str:
-    """Say which labels of which run were exchanged."""
     conditions = campaign.sensors[candidate.sensor].conditions
     run = int(candidate.shape["run"])
     rows = np.any(candidate.columns != 0.0, axis=(1, 2)) & (conditions.run == run)
