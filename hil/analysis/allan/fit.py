@@ -172,29 +172,22 @@ class _Fitted:
         """Return one term's coefficient with its profile-likelihood interval.
 
         The other terms' squares may be less than nothing here: a bound on them would be one on this term, too, and its
-        interval too narrow wherever another is about nothing.
+        interval too narrow wherever another is about nothing. What is likely enough is measured from the best fit that
+        is possible: one with less than nothing in it would call that fit itself unlikely.
         """
-        others, own, limit = (
-            np.delete(self.columns, place, axis=1),
-            self.columns[:, place],
-            _SEEN * self._widened(place),
-        )
-        free = _maximum(self.columns, self.variance, self.edf, bounded=False)
-        least = min(self.deviance, _deviance(self.columns @ free, self.variance, self.edf))
+        others, own = np.delete(self.columns, place, axis=1), self.columns[:, place]
+        limit = self.deviance + _SEEN * self._widened(place)
 
         def excess(value: float) -> float:
             given = own * value**2
             rest = (_maximum(others, self.variance, self.edf, given, bounded=bounded) for bounded in (True, False))
-            return float(min(_deviance(others @ r + given, self.variance, self.edf) for r in rest) - least - limit)
+            return float(min(_deviance(others @ r + given, self.variance, self.edf) for r in rest) - limit)
 
         best = float(np.sqrt(self.squares[place]))
-        within = [value for value in (best, float(np.sqrt(max(free[place], 0.0)))) if excess(value) < 0.0]
-        if not within:  # the best of all is no possible one
-            within, least = [best], self.deviance
         # Above `most` the term alone exceeds every measured variance tenfold.
         most = float(np.sqrt(10.0 * np.max(self.variance / own)))
-        low = 0.0 if excess(0.0) <= 0.0 else float(brentq(excess, 0.0, within[0], rtol=1e-3))
-        high = float(brentq(excess, within[0], most, rtol=1e-3)) if excess(most) > 0.0 else most
+        low = 0.0 if excess(0.0) <= 0.0 else float(brentq(excess, 0.0, best, rtol=1e-3))
+        high = float(brentq(excess, best, most, rtol=1e-3)) if excess(most) > 0.0 else most
         return best, min(low, best), max(high, best)
 
     def _widened(self, place: int) -> float:
