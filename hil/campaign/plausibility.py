@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.campaign.data import BoolArray, Campaign, Collects, FloatArray, IntArray
-from hil.campaign.laws import laws, soaked
+from hil.campaign.laws import laws, soaked, to_come_degC
 from hil.errors import InputError
 from procedures.pose import Contradiction, PoseTable
 from procedures.verdict import Judgement, Verdict, combine
@@ -235,6 +235,7 @@ def _lost(collects: Collects, name: str) -> Iterator[_Found]:
         return
     shown, air = columns["temperature_degC"], columns["chamber_degC"]
     rows = np.isfinite(shown + air) & soaked(collects.conditions)
+    rows &= to_come_degC(collects.conditions) < _RANGE_DEGC  # what still follows has not lost the air
 
     def follows(chosen: BoolArray) -> float:
         known = np.ptp(air[chosen]) > _RANGE_DEGC if chosen.any() else False

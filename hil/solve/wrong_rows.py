@@ -240,7 +240,9 @@ def in_words(wrong: Mapping[str, Any]) -> list[str]:
 
 def not_settled(campaign: Campaign) -> dict[int, dict[int, str]]:
     """Return by sensor the runs, of those that are in means, in which the unit had not settled, and why."""
-    return {number: unsettled(rows.conditions) for number, rows in pooled(campaign).sensors.items()}
+    every, used = campaign.sensors, pooled(campaign).sensors
+    told = {number: unsettled(every[number].conditions) for number in used}
+    return {n: {run: of for run, of in told[n].items() if run in rows.conditions.run} for n, rows in used.items()}
 
 
 def otherwise(campaign: Campaign, rows: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -196,6 +196,17 @@ def test_orientation_tables_of_one_body_agree() -> None:
     assert said(turned, centrifuge=True) == ()
 
 
+def test_a_thermometer_is_not_wrong_because_the_soak_was_cut_short() -> None:
+    """It follows the air from where it was, slowly."""
+    made = campaign(6, per_temperature=2)
+    degrees = made.sensors[2].conditions.columns["setpoint_degC"] + np.repeat([20.0, 12.0] * 3, 3)
+    degrees[:3] = 45.0
+    moving = with_column(made, temperature_degC=degrees, dTdt_degC_per_min=np.full(18, -0.9))
+    assert not any("does not follow" in words for words in moving.warnings)
+    still = with_column(made, temperature_degC=degrees * 0.1, dTdt_degC_per_min=np.zeros(18))
+    assert any("does not follow" in words for words in still.warnings)
+
+
 @pytest.mark.parametrize(
     ("runs", "wrong", "accused"),
     [(9, slice(12, 15), [5]), (3, slice(6, 9), [3]), (3, slice(9), [1, 2, 3]), (2, slice(6), [1, 2])],
