@@ -16,12 +16,13 @@ from hil.campaign.data import SCHEMA, Campaign, Sensor, Technology
 from hil.errors import InputError
 from procedures.pose import PoseTolerance
 from procedures.verdict import Judgement, Verdict
+from procedures.words import harmless
 
 _DATE = re.compile(r"\b\d{4}-[01]\d-[0-3]\d\b")
 _Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 _Whole = Annotated[int, Field(strict=True)]  # what sensors and runs are called by
 _Name = Annotated[str, Field(min_length=1)]
-_Text = Annotated[str, BeforeValidator(lambda value: "" if value is None else str(value))]
+_Text = Annotated[str, BeforeValidator(lambda value: "" if value is None else harmless(str(value)))]
 
 
 class _Section(BaseModel):

@@ -27,6 +27,7 @@ _FOLLOWS = 0.5  # of the air's changes
 _RANGE_DEGC = 10.0  # over which that is looked at
 _SAME_ROWS = 3
 _DIGITS, _ROUNDING = 300.0, 1e-6
+_AT_REST_DEG_PER_HR = 360_000.0  # a hundred degrees a second: many times what the poorest gyro is off by
 _PILED, _PILED_RATIO = 3, 2.0  # averages on one value, and times as many as on any between
 
 _Found = tuple[Sequence[Collects], BoolArray, str]  # of sensors that were collected together, in which rows, what
@@ -204,8 +205,12 @@ def usable(campaign: Campaign) -> Campaign:
 
 
 def _limits(campaign: Campaign) -> Iterator[_Found]:
-    for collects in campaign.sensors.values():
+    for number, collects in campaign.sensors.items():
         yield from (([collects], rows, words) for _, rows, words in clipped(collects))
+        size = np.nan_to_num(np.abs(collects.rates_deg_per_hr - collects.conditions.w_channels_deg_per_hr)).max(axis=1)
+        if np.any(beyond := size > _AT_REST_DEG_PER_HR):
+            words = f"sensor {number}: rates up to {size.max():.3g} deg/hr: no gyro shows as much of what it is held in"
+            yield [collects], beyond, f"{words}; are they in deg/hr?"
 
 
 def _laws(campaign: Campaign, series: Mapping[int, FloatArray]) -> Iterator[_Found]:

@@ -215,7 +215,7 @@ def effects() -> Answer:
     from hil.model.effects.document import effects_document
 
     document = effects_document()
-    table = listing("id", "family", "what it is", "equation", no_wrap=False)
+    table = listing("id", "family", "what it is", "equation")
     for effect in document["effects"]:
         table.add_row(effect["id"], effect["family"], effect["title"], effect["equation"])
     idealised = [

@@ -56,7 +56,7 @@ def plan(sweep: SweepName, bench: BenchName) -> Answer:
     check_sweep_against_bench(asked, on)
     warn(cautions(asked, on))
     steps = planned(asked, on)
-    table = listing("begins", "lasts", "step", left={"step"}, no_wrap=False)
+    table = listing("begins", "lasts", "step", left={"step"})
     for step in steps.steps:
         table.add_row(hours_minutes(step.starts_s), hours_minutes(step.duration_s), step_in_words(step))
     title = f"{steps.title} on {on.name}{'  SIMULATED' if on.simulated else ''}"

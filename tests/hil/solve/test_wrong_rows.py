@@ -364,3 +364,12 @@ def test_a_channel_that_stands_still_and_so_has_errors_of_nothing_is_left_out(ru
     dead = replace(one, sensors={2: replace(one.sensors[2], rates_deg_per_hr=rates, rates_se_deg_per_hr=errors)})
     assert {(row.channels, row.done) for row in wrong_rows(dead)[2].rows} == {(("RA",), LEFT_OUT)}
     assert not any(each.verdict is Verdict.PASS for each in solve_campaign(dead))
+
+
+def test_rates_that_no_gyro_shows_are_no_measurement() -> None:
+    """A thousand times what the poorest is off by: in another unit, or garbage."""
+    one = campaign(12, 3, seed=1, scatter=2.0)
+    far = judged_by_its_records(with_rates(one, one.sensors[2].rates_deg_per_hr * 1e8))
+    assert {each.verdict for each in solve_campaign(far)} == {Verdict.FAIL}
+    assert any("no gyro shows as much" in words for words in far.warnings)
+    assert not judged_by_its_records(with_rates(one, one.sensors[2].rates_deg_per_hr * 100.0)).contradicted
