@@ -335,12 +335,13 @@ def test_runs_that_nothing_is_held_against_must_not_contradict_each_other(runs: 
 
 @pytest.mark.parametrize("wrong", [0, 1, 2])
 def test_of_three_runs_the_one_that_two_contradict_is_no_pass(wrong: int) -> None:
-    """Whether collects are exchanged or a rate's sign is turned; the two that agree with each other are not accused."""
+    """Collects exchanged, a sign turned, a rate off that no neighbour tells; the two that agree are not accused."""
     one = campaign(3)
-    for change in ("exchanged", "turned"):
+    for change in ("exchanged", "turned", "off"):
         rates = one.sensors[2].rates_deg_per_hr.copy()
         own = rates[3 * wrong : 3 * wrong + 3]
-        rates[3 * wrong : 3 * wrong + 3] = own[[0, 2, 1]] if change == "exchanged" else own * [1.0, -1.0]
+        changed = {"exchanged": own[[0, 2, 1]], "turned": own * [1.0, -1.0], "off": own + 35.0 * np.eye(3, 2)}
+        rates[3 * wrong : 3 * wrong + 3] = changed[change]
         found = solve_campaign(with_rates(one, rates))
         assert [each.verdict is Verdict.PASS for each in found] == [k != wrong for k in range(3)], change
     assert {each.verdict for each in solve_campaign(one)} == {Verdict.PASS}
