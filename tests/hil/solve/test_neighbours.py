@@ -111,6 +111,19 @@ def test_a_run_with_another_bias_is_marginal(runs: int, off: float) -> None:
     assert "its bias was another" in found[5].reason
 
 
+def test_a_run_at_another_heading_is_no_other_and_one_whose_w_says_so_falsely_is() -> None:
+    """Rates are compared less the earth rate: they follow it, and where they do not the run's bias seems another."""
+    made = campaign(scatter=1.0)
+    rows = made.sensors[2]
+    w = rows.conditions.w_deg_per_hr.copy()
+    w[12:15, 1] *= -1.0
+    turned = replace(rows, conditions=replace(rows.conditions, w_deg_per_hr=w))
+    followed = rows.rates_deg_per_hr + (w - rows.conditions.w_deg_per_hr)[:, :2]
+    assert not compared_with_neighbours(replace(turned, rates_deg_per_hr=followed)).judged
+    (judged,) = compared_with_neighbours(turned).judged.items()
+    assert (judged[0], judged[1].verdict) == (5, Verdict.MARGINAL)
+
+
 def test_a_wrong_pose_fails_its_run_alone_with_its_row() -> None:
     """Collect 15 lay as in position 2; the rates are what they are."""
     made = campaign()
