@@ -378,3 +378,12 @@ def test_rates_that_no_gyro_shows_are_no_measurement() -> None:
     assert {each.verdict for each in solve_campaign(far)} == {Verdict.FAIL}
     assert any("no gyro shows as much" in words for words in far.warnings)
     assert not judged_by_its_records(with_rates(one, one.sensors[2].rates_deg_per_hr * 100.0)).contradicted
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_standard_errors_that_are_too_small_accuse_no_run(seed: int) -> None:
+    """By a tenth of what they are every pair of runs differs by ten times them; that is said of them, not of a run."""
+    one = campaign(12, 3, seed=seed, scatter=2.0)
+    small = replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=np.full((36, 2), 0.07))})
+    assert what_is_wrong(small)["rows"] == []
+    assert "times too small" in " ".join(repeats(small, solve_campaign(small))[2].sentences())
