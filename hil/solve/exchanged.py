@@ -31,7 +31,8 @@ def by_which_all_agree(collects: Collects) -> tuple[int, int] | None:
 
     None where they agree as they are filed, where no exchange mends that, and where several would.
     """
-    known = np.isfinite(collects.rates_deg_per_hr).all(axis=1) & (collects.rates_se_deg_per_hr > 0.0).all(axis=1)
+    measured = np.isfinite(collects.rates_deg_per_hr) & (collects.rates_se_deg_per_hr > 0.0)
+    known = np.asarray(measured.all(axis=1))
     if not known.any():
         return None
     own = collects.rows(known)
