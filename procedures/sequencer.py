@@ -20,10 +20,9 @@ Only a chamber that is not the one the bench file names is left alone. SIGKILL i
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from datetime import datetime
 
-from drivers.errors import CommandRefused, DeviceError, SetpointOutOfLimits, WrongDevice
+from drivers.errors import DeviceError
 from procedures.actions import Actions
 from procedures.attended import Attendant
 from procedures.devices import BenchDevices
@@ -35,10 +34,10 @@ from procedures.progress import Progress, Silent
 from procedures.requests import Control, PauseAsked
 from procedures.runaway import rate_interlocks
 from procedures.safe_air import Left
-from procedures.settings import CollectSettings, InterlockSettings, Polling, Restabilisation
+from procedures.settings import InterlockSettings, Polling, Restabilisation
 from procedures.stop import StopRequest, StopRequested
 from procedures.sweep_outcome import SweepOutcome, outcome_of, state_after, why
-from procedures.verdict import NOT_GOOD, Verdict
+from procedures.tries import Ends, Tries
 from procedures.watch import Position, Watch
 
 # What each kind of step stands on, in the order in which it has to be restored.
@@ -58,10 +57,6 @@ _WHY_AGAIN: Mapping[StepKind, str] = {
 }
 # A pause lets a collect be finished: its samples are good, and it is over in a minute or two.
 _INTERRUPTED_BY_A_PAUSE = (StepKind.SETPOINT, StepKind.RESTABILISE, StepKind.INDEX)
-_NEVER_RETRIED = (WrongDevice, SetpointOutOfLimits, CommandRefused)
-
-Ends = Sequence[tuple[Step, StepResult]]
-"""How steps of a stage ended: they are committed at once."""
 
 
 class Sequencer:
@@ -281,8 +276,7 @@ class Sequencer:
         end: Callable[[Ends], None],
     ) -> None:
         """Perform steps until each has a result to keep: device errors and bad collects are tried again, bounded."""
-        collects_left = {step.key: int(CollectSettings.from_parameters(step.parameters).attempts) for step in steps}
-        devices_left = {step.key: self._polling.device_attempts for step in steps}
+        tries = Tries(steps, self._polling.device_attempts)
         while steps := self._going_on(steps):
             blocked = self._hold(steps)
             steps = self._going_on(steps)
@@ -304,23 +298,7 @@ class Sequencer:
                 results = {step.key: error for step in steps}
             finally:
                 self._watch.interruptible = False
-            ended, given_up, again = list[tuple[Step, StepResult]](), dict[str, DeviceError](), dict[str, str]()
-            for step in steps:
-                if step.unit in self._watch.aside:
-                    ended.append((step, StepResult(Outcome.ERROR, self._watch.aside[step.unit or ""])))
-                elif isinstance(result := results[step.key], DeviceError):
-                    devices_left[step.key] -= 1
-                    ended.append((step, StepResult(Outcome.ERROR, str(result))))
-                    if (tries := devices_left[step.key]) <= 0 or isinstance(result, _NEVER_RETRIED):
-                        given_up[step.key] = result
-                    else:
-                        again[step.key] = f"{step.key}: {result}; {tries} more tries"
-                else:
-                    collects_left[step.key] -= 1
-                    if step.kind is StepKind.COLLECT and collects_left[step.key] > 0 and _not_good(result):
-                        result = replace(result, outcome=Outcome.FAILED)
-                        again[step.key] = f"{step.key} is taken again: {result.reason}"
-                    ended.append((step, result))
+            ended, given_up, again = tries.judge(steps, results, self._watch.aside)
             end(ended)
             for step in steps:
                 if step.key in given_up:
@@ -396,8 +374,3 @@ class Sequencer:
 def _unrecorded(steps: Sequence[Step]) -> Sequence[int]:
     """Begin no attempt: the steps have results, and are done again."""
     return [0] * len(steps)
-
-
-def _not_good(result: StepResult) -> bool:
-    """Tell a collect whose own samples are not good; a soak that was not is no reason to take it again."""
-    return result.outcome is not Outcome.DONE or Verdict(result.data["samples_verdict"]) in NOT_GOOD

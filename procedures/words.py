@@ -1,5 +1,6 @@
 """Steps, numbers and durations as a technician would say them."""
 
+import re
 from collections.abc import Iterable
 
 from procedures.plan import Step, StepKind
@@ -13,6 +14,8 @@ _STEPS = {
     StepKind.COLLECT: "self-calibration {0.self_calibration}: Collect {0.position}{where}",
     StepKind.SAFE_STATE: "bringing the chamber to its safe state",
 }
+_STEERS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
+"""Control characters but tab and newline, and what turns the direction of writing."""
 _MOST, _SHOWN = 12, 5  # numbers in a row: if there are more, so many of them are shown
 
 
@@ -104,3 +107,8 @@ def percent(share: float) -> str:
     if 0.0 < share < 0.0005:
         return "below 0.1 %"
     return f"{100.0 * share:.0f} %" if 0.01 <= share <= 0.99 else f"{100.0 * share:.1f} %"
+
+
+def harmless(text: str) -> str:
+    """Return `text` without what would steer a terminal or turn a line: a title may come from somebody else's file."""
+    return _STEERS.sub("\N{REPLACEMENT CHARACTER}", text)

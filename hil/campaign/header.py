@@ -1,7 +1,7 @@
 """campaign.yaml: what was measured, where, with which channels."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import date
@@ -16,16 +16,26 @@ from hil.campaign.data import SCHEMA, Campaign, Sensor, Technology
 from hil.errors import InputError
 from procedures.pose import PoseTolerance
 from procedures.verdict import Judgement, Verdict
+from procedures.words import harmless
 
 _DATE = re.compile(r"\b\d{4}-[01]\d-[0-3]\d\b")
 _Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 _Whole = Annotated[int, Field(strict=True)]  # what sensors and runs are called by
 _Name = Annotated[str, Field(min_length=1)]
-_Text = Annotated[str, BeforeValidator(lambda value: "" if value is None else str(value))]
+_Text = Annotated[str, BeforeValidator(lambda value: "" if value is None else harmless(str(value)))]
 
 
 class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid")
+
+
+def hangs_together(axes: Sequence[str], channels: Mapping[str, str]) -> None:
+    """Raise `ValueError`, with the key, where axes are not three or a channel measures about none of them."""
+    if len(set(axes)) != 3:
+        raise ValueError(f"axes: three different names are needed, not {', '.join(axes)}")
+    for channel, axis in channels.items():
+        if axis not in axes:
+            raise ValueError(f"channels.{channel}: there is no axis {axis!r}; allowed: {', '.join(axes)}")
 
 
 class _Layout(_Section):
@@ -37,11 +47,7 @@ class _Layout(_Section):
 
     @model_validator(mode="after")
     def _hangs_together(self) -> Self:
-        if len(set(self.axes)) != 3:
-            raise ValueError(f"axes: {', '.join(self.axes)} are not three different names")
-        for channel, axis in self.channels.items():
-            if axis not in self.axes:
-                raise ValueError(f"channels.{channel}: {axis!r} is not one of the axes {', '.join(self.axes)}")
+        hangs_together(self.axes, self.channels)
         return self
 
     def sensor(self, number: int) -> Sensor:

@@ -94,8 +94,7 @@ def laws(
 
     soak = soaked(c)
     air, by = column("chamber_degC", soak), "the air around the unit, after a soak"
-    slope = np.nan_to_num(np.abs(column("dTdt_degC_per_min")))
-    to_come = _TO_COME_MIN * np.maximum(slope - _STEADY_DEGC_PER_MIN, 0.0)
+    to_come = to_come_degC(c)
     for name in ("temperature_degC", "case_degC"):
         yield around(name, air, _COLDER_DEGC + to_come, _WARMER_DEGC + to_come, by)
     shown, set_to = column("temperature_degC", soak), column("setpoint_degC", soak)
@@ -175,6 +174,12 @@ def _digit(values: FloatArray) -> float:
 def soaked(c: Conditions) -> BoolArray:
     """Tell in which collects the unit has been in its air for long, (n,); nowhere where that is not recorded."""
     return np.asarray(c.columns.get("time_since_setpoint_s", np.zeros(len(c))) > _SOAKED_S)
+
+
+def to_come_degC(c: Conditions) -> FloatArray:
+    """Return by how much the unit's temperature is still to change in each collect, (n,), °C; 0 where nothing tells."""
+    slope = np.nan_to_num(np.abs(c.columns.get("dTdt_degC_per_min", np.zeros(len(c)))))
+    return np.asarray(_TO_COME_MIN * np.maximum(slope - _STEADY_DEGC_PER_MIN, 0.0))
 
 
 def from_the_usual_g(c: Conditions) -> FloatArray:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.campaign.data import BoolArray, Campaign, Collects, FloatArray, IntArray
-from hil.campaign.laws import laws, soaked
+from hil.campaign.laws import laws, soaked, to_come_degC
 from hil.errors import InputError
 from procedures.pose import Contradiction, PoseTable
 from procedures.verdict import Judgement, Verdict, combine
@@ -27,6 +27,7 @@ _FOLLOWS = 0.5  # of the air's changes
 _RANGE_DEGC = 10.0  # over which that is looked at
 _SAME_ROWS = 3
 _DIGITS, _ROUNDING = 300.0, 1e-6
+_AT_REST_DEG_PER_HR = 360_000.0  # a hundred degrees a second: many times what the poorest gyro is off by
 _PILED, _PILED_RATIO = 3, 2.0  # averages on one value, and times as many as on any between
 
 _Found = tuple[Sequence[Collects], BoolArray, str]  # of sensors that were collected together, in which rows, what
@@ -204,8 +205,12 @@ def usable(campaign: Campaign) -> Campaign:
 
 
 def _limits(campaign: Campaign) -> Iterator[_Found]:
-    for collects in campaign.sensors.values():
+    for number, collects in campaign.sensors.items():
         yield from (([collects], rows, words) for _, rows, words in clipped(collects))
+        size = np.nan_to_num(np.abs(collects.rates_deg_per_hr - collects.conditions.w_channels_deg_per_hr)).max(axis=1)
+        if np.any(beyond := size > _AT_REST_DEG_PER_HR):
+            words = f"sensor {number}: rates up to {size.max():.3g} deg/hr: no gyro shows as much of what it is held in"
+            yield [collects], beyond, f"{words}; are they in deg/hr?"
 
 
 def _laws(campaign: Campaign, series: Mapping[int, FloatArray]) -> Iterator[_Found]:
@@ -235,6 +240,7 @@ def _lost(collects: Collects, name: str) -> Iterator[_Found]:
         return
     shown, air = columns["temperature_degC"], columns["chamber_degC"]
     rows = np.isfinite(shown + air) & soaked(collects.conditions)
+    rows &= to_come_degC(collects.conditions) < _RANGE_DEGC  # what still follows has not lost the air
 
     def follows(chosen: BoolArray) -> float:
         known = np.ptp(air[chosen]) > _RANGE_DEGC if chosen.any() else False

@@ -18,8 +18,9 @@ import typer
 
 from drivers.errors import DeviceError
 from hil.cli.answer import Answer
-from hil.cli.output import JsonFlag, harmless
+from hil.cli.output import JsonFlag
 from hil.errors import Damaged, InputError
+from procedures.words import harmless
 
 _JSON = inspect.Parameter("as_json", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=JsonFlag)
 

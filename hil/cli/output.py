@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import sys
 from collections.abc import Collection, Mapping
 from pathlib import Path
@@ -10,12 +9,13 @@ from typing import Annotated, Any
 
 import typer
 from rich.console import Console
+from rich.measure import Measurement
 from rich.table import Table
 
 from hil.errors import InputError
+from procedures.words import harmless
 
-_WIDE = 200
-_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")  # all but tab and newline
+_ANY_WIDTH = 10_000
 
 JsonFlag = Annotated[bool, typer.Option("--json", help="One JSON document on standard output, nothing else there.")]
 Folder = Annotated[Path, typer.Argument(help="A night's folder.")]
@@ -43,16 +43,18 @@ def always_writable() -> None:
             stream.reconfigure(errors="replace")
 
 
-def harmless(text: str) -> str:
-    """Return `text` without what would steer a terminal: a title may come from somebody else's file."""
-    return _CONTROL.sub("\N{REPLACEMENT CHARACTER}", text)
-
-
 class Lasting(Console):
     """A console that outlives its reader: a night is not over because nobody looks any more."""
 
     def print(self, *objects: Any, **options: Any) -> None:
-        """Print as any console does, text without control characters."""
+        """Print as any console does, text without control characters, tables no narrower than their words."""
+        for column in [column for each in objects if isinstance(each, Table) for column in each.columns]:
+            cells = [
+                Measurement.get(self, self.options.update(width=_ANY_WIDTH), cell)
+                for cell in (column.header, *column.cells)
+            ]
+            column.min_width = max((each.minimum for each in cells), default=None)
+            options["crop"] = False  # no number is cut, however narrow the terminal
         super().print(*(harmless(each) if isinstance(each, str) else each for each in objects), **options)
 
     def on_broken_pipe(self) -> None:
@@ -66,7 +68,7 @@ class Lasting(Console):
 def results() -> Console:
     """Standard output, for people; wide enough for any table where it is not a terminal."""
     terminal = sys.stdout.isatty()
-    return Lasting(highlight=False, markup=False, soft_wrap=not terminal, width=None if terminal else _WIDE)
+    return Lasting(highlight=False, markup=False, soft_wrap=not terminal, width=None if terminal else _ANY_WIDTH)
 
 
 def messages() -> Console:
@@ -86,12 +88,12 @@ def printed(document: Mapping[str, Any], as_json: bool) -> bool:
     return as_json
 
 
-def listing(*headings: str, left: Collection[str] | None = None, no_wrap: bool = True) -> Table:
+def listing(*headings: str, left: Collection[str] | None = None) -> Table:
     """Return an empty table for people. Columns stand on the right but those of `left`; without it all on the left."""
     table = Table(box=None, pad_edge=False, header_style="bold")
     for heading in headings:
         right = left is not None and heading not in left
-        table.add_column(heading, justify="right" if right else "left", no_wrap=no_wrap)
+        table.add_column(heading, justify="right" if right else "left")
     return table
 
 

@@ -7,9 +7,8 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from hil.cli.output import harmless
 from procedures.progress import Snapshot
-from procedures.words import hours_minutes, step_in_words
+from procedures.words import harmless, hours_minutes, step_in_words
 
 _WIDEST_BAR = 40
 _OLD_S = 45.0  # a chamber is asked more often

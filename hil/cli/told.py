@@ -14,9 +14,9 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from rich.table import Table
 
 from hil.archive.sentences import sentences, some
-from hil.cli.output import Aside, harmless, listing
+from hil.cli.output import Aside, listing
 from hil.solve.wrong_rows import in_words
-from procedures.words import counted
+from procedures.words import counted, harmless
 
 _MARK = "\x1f"  # begins a line that is none of text; what is filled in has no control characters
 
@@ -35,8 +35,8 @@ def lines_of(document: Mapping[str, Any], beside: Mapping[str, Any]) -> Iterator
         made.append(each)
         return _Marked(f"{_MARK}{len(made) - 1}")
 
-    def heads(*headings: str, left: Collection[str] | None = None, no_wrap: bool = True) -> _Marked:
-        return kept(listing(*headings, left=left, no_wrap=no_wrap))
+    def heads(*headings: str, left: Collection[str] | None = None) -> _Marked:
+        return kept(listing(*headings, left=left))
 
     def row(*cells: object, style: str | None = None) -> None:
         tables = [each for each in made if isinstance(each, Table)]

@@ -25,6 +25,7 @@ from drivers.outside import brought
 from drivers.strict_yaml import first_mistake
 from hil.campaign import FloatArray, Sensor
 from hil.campaign.data import Technology
+from hil.campaign.header import hangs_together
 from hil.config.chamber import ChamberSection
 from hil.config.faults import Fault
 from hil.config.laboratory import InstrumentSection, LaboratorySection, each_once
@@ -92,11 +93,7 @@ class SensorSection(Section):
 
     @model_validator(mode="after")
     def _hangs_together(self) -> SensorSection:
-        if len(set(self.axes)) != 3:
-            raise ValueError(f"axes: three different names are needed, not {', '.join(self.axes)}")
-        for channel, axis in self.channels.items():
-            if axis not in self.axes:
-                raise ValueError(f"channels.{channel}: there is no axis {axis!r}; allowed: {', '.join(self.axes)}")
+        hangs_together(self.axes, self.channels)
         hands = {label: np.linalg.det(each.axes) > 0.0 for label, each in self.built.items()}
         first = next(iter(hands))
         for label, right in hands.items():

@@ -103,12 +103,13 @@ def read(posterior: Posterior, alpha: float) -> Reading:
         together = classes[id(f)] - {f.kind}, f.kind
         every[together] = every.get(together, 0.0) + float(np.exp(f.log_weight))
     lead = leading(every, alpha)
-    unnamed = [f for f in posterior.sets if not classes[id(f)]]
+    surely = _surely_left_out(posterior)
+    unnamed = [f for f in posterior.sets if not classes[id(f)] and _left_out(posterior, f) <= surely]
     right = [
         f for f in unnamed if all(posterior.term(n, j).name == "row" for n, places in f.terms.items() for j in places)
     ]
     as_filed = right[0] if right else Found(dict.fromkeys(posterior.searches, ()), "", -np.inf)
-    own = [f for f in posterior.sets if classes[id(f)] == lead]
+    own = [f for f in posterior.sets if classes[id(f)] == lead and _left_out(posterior, f) <= surely]
     found = own[0] if own and (lead or chance <= alpha) else as_filed
     mistakes = [(n, t) for n, places in found.terms.items() for j in places if (t := posterior.term(n, j)).is_mistake]
     values = fitted(posterior, found)
@@ -135,6 +136,21 @@ def classes_of(posterior: Posterior, found: Found) -> frozenset[str]:
 def _members(posterior: Posterior, found: Found) -> list[tuple[int, Term]]:
     pairs = [(n, posterior.term(n, j)) for n, places in found.terms.items() for j in places]
     return [(n, t) for n, t in pairs if not t.is_mistake]
+
+
+def _left_out(posterior: Posterior, found: Found) -> int:
+    """Return how many rows and runs a set leaves out."""
+    terms = (posterior.term(n, j) for n, places in found.terms.items() for j in places)
+    return sum(term.is_mistake and term.candidate.effect is None for term in terms)
+
+
+def _surely_left_out(posterior: Posterior) -> int:
+    """Return how many rows and runs are certainly wrong, whatever else is there: no more are left out."""
+    counts = np.array([_left_out(posterior, f) for f in posterior.sets])
+    weights = np.exp([f.log_weight for f in posterior.sets])
+    return max(
+        (k for k in range(1, int(counts.max(initial=0)) + 1) if weights[counts >= k].sum() >= CERTAIN), default=0
+    )
 
 
 def _mass(posterior: Posterior, holds: Callable[[Found], bool]) -> float:

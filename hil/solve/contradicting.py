@@ -15,6 +15,7 @@ from hil.solve.neighbours import FAR, place_in_each_run
 from hil.solve.temperatures import runs_by_temperature
 from procedures.words import numbered
 
+_SOUND = 0.25  # of the pairs that repeat each other, at least
 _CHANGED = 0.25  # of its size: more no temperature changes what neither a bias nor MU moves
 
 
@@ -24,8 +25,7 @@ def contradicting(collects: Collects, runs: Set[int]) -> dict[int, str]:
     They differ in what neither a bias nor MU moves; at two temperatures by more than these make. Of two alone nobody
     knows which is wrong; one with which another at its temperature agrees is not.
     """
-    out: dict[int, str] = {}
-    agree: set[int] = set()
+    differ = []
     conditions, form = collects.conditions, default_form(collects.conditions)
     rates, columns = collects.rates_deg_per_hr - conditions.w_channels_deg_per_hr, form.columns(conditions)
     columns = columns[..., [name.startswith(("B", "MU")) for name in form.names]]
@@ -46,7 +46,13 @@ def contradicting(collects: Collects, runs: Set[int]) -> dict[int, str]:
         times = apart / np.sqrt(max(len(left) - basis.shape[1], 1))
         steps = place[pair[1]] - place[pair[0]]
         repeated = not steps and groups[place[pair[0]]][0] is not None
-        if times > FAR and (repeated or (steps <= 1 and apart > _CHANGED * size)):
+        differ.append((pair, times, repeated, repeated or (steps <= 1 and apart > _CHANGED * size)))
+    # Standard errors may be too small: most repeats then differ by as many times as many.
+    usual = np.quantile([1.0, *(t for _, t, repeated, _ in differ if repeated)], _SOUND, method="lower")
+    out: dict[int, str] = {}
+    agree: set[int] = set()
+    for pair, times, repeated, told in differ:
+        if told and times > FAR * max(usual, 1.0):
             by = f"{times:.0f} times their standard errors in what neither a bias nor MU moves"
             why = f"{numbered('run', pair)} differ by {by}: a collect of one is wrong or exchanged"
             out = dict.fromkeys(pair, why) | out

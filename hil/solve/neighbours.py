@@ -100,7 +100,8 @@ class _Departures:
 
     def __init__(self, collects: Collects) -> None:
         self._collects = collects
-        self._rates = collects.rates_deg_per_hr
+        self._w = collects.conditions.w_channels_deg_per_hr  # another at another heading
+        self._rates = collects.rates_deg_per_hr - self._w
         self._label = place_in_each_run(collects.conditions)
         # A collect that lay otherwise than its label says is compared with none of that label.
         elsewhere = from_the_usual_g(collects.conditions) > FIXTURE_G
@@ -270,9 +271,10 @@ class _Departures:
         found = Found(run, rows, np.zeros(self._rates.shape, dtype=bool), None)
         conditions = self._collects.conditions
         named = numbered("collect", conditions.collect[rows].tolist())
+        measured = self._collects.rates_deg_per_hr
         beside = [j for j in np.flatnonzero(conditions.run == run).tolist() if not self._fits(j, self._rates[j])]
         for i, j in (sorted((i, j)) for i in rows.tolist() for j in beside):
-            if i != j and self._fits(i, self._rates[j]) and self._fits(j, self._rates[i]):
+            if i != j and self._fits(i, measured[j] - self._w[i]) and self._fits(j, measured[i] - self._w[j]):
                 pair = numbered("collect", conditions.collect[[i, j]].tolist())
                 positions = " and ".join(conditions.position[[i, j]].tolist())
                 reason = f"{pair} look exchanged: each shows what the other runs show at the other's position"
@@ -284,7 +286,7 @@ class _Departures:
         told = np.isfinite(apart + scale)
         # A sign is a run's: every collect of it fits with minus, as a single one does by chance.
         turned = np.any(np.abs(off) > FAR * self._scale[rows], axis=0)
-        with_minus = ~told | (np.abs(self._rates + self._expected)[every] <= _NEAR * scale)
+        with_minus = ~told | (np.abs(measured + self._expected + self._w)[every] <= _NEAR * scale)
         if len(rows) > 1 and with_minus[:, turned].all():
             found.wrong[np.ix_(every, turned)] = True
             said = f"{named}: the signs look turned: the other runs show the same with minus"

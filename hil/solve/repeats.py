@@ -43,7 +43,8 @@ class Spread:
 
     `observed` is their standard deviation, NaN where nothing was repeated; `stated` what the runs' standard errors,
     times `factor`, say of it, and `beyond` what these leave unexplained; `degrees` how many runs were repeated. Those
-    that are `uneven` scatter more at some temperatures than at others, as chance hardly explains.
+    that are `uneven` scatter more at some temperatures than at others, as chance hardly explains. `residuals` are the
+    degrees of freedom of what a run's noise is known by, infinite where it is stated.
     """
 
     observed: FloatArray
@@ -52,9 +53,17 @@ class Spread:
     degrees: IntArray
     uneven: BoolArray
     factor: float = 1.0
+    residuals: float = math.inf
 
     @classmethod
-    def of(cls, values: FloatArray, errors: FloatArray, group: IntArray, factor: float = 1.0) -> Spread:
+    def of(
+        cls,
+        values: FloatArray,
+        errors: FloatArray,
+        group: IntArray,
+        factor: float = 1.0,
+        residuals: float = math.inf,
+    ) -> Spread:
         """Pool the scatter of r runs' values (r, p) about the mean of each `group` (r,) that they repeat.
 
         `errors` (r, p) are standard errors, NaN where there is none; a value that is NaN was not measured.
@@ -82,7 +91,7 @@ class Spread:
         expected = explained + degrees * beyond**2
         uneven = _uneven(squares / np.where(expected > 0.0, expected, np.inf), degrees)
         stated = np.sqrt(explained.sum(axis=0) / enough)
-        return cls(observed, beyond, stated, freedom.astype(np.int64), uneven, factor)
+        return cls(observed, beyond, stated, freedom.astype(np.int64), uneven, factor, residuals)
 
     def sd(self, errors: FloatArray) -> FloatArray:
         """Return the standard deviation of a run's values by its standard errors (…, p); NaN where nothing tells it."""
@@ -91,13 +100,13 @@ class Spread:
 
     @property
     def freedom(self) -> FloatArray:
-        """Degrees of freedom behind a standard deviation, (p,): infinite where only standard errors tell.
+        """Degrees of freedom behind a standard deviation, (p,): those of `residuals` where nothing was repeated.
 
         What they explain is known better the more repeats agree (`benchmarks/intervals.py` measures the coverage).
         """
         own = self.stated**2
         explained = own / np.maximum(own + self.beyond**2, np.finfo(np.float64).tiny)
-        return np.where(self.degrees > 0, self.degrees * (1.0 + 0.5 * self.degrees * explained**2), np.inf)
+        return np.where(self.degrees > 0, self.degrees * (1.0 + 0.5 * self.degrees * explained**2), self.residuals)
 
     @property
     def times_stated(self) -> float:
@@ -312,12 +321,13 @@ def means_of(
     group: IntArray,
     at: Sequence[tuple[float | None, tuple[int, ...]]],
     factor: float = 1.0,
+    residuals: float = math.inf,
 ) -> SensorRepeats:
     """Return the means and the scatter of r runs' values (r, p), NaN where not told, with standard errors (r, p).
 
     `at` are the temperatures with their runs, `group` (r,) says at which of them each run was made.
     """
-    spread, names = Spread.of(values, errors, group, factor), tuple(units)
+    spread, names = Spread.of(values, errors, group, factor, residuals), tuple(units)
     sd, means = spread.sd(errors), []
     for k, (temperature, runs) in enumerate(at):
         mean, scatter = {}, {}
@@ -339,13 +349,15 @@ def _of_sensor(own: Sequence[RunSolution], at: Sequence[tuple[float | None, tupl
     told = {e.runs[0] for e, known in zip(own, np.isfinite(values).any(axis=1), strict=True) if known}
     at = [(temperature, tuple(run for run in runs if run in told)) for temperature, runs in at]
     freedom = sum(each.degrees_of_freedom for each in own if each.chi_square is not None)
-    excess = sum(each.chi_square or 0.0 for each in own) / max(freedom, 1)
-    factor = math.sqrt(max(excess, 1.0))
+    squares = sum(each.chi_square or 0.0 for each in own)
+    factor = math.sqrt(max(squares / max(freedom, 1), 1.0))
+    of_noise = [e.degrees_of_freedom for e in own if e.chi_square is None and e.degrees_of_freedom]
+    of_noise += [freedom] * int(freedom > 0 and chdtrc(max(freedom, 1), squares) < RARE)
     sound = np.array([not each.doubted for each in own])
     noise = np.array([not name.startswith(("B", "MU")) for name in units])
     quiet = values[sound][:, noise], errors[sound][:, noise], group[sound]
     return replace(
-        means_of(units, values, errors, group, at, factor),
+        means_of(units, values, errors, group, at, factor, min(of_noise, default=math.inf)),
         times_stated=Spread.of(*quiet).times_stated,
         noise_times=factor * Spread.of(*quiet, factor).times_stated,
     )

@@ -12,6 +12,7 @@ import numpy as np
 
 from hil.campaign import Conditions, FloatArray, IntArray
 from hil.campaign.data import TELL_TEMPERATURE
+from hil.campaign.laws import to_come_degC
 from procedures.words import counted
 
 WIDEST_DEGC = 4.0
@@ -110,20 +111,26 @@ def unit_range_degC(conditions: Conditions, runs: Sequence[int]) -> tuple[float,
 
 
 def unsettled(conditions: Conditions) -> dict[int, str]:
-    """Return the runs in which the unit was at another temperature than in most of the others at their setpoint."""
+    """Return the runs, of setpoints at which the unit was at several temperatures, in which it had not settled.
+
+    It was at another than in most of them, or, where no most agree, than the last left it at; or its temperature moved
+    so fast that it was still to be.
+    """
     own, setpoint = (conditions.columns.get(name) for name in ("temperature_degC", _SETPOINT))
     found: dict[int, str] = {}
     if own is None or setpoint is None or not np.isfinite(setpoint).all() or not np.isfinite(own).any():
         return found
-    number = _numbered(setpoint, NARROWEST_DEGC)
+    number, to_come, far = _numbered(setpoint, NARROWEST_DEGC), to_come_degC(conditions), 0.5 * WIDEST_DEGC
     for place in np.unique(number):
-        here = (number == place) & np.isfinite(own)
-        if here.any() and float(np.ptp(own[here])) > WIDEST_DEGC:
+        here = np.flatnonzero((number == place) & np.isfinite(own))
+        if here.size and np.ptp(own[here]) > WIDEST_DEGC:
+            middle, last = np.median(own[here]), own[here[np.argmax(conditions.start_s[here])]]
+            settled = middle if np.mean(np.abs(own[here] - middle) < far) > 0.5 else last
             words = (
                 f"setpoint {setpoint[here][0]:.4g} °C: the unit's own thermometer went from {own[here].min():.1f} to "
                 f"{own[here].max():.1f} °C through its runs: the soak had not ended"
             )
-            off = here & (np.abs(own - np.median(own[here])) > 0.5 * WIDEST_DEGC)
+            off = here[np.fmax(to_come[here], np.abs(own[here] - settled)) > far]
             found |= dict.fromkeys(np.unique(conditions.run[off]).tolist(), words)
     return found
 

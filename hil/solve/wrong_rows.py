@@ -12,16 +12,16 @@ parameters, whether it is far more probable with one collect left out, with the 
 
 from collections.abc import Collection, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
-from itertools import combinations, product
+from itertools import product
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtrc
 
-from hil.campaign import BoolArray, Campaign, Collects, FloatArray, IntArray
+from hil.campaign import Campaign, Collects, FloatArray, IntArray
 from hil.campaign.plausibility import clipped, unclipped
 from hil.model.forms import default_form
 from hil.solve.contradicting import contradicting
+from hil.solve.exchanged import by_which_all_agree
 from hil.solve.identifiability import orthonormal
 from hil.solve.neighbours import Found, Neighbours, compared_with_neighbours
 from hil.solve.precision import with_every_error
@@ -30,10 +30,10 @@ from procedures.verdict import Judgement, Verdict, combine
 from procedures.words import numbered
 
 LEFT_OUT, MENDED, USED = "left out", "mended", "used"
-PRIOR, EXCHANGED = 0.1, 0.02
-"""Prior odds that a campaign has a wrong row, and labels that are exchanged: those of the search."""
-_NEARER = 0.5  # times as far (squared) as by the other way of exchanging them
-_HARDLY = 1e-3  # chance of residuals that are looked into, and of those that an exchange may leave
+PRIOR = 0.1
+"""Prior odds that a campaign has a wrong row: those of the search."""
+_LIES = "in each the unit lies, by its accelerometers, as in the other's position"
+_AGREES = "so all rates agree with each other, and not as they are filed"
 _WIDE = np.log(30.0)  # what a row that may be anywhere pays for each of its rates
 _FREEDOM = 6  # residuals that must be left where a collect is left out
 _LEVEL = 0.7  # of a channel's mean variance in every row's: standard errors leave out what differs by collect
@@ -135,23 +135,24 @@ def _as_the_unit_lay(
     collects: Collects, exchanged: Sequence[tuple[int, int]], failed: Collection[int]
 ) -> tuple[Collects, list[Wrong], Neighbours]:
     """Put rates under the labels that accelerometers or residuals give them; not where other runs contradict it."""
-    filed, out = collects, []
-    by = dict.fromkeys(exchanged, "in each the unit lies, by its accelerometers, as in the other's position")
-    for run in np.unique(filed.conditions.run).tolist():
-        if (pair := _explained_by_an_exchange(filed, filed.conditions.run == run)) is not None:
-            by.setdefault(pair, "so the run's rates agree with each other, and not as they are filed")
-    for pair, how in ((own, how) for own, how in by.items() if np.isin(own, filed.conditions.collect).all()):
-        i, j = np.flatnonzero(np.isin(filed.conditions.collect, pair)).tolist()
+    tried: dict[tuple[int, int], str] = {}
+    out, told = [], ~np.isin(collects.conditions.run, list(failed))
+    given = [pair for pair in exchanged if np.isin(pair, collects.conditions.collect).all()]
+    while pair := given.pop(0) if given else by_which_all_agree(collects.rows(told)):
+        if pair in tried:
+            break
+        tried[pair] = _LIES if pair in exchanged else _AGREES
+        i, j = np.flatnonzero(np.isin(collects.conditions.collect, pair)).tolist()
         rates, se = collects.rates_deg_per_hr.copy(), collects.rates_se_deg_per_hr.copy()
         rates[[i, j]], se[[i, j]] = rates[[j, i]], se[[j, i]]
-        laid = replace(filed, rates_deg_per_hr=rates, rates_se_deg_per_hr=se)
+        laid = replace(collects, rates_deg_per_hr=rates, rates_se_deg_per_hr=se)
         beside = [
             each.rows for each in compared_with_neighbours(laid, failed).found if each.wrong.any() or each.exchanged
         ]
         if not np.isin([i, j], np.concatenate([np.zeros(0), *beside])).any():
-            why = f"{numbered('collect', pair)} look exchanged: {how}"
-            found = Found(int(filed.conditions.run[i]), np.array([i, j]), np.zeros(rates.shape, dtype=bool), (i, j))
-            out.append(_wrong(filed, found, MENDED, why))
+            why = f"{numbered('collect', pair)} look exchanged: {tried[pair]}"
+            found = Found(int(laid.conditions.run[i]), np.array([i, j]), np.zeros(rates.shape, dtype=bool), (i, j))
+            out.append(_wrong(laid, found, MENDED, why))
             collects = laid
     return collects, out, compared_with_neighbours(collects, failed)
 
@@ -239,7 +240,9 @@ def in_words(wrong: Mapping[str, Any]) -> list[str]:
 
 def not_settled(campaign: Campaign) -> dict[int, dict[int, str]]:
     """Return by sensor the runs, of those that are in means, in which the unit had not settled, and why."""
-    return {number: unsettled(rows.conditions) for number, rows in pooled(campaign).sensors.items()}
+    every, used = campaign.sensors, pooled(campaign).sensors
+    told = {number: unsettled(every[number].conditions) for number in used}
+    return {n: {run: of for run, of in told[n].items() if run in rows.conditions.run} for n, rows in used.items()}
 
 
 def otherwise(campaign: Campaign, rows: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -308,45 +311,6 @@ def _far_from_residuals(collects: Collects) -> IntArray:
         if len(out) > 0.2 * len(rates):
             return np.zeros(0, dtype=np.int64)  # what stands out from so many is no row
     return np.array(out, dtype=np.int64)
-
-
-def _explained_by_an_exchange(collects: Collects, here: BoolArray) -> tuple[int, int] | None:
-    """Return the two collects of a run, by number, with whose labels exchanged its residuals are what errors allow.
-
-    Two axes may be exchanged by one pair or by the opposite one: what the other runs show at these positions decides.
-    """
-    own, others = collects.rows(here), collects.rows(~here)
-    conditions, rates, errors = own.conditions, own.rates_deg_per_hr, own.rates_se_deg_per_hr
-    if not np.all(np.isfinite(rates) & (errors > 0.0)):
-        return None
-    weight = 1.0 / errors
-    columns = default_form(conditions).columns(conditions) * weight[..., None]
-    basis = orthonormal(columns.reshape(-1, columns.shape[-1]))
-    freedom, filed = rates.size - basis.shape[1], list(range(len(rates)))
-
-    def left(order: Sequence[int]) -> float:
-        seen = ((rates[order] - conditions.w_channels_deg_per_hr) * weight).reshape(-1)
-        return float(np.sum((seen - basis @ (basis.T @ seen)) ** 2))
-
-    if freedom < 1 or chdtrc(freedom, whole := left(filed)) > _HARDLY:
-        return None
-    pairs = [(i, j) for i, j in combinations(filed, 2) if conditions.position[i] != conditions.position[j]]
-    orders = {pair: [{pair[0]: pair[1], pair[1]: pair[0]}.get(k, k) for k in filed] for pair in pairs}
-    least = EXCHANGED / max(len(pairs), 1)
-
-    def likely(remains: float) -> bool:
-        odds = least * (whole / max(remains, freedom)) ** (0.5 * freedom)
-        return bool(chdtrc(freedom, remains) > _HARDLY and odds > 1.0)
-
-    same = [others.rates_deg_per_hr[others.conditions.position == label] for label in conditions.position]
-    usual = [np.median(each, axis=0) if len(each) else np.full(rates.shape[1], np.nan) for each in same]
-    found = sorted(
-        (float(np.sum((rates[order] - usual) ** 2)), pair) for pair, order in orders.items() if likely(left(order))
-    )
-    if not found or (len(found) > 1 and not found[0][0] < _NEARER * found[1][0]):
-        return None
-    one, other = conditions.collect[list(found[0][1])].tolist()
-    return one, other
 
 
 def _log_odds(columns: FloatArray, observed: FloatArray) -> FloatArray | None:

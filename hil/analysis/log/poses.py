@@ -29,6 +29,7 @@ from hil.campaign.warnings import F_LIMITS_G, F_SUSPICIOUS
 from hil.campaign.writer import write_campaign
 from hil.errors import InputError
 from procedures.averaging import average_series
+from procedures.verdict import Judgement, Verdict
 from procedures.words import listed, numbered
 
 SCHEMA, ACCELEROMETER_SCHEMA = "hil.import-log/1", "hil.accelerometer/1"
@@ -95,6 +96,7 @@ def campaign_of_log(log: Log, test: StaticTest, *, latitude_deg: float | None = 
         site={} if latitude_deg is None else {"latitude_deg": latitude_deg},
         condition_units={f"accelerometer_{axis}_g": "what the calibrated accelerometers show, g" for axis in AXES},
         notes="\n".join(notes),
+        verdicts={1: Judgement(Verdict.FAIL, turns.sentences[0])} if turns and turns.astray else {},
     )
     rows = [
         {

@@ -202,8 +202,8 @@ def _added(correction: Base, given: Model | None, conditions: Conditions) -> Bas
 def _fit(columns: FloatArray, rates: FloatArray, stated: FloatArray) -> FloatArray:
     """Fit weighted least squares, minimum norm where the collects leave a combination open; (p,)."""
     measured = np.isfinite(rates)
-    if columns.shape[2] == 0:
-        return np.zeros(0)
+    if not measured.any():
+        return np.zeros(columns.shape[2])
     weight = np.ones(measured.sum())
     if np.all(stated[measured] > 0.0):
         weight = 1.0 / np.hypot(stated[measured], 0.3 * np.median(stated[measured]))

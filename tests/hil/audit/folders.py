@@ -39,6 +39,18 @@ def _exchanged_first(runs: int) -> Campaign:
     return _changed(one, [0, 1], one.sensors[2].rates_deg_per_hr[[1, 0]])
 
 
+def _exchanged_of_one_run() -> Campaign:
+    """There and back in one run, of which collects 1 and 4 stand under each other's labels."""
+    one = repeated(1, 1, (0, 2, 5, 1, 5, 2, 0), seed=3)
+    return _changed(one, [0, 3], one.sensors[2].rates_deg_per_hr[[3, 0]])
+
+
+def _exchanged_of_two_and_two() -> Campaign:
+    """Two runs at each of two temperatures, collects 1 and 2 of the first exchanged."""
+    one = campaign(4, 2, seed=1, scatter=2.0)
+    return _changed(one, [0, 1], one.sensors[2].rates_deg_per_hr[[1, 0]])
+
+
 def _mu_of_each_run() -> Campaign:
     """MU scatters from run to run by far more than anything else."""
     one = campaign(15, 3, seed=5, scatter=0.0)
@@ -173,6 +185,8 @@ FOLDERS: dict[str, Callable[[], Campaign]] = {
     "labels exchanged twice": _exchanged_twice,
     "labels exchanged, three runs": lambda: _exchanged_first(3),
     "labels exchanged, two runs": lambda: _exchanged_first(2),
+    "labels exchanged, one run": _exchanged_of_one_run,
+    "labels exchanged, two and two": _exchanged_of_two_and_two,
     "MU of each run": _mu_of_each_run,
     "drift through every run": lambda: repeated(12, 3, (0, 1, 2, 3, 4, 5, 0), drift=6.0),
     "position missing at one temperature": lambda: _changed(_good(), [2, 5, 8], np.full((3, 2), np.nan)),
@@ -192,6 +206,7 @@ FOLDERS: dict[str, Callable[[], Campaign]] = {
     "one run": lambda: campaign(1, 1, seed=3),
     "not whole": lambda: replace(_good(), missing=["self-calibration 13 at 40.0 °C: all of it"]),
     "one temperature": lambda: campaign(8, 8, seed=5, scatter=2.0),
+    "one temperature, three runs": lambda: campaign(3, 3, seed=5, scatter=2.0),
     "simulated": lambda: replace(_good(), simulated=True),
     "poses": _triad,
     "poses, one wrong": lambda: _triad(wrong=True),

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import io
+
+import pytest
 from rich.table import Table
 
 from hil.cli.answer import told
-from hil.cli.output import Aside
+from hil.cli.output import Aside, Lasting, listing
+from procedures.words import harmless
 
 _NOISE = {
     "sensor": 2,
@@ -44,3 +48,21 @@ def test_a_document_cannot_pass_for_a_line_of_the_template() -> None:
         "\N{REPLACEMENT CHARACTER}0 \N{REPLACEMENT CHARACTER}[2J  SIMULATED",
         "\N{REPLACEMENT CHARACTER}1",
     )
+
+
+@pytest.mark.parametrize("width", [30, 80, 9_999])
+def test_no_number_is_cut_however_narrow_the_terminal(width: int) -> None:
+    """Cells wrap between words; what cannot wrap goes past the edge."""
+    table = listing("run", *(f"parameter {k}, deg/hr" for k in range(12)), left=())
+    table.add_row("1", *(f"{-1000.5 - k} ±{k}.25" for k in range(12)))
+    shown = Lasting(file=io.StringIO(), width=width)
+    shown.print(table)
+    assert isinstance(shown.file, io.StringIO)
+    text = shown.file.getvalue()
+    assert all(f"{-1000.5 - k}" in text and f"±{k}.25" in text for k in range(12))
+    assert "…" not in text
+
+
+def test_nothing_turns_the_direction_of_a_line() -> None:
+    """Nor steers a terminal; letters of any script stay."""
+    assert harmless("a\u202eb\x1b[2Jc\u2067é\tж\n") == "a\ufffdb\ufffd[2Jc\ufffdé\tж\n"

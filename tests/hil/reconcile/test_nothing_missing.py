@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hil.analysis.published.table import read_published_table
 from hil.campaign import Campaign, Collects, Conditions
 from hil.campaign.reader import read_campaign
 from hil.errors import InputError
 from hil.model import load_model
 from hil.reconcile import Reconciliation, Screen, reconcile, write_result
+from hil.reconcile.scattering import what_scatters
 from tests.hil.reconcile.hidden_effects import TRIAD, base_rates, both, campaign_of, hidden_campaign, lay_out, noise
 from tests.hil.solve.test_neighbours import campaign as ordinary
 
@@ -290,3 +292,8 @@ def test_a_level_outside_its_range_is_refused() -> None:
     """A false-alarm rate of zero or above one half is no rate."""
     with pytest.raises(InputError, match="false-alarm rate"):
         reconcile(hidden_campaign(1, **FEW), "matrix-6", alpha=0.0)
+
+
+def test_what_is_not_surely_wrong_is_left_out_of_nothing() -> None:
+    """Of Table 1, one row for each temperature, a row or a run in the place of what no effect describes is no cause."""
+    assert what_scatters(read_published_table(Path("rd-gc-86-1-table-1"))).rows == []

@@ -111,6 +111,19 @@ def test_a_run_with_another_bias_is_marginal(runs: int, off: float) -> None:
     assert "its bias was another" in found[5].reason
 
 
+def test_a_run_at_another_heading_is_no_other_and_one_whose_w_says_so_falsely_is() -> None:
+    """Rates are compared less the earth rate: they follow it, and where they do not the run's bias seems another."""
+    made = campaign(scatter=1.0)
+    rows = made.sensors[2]
+    w = rows.conditions.w_deg_per_hr.copy()
+    w[12:15, 1] *= -1.0
+    turned = replace(rows, conditions=replace(rows.conditions, w_deg_per_hr=w))
+    followed = rows.rates_deg_per_hr + (w - rows.conditions.w_deg_per_hr)[:, :2]
+    assert not compared_with_neighbours(replace(turned, rates_deg_per_hr=followed)).judged
+    (judged,) = compared_with_neighbours(turned).judged.items()
+    assert (judged[0], judged[1].verdict) == (5, Verdict.MARGINAL)
+
+
 def test_a_wrong_pose_fails_its_run_alone_with_its_row() -> None:
     """Collect 15 lay as in position 2; the rates are what they are."""
     made = campaign()
@@ -194,6 +207,17 @@ def test_orientation_tables_of_one_body_agree() -> None:
     (told,) = said(turned)
     assert told.startswith("collects 1, 3–4, 6, 11, 13–14, 16: between positions 1 and 3 f turns by different angles")
     assert said(turned, centrifuge=True) == ()
+
+
+def test_a_thermometer_is_not_wrong_because_the_soak_was_cut_short() -> None:
+    """It follows the air from where it was, slowly."""
+    made = campaign(6, per_temperature=2)
+    degrees = made.sensors[2].conditions.columns["setpoint_degC"] + np.repeat([20.0, 12.0] * 3, 3)
+    degrees[:3] = 45.0
+    moving = with_column(made, temperature_degC=degrees, dTdt_degC_per_min=np.full(18, -0.9))
+    assert not any("does not follow" in words for words in moving.warnings)
+    still = with_column(made, temperature_degC=degrees * 0.1, dTdt_degC_per_min=np.zeros(18))
+    assert any("does not follow" in words for words in still.warnings)
 
 
 @pytest.mark.parametrize(

@@ -205,3 +205,33 @@ def test_one_large_standard_error_makes_no_other_run_surer() -> None:
     poor = replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=errors)})
     told, beside = (repeats(each, solve_campaign(each))[2].of_each[13] for each in (one, poor))
     assert beside == pytest.approx(told, rel=0.25)
+
+
+def test_one_run_whose_noise_its_residuals_tell_has_an_interval_of_students() -> None:
+    """Two degrees of freedom: the normal's 1.96 held the truth in 79 %."""
+    one = campaign_of_four_collects()
+    inside = []
+    for seed in range(60):
+        rows, rng = one.sensors[2], np.random.default_rng(seed)
+        rates = rows.rates_deg_per_hr + rng.normal(0.0, 1.0, rows.rates_deg_per_hr.shape)
+        made = Campaign("one", "", {2: replace(rows, rates_deg_per_hr=rates)})
+        (solved,) = solve_campaign(made)
+        (exact,) = solve_campaign(Campaign("one", "", {2: rows}))
+        found = repeats(made, [solved])[2]
+        assert {each.freedom for each in found.means[0].values.values()} == {2.0}
+        for name, each in found.of_run(solved).items():
+            truth = exact.parameters[name].value
+            assert truth is not None
+            inside.append(abs(each.value - truth) <= each.half_width)
+    assert 0.89 < np.mean(inside) < 0.99
+
+
+def campaign_of_four_collects() -> Campaign:
+    """Return rates that the model makes exactly, without standard errors: two of eight are left over."""
+    rows = runs_at_their_temperatures(2, 2, scatter=0.0).sensors[2].rows(np.array([0, 1, 2, 5]))
+    f = rows.conditions.f_g.copy()
+    f[3] *= -1.0
+    label = np.array(["1", "2", "3", "4"])
+    conditions = replace(rows.conditions, f_g=f, run=np.ones(4, dtype=np.int64), position=label, columns={})
+    rates = f @ np.array([[58.0, -20.0, 5.0], [20.0, 58.0, 9.0]]).T + conditions.w_channels_deg_per_hr
+    return Campaign("four", "", {2: Collects(conditions, rates, np.full((4, 2), np.nan))})

@@ -123,6 +123,14 @@ def test_one_more_run_renames_no_temperature() -> None:
     assert list(unsettled(conditions(short))) == [3]
 
 
+def test_of_a_soak_that_goes_on_the_last_run_is_nearest_to_its_end() -> None:
+    """The middle one of three is not settled because it is in the middle; nor one in which the unit still cools."""
+    cut = {"setpoint_degC": [-30.0] * 3, "temperature_degC": [-18.0, -26.4, -28.9]}
+    assert list(unsettled(conditions(cut))) == [1, 2]
+    cooling = {"dTdt_degC_per_min": [-1.2, -0.9, -0.3]}
+    assert list(unsettled(conditions(cut | cooling))) == [1, 2, 3]
+
+
 def test_the_chamber_tells_where_nothing_else_does() -> None:
     """Its air is what is known."""
     assert same_temperature(collects({"chamber_degC": np.array([10.0, 40.0, 10.1])})).tolist() == [0, 1, 0]

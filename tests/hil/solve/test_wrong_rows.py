@@ -285,7 +285,41 @@ def test_a_temperature_of_which_no_run_tells_anything_has_no_mean() -> None:
     assert all(mean.runs for mean in shown.means)
 
 
-@pytest.mark.parametrize(("runs", "per_temperature"), [(2, 2), (4, 2), (2, 1), (3, 1)])
+@pytest.mark.parametrize(
+    ("runs", "per_temperature", "run", "pair"),
+    [(4, 2, 1, (0, 1)), (4, 2, 4, (0, 2)), (3, 1, 2, (0, 1)), (4, 1, 1, (0, 2)), (6, 2, 6, (1, 2))],
+)
+def test_labels_by_whose_exchange_all_runs_agree_are_exchanged(
+    runs: int, per_temperature: int, run: int, pair: tuple[int, int]
+) -> None:
+    """Few runs, of which no three repeat each other: those at the other temperatures say whose labels are wrong."""
+    made = campaign(runs, per_temperature, seed=1, scatter=2.0)
+    rates = made.sensors[2].rates_deg_per_hr.copy()
+    rows = [3 * run - 3 + place for place in pair]
+    rates[rows] = rates[rows[::-1]]
+    wrong = with_rates(made, rates)
+    assert [(row.run, row.collects, row.done) for row in wrong_rows(wrong)[2].rows] == [
+        (run, (rows[0] + 1, rows[1] + 1), MENDED)
+    ]
+    np.testing.assert_array_equal(treated(wrong).sensors[2].rates_deg_per_hr, made.sensors[2].rates_deg_per_hr)
+    verdicts = {each.run: each.verdict for each in solve_campaign(wrong)}
+    assert verdicts == dict.fromkeys(verdicts, Verdict.PASS) | {run: Verdict.FAIL}
+
+
+def test_one_rate_far_off_among_few_runs_exchanges_nothing() -> None:
+    """Nor does what changes with temperature more than it usually does."""
+    for seed in range(20):
+        for runs, per_temperature in ((3, 1), (4, 2), (8, 1)):
+            made, rng = campaign(runs, per_temperature, seed=seed, scatter=2.0), np.random.default_rng(seed)
+            rates = made.sensors[2].rates_deg_per_hr.copy()
+            rates[rng.integers(len(rates)), rng.integers(2)] += 300.0
+            assert not any(row.done == MENDED for row in wrong_rows(with_rates(made, rates))[2].rows)
+            warmer = rng.normal(0.0, 8.0, runs)[(made.sensors[2].conditions.run - 1) // per_temperature]
+            rates = made.sensors[2].rates_deg_per_hr + warmer[:, None] * made.sensors[2].conditions.f_g[:, :1]
+            assert not any(row.done == MENDED for row in wrong_rows(with_rates(made, rates))[2].rows)
+
+
+@pytest.mark.parametrize(("runs", "per_temperature"), [(2, 2), (2, 1)])
 def test_runs_that_nothing_is_held_against_must_not_contradict_each_other(runs: int, per_temperature: int) -> None:
     """Of two that differ in what neither a bias nor MU moves neither is a PASS; sound ones are."""
     made = campaign(runs, per_temperature, scatter=3.0)
@@ -301,12 +335,17 @@ def test_runs_that_nothing_is_held_against_must_not_contradict_each_other(runs: 
 
 @pytest.mark.parametrize("wrong", [0, 1, 2])
 def test_of_three_runs_the_one_that_two_contradict_is_no_pass(wrong: int) -> None:
-    """Whether collects are exchanged or a rate's sign is turned; the two that agree with each other are not accused."""
+    """Collects exchanged, a sign turned, a rate off that no neighbour tells; the two that agree are not accused."""
     one = campaign(3)
-    for change in ("exchanged", "turned"):
+    for change in ("exchanged", "turned", "off"):
         rates = one.sensors[2].rates_deg_per_hr.copy()
         own = rates[3 * wrong : 3 * wrong + 3]
-        rates[3 * wrong : 3 * wrong + 3] = own[[0, 2, 1]] if change == "exchanged" else own * [1.0, -1.0]
+        changed = {
+            "exchanged": own[[0, 2, 1]],
+            "turned": own * [1.0, -1.0],
+            "off": own + 20.0 * np.array([[1, 0], [-1, 0], [0, 0]]),
+        }
+        rates[3 * wrong : 3 * wrong + 3] = changed[change]
         found = solve_campaign(with_rates(one, rates))
         assert [each.verdict is Verdict.PASS for each in found] == [k != wrong for k in range(3)], change
     assert {each.verdict for each in solve_campaign(one)} == {Verdict.PASS}
@@ -330,3 +369,21 @@ def test_a_channel_that_stands_still_and_so_has_errors_of_nothing_is_left_out(ru
     dead = replace(one, sensors={2: replace(one.sensors[2], rates_deg_per_hr=rates, rates_se_deg_per_hr=errors)})
     assert {(row.channels, row.done) for row in wrong_rows(dead)[2].rows} == {(("RA",), LEFT_OUT)}
     assert not any(each.verdict is Verdict.PASS for each in solve_campaign(dead))
+
+
+def test_rates_that_no_gyro_shows_are_no_measurement() -> None:
+    """A thousand times what the poorest is off by: in another unit, or garbage."""
+    one = campaign(12, 3, seed=1, scatter=2.0)
+    far = judged_by_its_records(with_rates(one, one.sensors[2].rates_deg_per_hr * 1e8))
+    assert {each.verdict for each in solve_campaign(far)} == {Verdict.FAIL}
+    assert any("no gyro shows as much" in words for words in far.warnings)
+    assert not judged_by_its_records(with_rates(one, one.sensors[2].rates_deg_per_hr * 100.0)).contradicted
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_standard_errors_that_are_too_small_accuse_no_run(seed: int) -> None:
+    """By a tenth of what they are every pair of runs differs by ten times them; that is said of them, not of a run."""
+    one = campaign(12, 3, seed=seed, scatter=2.0)
+    small = replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=np.full((36, 2), 0.07))})
+    assert what_is_wrong(small)["rows"] == []
+    assert "times too small" in " ".join(repeats(small, solve_campaign(small))[2].sentences())

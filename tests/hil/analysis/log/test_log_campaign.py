@@ -21,6 +21,7 @@ from hil.files.units import ACCELERATION, RATE, TIME
 from hil.solve import solve_campaign
 from hil.solve.least_squares import solve
 from procedures.averaging import average_series
+from procedures.verdict import Verdict
 from tests.hil.analysis.log.simulated import (
     ACCELEROMETER,
     BIAS_DEG_PER_HR,
@@ -371,3 +372,12 @@ def test_a_mean_is_that_of_the_stretch(sound: Simulated, tmp_path: Path) -> None
     assert made.campaign.sensors[1].rates_deg_per_hr[3] == pytest.approx(average.mean)
     assert made.campaign.sensors[1].rates_se_deg_per_hr[3] == pytest.approx(average.se)
     assert made.campaign.sensors[1].conditions.duration_s[3] == pytest.approx((last - first + 1) / HZ)
+
+
+def test_no_pose_is_a_pass_of_a_log_whose_turns_are_none(sound: Simulated, tmp_path: Path) -> None:
+    """What was noted when the log was read stands in the campaign's verdict."""
+    turned = replace(sound, rates=sound.rates * [1.0, -1.0, 1.0])
+    write_log_campaign(made_of(turned.write(tmp_path / "log.csv")), tmp_path / "campaign")
+    (solution,) = solve_campaign(read_campaign(tmp_path / "campaign"))
+    assert solution.verdict is Verdict.FAIL
+    assert "a sign or the order of the gyros' columns is wrong" in solution.reason
