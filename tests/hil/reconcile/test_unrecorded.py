@@ -241,5 +241,5 @@ def test_a_first_plateau_may_have_been_reached_from_any_laboratory() -> None:
     rows = hidden_campaign(7).sensors[2].conditions
     first = rows.columns["setpoint_degC"][0]
     for room_degC in (18.5, 21.0, 23.0, 25.0, 27.5):
-        steps = [tried - first for tried in InsufficientSoak.came_from_degC]
+        steps = [tried["from_degC"] - first for tried in InsufficientSoak().shape_grid(rows)]
         assert min(abs(step / (room_degC - first) - 1.0) for step in steps) < 0.035
