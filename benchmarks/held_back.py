@@ -51,7 +51,8 @@ def term(entry: Described, campaign: Campaign, number: int, rng: np.random.Gener
     parameters = {}
     for each in entry.parameters_for(conditions):
         value = rng.uniform(np.mean(each.typical), each.typical[1])
-        sign = rng.choice([-1.0, 1.0]) if entry in EFFECTS else 1.0
+        turns = entry in EFFECTS and each.typical[0] < each.typical[1]  # what is there or not has no sign
+        sign = rng.choice([-1.0, 1.0]) if turns else 1.0
         parameters[each.name] = {"unit": each.unit, "value": float(sign * value)}
     shape = {each.name: float(rng.choice(each.grid or (1.0,))) for each in entry.shapes_for(conditions)}
     if "from_degC" in shape:
@@ -79,6 +80,8 @@ def drawn(number: int, bare: Campaign, folder: Path, rng: np.random.Generator) -
         if kind != "scatter":
             effects = [each for each in EFFECTS if each.applies_to(rows.sensor) and not each.missing(rows)]
             effect = effects[int(rng.integers(len(effects)))]
+            if not effect.in_models:  # a mistake in a record
+                continue
             own = term(effect, bare, sensor, rng)
             columns = effect_columns(effect, rows, scattered.base_for(rows), own["shape"])
             values = [each["value"] for each in own["parameters"].values()]
