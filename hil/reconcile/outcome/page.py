@@ -59,7 +59,7 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     first += [f"what was not measured well (hil report says why): {', '.join(doubts)}"] if doubts else []
     if result.contradicted:
         first.append(f"what its own records contradict (notes): {numbered('run', result.contradicted)}")
-    if kind in ("none", "scatter"):
+    if kind in ("none", "scatter", "apart"):
         omitted = [row for row in result.rows if row["done"] == OMITTED]
         known = {*result.contradicted, *result.exceeding, *(row["run"] for row in omitted)}
         known |= {run for runs in result.doubtful.values() for run in runs}
