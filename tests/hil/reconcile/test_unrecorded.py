@@ -255,5 +255,6 @@ def test_the_written_term_has_the_room_that_it_was_found_for() -> None:
     result = reconcile(campaign, "matrix-6-thermal", prove=False)
     (term,) = (each for each in result.model_after.terms if each.effect == "soak_insufficient")
     assert term.shape["from_degC"] == 26.0
+    assert result.effects[0].shape_in_words.endswith("the unit coming from 26 °C")
     left = campaign.sensors[2].rates_deg_per_hr - result.model_after.rates(rows.conditions)
     assert float(np.sqrt(np.mean(left[:8] ** 2))) < 2.0
