@@ -97,24 +97,24 @@ def unit(model: str) -> dict[str, Any]:
     }
 
 
-def bench_with(model: Path, triad: bool) -> Bench:
+def bench_with(model: Path, triad: bool, seed: int = SEED) -> Bench:
     """Return the simulated bench whose unit is a model file: the one that ships, or the triad's example simulated."""
     document = yaml.safe_load(load_bench("espec-stim300-example" if triad else "simulated").text)
     if triad:
         del document["chamber"]["model"]
         document["imu"]["port"], document["chamber"]["port"] = "sim://imu", "sim://chamber"
-        document |= {"clock": "virtual", "simulation": {"seed": SEED, "start": {"position": "x-up"}}}
-    document["simulation"] |= {"model": str(model), "seed": SEED}
+        document |= {"clock": "virtual", "simulation": {"seed": seed, "start": {"position": "x-up"}}}
+    document["simulation"] |= {"model": str(model), "seed": seed}
     document |= {"polling": {"interval": "90 s", "read_interval": "90 s"}, "record": {"raw": False}}
     return parse_bench(yaml.safe_dump(document), str(model.with_name("bench.yaml")))
 
 
-def night(folder: Path, sweep: str, document: Mapping[str, Any]) -> Campaign:
+def night(folder: Path, sweep: str, document: Mapping[str, Any], seed: int = SEED) -> Campaign:
     """Carry a sweep out with a unit, through bytes, and return it as the campaign folder that is kept of it."""
     folder.mkdir()
     (folder / "model.yaml").write_text(yaml.safe_dump(dict(document)))
-    bench = bench_with(folder / "model.yaml", sweep == "triad")
-    ended = start_night(folder / "night", load_sweep(SWEEPS[sweep]), bench, terminal=Agrees(), seed=SEED)
+    bench = bench_with(folder / "model.yaml", sweep == "triad", seed)
+    ended = start_night(folder / "night", load_sweep(SWEEPS[sweep]), bench, terminal=Agrees(), seed=seed)
     if ended.exit_status:
         raise InputError(ended.reason)
     export_campaign(folder / "night", folder / "campaign")
@@ -129,18 +129,21 @@ def without(sweep: str, model: str) -> Campaign:
 
 
 def hidden(entry: Described, conditions: Conditions, size: str) -> dict[str, Any]:
-    """Return the term of an effect at a size, its parameters of different sizes and signs: alike, some cancel."""
+    """Return the term of an effect at a size, its parameters of different sizes and signs: alike, some cancel.
+
+    What is there or not, as a sign that was turned, is there.
+    """
     shapes = {each.name: each.grid or (1.0,) for each in entry.shapes_for(conditions)}
+    shapes["from_degC"] = (STARTS_DEGC,) if "from_degC" in shapes else ()
     parameters = {}
     for place, each in enumerate(entry.parameters_for(conditions)):
         low, high = each.typical
-        value = {"low": max(low, 0.1 * high), "middle": each.size, "high": high}[size] * (
-            np.cos(place) if entry in EFFECTS else 0.9**place
-        )
+        share = 1.0 if low == high else np.cos(place) if entry in EFFECTS else 0.9**place
+        value = share * {"low": max(low, 0.1 * high), "middle": each.size, "high": high}[size]
         parameters[each.name] = {"unit": each.unit, "value": float(value)}
     return {
         "effect": entry.id,
-        "shape": {n: float(g[len(g) // 2]) for n, g in shapes.items()},
+        "shape": {n: float(g[len(g) // 2]) for n, g in shapes.items() if g},
         "parameters": parameters,
     }
 
@@ -181,10 +184,11 @@ def case(job: tuple[str, str, str, str], *, twin: bool) -> dict[str, Any]:
         if kind == "mean":
             rows, truth = campaign.sensors[number].conditions, load_model(folder / "with" / "model.yaml")
             values = [each["value"] for each in term["parameters"].values()]
-            columns = effect_columns(effect_by_id(name), rows, truth.base_for(rows), term["shape"], STARTS_DEGC)
+            columns = effect_columns(effect_by_id(name), rows, truth.base_for(rows), term["shape"])
             column = np.einsum("ncp,p->nc", columns, values)
             if np.any(column):  # nothing, where the condition was not recorded
-                out["off"] = float(np.abs(added - column).max() / np.abs(column).max())
+                out["off_deg_per_hr"] = float(np.abs(added - column).max())
+                out["off"] = out["off_deg_per_hr"] / float(np.abs(column).max())
             out |= promised(campaign, number, model, name, columns, values)
         out["rms"] = float(np.sqrt(np.mean(added**2)))
         result = reconcile(campaign, model)
@@ -270,7 +274,7 @@ def table(found: list[dict[str, Any]]) -> Iterator[str]:
         said = "yes" if each["named"] else "class" if in_class(each) else "no"
         gap = " → ".join("–" if value is None else f"{value:.2f}" for value in each["gap"])
         twin = " → ".join(f"{each[key]:.2g}" for key in ("twin_before", "twin_after") if key in each) or "–"
-        off = f"{each['off']:.1%}" if "off" in each else "–"
+        off = f"{each['off']:.1%}, {each['off_deg_per_hr']:.3f} deg/hr" if "off" in each else "–"
         seen = f"{each['beside_visible']:.1f}" if "beside_visible" in each else "–"
         near = f"{each['covered']} of {each['of']}"
         yield f"{head} {each['rms']:.2f} | {off} | {seen} | {names} | {said} | {near} | {gap} | {twin} |"

@@ -111,6 +111,7 @@ _SHAPES = {
     "tau_min": "time constant {:g} min",
     "tau_s": "time constant {:g} s",
     "half_width_degC": "half width {:g} °C",
+    "from_degC": "the unit coming from {:g} °C",
 }
 
 

@@ -7,12 +7,22 @@ from typing import Any
 
 import pytest
 
-from benchmarks.coverage import case, entries, judged, table
+from benchmarks.coverage import case, entries, hidden, judged, table
+from hil.model.effects.catalogue import effect_by_id
+from tests.hil.reconcile.hidden_effects import hidden_campaign
 
 
 def told(name: str, **found: float) -> dict[str, Any]:
     """A case of which these names were found."""
-    head = {"sweep": "published", "kind": "mean", "id": name, "size": "high", "rms": 4.0, "off": 0.0001}
+    head = {
+        "sweep": "published",
+        "kind": "mean",
+        "id": name,
+        "size": "high",
+        "rms": 4.0,
+        "off": 0.0001,
+        "off_deg_per_hr": 0.004,
+    }
     said = {"found": found, "rivals": [], "named": name in found, "covered": 1, "of": 2, "gap": [4.0, None, 1.0]}
     return {**head, **said, "class": [name, "k2"], "beside_visible": 2.0}
 
@@ -29,6 +39,15 @@ def test_every_entry_of_the_catalogue_is_asked_for() -> None:
     """On the mean, on the scatter and inside the collects."""
     assert {kind for kind, _ in entries()} == {"mean", "scatter", "inside"}
     assert len(list(entries())) > 50
+
+
+def test_what_is_there_or_not_is_there() -> None:
+    """A sign is turned or it is not: half of it is no frame defect, and nothing that a search may call one."""
+    rows = hidden_campaign(7).sensors[2].conditions
+    frame = hidden(effect_by_id("frame"), rows, "high")["parameters"]
+    assert {each["value"] for each in frame.values()} == {1.0}
+    supply = hidden(effect_by_id("supply"), rows, "high")["parameters"]
+    assert len({each["value"] for each in supply.values()}) == len(supply)
 
 
 def test_a_value_is_covered_by_the_interval_that_is_stated() -> None:

@@ -32,9 +32,6 @@ from hil.model.forms import bias_names
 
 REFERENCE_DEGC = 25.0
 
-ROOM_DEGC = 20.0
-"""Where a unit comes from before its first collect."""
-
 _HOUR_S = 3600.0
 
 OUTSIDE = 1.0 / 3.0
@@ -242,9 +239,6 @@ class Effect(Described):
 
     recurring: ClassVar[bool] = False
     """Whether it may be there more than once, each time in a shape of its own."""
-
-    came_from_degC: ClassVar[tuple[float, ...]] = ()
-    """Of what remembers temperature: where the unit may have come from before its first collect."""
 
     kin: ClassVar[Mapping[str, float]] = MappingProxyType({})
     """Names of the same history in time, that only a further condition tells apart, with their weight against its 1."""

@@ -50,22 +50,26 @@ def play(values: FloatArray, half_width: float) -> FloatArray:
     return np.array(output)
 
 
-def loop_side(temperature: FloatArray, start_s: FloatArray, half_width: float) -> FloatArray:
+def loop_side(temperature: FloatArray, start_s: FloatArray, half_width: float, from_degC: float = np.nan) -> FloatArray:
     """Where on a hysteresis loop each row is: +1 on the heating branch, −1 on the cooling branch, shape (n,).
 
-    (T − play(T)) / half-width over the rows in time order; rows without a temperature get 0.
+    (T − play(T)) / half-width over the rows in time order; rows without a temperature get 0. `from_degC` is where it
+    was relaxed before them: at the first, where that is not known (NaN).
     """
     side = np.zeros(len(temperature))
     order = np.argsort(start_s, kind="stable")
     order = order[np.isfinite(temperature[order])]
     history = temperature[order]
     if half_width > 0.0 and len(history):
-        side[order] = (history - play(history, half_width)) / half_width
+        before = from_degC if np.isfinite(from_degC) else history[0]
+        side[order] = (history - play(np.append(before, history), half_width)[1:]) / half_width
     return side
 
 
-def setpoint_step(conditions: Conditions) -> FloatArray:
+def setpoint_step(conditions: Conditions, from_degC: float = np.nan) -> FloatArray:
     """Return by how much the setpoint was last changed before each row, °C, shape (n,); 0 before the first change.
+
+    `from_degC` is where the unit stood before the first row; NaN, where that is not known: then it stood there.
 
     Without a `setpoint_degC` column the plateaus are the runs: the change of mean temperature from one to the next,
     where it is more than 1 °C.
@@ -77,9 +81,9 @@ def setpoint_step(conditions: Conditions) -> FloatArray:
         levels, least = _run_means(conditions)[order], 1.0
     steps = np.zeros(len(levels))
     known = np.flatnonzero(np.isfinite(levels))
-    level = levels[known[0]] if len(known) else np.nan
+    level = from_degC if np.isfinite(from_degC) or not len(known) else levels[known[0]]
     # Only where the level differs from the row before can there be a step: a night has few of those rows.
-    for index in known[1:][np.diff(levels[known]) != 0.0]:
+    for index in known[np.diff(levels[known], prepend=level) != 0.0]:
         if abs(levels[index] - level) > least:
             steps[index:] = levels[index] - level
             level = levels[index]

@@ -59,7 +59,10 @@ class ScaleFactor(Effect):
     )
     needs_base = True
     accepted = r"(e|de_dT)(_.*)?"
-    signature = "GS, MU and bias grow in proportion, and earth rate with them: a few hundredths of a deg/hr."
+    signature = (
+        "GS, MU and bias grow in proportion, and earth rate with them: a few hundredths of a deg/hr. Where no "
+        "temperature was recorded, what de_dT does shows in no column."
+    )
     confusable_with = ("earth", "GS_T", "misalign")
     experiment = "Two headings, or a rate table."
 

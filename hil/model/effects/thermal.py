@@ -8,7 +8,6 @@ import numpy as np
 from hil.campaign import Conditions, FloatArray
 from hil.errors import InputError
 from hil.model.effects.base import (
-    ROOM_DEGC,
     Base,
     Effect,
     Parameter,
@@ -22,7 +21,6 @@ from hil.model.effects.history import averaged_decay, loop_side, setpoint_step
 from hil.model.equation import pickoff_rates
 
 _SOAK_TAU = ShapeParameter("tau_min", "min", (5.0, 8.0, 12.0, 18.0, 25.0, 40.0, 70.0), continuous=True)
-_COLD_DEGC = -80.0
 _OTHERS_DEGC = ("case_degC", "chamber_degC", "setpoint_degC")
 _UNUSUAL = 0.1  # odds, before the data, of what would have to be of an unusual kind or size to stand in
 
@@ -162,21 +160,24 @@ class Hysteresis(Effect):
     parameters = (
         Parameter("h", "deg/hr", (1.0, 5.0), {"RLG": (0.005, 0.05), "FOG": (0.05, 0.5), "MEMS": (5.0, 50.0)}),
     )
-    shapes = (ShapeParameter("half_width_degC", "degC", (1.0, 2.0, 5.0, 10.0, 14.0, 20.0), continuous=True),)
+    shapes = (
+        ShapeParameter("half_width_degC", "degC", (1.0, 2.0, 5.0, 10.0, 14.0, 20.0), continuous=True),
+        ShapeParameter("from_degC", "degC", (20.0, -80.0), default=np.nan),
+    )
     needs = frozenset({"temperature_degC"})
     signature = "Opposite sign coming from below and from above, and it does not decay while soaking."
     confusable_with = ("T_lag", "bias_T", "ageing", "jump")
-    came_from_degC = (ROOM_DEGC, _COLD_DEGC)
     idealises = (
         "It knows the temperatures of collects and no others, so no overshoot between them, and begins relaxed: where "
-        "the unit came from decides on which side of the loop it is, so that a search prepends `came_from_degC`."
+        "the unit came from decides on which side of the loop it is, which a search tries as `from_degC`."
     )
     kin = MappingProxyType({"soak_insufficient": 1.0, "bias_Tdot": 1.0, "bias_grad": 1.0})
     experiment = "Return to the same temperature from above and from below, each after a full soak."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         """Return the side of the loop, −1 to +1, for each channel."""
-        side = loop_side(column(conditions, "temperature_degC"), conditions.start_s, shape["half_width_degC"])
+        temperature, width = column(conditions, "temperature_degC"), shape["half_width_degC"]
+        side = loop_side(temperature, conditions.start_s, width, shape.get("from_degC", np.nan))
         return per_channel(side, conditions.sensor)
 
 
@@ -189,15 +190,14 @@ class InsufficientSoak(Effect):
     equation = "B += b step exp(-t_setpoint/tau)"
     per_channel = True
     parameters = (Parameter("b", "deg/hr/degC", (0.2, 2.0), {"FOG": (0.02, 0.2), "MEMS": (1.0, 30.0)}),)
-    shapes = (_SOAK_TAU,)
+    shapes = (_SOAK_TAU, ShapeParameter("from_degC", "degC", (20.0, 23.0, 26.0), default=np.nan))
     needs = frozenset({"time_since_setpoint_s", "setpoint_degC|temperature_degC"})
     signature = "Follows sign and size of the temperature step; falls from run to run within a plateau."
     confusable_with = ("bias_Tdot", "bias_grad", "hyst", "T_lag")
-    came_from_degC = (ROOM_DEGC, 23.0, 26.0)  # as laboratories are kept
     incidental = True
     idealises = (
-        "Whence the first setpoint was reached is not recorded: its step counts as none, so that a search prepends "
-        "`came_from_degC`."
+        "Whence the first setpoint was reached is not recorded: its step counts as none without `from_degC`, which a "
+        "search tries as laboratories are kept."
     )
     kin = MappingProxyType({"bias_Tdot": 1.0, "bias_grad": 1.0})
     experiment = "Five or more runs in one soak, or soaks of 45 and 120 min."
@@ -211,7 +211,7 @@ class InsufficientSoak(Effect):
         left = averaged_decay(
             column(conditions, "time_since_setpoint_s"), conditions.duration_s, 60.0 * shape["tau_min"]
         )
-        return per_channel(setpoint_step(conditions) * left, conditions.sensor)
+        return per_channel(setpoint_step(conditions, shape.get("from_degC", np.nan)) * left, conditions.sensor)
 
 
 class WarmUp(Effect):

@@ -25,22 +25,32 @@ _LEAST = 1e-4  # p-values are said down to it
 
 
 _ACT = packaged("hil.reconcile.outcome", "what_to_do.yaml")
+_APART = 0.05  # p-value below which nights simulated after are told from the measured one
+_BY = {
+    "averages": "its averages",
+    "run_scatter": "how its averages scatter",
+    "series": "what its collects are like inside",
+    "conditions": "its temperatures and times",
+}
 
 
 def what_to_do(result: Reconciliation) -> tuple[str, str]:
     """Return the verdict and what somebody has to do now; "labels": only those were wrong, "untested": none was.
 
-    And "scatter": the mean lacks nothing that can be told, but what scatters makes `hil solve` FAIL.
+    And "scatter": the mean lacks nothing that can be told, but what scatters makes `hil solve` FAIL; "apart": neither,
+    but simulated nights can be told from the measured one.
     """
     only = result.verdict == "named" and all(effect.mends_labels for effect in result.effects)
     kind = "labels" if only else result.verdict if result.tested else "untested"
-    kind = "scatter" if kind == "none" and result.exceeding else kind
+    after = (result.twin or {}).get("after", {})
+    apart = after.get("p_value", 1.0) < _APART
+    kind = ("scatter" if result.exceeding else "apart" if apart else kind) if kind == "none" else kind
     doubts = [f"{numbered('run', runs)} ({verdict})" for verdict, runs in result.doubtful.items()]
     first = ["what is missing of the measurement (hil report says what)"] if result.without.get("missing") else []
     first += [f"what was not measured well (hil report says why): {', '.join(doubts)}"] if doubts else []
     if result.contradicted:
         first.append(f"what its own records contradict (notes): {numbered('run', result.contradicted)}")
-    if kind in ("none", "scatter"):
+    if kind in ("none", "scatter", "apart"):
         omitted = [row for row in result.rows if row["done"] == OMITTED]
         known = {*result.contradicted, *result.exceeding, *(row["run"] for row in omitted)}
         known |= {run for runs in result.doubtful.values() for run in runs}
@@ -57,8 +67,11 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     if kind == "scatter":
         runs = numbered("run", result.exceeding)
         act = f"{act} No effect is named, but averages scatter more than their standard errors say ({runs}: FAIL)."
-    elif kind == "none" and max(excess, default=0.0) > EXCESS:
+    elif kind in {"none", "apart"} and max(excess, default=0.0) > EXCESS:
         act += f" Averages scatter {max(excess):.2g} times as much as standard errors say; the ± of hil solve has it."
+    if apart:
+        part = min(_BY, key=lambda each: 1.0 if after["parts"].get(each) is None else after["parts"][each])
+        act += f" Nights simulated with the model as it is now can be told from the measured one by {_BY[part]}."
     return kind, f"First see to {'; '.join(first)}. {act}" if first else act
 
 

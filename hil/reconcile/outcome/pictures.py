@@ -1,13 +1,18 @@
 """The pictures of a reconciliation: measured less simulated over what it follows, before and after."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hil.files.figure import LOOKS, blank
 from hil.files.page import inline_svg
 from hil.reconcile.result import Reconciliation
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _MOST_PANELS = 4
 _MOST_LEVEL = 8  # labels that are written side by side
@@ -56,7 +61,6 @@ def pictures(
     for own in panels:
         labels = sorted({r["position"] for r in own})
         figure, axes = blank(4.4, 2.7)
-        figure.subplots_adjust(top=0.88)
         size = known.get((own[0]["sensor"], own[0]["channel"])) or float(
             np.sqrt(np.mean([r["noise_after"] ** 2 for r in own]))
         )
@@ -68,7 +72,13 @@ def pictures(
             x = np.array([_along(r, driver, labels) for r in at])
             added = np.array([curve * r["effect"] for r in at])
             marks = {**look, "linestyle": "none"}
-            axes.plot(x, np.array([r[key] for r in at]) + added, markersize=4, label=f"position {label}", **marks)
+            axes.plot(
+                x,
+                np.array([r[key] for r in at]) + added,
+                markersize=4,
+                label=f"{'position ' * (label == labels[0])}{label}",
+                **marks,
+            )
             if curve:
                 order = np.argsort(x, kind="stable")
                 axes.plot(x[order], added[order], color=look["color"], linewidth=1.4)
@@ -82,9 +92,7 @@ def pictures(
         axes.set_xlabel(driver)
         axes.set_ylabel("deg/hr")
         title = f"sensor {own[0]['sensor']}, {own[0]['channel']}, {when}"
-        axes.set_title(title, loc="left", fontsize=10)
-        if len(labels) <= len(LOOKS):
-            axes.legend(frameon=False, fontsize=7, ncols=2)
+        _headed(axes, title, legend=len(labels) <= len(LOOKS))
         values = [r[key] for r in own]
         ends = f"from {min(values):.1f} to {max(values):.1f} deg/hr, noise {size:.1f}"
         yield inline_svg(figure, f"{title}: measured less simulated over {driver}, {ends}")
@@ -110,7 +118,6 @@ def beside_simulated(twin: Mapping[str, Any], panels: Sequence[Sequence[Mapping[
             continue
         ordered = sorted(own, key=lambda p: (p["where"]["temperature_degC"], p["where"]["position"]))
         figure, axes = blank(4.4, 2.7)
-        figure.subplots_adjust(top=0.88)
         low, high = np.array([p["simulated_deg_per_hr"] for p in ordered]).T
         axes.bar(range(len(own)), high - low, 0.8, low, color="0.85", label=f"{twin['draws']} simulated nights")
         measured = [p["measured_deg_per_hr"] for p in ordered]
@@ -122,10 +129,17 @@ def beside_simulated(twin: Mapping[str, Any], panels: Sequence[Sequence[Mapping[
         axes.set_ylabel("size of what is left, deg/hr")
         axes.set_ylim(0.0, 1.25 * max(ends))
         title = f"sensor {worst['sensor']}, {worst['channel']}, {when}"
-        axes.set_title(title, loc="left", fontsize=10)
-        axes.legend(frameon=False, fontsize=7, ncols=2)
+        _headed(axes, title)
         inside = sum(a <= m <= b for a, m, b in zip(low, measured, high, strict=True))
         yield inline_svg(figure, f"{title}: {inside} of {len(own)} measured sizes lie among the simulated ones")
+
+
+def _headed(axes: Axes, title: str, *, legend: bool = True) -> None:
+    """Write the title, and what the marks mean between it and the axes, where no point lies."""
+    axes.set_title(title, loc="left", fontsize=10, pad=18.0 if legend else 6.0)
+    if legend:
+        near = {"columnspacing": 1.0, "handletextpad": 0.2, "borderaxespad": 0.0, "handlelength": 1.4}
+        axes.legend(frameon=False, fontsize=9, ncols=5, loc="lower left", bbox_to_anchor=(-0.02, 1.0), **near)
 
 
 def _along(row: Mapping[str, Any], driver: str, labels: Sequence[str]) -> float:

@@ -12,9 +12,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray
-from hil.model.effects.base import ROOM_DEGC, Base, Effect, Parameter
+from hil.model.effects.base import Base, Effect, Parameter
 from hil.model.effects.catalogue import named
-from hil.model.effects.history import joined
 from hil.solve.temperatures import same_temperature
 
 POWERS: Mapping[str, int] = {"line": 2, "quadratic": 3, "cubic": 4}
@@ -33,7 +32,6 @@ class Candidate:
 
     `tier` is 1 for the catalogue, 2 for parameter × driver terms. `form` is the dependence on temperature of the values
     ("constant", "line", …, "table"), `stations_degC` the setpoints of a table. `parameters` has one entry per column.
-    `searched` are the shape parameters with more than one value to search: a reference is each sensor's own.
     """
 
     name: str
@@ -52,8 +50,6 @@ class Candidate:
     target: str = ""
     sensor_axes: tuple[str, ...] = ()
     kept: tuple[int, ...] = ()
-    before_degC: float = ROOM_DEGC
-    searched: tuple[tuple[str, float], ...] = ()
 
     @property
     def size(self) -> int:
@@ -67,7 +63,7 @@ class Candidate:
         """
         if self.effect is None:
             raise ValueError(f"{self.name} has no effect to be rebuilt from")
-        columns = effect_columns(self.effect, conditions, base, self.shape, self.before_degC)
+        columns = effect_columns(self.effect, conditions, base, self.shape)
         columns = columns[:, :, list(self.kept)] if self.kept else columns
         return in_form(columns, conditions, self.form, self.reference_degC, self.stations_degC)
 
@@ -82,66 +78,36 @@ def catalogue_candidates(
     for effect in catalogue:
         if not effect.searched or not effect.applies_to(conditions.sensor) or effect.missing(conditions):
             continue
-        grid = effect.shape_grid(conditions)
+        grid, tried = effect.shape_grid(conditions), set[bytes]()
         for shape in grid[:: 1 + len(grid) // MANY]:
-            yield from _of_shape(number, conditions, base_beside(effect, shape), effect, shape)
+            columns = effect_columns(effect, conditions, base_beside(effect, shape), shape)
+            parameters = effect.parameters_for(conditions)
+            high = np.array([item.typical[1] if 0 < item.typical[1] < np.inf else 1.0 for item in parameters])
+            same = (columns.round(9) + 0.0).tobytes()  # as where nothing tells one room before the night from another
+            if float(np.abs(columns * high).max(initial=0.0)) < _NOTHING or same in tried:
+                continue
+            tried.add(same)
+            plain = Candidate(
+                name=named(effect).id,
+                tier=1,
+                sensor=number,
+                columns=columns,
+                parameters=parameters,
+                shape=shape,
+                title=effect.followed_title or effect.title,
+                equation=effect.equation,
+                effect=effect,
+                sensor_axes=conditions.sensor.axes,
+            )
+            if not effect.followed_title:
+                yield plain
+            if effect.may_follow_temperature:
+                yield from _over_temperature(plain, conditions)
 
 
-def _of_shape(
-    number: int, conditions: Conditions, base: Base, effect: Effect, shape: Mapping[str, float]
-) -> Iterator[Candidate]:
-    """Yield the candidates of one effect at one shape: one per history it may have had, in every form."""
-    tried: list[FloatArray] = []
-    searched = tuple((item.name, shape[item.name]) for item in effect.shapes_for(conditions) if len(item.grid) > 1)
-    for before_degC in effect.came_from_degC or (ROOM_DEGC,):
-        columns = effect_columns(effect, conditions, base, shape, before_degC)
-        parameters = effect.parameters_for(conditions)
-        high = np.array([item.typical[1] if 0 < item.typical[1] < np.inf else 1.0 for item in parameters])
-        if float(np.abs(columns * high).max(initial=0.0)) < _NOTHING or any(np.allclose(columns, o) for o in tried):
-            continue
-        tried.append(columns)
-        plain = Candidate(
-            name=named(effect).id,
-            tier=1,
-            sensor=number,
-            columns=columns,
-            parameters=parameters,
-            shape=shape,
-            title=effect.followed_title or effect.title,
-            equation=effect.equation,
-            effect=effect,
-            sensor_axes=conditions.sensor.axes,
-            before_degC=before_degC,
-            searched=searched,
-        )
-        if not effect.followed_title:
-            yield plain
-        if effect.may_follow_temperature:
-            yield from _over_temperature(plain, conditions)
-
-
-def effect_columns(
-    effect: Effect, conditions: Conditions, base: Base, shape: Mapping[str, float], before_degC: float = ROOM_DEGC
-) -> FloatArray:
-    """Return an effect's columns, zero where it is not asked about, shape (n, c, p).
-
-    What remembers temperature (hysteresis, the step before a plateau) is given the room that the unit came from: the
-    first plateau was reached from somewhere too.
-    """
-    if not effect.came_from_degC or not {"temperature_degC", "setpoint_degC"} & set(conditions.columns):
-        return np.nan_to_num(np.asarray(effect.columns(conditions, base, shape), dtype=np.float64))
-    rows = joined(_before(conditions, before_degC), conditions)
-    return np.nan_to_num(np.asarray(effect.columns(rows, None, shape), dtype=np.float64))[1:]
-
-
-def _before(conditions: Conditions, temperature_degC: float) -> Conditions:
-    """One row before the campaign: the same orientation at another temperature, the room's as a rule."""
-    row = conditions.rows(np.array([int(np.argmin(conditions.start_s))]))
-    columns = {name: np.full(1, np.nan) for name in row.columns}
-    for name in ("temperature_degC", "setpoint_degC"):
-        if name in columns:
-            columns[name] = np.full(1, temperature_degC)
-    return replace(row, run=row.run - 1, collect=row.collect - 1, start_s=row.start_s - 7200.0, columns=columns)
+def effect_columns(effect: Effect, conditions: Conditions, base: Base, shape: Mapping[str, float]) -> FloatArray:
+    """Return an effect's columns, zero where it is not asked about, shape (n, c, p)."""
+    return np.nan_to_num(np.asarray(effect.columns(conditions, base, shape), dtype=np.float64))
 
 
 def _over_temperature(plain: Candidate, conditions: Conditions) -> Iterator[Candidate]:

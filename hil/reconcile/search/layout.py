@@ -120,9 +120,7 @@ def _between(sensor: SensorProblem, candidate: Candidate) -> Iterator[Candidate]
     if step > 1:
         place = every.index(candidate.shape)
         for value in (*every[max(place - step + 1, 0) : place], *every[place + 1 : place + step]):
-            columns = effect_columns(
-                effect, conditions, sensor.base_beside(effect, value), value, candidate.before_degC
-            )
+            columns = effect_columns(effect, conditions, sensor.base_beside(effect, value), value)
             yield replace(candidate, shape=value, columns=columns)
     shape = next((s for s in effect.shapes if s.continuous), None)
     if shape is None:
@@ -134,9 +132,7 @@ def _between(sensor: SensorProblem, candidate: Candidate) -> Iterator[Candidate]
         factor = beyond if other is None else other / grid[place]
         for part in BETWEEN:
             value = {**candidate.shape, shape.name: grid[place] * factor**part}
-            columns = effect_columns(
-                effect, conditions, sensor.base_beside(effect, value), value, candidate.before_degC
-            )
+            columns = effect_columns(effect, conditions, sensor.base_beside(effect, value), value)
             yield replace(candidate, shape=value, columns=columns)
 
 

@@ -161,6 +161,27 @@ def test_rates_of_a_part_of_the_night_are_those_of_the_whole_with_its_history(tm
     assert np.array_equal(joined(head, tail).f_g, conditions.f_g)
 
 
+@pytest.mark.parametrize(
+    ("effect", "name", "unit", "shape"),
+    [
+        ("hyst", "h_A", "deg/hr", {"half_width_degC": 5.0}),
+        ("soak_insufficient", "b_A", "deg/hr/degC", {"tau_min": 12.0}),
+    ],
+)
+def test_a_term_knows_whence_the_unit_came_where_it_says_so(
+    tmp_path: Path, effect: str, name: str, unit: str, shape: dict[str, float]
+) -> None:
+    """The first rows are as after a row at that temperature; a file without it means that nothing is known."""
+    term = {"effect": effect, "parameters": {name: {"unit": unit, "value": 1.0}}, "shape": shape}
+    conditions, silent = campaign(), model(tmp_path, terms=[term])
+    before = _part(conditions, np.arange(len(conditions)) == 0)
+    columns = {**before.columns, "temperature_degC": np.full(1, 20.0), "setpoint_degC": np.full(1, 20.0)}
+    past = replace(before, start_s=before.start_s - 7200.0, columns=columns)
+    saying = model(tmp_path, terms=[{**term, "shape": {**shape, "from_degC": 20.0}}])
+    assert saying.rates(conditions) == pytest.approx(silent.rates(conditions, history=past))
+    assert not np.allclose(saying.rates(conditions), silent.rates(conditions))
+
+
 def test_a_column_that_is_there_but_empty_contributes_nothing(tmp_path: Path) -> None:
     """Before the first setpoint there is no time since it; a column that is not there at all is refused."""
     terms = [

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,8 +13,9 @@ import pytest
 from benchmarks.blind.cases import make_case, write_case
 from hil.campaign.reader import read_campaign
 from hil.reconcile import Reconciliation, reconcile
-from hil.reconcile.outcome.page import page
+from hil.reconcile.outcome.page import page, what_to_do
 from hil.reconcile.result import rounded
+from tests.hil.reconcile.hidden_effects import hidden_campaign
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
@@ -31,6 +33,18 @@ def test_no_number_is_written_with_an_e() -> None:
     assert rounded(-35.5057, 0.044) == "-35.506 ± 0.044"
     assert rounded(-3.94e-16, 2.6e-18) == "(-3.940 ± 0.026) × 10⁻¹⁶"
     assert rounded(0.25, None) == "0.25"
+
+
+def test_whether_the_twin_is_told_apart_stands_on_the_first_line() -> None:
+    """Nobody has to act is said of no model whose simulated nights are unlike the measured one; by what is said."""
+    result = reconcile(hidden_campaign(7, temperatures=(20.0, 40.0)), "matrix-6-thermal", prove=False)
+    assert result.verdict == "none"
+    parts = {"averages": 0.6, "run_scatter": 1e-5, "series": None, "conditions": 1.0}
+    for p_value, kind, first in ((0.3, "none", "Nobody has to act."), (1e-5, "apart", "Do not rely on nights")):
+        told = replace(result, twin={"draws": 20, "seed": 1, "after": {"p_value": p_value, "parts": parts}})
+        assert what_to_do(told)[0] == kind
+        assert what_to_do(told)[1].startswith(first)
+    assert "can be told from the measured one by how its averages scatter" in what_to_do(told)[1]
 
 
 @pytest.mark.slow

@@ -241,5 +241,20 @@ def test_a_first_plateau_may_have_been_reached_from_any_laboratory() -> None:
     rows = hidden_campaign(7).sensors[2].conditions
     first = rows.columns["setpoint_degC"][0]
     for room_degC in (18.5, 21.0, 23.0, 25.0, 27.5):
-        steps = [tried - first for tried in InsufficientSoak.came_from_degC]
+        steps = [tried["from_degC"] - first for tried in InsufficientSoak().shape_grid(rows)]
         assert min(abs(step / (room_degC - first) - 1.0) for step in steps) < 0.035
+
+
+def test_the_written_term_has_the_room_that_it_was_found_for() -> None:
+    """Cold rows that stand as far from the setpoint as the laboratory was: the model that is written has them."""
+    plain = hidden_campaign(7, quiet=0.3)
+    rows = plain.sensors[2]
+    shape = {"tau_min": 25.0, "from_degC": 26.0}
+    soaking = InsufficientSoak().columns(rows.conditions, None, shape) @ np.array([2.0, -1.8])
+    campaign = replace(plain, sensors={2: replace(rows, rates_deg_per_hr=rows.rates_deg_per_hr + soaking)})
+    result = reconcile(campaign, "matrix-6-thermal", prove=False)
+    (term,) = (each for each in result.model_after.terms if each.effect == "soak_insufficient")
+    assert term.shape["from_degC"] == 26.0
+    assert result.effects[0].shape_in_words.endswith("the unit coming from 26 °C")
+    left = campaign.sensors[2].rates_deg_per_hr - result.model_after.rates(rows.conditions)
+    assert float(np.sqrt(np.mean(left[:8] ** 2))) < 2.0

@@ -17,7 +17,6 @@ from hil.errors import InputError
 from hil.model import Model, load_model
 from hil.model.effects.base import Effect
 from hil.model.effects.catalogue import EFFECTS
-from hil.model.effects.history import joined
 from hil.night import start_night
 from hil.records.export import open_source
 from tests.hil.twin.quiet import quiet_bench
@@ -60,6 +59,8 @@ def _term(effect: Effect, conditions: Conditions, sensor: int) -> dict[str, Any]
     """An effect at the upper end of what is typical, each parameter a little smaller than the one before."""
     shapes = {each.name: each.grid or (1.0,) for each in effect.shapes_for(conditions)}
     shape = {name: grid[len(grid) // 2] * (1.0 if len(grid) > 1 else 1.01) for name, grid in shapes.items()}
+    if "from_degC" in shape:  # rotors that were switched off, in the air in which the unit stood
+        shape["from_degC"] = 12.0 if "temperature_degC" in effect.needs else 20.0
     parameters = {
         each.name: {"unit": each.unit, "value": each.typical[1] * 0.9**place}
         for place, each in enumerate(effect.parameters_for(conditions))
@@ -69,15 +70,9 @@ def _term(effect: Effect, conditions: Conditions, sensor: int) -> dict[str, Any]
 
 def _column(effect: Effect, term: dict[str, Any], model: Model, conditions: Conditions) -> FloatArray:
     """What the catalogue says that it does to these rows, (n, c); what remembers temperature knows where it was."""
-    rows = conditions
-    if effect.came_from_degC:
-        first = conditions.rows(np.array([0]))
-        first.columns["temperature_degC"][:] = 12.0  # rotors that were switched off
-        first.columns["setpoint_degC"][:] = 20.0  # the air in which the unit stood
-        rows = joined(first, conditions)
     values = [each["value"] for each in term["parameters"].values()]
-    found = np.einsum("ncp,p->nc", effect.columns(rows, model.base_for(rows), term["shape"]), values)
-    return np.asarray(found[len(rows) - len(conditions) :])
+    columns = effect.columns(conditions, model.base_for(conditions), term["shape"])
+    return np.asarray(np.einsum("ncp,p->nc", columns, values))
 
 
 @pytest.fixture(scope="module")
