@@ -387,3 +387,12 @@ def test_standard_errors_that_are_too_small_accuse_no_run(seed: int) -> None:
     small = replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=np.full((36, 2), 0.07))})
     assert what_is_wrong(small)["rows"] == []
     assert "times too small" in " ".join(repeats(small, solve_campaign(small))[2].sentences())
+
+
+def test_what_is_the_same_of_many_runs_is_said_once() -> None:
+    """With the runs; and the sensor is named once."""
+    dead = made("dead channel")
+    assert (
+        in_words(what_is_wrong(dead))[0]
+        == "left out: sensor 2, runs 1–12: RB: every rate is exactly 0: nothing was measured"
+    )
