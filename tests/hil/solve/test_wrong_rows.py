@@ -273,6 +273,10 @@ def test_among_few_runs_it_is_said_what_would_not_be_seen() -> None:
         rates[4, 1] += off
         assert bool(what_is_wrong(with_rates(few, rates))["rows"]) is seen
     assert "rows_seen_from" not in what_is_wrong(campaign(24, 3, seed=77, scatter=0.5))
+    errors = few.sensors[2].rates_se_deg_per_hr.copy()
+    errors[7] = 300.0
+    unsure = replace(few, sensors={2: replace(few.sensors[2], rates_se_deg_per_hr=errors)})
+    assert what_is_wrong(unsure)["rows_seen_from"]["2"] == pytest.approx(size, rel=0.5)  # of most collects
 
 
 def test_a_temperature_of_which_no_run_tells_anything_has_no_mean() -> None:
