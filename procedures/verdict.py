@@ -15,6 +15,7 @@ from itertools import pairwise
 
 from procedures.journal_protocol import StepResult
 from procedures.plan import Step, StepKind
+from procedures.words import hours_minutes
 
 _APART = 2.0  # collects further apart than this many times the plan were interrupted
 _APART_S = 300.0
@@ -94,8 +95,6 @@ def _apart(collects: list[Step], results: Mapping[str, StepResult]) -> Iterable[
         planned_s = after.starts_s - before.starts_s
         actual_s = float(results[after.key].data["start_s"]) - float(results[before.key].data["start_s"])
         if actual_s > _APART * planned_s + _APART_S:
-            minutes = actual_s / 60.0
             pair = f"collects at positions {before.position} and {after.position}"
-            yield Judgement(
-                Verdict.MARGINAL, f"{pair} are {minutes:.0f} min apart, {planned_s / 60.0:.0f} were planned"
-            )
+            apart = f"{hours_minutes(actual_s)} apart, {hours_minutes(planned_s)} were planned"
+            yield Judgement(Verdict.MARGINAL, f"{pair} are {apart}")

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from hil.cli.answer import Answer, told
+from hil.cli.exit_status import Exit
 from hil.cli.output import results
 from hil.errors import InputError
 
@@ -22,12 +23,12 @@ def decode(
     rate: Annotated[float | None, typer.Option(help="Samples per second, where it is not the description's.")] = None,
     out: Annotated[Path | None, typer.Option(help="Write the frames as a table: X.parquet or X.csv.")] = None,
 ) -> Answer:
-    """Decode a file of raw bytes and account for every one of them."""
+    """Decode a file of raw bytes and account for every one of them; status 4 where no frame is found."""
     from hil.bench.decode import decode_file, load_frames_named
 
     description = load_frames_named(frames, parameters=frame_parameters(settings), sample_rate_hz=rate)
     document = decode_file(file, description, out=out)
-    return Answer(document, told(document))
+    return Answer(document, told(document), status=Exit.DONE if document["frames"] else Exit.INCOMPLETE)
 
 
 def check(

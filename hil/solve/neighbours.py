@@ -219,7 +219,7 @@ class _Departures:
         level = FALSE_ALARM / (4.0 * sum(map(len, places)) * self._rates.shape[1]) if places else 0.0
         if not known.any() or (places and -stdtrit(self._degrees(places), level) < FAR):
             return None
-        return float(FAR * np.max(self._scale[known]))
+        return float(FAR * np.median(self._scale[known].max(axis=1)))
 
     def doubtful(self, left_out: BoolArray) -> Iterator[tuple[int, IntArray, Judgement]]:
         """Yield the runs with a collect that scatter alone does not explain, though it is not `FAR`, from the worst.

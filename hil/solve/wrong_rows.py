@@ -210,9 +210,13 @@ def without(campaign: Campaign) -> dict[str, Any]:
 def in_words(wrong: Mapping[str, Any]) -> list[str]:
     """Say of each entry of the keys that `what_is_wrong` returns what is done and why."""
     more = "; hil reconcile weighs it against everything else, and may leave it out"
+    runs_by_words: dict[tuple[str, int, str], list[int]] = {}
+    for each in wrong.get("rows", ()):
+        why = each["why"].removeprefix(f"sensor {each['sensor']}: ")
+        runs_by_words.setdefault((each["done"], each["sensor"], why), []).append(each["run"])
     rows = [
-        f"{each['done']}: sensor {each['sensor']}, run {each['run']}: {each['why']}{more * (each['done'] == USED)}"
-        for each in wrong.get("rows", ())
+        f"{done}: sensor {number}, {numbered('run', runs)}: {why}{more * (done == USED)}"
+        for (done, number, why), runs in runs_by_words.items()
     ]
     where = "in no mean, in no other run's ±, in no search"
     return (

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from procedures.journal_protocol import Outcome, StepResult
@@ -68,6 +70,8 @@ def test_collects_that_were_torn_apart_are_marginal():
     judgement = self_calibration_verdict(STEPS, results)
     assert judgement.verdict is Verdict.MARGINAL
     assert "positions 2 and 3 are 12 min apart" in judgement.reason
+    close = [replace(step, starts_s=8.0 * k) for k, step in enumerate(STEPS)]
+    assert "apart, 16 s were planned" in self_calibration_verdict(close, results).reason
 
 
 def test_reasons_come_worst_first_and_once():

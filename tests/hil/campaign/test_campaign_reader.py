@@ -170,6 +170,12 @@ def test_channels_may_be_listed_in_any_order(folder: Path) -> None:
     np.testing.assert_array_equal(read_campaign(folder).sensors[2].rates_deg_per_hr, before)
 
 
+def test_a_title_turns_no_line(folder: Path) -> None:
+    """What would reverse the writing, or steer a terminal, is replaced before it reaches a terminal or a page."""
+    (folder / "campaign.yaml").write_text(YAML.replace("Two nights", '"night \\u202Egnp.exe \\x1B[2J"'))
+    assert read_campaign(folder).title == "night \ufffdgnp.exe \ufffd[2J"
+
+
 @pytest.mark.parametrize("mark", ["simulated: true", "notes: 'SIMULATED: these are no measurements.'"])
 def test_simulated_data_stays_marked(folder: Path, mark: str) -> None:
     """`simulated: true` is kept; where somebody took it away, the notes still say so."""

@@ -42,6 +42,13 @@ def test_every_byte_is_accounted_for(hil: Any, raw: Path, tmp_path: Path) -> Non
     assert len(out.read_text().splitlines()) == 10
 
 
+def test_a_file_without_a_frame_is_no_success(hil: Any, tmp_path: Path) -> None:
+    """Bytes of another unit: the count is told, and the exit status says that there is nothing."""
+    (tmp_path / "other.bin").write_bytes(bytes(range(200)) * 3)
+    ended = hil("decode", "--frames", "mfs", tmp_path / "other.bin")
+    assert (ended.returncode, "no frames" in ended.stdout) == (4, True)
+
+
 def test_a_description_is_told_in_words(hil: Any) -> None:
     """`hil frames check` names the frames of a description that ships."""
     ended = hil("frames", "check", "mfs")

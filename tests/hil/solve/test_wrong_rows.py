@@ -273,6 +273,10 @@ def test_among_few_runs_it_is_said_what_would_not_be_seen() -> None:
         rates[4, 1] += off
         assert bool(what_is_wrong(with_rates(few, rates))["rows"]) is seen
     assert "rows_seen_from" not in what_is_wrong(campaign(24, 3, seed=77, scatter=0.5))
+    errors = few.sensors[2].rates_se_deg_per_hr.copy()
+    errors[7] = 300.0
+    unsure = replace(few, sensors={2: replace(few.sensors[2], rates_se_deg_per_hr=errors)})
+    assert what_is_wrong(unsure)["rows_seen_from"]["2"] == pytest.approx(size, rel=0.5)  # of most collects
 
 
 def test_a_temperature_of_which_no_run_tells_anything_has_no_mean() -> None:
@@ -387,3 +391,12 @@ def test_standard_errors_that_are_too_small_accuse_no_run(seed: int) -> None:
     small = replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=np.full((36, 2), 0.07))})
     assert what_is_wrong(small)["rows"] == []
     assert "times too small" in " ".join(repeats(small, solve_campaign(small))[2].sentences())
+
+
+def test_what_is_the_same_of_many_runs_is_said_once() -> None:
+    """With the runs; and the sensor is named once."""
+    dead = made("dead channel")
+    assert (
+        in_words(what_is_wrong(dead))[0]
+        == "left out: sensor 2, runs 1–12: RB: every rate is exactly 0: nothing was measured"
+    )
