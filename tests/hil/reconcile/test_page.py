@@ -9,11 +9,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 
 from benchmarks.blind.cases import make_case, write_case
 from hil.campaign.reader import read_campaign
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.page import page, what_to_do
+from hil.reconcile.outcome.pictures import pictures
 from hil.reconcile.result import rounded
 from tests.hil.reconcile.hidden_effects import hidden_campaign
 
@@ -33,6 +35,30 @@ def test_no_number_is_written_with_an_e() -> None:
     assert rounded(-35.5057, 0.044) == "-35.506 ± 0.044"
     assert rounded(-3.94e-16, 2.6e-18) == "(-3.940 ± 0.026) × 10⁻¹⁶"
     assert rounded(0.25, None) == "0.25"
+
+
+def test_no_legend_lies_on_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It stands between the title and the axes, and ends where they end."""
+    figures: list[Figure] = []
+    monkeypatch.setattr("hil.reconcile.outcome.pictures.inline_svg", lambda figure, _: figures.append(figure))
+    row = {
+        "sensor": 2,
+        "channel": "RA",
+        "noise_after": 1.0,
+        "held_before": 3.0,
+        "held_after": 2.0,
+        "run": 1,
+        "effect": 0.0,
+    }
+    panel = [{**row, "position": position} for position in "1234"]
+    assert len(list(pictures([panel], "run", "held_before", "before", {}))) == 1
+    (axes,) = figures[0].axes
+    legend = axes.get_legend()
+    assert legend is not None
+    extent, inside = legend.get_window_extent(), axes.get_window_extent()
+    assert extent.y0 >= inside.y1
+    assert extent.x1 <= inside.x1 + 5.0
+    assert axes.get_title(loc="left") == "sensor 2, RA, before"
 
 
 def test_whether_the_twin_is_told_apart_stands_on_the_first_line() -> None:
@@ -98,4 +124,6 @@ def test_it_fits_a_phone_and_paper_and_is_dark_where_its_reader_is(aged: Reconci
             "() => [...document.querySelectorAll('table, svg, p')].filter(e => e.getBoundingClientRect().right > 704)"
         )
         assert tab.evaluate(f"{wide}.length") == 0
+        kept = "() => [...document.querySelectorAll('.figures')].map(e => getComputedStyle(e.previousElementSibling))"
+        assert tab.evaluate(f"{kept.replace('() => ', '() => (')}).map(e => e.breakAfter)") == ["avoid"] * 3
         browser.close()
