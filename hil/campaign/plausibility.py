@@ -236,10 +236,15 @@ def _laws(campaign: Campaign, series: Mapping[int, FloatArray]) -> Iterator[_Fou
 def _lost(collects: Collects, name: str) -> Iterator[_Found]:
     """Yield where a thermometer has lost the air: in one run, if the others follow it, or in all."""
     columns, run = collects.conditions.columns, collects.conditions.run
-    if not {"temperature_degC", "chamber_degC"} <= columns.keys():
+    what = "the air" if "chamber_degC" in columns else "the setpoint"
+    shown, air = (
+        columns.get(of) for of in ("temperature_degC", "chamber_degC" if what == "the air" else "setpoint_degC")
+    )
+    if shown is None or air is None:
         return
-    shown, air = columns["temperature_degC"], columns["chamber_degC"]
-    rows = np.isfinite(shown + air) & soaked(collects.conditions)
+    rows = np.isfinite(shown + air)
+    stuck = len(np.unique(shown[rows])) == 1  # what is alive does not show one number for hours, soaked or not
+    rows &= soaked(collects.conditions) | stuck
     rows &= to_come_degC(collects.conditions) < _RANGE_DEGC  # what still follows has not lost the air
 
     def follows(chosen: BoolArray) -> float:
@@ -252,6 +257,6 @@ def _lost(collects: Collects, name: str) -> Iterator[_Found]:
         lost = rows & (run == min(wrong, key=lambda one: abs(without[one] - 1.0))) if wrong else rows
         words = (
             f"{name}: its thermometer shows {shown[lost].min():.1f} to {shown[lost].max():.1f} °C while "
-            f"the air went from {air[rows].min():.1f} to {air[rows].max():.1f} °C: it does not follow"
+            f"{what} went from {air[rows].min():.1f} to {air[rows].max():.1f} °C: it does not follow"
         )
         yield [collects], lost, words

@@ -373,3 +373,17 @@ def test_the_rows_of_each_run_are_found_in_any_order() -> None:
         4: [10, 11],
     }
     assert not mixed.rows(np.zeros(len(mixed), bool)).of_each_run
+
+
+def test_a_thermometer_that_shows_one_number_at_every_setpoint_follows_nothing() -> None:
+    """Whether the unit had soaked is not recorded, nor the air: the setpoints went, and it did not."""
+    made = campaign(6, per_temperature=2)
+    rows = made.sensors[2]
+    asked = {"setpoint_degC": rows.conditions.columns["setpoint_degC"]}
+
+    def shown(degrees: FloatArray) -> tuple[str, ...]:
+        conditions = replace(rows.conditions, columns=asked | {"temperature_degC": degrees})
+        return judged_by_its_records(replace(made, sensors={2: replace(rows, conditions=conditions)})).warnings
+
+    assert "while the setpoint went from" in " ".join(shown(np.full(18, 25.0)))
+    assert shown(0.2 * asked["setpoint_degC"]) == ()
