@@ -187,6 +187,7 @@ def test_hysteresis_is_estimated_where_temperatures_were_reached_from_both_sides
     assert other is not None
     assert not other.seen
     assert sensor.parameters["BA"].form == "linear"
+    assert any("values are the middle between both directions" in note for note in sensor.notes)
 
 
 def test_one_direction_alone_gives_no_hysteresis_and_says_what_that_means(smooth: ThermalFit) -> None:
