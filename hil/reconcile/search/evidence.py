@@ -294,7 +294,7 @@ def shrunk(gram: FloatArray, score: FloatArray, rss: FloatArray) -> tuple[FloatA
 
 def log_sum(values: FloatArray) -> FloatArray:
     """Log of the sum of exponentials along the first axis, (m,) of (k, m); quicker than logaddexp.reduce."""
-    peak = values.max(axis=0)
+    peak = values.max(axis=0, initial=-np.inf)
     peak = np.where(np.isfinite(peak), peak, 0.0)
     with np.errstate(divide="ignore"):
         return np.asarray(peak + np.log(np.sum(np.exp(values - peak), axis=0)))

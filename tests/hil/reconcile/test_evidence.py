@@ -19,7 +19,7 @@ from hil.model.effects.base import Base, Effect, Parameter, per_channel
 from hil.model.effects.catalogue import effect_by_id, variance_effect_by_id
 from hil.reconcile.proof.held_out import _predicted, by_run
 from hil.reconcile.search import set_in_block
-from hil.reconcile.search.evidence import Options
+from hil.reconcile.search.evidence import Options, log_sum
 from hil.reconcile.search.fitted import fitted_block
 from hil.reconcile.search.layout import searches
 from hil.reconcile.search.posterior import scatter_odds
@@ -299,3 +299,9 @@ def test_what_is_held_out_is_predicted_as_by_a_refit_without_it(search: SensorSe
         assert predicted.log_density == pytest.approx(density, abs=0.01)
         seen += 1
     assert seen >= 4
+
+
+def test_the_log_of_no_summands_is_that_of_nothing() -> None:
+    """A layout in which no name can be asked about leaves each unit as probable as it was."""
+    assert log_sum(np.zeros((0, 2))).tolist() == [-np.inf, -np.inf]
+    assert log_sum(np.log([[1.0, 2.0], [3.0, 4.0]])) == pytest.approx(np.log([4.0, 6.0]))
