@@ -42,14 +42,16 @@ class Spread:
     """How p parameters scatter from run to run at one temperature, (p,) each.
 
     `observed` is their standard deviation, NaN where nothing was repeated; `stated` what the runs' standard errors,
-    times `factor`, say of it, and `beyond` what these leave unexplained; `degrees` how many runs were repeated. Those
-    that are `uneven` scatter more at some temperatures than at others, as chance hardly explains. `residuals` are the
-    degrees of freedom of what a run's noise is known by, infinite where it is stated.
+    times `factor`, say of it, and `beyond` what these leave unexplained; `times` is the scatter in each run's own
+    standard error, by which one that is large hides nothing; `degrees` how many runs were repeated. Those that are
+    `uneven` scatter more at some temperatures than at others, as chance hardly explains. `residuals` are the degrees of
+    freedom of what a run's noise is known by, infinite where it is stated.
     """
 
     observed: FloatArray
     beyond: FloatArray
     stated: FloatArray
+    times: FloatArray
     degrees: IntArray
     uneven: BoolArray
     factor: float = 1.0
@@ -70,7 +72,7 @@ class Spread:
         """
         known, places = np.isfinite(values), np.unique(group)
         own = np.where(known, factor * np.nan_to_num(errors), 0.0) ** 2
-        squares, explained, degrees, more, room = (np.zeros((len(places), values.shape[1])) for _ in range(5))
+        squares, explained, degrees, weighed, more, room = (np.zeros((len(places), values.shape[1])) for _ in range(6))
         # What is beyond shows in runs of small standard errors: one that is large hides nothing. Where none is, alike.
         weight = np.where(known, np.where(np.any(known & (own <= 0.0), axis=0), 1.0, 1.0 / np.maximum(own, _TINY)), 0.0)
         for k, place in enumerate(places):
@@ -80,9 +82,8 @@ class Spread:
             explained[k] = errors_squared.sum(axis=0) * (1.0 - 1.0 / count)
             degrees[k] = count - 1
             whole = np.maximum(w.sum(axis=0), _TINY)
-            more[k] = np.sum(
-                w * (rows - (w * rows).sum(axis=0) / whole) ** 2 - w * (1.0 - w / whole) * errors_squared, 0
-            )
+            weighed[k] = np.sum(w * (rows - (w * rows).sum(axis=0) / whole) ** 2, axis=0)
+            more[k] = weighed[k] - np.sum(w * (1.0 - w / whole) * errors_squared, axis=0)
             room[k] = whole - np.sum(w**2, axis=0) / whole
         freedom = degrees.sum(axis=0)
         enough = np.maximum(freedom, 1)
@@ -91,7 +92,11 @@ class Spread:
         expected = explained + degrees * beyond**2
         uneven = _uneven(squares / np.where(expected > 0.0, expected, np.inf), degrees)
         stated = np.sqrt(explained.sum(axis=0) / enough)
-        return cls(observed, beyond, stated, freedom.astype(np.int64), uneven, factor, residuals)
+        every = np.all(~known | (own > 0.0), axis=0) & (stated > 0.0)
+        times = np.where(
+            every, np.sqrt(weighed.sum(axis=0) / enough), observed / np.where(stated > 0.0, stated, np.inf)
+        )
+        return cls(observed, beyond, stated, times, freedom.astype(np.int64), uneven, factor, residuals)
 
     def sd(self, errors: FloatArray) -> FloatArray:
         """Return the standard deviation of a run's values by its standard errors (…, p); NaN where nothing tells it."""
@@ -115,7 +120,7 @@ class Spread:
         Values that do not scatter at all were rounded or copied, and tell nothing of noise.
         """
         told = (self.observed > 0.0) & (self.stated > 0.0) & ~self.uneven  # NaN where nothing was repeated
-        squares = (self.observed[told] / self.stated[told]) ** 2 @ self.degrees[told]
+        squares = self.times[told] ** 2 @ self.degrees[told]
         count = self.degrees[told].sum()
         by_chance = min(chdtr(count, squares), chdtrc(count, squares)) > 0.5 * RARE if count else True
         return 1.0 if by_chance else math.sqrt(squares / count)
