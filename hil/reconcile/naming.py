@@ -103,13 +103,15 @@ def read(posterior: Posterior, alpha: float) -> Reading:
         together = classes[id(f)] - {f.kind}, f.kind
         every[together] = every.get(together, 0.0) + float(np.exp(f.log_weight))
     lead = leading(every, alpha)
-    surely = _surely_left_out(posterior)
-    unnamed = [f for f in posterior.sets if not classes[id(f)] and _left_out(posterior, f) <= surely]
+    unnamed = [f for f in posterior.sets if not classes[id(f)]]
+    # Where something has to be missing, a row may only stand in its place: it is asked for whatever else is there.
+    among = unnamed if chance > alpha else posterior.sets
+    unnamed = _surely_wrong(posterior, unnamed, among)
     right = [
         f for f in unnamed if all(posterior.term(n, j).name == "row" for n, places in f.terms.items() for j in places)
     ]
     as_filed = right[0] if right else Found(dict.fromkeys(posterior.searches, ()), "", -np.inf)
-    own = [f for f in posterior.sets if classes[id(f)] == lead and _left_out(posterior, f) <= surely]
+    own = _surely_wrong(posterior, [f for f in posterior.sets if classes[id(f)] == lead], among)
     found = own[0] if own and (lead or chance <= alpha) else as_filed
     mistakes = [(n, t) for n, places in found.terms.items() for j in places if (t := posterior.term(n, j)).is_mistake]
     values = fitted(posterior, found)
@@ -144,13 +146,14 @@ def _left_out(posterior: Posterior, found: Found) -> int:
     return sum(term.is_mistake and term.candidate.effect is None for term in terms)
 
 
-def _surely_left_out(posterior: Posterior) -> int:
-    """Return how many rows and runs are certainly wrong, whatever else is there: no more are left out."""
-    counts = np.array([_left_out(posterior, f) for f in posterior.sets])
-    weights = np.exp([f.log_weight for f in posterior.sets])
-    return max(
-        (k for k in range(1, int(counts.max(initial=0)) + 1) if weights[counts >= k].sum() >= CERTAIN), default=0
-    )
+def _surely_wrong(posterior: Posterior, sets: Sequence[Found], among: Sequence[Found]) -> list[Found]:
+    """Return those of some sets that leave out no more rows and runs than are certainly wrong among others."""
+    counts = np.array([_left_out(posterior, f) for f in among])
+    weights = np.exp([f.log_weight for f in among])
+    most = [
+        k for k in range(1, int(counts.max(initial=0)) + 1) if weights[counts >= k].sum() >= CERTAIN * weights.sum()
+    ]
+    return [f for f in sets if _left_out(posterior, f) <= max(most, default=0)]
 
 
 def _mass(posterior: Posterior, holds: Callable[[Found], bool]) -> float:

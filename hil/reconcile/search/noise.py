@@ -130,7 +130,7 @@ class Noise:
         known = [np.eye(few), np.diag(self.white[:few]), self.offset.first(few).covariance]
         # Where nothing was repeated a value that is another in each run is one that is another at each temperature.
         of_values = self.by_station[:few].reshape(few, self.block.values.shape[1], -1)
-        known += [own @ own.T for own in np.moveaxis(of_values, 1, 0)]
+        known += [own @ own.T for own in np.moveaxis(of_values, 1, 0) if own.shape[1] > 1]
         for effect in effects:
             if not effect.applies_to(conditions.sensor) or effect.missing(conditions):
                 continue

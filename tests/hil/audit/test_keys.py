@@ -100,7 +100,7 @@ def documents(commands: dict[str, list[str]], folder: Path, capsys: pytest.Captu
     for command, words in commands.items():
         capsys.readouterr()
         arguments = [word.format(night=night, folder=campaign, raw=raw) for word in words]
-        assert run([*arguments, "--json"]) in (0, 3), command
+        assert run([*arguments, "--json"]) in (0, 3, 4), command  # 4: in these bytes is no frame of another layout
         found[command] = json.loads(capsys.readouterr().out)
     return found
 
