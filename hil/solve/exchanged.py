@@ -23,6 +23,7 @@ EXCHANGED = 0.02
 _HARDLY, _LIKELY = 1e-3, 0.02  # chance of residuals that are looked into, and of those that an exchange may leave
 _PLAIN = np.log(20.0)  # and of no other exchange may it be more probable than that
 _CHANGES = 0.1  # of its size: by so much is another at another temperature what neither a bias nor MU moves
+_OTHERS = 10.0  # times their standard errors at most that others differ by, where a run is judged by them
 _TOLD = 1e-6  # of a direction in a run's rates: where less is left, nothing tells what it should be
 
 
@@ -78,7 +79,7 @@ def by_which_all_agree(collects: Collects) -> tuple[int, int] | None:
 
 def _chance(squares: float, degrees: int, others: float, freedom: int) -> float:
     """Return how probable such squares of a run are by its standard errors, or by what others differ by, if more."""
-    if others <= freedom:
+    if others <= freedom or others > _OTHERS**2 * freedom:  # by others that are wrong themselves anything would agree
         return float(chdtrc(degrees, squares))
     return float(fdtrc(degrees, freedom, squares / degrees * freedom / others))
 
