@@ -19,6 +19,8 @@ from hil.reconcile.search.terms import Term
 
 CERTAIN = 0.8
 """Probability from which a name is stated as the name."""
+LIKELY = 0.5
+"""And from which a row is left out where nothing else may be missing."""
 BY_CHANCE = 0.01
 """How often noise may get the name of what moves averages: so probable it may be that nothing stands in its place."""
 WANDERS = 2.0
@@ -105,13 +107,13 @@ def read(posterior: Posterior, alpha: float) -> Reading:
     lead = leading(every, alpha)
     unnamed = [f for f in posterior.sets if not classes[id(f)]]
     # Where something has to be missing, a row may only stand in its place: it is asked for whatever else is there.
-    among = unnamed if chance > alpha else posterior.sets
-    unnamed = _surely_wrong(posterior, unnamed, among)
+    among, sure = (unnamed, LIKELY) if chance > alpha else (posterior.sets, CERTAIN)
+    unnamed = _surely_wrong(posterior, unnamed, among, sure)
     right = [
         f for f in unnamed if all(posterior.term(n, j).name == "row" for n, places in f.terms.items() for j in places)
     ]
     as_filed = right[0] if right else Found(dict.fromkeys(posterior.searches, ()), "", -np.inf)
-    own = _surely_wrong(posterior, [f for f in posterior.sets if classes[id(f)] == lead], among)
+    own = _surely_wrong(posterior, [f for f in posterior.sets if classes[id(f)] == lead], among, sure)
     found = own[0] if own and (lead or chance <= alpha) else as_filed
     mistakes = [(n, t) for n, places in found.terms.items() for j in places if (t := posterior.term(n, j)).is_mistake]
     values = fitted(posterior, found)
@@ -146,13 +148,11 @@ def _left_out(posterior: Posterior, found: Found) -> int:
     return sum(term.is_mistake and term.candidate.effect is None for term in terms)
 
 
-def _surely_wrong(posterior: Posterior, sets: Sequence[Found], among: Sequence[Found]) -> list[Found]:
-    """Return those of some sets that leave out no more rows and runs than are certainly wrong among others."""
+def _surely_wrong(posterior: Posterior, sets: Sequence[Found], among: Sequence[Found], sure: float) -> list[Found]:
+    """Return those of some sets that leave out no more rows and runs than are wrong among others, so `sure` it is."""
     counts = np.array([_left_out(posterior, f) for f in among])
     weights = np.exp([f.log_weight for f in among])
-    most = [
-        k for k in range(1, int(counts.max(initial=0)) + 1) if weights[counts >= k].sum() >= CERTAIN * weights.sum()
-    ]
+    most = [k for k in range(1, int(counts.max(initial=0)) + 1) if weights[counts >= k].sum() >= sure * weights.sum()]
     return [f for f in sets if _left_out(posterior, f) <= max(most, default=0)]
 
 
