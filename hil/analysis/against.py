@@ -192,6 +192,7 @@ def _same_place(now: Collects, before: Collects) -> Iterator[tuple[_Place, Float
 
 
 def _sites(now: Mapping[str, float], before: Mapping[str, float]) -> Iterator[str]:
+    """Yield where the two campaigns say that they were taken at other places."""
     for key, apart in _PLACES.items():
         if key in now and key in before and abs(now[key] - before[key]) > apart:
             what = key.removesuffix("_deg")

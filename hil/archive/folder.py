@@ -215,6 +215,7 @@ def _together(whole: Campaign, later: Campaign) -> Campaign:
 
 
 def _facts(source: Path, campaign: Campaign, day: date | None, state: str | None) -> tuple[dict[str, Any], str | None]:
+    """Return what archived.yaml says of a source, and a night's configuration."""
     rows = [each.conditions for each in campaign.sensors.values()]
     lasted_s = max(float((each.start_s + each.duration_s).max()) for each in rows)
     facts = {"schema": SCHEMA, "serial": campaign.identity["serial"], "model": campaign.identity.get("model", "")}

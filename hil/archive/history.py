@@ -179,6 +179,7 @@ def history(index: Index, serial: str, model: str | None = None, limits: Limits 
 
 
 def _told(good: Sequence[Entry]) -> Iterator[str]:
+    """Yield what is odd about a unit's entries: two nights at one time, nights that are not where they were."""
     for one, other in pairwise(good):
         if one.night and other.night and one.night != other.night and other.began_utc < one.ended_utc:
             yield (

@@ -43,6 +43,7 @@ def _frame(title: str) -> dict[str, Any]:
 
 
 def _picture(parameter: Parameter, document: Mapping[str, Any]) -> str:
+    """Draw one parameter over the calendar, a line for each temperature, the cold ones dark."""
     from matplotlib import colormaps
     from matplotlib.dates import AutoDateLocator
 

@@ -337,6 +337,7 @@ def _positioners(
     faults: FaultInjector,
     ask: AskOperator | None,
 ) -> Mapping[str, Positioner]:
+    """Return who turns each unit: its own index, or one operator or fixture that turns them all."""
     fixture = _fixture(bench, clock, faults, ask)
     if fixture is not None:
         return dict.fromkeys(imus, fixture)

@@ -74,6 +74,7 @@ def _seen(channels: SensorRole, rests: Mapping[str, Rest], samples: SampleBlock)
 
 
 def _contradiction(rest: Rest, stated: AtRest, sample_rate_hz: float) -> str:
+    """Return in words what one channel contradicts, or nothing."""
     limit = stated.full_scale_deg_per_hr
     if limit is not None and abs(rest.mean) > _SATURATED * limit:
         return f"saturated, at {rest.mean:g} deg/hr of {limit:g}"

@@ -69,6 +69,7 @@ def decode_file(path: Path, description: StreamDescription, *, out: Path | None 
 
 
 def _decoded(path: Path, description: StreamDescription) -> Iterator[Decoded]:
+    """Decode the file chunk by chunk, up to its last byte."""
     decoder = StreamDecoder(description)
     with opened(path) as file:
         while chunk := file.read(_CHUNK):

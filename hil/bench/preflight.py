@@ -274,6 +274,7 @@ def _native_limits(reading: ChamberReading) -> Finding:
 
 
 def _left_alone(bench: Bench) -> Finding:
+    """Say what the chamber does when this computer dies."""
     given, armed = bench.chamber.dead_man, bench.chamber.night_dead_man
     if armed is not None:
         told = f"its own timer stops the chamber {armed / 60.0:g} min after nobody looks any more"

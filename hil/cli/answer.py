@@ -131,6 +131,7 @@ def told(document: Mapping[str, Any], **beside: Any) -> Callable[[], Iterable[st
 
 
 def _rows(level: Mapping[str, Any], path: _Path, above: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """Yield a row for each record at the end of `path`, with what the records above it say."""
     if not path:
         yield dict(above)
         return

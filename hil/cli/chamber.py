@@ -103,6 +103,7 @@ def _bare(given: str) -> float | None:
 
 
 def _ask(bench: Bench, target_degC: float, *, yes: bool) -> None:
+    """Ask whoever sits there before a real chamber is driven."""
     if bench.simulated or yes:
         return
     dead_man = bench.chamber.dead_man

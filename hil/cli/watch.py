@@ -139,6 +139,7 @@ def _panel(console: Console) -> Iterator[Show]:
 
 @contextmanager
 def _lines(console: Console) -> Iterator[Show]:
+    """Print a line with the time for every change of state or step."""
     last = ""
 
     def show(folder: Path, status: dict[str, Any], now: Snapshot | None) -> None:  # noqa: ARG001 - one signature

@@ -76,6 +76,7 @@ class NightCurves:
             self._add_averages(times_s, values[:, self._where(self._averages)])
 
     def _add_averages(self, times_s: Any, averages: Any) -> None:
+        """Keep the newest collect: the rows since running means last began."""
         during = np.isfinite(averages).any(axis=1)
         begins = np.flatnonzero(during & ~np.concatenate([[self._collecting], during[:-1]]))
         if len(begins):

@@ -142,6 +142,7 @@ class NightFacts:
         return fresh
 
     def _head(self) -> Part:
+        """Return what is going on at this moment."""
         status, live, damage = self._status, self._live, [self._results.damage] if self._results.damage else []
         status = without_samples(status) if damage else status
         theirs = live is not None and self._owner is not None and live["pid"] == self._owner.pid
@@ -178,6 +179,7 @@ class NightFacts:
 
 
 def _now(live: Part) -> Part:
+    """Return what the controller shows: countdown, temperatures, rates with their errors, and the stream."""
     names = ("step_elapsed_s", "step_remaining_s", "elapsed_s", "attempt", "note", "chamber_degC", "setpoint_degC")
     rates = {
         label: {"now": value, "mean": live["rates_deg_per_hr"].get(label), "se": live["rates_se_deg_per_hr"].get(label)}

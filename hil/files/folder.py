@@ -65,6 +65,7 @@ def whole_file(target: Path) -> Iterator[Path]:
 
 
 def _clear_away(above: Path, name: str) -> None:
+    """Remove the unfinished folders of this name whose process died while it made them."""
     for left in above.glob(f"{PARTIAL}{glob.escape(name)}-*"):
         number = left.name.rpartition("-")[2]
         if number.isdecimal() and not process_start(int(number)):

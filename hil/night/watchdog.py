@@ -131,6 +131,7 @@ class Watchdog:
     # Looking
 
     def _silent(self) -> bool:
+        """Tell whether the heartbeat has not changed for too long."""
         beat = read_heartbeat(self._folder)
         if beat is None and self._last is None:
             return False  # a controller that writes none can only be seen to die
@@ -236,6 +237,7 @@ class Watchdog:
             self._clock.sleep(self._patience.retry_s)
 
     def _record(self, lock: FolderLock | None, message: str, why: str, left: Left) -> None:
+        """Write into the journal what was done; a journal that fails must not hide it."""
         if lock is None:
             return
         try:

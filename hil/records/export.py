@@ -61,6 +61,8 @@ class Export:
 
 @dataclass(frozen=True)
 class _Collect:
+    """One collect of the night: its step, what was recorded, and its samples."""
+
     step: Step
     data: Mapping[str, Any]
     samples: Block | None
@@ -140,6 +142,7 @@ def _export_unit(folder: Path, target: Path, form: Format | None) -> Export:
 
 
 def _bench(journal: JournalReader) -> Bench:
+    """Return the bench as the unit has it; raise `InputError` where it is not said of which of several."""
     return bench_of_record(journal.night.configuration).each[journal.one_unit]
 
 
@@ -277,6 +280,7 @@ def _of_sensor(rows: Sequence[_Row], bench: Bench, number: int) -> Collects:
 
 
 def _rates(rows: Sequence[_Row], sensor: Sensor, what: str) -> FloatArray:
+    """Return one number per row and channel, NaN where it was not measured."""
     table = [[_number(row.record["rates"].get(channel, {}).get(what)) for channel in sensor.channels] for row in rows]
     return np.array(table, dtype=np.float64)
 

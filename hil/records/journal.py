@@ -218,6 +218,7 @@ class SqliteJournal(JournalReader):
     def _end(
         self, step: Step, attempt: int, result: StepResult, blocks: Sequence[Block], ended_s: float
     ) -> Mapping[str, Any]:
+        """Record how an attempt ended; return the facts, and their digest."""
         going_on = "WHERE step_key = ? AND attempt = ? AND outcome IS NULL"
         begun = f"SELECT began_s FROM attempts {going_on}"  # noqa: S608
         began = self._connection.execute(begun, (step.key, attempt)).fetchone()

@@ -61,6 +61,8 @@ def night_status(folder: Path | str) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class _Facts:
+    """What the journal said at one instant."""
+
     journal: JournalReader
     owner: Owner | None
     attempts: Sequence[Attempt]
@@ -192,6 +194,7 @@ def _left(facts: _Facts) -> Left | None:
 
 
 def _troubles(facts: _Facts) -> tuple[list[str], list[str]]:
+    """Return what stands and what is over, of the newest controller."""
     newest = facts.controller
     if newest is None:
         return [], []
@@ -237,6 +240,7 @@ def _readings(facts: _Facts, *, working: bool) -> dict[str, Any]:
 
 
 def _paused(facts: _Facts) -> dict[str, Any] | None:
+    """Return who paused the night, since when and why."""
     pause = facts.journal.standing("pause", "continue")
     if pause is None:
         return None

@@ -173,6 +173,7 @@ def _with_whole_uncertainty(shown: SensorRepeats, means: Sequence[MeanBudget]) -
 
 
 def _results(sensor: int, each: MeanBudget) -> Iterator[dict[str, Any]]:
+    """Yield the parameters' means at one temperature with their expanded uncertainties."""
     for name, value in each.values.items():
         expanded = value.expanded(K)
         yield {
@@ -197,6 +198,8 @@ def _decimals(expanded: float) -> int:
 
 
 def _annex(sensor: int, each: MeanBudget) -> dict[str, Any]:
+    """Return the budget of the means at one temperature: a line for each source, and for what none explains."""
+
     def named(values: Any) -> dict[str, float | None]:
         return {name: finite(value) for name, value in zip(each.budget.names, values, strict=True)}
 

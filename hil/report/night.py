@@ -161,6 +161,7 @@ def _to_do(folder: Path, status: Mapping[str, Any]) -> str:
 
 
 def _asked(plan: Plan) -> str:
+    """Say in one sentence what the sweep asks for."""
     runs = plan.self_calibrations
     soaks = plan.of_kind(StepKind.RESTABILISE)
     temperatures = list(dict.fromkeys(step.temperature_degC for step in soaks if step.temperature_degC is not None))

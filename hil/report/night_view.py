@@ -66,6 +66,7 @@ def stream_in_words(collects: Sequence[CollectLine]) -> str:
 
 
 def _troubled(collects: Sequence[CollectLine]) -> list[CollectLine]:
+    """Return the collects in which anything but good frames came, samples lacked, or the verdict is not PASS."""
     return [
         each
         for each in collects

@@ -73,6 +73,7 @@ def _page(content: ReportContent) -> dict[str, Any]:
 
 
 def _comparison(comparison: Comparison, order: list[int]) -> dict[str, Any]:
+    """Return what the template shows of a comparison; sensors stand in `order`, as elsewhere on the page."""
     differences = sorted(comparison.differences, key=lambda each: order.index(each.sensor))
     return {
         "of": comparison,

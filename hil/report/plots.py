@@ -91,6 +91,7 @@ def which_sensor(folder: Path, campaign: Campaign, sensor: int | None) -> int:
 def _collect(
     folder: Path, campaign: Campaign, sensor: int, collect: int | None, run: int | None, position: str | None
 ) -> int:
+    """Return the number of the one collect that is meant."""
     conditions = campaign.sensors[sensor].conditions
     meant = np.ones(len(conditions), dtype=bool)
     for wanted, column in ((collect, conditions.collect), (run, conditions.run), (position, conditions.position)):

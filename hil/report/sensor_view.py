@@ -150,6 +150,7 @@ def _of(repeat: Repeat, model: str) -> MeanAt | None:
 
 
 def _figures(sensor: SensorContent) -> Iterator[str]:
+    """Yield pictures of the means against temperature: one for parameters of a kind, or the published four."""
     if any(repeat.temperature_degC is None for repeat in sensor.repeats):
         return
     if sensor.has_contractor:

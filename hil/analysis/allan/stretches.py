@@ -114,6 +114,7 @@ def _jumps(pieces: list[FloatArray], interval_s: float) -> list[str]:
 
 
 def _longest_run(values: FloatArray) -> int:
+    """Return how many samples in a row are exactly equal, at most."""
     changes = np.flatnonzero(np.diff(values) != 0.0)
     edges = np.concatenate([[-1], changes, [len(values) - 1]])
     return int(np.max(np.diff(edges)))

@@ -143,6 +143,7 @@ def _fitted(
 
 
 def _matrix(values: FloatArray) -> FloatArray:
+    """Return S N, (…, 3, 3)."""
     matrix = np.zeros((*values.shape[:-1], 3, 3)) + np.eye(3)
     for p, (j, k) in enumerate(_LEANS):
         matrix[..., j, k] = values[..., 6 + p]

@@ -45,6 +45,8 @@ _FEW = 100  # samples, of which no pose could be made
 
 @dataclass(frozen=True)
 class _Sought:
+    """What is looked for: its name in words and as an option, how columns are called, how many, and units they have."""
+
     words: str
     option: str
     names: re.Pattern[str]

@@ -194,6 +194,8 @@ def reproduce(
 
 @dataclass(frozen=True)
 class _Run:
+    """One run by the report's closed forms."""
+
     parameters: Mapping[str, float]
     seven: SevenBiases
     error: ContractorError
@@ -238,6 +240,7 @@ def _cell(runs: Sequence[_Run], name: str, printed: Printed | None) -> Cell:
 
 
 def _printed_temperature(audit: Audit, temperature_degC: float | None) -> str | None:
+    """Return the printed temperature that this one is, as it is printed."""
     printed = {to_number(row.group, TEMPERATURE): row.group for row in audit.table.rows}
     match = nearest(temperature_degC, list(printed))
     return None if match is None else printed[match]

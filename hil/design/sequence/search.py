@@ -241,6 +241,7 @@ class _Weigher:
 
 
 def _form(bench: Bench, sensor: int, sweep: Sweep) -> LinearForm:
+    """Return what a sensor is solved for, where all of the bench's positions are there."""
     return default_form(scene_of(bench, sensor, bench.positions, sweep.collect).conditions)
 
 

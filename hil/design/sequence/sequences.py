@@ -145,6 +145,7 @@ def seen_terms(f_g: FloatArray, w_deg_per_hr: FloatArray) -> tuple[int, int, int
 
 
 def _tells_even_terms(conditions: Conditions, design: FloatArray) -> bool:
+    """Whether every parameter stays known beside a term in fS² of each channel."""
     even = conditions.f_g[:, 2, None, None] ** 2 * np.eye(design.shape[1])
     both = np.concatenate([design, even], axis=-1)
     flat = both.reshape(-1, both.shape[-1])

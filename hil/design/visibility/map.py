@@ -184,6 +184,7 @@ def _leaks(base: FloatArray, typical: FloatArray, names: Sequence[str]) -> dict[
 
 
 def _noise(conditions: Conditions, noise: NoiseLevel, sigma: FloatArray | None) -> Whitener:
+    """Return what whitens the rates that are measured."""
     channels = len(conditions.sensor.channels)
     given = np.full((len(conditions), channels), noise.collect_deg_per_hr) if sigma is None else sigma
     scattering: list[tuple[FloatArray, float]] = []
@@ -193,6 +194,7 @@ def _noise(conditions: Conditions, noise: NoiseLevel, sigma: FloatArray | None) 
 
 
 def _chosen(shapes: Sequence[Mapping[str, float]]) -> list[Mapping[str, float]]:
+    """A few shapes from all over the grid."""
     picks = np.unique(np.linspace(0, len(shapes) - 1, min(len(shapes), _MOST_SHAPES)).round().astype(int))
     return [shapes[int(index)] for index in picks]
 
