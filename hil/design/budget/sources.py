@@ -6,8 +6,8 @@
         source.changes(scene, draws)       # (d, n, c): the same for d draws of the components (d, k), exactly
 
 Everything happens in the bench frame 1-2-3, where gravity G and earth rate W of each collect are turned, scaled or
-shifted; the rates are K·f + w of the result. The two columns of the budget come from these two methods. Of what turns
-they share no arithmetic: the first is cross products, the second turns the vectors.
+shifted; the rates are K·f + w of the result. The two columns of the budget come from these two methods, which share no
+arithmetic: the first is cross products, the second turns the vectors.
 
 Sensitivities that come out for RD-GC-86-1's collects: an error of the earth rate leaves BA, GSB and MUA alone; a tilt
 that is not known adds GSA·G3 to MUB; a drift in the order 1-2-3 enters MU three times as strongly as the bias.
@@ -93,10 +93,9 @@ class Source(ABC):
     def columns(self, scene: Scene) -> FloatArray:
         """Return the change of the rates per unit of each component, shape (n, c, k), deg/hr."""
 
+    @abstractmethod
     def changes(self, scene: Scene, draws: FloatArray) -> FloatArray:
-        """Return the exact change of the rates for components (d, k), shape (d, n, c), deg/hr: here it is linear."""
-        each = self.columns(scene)
-        return np.asarray((draws @ each.reshape(-1, each.shape[-1]).T).reshape(-1, *each.shape[:2]))
+        """Return the exact change of the rates for components (d, k), shape (d, n, c), deg/hr."""
 
 
 class Noise(Source):
@@ -109,6 +108,10 @@ class Noise(Source):
         n, c = scene.sigma.shape
         return np.asarray(np.diag(scene.sigma.ravel()).reshape(n, c, n * c))
 
+    def changes(self, scene: Scene, draws: FloatArray) -> FloatArray:
+        """Return the draws in deg/hr."""
+        return np.asarray(draws.reshape(-1, *scene.sigma.shape) * scene.sigma)
+
 
 class Instability(Source):
     """What longer averaging does not take away: flicker, independent in every average, 0.664 B in size."""
@@ -120,6 +123,10 @@ class Instability(Source):
         """Return one component for each average."""
         n, c = scene.sigma.shape
         return np.asarray(self.per_unit * np.eye(n * c).reshape(n, c, n * c))
+
+    def changes(self, scene: Scene, draws: FloatArray) -> FloatArray:
+        """Return the draws as they stand."""
+        return np.asarray(self.per_unit * draws.reshape(-1, *scene.sigma.shape))
 
 
 class _Turn(Source):
@@ -198,6 +205,11 @@ class EarthRate(Source):
         each = _constant(scene, np.eye(3))
         return np.moveaxis(scene.rates(np.zeros_like(each), each), 0, -1)
 
+    def changes(self, scene: Scene, draws: FloatArray) -> FloatArray:
+        """Return what W has more."""
+        more = np.repeat(draws[:, None, :], len(scene.axes), axis=1)
+        return scene.rates(np.zeros_like(more), more)
+
 
 class Gravity(Source):
     """Gravity is larger than the g in which coefficients are stated."""
@@ -247,6 +259,10 @@ class Drift(Source):
         """Return the minutes from the middle, in each channel."""
         return scene.minutes[:, None, None] * np.eye(scene.channels)
 
+    def changes(self, scene: Scene, draws: FloatArray) -> FloatArray:
+        """Return the ramps."""
+        return np.asarray(scene.minutes[:, None] * draws[:, None, :])
+
 
 class Soak(Source):
     """The unit's temperature still changes during the collects, and the biases with it."""
@@ -260,6 +276,11 @@ class Soak(Source):
     def columns(self, scene: Scene) -> FloatArray:
         """Return the change of both biases while the temperature changes by 1 degC/min."""
         return np.repeat(self.bias_slope * scene.minutes[:, None, None], scene.channels, axis=1)
+
+    def changes(self, scene: Scene, draws: FloatArray) -> FloatArray:
+        """Return the biases' ramps."""
+        warmer = draws * scene.minutes
+        return np.repeat(self.bias_slope * warmer[..., None], scene.channels, axis=-1)
 
 
 def sources(
