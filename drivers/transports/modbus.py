@@ -15,11 +15,18 @@ reply up to `timeout_s + late_s` late is never taken for another. Modbus TCP has
 import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 from pymodbus.exceptions import ModbusException
 from pymodbus.framer import FramerBase, FramerRTU, FramerSocket
 from pymodbus.pdu import DecodePDU, ModbusPDU
+from pymodbus.pdu.bit_message import ReadCoilsRequest, ReadDiscreteInputsRequest, WriteSingleCoilRequest
+from pymodbus.pdu.register_message import (
+    ReadHoldingRegistersRequest,
+    ReadInputRegistersRequest,
+    WriteMultipleRegistersRequest,
+    WriteSingleRegisterRequest,
+)
 
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, TransportError
@@ -30,8 +37,12 @@ Framing = Literal["rtu", "tcp"]
 Table = Literal["holding", "input", "coil", "discrete"]
 NumberType = Literal["int16", "uint16", "int32", "uint32", "float32"]
 
-_READS: Mapping[Table, int] = {"coil": 1, "discrete": 2, "holding": 3, "input": 4}
-_WRITE_COIL, _WRITE, _WRITE_SEVERAL = 5, 6, 16
+_READS: Mapping[Table, type[ModbusPDU]] = {
+    "holding": ReadHoldingRegistersRequest,
+    "input": ReadInputRegistersRequest,
+    "coil": ReadCoilsRequest,
+    "discrete": ReadDiscreteInputsRequest,
+}
 _FORMATS: Mapping[NumberType, str] = {"int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "float32": "f"}
 _MEANINGS = {
     1: "it does not know this function: check that the bench file names the right controller",
@@ -96,23 +107,21 @@ class ModbusExchange:
         reply, `TransportError` where it could not be sent, and `ValueError` for what no 16-bit register holds. Negative
         values are two's complement.
         """
-        return self._write(self._request(_WRITE, address, registers=[_register(value)]))
+        return self._write(WriteSingleRegisterRequest(address=address, registers=[_register(value)], dev_id=self._unit))
 
     def write_several(self, address: int, values: Sequence[int]) -> bool:
         """Send several registers (function 16) once; returns and raises (`CommandRefused`, `ValueError`) as `write`."""
-        return self._write(self._request(_WRITE_SEVERAL, address, registers=[_register(value) for value in values]))
+        registers = [_register(value) for value in values]
+        return self._write(WriteMultipleRegistersRequest(address=address, registers=registers, dev_id=self._unit))
 
     def write_coil(self, address: int, *, on: bool) -> bool:
         """Switch one coil (function 5) once; returns and raises (`CommandRefused`) as `write`."""
-        return self._write(self._request(_WRITE_COIL, address, bits=[on]))
-
-    def _request(self, function: int, address: int, **said: Any) -> ModbusPDU:
-        return DecodePDU.pdu_table[function][0](address=address, dev_id=self._unit, **said)
+        return self._write(WriteSingleCoilRequest(address=address, bits=[on], dev_id=self._unit))
 
     def _read_once(self, address: int, count: int, table: Table) -> list[int]:
         bits = table in ("coil", "discrete")
         what = f"{'coils' if bits else 'registers'} {address} to {address + count - 1}"
-        reply = self._exchange(self._request(_READS[table], address, count=count), what)
+        reply = self._exchange(_READS[table](address=address, count=count, dev_id=self._unit), what)
         found = [int(bit) for bit in reply.bits] if bits else list(reply.registers)
         if len(found) != (8 * -(-count // 8) if bits else count):  # bits fill their last byte
             raise ProtocolError(
@@ -182,7 +191,7 @@ class ModbusExchange:
             arrived += more
             if len(arrived) > self._framer.MAX_SIZE:
                 raise ProtocolError(f"{self._device} sent noise; check baud rate, parity and the cable")
-            if self._framing == "rtu" and request.function_code in _READS.values() and arrived.startswith(frame):
+            if self._framing == "rtu" and isinstance(request, tuple(_READS.values())) and arrived.startswith(frame):
                 arrived = arrived[len(frame) :]  # a two-wire adapter hears itself
             try:
                 arrived, reply = self._decode(arrived)

@@ -13,6 +13,13 @@ from typing import Any, Literal
 from pymodbus.exceptions import ModbusException
 from pymodbus.framer import FramerBase, FramerRTU, FramerSocket
 from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
+from pymodbus.pdu.bit_message import ReadCoilsResponse, ReadDiscreteInputsResponse, WriteSingleCoilResponse
+from pymodbus.pdu.register_message import (
+    ReadHoldingRegistersResponse,
+    ReadInputRegistersResponse,
+    WriteMultipleRegistersResponse,
+    WriteSingleRegisterResponse,
+)
 
 from drivers.simulators.chambers.controller import Refusal, SimulatedController
 from drivers.simulators.chambers.plant import ChamberPlant
@@ -21,7 +28,12 @@ from drivers.transports.modbus import Table
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = "1", "2", "3"
 _BY_TABLE: Mapping[Table, tuple[int, ...]] = {"coil": (1, 5), "discrete": (2,), "holding": (3, 6, 16), "input": (4,)}
 _TABLES: Mapping[int, Table] = {function: table for table, several in _BY_TABLE.items() for function in several}
-_READS = (1, 2, 3, 4)
+_RESPONSES = {
+    1: ReadCoilsResponse,
+    2: ReadDiscreteInputsResponse,
+    3: ReadHoldingRegistersResponse,
+    4: ReadInputRegistersResponse,
+}
 
 
 class SimulatedModbus(SimulatedController):
@@ -50,7 +62,7 @@ class SimulatedModbus(SimulatedController):
         self._silent_refusals = silent_refusals
         self._most_at_once = most_at_once
         self._functions = {
-            function: "read" if function in _READS else "write"
+            function: "read" if function in _RESPONSES else "write"
             for function, table in _TABLES.items()
             if coils or table in ("holding", "input")
         }
@@ -96,9 +108,7 @@ class SimulatedModbus(SimulatedController):
         asked = self._decode(request)
         if asked is None:
             return b""
-        answer = self._answer_to(asked, now_s)
-        answer.dev_id, answer.transaction_id = asked.dev_id, asked.transaction_id
-        return self._framer.buildFrame(answer)
+        return self._framer.buildFrame(self._reply(asked, now_s))
 
     def _refused(self, request: bytes, refusal: Refusal) -> bytes:
         asked = self._framing == "tcp" or FramerRTU.check_CRC(request[:-2], int.from_bytes(request[-2:], "big"))
@@ -129,14 +139,24 @@ class SimulatedModbus(SimulatedController):
         except (ModbusException, struct.error, ValueError):
             raise Refusal(ILLEGAL_VALUE) from None
 
+    def _reply(self, asked: ModbusPDU, now_s: float) -> ModbusPDU:
+        answer = self._answer_to(asked, now_s)
+        answer.dev_id, answer.transaction_id = asked.dev_id, asked.transaction_id
+        return answer
+
     def _answer_to(self, asked: ModbusPDU, now_s: float) -> ModbusPDU:
         table, function = _TABLES[asked.function_code], asked.function_code
-        response = DecodePDU.pdu_table[function][1]
-        if function in _READS:
+        if function in _RESPONSES:
             if asked.count > self._most_at_once:
                 raise Refusal(ILLEGAL_VALUE)
             found = [self._register(asked.address + place, now_s, table) & 0xFFFF for place in range(asked.count)]
-            return response(bits=[*map(bool, found)]) if table in ("coil", "discrete") else response(registers=found)
+            if table in ("coil", "discrete"):
+                return _RESPONSES[function](bits=[bool(each) for each in found])
+            return _RESPONSES[function](registers=found)
         self._refuse_if_locked()
         self._set_registers(asked.address, [int(each) for each in asked.bits or asked.registers], table)
-        return response(address=asked.address, count=asked.count, bits=asked.bits, registers=asked.registers)
+        if function == 5:
+            return WriteSingleCoilResponse(address=asked.address, bits=asked.bits)
+        if function == 6:
+            return WriteSingleRegisterResponse(address=asked.address, registers=asked.registers)
+        return WriteMultipleRegistersResponse(address=asked.address, count=asked.count)
