@@ -77,13 +77,19 @@ class ChamberDriver:
     simulator: Callable[..., Any] | None = None
 
 
-_OF_ALL = "limits safe expected_model native_margin_degC celsius_confirmed dead_man_s dead_man_asked"
-"""Of the options those that are every driver's."""
-
-
 def supervised(controller: Controller, clock: Clock, options: ChamberOptions) -> SupervisedChamber:
     """Put what all drivers do over a controller."""
-    return SupervisedChamber(controller, clock, **{name: getattr(options, name) for name in _OF_ALL.split()})
+    return SupervisedChamber(
+        controller,
+        clock,
+        limits=options.limits,
+        safe=options.safe,
+        expected_model=options.expected_model,
+        native_margin_degC=options.native_margin_degC,
+        celsius_confirmed=options.celsius_confirmed,
+        dead_man_s=options.dead_man_s,
+        dead_man_asked=options.dead_man_asked,
+    )
 
 
 def _built(kind: Callable[..., Controller], *said: str) -> Build:
@@ -110,6 +116,7 @@ def _speaks(path: Path | None, kind: type[SetpointBox], *said: str) -> Build:
 
 
 def _described(path: Path, kind: type[SetpointBox] = SetpointBox, *said: str) -> ChamberDriver:
+    """Return the driver of a description."""
     box = load_box(path)
     return ChamberDriver(box.title or box.name, box.line, _speaks(path, kind, *said), box.dead_man_s is not None, path)
 

@@ -152,6 +152,7 @@ class SimulatedImu:
         return encode_rows(FrameLayout(self._description, role.frame), texts, 1).tobytes()
 
     def _stream(self, now_s: float) -> None:
+        """Send the frames that are due up to `now_s`."""
         due = math.floor((now_s - self._starts_s) * self._rate_hz + 1e-6) + 1
         if due <= self._next:
             return

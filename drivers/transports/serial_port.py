@@ -41,8 +41,7 @@ _MOST_AT_ONCE = 1 << 24  # bytes in one read_available, so that a port that neve
 class SerialTransport(Transport):
     """A `Transport` over pyserial. Deadlines are the injected clock's.
 
-    The frame format is 8 data bits without parity and one stop bit unless `line` says otherwise, in pyserial's words
-    (`bytesize`, `parity`, `stopbits`; parity is N, E or O). With
+    The frame format is 8 data bits without parity and one stop bit unless told otherwise (`parity` is N, E or O). With
     `low_latency`, adapters that can are asked to pass bytes on at once instead of every 16 ms.
     Opening happens here; raise `TransportError` where the port cannot be opened, saying why and what to do.
     """
@@ -53,13 +52,22 @@ class SerialTransport(Transport):
         *,
         baudrate: int,
         clock: Clock,
+        bytesize: int = 8,
+        parity: str = "N",
+        stopbits: float = 1,
         low_latency: bool = True,
         on_close: Callable[[], None] = lambda: None,
-        **line: Any,
     ) -> None:
         super().__init__(url, clock)
         self._on_close = on_close
-        self._settings = {"baudrate": baudrate, "timeout": 0, "write_timeout": _WRITE_TIMEOUT_S, **line}
+        self._settings: dict[str, Any] = {
+            "baudrate": baudrate,
+            "bytesize": bytesize,
+            "parity": parity,
+            "stopbits": stopbits,
+            "timeout": 0,
+            "write_timeout": _WRITE_TIMEOUT_S,
+        }
         self._low_latency = low_latency
         self._closed = False
         self._port: Any = None

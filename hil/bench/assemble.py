@@ -290,18 +290,21 @@ def _chamber(
     ramp_port = None
     if section.ramp_port is not None:
         ramp_port = ports.open("chamber.ramp_port", section.ramp_port, _RAMP_LINE, lambda: simulated().ramp_port)
-    alike = ("address", "celsius_confirmed", "framing", "layout", "warning_limits")
     options = ChamberOptions(
         limits=ChamberLimits(section.limits.low, section.limits.high),
         safe=section.safe_state,
         expected_model=section.model or None,
+        address=section.address,
         terminator=section.terminator_bytes,
         native_margin_degC=section.native_margin,
+        celsius_confirmed=section.celsius_confirmed,
         ramp_port=ramp_port,
+        framing=section.framing,
         description=bench.chamber_description,
         dead_man_s=section.night_dead_man if night else section.dead_man,
         dead_man_asked=section.dead_man is not None,
-        **{name: getattr(section, name) for name in alike},
+        layout=section.layout,
+        warning_limits=section.warning_limits,
     )
     try:
         chamber = CHAMBER_DRIVERS[section.driver].build(port, clock, options)

@@ -297,15 +297,13 @@ class BoxDescription(Entry):
     dead_man_s: Quantity | None = None
 
     @property
-    def framings(self) -> dict[str, Any]:
-        """What stands around the texts of questions, of settings and of replies, as those call it who send them."""
-        names = ("framing", "told_framing", "reply_framing")
+    def framings(self) -> tuple[Framing, Framing, Framing]:
+        """What stands around the texts of questions, of settings and of replies."""
         if self.frame:
-            around: tuple[Framing, ...] = self.frame.of(self.frame.asked), self.frame.of(self.frame.told), self.frame
-            return dict(zip(names, around, strict=True))
+            return self.frame.of(self.frame.asked), self.frame.of(self.frame.told), self.frame
         silence = self.silence_s and Silence(self.silence_s)
-        ends = (self.terminator, self.terminator, self.reply_terminator or self.terminator)
-        return {name: silence or Line(_TERMINATORS[end]) for name, end in zip(names, ends, strict=True)}
+        request = silence or Line(_TERMINATORS[self.terminator])
+        return request, request, silence or Line(_TERMINATORS[self.reply_terminator or self.terminator])
 
     @property
     def looked_at(self) -> list[Question]:

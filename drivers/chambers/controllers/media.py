@@ -5,7 +5,7 @@ questions, and is made again when an answer in it cannot be.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from drivers.chambers.controllers.description import BoxDescription, Command, Quantity, Question
 from drivers.chambers.controllers.registers import ModbusSection
@@ -25,9 +25,18 @@ class TextMedium:
     """A box that speaks text."""
 
     def __init__(self, transport: Transport, clock: Clock, box: BoxDescription, device: str) -> None:
+        framing, told_framing, reply_framing = box.framings
         timing = LineTiming(box.timeout_s, box.pause_after_question_s, box.pause_after_setting_s, late_s=box.late_s)
-        said: dict[str, Any] = {"device": device, "timing": timing, "encoding": box.encoding, **box.framings}
-        self._exchange = LineExchange(transport, clock, **said)
+        self._exchange = LineExchange(
+            transport,
+            clock,
+            device=device,
+            framing=framing,
+            told_framing=told_framing,
+            reply_framing=reply_framing,
+            timing=timing,
+            encoding=box.encoding,
+        )
         self.decimals: int | None = None
         self._device, self._box = device, box
         self._about = {each.ask: (each.length, each.hint) for _, each in box.named if isinstance(each, Question)}

@@ -35,6 +35,7 @@ class SimServ(SetpointBox):
         return True
 
     def _messages(self) -> tuple[str, ...]:
+        """Return the texts of the alarms that are active."""
         found = []
         for number in range(1, self._number("17002¶1") + 1):
             if self._number(f"17005¶1¶{number}") == _ALARM_MESSAGE and self._number(f"17009¶1¶{number}") == 1:

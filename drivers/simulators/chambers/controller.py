@@ -42,8 +42,17 @@ class ChamberFaultKind(StrEnum):
     NOT_CARRIED_OUT = "not_carried_out"  # acknowledges and shows what it is told, and goes on as it was
 
 
-_OF_A_REPLY = "deaf silence garbage truncated corrupted late refused"
-OF_A_REPLY = frozenset(map(ChamberFaultKind, _OF_A_REPLY.split()))
+OF_A_REPLY = frozenset(
+    {
+        ChamberFaultKind.DEAF,
+        ChamberFaultKind.SILENCE,
+        ChamberFaultKind.GARBAGE,
+        ChamberFaultKind.TRUNCATED,
+        ChamberFaultKind.CORRUPTED,
+        ChamberFaultKind.LATE,
+        ChamberFaultKind.REFUSED,
+    }
+)
 
 
 @dataclass(frozen=True)
@@ -271,6 +280,7 @@ class SimulatedController(ABC):
         return any(each.begins_s <= at_s < each.ends_s < math.inf for each in gone)
 
     def _end(self, fault: ChamberFault) -> None:
+        """Let a fault of the chamber be over."""
         match fault.kind:
             case ChamberFaultKind.ALARM:
                 self.acknowledge_alarms()

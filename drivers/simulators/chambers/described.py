@@ -106,7 +106,15 @@ class SimulatedSetpointBox(_Described, SimulatedLines):
     def __init__(self, plant: ChamberPlant, description: BoxDescription, **settings: Any) -> None:
         self._box = description
         self._usual_alarm = description.simulated.alarm
-        super().__init__(plant, encoding=description.encoding, **description.framings, **settings)
+        framing, told_framing, reply_framing = description.framings
+        super().__init__(
+            plant,
+            framing=framing,
+            told_framing=told_framing,
+            reply_framing=reply_framing,
+            encoding=description.encoding,
+            **settings,
+        )
 
     def _respond(self, request: str, now_s: float) -> str | None:
         request = request.upper() if self._box.simulated.any_case else request

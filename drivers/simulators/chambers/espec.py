@@ -151,38 +151,60 @@ class SimulatedEspec(SimulatedLines):
     # What it says.
 
     def _monitor(self, command: str, now_s: float) -> str:
+        """Return the data that a monitor command asks for."""
         if command in ("MON?,DETAIL", "MODE?,DETAIL"):
             if not self._model.startswith("P3"):
                 raise Refusal("PARA ERR")
             command = command.removesuffix(",DETAIL")
-        if command == "HUMI?" and self._humidity is None:
-            raise Refusal("INVALID REQ")
-        air = f"{self._air(now_s):.1f}" if self._shown_instead is None else self._shown_instead
-        setpoint, *limits = map(self._shown, (self.setpoint_degC, self.limits.high_degC, self.limits.low_degC))
-        humidity, (mode, minutes) = self._humidity or "", self._timer
-        dry = f"{50.0 * (self.mode == 'CONSTANT'):.1f}"
-        said = _OTHERS | {
-            "TEMP?": ",".join((air, *(f"{each:.1f}" for each in (setpoint, *limits)))),
-            "MON?": f"{air},{humidity.split(',', 1)[0]},{self.mode},{len(self.alarms)}",
-            "MODE?": self.mode,
-            "ALARM?": ",".join((str(len(self.alarms)), *self.alarms)),
-            "CONSTANT SET?,TEMP": f"{setpoint:.1f},ON",
-            "ROM?": self._model,
-            "TYPE?": self._type_text,
-            "HUMI?": humidity,
-            "TIMER LIST?,0": f"{mode},{minutes // 60}:{minutes % 60}",
-            "TIMER ON?": "0" if self.timer_ends_s is None else "1,0",
-            "TIMER USE?": "1,0" if minutes else "0",
-            "KEYPROTECT?": "ON" if self.panel_locked else "OFF",
-            "%?": f"1,{dry}" if self._humidity is None else f"2,{dry},0.0",
-        }
-        if command in said:
-            return said[command]
+        match command:
+            case "TEMP?":
+                settings = (self.setpoint_degC, self.limits.high_degC, self.limits.low_degC)
+                return ",".join((self._air_text(now_s), *(f"{self._shown(each):.1f}" for each in settings)))
+            case "MON?":
+                return f"{self._air_text(now_s)},{self._humidity_now()},{self.mode},{len(self.alarms)}"
+            case "MODE?":
+                return self.mode
+            case "ALARM?":
+                return ",".join((str(len(self.alarms)), *self.alarms))
+            case "CONSTANT SET?,TEMP":
+                return f"{self._shown(self.setpoint_degC):.1f},ON"
+            case "ROM?":
+                return self._model
+            case "TYPE?":
+                return self._type_text
+            case "HUMI?":
+                return self._humidity_reply()
+            case "TIMER LIST?,0":
+                mode, minutes = self._timer
+                return f"{mode},{minutes // 60}:{minutes % 60}"
+            case "TIMER ON?":
+                return "0" if self.timer_ends_s is None else "1,0"
+            case "TIMER USE?":
+                return "1,0" if self._timer[1] else "0"
+            case "KEYPROTECT?":
+                return "ON" if self.panel_locked else "OFF"
+            case "%?":
+                dry = f"{50.0 * (self.mode == 'CONSTANT'):.1f}"
+                return f"1,{dry}" if self._humidity is None else f"2,{dry},0.0"
+        if command in _OTHERS:
+            return _OTHERS[command]
         raise Refusal("PARA ERR" if command.split(",")[0] in _MONITORS else "CMD ERR")
+
+    def _air_text(self, now_s: float) -> str:
+        return f"{self._air(now_s):.1f}" if self._shown_instead is None else self._shown_instead
+
+    def _humidity_now(self) -> str:
+        return "" if self._humidity is None else self._humidity.split(",", 1)[0]
+
+    def _humidity_reply(self) -> str:
+        if self._humidity is None:
+            raise Refusal("INVALID REQ")
+        return self._humidity
 
     # What it does.
 
     def _setting(self, command: str, request: str, now_s: float) -> str:
+        """Carry out a setting and return its acknowledgement."""
         head, _, parameter = command.partition(",")
         settings: dict[str, Callable[[str], None]] = {
             "TEMP": self._set_temperatures,
