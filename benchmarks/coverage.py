@@ -13,10 +13,9 @@ with white noise, and one effect on top, with all its parameters at the low, mid
 from __future__ import annotations
 
 import argparse
-import json
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from benchmarks.kept import Case, run_or_print
 from hil.campaign import Campaign, Conditions, FloatArray
 from hil.config import load_bench, load_sweep
 from hil.config.bench import Bench, parse_bench
@@ -280,23 +280,17 @@ def table(found: list[dict[str, Any]]) -> Iterator[str]:
         yield f"{head} {each['rms']:.2f} | {off} | {seen} | {names} | {said} | {near} | {gap} | {twin} |"
 
 
-def main() -> None:
-    """Run what is not there yet, or print the table."""
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    doing = options.add_subparsers(dest="doing", required=True)
-    run = doing.add_parser("run")
-    run.add_argument("--keep", type=Path, required=True)
+def options(run: argparse.ArgumentParser) -> None:
+    """Add which sweeps, sizes and effects are asked about, and whether a twin is."""
     run.add_argument("--sweep", choices=SWEEPS, nargs="*", default=list(SWEEPS))
     run.add_argument("--size", choices=SIZES, nargs="*", default=list(SIZES))
     run.add_argument("--only", nargs="*")
     run.add_argument("--twin", action="store_true")
-    run.add_argument("--workers", type=int)
-    doing.add_parser("table").add_argument("keep", type=Path)
-    asked = options.parse_args()
-    there = [json.loads(line) for line in asked.keep.read_text().splitlines()] if asked.keep.exists() else []
-    if asked.doing == "table":
-        print("\n".join(table(there)))
-        return
+
+
+@contextmanager
+def left(asked: argparse.Namespace, there: list[Case]) -> Iterator[tuple[Callable[[Any], Case], Iterable[Any]]]:
+    """Give the cases that are not there yet."""
     done = {(each["sweep"], each["kind"], each["id"], each["size"]) for each in there}
     jobs = [
         (sweep, kind, entry.id, size)
@@ -305,10 +299,8 @@ def main() -> None:
         for kind, entry in entries()
         if not asked.only or entry.id in asked.only
     ]
-    with ProcessPoolExecutor(asked.workers) as pool, asked.keep.open("a") as file:
-        for found in pool.map(partial(case, twin=asked.twin), [job for job in jobs if job not in done]):
-            print(json.dumps(found), file=file, flush=True)
+    yield partial(case, twin=asked.twin), [job for job in jobs if job not in done]
 
 
 if __name__ == "__main__":
-    main()
+    run_or_print(__doc__, options, table, left)

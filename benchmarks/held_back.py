@@ -13,10 +13,9 @@ beside twenty nights of the model that was asked and twenty of the one that `hil
 from __future__ import annotations
 
 import argparse
-import json
 import tempfile
-from collections.abc import Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -26,6 +25,7 @@ import numpy as np
 import yaml
 
 from benchmarks import coverage
+from benchmarks.kept import Case, run_or_print
 from hil.campaign import Campaign
 from hil.likeness import likeness
 from hil.likeness.draws import drawn_model, fitted, night_of_averages
@@ -163,32 +163,24 @@ def table(found: list[dict[str, Any]]) -> Iterator[str]:
         yield f"| {each['number']} | {' | '.join(cells)} | {before} | {after} |"
 
 
-def main() -> None:
-    """Run the units that are not there yet, or print the table."""
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    doing = options.add_subparsers(dest="doing", required=True)
-    run = doing.add_parser("run")
-    run.add_argument("--keep", type=Path, required=True)
+def options(run: argparse.ArgumentParser) -> None:
+    """Add which units are drawn, and whether their nights go through bytes."""
     run.add_argument("--units", type=int, default=12)
     run.add_argument("--seed", type=int, default=4100)
     run.add_argument("--folder", type=Path, help="keeps the units and their nights")
     run.add_argument("--averages", action="store_true")
-    run.add_argument("--workers", type=int)
-    doing.add_parser("table").add_argument("keep", type=Path)
-    asked = options.parse_args()
-    there = [json.loads(line) for line in asked.keep.read_text().splitlines()] if asked.keep.exists() else []
-    if asked.doing == "table":
-        print("\n".join(table(there)))
-        return
-    numbers = [
-        n for n in range(asked.units) if (asked.seed, n) not in {(each["seed"], each["number"]) for each in there}
-    ]
-    with tempfile.TemporaryDirectory(prefix="hil-") as at, ProcessPoolExecutor(asked.workers) as pool:
+
+
+@contextmanager
+def left(
+    asked: argparse.Namespace, there: list[Case]
+) -> Iterator[tuple[Callable[[int], dict[str, Any]], Iterable[int]]]:
+    """Give the units that are not there yet, and a folder for their nights."""
+    done = {each["number"] for each in there if each["seed"] == asked.seed}
+    with tempfile.TemporaryDirectory(prefix="hil-") as at:
         job = partial(case, seed=asked.seed, keep=asked.folder or Path(at), averages=asked.averages)
-        with asked.keep.open("a") as file:
-            for found in pool.map(job, numbers):
-                print(json.dumps(found), file=file, flush=True)
+        yield job, [n for n in range(asked.units) if n not in done]
 
 
 if __name__ == "__main__":
-    main()
+    run_or_print(__doc__, options, table, left)

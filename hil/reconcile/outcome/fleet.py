@@ -16,7 +16,6 @@ from hil.reconcile.campaigns import LEVEL, Screened, ScreenedUnit
 from procedures.words import counted
 
 _MOST_NAMES = 4  # that have a look of their own in a picture
-_OTHERS: dict[str, Any] = {"color": "0.45", "marker": "."}
 _NUMBER = re.compile(r"(\d+)\D*$")
 
 
@@ -138,7 +137,9 @@ def _over(units: Sequence[ScreenedUnit], places: dict[str, int], what: str, look
         ("not called", [e for e in here if not e.worth], {"color": "0.75", "marker": "."})
     ]
     groups += [(n, [e for e in here if e.worth and e.finding.leader == n], look) for n, look in looks.items()]
-    groups.append(("others", [e for e in here if e.worth and e.finding.leader not in looks], _OTHERS))
+    groups.append(
+        ("others", [e for e in here if e.worth and e.finding.leader not in looks], {"color": "0.45", "marker": "."})
+    )
     for name, own, look in groups:
         if own:
             x, y = [places[e.folder] for e in own], [e.finding.statistic for e in own]
