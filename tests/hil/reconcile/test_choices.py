@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -13,10 +14,10 @@ from hil.campaign import Campaign
 from hil.model import load_model
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS
 from hil.reconcile import naming, reconcile
-from hil.reconcile.naming import Reading, read
+from hil.reconcile.naming import Reading, _surely_wrong, read
 from hil.reconcile.proof.held_out import HeldOut, likeliest_without
 from hil.reconcile.search.layout import searches, values_follow
-from hil.reconcile.search.posterior import Posterior, weigh
+from hil.reconcile.search.posterior import Found, Posterior, weigh
 from hil.reconcile.search.problem import pose
 from hil.reconcile.search.set_in_block import CLOSE, Inner, Sets, instead
 from hil.reconcile.search.tied import tied_gain
@@ -188,3 +189,13 @@ def test_a_tied_parameter_brings_its_gain_into_the_evidence(supplied: tuple[Post
     assert abs(gain) > 1e-3
     together = search.evidence((place,))
     assert together[0][0] + together[1][0] == pytest.approx(apart[0][0] + apart[1][0] + gain)
+
+
+@pytest.mark.parametrize(("sure", "left_out"), [(0.5, [1, 0]), (0.8, [0])])
+def test_a_row_is_left_out_where_it_is_as_sure_as_is_asked(sure: float, left_out: list[int]) -> None:
+    """Two thirds say that it is wrong: enough where nothing else may be missing, too little where something is."""
+    row = SimpleNamespace(is_mistake=True, candidate=SimpleNamespace(effect=None))
+    posterior = cast(Posterior, SimpleNamespace(term=lambda number, place: row))  # noqa: ARG005
+    wrong, nothing = Found({2: (0,)}, "", float(np.log(0.66))), Found({2: ()}, "", float(np.log(0.34)))
+    kept = _surely_wrong(posterior, [wrong, nothing], [wrong, nothing], sure)
+    assert [len(each.terms[2]) for each in kept] == left_out

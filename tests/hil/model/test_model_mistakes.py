@@ -1,0 +1,120 @@
+"""What is wrong with a model file, or with rows for it, is named by file and key."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from hil.errors import InputError
+from hil.model import load_model
+from tests.hil.model.effect_conditions import campaign
+from tests.hil.model.test_models import document, model, written
+
+
+def _without(name: str) -> dict[str, object]:
+    sensors = document()["sensors"]
+    assert isinstance(sensors, dict)
+    return {2: {key: value for key, value in sensors[2].items() if key != name}}
+
+
+def _with(name: str, entry: object) -> dict[str, object]:
+    sensors = document()["sensors"]
+    assert isinstance(sensors, dict)
+    return {2: {**sensors[2], name: entry}}
+
+
+WARMUP = {"effect": "warmup", "parameters": {"W_A": {"unit": "deg/hr", "value": 1.0}}}
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"schema": "hil.model/2"}, "schema: expected hil.model/1, found hil.model/2"),
+        ({"form": "matrix-7"}, "form: unknown form matrix-7"),
+        ({"colour": "red"}, "colour: there is no such key here; check its spelling"),
+        ({"sensors": _without("GSB")}, "sensors.2.GSB: missing"),
+        ({"sensors": _with("GSX", {"unit": "deg/hr/g", "value": 1.0})}, "sensors.2.GSX: unknown key"),
+        (
+            {"sensors": _with("BA", {"unit": "deg/hr", "value": 1.0, "valeu": 2.0})},
+            "sensors.2.BA.valeu: there is no such key here",
+        ),
+        ({"sensors": _with("BA", {"unit": "deg/hr"})}, "sensors.2.BA: give one of value, polynomial or table"),
+        ({"sensors": _with("BA", {"value": 1.0})}, "sensors.2.BA.unit: this key is missing"),
+        ({"sensors": _with("BA", {"unit": "deg/hr", "value": float("nan")})}, "sensors.2.BA.value: "),
+        ({"sensors": _with("BA", {"unit": "deg/hr", "polynomial": [1.0]})}, "sensors.2.BA.reference_degC: "),
+        (
+            {"sensors": _with("BA", {"unit": "deg/hr", "table": {"temperature_degC": [0, 0], "value": [1, 2]}})},
+            "sensors.2.BA.table: temperature_degC must rise strictly",
+        ),
+        (
+            {"sensors": _with("BA", {"unit": "deg/hr", "table": {"temperature_degC": [0, 1], "value": [1]}})},
+            "sensors.2.BA.table: value must have as many entries",
+        ),
+        ({"sensors": _with("BA", {"unit": "deg/s", "value": 1.0})}, "sensors.2.BA: unit: deg/s given, deg/hr needed"),
+        ({"terms": [{**WARMUP, "effect": "warm"}]}, "terms.0.effect: no effect of the catalogue"),
+        ({"terms": [{"effect": "warm", "parameters": {}}]}, "terms.0.effect: no effect of the catalogue"),
+        ({"terms": [{**WARMUP, "effect": "swap"}]}, "terms.0.effect: swap is a mistake in a record"),
+        ({"terms": [{**WARMUP, "effect": "arw"}]}, "terms.0.effect: effect arw has no values of its own"),
+        (
+            {"terms": [{**WARMUP, "parameters": {"Q": {"unit": "1", "value": 1.0}}}]},
+            "terms.0.parameters.Q: unknown key",
+        ),
+        ({"terms": [{**WARMUP, "parameters": {}}]}, "terms.0.parameters: "),
+        ({"terms": [WARMUP]}, "terms.0.shape.tau_min: missing; warmup needs it, in min"),
+        (
+            {"terms": [{**WARMUP, "shape": {"tau_min": 5.0, "tau_s": 3.0}}]},
+            "terms.0.shape.tau_s: unknown key for effect warmup; it has tau_min",
+        ),
+        (
+            {"terms": [{**WARMUP, "effect": "turnon", "parameters": {"b_1_A": {"unit": "deg/hr", "value": 1.0}}}]},
+            "terms.0.shape.power_cycles: missing; turnon needs it",
+        ),
+        (
+            {"terms": [{**WARMUP, "parameters": {"W_A": {"unit": "mdeg/s", "value": 1.0}}}]},
+            "terms.0.parameters.W_A: unit: mdeg/s given, deg/hr needed",
+        ),
+        (
+            {"terms": [{"effect": "empirical:GXY*supply_V", "parameters": {"q": {"unit": "1", "value": 1.0}}}]},
+            "terms.0.effect: empirical:GXY*supply_V cannot be in a sensor with channels A, B",
+        ),
+        ({"terms": [{**WARMUP, "tau": 3}]}, "terms.0.tau: there is no such key here"),
+    ],
+)
+def test_mistakes_in_a_model_file_are_named_by_file_and_key(
+    changes: dict[str, object], sentence: str, tmp_path: Path
+) -> None:
+    """One sentence: the file, the key, what is wrong."""
+    path = written(tmp_path, document(**changes))
+    with pytest.raises(InputError) as refusal:
+        load_model(path)
+    assert str(refusal.value).startswith(f"{path}: {sentence}")
+    assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("text", ["a: [", "- 1\n- 2\n", ""])
+def test_what_is_no_model_file_is_refused(text: str, tmp_path: Path) -> None:
+    """Broken YAML, a list, an empty file."""
+    path = tmp_path / "broken.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=r"broken\.yaml"):
+        load_model(path)
+
+
+def test_a_model_that_does_not_exist_is_refused_with_what_there_is() -> None:
+    """The message lists the built-ins."""
+    with pytest.raises(InputError, match=r"model nowhere: .*matrix-6-thermal"):
+        load_model("nowhere")
+
+
+def test_values_against_temperature_refuse_rows_without_one() -> None:
+    """A NaN temperature is named, not passed through."""
+    with pytest.raises(InputError, match=r"BA, BB.* of sensor 2 depend on temperature"):
+        load_model("rd-gc-86-1-truth").rates(campaign(every_column=False))
+
+
+def test_a_term_that_follows_temperature_refuses_rows_without_one(tmp_path: Path) -> None:
+    """A value against temperature in rows that have none."""
+    curve = {"unit": "deg/hr/day", "polynomial": [1.0, 2.0], "reference_degC": 20.0}
+    with pytest.raises(InputError, match="ageing depends on temperature_degC"):
+        model(tmp_path, terms=[{"effect": "ageing", "parameters": {"a_A": curve}}]).rates(campaign(every_column=False))

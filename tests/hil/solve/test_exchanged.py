@@ -1,0 +1,91 @@
+"""Labels exchanged between collects of a run: told where all rates then agree, and nowhere else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hil.campaign import Campaign, Collects, Conditions
+from hil.solve import solve_campaign
+from hil.solve.wrong_rows import MENDED, treated, wrong_rows
+from procedures.verdict import Verdict
+from tests.hil.model.effect_conditions import TRIAD
+from tests.hil.solve.test_neighbours import campaign, with_rates
+
+
+def triads(seed: int, runs: int = 8) -> Campaign:
+    """Six poses, two runs at each temperature, a bias of each run, white noise of 1 deg/hr as stated."""
+    rng, f = np.random.default_rng(seed), np.tile(np.repeat(np.eye(3), 2, axis=0), (runs, 1))
+    f[1::2] *= -1.0
+    run, k = np.repeat(np.arange(1, runs + 1), 6), np.arange(6 * runs)
+    temperature = 20.0 * ((run - 1) // 2) - 20.0
+    bias = [100.0, -50.0, 30.0] + np.outer(temperature, [0.5, 0.2, -0.3]) + rng.normal(0.0, 1.0, (runs, 3))[run - 1]
+    rates = bias + f @ rng.normal(0.0, 30.0, (3, 3)) + rng.normal(0.0, 1.0, f.shape)
+    labels = np.array(["X+", "X-", "Y+", "Y-", "Z+", "Z-"] * runs)
+    columns = {"temperature_degC": temperature + 5.0, "setpoint_degC": temperature}
+    at = Conditions(TRIAD, k + 1, run, labels, 600.0 * k, np.full(len(k), 60.0), f, np.zeros(f.shape), columns)
+    return Campaign("triad", "", {1: Collects(at, rates, np.ones(f.shape))})
+
+
+@pytest.mark.parametrize("pair", [(6, 8), (7, 9), (30, 35)])
+def test_labels_exchanged_in_a_run_that_has_no_neighbours_show_in_its_residuals(pair: tuple[int, int]) -> None:
+    """Of two pairs that explain them alike, that which agrees with the other runs; no sound run is accused for it."""
+    one = triads(51)
+    rates = one.sensors[1].rates_deg_per_hr.copy()
+    rates[list(pair)] = rates[list(pair[::-1])]
+    (row,) = wrong_rows(with_rates(one, rates, 1))[1].rows
+    assert (row.collects, row.done) == ((pair[0] + 1, pair[1] + 1), MENDED)
+    solved = solve_campaign(with_rates(one, rates, 1))
+    assert {s.runs[0] for s in solved if s.verdict is Verdict.FAIL} == {row.run}
+
+
+@pytest.mark.slow
+def test_nothing_else_is_called_an_exchange() -> None:
+    """Not a sound run, a wrong rate or collect, a drift; and a run that is all there is does not say which pair."""
+    for seed in range(40):
+        one, rng = triads(seed), np.random.default_rng(seed)
+        for spoil in (0.0, 300.0, -25.0):
+            rates = one.sensors[1].rates_deg_per_hr.copy()
+            rates[6 + seed % 6, seed % 3] += spoil
+            rates[12:18] += spoil / 10.0 * np.arange(6)[:, None]
+            rates[24 + seed % 6] += spoil * rng.normal(size=3)
+            assert not any(row.done == MENDED for row in wrong_rows(with_rates(one, rates, 1))[1].rows), (seed, spoil)
+        alone = one.sensors[1].rows(np.arange(6))
+        rates = alone.rates_deg_per_hr[[2, 1, 0, 3, 4, 5]]
+        assert wrong_rows(Campaign("t", "", {1: replace(alone, rates_deg_per_hr=rates)}))[1].rows == ()
+
+
+@pytest.mark.parametrize(
+    ("runs", "per_temperature", "run", "pair"),
+    [(4, 2, 1, (0, 1)), (4, 2, 4, (0, 2)), (3, 1, 2, (0, 1)), (4, 1, 1, (0, 2)), (6, 2, 6, (1, 2))],
+)
+def test_labels_by_whose_exchange_all_runs_agree_are_exchanged(
+    runs: int, per_temperature: int, run: int, pair: tuple[int, int]
+) -> None:
+    """Few runs, of which no three repeat each other: those at the other temperatures say whose labels are wrong."""
+    made = campaign(runs, per_temperature, seed=1, scatter=2.0)
+    rates = made.sensors[2].rates_deg_per_hr.copy()
+    rows = [3 * run - 3 + place for place in pair]
+    rates[rows] = rates[rows[::-1]]
+    wrong = with_rates(made, rates)
+    assert [(row.run, row.collects, row.done) for row in wrong_rows(wrong)[2].rows] == [
+        (run, (rows[0] + 1, rows[1] + 1), MENDED)
+    ]
+    np.testing.assert_array_equal(treated(wrong).sensors[2].rates_deg_per_hr, made.sensors[2].rates_deg_per_hr)
+    verdicts = {each.run: each.verdict for each in solve_campaign(wrong)}
+    assert verdicts == dict.fromkeys(verdicts, Verdict.PASS) | {run: Verdict.FAIL}
+
+
+def test_one_rate_far_off_among_few_runs_exchanges_nothing() -> None:
+    """Nor does what changes with temperature more than it usually does."""
+    for seed in range(20):
+        for runs, per_temperature in ((3, 1), (4, 2), (8, 1)):
+            made, rng = campaign(runs, per_temperature, seed=seed, scatter=2.0), np.random.default_rng(seed)
+            rates = made.sensors[2].rates_deg_per_hr.copy()
+            rates[rng.integers(len(rates)), rng.integers(2)] += 300.0
+            assert not any(row.done == MENDED for row in wrong_rows(with_rates(made, rates))[2].rows)
+            warmer = rng.normal(0.0, 8.0, runs)[(made.sensors[2].conditions.run - 1) // per_temperature]
+            rates = made.sensors[2].rates_deg_per_hr + warmer[:, None] * made.sensors[2].conditions.f_g[:, :1]
+            assert not any(row.done == MENDED for row in wrong_rows(with_rates(made, rates))[2].rows)
