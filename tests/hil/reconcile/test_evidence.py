@@ -305,3 +305,4 @@ def test_the_log_of_no_summands_is_that_of_nothing() -> None:
     """A layout in which no name can be asked about leaves each unit as probable as it was."""
     assert log_sum(np.zeros((0, 2))).tolist() == [-np.inf, -np.inf]
     assert log_sum(np.log([[1.0, 2.0], [3.0, 4.0]])) == pytest.approx(np.log([4.0, 6.0]))
+    assert log_sum(np.full((2, 1), -2000.0)) == pytest.approx([np.log(2.0) - 2000.0])  # of which exp is nothing
