@@ -209,7 +209,7 @@ class _Names:
 def _log_prior(chosen: Mapping[int, _Names], askable: Mapping[int, set[str]]) -> float:
     """Log prior odds of a combination: one price for a name, and whether each sensor that may have it does."""
     total = sum(own.rest for own in chosen.values())
-    for name in {name for own in chosen.values() for name in own.odds}:
+    for name in dict.fromkeys(name for own in chosen.values() for name in own.odds):  # the same sum in every process
         total += max(own.odds[name] for own in chosen.values() if name in own.odds)
         rho = COMMON if any(name in own.common for own in chosen.values()) else SHARED
         could = [name in own.odds for number, own in chosen.items() if name in askable[number]]

@@ -203,7 +203,7 @@ class SensorSearch:
         """Weigh several sets in every block, all at once: what they are made of is laid out, and weighed, once."""
         for b, own in enumerate(self.blocks):
             new = dict.fromkeys(here for chosen in sets if ((here := self._here(chosen, b)), b) not in self._weighed)
-            members = {j: self.member(j, b) for j in self._laid_out({j for here in new for j in here}, b)}
+            members = self._members_of({j for here in new for j in here}, b)
             for weighed in weigh_in_block(own.beside, own.points, members, list(new)) if new else ():
                 self._weighed[weighed.members, b] = weighed
 
@@ -218,7 +218,11 @@ class SensorSearch:
         """Return what of a set shows in a block."""
         return tuple(j for j in chosen if self.terms[j].parts[b] is not None)
 
-    def _laid_out(self, places: Iterable[int], b: int) -> list[int]:
+    def member(self, j: int, b: int) -> Member:
+        """Return what a term is in a block."""
+        return self._members_of((j,), b)[j]
+
+    def _members_of(self, places: Iterable[int], b: int) -> dict[int, Member]:
         """Lay out what several terms are in a block, all at once: a filter costs as much for one as for many."""
         asked = sorted(places)
         new = {j: part for j in asked if (j, b) not in self._members and (part := self.terms[j].parts[b])}
@@ -227,12 +231,7 @@ class SensorSearch:
         for (j, part), (first, end) in zip(new.items(), pairwise(ends), strict=True):
             options = Options.of(self.terms[j].amplitudes[b])
             self._members[j, b] = Member(part.parameters, options, laid[:, :, first:end])
-        return asked
-
-    def member(self, j: int, b: int) -> Member:
-        """Return what a term is in a block."""
-        self._laid_out((j,), b)
-        return self._members[j, b]
+        return {j: self._members[j, b] for j in asked}
 
     def _evidence(self, chosen: Set) -> list[FloatArray]:
         out, ties = [], any(self.terms[j].ties for j in chosen)
