@@ -93,7 +93,7 @@ def _finely(search: SensorSearch, chosen: Set, b: int, at: IntArray) -> tuple[Po
     steps = np.exp(_GRID * ((np.arange(_STEPS) + 0.5) / _STEPS - 0.5))
     coarse = search.blocks[b].points.take(np.repeat(at, _STEPS))
     fine = replace(coarse, amount=coarse.amount * np.tile(steps, len(at)))
-    block = replace(search.blocks[b], points=fine, _whitening=None)
+    block = replace(search.blocks[b], points=fine, _filters=())
     block.measure(block.y)
     blocks = [block if k == b else other for k, other in enumerate(search.blocks)]
     return fine, SensorSearch(blocks, search.terms).in_block(chosen, b)

@@ -16,6 +16,8 @@ import numpy as np
 from hil.campaign import Conditions, FloatArray, IntArray
 from hil.model.effects.base import Scatter, middle_hr
 
+PIECE = 24
+"""Rows at most that are whitened by one matrix; from piece to piece states are handed on."""
 
 @dataclass(frozen=True)
 class Chain:
@@ -120,34 +122,120 @@ class Whitened:
     half_log_det: FloatArray
 
 
-def whitened(
-    chains: Sequence[Chain], of: IntArray, amounts: FloatArray, white: FloatArray, columns: FloatArray
-) -> Whitened:
-    """Whiten columns (N, k), in the order of time, at t models of the noise, each `of` one of the chains, (t,).
+@dataclass(frozen=True)
+class Stretches:
+    """Stretches of equal length, cut into pieces, and what whitens each at t models of the noise.
+
+    `rows` (m, p, n) are places in columns (N, k), N where the last piece has fewer. `own` (t, m, p, n, n) whitens a
+    piece by itself, `entering` (t, m, p, n, s) what states are on entering takes from its rows; a piece hands on
+    `learned` (t, m, p, s, n) of its rows and `kept` (t, m, p, s, s) of the states.
+    """
+
+    rows: IntArray
+    own: FloatArray
+    entering: FloatArray
+    learned: FloatArray
+    kept: FloatArray
+
+    def take(self, index: IntArray) -> Stretches:
+        """Return some of the models."""
+        return Stretches(self.rows, *(own[index] for own in (self.own, self.entering, self.learned, self.kept)))
+
+    def whiten(self, columns: FloatArray, out: FloatArray) -> None:
+        """Write rows of columns (N + 1, k), the last of zeros, into `out` (t, N + 1, k), independent of each other."""
+        states = None
+        for piece, rows in enumerate(np.moveaxis(self.rows, 1, 0)):
+            given = columns[rows]
+            white = self.own[:, :, piece] @ given
+            if states is not None:
+                white -= self.entering[:, :, piece] @ states
+            out[:, rows] = white
+            if piece + 1 < self.rows.shape[1]:
+                learned = self.learned[:, :, piece] @ given
+                states = learned if states is None else learned + self.kept[:, :, piece] @ states
+
+
+@dataclass(frozen=True)
+class Filter:
+    """What makes rows of t models of the noise independent of each other, found once for any number of columns."""
+
+    stretches: Sequence[Stretches]
+    half_log_det: FloatArray
+
+    def take(self, index: IntArray) -> Filter:
+        """Return some of the models."""
+        return Filter([each.take(index) for each in self.stretches], self.half_log_det[index])
+
+    def whiten(self, columns: FloatArray) -> FloatArray:
+        """Return columns (N, k), in the order of time, with rows that are independent, (t, N, k)."""
+        rows, wide = columns.shape
+        given = np.vstack([columns, np.zeros((1, wide))])
+        out = np.empty((len(self.half_log_det), rows + 1, wide))
+        for each in self.stretches:
+            each.whiten(given, out)
+        return out[:, :rows]
+
+
+def filter_of(chains: Sequence[Chain], of: IntArray, amounts: FloatArray, white: FloatArray) -> Filter:
+    """Return what whitens rows at t models of the noise, each `of` one of the chains, (t,).
 
     The chains have as many states and the same stretches, which are filtered side by side as the models are. `amounts`
     (t, s) are the sizes of the states, `white` (t, N) the variance of each row by itself.
     """
-    (points, states), wide = amounts.shape, columns.shape[1]
-    seen_by, keeps, kicks = (np.array([getattr(c, name) for c in chains]) for name in ("columns", "keep", "kick"))
-    out, scale = np.empty((points, *columns.shape)), np.empty((points, len(columns)))
+    names, nothing = ("columns", "keep", "kick"), (0.0, 1.0, 0.0)
+    # One row more, which is none, fills up what a stretch that is cut into pieces lacks.
+    seen_by, keeps, kicks = (
+        np.array([np.pad(getattr(c, name), ((0, 1), (0, 0)), constant_values=empty) for c in chains])
+        for name, empty in zip(names, nothing, strict=True)
+    )
+    white = np.pad(white, ((0, 0), (0, 1)), constant_values=1.0)
+    out, half_log_det = [], np.zeros(len(of))
     for stretches in chains[0].stretches():
-        expected = np.zeros((points, len(stretches), states, wide))
-        covariance = np.zeros((points, len(stretches), states, states))
-        diagonal = np.einsum("tmss->tms", covariance)
-        for rows in stretches.T:
-            at = of[:, None], rows
-            keep = keeps[at]
-            if np.any(keep != 1.0):
-                expected *= keep[..., None]
-                covariance *= keep[..., :, None] * keep[..., None, :]
-            diagonal += kicks[at] ** 2
-            seen = amounts[:, None, :] * seen_by[at]
-            gain = (covariance @ seen[..., None])[..., 0]
-            own = 1.0 / np.sqrt(np.einsum("tms,tms->tm", seen, gain) + white[:, rows])
-            gain *= own[..., None]
-            row = (columns[rows] - (seen[..., None, :] @ expected)[..., 0, :]) * own[..., None]
-            expected += gain[..., None] * row[..., None, :]
-            covariance -= gain[..., None] * gain[..., None, :]
-            out[:, rows], scale[:, rows] = row, own
-    return Whitened(out, -np.sum(np.log(scale), axis=1))
+        pieces = -(-stretches.shape[1] // PIECE)
+        missing = -stretches.shape[1] % pieces
+        rows = np.pad(stretches, ((0, 0), (0, missing)), constant_values=white.shape[1] - 1)
+        at = of[:, None, None], rows
+        seen, keep = amounts[:, None, None, :] * seen_by[at], keeps[at]
+        gain, scale = _gains(seen, keep, kicks[at], white[:, rows])
+        half_log_det -= np.sum(np.log(scale), axis=(1, 2))
+        cut = (len(of), len(rows), pieces, -1)
+        parts = (own.reshape(*cut, *own.shape[3:]) for own in (seen, keep, gain, scale))
+        out.append(_pieces(rows.reshape(len(rows), pieces, -1), *parts))
+    return Filter(out, half_log_det)
+
+
+def _gains(seen: FloatArray, keep: FloatArray, kick: FloatArray, white: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return what states learn of each row made independent, (t, m, n, s), and what it is scaled by, (t, m, n).
+
+    `seen` (t, m, n, s) is what the states do to the rows, `white` (t, m, n) each row's own variance.
+    """
+    gain, scale = np.empty(seen.shape), np.empty(white.shape)
+    covariance = np.zeros((*seen.shape[:2], seen.shape[3], seen.shape[3]))
+    diagonal = np.einsum("tmss->tms", covariance)
+    forgets, kicks = np.any(keep != 1.0, axis=(0, 1, 3)).tolist(), kick**2
+    for i, forget in enumerate(forgets):
+        if forget:
+            covariance *= keep[:, :, i, :, None] * keep[:, :, i, None, :]
+        diagonal += kicks[:, :, i]
+        learned = (covariance @ seen[:, :, i, :, None])[..., 0]
+        scale[:, :, i] = own = 1.0 / np.sqrt(np.einsum("tms,tms->tm", seen[:, :, i], learned) + white[:, :, i])
+        learned *= own[..., None]
+        covariance -= learned[..., None] * learned[..., None, :]
+        gain[:, :, i] = learned
+    return gain, scale
+
+
+def _pieces(rows: IntArray, seen: FloatArray, keep: FloatArray, gain: FloatArray, scale: FloatArray) -> Stretches:
+    """Return what all pieces do to any rows and to any states on entering: the filter of a basis of both."""
+    *of, size, states = seen.shape
+    handed = np.zeros((*of, states, size + states))
+    handed[..., size:] = np.eye(states)
+    found = np.zeros((*of, size, size + states))
+    for i in range(size):
+        handed *= keep[..., i, :, None]
+        row = -(seen[..., i, None, :] @ handed)[..., 0, :]
+        row[..., i] += 1.0
+        row *= scale[..., i, None]
+        handed += gain[..., i, :, None] * row[..., None, :]
+        found[..., i, :] = row
+    return Stretches(rows, found[..., :size], -found[..., size:], handed[..., :size], handed[..., size:])

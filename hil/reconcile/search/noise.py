@@ -20,7 +20,7 @@ import numpy as np
 
 from hil.campaign import Conditions, FloatArray, IntArray
 from hil.model.effects.base import Parameter, Scatter, VarianceEffect
-from hil.reconcile.search.chains import Chain, Whitened, chain_of, grouped, in_time, joined, whitened
+from hil.reconcile.search.chains import PIECE, Chain, Filter, chain_of, filter_of, grouped, in_time, joined
 from hil.solve.rows import Block
 
 OFFSETS = (0.0, 0.7, 1.4, 2.8, 5.6, 11.0)
@@ -44,7 +44,7 @@ FEWEST_RUNS = 4
 """Runs that tell kinds of scatter apart, and exchanged labels; of two each may have an offset already."""
 ALIKE = 0.985
 """Covariances of which the cosine is larger are one and the same to these rows."""
-LARGEST = 4e6
+LARGEST = 4_000_000
 """Numbers that are whitened at once: some tens of megabytes, and still in step with the processor's cache."""
 COMPARED = 256
 """Rows by which covariances are compared: what is the same in so many is the same in all."""
@@ -111,25 +111,32 @@ class Noise:
         known = [chain_of(part, conditions, rows, channel) for part in stated]
         self.stated = joined([c.scaled(1.0 / np.sqrt(self.unit)) for c in known], len(rows))
         self.calibrated = calibrated and len(np.unique(block.station)) > 1 and bool(block.values.shape[1])
-        self.by_station, self._shapes = _by_station(block, conditions, self.order)
+        by_station, shapes = _by_station(block, conditions, self.order)
+        many = by_station.shape[1] * self.calibrated  # values that stand are the base's own
+        self.by_station, self._shapes = by_station[:, :many], [own[:many, :many] for own in shapes]
         self._known: dict[int, FloatArray] = {}
         self.profiles: list[Profile] = [(FIXED,) * block.values.shape[1]]
         runs = len(np.unique(run))
         self.has_offsets = runs > 1 and len(rows) / runs / apart.shape[1] > 1.5
         tells = self.has_offsets and runs >= FEWEST_RUNS
-        self.kinds = list(self._kinds(conditions, effects, rows, channel)) if tells else []
+        self.kinds = list(self._kinds(conditions, effects, rows, channel, by_station)) if tells else []
         ordinary = [self.stated, self.offset]
         self._chains = {k: joined([*ordinary, kind.chain], len(rows)) for k, kind in enumerate(self.kinds)}
         self._chains[-1] = joined(ordinary, len(rows))
 
     def _kinds(
-        self, conditions: Conditions, effects: Sequence[VarianceEffect], rows: IntArray, channel: IntArray
+        self,
+        conditions: Conditions,
+        effects: Sequence[VarianceEffect],
+        rows: IntArray,
+        channel: IntArray,
+        by_station: FloatArray,
     ) -> Iterator[Kind]:
         """Yield what these rows can tell from ordinary noise and from each other."""
         few = min(len(rows), COMPARED)
         known = [np.eye(few), np.diag(self.white[:few]), self.offset.first(few).covariance]
         # Where nothing was repeated a value that is another in each run is one that is another at each temperature.
-        of_values = self.by_station[:few].reshape(few, self.block.values.shape[1], -1)
+        of_values = by_station[:few].reshape(few, self.block.values.shape[1], -1)
         known += [own @ own.T for own in np.moveaxis(of_values, 1, 0) if own.shape[1] > 1]
         for effect in effects:
             if not effect.applies_to(conditions.sensor) or effect.missing(conditions):
@@ -163,36 +170,32 @@ class Noise:
         kind_of, amount, offset, level, profile, log_prior = np.array(rows, dtype=np.float64).T
         return Points(kind_of.astype(np.int64), amount, offset, level, profile.astype(np.int64), log_prior)
 
-    def whiten(self, points: Points, columns: FloatArray) -> Whitened:
-        """Make rows of columns (N, k), in the order of time, independent at every point, the base's values apart."""
-        out, half_log_det = np.empty((len(points), *columns.shape)), np.empty(len(points))
-        for at, found in self._whitened(points, columns):
-            out[at], half_log_det[at] = found.columns, found.half_log_det
-        return Whitened(out, half_log_det)
-
     def products(self, points: Points, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return inner products (t, k, k) of whitened columns (N, k), and half the log determinants (t,)."""
         gram, half_log_det = np.empty((len(points), *[columns.shape[1]] * 2)), np.empty(len(points))
-        for at, found in self._whitened(points, columns):
-            gram[at] = np.swapaxes(found.columns, 1, 2) @ found.columns
-            half_log_det[at] = found.half_log_det
+        for at, own in self.filters(points, columns.shape[1]):
+            white = own.whiten(columns)
+            gram[at], half_log_det[at] = np.swapaxes(white, 1, 2) @ white, own.half_log_det
         return gram, half_log_det
 
-    def _whitened(self, points: Points, columns: FloatArray) -> Iterator[tuple[IntArray, Whitened]]:
-        """Yield places among the points with what they whiten, no piece larger than some tens of megabytes."""
-        most = max(1, int(LARGEST / columns.size))
+    def filters(self, points: Points, wide: int) -> Iterator[tuple[IntArray, Filter]]:
+        """Yield places among the points with what whitens there, the base's values apart.
+
+        So many at once that for so many columns, `wide`, no piece is larger than some tens of megabytes.
+        """
+        most = max(1, LARGEST // (len(self.order) * max(wide, PIECE)))
         alike: dict[tuple[int, bytes], list[int]] = {}
         for kind in np.unique(points.kind).tolist():
             alike.setdefault((len(self._chains[kind]), self._chains[kind].begins.tobytes()), []).append(kind)
         for kinds in alike.values():
             places = np.flatnonzero(np.isin(points.kind, kinds))
             chains = [self._chains[kind] for kind in kinds]
-            wide = [len(self.stated), len(self.offset), len(chains[0]) - len(self._chains[-1])]
+            each = [len(self.stated), len(self.offset), len(chains[0]) - len(self._chains[-1])]
             for at in (places[first : first + most] for first in range(0, len(places), most)):
                 own = points.take(at)
                 sizes = np.stack([np.ones(len(at)), own.offset, own.amount], axis=1)
-                amounts, white = np.repeat(sizes, wide, axis=1), self._white(own.level)
-                yield at, whitened(chains, np.searchsorted(kinds, own.kind), amounts, white, columns)
+                white = self._white(own.level)
+                yield at, filter_of(chains, np.searchsorted(kinds, own.kind), np.repeat(sizes, each, axis=1), white)
 
     def factor(self, profile: int) -> FloatArray:
         """Return the factor (r, r) of what is known of the columns `by_station` (N, r) before the data."""
@@ -202,7 +205,7 @@ class Noise:
             out = np.zeros((size, stations, size, stations))
             for k, part in enumerate(parts):
                 out[k, :, k, :] = part
-            self._known[profile] = out.reshape(size * stations, -1)
+            self._known[profile] = out.reshape(size * stations, size * stations)
         return self._known[profile]
 
     def place(self, profile: Profile) -> int:

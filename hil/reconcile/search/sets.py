@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from hil.campaign import FloatArray, IntArray
-from hil.reconcile.search.chains import Whitened
+from hil.reconcile.search.chains import Filter, Whitened
 from hil.reconcile.search.evidence import (
     HOLDS,
     LEAST,
@@ -40,8 +40,6 @@ SCANNED = 10
 """Points of the noise at which every term is tried: a scan proposes, and what it proposes is weighed at all."""
 GLANCED = 4
 """Points at which the terms are tried beside which the noise is then looked at anew."""
-DENSE = 400
-"""Rows up to which whitening is one matrix: from there on the filter costs less."""
 LEADING = 6
 """Terms beside which the noise is looked at anew."""
 TOGETHER = 3
@@ -61,7 +59,7 @@ class BlockSearch:
     unit: float
     beside: Beside
     scanned: IntArray
-    _whitening: Whitened | None = None
+    _filters: Sequence[tuple[IntArray, Filter]] = ()
 
     @classmethod
     def of(cls, block: Block, noise: Noise) -> BlockSearch:
@@ -82,7 +80,7 @@ class BlockSearch:
         """
         data = [y / self.unit for y in units] or [self.y]
         self.points, best = likely_points(self.noise, self.scales, data, self.block.base, extras)
-        self.scanned, self._whitening = np.argsort(-best)[:SCANNED], None
+        self.scanned, self._filters = np.argsort(-best)[:SCANNED], ()
         self.measure(self.y)
 
     def measure(self, y: FloatArray) -> None:
@@ -101,12 +99,16 @@ class BlockSearch:
         return self.beside.at(at).follow(self._white(columns[self.noise.order] / self.unit, at).columns)
 
     def _white(self, columns: FloatArray, at: IntArray | slice = slice(None)) -> Whitened:
-        """Whiten columns (N, k), in the order of time, at some of the points: few rows by one matrix, kept."""
-        if len(columns) > DENSE:
-            return self.noise.whiten(self.points.take(np.arange(len(self.points))[at]), columns)
-        if self._whitening is None:
-            self._whitening = self.noise.whiten(self.points, np.eye(len(columns)))
-        return Whitened(self._whitening.columns[at] @ columns, self._whitening.half_log_det[at])
+        """Whiten columns (N, k), in the order of time, at some of the points."""
+        wanted = np.arange(len(self.points))[at]
+        out, half_log_det = np.empty((len(wanted), *columns.shape)), np.empty(len(wanted))
+        self._filters = self._filters or list(self.noise.filters(self.points, 0))
+        for places, own in self._filters:
+            here = np.flatnonzero(np.isin(wanted, places))
+            if len(here):
+                chosen = own.take(np.searchsorted(places, wanted[here]))
+                out[here], half_log_det[here] = chosen.whiten(columns), chosen.half_log_det
+        return Whitened(out, half_log_det)
 
 
 @dataclass

@@ -10,7 +10,7 @@ import pytest
 from hil.campaign import Conditions
 from hil.model.effects.base import Scatter, VarianceEffect
 from hil.model.effects.catalogue import VARIANCE_EFFECTS
-from hil.reconcile.search.chains import chain_of, in_time, joined, whitened
+from hil.reconcile.search.chains import chain_of, filter_of, in_time, joined
 from tests.hil.model.effect_conditions import campaign
 
 CONDITIONS = campaign(temperatures=(0.0, 20.0, 40.0), runs_each=2)
@@ -71,10 +71,11 @@ def test_filtered_rows_are_independent_and_keep_the_determinant(wanders: bool) -
     of = np.array([0, 1, 1, 0])
     amounts, white = rng.uniform(0.1, 5.0, (4, 6)), rng.uniform(0.5, 2.0, (4, len(rows)))
     columns = rng.normal(size=(len(rows), 3))
-    found = whitened(kinds, of, amounts, white, columns)
+    found = filter_of(kinds, of, amounts, white)
+    whitened = found.whiten(columns)
     for t in range(4):
         sized = replace(kinds[of[t]], columns=kinds[of[t]].columns * amounts[t])
         covariance = sized.covariance + np.diag(white[t])
-        inner = found.columns[t].T @ found.columns[t]
+        inner = whitened[t].T @ whitened[t]
         np.testing.assert_allclose(inner, columns.T @ np.linalg.solve(covariance, columns), rtol=1e-9)
         assert found.half_log_det[t] == pytest.approx(0.5 * np.linalg.slogdet(covariance)[1], rel=1e-10)
