@@ -13,8 +13,8 @@ from hil.model.effects.base import Parameter
 from hil.reconcile.search.candidates import Candidate
 from hil.solve.rows import Block
 
-MANY = 200
-"""Places of one sort that are asked about: of a year of nights not every row can be, but those that are odd."""
+MANY = 80
+"""Places of one sort that are asked about: every row of a night, and of a year of nights those that are odd."""
 NEIGHBOURS = 4
 """Rows to either side, in the same position, that say what a row should be."""
 
