@@ -19,6 +19,7 @@ from hil.model.effects.base import Scatter, middle_hr
 PIECE = 24
 """Rows at most that are whitened by one matrix; from piece to piece states are handed on."""
 
+
 @dataclass(frozen=True)
 class Chain:
     """Independent states of unit size: what each does to the rows, `columns` (N, s), and how they go on, (N, s) each.
