@@ -35,7 +35,7 @@ def found() -> Reconciliation:
 
 
 def test_ordinary_noise_is_in_the_model_though_nothing_is_named(found: Reconciliation) -> None:
-    """From collect to collect what the standard errors leave, from run to run an offset: within two errors of the truth."""
+    """From collect to collect what the standard errors leave, from run to run an offset, about as large as they are."""
     assert found.verdict == "none"
     stated = found.model_after.noise[2]
     for sizes, truth in ((stated.collect_to_collect, np.sqrt(2.0**2 - STATED**2)), (stated.run_to_run, OFFSET)):
