@@ -127,18 +127,18 @@ def case(number: int, *, seed: int, keep: Path, averages: bool) -> dict[str, Any
     out["found"] = {each.id: round(each.probability, 3) for each in result.effects}
     out["rivals"] = sorted({rival.id for each in result.effects for rival in each.confusable_with})
     each_temperature = True if result.calibration == "per temperature" else None
-    for when, model, how in (("before", result.input_model, each_temperature), ("after", result.model_after, None)):
+    for when, model in (("before", result.input_model), ("after", result.model_after)):
+        how = {"calibrated": each_temperature}
         if averages:
-            asked = without_bytes(campaign, bare, model, how, rng)
+            asked = without_bytes(campaign, bare, model, rng, **how)
         else:
-            own = folder / when
-            asked = likeness(folder / "with" / "night", model, draws=DRAWS, keep=own, calibrated=how, workers=1)
+            asked = likeness(folder / "with" / "night", model, draws=DRAWS, keep=folder / when, workers=1, **how)
         out[when] = {key: asked[key] for key in ("p_value", "parts")} | {"places": asked["places"][:5]}
     return out
 
 
 def without_bytes(
-    measured: Campaign, bare: Campaign, model: Model, calibrated: bool | None, rng: np.random.Generator
+    measured: Campaign, bare: Campaign, model: Model, rng: np.random.Generator, *, calibrated: bool | None
 ) -> dict[str, Any]:
     """Return what `likeness` says, of nights that are drawn as averages."""
     form = model.model_copy(update={"sensors": {}})

@@ -49,11 +49,9 @@ def reconcile(
     if with_twin and out is not None:
         each_temperature = True if result.calibration == "per temperature" else None
         given, how = result.input_model, {"draws": draws, "seed": seed}
-        before = _likeness(campaign, given, out / "twin-before", calibrated=each_temperature, **how)
-        after = (
-            before
-            if result.model_after == given
-            else _likeness(campaign, result.model_after, out / "twin-after", **how)
+        before, after = (
+            _likeness(campaign, each, out / f"twin-{when}", calibrated=each_temperature, **how)
+            for when, each in (("before", given), ("after", result.model_after))
         )
         halves = {
             name: {key: of[key] for key in ("p_value", "parts", "places")}

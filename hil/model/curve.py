@@ -80,6 +80,10 @@ class Constant(_Curve):
         self.refuse_outside(temperature_degC)
         return np.full(np.shape(temperature_degC), self.value)
 
+    def scaled(self, factor: float) -> Constant:
+        """Return `factor` times the curve, its error too."""
+        return self.model_copy(update={"value": factor * self.value, "se": self.se and factor * self.se})
+
     def slope_at(self, temperature_degC: ArrayLike) -> FloatArray:
         """Return the derivative by temperature, shape (n,), per °C: zero."""
         return np.zeros(np.shape(temperature_degC))
@@ -107,6 +111,12 @@ class Polynomial(_Curve):
         """Return the value at each temperature, shape (n,); raise `InputError` outside `valid_degC`."""
         self.refuse_outside(temperature_degC)
         return np.asarray(np.polynomial.polynomial.polyval(self._offset(temperature_degC), self.polynomial))
+
+    def scaled(self, factor: float) -> Polynomial:
+        """Return `factor` times the curve, its errors too."""
+        return self.model_copy(
+            update={"polynomial": _times(self.polynomial, factor), "se": self.se and _times(self.se, factor)}
+        )
 
     def slope_at(self, temperature_degC: ArrayLike) -> FloatArray:
         """Return the derivative by temperature, shape (n,), per °C."""
@@ -162,12 +172,22 @@ class Table(_Curve):
         low, high = self.table.temperature_degC[0], self.table.temperature_degC[-1]
         return np.asarray(self._curve(np.clip(temperatures, low, high)))
 
+    def scaled(self, factor: float) -> Table:
+        """Return `factor` times the curve, its errors too."""
+        rows = self.table
+        changes = {"value": _times(rows.value, factor), "se": rows.se and _times(rows.se, factor)}
+        return Table(unit=self.unit, valid_degC=self.valid_degC, table=rows.model_copy(update=changes))
+
     def slope_at(self, temperature_degC: ArrayLike) -> FloatArray:
         """Return the derivative by temperature, shape (n,), per °C; zero outside the table."""
         temperatures = np.asarray(temperature_degC, dtype=np.float64)
         low, high = self.table.temperature_degC[0], self.table.temperature_degC[-1]
         inside = (temperatures >= low) & (temperatures <= high)
         return np.where(inside, self._slope(np.clip(temperatures, low, high)), 0.0)
+
+
+def _times(values: tuple[float, ...], factor: float) -> tuple[float, ...]:
+    return tuple(factor * value for value in values)
 
 
 def _kind(entry: Any) -> str | None:

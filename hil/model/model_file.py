@@ -128,7 +128,7 @@ class Model(Entry):
         form = value_form(self.form, sensor)
         units = dict(zip(form.names, form.units, strict=True))
         _check_base(f"model {self.title}: sensors.{sensor.number}", self.form, units, curves)
-        per_bias, per_k = _unit_terms(form, sensor)
+        per_bias, per_k = unit_terms(form, sensor)
         values = np.stack([curves[name].at(temperatures) for name in form.names], -1)
         slopes = np.stack([curves[name].slope_at(temperatures) for name in form.names], -1)
         bias = values @ per_bias.T
@@ -288,7 +288,7 @@ def _check_unit(where: str, given: str, needed: str) -> None:
         raise InputError(f"{where}: unit: {given} given, {needed} needed (values are not converted)")
 
 
-def _unit_terms(form: LinearForm, sensor: Sensor) -> tuple[FloatArray, FloatArray]:
+def unit_terms(form: LinearForm, sensor: Sensor) -> tuple[FloatArray, FloatArray]:
     """Return what a unit of each parameter adds to the bias (c, p) and to K (c, 3, p), from the form's own columns."""
     columns = form.columns(_still_and_pulled(sensor))
     return columns[0], np.moveaxis(columns[1:] - columns[0], 0, 1)

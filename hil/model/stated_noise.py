@@ -48,7 +48,8 @@ class SensorNoise(Entry):
     """What a sensor scatters by, beside the model. Curves are evaluated at the sensor's temperature.
 
     `run_to_run` gives the standard deviation of a base parameter from one self-calibration to the next, `correlation`
-    pairs of those parameters ("BA MUB") with their correlation; `scatter` effects of the catalogue by their ids.
+    pairs of those parameters ("BA MUB") with their correlation; `collect_to_collect` that from one collect to the next,
+    which shows in no collect's own samples; `scatter` effects of the catalogue by their ids.
     """
 
     angle_random_walk: Curve = _none("angle_random_walk")
@@ -57,6 +58,7 @@ class SensorNoise(Entry):
     resolution_deg_per_hr: FiniteFloat = 0.0
     run_to_run: Mapping[str, Curve] = Field(default_factory=dict)
     correlation: Mapping[str, FiniteFloat] = Field(default_factory=dict)
+    collect_to_collect: Mapping[str, Curve] = Field(default_factory=dict)
     scatter: tuple[ScatterTerm, ...] = ()
 
     def scatter_for(self, sensor: Sensor, *, slow: bool = False) -> tuple[tuple[ScatterTerm, VarianceEffect], ...]:
@@ -87,11 +89,16 @@ class SensorNoise(Entry):
         Raises `InputError` where a size follows a temperature that rows lack.
         """
         temperature = conditions.columns.get("temperature_degC", np.full(len(conditions), np.nan))
-        names = sorted(self.run_to_run)
-        columns = form.columns(conditions)[:, :, [form.names.index(name) for name in names]]
-        for place, name in enumerate(names):
-            columns[:, :, place] *= _at(self.run_to_run[name], temperature, name)[:, None]
-        out = [Scatter(columns @ self.correlation_factor(), group=conditions.run)] if names else []
+        groups = {"run_to_run": conditions.run, "collect_to_collect": np.arange(len(conditions))}
+        out = []
+        for key, group in groups.items():
+            sizes: Mapping[str, Curve] = getattr(self, key)
+            names = sorted(sizes)
+            columns = form.columns(conditions)[:, :, [form.names.index(name) for name in names]]
+            for place, name in enumerate(names):
+                columns[:, :, place] *= _at(sizes[name], temperature, name)[:, None]
+            columns = columns @ self.correlation_factor() if key == "run_to_run" else columns
+            out += [Scatter(columns, group=group)] if names else []
         for term, effect in self.scatter_for(conditions.sensor, slow=True):
             size = term.size_at(temperature)
             if size.any():
@@ -105,10 +112,11 @@ class SensorNoise(Entry):
         `units` are those of the base parameters by name; empty where the file does not tell which there are.
         """
         given = {key: (getattr(self, key), unit) for key, unit in _UNITS.items()}
-        for name, curve in self.run_to_run.items():
-            if units and name not in units:
-                return f"run_to_run.{name}: there is no such base parameter; there are {', '.join(units)}"
-            given[f"run_to_run.{name}"] = (curve, units.get(name, curve.unit))
+        for key in ("run_to_run", "collect_to_collect"):
+            for name, curve in getattr(self, key).items():
+                if units and name not in units:
+                    return f"{key}.{name}: there is no such base parameter; there are {', '.join(units)}"
+                given[f"{key}.{name}"] = (curve, units.get(name, curve.unit))
         for key, (curve, unit) in given.items():
             if curve.unit != unit:
                 return f"{key}: unit: {curve.unit} given, {unit} needed (values are not converted)"

@@ -180,15 +180,15 @@ def _result(
         calibrated = frozenset(b.search.block.sensor for b in fit.blocks if b.calibrated)
         sensors = mistakes.mended(problem.sensors, reading)
         after = improved(model, sensors, added, [f for fs in over_sensors.values() for f in fs], record, calibrated)
-        after = scatter.with_offsets(after, noise, conditions)
         values = before_and_after(sensors, added, calibrated)
-    after = findings.with_inside(after, model.version + 1, within, campaign)
+    tested = any(search.terms for search in posterior.searches.values())
+    after = findings.with_inside(scatter.with_ordinary(after, noise if tested else (), conditions), within, campaign)
+    after = after if after == model else after.model_copy(update={"version": model.version + 1})
     notes = [*campaign.warnings, *in_words(beside), *problem.notes, *mistakes.mistake_notes(reading, campaign)]
     notes += findings.laws_that_fail(fit, problem.sensors)
     notes += [f"{n.name}: the gap on held-out data did not shrink, so it was not added" for n in reverted]
     notes += [findings.NOT_HELD_OUT] if prove and proof is None and names else []
-    tested = any(search.terms for search in posterior.searches.values())
-    notes += [*values_off(standing, gap), *(scatter.in_words(noise) if tested else ())]
+    notes += [*values_off(standing, gap), *((*scatter.in_words(noise), *scatter.stated_now(noise)) if tested else ())]
     outliers = mistakes.outliers_found(reading, campaign, fit, posterior)
     rows = mistakes.rows_found(reading, campaign, outliers)
     outliers += mistakes.at_limits(campaign, problem)

@@ -1,20 +1,22 @@
 """What is random about a simulated unit, drawn so that the same seed gives the same bytes however it is polled.
 
 Every kind of noise has its own stream of the seed. White noise is drawn once per sample and slow noise once per grid
-point, both in time order; run-to-run scatter is drawn by the number of the self-calibration, not by when it is asked.
+point, both in time order; scatter from run to run is drawn by the number of the self-calibration, and that from collect
+to collect by the number of the stay, not by when it is asked.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import accumulate
 
 import numpy as np
 
 from hil.campaign import FloatArray, IntArray
+from hil.model.curve import Curve
 from hil.model.effects.base import Scatter
 from hil.model.stated_noise import SensorNoise
 from hil.twin.thermal import GRID_S
 
-_WHITE, _RUNS, _WANDER, _NAMED = 0, 2, 3, 4
+_WHITE, _RUNS, _WANDER, _NAMED, _COLLECTS = 0, 2, 3, 4, 5
 
 
 def _generator(seed: int, *key: int) -> np.random.Generator:
@@ -102,11 +104,27 @@ class Wander:
         return values[:, 0]
 
 
+def drawn_base(
+    seed: int, key: Sequence[int], sizes: Mapping[str, Curve], factor: FloatArray, temperature_degC: float
+) -> dict[str, float]:
+    """Return by how much base parameters depart from the model's values, drawn by `key`, as large as `sizes`.
+
+    `factor` (k, k) is that of their correlation, in the order of the sorted names.
+    """
+    names, at = sorted(sizes), np.array([temperature_degC])
+    sigmas = np.array([float(sizes[name].at(at)[0]) for name in names])
+    drawn = sigmas * (factor @ _generator(seed, *key).standard_normal(len(names)))
+    return dict(zip(names, drawn.tolist(), strict=True))
+
+
 def run_scatter(seed: int, run: int, sensor: int, noise: SensorNoise, temperature_degC: float) -> dict[str, float]:
     """Return by how much each base parameter of a sensor differs in self-calibration `run` from the model's value."""
-    names = sorted(noise.run_to_run)
-    at = np.array([temperature_degC])
-    sigmas = np.array([float(noise.run_to_run[name].at(at)[0]) for name in names])
-    standard = _generator(seed, _RUNS, run, sensor).standard_normal(len(names))
-    drawn = sigmas * (noise.correlation_factor() @ standard)
-    return dict(zip(names, drawn.tolist(), strict=True))
+    return drawn_base(seed, (_RUNS, run, sensor), noise.run_to_run, noise.correlation_factor(), temperature_degC)
+
+
+def collect_scatter(
+    seed: int, session: int, stay: int, sensor: int, noise: SensorNoise, temperature_degC: float
+) -> dict[str, float]:
+    """Return the same of a stay, by its number in this session: a collect that is done again is another."""
+    sizes = noise.collect_to_collect
+    return drawn_base(seed, (_COLLECTS, session, stay, sensor), sizes, np.eye(len(sizes)), temperature_degC)

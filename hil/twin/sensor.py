@@ -12,8 +12,11 @@ from hil.errors import InputError
 from hil.model import Model
 from hil.model.curve import Constant
 from hil.model.equation import pickoff_rates
+from hil.model.forms import value_form
+from hil.model.model_file import unit_terms
 from hil.model.stated_noise import SensorNoise
-from hil.twin.scatter import run_scatter
+from hil.twin.motion import Leg
+from hil.twin.scatter import collect_scatter, run_scatter
 
 _COLDEST_DEGC, _HOTTEST_DEGC, _STEP_DEGC = -90.0, 150.0, 0.02
 
@@ -43,8 +46,11 @@ class SimulatedSensor:
         self._scatters = bench.simulation.noise.run_to_run
         self.scattering = self.noise.scatter_for(self.sensor, slow=bench.simulation.noise.slow)
         self._runs: dict[int, dict[str, float]] = {}
-        self._offsets: dict[int, FloatArray] = {}
+        self._stays: dict[int, FloatArray] = {}
         self._none = np.zeros(4 * self.channels)
+        self._form = value_form(model.form, self.sensor)
+        bias, k = unit_terms(self._form, self.sensor)
+        self._per_unit = np.concatenate([bias, k.reshape(-1, len(self._form.names))])
         self._table = self._tabulate()
 
     @property
@@ -69,27 +75,25 @@ class SimulatedSensor:
         """Return the white noise, (n,), at n temperatures in deg/hr per √Hz of sample rate: N·60, for N in deg/√hr."""
         return np.asarray(60.0 * self.noise.angle_random_walk.at(temperature_degC))
 
-    def begin_run(self, run: int, temperature_degC: float) -> None:
-        """Draw the scatter of a self-calibration; the same number gives the same scatter, also after a resume."""
-        if run not in self._runs:
-            drawn = run_scatter(self._seed, run, self.sensor.number, self.noise, temperature_degC)
-            self._runs[run] = drawn if self._scatters else dict.fromkeys(drawn, 0.0)
-            self._offsets[run] = self._offset(self._runs[run])
+    def begin_stay(self, session: int, leg: Leg, temperature_degC: float) -> None:
+        """Draw the scatter of a stay, and of its self-calibration, which is the same again after a resume."""
+        number = self.sensor.number
+        if leg.run not in self._runs:
+            drawn = run_scatter(self._seed, leg.run, number, self.noise, temperature_degC)
+            self._runs[leg.run] = drawn if self._scatters else dict.fromkeys(drawn, 0.0)
+        own = collect_scatter(self._seed, session, leg.number, number, self.noise, temperature_degC)
+        self._stays[leg.number] = self._laid(self._runs[leg.run]) + self._laid(own)
 
     def scatter(self, run: int) -> Mapping[str, float]:
         """Return by how much each base parameter differs in `run` from the model's value."""
         return self._runs.get(run, {})
 
-    def scatter_coefficients(self, run: int) -> FloatArray:
-        """Return the scatter of `run` as one row like those of `coefficients`, shape (4c,)."""
-        return self._offsets.get(run, self._none)
+    def scatter_coefficients(self, leg: Leg) -> FloatArray:
+        """Return the scatter of a stay as one row like those of `coefficients`, shape (4c,)."""
+        return self._stays.get(leg.number, self._none)
 
-    def _offset(self, drawn: Mapping[str, float]) -> FloatArray:
-        curves = self.model.sensors[self.sensor.number]
-        offsets = {name: Constant(unit=curves[name].unit, value=drawn.get(name, 0.0)) for name in curves}
-        only = self.model.model_copy(update={"sensors": {self.sensor.number: offsets}})
-        base = only.base_at(self.sensor, np.zeros(1))
-        return np.concatenate([base.bias[0], base.k[0].ravel()])
+    def _laid(self, drawn: Mapping[str, float]) -> FloatArray:
+        return self._per_unit @ [drawn.get(name, 0.0) for name in self._form.names]
 
     def parameters(self, run: int, temperature_degC: float) -> dict[str, float]:
         """Return the true base parameters by name in `run` at a temperature, scatter included."""

@@ -81,7 +81,7 @@ class SimulatedUnit:
                 f"{bench.source or bench.name}: simulation.start.position: there is no position "
                 f"{settings.start.position!r}; allowed: {', '.join(bench.positions)}"
             )
-        self._settling = settings.settling
+        self._settling, self._session = settings.settling, session
         self._gravity, self._earth_rate = bench.site.gravity_g(), bench.site.earth_rate_deg_per_hr()
         self._sensors = {n: SimulatedSensor(bench, n, roles.sensors[n], model) for n in sorted(bench.sensors)}
         self._columns: FieldColumns = field_columns(self._sensors, roles)
@@ -125,7 +125,7 @@ class SimulatedUnit:
         leg = self._timeline.add(position, begins_s, ends_s, time_constant_s)
         self._rests.clear()
         for sensor in self._sensors.values():
-            sensor.begin_run(leg.run, rotor_degC)
+            sensor.begin_stay(self._session, leg, rotor_degC)
 
     def signals(self, times_s: FloatArray) -> Mapping[str, FloatArray]:
         """Return every field's readings at rising times, each of shape (n,), in the unit of its field."""
@@ -181,7 +181,7 @@ class SimulatedUnit:
         one, leg = self._sensors[number], here.leg
         if (number, leg.number) not in self._rests:
             rest = self._rest(number, leg)
-            self._rests[number, leg.number] = rest, one.rates(one.scatter_coefficients(leg.run)[None], rest.f_g)
+            self._rests[number, leg.number] = rest, one.rates(one.scatter_coefficients(leg)[None], rest.f_g)
         rest, own = self._rests[number, leg.number]
         first, last = int(here.nodes[0]), int(here.nodes[-1])
         at, risen = here.nodes - first, np.zeros(1)
@@ -221,7 +221,7 @@ class SimulatedUnit:
         known = self._grid.coefficients(number).at(here.nodes)
         coefficients = known[:, : 4 * one.channels] + known[:, 4 * one.channels :] * here.since_s[:, None]
         turning = (w + rotation)[:, one.sensor.channel_axes]
-        rates = one.rates(coefficients + one.scatter_coefficients(here.leg.run), f_g, turning)
+        rates = one.rates(coefficients + one.scatter_coefficients(here.leg), f_g, turning)
         here.readings[:, self._columns.rates[number]] += rates
         here.readings[:, self._columns.accelerations[number]] += f_g[:, one.acceleration_axes]
 

@@ -162,8 +162,8 @@ def physics(effect: Described | None) -> str:
     return f"{text} {effect.signature}".strip()
 
 
-def with_inside(model: Model, version: int, found: Sequence[FoundEffect], campaign: Campaign) -> Model:
-    """Return the model, as `version`, with what was found inside the collects; the same model where nothing was."""
+def with_inside(model: Model, found: Sequence[FoundEffect], campaign: Campaign) -> Model:
+    """Return the model with what was found inside the collects; the same model where nothing was."""
     if not found:
         return model
     date = SystemClock().utc().astimezone(UTC).date().isoformat()
@@ -182,7 +182,7 @@ def with_inside(model: Model, version: int, found: Sequence[FoundEffect], campai
         )
         for effect in found
     ]
-    return model.model_copy(update={"inside_collects": (*model.inside_collects, *new), "version": version})
+    return model.model_copy(update={"inside_collects": (*model.inside_collects, *new)})
 
 
 def origin(campaign: Campaign, named: Named, gap: Gap) -> dict[str, Any]:

@@ -107,7 +107,7 @@ def improved(
             added=dict(record[found.effect.id]),
         )
         noise[found.sensor] = present.model_copy(update={"scatter": (*present.scatter, entry)})
-    changes: dict[str, Any] = {"terms": (*model.terms, *added), "noise": noise, "version": model.version + 1}
+    changes: dict[str, Any] = {"terms": (*model.terms, *added), "noise": noise}
     if comparable:
         changes["form"] = "matrix-6" if calibrated and model.form == "matrix-6-thermal" else model.form
         changes["sensors"] = {**model.sensors, **base}

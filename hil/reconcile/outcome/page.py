@@ -68,7 +68,8 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
         runs = numbered("run", result.exceeding)
         act = f"{act} No effect is named, but averages scatter more than their standard errors say ({runs}: FAIL)."
     elif kind in {"none", "apart"} and max(excess, default=0.0) > EXCESS:
-        act += f" Averages scatter {max(excess):.2g} times as much as standard errors say; the ± of hil solve has it."
+        act += f" Averages scatter {max(excess):.2g} times as much as standard errors say; the ± of hil solve"
+        act += " and the noise of model.yaml have it."
     if apart:
         part = min(_BY, key=lambda each: 1.0 if after["parts"].get(each) is None else after["parts"][each])
         act += f" Nights simulated with the model as it is now can be told from the measured one by {_BY[part]}."

@@ -1,14 +1,14 @@
 """What the averages scatter by: stated and observed, of every channel, and the effect on the scatter that was found."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from hil.campaign import Conditions, FloatArray, IntArray
+from hil.campaign import BoolArray, Conditions, FloatArray, IntArray
 from hil.model import Model
-from hil.model.curve import Constant
+from hil.model.curve import Constant, Curve
 from hil.model.effects.base import Parameter, VarianceEffect
 from hil.model.forms import bias_names
 from hil.model.stated_noise import SensorNoise
@@ -103,6 +103,8 @@ _GRID = float(np.log(2.0))
 _STEPS = 8
 _TOLD = 9.0  # logs below the most probable: what is less so says nothing of a size
 _WIDTH = 1.96
+_BEYOND = 2.0  # standard errors by which rows scatter more than is explained, for the model to state it
+_NO_OFFSET = 0.05  # and how probable it may be at most that runs have no offset of their own
 
 
 def pooled(found: Sequence[FoundScatter]) -> list[FoundScatter]:
@@ -133,54 +135,109 @@ def ordinary(
     out = []
     for block in fit.blocks:
         own = block.search.block
-        variance, offset = _observed(posterior.searches[own.sensor], chosen[own.sensor], block)
+        seen = _observed(posterior.searches[own.sensor], chosen[own.sensor], block)
+        beside, errors = block.search.noise.stated_variance(), own.sigma**2 * own.sigma_stated
         channels = list(conditions[own.sensor].sensor.channels)
         for c in np.unique(own.channel):
             rows = own.channel == c
-            observed = float(np.sqrt(np.mean(variance[rows])))
-            stated = float(np.sqrt(np.mean(own.sigma[rows] ** 2))) if own.sigma_stated else None
-            known = own.sigma**2 + block.search.noise.stated_variance() if own.sigma_stated else None
+            known = float(np.mean(errors[rows] + beside[rows]))
+            more, error = seen.beyond(known, rows)
+            sure = more > _BEYOND * error
             scatter = [f for f in found if (f.sensor, f.channel) == (own.sensor, channels[c])]
             out.append(
                 {
                     "sensor": own.sensor,
                     "channel": channels[c],
                     "under": " + ".join(model) + ", calibrated at each temperature" * block.calibrated,
-                    "stated_deg_per_hr": stated,
-                    "explained_deg_per_hr": None if known is None else float(np.sqrt(np.mean(known[rows]))),
-                    "observed_deg_per_hr": observed,
-                    "run_offset_deg_per_hr": offset,
+                    "stated_deg_per_hr": float(np.sqrt(np.mean(errors[rows]))) if own.sigma_stated else None,
+                    "explained_deg_per_hr": float(np.sqrt(known)) if own.sigma_stated else None,
+                    "observed_deg_per_hr": float(np.sqrt(np.mean(seen.variance[rows]))),
+                    "run_offset_deg_per_hr": seen.offset,
+                    "run_offset_se_deg_per_hr": seen.offset_se,
+                    "collect_to_collect_deg_per_hr": (size := float(np.sqrt(max(more, 0.0)))),
+                    "collect_to_collect_se_deg_per_hr": 0.5 * error / size if sure else None,
                     "scatter": [{"id": f.effect.id, "deg_per_hr": f.deg_per_hr} for f in scatter],
                 }
             )
     return out
 
 
-def _observed(search: SensorSearch, chosen: Set, block: FittedBlock) -> tuple[FloatArray, float]:
-    """Return the variance of a block's rows, (N,), (deg/hr)², and the offset of a run in it, deg/hr.
+@dataclass(frozen=True)
+class _Observed:
+    """What a block's rows scatter by: the mean over all that is probable with the kind of scatter that was found.
 
-    The mean over all that is probable with the kind of scatter that was found: a point of the grid is a factor of two.
+    `variance` (N,) is of each row, (deg/hr)²; `by_itself` (t, N) what each has by itself or by what the model states,
+    at points of the noise of some `weight` (t,), known to a share, `relative`. An offset without error may be chance.
     """
+
+    variance: FloatArray
+    weight: FloatArray
+    by_itself: FloatArray
+    relative: float
+    offset: float
+    offset_se: float | None
+
+    def beyond(self, known: float, rows: BoolArray) -> tuple[float, float]:
+        """Return the variance that some rows have by themselves beyond what is known, and its error, (deg/hr)²."""
+        of_rows = self.by_itself[:, rows].mean(axis=1)
+        mean = float(self.weight @ of_rows)
+        spread = np.sqrt(self.weight @ (of_rows - mean) ** 2)
+        return mean - known, float(np.hypot(spread, mean * self.relative))
+
+
+def _observed(search: SensorSearch, chosen: Set, block: FittedBlock) -> _Observed:
+    """Return what a block's rows scatter by: a point of the grid is a factor of two, so that one alone says little."""
     own = block.search
     weighed, points = search.in_block(chosen, next(i for i, s in enumerate(search.blocks) if s is own)), own.points
     total = np.where(points.kind == points.kind[block.at], weighed.terms_log + points.log_prior, -np.inf)
-    scales = np.array([weighed.left_at(t)[1] for t in range(len(points))])
-    weight = np.exp(total - np.logaddexp.reduce(total)) * scales * own.unit**2
-    return weight @ own.noise.variance(points), float(np.sqrt(weight @ points.offset**2))
+    scales = np.array([weighed.left_at(t)[1] for t in range(len(points))]) * own.unit**2
+    weight = np.exp(total - np.logaddexp.reduce(total))
+    offset = float(np.sqrt((weight * scales) @ points.offset**2))
+    runs, sure = len(np.unique(own.block.run)), weight[points.offset == 0.0].sum() < _NO_OFFSET
+    # What may be an offset by chance scatters each row all the same.
+    alone = replace(points, kind=np.full(len(points), -1), offset=points.offset * (not sure))
+    return _Observed(
+        (weight * scales) @ own.noise.variance(points),
+        weight,
+        scales[:, None] * own.noise.variance(alone),
+        float(np.sqrt(2.0 / own.beside.freedom)),
+        offset,
+        offset * float(np.hypot(_GRID / np.sqrt(12.0), 1.0 / np.sqrt(2.0 * runs))) if sure else None,
+    )
 
 
-def with_offsets(model: Model, noise: Sequence[Mapping[str, Any]], conditions: Mapping[int, Conditions]) -> Model:
-    """Return the model with the ordinary offset of each run as well: `run_to_run` of every bias that states none."""
+def with_ordinary(model: Model, noise: Sequence[Mapping[str, Any]], conditions: Mapping[int, Conditions]) -> Model:
+    """Return the model whose noise also states what is ordinary, and more than it and the standard errors explain.
+
+    Each bias is drawn anew in every run, or in every collect, beside what is drawn already.
+    """
     sections = dict(model.noise)
     for each in noise:
-        own, size = conditions[each["sensor"]], each["run_offset_deg_per_hr"]
-        stated = sections.get(each["sensor"], SensorNoise())
+        own = conditions[each["sensor"]]
         name = bias_names(own.sensor)[list(own.sensor.channels).index(each["channel"])]
-        if size > 0.0 and name not in stated.run_to_run:
-            se = size * float(np.hypot(_GRID / np.sqrt(12.0), 1.0 / np.sqrt(2.0 * len(np.unique(own.run)))))
-            offsets = {**stated.run_to_run, name: Constant(unit="deg/hr", value=size, se=se)}
-            sections[each["sensor"]] = stated.model_copy(update={"run_to_run": offsets})
+        for key, size, se in _beyond_chance(each):
+            section = sections.get(each["sensor"], SensorNoise())
+            stated = getattr(section, key)
+            grown = _grown(stated.get(name), size, se, own)
+            sections[each["sensor"]] = section.model_copy(update={key: {**stated, name: grown}})
     return model.model_copy(update={"noise": sections})
+
+
+def _beyond_chance(channel: Mapping[str, Any]) -> Iterator[tuple[str, float, float]]:
+    """Yield what a channel scatters by that no model stated: the key of a noise section, the size and its error."""
+    for key, called in (("run_to_run", "run_offset"), ("collect_to_collect", "collect_to_collect")):
+        size, se = channel[f"{called}_deg_per_hr"], channel[f"{called}_se_deg_per_hr"]
+        if se is not None:
+            yield key, size, se
+
+
+def _grown(stated: Curve | None, size: float, se: float, conditions: Conditions) -> Curve:
+    """Return a size that was stated and one that came to it as one, in square: what follows temperature still does."""
+    temperature = conditions.columns.get("temperature_degC", np.zeros(len(conditions)))
+    before = 0.0 if stated is None else float(np.sqrt(np.nanmean(stated.at(temperature) ** 2)))
+    if stated is None or before <= 0.0:
+        return Constant(unit="deg/hr", value=size, se=se)
+    return stated.scaled(float(np.hypot(1.0, size / before)))
 
 
 def places(found: Mapping[str, Sequence[FoundScatter]], chance: float) -> list[Disagreement]:
@@ -202,3 +259,14 @@ def in_words(noise: Sequence[Mapping[str, Any]]) -> list[str]:
         for n in noise
         if n["stated_deg_per_hr"] and n["observed_deg_per_hr"] > EXCESS * n["explained_deg_per_hr"]
     ]
+
+
+def stated_now(noise: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Say in a sentence what the improved model's noise states beyond that of the model that was read."""
+    said = [
+        f"sensor {each['sensor']}, {each['channel']}: {size:.2g} ± {se:.2g} deg/hr {key.replace('_', ' ')}"
+        for each in noise
+        for key, size, se in _beyond_chance(each)
+    ]
+    more = "the noise of model.yaml states what averages scatter by beyond the standard errors and the model read: "
+    return [more + "; ".join(said)] if said else []

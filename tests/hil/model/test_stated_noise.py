@@ -58,6 +58,14 @@ def test_correlated_parameters_scatter_together(tmp_path: Path) -> None:
     assert not covariance[:3, 3:].any()
 
 
+def test_what_changes_from_collect_to_collect_joins_no_two_of_them(tmp_path: Path) -> None:
+    """A bias moves its own channel in one collect, MUB as far as the spin axis is pulled."""
+    sigmas = {"BA": {"unit": "deg/hr", "value": 2.0}, "MUB": {"unit": "deg/hr/g", "value": 3.0}}
+    covariance = stated(tmp_path, collect_to_collect=sigmas)
+    assert covariance[::2, ::2] == pytest.approx(np.diag(4.0 + 9.0 * SHORT.f_g[:, 2] ** 2))
+    assert not covariance[1::2].any()
+
+
 def test_sizes_follow_temperature_row_by_row(tmp_path: Path) -> None:
     """A wander that is twice as large at 20 °C as at 0 °C; rows without a temperature are refused."""
     curve = {"unit": "deg/hr", "polynomial": [1.0, 0.05], "reference_degC": 0.0}
@@ -108,6 +116,10 @@ def test_a_model_that_holds_only_scatter_reads_back_equal(tmp_path: Path) -> Non
             "run_to_run.MUX: there is no such base parameter",
         ),
         ({"run_to_run": {"MUA": {"unit": "deg/hr", "value": 1.0}}}, "run_to_run.MUA: unit: deg/hr given"),
+        (
+            {"collect_to_collect": {"RA": {"unit": "deg/hr", "value": 1.0}}},
+            "collect_to_collect.RA: there is no such base parameter; there are BA",
+        ),
         ({"correlation": {"BA MUB": 0.1}}, "correlation.BA MUB: write two different names of run_to_run (none)"),
         (
             {

@@ -134,6 +134,29 @@ def test_a_night_that_is_carried_on_keeps_what_is_drawn_by_run(tmp_path: Path) -
     assert resumed == pytest.approx(straight[6:], abs=1e-9)
 
 
+def test_what_changes_from_collect_to_collect_is_the_same_within_one(tmp_path: Path) -> None:
+    """A bias of its own in every stay of every sensor, as large as stated; the same for one seed, another for another.
+
+    A night that is carried on draws anew: a collect that is done again is another.
+    """
+    stated = {"collect_to_collect": {"BA": {"unit": "deg/hr", "value": _SIZE}}}
+
+    def rates(seed: int = 1, **how: Any) -> FloatArray:
+        bench = scattering_bench(tmp_path, [], stated, seed=seed, **_COLD)
+        return np.concatenate([each[1] for _, each in sorted(averages(bench, 12, **how).items())])
+
+    found = rates()
+    assert np.abs(found[:, 1]).max() < 1e-9
+    assert len(np.unique(np.round(found[:, 0], 6))) == len(found)
+    assert np.std(found[:, 0]) == pytest.approx(_SIZE, rel=0.3)
+    assert np.array_equal(found, rates())
+    for other in (rates(seed=2), rates(session=1)):
+        assert abs(np.corrcoef(found[:, 0], other[:, 0])[0, 1]) < 0.5
+    bench = scattering_bench(tmp_path, [], stated, **_COLD)
+    often = [*np.arange(397.0, 470.0, 3.7).tolist(), 480.0]
+    assert _night(_devices(bench), [380.0, *often]) == _night(_devices(bench), [380.0, 480.0])
+
+
 def test_a_model_that_states_only_scatter_keeps_the_white_noise_of_the_bench(tmp_path: Path) -> None:
     """The bench's is for sensors of which the model states none."""
     noise = SILENT | {"angle_random_walk": "1 deg/sqrt(hr)"}

@@ -1,0 +1,98 @@
+"""Ordinary noise is no finding, but the model that is written states it: what is asked with it has nothing to add."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hil.campaign import Campaign
+from hil.model import Model, load_model, save_model
+from hil.model.curve import Constant, Curve, Polynomial, Table
+from hil.model.stated_noise import SensorNoise
+from hil.reconcile import Reconciliation, reconcile
+from hil.reconcile.outcome.page import page
+from hil.reconcile.outcome.scatter import with_ordinary
+from tests.hil.reconcile.hidden_effects import Rows, base_rates, campaign_of, hidden_campaign, lay_out, noise
+
+STATED, OFFSET = 0.9, 4.0
+BIASES = ("BA", "BB")
+
+
+def laid(seed: int = 7) -> tuple[Campaign, Rows]:
+    """Return a night whose averages scatter by 2.0 deg/hr where their errors say 0.9, and by 4 from run to run."""
+    rng = np.random.default_rng(seed)
+    rows = lay_out(rng, runs_each=3)
+    e = noise(rows, rng, sigma=2.0, run_bias=0.0) + OFFSET * rng.normal(size=(rows.run.max() + 1, 2))[rows.run]
+    return campaign_of(rows, base_rates(rows) + e, stated=STATED), rows
+
+
+@pytest.fixture(scope="module")
+def found() -> Reconciliation:
+    """What is said of that night; made once for this file."""
+    return reconcile(laid()[0], "matrix-6-thermal")
+
+
+def test_ordinary_noise_is_in_the_model_though_nothing_is_named(found: Reconciliation) -> None:
+    """From collect to collect what the standard errors leave, from run to run an offset, about as large as they are."""
+    assert found.verdict == "none"
+    stated = found.model_after.noise[2]
+    for sizes, truth in ((stated.collect_to_collect, np.sqrt(2.0**2 - STATED**2)), (stated.run_to_run, OFFSET)):
+        assert set(sizes) == set(BIASES)
+        for curve in sizes.values():
+            assert isinstance(curve, Constant)
+            assert curve.se is not None
+            assert abs(curve.value - truth) < 2.5 * curve.se
+    assert found.model_after.model_copy(update={"noise": {}, "version": 1}) == found.input_model
+    assert found.model_after.version == 2
+    (said,) = (note for note in found.notes if note.startswith("the noise of model.yaml states"))
+    assert "deg/hr collect to collect" in said
+    assert "only its noise says more" in page(found)
+
+
+def test_what_is_asked_with_it_has_nothing_to_add(found: Reconciliation, tmp_path: Path) -> None:
+    """The same night with the model as written, and read again: none, no more noise, no gap under its floor."""
+    save_model(found.model_after, tmp_path / "model.yaml")
+    again = reconcile(laid()[0], load_model(tmp_path / "model.yaml"))
+    assert again.verdict == "none"
+    assert again.model_after == again.input_model
+    assert again.gap.after >= again.gap.noise_floor
+    assert all(each["observed_deg_per_hr"] < 1.3 * each["explained_deg_per_hr"] for each in again.noise)
+
+
+def test_standard_errors_that_are_right_need_no_more() -> None:
+    """Where averages scatter as stated the model that is written is the one that was read."""
+    rng = np.random.default_rng(3)
+    rows = lay_out(rng)
+    white = campaign_of(rows, base_rates(rows) + noise(rows, rng, run_bias=0.0), stated=STATED)
+    result = reconcile(white, "matrix-6-thermal", prove=False)
+    assert result.model_after == result.input_model
+    assert "Nothing was added to the model." in page(result)
+
+
+@pytest.mark.parametrize(
+    "curve",
+    [
+        Constant(unit="deg/hr", value=3.0, se=0.3),
+        Polynomial(unit="deg/hr", polynomial=(3.0,), reference_degC=0.0, se=(0.3,)),
+        Table(unit="deg/hr", table={"temperature_degC": [-90.0, 90.0], "value": [3.0, 3.0], "se": [0.3, 0.3]}),
+        Constant(unit="deg/hr", value=0.0),
+        None,
+    ],
+)
+def test_what_was_stated_grows_in_square(curve: Curve | None) -> None:
+    """4 deg/hr beside 3 that are stated are 5, in the form in which they were stated; beside none they are 4."""
+    rows = hidden_campaign(1).sensors[2].conditions
+    sizes = {} if curve is None else {"BA": curve}
+    model = Model(schema="hil.model/1", title="unit", form="matrix-6", noise={2: SensorNoise(run_to_run=sizes)})
+    seen = {"run_offset_deg_per_hr": 4.0, "run_offset_se_deg_per_hr": 0.4}
+    seen |= {"collect_to_collect_deg_per_hr": 1.0, "collect_to_collect_se_deg_per_hr": None}
+    grown = with_ordinary(model, [{"sensor": 2, "channel": "RA", **seen}], {2: rows}).noise[2]
+    there = curve is not None and curve.at([0.0])[0] > 0.0
+    assert grown.run_to_run["BA"].at([0.0]) == pytest.approx([5.0 if there else 4.0])
+    assert type(grown.run_to_run["BA"]) is (type(curve) if there else Constant)
+    assert not grown.collect_to_collect
+    if there:
+        own = grown.run_to_run["BA"]
+        assert np.max(own.table.se or () if isinstance(own, Table) else own.se) == pytest.approx(0.5)
