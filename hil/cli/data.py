@@ -47,6 +47,7 @@ def solve(
     from hil.solve import repeats, solve_campaign
     from hil.solve.both_sensors import common_and_differential
     from hil.solve.document import solution_document
+    from hil.solve.runs import reasons
 
     campaign = read_source(source)
     if model is None or model in MODEL_NAMES:
@@ -70,7 +71,8 @@ def solve(
         return draw_parameters(source, campaign, sensor)
 
     shown = {number: each.sentences() for number, each in repeats(campaign, solutions).items()}
-    said = told(document, notes=campaign.notes.splitlines(), repeats=shown, of_all=of_all)
+    why, notes = list(reasons(solutions)), campaign.notes.splitlines()
+    said = told(document, reasons=why, notes=notes, repeats=shown, of_all=of_all)
     return Answer(document, said, drawn, of_unit(document["in_spec"], strict))
 
 

@@ -15,6 +15,7 @@ from rich.table import Table
 
 from hil.archive.sentences import sentences, some
 from hil.cli.output import Aside, listing
+from hil.files.numbers import WHOSE
 from hil.solve.wrong_rows import in_words
 from procedures.words import counted, harmless
 
@@ -60,7 +61,14 @@ def _environment() -> Environment:
         finalize=lambda value: value if isinstance(value, _Marked) else harmless(str(value)),
     )
     environment.filters |= {"written": _written, "chance": _chance}
-    environment.globals |= {"counted": counted, "in_words": in_words, "sentences": sentences, "some": some, "zip": zip}
+    environment.globals |= {
+        "counted": counted,
+        "in_words": in_words,
+        "sentences": sentences,
+        "some": some,
+        "zip": zip,
+        "whose": WHOSE,
+    }
     return environment
 
 

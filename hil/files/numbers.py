@@ -26,6 +26,12 @@ def decimals_for(uncertainties: Iterable[float | None]) -> int:
     return min(max(2, 1 - math.floor(math.log10(min(known)))), 6) if known else 2
 
 
-def degrees(temperature_degC: float | None) -> str:
-    """Write a temperature in °C, or say that there is none."""
-    return "all runs" if temperature_degC is None else f"{temperature_degC:.1f} °C"
+WHOSE = {"setpoint_degC": "as set", "temperature_degC": "the unit's own", "chamber_degC": "the chamber's"}
+"""Whose temperature a column has, in words."""
+
+
+def degrees(temperature_degC: float | None, column: str | None = None) -> str:
+    """Write a temperature in °C, and of a known column whose it is, or say that there is none."""
+    if temperature_degC is None:
+        return "all runs"
+    return f"{temperature_degC:.1f} °C" + (f" {WHOSE[column]}" if column in WHOSE else "")

@@ -36,7 +36,7 @@ from hil.reconcile.search.posterior import Posterior, weigh
 from hil.reconcile.search.problem import Problem, pose
 from hil.reconcile.search.terms import PLAIN
 from hil.reconcile.unrecorded import beside_unasked, with_stand_ins
-from hil.solve.runs import solve_campaign
+from hil.solve.runs import not_passed, solve_campaign
 from hil.solve.wrong_rows import in_words, otherwise, pooled, without
 from procedures.verdict import NOT_GOOD
 
@@ -225,11 +225,7 @@ def _result(
         doubtful=_doubtful(campaign),
         without=beside,
         exceeding=sorted({run for each in solved if each.exceeds_errors for run in each.runs}),
-        unsolved={
-            str(verdict): sorted(runs)
-            for verdict in NOT_GOOD
-            if (runs := {run for each in solved if each.verdict is verdict for run in each.runs})
-        },
+        unsolved={str(verdict): runs for verdict, runs in not_passed(solved).items()},
         values=values,
     )
 

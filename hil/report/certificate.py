@@ -119,8 +119,10 @@ def certificate(folder: Path, asked: Asked, today: date) -> Certificate:
         "measurement": {"verdict": str(measured.verdict), "reason": measured.reason},
         "conditions": list(_conditions(campaign, content)),
         "k": K,
-        "results": [row for n, of in means.items() for each in of for row in _results(n, each)],
-        "budgets": [_annex(n, each) for n, of in means.items() for each in of],
+        "results": [
+            row for n, of in means.items() for each in of for row in _results(shown[n].where(each.mean), n, each)
+        ],
+        "budgets": [_annex(shown[n].where(each.mean), n, each) for n, of in means.items() for each in of],
         "traceability": [each.model_dump(mode="json") for each in bench.equipment],
         "in_spec": None if in_spec is None else in_spec.document(),
         "assumed": list(_assumed(campaign, content, means)),
@@ -172,13 +174,13 @@ def _with_whole_uncertainty(shown: SensorRepeats, means: Sequence[MeanBudget]) -
     return replace(shown, means=[replace(mean, values=known.get(mean.runs, {})) for mean in shown.means])
 
 
-def _results(sensor: int, each: MeanBudget) -> Iterator[dict[str, Any]]:
+def _results(where: Mapping[str, Any], sensor: int, each: MeanBudget) -> Iterator[dict[str, Any]]:
     """Yield the parameters' means at one temperature with their expanded uncertainties."""
     for name, value in each.values.items():
         expanded = value.expanded(K)
         yield {
             "sensor": sensor,
-            "temperature_degC": each.mean.temperature_degC,
+            **where,
             "parameter": name,
             "value": value.value,
             "unit": value.unit,
@@ -197,7 +199,7 @@ def _decimals(expanded: float) -> int:
     return max(0, 1 - math.floor(math.log10(expanded))) if 0.0 < expanded < math.inf else 2
 
 
-def _annex(sensor: int, each: MeanBudget) -> dict[str, Any]:
+def _annex(where: Mapping[str, Any], sensor: int, each: MeanBudget) -> dict[str, Any]:
     """Return the budget of the means at one temperature: a line for each source, and for what none explains."""
 
     def named(values: Any) -> dict[str, float | None]:
@@ -205,7 +207,7 @@ def _annex(sensor: int, each: MeanBudget) -> dict[str, Any]:
 
     return {
         "sensor": sensor,
-        "temperature_degC": each.mean.temperature_degC,
+        **where,
         "runs": list(each.mean.runs),
         "units": dict(zip(each.budget.names, each.budget.units, strict=True)),
         "sources": [{"title": title, "parameters": named(values)} for title, values in each.shares.items()],
@@ -252,7 +254,8 @@ def _assumed(campaign: Campaign, content: ReportContent, means: Mapping[int, Seq
     for each in content.sensors:
         told = {mean.mean.runs for mean in means[each.number]}
         for lost in (mean for mean in each.shown.means if mean.runs not in told):
-            yield f"sensor {each.number} at {degrees(lost.temperature_degC)}: no run has every rate, so none is stated"
+            at = degrees(lost.temperature_degC, each.shown.told_by)
+            yield f"sensor {each.number} at {at}: no run has every rate, so none is stated"
     if not any(math.isfinite(value.freedom) for of in every for value in of.mean.values.values()):
         yield _ONCE
     yield from campaign.notes.splitlines()

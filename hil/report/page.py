@@ -11,8 +11,9 @@ from hil.records.status import in_brief
 from hil.report.content import ReportContent
 from hil.report.night_view import night_view
 from hil.report.provenance import campaign_files, campaign_provenance
-from hil.report.sensor_view import key_numbers, reasons, sensor_view
+from hil.report.sensor_view import key_numbers, sensor_view
 from hil.report.statements import assumed, cannot_tell, good, headline, largest, to_do
+from hil.solve.runs import reasons
 from hil.solve.wrong_rows import in_words, what_is_wrong
 from procedures.verdict import Verdict
 
@@ -38,7 +39,7 @@ def _page(content: ReportContent) -> dict[str, Any]:
     files = night.files if night is not None else campaign_files(campaign)
     warnings = dict.fromkeys([*in_words(what_is_wrong(campaign)), *campaign.warnings, *campaign.notes.splitlines()])
     published = any(each.has_contractor for each in sensors)
-    why = list(reasons(sensors))
+    why = list(reasons([solution for each in sensors for solution in each.solutions]))
     return {
         "title": campaign.title,
         "running_title": in_style(campaign.title),
@@ -53,8 +54,8 @@ def _page(content: ReportContent) -> dict[str, Any]:
         "to_do": list(to_do(content)),
         "headline": headline(content),
         "numbers": key_numbers(content.sensors),
-        "why": [each for each in why if each["verdict"] != Verdict.PASS],
-        "passed": [each for each in why if each["verdict"] == Verdict.PASS],
+        "why": [each for each in why if each[0] is not Verdict.PASS],
+        "passed": [each for each in why if each[0] is Verdict.PASS],
         "largest": list(largest(content)),
         "asked": night.asked if night is not None else "",
         "done": night.done if night is not None else "",

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from hil.analysis.published.reproduction import CONTRACTORS, SEVEN, Reproduction
-from hil.files.numbers import decimals_for, degrees, estimate, number
+from hil.files.numbers import WHOSE, decimals_for, degrees, estimate, number
 from hil.files.page import inline_svg
 from hil.report.content import Repeat, SensorContent
 from hil.report.figures import Line, draw_against_temperature
 from hil.solve import RunSolution
 from hil.solve.repeats import MeanAt
 from hil.solve.temperatures import WIDEST_DEGC
-from procedures.verdict import NOT_GOOD, Judgement, Verdict
+from procedures.verdict import NOT_GOOD, Verdict
 from procedures.words import numbered
 
 _RATE, _PER_G = "deg/hr", "deg/hr/g"
@@ -54,6 +54,7 @@ def sensor_view(sensor: SensorContent, *, published: bool = False) -> dict[str, 
         "seven": SEVEN,
         "found": found,
         "errors": [] if found is None else list(_worst(found)),
+        "whose": WHOSE.get(sensor.shown.told_by or "", ""),
         "scatter": sensor.shown.document()["run_to_run"],
         "shown": sensor.shown.sentences(),
     }
@@ -83,7 +84,12 @@ def key_numbers(sensors: Sequence[SensorContent]) -> dict[str, Any]:
             cells.append((value, f"{error} {unit}", span, len(sensor.repeats) > 1))
         rows.append((f"{in_words(name)}, {name}", cells))
     heads = [
-        (s.number, at.temperature_degC, len(s.repeats), ", ".join(_doubtful(s, at)))
+        (
+            s.number,
+            ", ".join(filter(None, [degrees(at.temperature_degC, s.shown.told_by), _unit(at)])),
+            len(s.repeats),
+            ", ".join(_doubtful(s, at)),
+        )
         for s, at in zip(shown, nearest, strict=True)
     ]
     doubtful = any(_doubtful(sensor, at) for sensor in shown for at in sensor.repeats)
@@ -215,17 +221,6 @@ def _runs(sensor: SensorContent) -> dict[str, Any]:
 
 def _units(solutions: Sequence[RunSolution]) -> dict[str, str]:
     return {name: each.unit for solution in solutions for name, each in solution.parameters.items()}
-
-
-def reasons(sensors: Sequence[SensorContent]) -> Iterator[dict[str, str]]:
-    """Yield each reason once, with its verdict and the sensors and runs that it holds for; the worst come first."""
-    groups: dict[tuple[int, str, str], dict[int, list[int]]] = {}
-    for solution in (each for sensor in sensors for each in sensor.solutions):
-        key = (-Judgement(solution.verdict, solution.reason).severity, str(solution.verdict), solution.reason)
-        groups.setdefault(key, {}).setdefault(solution.sensor, []).extend(solution.runs)
-    for (_, verdict, reason), of in sorted(groups.items(), key=lambda each: each[0]):
-        where = "; ".join(f"sensor {number}, {numbered('run', runs)}" for number, runs in of.items())
-        yield {"verdict": verdict, "runs": where, "reason": reason}
 
 
 def _contractors_verdicts(sensor: SensorContent) -> str:

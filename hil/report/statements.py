@@ -106,8 +106,8 @@ def largest(content: ReportContent) -> Iterator[str]:
             sigma = f" ±{mean.sd:.{digits}f}" if np.isfinite(mean.sd) else ""
             yield (
                 f"Sensor {sensor.number}: the largest term that the contractor's model leaves out is {name} = "
-                f"{mean.value:.{digits}f}{sigma} deg/hr/g at {degrees(repeat.temperature_degC)}; taking it for zero "
-                f"moves {'BB' if name == 'MUA' else 'BA'} by as much, in deg/hr."
+                f"{mean.value:.{digits}f}{sigma} deg/hr/g at {degrees(repeat.temperature_degC, sensor.shown.told_by)}; "
+                f"taking it for zero moves {'BB' if name == 'MUA' else 'BA'} by as much, in deg/hr."
             )
 
 

@@ -219,6 +219,14 @@ class SensorRepeats:
             return known.get(None)
         return known.get(nearest(temperature_degC, [each for each in known if each is not None]))
 
+    def where(self, mean: MeanAt) -> dict[str, Any]:
+        """Return of which temperature a mean is, whose that is, and what the unit's own thermometer showed."""
+        return {
+            "temperature_degC": mean.temperature_degC,
+            "temperature_of": self.told_by,
+            "unit_degC": mean.unit_degC,
+        }
+
     def of_run(self, solution: RunSolution) -> dict[str, Uncertain]:
         """Return one run's values with what repeats show in their uncertainty; those that it could not tell lack."""
         found = {}
@@ -247,9 +255,7 @@ class SensorRepeats:
             },
             "means": [
                 {
-                    "temperature_degC": each.temperature_degC,
-                    "temperature_of": self.told_by,
-                    "unit_degC": each.unit_degC,
+                    **self.where(each),
                     "runs": list(each.runs),
                     "parameters": {name: value.document() for name, value in each.values.items()},
                 }

@@ -12,7 +12,7 @@ runs say of its collects, and of whether the standard errors are small enough to
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -57,6 +57,7 @@ class RunSolution:
     `residual_rms_deg_per_hr` None without degrees of freedom; `combinations` are seen mixtures of parameters that are
     not known singly. `chi_square` is that of the residuals, None without stated standard errors. `compared`: whether
     other runs say what this one's collects should show; `doubted`: whether anything is said against a row of it.
+    `beside` is the worst of what is said of the run apart from its residuals.
     """
 
     run: int | None
@@ -77,6 +78,7 @@ class RunSolution:
     chi_square: float | None = None
     compared: bool = True
     doubted: bool = False
+    beside: Verdict = Verdict.PASS
 
     @property
     def exceeds_errors(self) -> bool:
@@ -153,11 +155,50 @@ def _judged(solution: RunSolution, rows: Collects, beside: _Beside) -> RunSoluti
     found = [of[run] for run in solution.runs for of in beside.judged if run in of]
     errors = {name: (each.se, each.unit) for name, each in solution.parameters.items()}
     found.append(measured_well_enough(errors, rows.conditions.sensor, beside.largest_se))
+    solution = replace(solution, beside=combine(found).verdict)
     judged = combine([*found, Judgement(solution.verdict, solution.reason)], passed=solution.reason)
     if judged.verdict is solution.verdict and not any(each.verdict is not Verdict.PASS for each in found):
         return solution
-    reasons = judged.reason if solution.verdict is not Verdict.PASS else f"{judged.reason}; {solution.reason}"
-    return replace(solution, verdict=judged.verdict, reason=reasons)
+    # That residuals agree excuses nothing of what else was found; that they cannot say so, does add to it.
+    silent = solution.verdict is Verdict.PASS and solution.chi_square is None
+    return replace(
+        solution, verdict=judged.verdict, reason=f"{judged.reason}; {solution.reason}" if silent else judged.reason
+    )
+
+
+def not_passed(solutions: Sequence[RunSolution]) -> dict[Verdict, list[int]]:
+    """Return the runs to which somebody has to see, by verdict, the worst first.
+
+    A run that is MARGINAL by its residuals alone is none where those of its sensor agree with their standard errors
+    altogether: of twenty sound runs one is so.
+    """
+    by_sensor: dict[int, list[RunSolution]] = {}
+    for each in solutions:
+        by_sensor.setdefault(each.sensor, []).append(each)
+    found: dict[Verdict, set[int]] = {}
+    for own in by_sensor.values():
+        known = [(each.chi_square, each.degrees_of_freedom) for each in own if each.chi_square is not None]
+        chi_square, degrees = (sum(of) for of in zip(*known, strict=True)) if known else (0.0, 0)
+        agree = judge(float(chi_square), int(degrees), 0, noise_stated=True).verdict is Verdict.PASS
+        for each in own:
+            by_chance = agree and (each.verdict, each.beside) == (Verdict.MARGINAL, Verdict.PASS)
+            if each.verdict is not Verdict.PASS and not by_chance:
+                found.setdefault(each.verdict, set()).update(each.runs)
+    return {verdict: sorted(found[verdict]) for verdict in reversed(Verdict) if verdict in found}
+
+
+def reasons(solutions: Sequence[RunSolution]) -> Iterator[tuple[Verdict, str, str]]:
+    """Yield each reason once, the worst first: verdict, the sensors and runs that it holds for, and its sentences."""
+    said: dict[tuple[Verdict, str], dict[int, list[int]]] = {}
+    for each in solutions:
+        for sentence in dict.fromkeys(each.reason.split("; ")):
+            said.setdefault((each.verdict, sentence), {}).setdefault(each.sensor, []).extend(each.runs)
+    together: dict[tuple[Verdict, str], list[str]] = {}
+    for (verdict, sentence), of in said.items():
+        where = "; ".join(f"sensor {number}, {numbered('run', runs)}" for number, runs in of.items())
+        together.setdefault((verdict, where), []).append(sentence)
+    for (verdict, where), several in sorted(together.items(), key=lambda each: -Judgement(each[0][0], "").severity):
+        yield verdict, where, "; ".join(several)
 
 
 def _solve_rows(sensor: int, run: int | None, form: LinearForm, collects: Collects) -> RunSolution:

@@ -8,8 +8,11 @@ from hil.analysis.thermal.improvement import Improvement
 from hil.files.document import picked, plain
 from hil.solve.repeats import CONFIDENCE
 from hil.solve.wrong_rows import what_is_wrong
+from procedures.words import listed
 
 SCHEMA = "hil.thermal/1"
+_NOT_SHOWN = "modelling against temperature is not shown to predict a temperature that was left out"
+_OTHERWISE = "; what runs that were left out say, at temperatures that others have, is hil reconcile's question"
 
 
 def thermal_document(result: ThermalFit) -> dict[str, Any]:
@@ -101,7 +104,8 @@ def parameter_in_words(each: ParameterFit) -> str:
     """Say what was found about one parameter."""
     errors, unit = each.choice.errors, each.unit
     if each.finding == "constant":
-        return f"no temperature dependence found: a straight line changes less than {each.largest_change:.2g} {unit}"
+        largest = f"{each.largest_change:.2g} {unit}"
+        return f"no temperature dependence found by its repeats: a straight line changes less than {largest}"
     if each.finding == "undescribed":
         cubic = f"; a cubic {errors['cubic']:.3g}" if "cubic" in errors else ""
         return (
@@ -129,18 +133,18 @@ def verdict_in_words(fit: SensorFit) -> str:
         f"with the temperatures drawn again); one collect scatters by {scatter:.3g} deg/hr{_confirmed(fit)}"
     )
     if all(each.choice.form.order == 0 for each in fit.parameters.values()):
-        reason = (
-            "no parameter is shown to depend on temperature"
-            if all(each.finding == "constant" for each in fit.parameters.values())
-            else "no curve is shown to predict better than a constant"
-        )
+        differing = [name for name, each in fit.parameters.items() if each.finding != "constant"]
+        reason = "no parameter is shown to depend on temperature by its repeats"
+        if differing:
+            differ = "differs" if len(differing) == 1 else "differ"
+            reason = f"{listed(differing)} {differ} between temperatures, but no curve is shown to foretell one"
         return (
-            f"modelling against temperature does not improve this unit: {reason}; rates at a temperature that was left "
-            f"out are wrong by {found.constant:.3g} deg/hr, one collect scatters by {scatter:.3g} deg/hr"
+            f"{_NOT_SHOWN}: {reason}; rates there are wrong by {found.constant:.3g} deg/hr, one collect scatters by "
+            f"{scatter:.3g} deg/hr{_OTHERWISE}"
         )
     if found.is_certain:
         return f"modelling against temperature improves this unit: {numbers}"
-    return f"modelling against temperature does not demonstrably improve this unit: {numbers}"
+    return f"{_NOT_SHOWN}: {numbers}{_OTHERWISE}"
 
 
 def _confirmed(fit: SensorFit) -> str:

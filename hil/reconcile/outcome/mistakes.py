@@ -95,7 +95,8 @@ def mended(sensors: Mapping[int, SensorProblem], reading: Reading) -> dict[int, 
 
 def mistake_notes(reading: Reading, campaign: Campaign) -> list[str]:
     """Say which rows of the file carry each other's labels, and which runs are left out."""
-    return [f"sensor {row['sensor']}, {row['why']}" for row in rows_found(reading, campaign, ())]
+    told = [(row["sensor"], str(row["why"])) for row in rows_found(reading, campaign, ())]
+    return list(dict.fromkeys(f"sensor {n}, {why.removeprefix(f'sensor {n}: ')}" for n, why in told))
 
 
 def mistake_places(reading: Reading, campaign: Campaign, fit: Fitted) -> list[Disagreement]:

@@ -63,12 +63,13 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
         spoiled = sorted({collect for row in omitted for collect in row["collects"]})
         first += [f"what is left out (notes): {numbered('collect', spoiled)}"] if spoiled else []
     excess = [n["observed_deg_per_hr"] / n["stated_deg_per_hr"] for n in result.noise if n["stated_deg_per_hr"]]
+    most = _number(max(excess, default=0.0))
     act = "The model itself lacks nothing that can be told." if kind == "none" and first else _ACT[kind]
     if kind == "scatter":
         runs = numbered("run", result.exceeding)
         act = f"{act} No effect is named, but averages scatter more than their standard errors say ({runs}: FAIL)."
     elif kind in {"none", "apart"} and max(excess, default=0.0) > EXCESS:
-        act += f" Averages scatter {max(excess):.2g} times as much as standard errors say; the ± of hil solve"
+        act += f" Averages scatter {most} times as much as standard errors say; the ± of hil solve"
         act += " and the noise of model.yaml have it."
     if apart:
         part = min(_BY, key=lambda each: 1.0 if after["parts"].get(each) is None else after["parts"][each])
@@ -128,10 +129,10 @@ def summary(result: Reconciliation) -> list[str]:
             how = per_temperature or " fitted to these collects"
             more = result.gap.standardised_after
             noise = (
-                "nothing but noise"
-                if not more > _MORE_THAN_NOISE
-                else (f"nothing that can be told from noise, of {more:.2g} times the variance that the fit gives it")
+                "nothing but noise" if _ACT["none"] in what_to_do(result)[1] else "nothing that can be told from noise"
             )
+            if more > _MORE_THAN_NOISE:
+                noise = f"nothing that can be told from noise, of {more:.2g} times the variance that the fit gives it"
             nothing = f"The model {model},{how}, leaves {noise}."
             return [nothing, *(f"{text[0].upper()}{text[1:]}." for text in values_off(result.as_it_stands, result.gap))]
         return [f"{model} does not describe these collects, and nothing that was tried mends it."]
@@ -170,7 +171,7 @@ def _gap(result: Reconciliation) -> list[str]:
     if not np.isfinite(gap.before) or not result.effects:
         return []
     proved = np.isfinite(gap.improved_p_value)
-    how = "on data that was held out" if proved else "of the fit (nothing could be held out)"
+    how = "on runs that were held out" if proved else "of the fit (nothing could be held out)"
     swapped = any(effect.mends_labels for effect in result.effects)
     mended = ["the labels put right"] * swapped
     added = sum(

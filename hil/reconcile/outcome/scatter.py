@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hil.campaign import BoolArray, Conditions, FloatArray, IntArray
+from hil.campaign import BoolArray, Conditions, FloatArray
 from hil.model import Model
 from hil.model.curve import Constant, Curve
 from hil.model.effects.base import Parameter, VarianceEffect
@@ -14,7 +14,7 @@ from hil.model.forms import bias_names
 from hil.model.stated_noise import SensorNoise
 from hil.reconcile.result import Disagreement
 from hil.reconcile.search.fitted import Fitted, FittedBlock
-from hil.reconcile.search.noise import Points
+from hil.reconcile.search.noise import Points, log_profile
 from hil.reconcile.search.posterior import Posterior
 from hil.reconcile.search.set_in_block import SetInBlock
 from hil.reconcile.search.sets import SensorSearch, Set
@@ -70,7 +70,7 @@ def found_scatter(
         if not here.any() or np.logaddexp.reduce(total[here]) < np.logaddexp.reduce(total[own.points.kind < 0]):
             continue
         here &= total > total[here].max() - _TOLD
-        points, weighed = _finely(search, chosen[sensor], b, np.flatnonzero(here))
+        points, weighed = _finely(search, chosen[sensor], b, own.points.take(np.flatnonzero(here)))
         total = weighed.terms_log + points.log_prior
         weight = np.exp(total - np.logaddexp.reduce(total))
         scales = np.array([weighed.left_at(t)[1] for t in range(len(points))])
@@ -85,22 +85,44 @@ def found_scatter(
     return out
 
 
-def _finely(search: SensorSearch, chosen: Set, b: int, at: IntArray) -> tuple[Points, SetInBlock]:
-    """Weigh a set in a block again, for each of some points at amounts all over the factor of two that it stands for.
+def _finely(search: SensorSearch, chosen: Set, b: int, likely: Points) -> tuple[Points, SetInBlock]:
+    """Weigh a set in a block again, at amounts and offsets all over the factor of two that a point stands for.
 
-    The search's own grid is coarser than what a night tells of a size.
+    At every point of the whole grid that is probable beside the set, of the kinds and profiles of some `likely` ones:
+    the search keeps what was so before there was a set, and its grid is coarser than what a night tells of a size.
     """
-    steps = np.exp(_GRID * ((np.arange(_STEPS) + 0.5) / _STEPS - 0.5))
-    coarse = search.blocks[b].points.take(np.repeat(at, _STEPS))
-    fine = replace(coarse, amount=coarse.amount * np.tile(steps, len(at)))
-    block = replace(search.blocks[b], points=fine, _filters=())
+    noise, profiles = search.blocks[b].noise, np.unique(likely.profile)
+    grid = noise.grid()
+    grid = grid.take(np.flatnonzero(np.isin(grid.kind, likely.kind)))
+    prior = [log_profile(noise.profiles[p]) if noise.calibrated else 0.0 for p in profiles]
+    every = grid.take(np.tile(np.arange(len(grid)), len(profiles)))
+    every = replace(
+        every,
+        profile=np.repeat(profiles, len(grid)),
+        log_prior=every.log_prior + np.repeat(prior, len(grid)),
+    )
+    total = _at_points(search, chosen, b, every).terms_log + every.log_prior
+    coarse = every.take(np.flatnonzero(total > total.max() - _TOLD))
+    amounts, offsets = (np.exp(_GRID * ((np.arange(n) + 0.5) / n - 0.5)) for n in _STEPS)
+    fine = coarse.take(np.repeat(np.arange(len(coarse)), len(amounts) * len(offsets)))
+    fine = replace(
+        fine,
+        amount=fine.amount * np.tile(np.repeat(amounts, len(offsets)), len(coarse)),
+        offset=fine.offset * np.tile(offsets, len(coarse) * len(amounts)),
+    )
+    return fine, _at_points(search, chosen, b, fine)
+
+
+def _at_points(search: SensorSearch, chosen: Set, b: int, points: Points) -> SetInBlock:
+    """Weigh a set in a block at other points."""
+    block = replace(search.blocks[b], points=points, _filters=())
     block.measure(block.y)
     blocks = [block if k == b else other for k, other in enumerate(search.blocks)]
-    return fine, SensorSearch(blocks, search.terms).in_block(chosen, b)
+    return SensorSearch(blocks, search.terms).in_block(chosen, b)
 
 
 _GRID = float(np.log(2.0))
-_STEPS = 8
+_STEPS = (8, 3)  # of an amount, and of an offset, which only stands beside it
 _TOLD = 9.0  # logs below the most probable: what is less so says nothing of a size
 _WIDTH = 1.96
 _BEYOND = 2.0  # standard errors by which rows scatter more than is explained, for the model to state it

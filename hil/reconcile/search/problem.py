@@ -111,7 +111,11 @@ def pose(campaign: Campaign, model: Model, catalogue: Sequence[Effect]) -> Probl
         blocks += sensor_blocks(number, sensor.collects, sensor.known_rates(), columns)
     bears = [len(block.y) - block.base.shape[1] >= LEAST_FREEDOM for block in blocks]
     if any(bears):
-        notes += [_starved(b, sensors[b.sensor].collects) for b, bear in zip(blocks, bears, strict=True) if not bear]
+        notes += [
+            _starved(b, sensors[b.sensor].collects)
+            for b, bear in zip(blocks, bears, strict=True)
+            if len(b.y) and not bear
+        ]
         blocks = [block for block, bear in zip(blocks, bears, strict=True) if bear]
     for number in sorted({block.sensor for block in blocks}):
         collects, sensor, form = campaign.sensors[number], sensors[number], sensors[number].form

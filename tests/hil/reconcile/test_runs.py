@@ -14,6 +14,7 @@ from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.page import summary
 from hil.reconcile.outcome.scatter import in_words
 from hil.reconcile.scattering import what_scatters
+from tests.hil.analysis.thermal.nights import RUN_TO_RUN, rotor_night, scaled
 from tests.hil.reconcile.hidden_effects import EIGHT, Rows, base_rates, campaign_of, lay_out, noise
 from tests.hil.solve.test_neighbours import campaign, with_rates
 
@@ -246,3 +247,14 @@ def test_of_two_rows_that_differ_nobody_says_which_is_wrong() -> None:
     (row,) = what_scatters(with_rates(three, rates)).rows
     assert row["collects"] == [6]
     assert "in its place" not in row["why"]
+
+
+@pytest.mark.parametrize("seed", [3, 38])
+def test_the_size_of_what_scatters_is_as_uncertain_as_its_runs_make_it(seed: int) -> None:
+    """Of 24 runs of two channels a deviation is known to a tenth, and not to what the search has left of its grid."""
+    curves = {"MUA": lambda t: 5.0 + 0.0 * t, "BB": lambda t: 30.0 * scaled(t)}
+    night = rotor_night(np.random.default_rng(seed), curves)
+    (of_mu,) = (e for e in reconcile(night, "collins-4", prove=False).effects if e.id == "MU_rr")
+    (size,) = of_mu.parameters
+    assert 0.08 < np.log(size["high"] / size["low"]) / 3.92 < 0.15
+    assert size["low"] < np.hypot(RUN_TO_RUN["MUA"], RUN_TO_RUN["MUB"]) / np.sqrt(2.0) < size["high"]

@@ -93,6 +93,7 @@ def test_no_uncertainty_is_smaller_than_repeats_or_sources_show(draft: Certifica
                     and each["temperature_degC"] == mean.temperature_degC
                 )
                 assert found["value"] == value.value
+                assert {key: found[key] for key in shown.where(mean)} == shown.where(mean)
                 assert found["expanded_uncertainty"] >= value.expanded(2.0) * (1.0 - 1e-12)
 
 
