@@ -21,6 +21,10 @@ LARGEST = 1e12
 """What no cell exceeds, whatever its unit: arithmetic does not bear much more."""
 
 
+_NO_COMMAS = {";": "semicolons", "\t": "tabs"}
+_NO_NUMBER = {",": "use a point as decimal separator, and none between thousands", "−": "its minus sign is no -"}
+
+
 class Table:
     """The cells of one file: `header`, `lines`, and their `rows` as a spreadsheet numbers them (the header is 1).
 
@@ -32,12 +36,12 @@ class Table:
         records = _records(path)
         if not records:
             raise InputError(f"{path}: the file is empty; its first row must name the columns")
-        self.header_row, header = records[0]
+        (self.header_row, header), *lines = records
         self.header = [name.strip() for name in header]
         while self.header and not self.header[-1]:
             self.header.pop()
-        self._check_header()
-        self.lines = [(row, self._padded(row, cells)) for row, cells in records[1:]]
+        self._check_header(any(len(cells) > 1 for _, cells in lines))
+        self.lines = [(row, self._padded(row, cells)) for row, cells in lines]
         self.rows = [row for row, _ in self.lines]
         self._index = {name: j for j, name in enumerate(self.header)}
 
@@ -48,9 +52,11 @@ class Table:
         """Raise `InputError` where one of `columns` is missing."""
         missing = [name for name in dict.fromkeys(columns) if name not in self._index]
         if missing:
+            known = {name.casefold(): name for name in self.header}
+            alike = [f"{known[name.casefold()]} is not {name}" for name in missing if name.casefold() in known]
             raise InputError(
                 f"{self.path}, row {self.header_row}: {plural('column', len(missing))} {', '.join(missing)} "
-                f"{'are' if len(missing) > 1 else 'is'} missing"
+                f"{'are' if len(missing) > 1 else 'is'} missing{''.join(f'; {each}' for each in alike)}"
             )
 
     def texts(self, column: str) -> list[str]:
@@ -84,11 +90,17 @@ class Table:
         """Word a complaint about the cell of the `line`-th data line."""
         return InputError(f"{self.path}, row {self.rows[line]}, column {column}: {what}")
 
-    def _check_header(self) -> None:
-        if len(self.header) == 1 and ";" in self.header[0]:
+    def _check_header(self, wider: bool) -> None:
+        for character, word in _NO_COMMAS.items():
+            if len(self.header) == 1 and character in self.header[0]:
+                raise InputError(
+                    f"{self.path}, row {self.header_row}: the columns are separated by {word}; commas are needed "
+                    "between columns and points in numbers (a spreadsheet set to English saves CSV so)"
+                )
+        if len(self.header) == 1 and wider:
             raise InputError(
-                f"{self.path}, row {self.header_row}: the columns are separated by semicolons; commas are needed "
-                "between columns and points in numbers (a spreadsheet set to English saves CSV so)"
+                f"{self.path}, row {self.header_row}: {self.header[0]!r} names no columns, as the first row must; "
+                "take out what stands above the names"
             )
         for j, name in enumerate(self.header):
             if not name:
@@ -120,7 +132,7 @@ class Table:
         except ValueError:
             value = None
         if value is None or "_" in text:
-            hint = " (use a point as decimal separator)" if "," in text else ""
+            hint = next((f" ({told})" for mark, told in _NO_NUMBER.items() if mark in text), "")
             raise self.complaint(line, column, f"{text!r} is not a number{hint}")
         if not np.isfinite(value):
             raise self.complaint(
@@ -139,7 +151,7 @@ def _records(path: Path) -> list[tuple[int, list[str]]]:
     try:
         records = list(csv.reader(io.StringIO(text, newline=""), strict=True))
     except csv.Error as error:
-        raise InputError(f"{path}: it is no CSV ({error})") from error
+        raise InputError(f'{path}: it is no CSV ({error}); is a " there that is not closed?') from error
     return [(row, cells) for row, cells in enumerate(records, start=1) if any(cell.strip() for cell in cells)]
 
 

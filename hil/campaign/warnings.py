@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hil.campaign.data import TELL_TEMPERATURE, Collects
+from hil.campaign.data import TELL_TEMPERATURE, Collects, Conditions
 from hil.campaign.header import OF_A_SENSOR, Header
 from hil.campaign.table import Table, rows_in_words
 from procedures.words import listed, numbered
@@ -13,6 +13,12 @@ F_LIMITS_G = (0.5, 1.5)
 """Beyond these |f| is no static collect, unless the campaign says that a centrifuge was used."""
 
 F_SUSPICIOUS = 0.02
+
+_USUAL_DEGC = (-100.0, 100.0)
+"""Beyond these a temperature is rather in K or °F."""
+
+_STAND_INS = ("case_degC", "chamber_degC", "setpoint_degC")
+"""What stands in for the unit's own temperature where that is not recorded, the best first."""
 
 
 def suspicions(
@@ -63,9 +69,29 @@ def _of_sensor(where: str, collects: Collects, rows: np.ndarray, centrifuge: boo
             f"{where}: none of the columns {listed(TELL_TEMPERATURE)} has a temperature: all {runs} runs count as made "
             "at one, and what follows temperature as scatter"
         )
+    for name, values in conditions.columns.items():
+        low, high = _USUAL_DEGC
+        if name.endswith("_degC") and np.any(odd := (values < low) | (values > high)):
+            worst = values[odd][np.argmax(np.abs(values[odd]))]
+            found.append(f"{where}, {_words(rows[odd])}, column {name}: {worst:.4g} °C; is that column in °C?")
+    if other := instead_of_temperature(conditions):
+        found.append(not_recorded(conditions, "temperature_degC", other))
     if not conditions.w_deg_per_hr.any() and not centrifuge:
         found.append(f"{where}: w is 0 in every row: what there is of the earth rate (15 deg/hr) is in the parameters")
     return found
+
+
+def instead_of_temperature(conditions: Conditions) -> str | None:
+    """Return the column that stands in for the unit's own temperature; None where that, or nothing, is recorded."""
+    whole = {name for name, values in conditions.columns.items() if np.all(np.isfinite(values))}
+    return next((name for name in _STAND_INS if name in whole and "temperature_degC" not in whole), None)
+
+
+def not_recorded(conditions: Conditions, name: str, other: str) -> str:
+    """Say that another column stands in for one, and in which runs that was not recorded, where it was in some."""
+    lacking = ~np.isfinite(conditions.columns.get(name, np.full(len(conditions), np.nan)))
+    some = "" if lacking.all() else f" in {numbered('run', np.unique(conditions.run[lacking]).tolist())}"
+    return f"sensor {conditions.sensor.number}: {name} is not recorded{some}; {other} stands in for it"
 
 
 def _zero_errors(table: Table, sensors: Mapping[int, Collects]) -> list[str]:

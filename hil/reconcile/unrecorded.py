@@ -11,13 +11,13 @@ from dataclasses import replace
 import numpy as np
 
 from hil.campaign import Campaign, Collects, Conditions, FloatArray
+from hil.campaign.warnings import instead_of_temperature, not_recorded
 from hil.model.effects.base import Effect
 from hil.model.effects.catalogue import effect_by_id
 from hil.reconcile.naming import Also, Named
 from hil.reconcile.search.posterior import Posterior
 from procedures.words import listed
 
-_TEMPERATURES = ("case_degC", "chamber_degC", "setpoint_degC")
 _SPELLINGS = {
     "supply_V": re.compile(r"supply|volt", re.IGNORECASE),
     "vibration_rms_g": re.compile(r"vibration|vib_", re.IGNORECASE),
@@ -35,22 +35,22 @@ def with_stand_ins(campaign: Campaign) -> Campaign:
     sensors, said = dict(campaign.sensors), []
     for number, collects in campaign.sensors.items():
         conditions = collects.conditions
-        found = dict(_stand_ins(conditions.columns))
+        found = dict(_stand_ins(conditions))
         if not found:
             continue
         columns = {**conditions.columns, **{name: conditions.columns[other] for name, other in found.items()}}
         renamed = replace(conditions, columns=columns)
         sensors[number] = Collects(renamed, collects.rates_deg_per_hr, collects.rates_se_deg_per_hr)
-        said += [f"sensor {number}: {name} is not recorded; {other} stands in for it" for name, other in found.items()]
-    return replace(campaign, sensors=sensors, warnings=[*campaign.warnings, *said]) if said else campaign
+        said += [not_recorded(conditions, name, other) for name, other in found.items()]
+    warnings = list(dict.fromkeys([*campaign.warnings, *said]))
+    return replace(campaign, sensors=sensors, warnings=warnings) if said else campaign
 
 
-def _stand_ins(columns: Mapping[str, FloatArray]) -> Iterator[tuple[str, str]]:
+def _stand_ins(conditions: Conditions) -> Iterator[tuple[str, str]]:
     """Yield what is not recorded, with the column that stands in for it."""
-    if not _known(columns.get("temperature_degC")):
-        other = next((name for name in _TEMPERATURES if _known(columns.get(name))), None)
-        if other is not None:
-            yield "temperature_degC", other
+    columns = conditions.columns
+    if other := instead_of_temperature(conditions):
+        yield "temperature_degC", other
     for name, spelling in _SPELLINGS.items():
         others = [one for one in columns if spelling.search(one) and _known(columns[one])]
         if name not in columns and len(others) == 1:

@@ -199,7 +199,7 @@ class SensorRepeats:
     own records. `of_each` is one standard deviation of every parameter that a run could tell, by run. `times_stated` is
     by how much more or less than their standard errors averages scatter, 1 where chance explains it: what neither the
     bias nor MU moves shows it, in runs that nothing is said against. `noise_times` is that, and what residuals exceed
-    them by where repeats do not contradict it.
+    them by where repeats do not contradict it; `beyond_noise` (p,) is what errors that are so large leave unexplained.
     """
 
     names: tuple[str, ...]
@@ -211,6 +211,7 @@ class SensorRepeats:
     of_each: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
     times_stated: float = 1.0
     noise_times: float = 1.0
+    beyond_noise: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def at(self, temperature_degC: float | None) -> MeanAt | None:
         """Return the mean at what is this temperature of another campaign, None where there is none."""
@@ -367,10 +368,12 @@ def _of_sensor(own: Sequence[RunSolution], at: Sequence[tuple[float | None, tupl
     sound = np.array([not each.doubted for each in own])
     noise = np.array([not name.startswith(("B", "MU")) for name in units])
     quiet = values[sound][:, noise], errors[sound][:, noise], group[sound]
+    noise_times = factor * Spread.of(*quiet, factor).times_stated
     return replace(
         means_of(units, values, errors, group, at, factor, min(of_noise, default=math.inf)),
         times_stated=Spread.of(*quiet).times_stated,
-        noise_times=factor * Spread.of(*quiet, factor).times_stated,
+        noise_times=noise_times,
+        beyond_noise=Spread.of(values, errors, group, noise_times).beyond,
     )
 
 

@@ -118,10 +118,10 @@ class Visits:
 
     @property
     def collect_deg_per_hr(self) -> float:
-        """What one collect scatters by, rms: its standard error and what parameters do from run to run."""
+        """What the usual collect scatters by: its standard error and what parameters do from run to run."""
         errors = self.layout.collects.rates_se_deg_per_hr
         beyond = np.einsum("ncp,p->nc", self.layout.columns**2, self.spread.beyond**2)
-        return float(np.sqrt(np.mean(np.nan_to_num((self.spread.factor * errors) ** 2) + beyond)))
+        return float(np.sqrt(np.median(np.nan_to_num((self.spread.factor * errors) ** 2) + beyond)))
 
 
 def visits(layout: Layout) -> Visits:

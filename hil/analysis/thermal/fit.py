@@ -251,6 +251,7 @@ def layout_of(
         raise InputError(
             f"sensor {number}: {counted(len(stations), 'temperature')} with every parameter; at "
             "least three are needed (--apart says how far apart two temperatures are)"
+            + "".join(f"; {note.removeprefix(f'sensor {number}: ')}" for note in notes)
         )
     own = collects.conditions.columns["temperature_degC"]
     middle, half = 0.5 * float(own.min() + own.max()), 0.5 * float(np.ptp(own))

@@ -138,7 +138,7 @@ def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[st
             _seen(each, assumed=sensors[number] is not campaign.sensors[number])
             if np.any(each.spread.degrees)
             else NoiseLevel(),
-            collect_deg_per_hr=float(np.sqrt(np.nanmean(sigmas[number] ** 2))),
+            collect_deg_per_hr=float(np.nanmedian(sigmas[number])),  # one that is huge says nothing of the others
         )
         for number, each in shown.items()
         if number in used
@@ -156,10 +156,8 @@ def _with_typical_noise(rows: Collects) -> Collects:
 
 def _seen(shown: SensorRepeats, *, assumed: bool) -> NoiseLevel:
     """Return what repeats scatter by beyond white noise: bias and, of a rotor, MU, rms of both channels."""
-    white = shown.noise_times / shown.spread.factor * shown.spread.stated
-    more = np.maximum(shown.spread.observed**2 - white**2, 0.0)
-    beyond = [each for each in zip(shown.names, more, shown.spread.degrees, strict=True) if each[2]]
-    bias, mu = ([more for name, more, _ in beyond if name.startswith(kind)] for kind in ("B", "MU"))
+    beyond = [each for each in zip(shown.names, shown.beyond_noise, shown.spread.degrees, strict=True) if each[2]]
+    bias, mu = ([more**2 for name, more, _ in beyond if name.startswith(kind)] for kind in ("B", "MU"))
     source = "its repeats, beyond an assumed noise of collects" if assumed else "its repeats"
     source += "".join(f"; {each}" for each in shown.noise_in_words)
     size = [float(np.sqrt(np.mean(each))) if each else 0.0 for each in (bias, mu)]

@@ -162,7 +162,8 @@ def ordinary(
         channels = list(conditions[own.sensor].sensor.channels)
         for c in np.unique(own.channel):
             rows = own.channel == c
-            known = float(np.mean(errors[rows] + beside[rows]))
+            # Of the usual row: one whose standard error is huge says nothing of what the others scatter by.
+            known = float(np.median(errors[rows] + beside[rows]))
             more, error = seen.beyond(known, rows)
             sure = more > _BEYOND * error
             scatter = [f for f in found if (f.sensor, f.channel) == (own.sensor, channels[c])]
@@ -171,9 +172,9 @@ def ordinary(
                     "sensor": own.sensor,
                     "channel": channels[c],
                     "under": " + ".join(model) + ", calibrated at each temperature" * block.calibrated,
-                    "stated_deg_per_hr": float(np.sqrt(np.mean(errors[rows]))) if own.sigma_stated else None,
+                    "stated_deg_per_hr": float(np.sqrt(np.median(errors[rows]))) if own.sigma_stated else None,
                     "explained_deg_per_hr": float(np.sqrt(known)) if own.sigma_stated else None,
-                    "observed_deg_per_hr": float(np.sqrt(np.mean(seen.variance[rows]))),
+                    "observed_deg_per_hr": float(np.sqrt(np.median(seen.variance[rows]))),
                     "run_offset_deg_per_hr": seen.offset,
                     "run_offset_se_deg_per_hr": seen.offset_se,
                     "collect_to_collect_deg_per_hr": (size := float(np.sqrt(max(more, 0.0)))),
@@ -200,8 +201,8 @@ class _Observed:
     offset_se: float | None
 
     def beyond(self, known: float, rows: BoolArray) -> tuple[float, float]:
-        """Return the variance that some rows have by themselves beyond what is known, and its error, (deg/hr)²."""
-        of_rows = self.by_itself[:, rows].mean(axis=1)
+        """Return the variance that the usual of some rows has by itself beyond what is known, and its error, (deg/hr)²."""
+        of_rows = np.median(self.by_itself[:, rows], axis=1)
         mean = float(self.weight @ of_rows)
         spread = np.sqrt(self.weight @ (of_rows - mean) ** 2)
         return mean - known, float(np.hypot(spread, mean * self.relative))

@@ -29,6 +29,8 @@ AMOUNTS = (0.7, 1.4, 2.8, 5.6, 11.0)
 """Of an effect on the scatter, in white noises."""
 LEVELS = {0.15: 0.3, 1.0: 0.7}
 """Share of the mean variance in every row's own, with its prior: standard errors leave out what differs by collect."""
+HUGE = 100.0
+"""Times the usual variance, from which on that of a row says no more of the others'."""
 CALIBRATIONS = (4.0, 12.0, 36.0, 108.0, 324.0)
 """How far a value of the base follows temperature, in white noises: wide priors of what the data then settle."""
 SHAPES = ((1.0, 0.0, 0.0), (0.5, 0.49, 0.01), (0.45, 0.45, 0.1), (0.0, 0.0, 1.0))
@@ -104,7 +106,7 @@ class Noise:
         self.block = block
         self.order = in_time(conditions, block.rows)
         rows, channel, run = (own[self.order] for own in (block.rows, block.channel, block.run))
-        self.unit = float(np.mean(block.sigma**2))
+        self.unit = float(np.mean(np.minimum(block.sigma**2, HUGE * np.median(block.sigma**2))))
         self.white = block.sigma[self.order] ** 2 / self.unit
         apart = np.equal.outer(channel, np.unique(channel)).astype(np.float64)
         self.offset = grouped(apart, run)
@@ -243,7 +245,7 @@ class Noise:
 
     def _white(self, level: FloatArray) -> FloatArray:
         share = level[:, None]
-        return np.asarray((1.0 - share) * self.white + share * np.mean(self.white))
+        return np.asarray((1.0 - share) * self.white + share)
 
 
 @cache

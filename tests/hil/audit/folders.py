@@ -86,6 +86,14 @@ def _one_silent() -> Campaign:
     return replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=errors)})
 
 
+def _one_huge() -> Campaign:
+    """One rate of run 3 is known to 300 deg/hr; it is as right as all others."""
+    one = _good()
+    errors = one.sensors[2].rates_se_deg_per_hr.copy()
+    errors[7] = 300.0
+    return replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=errors)})
+
+
 def _no_errors() -> Campaign:
     one = _good()
     return replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=np.full((36, 2), np.nan))})
@@ -194,6 +202,7 @@ FOLDERS: dict[str, Callable[[], Campaign]] = {
     "one rate far off": _far_off,
     "one collect missing": _one_missing,
     "one standard error missing": _one_silent,
+    "one standard error huge": _one_huge,
     "no standard errors": _no_errors,
     "contradicted": _contradicted,
     "clipped": _clipped,

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hil.analysis.thermal import fit_thermal
 from hil.campaign import Campaign, Collects
 from hil.cli.app import run
 from hil.config import load_bench, load_sweep
@@ -30,6 +31,8 @@ from procedures.plan import make_plan
 from tests.hil.audit.folders import FOLDERS, LOGS, written
 from tests.hil.solve.test_neighbours import campaign
 
+VERDICTS = ("PASS", "MARGINAL", "INCONCLUSIVE", "FAIL")
+SURE = ("sd", "low", "high", "runs")
 Answer = Mapping[Any, Any]
 Ask = Callable[[str], dict[str, Any] | None]
 
@@ -44,7 +47,17 @@ COMMANDS: dict[str, Callable[[Path, str], list[str]]] = {
         "reconcile", str(folder), "--model", model, "--out", str(folder / "out"), "--json",
     ],
 }  # fmt: skip
-QUICK = ("solve", "thermal", "budget", "visibility")
+BESIDE: dict[str, Callable[[Path, str], list[str]]] = {
+    "fleet": lambda folder, model: ["fleet", str(folder), "--model", model, "--json"],
+    "history": lambda folder, _: ["history", "0042", "--archive", str(folder.parent / "archive"), "--json"],
+}
+"""Commands that answer some of the questions, and have no rows."""
+FIRST: dict[str, Callable[[Path], list[str]]] = {
+    "history": lambda folder: [
+        "archive", str(folder.parent / "archive"), str(folder), "--found", "--serial", "0042", "--date", "2026-03-01",
+    ],
+}  # fmt: skip
+QUICK = ("solve", "thermal", "budget", "visibility", "history")
 AT_ONCE = (
     "contradicted",
     "dead channel",
@@ -92,6 +105,29 @@ def _thermal_means(document: dict[str, Any], key: str) -> Answer:
         for name, of in each["parameters"].items()
         for place, value in enumerate(of["values"])
     }
+
+
+def _archived(document: dict[str, Any], key: str) -> Answer:
+    """Values by sensor, temperature and parameter: an archive keeps those of runs that may be relied upon."""
+    return {
+        (each["sensor"], at["temperature_degC"], each["parameter"]): value[key]
+        for each in document["parameters"]
+        for at in each["temperatures"]
+        for value in at["values"]
+    }
+
+
+def _solved_at(document: dict[str, Any], key: str) -> Answer:
+    return {
+        (int(number), mean["temperature_degC"], name): each[key]
+        for number, of in document["repeats"].items()
+        for mean in of["means"]
+        for name, each in mean["parameters"].items()
+    }
+
+
+def _no_pass(runs: Mapping[str, list[int]]) -> Answer:
+    return {verdict: runs[verdict] for verdict in ("FAIL", "INCONCLUSIVE") if runs.get(verdict)}
 
 
 def _run_to_run(of_sensor: Mapping[str, Any], where: str) -> Answer:
@@ -221,9 +257,43 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
         },
         "reconcile": lambda document: {"runs": document["runs_beyond_errors"]},
     },
+    "what a unit's history keeps": {
+        "solve": lambda document: _solved_at(document, "value"),
+        "history": lambda document: _archived(document, "value"),
+    },
+    "of how many repeats, and how sure, what a history keeps is": {
+        "solve": lambda document: {(key, *at): v for key in SURE for at, v in _solved_at(document, key).items()},
+        "history": lambda document: {(key, *at): v for key in SURE for at, v in _archived(document, key).items()},
+    },
+    "which runs do not pass, and how bad they are": {
+        "solve": lambda document: _no_pass(
+            {
+                verdict: sorted({s["run"] for s in document["solutions"] if s["verdict"] == verdict})
+                for verdict in ("FAIL", "INCONCLUSIVE")
+            }
+        ),
+        "reconcile": lambda document: _no_pass(document["runs_not_solved"]),
+    },
+    "how bad the worst is": {
+        # A history says of what is not whole that it is INCONCLUSIVE at best, whatever is there.
+        "solve": lambda document: {
+            "verdict": max(
+                (
+                    s["verdict"]
+                    for s in [{"verdict": "INCONCLUSIVE"}] * bool(document["missing"]) + document["solutions"]
+                ),
+                key=VERDICTS.index,
+            )
+        },
+        "history": lambda document: {"verdict": document["campaigns"][0]["verdict"]},
+    },
+    "what is suspicious": dict.fromkeys(
+        [name for name in COMMANDS if name != "reconcile"], lambda document: dict.fromkeys(document["warnings"])
+    ),
     "whose its temperatures are": {
         "solve": lambda document: {n: of["means"][0]["temperature_of"] for n, of in document["repeats"].items()},
         "budget": lambda document: {n: of["temperature_of"] for n, of in document["sensors"].items()},
+        "reconcile": lambda document: {str(of["sensor"]): of["temperature_of"] for of in document["values"]},
     },
     "what is named of the scatter, and by how much they scatter": {
         "scatter": lambda document: _scattering(document, document["named"]),
@@ -231,11 +301,14 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
             document, [e["id"] for e in document["effects"] if (e["acts_on"], e["kind"]) == ("scatter", "named")]
         ),
     },
-    "is it simulated": dict.fromkeys(COMMANDS, lambda document: {"simulated": document["simulated"]}),
+    "is it simulated": dict.fromkeys((*COMMANDS, *BESIDE), lambda document: {"simulated": document["simulated"]}),
 }
 
 
 IN_COMMON = (
+    "what a unit's history keeps",
+    "of how many repeats, and how sure, what a history keeps is",
+    "whose its temperatures are",
     "the mean at a temperature",
     "how sure that mean is",
     "how sure one run is",
@@ -251,8 +324,9 @@ def ask(request: pytest.FixtureRequest, tmp_path: Path, capsys: pytest.CaptureFi
 
     def asked(command: str) -> dict[str, Any] | None:
         if command not in known:
+            assert command not in FIRST or run(FIRST[command](folder)) == 0
             capsys.readouterr()
-            status = run(COMMANDS[command](folder, MODEL.get(request.param, "matrix-6")))
+            status = run({**COMMANDS, **BESIDE}[command](folder, MODEL.get(request.param, "matrix-6")))
             assert status in (0, 2, 4), f"{command}: {capsys.readouterr().err}"
             known[command] = json.loads(capsys.readouterr().out) if status != 2 else None
         return known[command]
@@ -275,7 +349,9 @@ def disagreements(ask: Ask, commands: tuple[str, ...]) -> Iterator[str]:
             # A budget is of one run.
             some = question in IN_COMMON
             keys = set(answer) & set(told[first]) if some else set(answer) | set(told[first])
-            assert keys or not some, f"{question}: {first} and {command} have nothing in common"
+            # An archive keeps nothing of what must not be relied upon; a search may have no value to tell.
+            nothing = command in ("history", "reconcile") and not (answer and told[first])
+            assert keys or nothing or not some, f"{question}: {first} and {command} have nothing in common"
             for key in keys:
                 one, other = told[first].get(key), answer.get(key)
                 if one != (pytest.approx(other, rel=1e-6, abs=1e-9) if isinstance(other, float) else other):
@@ -292,7 +368,7 @@ def test_the_quick_commands_agree(ask: Ask) -> None:
 @pytest.mark.parametrize("ask", FOLDERS, indirect=True)
 def test_all_commands_agree(ask: Ask) -> None:
     """And those that search: what is wrong with rows, and that what is printed is simulated."""
-    assert list(disagreements(ask, tuple(COMMANDS))) == []
+    assert list(disagreements(ask, (*COMMANDS, *BESIDE))) == []
 
 
 @pytest.mark.parametrize("ask", ["two plans"], indirect=True)
@@ -305,6 +381,20 @@ def test_a_sensor_that_cannot_be_fitted_hides_no_other(ask: Ask) -> None:
     said = headline(gather(FOLDERS["two plans"]()))
     assert said.startswith("sensor 1: 6 self-calibrations at 2 temperatures; sensor 2: 12 self-calibrations at 4 temp")
     assert headline(gather(FOLDERS["clipped"]())).startswith("12 self-calibrations at 4 temperatures, 1 sensor: 7 PASS")
+
+
+def _of_a_collect(one: Campaign) -> list[float]:
+    noise, seen = what_scatters(one).noise, campaign_document(one)["noise_level"]
+    assert isinstance(seen, dict)
+    by_search = [each[key] for each in noise for key in ("stated_deg_per_hr", "observed_deg_per_hr")]
+    return [*by_search, seen["collect_deg_per_hr"], fit_thermal(one).sensors[2].rate_noise_deg_per_hr]
+
+
+def test_one_huge_standard_error_says_nothing_of_what_the_others_scatter_by() -> None:
+    """Scatter, visibility and thermal say of a collect what they say where that one is as good as the others."""
+    without, beside = FOLDERS["good"](), FOLDERS["one standard error huge"]()
+    told = [_of_a_collect(one) for one in (without, beside)]
+    assert told[1] == pytest.approx(told[0], rel=0.15)
 
 
 @pytest.mark.parametrize("ask", ["poses, dead channel"], indirect=True)

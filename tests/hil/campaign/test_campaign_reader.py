@@ -190,6 +190,19 @@ REFUSED_TABLES = {
     "missing sensor": (without("sensor"), r"row 1: column sensor is missing"),
     "semicolons": (table(*ROWS).replace(",", ";"), "semicolons"),
     "decimal commas": (table(*ROWS).replace(",", ";").replace(".", ","), "semicolons"),
+    "tabs": (table(*ROWS).replace(",", "\t"), "row 1: the columns are separated by tabs; commas are needed"),
+    "a line above the names": (
+        "sep=,\n" + table(*ROWS),
+        "row 1: 'sep=' names no columns, as the first row must; take out",
+    ),
+    "a comment above the names": ("# mine\n" + table(*ROWS), "row 1: '# mine' names no columns"),
+    "capitals": (
+        table(*ROWS, header=HEADER.replace("RA_deg", "ra_deg")),
+        r"column RA_deg_per_hr is missing; ra_deg_per_hr is not RA_deg_per_hr",
+    ),
+    "typographer's minus": (cell(3, "RA_deg_per_hr", "−80.3"), r"'−80.3' is not a number \(its minus sign is no -\)"),
+    "thousands": (cell(3, "RA_deg_per_hr", '"1,080.3"'), r"not a number \(use a point as .*, and none between"),
+    "quotation mark": (cell(3, "RA_deg_per_hr", '"80.3'), r'no CSV \(.*\); is a " there that is not closed'),
     "text for a number": (cell(3, "RA_deg_per_hr", "n/a"), r"row 3, column RA_deg_per_hr: 'n/a' is not a number"),
     "decimal comma": (cell(3, "RA_deg_per_hr", '"80,3"'), r"row 3, .*'80,3' is not a number \(use a point"),
     "underscore": (cell(3, "RA_deg_per_hr", "8_0"), "row 3, column RA_deg_per_hr: '8_0' is not a number"),
@@ -335,6 +348,17 @@ WARNED_TABLES = {
     "faster than the Earth": (
         cell(5, "w_B_deg_per_hr", "100"),
         "collect 4: sensor 2: the size of w is 100.55, where at most 15.141 belongs by the earth rate",
+    ),
+    "temperature in K": (
+        table(*(",".join([*row.split(",")[:16], "296.4", *row.split(",")[17:]]) for row in ROWS)),
+        "column temperature_degC: 296.4 °C; is that column in °C?",
+    ),
+    "temperature of one run missing": (
+        table(
+            *(",".join([*row.split(",")[:16], "" if row[2] == "2" else "23", *row.split(",")[17:]]) for row in ROWS),
+            header=HEADER.replace("supply_V", "setpoint_degC"),
+        ),
+        "sensor 2: temperature_degC is not recorded in run 2; setpoint_degC stands in for it",
     ),
     "undeclared column": (
         table(*ROWS, header=HEADER.replace("supply_V", "fan_rpm")),
