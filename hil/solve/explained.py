@@ -41,6 +41,8 @@ _TOLD = 1e-3  # of a rate: where the others leave less, nothing tells what it sh
 _UNSEEN = 50.0  # standard errors: what is off by less may not be seen without a word
 _NO_ERROR = 20.0  # times its standard errors: whatever it is, what is stated is none
 _USED = ("bias", "run")  # what is wrong there is used as it is
+_HARDLY_ANY = 4.0  # logs: of many runs those are not asked about that the data make no likelier than that less
+_MANY = 20  # runs: among more it is not said what would not be seen
 _MOST = 0.2  # of the collects: where more are wrong, it is no rows
 _TIMES = np.geomspace(0.05, 500.0, 93)  # that standard errors are too small by
 _RIGHT, _NEARLY, _OTHERWISE = (
@@ -148,8 +150,10 @@ def _what(collects: Collects, told: BoolArray, own_bias: Collection[int], run: i
 def sees_from(collects: Collects, distrusted: Collection[int] = ()) -> float | None:
     """Return how far off a rate must be to be doubted, deg/hr; None unless so few runs are there that it is far."""
     used = collects.rows(~np.isin(collects.conditions.run, list(distrusted)))
-    asked = _Asked(Whitened(used), ()) if len(used) else None
-    if asked is None or asked.rates.freedom < 1.0:
+    if not 0 < len(used.conditions.of_each_run) <= _MANY:
+        return None
+    asked = _Asked(Whitened(used), ())
+    if asked.rates.freedom < 1.0:
         return None
     off, weight = asked.seen_from(), asked.rates.weight
     told = np.isfinite(off)
@@ -227,7 +231,10 @@ class _Asked:
         of |= dict.fromkeys(("channels", "run", "all turned"), len(runs))
         of |= dict.fromkeys(("turned", "bias"), len(runs) * channels)
         log_odds = {what: float(np.log(ODDS[what] / many)) for what, many in of.items()}
-        for run, each in runs.items():
+        gains = self._evidence(self.rates.squares - np.array([0.0, *(each.most for each in runs.values())]))
+        for (run, each), most in zip(runs.items(), gains[1:] - gains[0], strict=True):
+            if most < np.log(len(runs)) - _HARDLY_ANY:
+                continue
             tried = [*each.rows_off()]
             for i, j in pairs[run]:
                 exchanged = each.measured.copy()
@@ -258,6 +265,13 @@ class _Run:
         self.measured = np.where(self.known, rates.collects.rates_deg_per_hr[rows], np.nan)
         self._run, self._squares = run, rates.squares
         self._free, self._apart = rates.of(run)
+
+    @property
+    def most(self) -> float:
+        """By how much whatever may be wrong with the run lessens the squares at most."""
+        size, directions = np.linalg.eigh(self._free)
+        told = size > _TOLD
+        return float(np.sum((directions[:, told].T @ self._apart) ** 2 / size[told]))
 
     def rows_off(self) -> Iterator[tuple[Cause, float, float]]:
         """Yield its rates, and its collects, that may be anywhere."""

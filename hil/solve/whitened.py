@@ -9,14 +9,13 @@ position at the same place in them, whatever the form says of it.
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from itertools import combinations
 
 import numpy as np
 
 from hil.campaign import Collects, FloatArray, IntArray
 from hil.campaign.laws import FIXTURE_G, from_the_usual_g
 from hil.model.forms import default_form
-from hil.solve.identifiability import orthonormal
+from hil.solve.identifiability import orthonormal, unit_columns
 from hil.solve.neighbours import place_in_each_run
 from hil.solve.temperatures import runs_by_temperature
 
@@ -27,6 +26,8 @@ _SHARE, _SIGMA = (
 )  # of differences of two, and a normal distribution's sigma by that which so many are below
 _FEW, _LEAST = 8.0, 2  # runs that repeat others: of so many their scatter is known hardly better than by 2; too few
 _LEVEL = 0.7  # of a channel's usual variance in every row's: standard errors leave out what differs by collect
+_LAGS = (1, 2)  # between repeats whose difference is taken
+_APART = 1e-9  # of the square of the largest: directions that are none
 _REPEATED = 3  # collects in one place tell what it shows
 
 
@@ -78,7 +79,7 @@ class Whitened:
         ]
         loose = max(_CHANGES * float(np.sqrt(np.median(sizes))), 1e-9)  # of most: one may be wrong
         prior = np.hstack([np.zeros((several, flat.shape[2] - several)), np.eye(several) / loose])
-        basis = orthonormal(np.vstack([_flat(flat), prior]))
+        basis = _basis(np.vstack([_flat(flat), prior]))
         self._shown = basis[: seen.size].reshape(*seen.shape, -1)
         self._left = seen - self._shown @ np.einsum("ncq,nc->q", self._shown, seen)
         self.squares = float(np.sum(seen * self._left))
@@ -121,16 +122,27 @@ def _scatter(
     values: dict[int, FloatArray] = {}
     for run, rows in runs.items():
         design = _flat(columns[rows])
-        if np.linalg.matrix_rank(design, 1e-3) == design.shape[1]:
-            values[run] = np.asarray(np.linalg.lstsq(design, seen[rows].reshape(-1), rcond=None)[0])
+        fitted, _, rank, _ = np.linalg.lstsq(design, seen[rows].reshape(-1), rcond=1e-3)
+        if rank == design.shape[1]:
+            values[run] = np.asarray(fitted)
     repeated = [[values[run] for run in of if run in values] for of in groups]
     degrees = sum(max(len(of) - 1, 0) for of in repeated)
     if degrees < _LEAST:
         return None
-    apart = np.array([one - other for of in repeated for one, other in combinations(of, 2)])
+    apart = np.array(
+        [one - other for of in repeated for lag in _LAGS for one, other in zip(of, of[lag:], strict=False)]
+    )
     times = 1.0 + _FEW / degrees
     usual = _SIGMA * np.quantile(np.abs(apart), _SHARE, axis=0, method="lower")
     return np.maximum(usual, 1.0) * times, times
+
+
+def _basis(columns: FloatArray) -> FloatArray:
+    """Return an orthonormal basis (N, r) of what many columns (N, p) span, by their products: a life has many rows."""
+    columns = unit_columns(columns)
+    size, directions = np.linalg.eigh(columns.T @ columns)
+    told = size > _APART * max(float(size.max(initial=0.0)), 1.0)
+    return np.asarray(columns @ (directions[:, told] / np.sqrt(size[told])))
 
 
 def _flat(columns: FloatArray) -> FloatArray:
