@@ -34,22 +34,20 @@ ODDS = {
     "run": 0.02,
 }
 """Prior odds that a campaign has one of a kind: wrong rows, labels and runs as those of the search."""
+USED_AS_IT_IS = ("bias", "run")
+"""Causes of which nothing is mended or left out."""
 LISTED = 0.05
 """Probability of what is said beside others."""
 _WIDE = 30.0  # standard errors that what is wrong is off by, unless it is more
 _TOLD = 1e-3  # of a rate: where the others leave less, nothing tells what it should be
 _UNSEEN = 50.0  # standard errors: what is off by less may not be seen without a word
 _NO_ERROR = 20.0  # times its standard errors: whatever it is, what is stated is none
-_USED = ("bias", "run")  # what is wrong there is used as it is
 _HARDLY_ANY = 4.0  # logs: of many runs those are not asked about that the data make no likelier than that less
 _MANY = 20  # runs: among more it is not said what would not be seen
 _MOST = 0.2  # of the collects: where more are wrong, it is no rows
 _TIMES = np.geomspace(0.05, 500.0, 93)  # that standard errors are too small by
-_RIGHT, _NEARLY, _OTHERWISE = (
-    0.7,
-    0.15,
-    0.7,
-)  # they are as stated, within; and what the logarithm is else of the size of
+_RIGHT, _NEARLY = 0.7, 0.15  # probability that they are as stated, within
+_OTHERWISE = 0.7  # and else the usual size of the logarithm of how many times they are not
 
 
 @dataclass(frozen=True)
@@ -90,6 +88,13 @@ class Explained:
         """How probable the likeliest is."""
         return self.rivals[0][1] if self.rivals else 0.0
 
+    @property
+    def used(self) -> set[int]:
+        """The runs that stay as they are, and of which more need not be said."""
+        known = self.likeliest
+        among = [cause for cause, _ in self.rivals] if known is None else [known] * (known.what in USED_AS_IT_IS)
+        return {cause.run for cause in among}
+
 
 def explanations(collects: Collects, distrusted: Collection[int] = ()) -> Iterator[Explained]:
     """Yield what is wrong with the collects, what is certain first, until nothing need be; then what nobody can tell.
@@ -117,7 +122,7 @@ def explanations(collects: Collects, distrusted: Collection[int] = ()) -> Iterat
             unsure.clear()
             own_bias |= {cause.run} if cause.what == "bias" else set()
             silent |= {cause.run} if cause.what == "run" else set()
-            done += len(cause.rows) * (cause.what not in _USED)
+            done += len(cause.rows) * (cause.what not in USED_AS_IT_IS)
             collects = mended(collects, cause)
     yield from dict.fromkeys(unsure.values())
     for run in sorted(distrusted):
@@ -168,7 +173,7 @@ def mended(collects: Collects, cause: Cause) -> Collects:
         rates[rows], se[rows] = rates[rows[::-1]], se[rows[::-1]]
     elif cause.what == "channels":
         rates[rows], se[rows] = rates[rows, ::-1], se[rows, ::-1]
-    elif cause.what not in _USED:
+    elif cause.what not in USED_AS_IT_IS:
         rates[rows, slice(None) if cause.channel is None else cause.channel] = np.nan
     return replace(collects, rates_deg_per_hr=rates, rates_se_deg_per_hr=se)
 

@@ -121,7 +121,7 @@ def _wrong_rows(collects: Collects, exchanged: Sequence[tuple[int, int]], failed
             judged.setdefault(run, []).append(Judgement(verdict, wrong.why))
             rows.append(wrong)
         collects = mended(collects, each.likeliest) if each.likeliest is not None else collects
-    silent = {cause.run for each in found for cause, _ in each.rivals if each.likeliest in (None, cause)}
+    silent = {run for each in found for run in each.used}
     neighbours = compared_with_neighbours(collects, {*failed, *silent})
     rates = collects.rates_deg_per_hr.copy()
     for beside in (each for each in neighbours.found if each.run not in silent):
