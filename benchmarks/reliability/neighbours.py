@@ -1,64 +1,103 @@
-"""How often a collect that is off is noticed beside the other runs, and how often one is that is not.
+"""What is said of rows that are wrong, and of rows that are not: how often, and how often rightly.
 
-    python -m benchmarks.reliability.neighbours              # one JSON document, in half a minute
+    python -m benchmarks.reliability.neighbours              # one JSON document, in some minutes
 
-Campaigns of a rotor sensor in three positions, whose bias scatters from run to run by 1 deg/hr and whose rates have
-0.7 deg/hr of noise. `off` is in units of both together.
+Campaigns of a rotor sensor whose bias scatters from run to run by 1 deg/hr and whose rates have 0.7 deg/hr of noise:
+so many runs, at so many temperatures, in an order of positions. One rate of one is off by some deg/hr, or two collects
+of a run have each other's labels.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 
-from hil.campaign import Collects, Conditions, Sensor
-from hil.solve.neighbours import compared_with_neighbours
+from hil.campaign import Campaign, Collects, Conditions, Sensor
+from hil.solve.wrong_rows import USED, wrong_rows
 
 _SCATTER, _NOISE = 1.0, 0.7
-_SIGMA = float(np.hypot(_SCATTER, _NOISE))
-_F = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+_F = {"1": [-1.0, 0.0, 0.0], "2": [1.0, 0.0, 0.0], "3": [0.0, 0.0, 1.0], "4": [0.0, 0.0, -1.0]}
 _K = np.array([[58.0, -20.0, 5.0], [20.0, 58.0, 9.0]])
-_SHAPES = ((9, 3), (16, 8), (24, 3), (24, 1))
+_SENSOR = Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"})
+_SHAPES = (
+    (1, 1, "1234321"),
+    (2, 1, "1234"),
+    (3, 1, "123"),
+    (3, 1, "1234321"),
+    (6, 2, "123"),
+    (12, 4, "123"),
+    (24, 8, "123"),
+    (8, 8, "123"),
+)
+_OFF_DEG_PER_HR = (10.0, 15.0, 30.0, 100.0)
 
 
-def campaign(runs: int, per_temperature: int, seed: int, off: float = 0.0) -> Collects:
-    """Return one sensor's collects; one channel of one in the middle is `off`."""
+def campaign(runs: int, temperatures: int, order: str, seed: int) -> Collects:
+    """Return one sensor's collects, with nothing wrong."""
     rng = np.random.default_rng(seed)
-    n, run = 3 * runs, np.repeat(np.arange(1, runs + 1), 3)
-    setpoint = 20.0 * ((run - 1) // per_temperature) - 20.0
-    f = np.tile(_F, (runs, 1))
+    n, run = len(order) * runs, np.repeat(np.arange(1, runs + 1), len(order))
+    setpoint = 20.0 * ((run - 1) * temperatures // runs) - 20.0
+    f = np.array([_F[each] for each in order * runs])
     rates = 30.0 + 0.5 * setpoint[:, None] + f @ _K.T + rng.normal(0.0, _NOISE, (n, 2))
-    rates += np.repeat(rng.normal(0.0, _SCATTER, (runs, 2)), 3, axis=0)
-    rates[n // 2, 0] += off * _SIGMA
-    sensor = Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"})
+    rates += rng.normal(0.0, _SCATTER, (runs, 2))[run - 1]
     count, lasts, still = np.arange(1, n + 1), np.full(n, 60.0), np.zeros((n, 3))
     columns = {"setpoint_degC": setpoint, "temperature_degC": setpoint + 8.0}
-    position = np.tile(["1", "2", "3"], runs)
-    conditions = Conditions(sensor, count, run, position, 600.0 * count, lasts, f, still, columns)
+    conditions = Conditions(_SENSOR, count, run, np.array([*order * runs]), 600.0 * count, lasts, f, still, columns)
     return Collects(conditions, rates, np.full((n, 2), _NOISE))
+
+
+def spoiled(rows: Collects, seed: int, off: float | None) -> tuple[Collects, set[tuple[int, str]]]:
+    """Return them with one rate off, or (None) labels of two collects of a run exchanged, and which rates are wrong."""
+    rng, rates, conditions = np.random.default_rng(seed), rows.rates_deg_per_hr.copy(), rows.conditions
+    i, c = int(rng.integers(len(rates))), int(rng.integers(2))
+    wrong = {(int(conditions.collect[i]), ("RA", "RB")[c])}
+    if off is None:
+        other = (conditions.run == conditions.run[i]) & (conditions.position != conditions.position[i])
+        pair = [i, int(rng.choice(np.flatnonzero(other)))]
+        rates[pair] = rates[pair[::-1]]
+        wrong = {(int(conditions.collect[k]), name) for k in pair for name in ("RA", "RB")}
+    else:
+        rates[i, c] += off * rng.choice([-1.0, 1.0])
+    return replace(rows, rates_deg_per_hr=rates), wrong
+
+
+def said(rows: Collects, wrong: set[tuple[int, str]]) -> str:
+    """Return what is done about the rows, beside what is wrong with them."""
+    found = wrong_rows(Campaign("", "", {2: rows}))[2].rows
+    done = {(k, name) for row in found if row.done != USED for k in row.collects for name in row.channels}
+    right = "nothing is wrong" if not wrong else "rightly done"
+    return (
+        right
+        if done == wrong and (done or not found)
+        else "another is done"
+        if done
+        else "run named"
+        if found
+        else "nothing"
+    )
 
 
 def main() -> None:
     """Count, and print one JSON document."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--clean", type=int, default=1500, help="campaigns of each shape with nothing wrong")
-    parser.add_argument("--each", type=int, default=100, help="campaigns of each shape and size")
+    parser.add_argument("--clean", type=int, default=300, help="campaigns of each shape with nothing wrong")
+    parser.add_argument("--each", type=int, default=60, help="campaigns of each shape and mistake")
     asked = parser.parse_args()
-
-    def noticed(shape: tuple[int, int], count: int, off: float) -> int:
-        return sum(bool(compared_with_neighbours(campaign(*shape, seed, off)).judged) for seed in range(count))
-
-    rows = [
-        {
-            "runs": shape[0],
-            "at_each_temperature": shape[1],
-            "called_of_nothing_wrong": [noticed(shape, asked.clean, 0.0), asked.clean],
-            "noticed_when_off_by": {off: noticed(shape, asked.each, off) / asked.each for off in (6, 8, 10, 12, 16)},
+    rows = []
+    for shape in _SHAPES:
+        clean = Counter(said(campaign(*shape, seed), set()) for seed in range(asked.clean))
+        mistakes = {
+            "exchanged" if off is None else f"{off:g} deg/hr": Counter(
+                said(*spoiled(campaign(*shape, seed), seed, off)) for seed in range(asked.each)
+            )
+            for off in (*_OFF_DEG_PER_HR, None)
         }
-        for shape in _SHAPES
-    ]
+        runs, temperatures, order = shape
+        rows.append({"runs": runs, "temperatures": temperatures, "order": order, "of nothing wrong": clean, **mistakes})
     print(json.dumps(rows, indent=1))
 
 

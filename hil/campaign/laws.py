@@ -120,7 +120,7 @@ def laws(
     for k, (name, averages) in enumerate(records if series else ()):
         unknown = np.full((4, len(records)), np.nan)
         mean, off, least, most = np.array([series.get(n, unknown)[:, k] for n in c.collect.tolist()]).T
-        off = off + _digit(averages)
+        off = off + digit(averages)
         yield Law(name, averages, mean - off, mean + off, "its samples in series")
         if k < len(c.sensor.channels):
             error = collects.rates_se_deg_per_hr[:, k]
@@ -150,7 +150,7 @@ def average(series: Series, n_samples: float, duration_s: float) -> FloatArray:
         share = np.where(missing < _SAMPLES * of, missing / of, as_rows)
         off = sd * (_SIGMAS * np.sqrt(share / rows) + _DRIFTS * share)
         off = np.where((rows < _FEW) & (share > 0.0), np.inf, off)
-    digits = np.array([_digit(column) for column in values.T])
+    digits = np.array([digit(column) for column in values.T])
     off += digits + _SUMS * np.abs(mean)
     lasts = t_s[-1] if len(t_s) >= _FEW else np.nan
     count = np.nan if each is not of_each else each.sum()
@@ -160,7 +160,7 @@ def average(series: Series, n_samples: float, duration_s: float) -> FloatArray:
     return np.stack([mean, off, least, most])
 
 
-def _digit(values: FloatArray) -> float:
+def digit(values: FloatArray) -> float:
     """Return the size of the last digit that numbers, (n,), are written with."""
     known, digits = values[np.isfinite(values)], _DIGITS
     while digits:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.campaign.data import BoolArray, Campaign, Collects, FloatArray, IntArray
-from hil.campaign.laws import laws, soaked, to_come_degC
+from hil.campaign.laws import digit, laws, soaked, to_come_degC
 from hil.errors import InputError
 from procedures.pose import Contradiction, PoseTable
 from procedures.verdict import Judgement, Verdict, combine
@@ -25,9 +25,11 @@ from procedures.words import listed, numbered
 _RIGID_G = 0.1  # in products of f: six degrees
 _FOLLOWS = 0.5  # of the air's changes
 _RANGE_DEGC = 10.0  # over which that is looked at
+_WARM_DEGC = 20.0  # by more is no unit that powers itself off its air
 _SAME_ROWS = 3
 _DIGITS, _ROUNDING = 300.0, 1e-6
 _AT_REST_DEG_PER_HR = 360_000.0  # a hundred degrees a second: many times what the poorest gyro is off by
+_FINE = 0.03  # of a standard error: in steps as fine as that hardly one in a thousand runs shows one value three times
 _PILED, _PILED_RATIO = 3, 2.0  # averages on one value, and times as many as on any between
 
 _Found = tuple[Sequence[Collects], BoolArray, str]  # of sensors that were collected together, in which rows, what
@@ -160,9 +162,13 @@ def clipped(collects: Collects) -> Iterator[tuple[int, BoolArray, str]]:
     for channel, rates in enumerate(collects.rates_deg_per_hr.T):
         name = f"sensor {collects.conditions.sensor.number}: {[*collects.conditions.sensor.channels][channel]}"
         telling, at_level = _by_no_chance(collects, channel), dict[float, list[IntArray]]()
+        fine = _written_finely(rates, collects.rates_se_deg_per_hr[:, channel])
         for own in collects.conditions.of_each_run.values():
-            rows = own[telling[own]]
-            if len(rows) >= _SAME_ROWS and np.ptp(rates[rows]) == 0.0:
+            rows = own[(telling | fine)[own]]
+            # A round value that others show as well, or that is the channel's extreme, is a limit.
+            within = np.nanmin(rates) < rates[rows[:1]] < np.nanmax(rates) if len(rows) else False
+            alone = telling[rows].all() or (within and len(rows) == np.sum(rates == rates[rows[:1]]))
+            if len(rows) >= _SAME_ROWS and np.ptp(rates[rows]) == 0.0 and alone:
                 at_level.setdefault(float(rates[rows[0]]), []).append(rows)
         moving = np.isfinite(rates)
         if moving.sum() >= 2 * _SAME_ROWS and np.ptp(rates[moving]) == 0.0:
@@ -185,6 +191,13 @@ def _by_no_chance(collects: Collects, channel: int) -> BoolArray:
     least = np.min(errors, where=errors > 0.0, initial=np.inf)
     in_steps = rates / 10.0 ** np.ceil(np.log10(least / _DIGITS))  # 0 where no error is stated
     return np.asarray((rates == 0.0) | (np.abs(in_steps - np.round(in_steps)) > _ROUNDING))
+
+
+def _written_finely(rates: FloatArray, errors: FloatArray) -> BoolArray:
+    """Return which rates (n,) are no others than all of a run's by chance: digits are far finer than noise."""
+    known = np.isfinite(rates)
+    least = np.min(errors, where=errors > 0.0, initial=np.inf)
+    return np.asarray(known & bool(known.any() and np.isfinite(least) and digit(rates) < _FINE * least))
 
 
 def unclipped(collects: Collects) -> Collects:
@@ -243,8 +256,25 @@ def _lost(collects: Collects, name: str) -> Iterator[_Found]:
     if shown is None or air is None:
         return
     rows = np.isfinite(shown + air)
-    stuck = len(np.unique(shown[rows])) == 1  # what is alive does not show one number for hours, soaked or not
-    rows &= soaked(collects.conditions) | stuck
+
+    def said(lost: BoolArray, among: BoolArray) -> _Found:
+        words = (
+            f"{name}: its thermometer shows {shown[lost].min():.1f} to {shown[lost].max():.1f} °C while "
+            f"{what} went from {air[among].min():.1f} to {air[among].max():.1f} °C: it does not follow"
+        )
+        return [collects], lost, words
+
+    # What is alive does not show one number on and on, soaked or not, while its air is another.
+    in_time = np.flatnonzero(rows)[np.argsort(collects.conditions.start_s[rows], kind="stable")]
+    for stretch in np.split(in_time, np.flatnonzero(np.diff(shown[in_time])) + 1):
+        if len(stretch) >= _SAME_ROWS and np.ptp(air[stretch]) > _RANGE_DEGC:
+            off = np.abs(shown[stretch] - air[stretch])
+            there = np.abs(air[stretch] - air[stretch][np.argmin(off)]) < 0.5 * _RANGE_DEGC
+            right = there & (off < _WARM_DEGC) & (len(stretch) < len(in_time))  # or may be
+            among, lost = (np.isin(np.arange(len(rows)), of) for of in (stretch, stretch[~right]))
+            rows &= ~among
+            yield said(lost, among)
+    rows &= soaked(collects.conditions)
     rows &= to_come_degC(collects.conditions) < _RANGE_DEGC  # what still follows has not lost the air
 
     def follows(chosen: BoolArray) -> float:
@@ -255,8 +285,4 @@ def _lost(collects: Collects, name: str) -> Iterator[_Found]:
         without = {one: follows(rows & (run != one)) for one in np.unique(run[rows]).tolist()}
         wrong = [one for one, slope in without.items() if slope >= _FOLLOWS]
         lost = rows & (run == min(wrong, key=lambda one: abs(without[one] - 1.0))) if wrong else rows
-        words = (
-            f"{name}: its thermometer shows {shown[lost].min():.1f} to {shown[lost].max():.1f} °C while "
-            f"{what} went from {air[rows].min():.1f} to {air[rows].max():.1f} °C: it does not follow"
-        )
-        yield [collects], lost, words
+        yield said(lost, rows)

@@ -120,7 +120,7 @@ def _read(
     conditions = {number: rows.conditions for number, rows in campaign.sensors.items()}
     kind = reading.found.kind if ranked else ""
     found = scatter.found_scatter(posterior, reading.found.terms, fit, kind, conditions) if kind else []
-    rows = mistakes.rows_found(reading, campaign, mistakes.outliers_found(reading, campaign, fit, posterior))
+    rows = mistakes.rows_found(reading, campaign, mistakes.outliers_found(reading, campaign, fit, posterior), posterior)
     moves = tuple(each.name for each in reading.names if each.acts_on == "mean")
     noise = scatter.ordinary(posterior, reading.found.terms, fit, conditions, found, [model, *moves])
     named = tuple(each.name for each in reading.names if each.name in ranked and each.kind == "named")

@@ -153,7 +153,7 @@ def _result(
     )
     gap = findings.gap_of(proof, fit, before, conditions, chances, reading.chance)
     results = [findings.described(n, posterior, fit, over_sensors.get(n.name, ()), conditions) for n in names]
-    wrong = mistakes.mistakes_found(reading, campaign)
+    wrong = mistakes.mistakes_found(reading, campaign, posterior)
     within = [
         effect
         for effect in named_within(inside, SERIES_EFFECTS, alpha, [n.name for n in names])
@@ -184,13 +184,14 @@ def _result(
     tested = any(search.terms for search in posterior.searches.values())
     after = findings.with_inside(scatter.with_ordinary(after, noise if tested else (), conditions), within, campaign)
     after = after if after == model else after.model_copy(update={"version": model.version + 1})
-    notes = [*campaign.warnings, *in_words(beside), *problem.notes, *mistakes.mistake_notes(reading, campaign)]
+    notes = [*campaign.warnings, *in_words(beside), *problem.notes]
+    notes += mistakes.mistake_notes(reading, campaign, posterior)
     notes += findings.laws_that_fail(fit, problem.sensors)
     notes += [f"{n.name}: the gap on held-out data did not shrink, so it was not added" for n in reverted]
     notes += [findings.NOT_HELD_OUT] if prove and proof is None and names else []
     notes += [*values_off(standing, gap), *((*scatter.in_words(noise), *scatter.stated_now(noise)) if tested else ())]
     outliers = mistakes.outliers_found(reading, campaign, fit, posterior)
-    rows = mistakes.rows_found(reading, campaign, outliers)
+    rows = mistakes.rows_found(reading, campaign, outliers, posterior)
     outliers += mistakes.at_limits(campaign, problem)
     notes += otherwise(campaign, rows)
     solved = solve_campaign(campaign)

@@ -6,17 +6,14 @@
 
 A rate should be what the same position showed in the other runs at its temperature (their median), or what runs at the
 next colder and warmer temperature lead one to expect. How far it is from that is measured by how far all the others
-are: collects further off than `FAR` of that scatter are named, with the cause under which they would not be, where
-there is one. A unit that scatters more is judged more mildly. What is nearer is MARGINAL where, by Student's t on as
-many degrees of freedom as the runs of one temperature have, scatter alone hardly ever shows as much anywhere in a
-campaign (`FALSE_ALARM`). A run without neighbours is not judged, and that is said.
+are: collects further off than `FAR` of that scatter are named. A unit that scatters more is judged more mildly, and a
+run without neighbours is not judged, and that is said.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import stdtr, stdtrit
 
 from hil.campaign import BoolArray, Collects, Conditions, FloatArray, IntArray
 from hil.campaign.laws import FIXTURE_G, from_the_usual_g
@@ -26,9 +23,6 @@ from procedures.words import numbered
 
 FAR = 10.0
 """Times the usual scatter: beyond what a unit's own turn-ons and reseats do from time to time."""
-
-FALSE_ALARM = 1e-3
-"""How probable it may be that a campaign with nothing wrong has one collect of a sensor called MARGINAL."""
 
 _FAR_MORE = 2.0  # by less do few of a position differ by chance
 _NEAR = 4.0  # what a cause must bring a collect back to
@@ -41,25 +35,20 @@ _WHOLE_RUN = 0.8  # of its collects, off by the same
 
 @dataclass(frozen=True)
 class Found:
-    """Rows (k,) of one run that stand out: which rates are `wrong` (n, c), and which two rows are `exchanged`."""
+    """Rows (k,) of one run that stand out, and which rates are `wrong` (n, c)."""
 
     run: int
     rows: IntArray
     wrong: BoolArray
-    exchanged: tuple[int, int] | None
 
 
 @dataclass(frozen=True)
 class Neighbours:
-    """What is wrong with runs whose collects their neighbours contradict, and which runs have none to compare with.
-
-    `sees_from`, deg/hr: where so few runs tell nothing of what is less than `FAR`, a collect off by less is not seen.
-    """
+    """What is wrong with runs whose collects their neighbours contradict, and which runs have none to compare with."""
 
     judged: Mapping[int, Judgement]
     found: Sequence[Found]
     not_compared: Set[int]
-    sees_from: float | None = None
 
 
 def compared_with_neighbours(collects: Collects, distrusted: Collection[int] = ()) -> Neighbours:
@@ -74,12 +63,8 @@ def compared_with_neighbours(collects: Collects, distrusted: Collection[int] = (
     for run in np.unique(runs[apart]).tolist():
         judged[run], rows = departures.judge(run, np.flatnonzero(apart & (runs == run)))
         found.append(rows)
-    for run, row, doubt in departures.doubtful(apart | untold):
-        if run not in judged:
-            found.append(Found(run, row, np.zeros(collects.rates_deg_per_hr.shape, dtype=bool), None))
-        judged.setdefault(run, doubt)
     known = departures.known
-    return Neighbours(judged, found, every - set(runs[known].tolist()), departures.sees_from(apart | untold))
+    return Neighbours(judged, found, every - set(runs[known].tolist()))
 
 
 def place_in_each_run(conditions: Conditions) -> IntArray:
@@ -209,88 +194,15 @@ class _Departures:
         places = [place[told[place]] for place in self._places()]
         return [place for place in places if len(place) >= _REPEATED and self._level[place[0]] >= 0]
 
-    def _degrees(self, places: Sequence[IntArray]) -> float:
-        """Degrees of freedom of one position's scatter: runs are independent, and the positions of one are not."""
-        return sum(len(p) - 1 for p in places) / len({int(self._label[p[0]]) for p in places}) - 1.0
-
-    def sees_from(self, left_out: BoolArray) -> float | None:
-        """Return how far off, deg/hr, a collect must be to be seen where too few repeat it for less to be doubted."""
-        places, known = self._repeats(left_out), self.known & ~left_out
-        level = FALSE_ALARM / (4.0 * sum(map(len, places)) * self._rates.shape[1]) if places else 0.0
-        if not known.any() or (places and -stdtrit(self._degrees(places), level) < FAR):
-            return None
-        return float(FAR * np.median(self._scale[known].max(axis=1)))
-
-    def doubtful(self, left_out: BoolArray) -> Iterator[tuple[int, IntArray, Judgement]]:
-        """Yield the runs with a collect that scatter alone does not explain, though it is not `FAR`, from the worst.
-
-        Asked of each rate, and of each beside the rest of its run, whose own offset is no matter there.
-        """
-        places = self._repeats(left_out)
-        if not places:
-            return
-        rows = np.concatenate(places)
-        groups = np.repeat(np.arange(len(places)), [len(place) for place in places])
-        level, label = (of[[place[0] for place in places]] for of in (self._level, self._label))
-        share = np.concatenate([np.full(len(p), len(p) / (len(p) - 1.0)) for p in places])[:, None]
-        off = self._rates[rows] - np.array([self._rates[place].mean(axis=0) for place in places])[groups]
-        run = np.unique(self._collects.conditions.run[rows], return_inverse=True)[1]
-        others = np.bincount(run)[run][:, None] - 1.0
-        whole = np.stack([np.bincount(run, weights=each)[run] for each in off.T], axis=1)
-        beside = np.where(others > 1.0, off - (whole - off) / np.maximum(others, 1.0), 0.0)
-        degrees, found = self._degrees(places), []
-        # A temperature may scatter more than the others, and beside the rest of its run a position.
-        for far, words, pools in (
-            (off, "", (np.zeros_like(level), level)),
-            (beside, ", beside the rest of its run", (label, label * (level.max() + 1) + level)),
-        ):
-            variances = [np.full(far.shape, np.finfo(np.float64).tiny), self._collects.rates_se_deg_per_hr[rows] ** 2]
-            for pool in pools:
-                of_kind = np.unique(pool[groups], return_inverse=True)[1][:, None] == np.arange(len(np.unique(pool)))
-                squares, freedom = (of_kind @ (of_kind.T @ each) for each in (far**2, 1.0 / share))
-                variances.append((squares - share * far**2) / np.maximum(freedom - 1.0, 1.0))
-            times = np.abs(far) * np.sqrt(share / np.nanmax(variances, axis=0))
-            chance = np.nan_to_num(2.0 * stdtr(degrees, -times) * 2.0 * far.size, nan=1.0)
-            found += [(chance[tuple(at)], at, far * share, times, words) for at in np.argwhere(chance < FALSE_ALARM)]
-        for likely, (i, channel), shown, times, words in sorted(found, key=lambda each: each[0]):
-            collect = self._collects.conditions.rows(rows[[i]])
-            yield (
-                int(collect.run[0]),
-                rows[[i]],
-                Judgement(
-                    Verdict.MARGINAL,
-                    f"collect {collect.collect[0]}: {list(collect.sensor.channels)[channel]} is "
-                    f"{float(shown[i, channel]):+.1f} deg/hr from what the other runs show at position "
-                    f"{collect.position[0]}{words}, {times[i, channel]:.1f} times their scatter: chance alone shows as "
-                    f"much anywhere in one of {1.0 / likely:.0g} such campaigns",
-                ),
-            )
-
     def judge(self, run: int, rows: IntArray) -> tuple[Judgement, Found]:
         """Say what is wrong with the collects `rows`, (k,), of one run, and which rates are."""
-        found = Found(run, rows, np.zeros(self._rates.shape, dtype=bool), None)
+        found = Found(run, rows, np.zeros(self._rates.shape, dtype=bool))
         conditions = self._collects.conditions
         named = numbered("collect", conditions.collect[rows].tolist())
-        measured = self._collects.rates_deg_per_hr
-        beside = [j for j in np.flatnonzero(conditions.run == run).tolist() if not self._fits(j, self._rates[j])]
-        for i, j in (sorted((i, j)) for i in rows.tolist() for j in beside):
-            if i != j and self._fits(i, measured[j] - self._w[i]) and self._fits(j, measured[i] - self._w[j]):
-                pair = numbered("collect", conditions.collect[[i, j]].tolist())
-                positions = " and ".join(conditions.position[[i, j]].tolist())
-                reason = f"{pair} look exchanged: each shows what the other runs show at the other's position"
-                found = replace(found, rows=np.array([i, j]), exchanged=(i, j))
-                return Judgement(Verdict.FAIL, f"{reason} ({positions})"), found
         off = self._rates[rows] - self._expected[rows]
         every = np.flatnonzero(conditions.run == run)
         apart, scale = (self._rates - self._expected)[every], self._scale[every]
         told = np.isfinite(apart + scale)
-        # A sign is a run's: every collect of it fits with minus, as a single one does by chance.
-        turned = np.any(np.abs(off) > FAR * self._scale[rows], axis=0)
-        with_minus = ~told | (np.abs(measured + self._expected + self._w)[every] <= _NEAR * scale)
-        if len(rows) > 1 and with_minus[:, turned].all():
-            found.wrong[np.ix_(every, turned)] = True
-            said = f"{named}: the signs look turned: the other runs show the same with minus"
-            return Judgement(Verdict.FAIL, said), replace(found, rows=every)
         worst = np.unravel_index(int(np.nanargmax(np.abs(off / self._scale[rows]))), off.shape)
         channel = list(conditions.sensor.channels)[int(worst[1])]
         reason = (
@@ -308,6 +220,3 @@ class _Departures:
             np.abs(off) > _NEAR * self._scale[rows]
         )  # a collect with one rate wrong is not to be trusted
         return Judgement(Verdict.INCONCLUSIVE, reason), found
-
-    def _fits(self, i: int, rates: FloatArray) -> bool:
-        return bool(np.all(np.abs(rates - self._expected[i]) <= _NEAR * self._scale[i]))

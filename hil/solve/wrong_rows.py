@@ -10,33 +10,46 @@ same position and temperature (`hil.solve.neighbours`), and where a run stands a
 parameters, whether it is far more probable with one collect left out, with the search's own prior of a wrong row.
 """
 
-from collections.abc import Collection, Mapping, Sequence, Set
+from collections.abc import Collection, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
 import numpy as np
 
-from hil.campaign import Campaign, Collects, FloatArray, IntArray
+from hil.campaign import Campaign, Collects
 from hil.campaign.plausibility import clipped, unclipped
-from hil.model.forms import default_form
-from hil.solve.contradicting import contradicting
-from hil.solve.exchanged import by_which_all_agree
-from hil.solve.identifiability import orthonormal
-from hil.solve.neighbours import Found, Neighbours, compared_with_neighbours
+from hil.solve.explained import HARDLY, Cause, Explained, explanations, mended, sees_from
+from hil.solve.neighbours import compared_with_neighbours
 from hil.solve.precision import with_every_error
 from hil.solve.temperatures import unsettled
 from procedures.verdict import Judgement, Verdict, combine
 from procedures.words import numbered
 
 LEFT_OUT, MENDED, USED = "left out", "mended", "used"
-PRIOR = 0.1
-"""Prior odds that a campaign has a wrong row: those of the search."""
 _LIES = "in each the unit lies, by its accelerometers, as in the other's position"
-_AGREES = "so all rates agree with each other, and not as they are filed"
-_WIDE = np.log(30.0)  # what a row that may be anywhere pays for each of its rates
-_FREEDOM = 6  # residuals that must be left where a collect is left out
-_LEVEL = 0.7  # of a channel's mean variance in every row's: standard errors leave out what differs by collect
+_AGREE = ": so all rates agree with each other, and not as they are filed"
+_REASON = {
+    "rate": ", and is left out",
+    "collect": ", and is left out",
+    "exchanged": _AGREE,
+    "channels": _AGREE,
+    "turned": _AGREE,
+    "all turned": _AGREE,
+    "bias": "; the whole run is off by the same: its bias was another",
+    "run": " in what neither a bias nor MU moves",
+}
+_DONE = {
+    "rate": (LEFT_OUT, Verdict.MARGINAL),
+    "collect": (LEFT_OUT, Verdict.MARGINAL),
+    "exchanged": (MENDED, Verdict.FAIL),
+    "channels": (MENDED, Verdict.FAIL),
+    "turned": (LEFT_OUT, Verdict.FAIL),
+    "all turned": (LEFT_OUT, Verdict.FAIL),
+    "bias": (USED, Verdict.MARGINAL),
+    "run": (USED, Verdict.INCONCLUSIVE),
+}
+_FEW = 4  # things that may be wrong are named
 
 
 @dataclass(frozen=True)
@@ -59,7 +72,7 @@ class Wrong:
 class WrongRows:
     """What is wrong with one sensor's rows; `collects` are those to solve, `not_compared` runs that stand alone.
 
-    `sees_from`, deg/hr, is that of `Neighbours`: among so few runs what is off by less does not show.
+    `sees_from`, deg/hr: among so few runs what is off by less does not show; None among more.
     """
 
     collects: Collects
@@ -97,64 +110,95 @@ def _mended(campaign: Campaign, number: int) -> set[int]:
 
 
 def _wrong_rows(collects: Collects, exchanged: Sequence[tuple[int, int]], failed: Collection[int]) -> WrongRows:
-    at_limit = clipped_rows(collects)
-    collects = with_every_error(unclipped(collects))
-    collects, lay, neighbours = _as_the_unit_lay(collects, exchanged, failed)
-    rates, se = collects.rates_deg_per_hr.copy(), collects.rates_se_deg_per_hr.copy()
-    rows, judged = [*at_limit, *lay], {each.run: Judgement(Verdict.FAIL, each.why) for each in lay}
-    judged |= neighbours.judged
-    for found in neighbours.found:
-        if found.exchanged is not None:
-            one, other = found.exchanged
-            rates[[one, other]], se[[one, other]] = rates[[other, one]], se[[other, one]]
-        rates[found.wrong] = np.nan
-        done = MENDED if found.exchanged is not None else LEFT_OUT if found.wrong.any() else USED
-        rows.append(_wrong(collects, found, done, judged[found.run].reason))
-    for run in sorted(neighbours.not_compared):
-        for row in _far_from_residuals(collects.rows(own := np.flatnonzero(collects.conditions.run == run))):
-            wrong = np.zeros(rates.shape, dtype=bool)
-            wrong[own[row]] = True
-            rates[wrong] = np.nan
-            found = Found(run, np.array([own[row]]), wrong, None)
-            number = int(collects.conditions.collect[own[row]])
-            why = f"collect {number} is far from what all others show, and is left out"
-            judged[run] = combine([*([judged[run]] if run in judged else []), Judgement(Verdict.MARGINAL, why)])
-            rows.append(_wrong(collects, found, LEFT_OUT, why))
-    used = replace(collects, rates_deg_per_hr=rates, rates_se_deg_per_hr=se)
-    # Where a wrong collect would not be seen among its neighbours, these say no more than those that are not there.
-    unseen = neighbours.not_compared if neighbours.sees_from is None else set(used.conditions.run.tolist())
-    for run, why in contradicting(used, unseen - set(failed)).items():
-        if run not in judged:
-            here = Found(run, np.flatnonzero(used.conditions.run == run), np.zeros(rates.shape, dtype=bool), None)
-            judged[run] = Judgement(Verdict.INCONCLUSIVE, why)
-            rows.append(_wrong(used, here, USED, why))
-    return WrongRows(used, tuple(rows), judged, neighbours.not_compared, neighbours.sees_from)
+    rows = clipped_rows(collects)
+    collects, lay = _as_the_unit_lay(with_every_error(unclipped(collects)), exchanged, failed)
+    rows += lay
+    found = [*explanations(collects, failed)]
+    judged = {each.run: [Judgement(Verdict.FAIL, each.why)] for each in lay}
+    filed = collects
+    for each in found:
+        for run, wrong, verdict in _said(filed, each):
+            judged.setdefault(run, []).append(Judgement(verdict, wrong.why))
+            rows.append(wrong)
+        collects = mended(collects, each.likeliest) if each.likeliest is not None else collects
+    silent = {run for each in found for run in each.used}
+    neighbours = compared_with_neighbours(collects, {*failed, *silent})
+    rates = collects.rates_deg_per_hr.copy()
+    for beside in (each for each in neighbours.found if each.run not in silent):
+        rates[beside.wrong] = np.nan
+        done, reason = LEFT_OUT if beside.wrong.any() else USED, neighbours.judged[beside.run]
+        channels = np.flatnonzero(beside.wrong[beside.rows].any(axis=0)).tolist() if done == LEFT_OUT else ()
+        rows.append(_wrong(collects, beside.run, tuple(beside.rows.tolist()), channels, done, reason.reason))
+        judged.setdefault(beside.run, []).append(reason)
+    used = replace(collects, rates_deg_per_hr=rates)
+    every = {run: combine(several) for run, several in judged.items()}
+    return WrongRows(used, tuple(rows), every, neighbours.not_compared - silent, sees_from(used, failed))
 
 
 def _as_the_unit_lay(
     collects: Collects, exchanged: Sequence[tuple[int, int]], failed: Collection[int]
-) -> tuple[Collects, list[Wrong], Neighbours]:
-    """Put rates under the labels that accelerometers or residuals give them; not where other runs contradict it."""
-    tried: dict[tuple[int, int], str] = {}
-    out, told = [], ~np.isin(collects.conditions.run, list(failed))
-    given = [pair for pair in exchanged if np.isin(pair, collects.conditions.collect).all()]
-    while pair := given.pop(0) if given else by_which_all_agree(collects.rows(told)):
-        if pair in tried:
-            break
-        tried[pair] = _LIES if pair in exchanged else _AGREES
+) -> tuple[Collects, list[Wrong]]:
+    """Put rates under the labels that accelerometers give them; not where other runs contradict it."""
+    out = []
+    for pair in (each for each in exchanged if np.isin(each, collects.conditions.collect).all()):
         i, j = np.flatnonzero(np.isin(collects.conditions.collect, pair)).tolist()
-        rates, se = collects.rates_deg_per_hr.copy(), collects.rates_se_deg_per_hr.copy()
-        rates[[i, j]], se[[i, j]] = rates[[j, i]], se[[j, i]]
-        laid = replace(collects, rates_deg_per_hr=rates, rates_se_deg_per_hr=se)
-        beside = [
-            each.rows for each in compared_with_neighbours(laid, failed).found if each.wrong.any() or each.exchanged
-        ]
-        if not np.isin([i, j], np.concatenate([np.zeros(0), *beside])).any():
-            why = f"{numbered('collect', pair)} look exchanged: {tried[pair]}"
-            found = Found(int(laid.conditions.run[i]), np.array([i, j]), np.zeros(rates.shape, dtype=bool), (i, j))
-            out.append(_wrong(laid, found, MENDED, why))
+        cause = Cause("exchanged", int(collects.conditions.run[i]), (i, j))
+        laid = mended(collects, cause)
+        if not any({i, j} & set(each.rows.tolist()) for each in compared_with_neighbours(laid, failed).found):
             collects = laid
-    return collects, out, compared_with_neighbours(collects, failed)
+            out.append(_of(laid, cause, MENDED, f"{numbered('collect', pair)} look exchanged: {_LIES}"))
+    return collects, out
+
+
+def _said(filed: Collects, found: Explained) -> Iterator[tuple[int, Wrong, Verdict]]:
+    """Yield the runs that something found is about, what is done, and the verdict that they can have at best."""
+    conditions, cause = filed.conditions, found.likeliest
+    if cause is not None:
+        others = [_in_words(filed, other) for other, _ in found.rivals[1:]]
+        said = f"{_in_words(filed, cause)}{_REASON[cause.what]}{'; or '.join(['', *others])}"
+        done, verdict = _DONE[cause.what]
+        yield cause.run, _of(filed, cause, done, said), verdict
+        return
+    runs = sorted({cause.run for cause, _ in found.rivals} or set(conditions.run.tolist()))
+    may_be = dict.fromkeys(_in_words(filed, each) for each, _ in found.rivals[:_FEW])
+    differ = f"{numbered('run', runs)} {'differ' if len(runs) > 1 else 'differs'} by"
+    differ = f"{differ} {found.times:.2g} times their standard errors in what neither a bias nor MU moves"
+    nothing = "" if found.nothing < HARDLY else ", or nothing is wrong and they are too small"
+    why = f"{differ}: {', or '.join(may_be)}{nothing}; these rates cannot tell which"
+    if not may_be:
+        why = f"{differ}: several collects are wrong, or what is stated is no error of theirs"
+    for run in runs:
+        own = Cause("run", run, tuple(np.flatnonzero(conditions.run == run).tolist()))
+        yield run, _of(filed, own, USED, why), Verdict.INCONCLUSIVE if found.nothing < HARDLY else Verdict.MARGINAL
+
+
+def _in_words(collects: Collects, cause: Cause) -> str:
+    """Say what a cause is, by the numbers of its collects."""
+    conditions = collects.conditions
+    names, collect = list(conditions.sensor.channels), conditions.collect[list(cause.rows)].tolist()
+    named = numbered("collect", collect)
+    if cause.what in ("rate", "collect", "bias"):
+        off = [f"{name} is {by:+.4g} deg/hr" for name, by in zip(names, cause.off, strict=True) if by]
+        return f"{named}: {' and '.join(off)} from what all others show"
+    return {
+        "exchanged": f"{named} look exchanged",
+        "channels": f"{named}: {' and '.join(names)} look exchanged",
+        "turned": f"{named}: the sign of {names[cause.channel or 0]} looks turned",
+        "all turned": f"{named}: the signs look turned",
+        "run": f"{named}: more than one does not agree with the others",
+    }[cause.what]
+
+
+def _of(collects: Collects, cause: Cause, done: str, why: str) -> Wrong:
+    return _wrong(collects, cause.run, cause.rows, () if cause.channel is None else (cause.channel,), done, why)
+
+
+def _wrong(collects: Collects, run: int, rows: Sequence[int], channels: Sequence[int], done: str, why: str) -> Wrong:
+    """Return what is wrong with rows by the campaign's own names; no channel in particular is every one."""
+    conditions = collects.conditions
+    names = tuple(conditions.sensor.channels)
+    collect = tuple(conditions.collect[list(rows)].tolist())
+    return Wrong(conditions.sensor.number, run, collect, tuple(names[c] for c in channels) or names, done, why)
 
 
 def clipped_rows(collects: Collects) -> list[Wrong]:
@@ -286,50 +330,3 @@ def pooled(campaign: Campaign) -> Campaign:
         gone = np.setdiff1d(rows.conditions.run, sensors[number].conditions.run).tolist()
         not_used[number] = sorted({*campaign.not_used.get(number, ()), *gone})
     return replace(campaign, sensors=sensors, not_used=not_used)
-
-
-def _wrong(collects: Collects, found: Found, done: str, why: str) -> Wrong:
-    conditions = collects.conditions
-    channels = [
-        name for c, name in enumerate(conditions.sensor.channels) if done != LEFT_OUT or found.wrong[:, c].any()
-    ]
-    numbers = tuple(int(each) for each in conditions.collect[found.rows])
-    return Wrong(conditions.sensor.number, found.run, numbers, tuple(channels), done, why)
-
-
-def _far_from_residuals(collects: Collects) -> IntArray:
-    """Return the collects of one run, (k,), without which its rates are more probable than with them."""
-    conditions, rates = collects.conditions, collects.rates_deg_per_hr
-    kept = np.asarray(np.isfinite(rates).all(axis=1))
-    if not kept.any():
-        return np.zeros(0, dtype=np.int64)
-    variance = np.nan_to_num(collects.rates_se_deg_per_hr, nan=1.0) ** 2
-    weight = 1.0 / np.sqrt(np.maximum((1.0 - _LEVEL) * variance + _LEVEL * variance[kept].mean(axis=0), 1e-12))
-    columns = default_form(conditions).columns(conditions) * weight[..., None]
-    observed = (rates - conditions.w_channels_deg_per_hr) * weight
-    out: list[int] = []
-    while (score := _log_odds(columns[kept], observed[kept])) is not None and score.max() > 0.0:
-        worst = int(np.flatnonzero(kept)[int(np.argmax(score))])
-        out.append(worst)
-        kept[worst] = False
-        if len(out) > 0.2 * len(rates):
-            return np.zeros(0, dtype=np.int64)  # what stands out from so many is no row
-    return np.array(out, dtype=np.int64)
-
-
-def _log_odds(columns: FloatArray, observed: FloatArray) -> FloatArray | None:
-    """Log odds that each of n collects is wrong, (n,), from columns (n, c, p) and rates (n, c); None for too few."""
-    n, channels, p = columns.shape
-    freedom = n * channels - p
-    if freedom - channels < _FREEDOM:
-        return None
-    basis = orthonormal(columns.reshape(-1, p))
-    left = observed.reshape(-1)
-    left = left - basis @ (basis.T @ left)
-    whole = float(left @ left)
-    apart = left.reshape(n, channels)
-    own = basis.reshape(n, channels, -1)
-    keeps = np.eye(channels) - own @ np.swapaxes(own, 1, 2)
-    gain = np.einsum("nc,ncd,nd->n", apart, np.linalg.pinv(keeps, rcond=1e-6, hermitian=True), apart)
-    share = np.clip(gain / max(whole, np.finfo(np.float64).tiny), 0.0, 1.0 - 1e-12)
-    return np.asarray(np.log(PRIOR / n) - channels * _WIDE - 0.5 * freedom * np.log1p(-share))

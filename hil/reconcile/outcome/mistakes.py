@@ -15,22 +15,25 @@ from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.fitted import Fitted
 from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.problem import Problem, SensorProblem
+from hil.reconcile.search.terms import Term
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED
-from hil.solve.wrong_rows import MENDED, Wrong, clipped_rows
+from hil.solve.wrong_rows import MENDED, USED, Wrong, clipped_rows
 from procedures.words import numbered
 
+_PAIR = 2  # rows whose labels are exchanged; of more it is the channels
 
-def mistakes_found(reading: Reading, campaign: Campaign) -> list[FoundEffect]:
+
+def mistakes_found(reading: Reading, campaign: Campaign, posterior: Posterior) -> list[FoundEffect]:
     """Return mistakes in labels and runs as found effects: exchanged labels by name, wrong runs as one finding."""
     out = [
         FoundEffect(
             id=term.name,
             title=term.candidate.title,
-            equation=_exchange(term.candidate, campaign),
+            equation=_or_which(number, term, posterior, campaign),
             parameters=[],
-            probability=1.0,
+            probability=_exchanges(number, posterior, term)[_key(term)],
             confusable_with=[],
-            kind="named",
+            kind="named" if _exchanges(number, posterior, term)[_key(term)] >= CERTAIN else "ambiguous",
             shape=term.candidate.shape,
             sensors=(number,),
             physics=physics(term.candidate.effect),
@@ -72,12 +75,41 @@ def wrong_runs(reading: Reading) -> list[tuple[int, int, int]]:
     ]
 
 
+def _key(term: Term) -> tuple[float, ...]:
+    return tuple(term.candidate.shape.values())
+
+
+def _exchanges(number: int, posterior: Posterior, chosen: Term) -> dict[tuple[float, ...], float]:
+    """Return how probable one exchange of labels in a sensor is, and each that may be in its place, by its shape."""
+    out = {_key(chosen): 0.0}
+    for found in posterior.sets:
+        terms = (posterior.term(number, j) for j in found.terms.get(number, ()))
+        here = {_key(term) for term in terms if term.is_mistake and term.candidate.effect is not None}
+        for key in {_key(chosen)} & here or here:
+            out[key] = out.get(key, 0.0) + float(np.exp(found.log_weight))
+    return out
+
+
+def _or_which(number: int, term: Term, posterior: Posterior, campaign: Campaign) -> str:
+    """Say which labels are exchanged, and which others may be instead."""
+    likely = _exchanges(number, posterior, term)
+    others = {
+        _key(each): _exchange(each.candidate, campaign)
+        for each in posterior.searches[number].terms
+        if each.is_mistake and each.candidate.effect is not None and likely.get(_key(each), 0.0) > 1.0 - CERTAIN
+    }
+    said = [_exchange(term.candidate, campaign), *(words for key, words in others.items() if key != _key(term))]
+    return "; or ".join(said) + ("; these rates cannot tell which" if len(said) > 1 else "")
+
+
 def _exchange(candidate: Candidate, campaign: Campaign) -> str:
     conditions = campaign.sensors[candidate.sensor].conditions
     run = int(candidate.shape["run"])
     rows = np.any(candidate.columns != 0.0, axis=(1, 2)) & (conditions.run == run)
     positions = " and ".join(dict.fromkeys(conditions.position[rows].tolist()))
     collects = ", ".join(str(int(c)) for c in conditions.collect[rows])
+    if rows.sum() > _PAIR:
+        return f"run {run}: {' and '.join(conditions.sensor.channels)} exchanged (collects {collects})"
     return f"run {run}: collects at positions {positions} exchanged (collects {collects})"
 
 
@@ -93,9 +125,9 @@ def mended(sensors: Mapping[int, SensorProblem], reading: Reading) -> dict[int, 
     return out
 
 
-def mistake_notes(reading: Reading, campaign: Campaign) -> list[str]:
+def mistake_notes(reading: Reading, campaign: Campaign, posterior: Posterior) -> list[str]:
     """Say which rows of the file carry each other's labels, and which runs are left out."""
-    told = [(row["sensor"], str(row["why"])) for row in rows_found(reading, campaign, ())]
+    told = [(row["sensor"], str(row["why"])) for row in rows_found(reading, campaign, (), posterior)]
     return list(dict.fromkeys(f"sensor {n}, {why.removeprefix(f'sensor {n}: ')}" for n, why in told))
 
 
@@ -189,7 +221,9 @@ def _row(number: int, conditions: Conditions, channel: int, row: int, size: floa
     }
 
 
-def rows_found(reading: Reading, campaign: Campaign, outliers: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+def rows_found(
+    reading: Reading, campaign: Campaign, outliers: Sequence[Mapping[str, Any]], posterior: Posterior
+) -> list[dict[str, Any]]:
     """Return what is wrong with the rows, in the form that every command gives it: key `rows`."""
     found = []
     for n, term in reading.mistakes:
@@ -197,9 +231,12 @@ def rows_found(reading: Reading, campaign: Campaign, outliers: Sequence[Mapping[
         if term.candidate.effect is not None:
             run, channels = int(term.candidate.shape["run"]), tuple(conditions.sensor.channels)
             here = np.any(term.candidate.columns != 0.0, axis=(1, 2)) & (conditions.run == run)
-            why = f"{_exchange(term.candidate, campaign)}: correct the labels in collects.csv; the model is not changed"
-            collects = tuple(conditions.collect[here].tolist())
-            found.append(Wrong(n, run, collects, channels, MENDED, f"{why} by this"))
+            which = _or_which(n, term, posterior, campaign)
+            why = f"{which}: correct the labels in collects.csv; the model is not changed by this"
+            sure = _exchanges(n, posterior, term)[_key(term)] >= CERTAIN
+            found.append(
+                Wrong(n, run, tuple(conditions.collect[here].tolist()), channels, MENDED if sure else USED, why)
+            )
     for n, channel, run in wrong_runs(reading):
         conditions = campaign.sensors[n].conditions
         name = list(conditions.sensor.channels)[channel]

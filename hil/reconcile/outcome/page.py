@@ -40,7 +40,7 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     And "scatter": the mean lacks nothing that can be told, but what scatters makes `hil solve` FAIL; "apart": neither,
     but simulated nights can be told from the measured one.
     """
-    only = result.verdict == "named" and all(effect.mends_labels for effect in result.effects)
+    only = result.verdict in {"named", "ambiguous"} and all(effect.mends_labels for effect in result.effects)
     kind = "labels" if only else result.verdict if result.tested else "untested"
     after = (result.twin or {}).get("after", {})
     apart = after.get("p_value", 1.0) < _APART

@@ -16,10 +16,8 @@ from hil.reconcile.search.sets import BlockSearch, SensorSearch, Set
 from hil.reconcile.search.spoiled import MANY as MANY_PLACES
 from hil.reconcile.search.spoiled import runs_to_ask, wrong_rows
 from hil.reconcile.search.terms import Term, terms
-from hil.solve.exchanged import by_which_all_agree
 from hil.solve.rows import Block
 
-_TOLD = 3  # runs of which two say what the third should have shown
 BETWEEN = (0.25, 0.5, 0.75)
 """Where, in logarithms, a shape is tried between two points of its grid: a time constant is then right to a tenth."""
 SEEN = float(np.log(1e4))
@@ -143,8 +141,6 @@ def _exchanges(sensor: SensorProblem, blocks: Sequence[Block], mislabelled: Sequ
     """
     conditions, rates = sensor.collects.conditions, sensor.collects.rates_deg_per_hr
     runs = len(np.unique(conditions.run))
-    # Of two runs neither can say what the other should have shown: what the quick form singles out is asked about.
-    told = None if runs >= _TOLD else by_which_all_agree(sensor.collects)
     for effect in (e for e in mislabelled if isinstance(e, Mislabelled)):
         grid = list(effect.shape_grid(conditions))
         asked = runs_to_ask(blocks, conditions, MANY_PLACES * runs // max(len(grid), 1)).tolist()
@@ -153,8 +149,6 @@ def _exchanges(sensor: SensorProblem, blocks: Sequence[Block], mislabelled: Sequ
             if np.any(missing := np.isfinite(rates) & ~np.isfinite(laid)):
                 laid = np.where(missing, sensor.predicted_from(laid), laid)
             columns = np.nan_to_num(rates - laid)[..., None]
-            if runs < _TOLD and tuple(conditions.collect[np.any(columns != 0.0, axis=(1, 2))].tolist()) != told:
-                continue
             if np.any(columns):
                 yield Candidate(
                     effect.id,

@@ -12,10 +12,13 @@ from hil.campaign import Campaign, Collects, Conditions
 from hil.model import Model
 from hil.model.curve import Polynomial
 from hil.reconcile import Reconciliation, reconcile
+from hil.reconcile.naming import CERTAIN
 from hil.reconcile.outcome.page import page
 from hil.reconcile.scattering import what_scatters
+from hil.solve.wrong_rows import USED
 from tests.hil.analysis.thermal.nights import rotor_night
 from tests.hil.reconcile.hidden_effects import TRIAD, Hidden, both, hidden_campaign
+from tests.hil.solve.test_neighbours import campaign
 
 
 def exchanged(campaign: Campaign, *pairs: tuple[int, int]) -> Campaign:
@@ -270,3 +273,14 @@ def test_many_glitches_are_no_exchanges(seed: int) -> None:
     glitches = [(int(r), int(rng.integers(3)), 60.0 * rng.normal()) for r in rng.choice(288, 30, replace=False)]
     campaign = with_glitches(clean, glitches)
     assert swaps(found(campaign, "constant", prove=False)) == []
+
+
+def test_of_two_runs_that_contradict_each_other_either_may_carry_wrong_labels() -> None:
+    """Both exchanges are said, with what each is worth; nothing is mended, and no law of time is made of it."""
+    one = exchanged(campaign(2, 2, seed=1), (4, 6))
+    result = found(one, "matrix-6", prove=False)
+    (swap,) = result.effects
+    assert (result.verdict, swap.kind) == ("ambiguous", "ambiguous")
+    assert 0.2 < swap.probability < CERTAIN
+    assert all(f"run {run}: collects at positions 1 and 3 exchanged" in swap.equation for run in (1, 2))
+    assert {row["done"] for row in result.rows} == {USED}

@@ -162,7 +162,7 @@ def test_one_doubted_collect_makes_no_standard_error_too_small() -> None:
     """By how much they are is asked of the runs that nothing is said against."""
     one = runs_at_their_temperatures(24, 3, seed=0, scatter=1.0)
     rates = one.sensors[2].rates_deg_per_hr.copy()
-    rates[16, 0] += 12.0
+    rates[15:18, 0] += 60.0
     doubted = replace(one, sensors={2: replace(one.sensors[2], rates_deg_per_hr=rates)})
     assert [each["done"] for each in what_is_wrong(doubted)["rows"]] == ["used"]
     assert repeats(doubted, solve_campaign(doubted))[2].times_stated == 1.0

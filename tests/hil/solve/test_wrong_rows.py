@@ -167,14 +167,13 @@ def test_a_run_with_another_bias_is_used_and_named() -> None:
     assert (row.run, row.done) == (5, USED)
 
 
-def test_a_collect_that_hides_behind_the_offsets_of_whole_runs_is_doubted() -> None:
+def test_a_collect_that_hides_behind_the_offsets_of_whole_runs_is_left_out() -> None:
     """Biases that change by 6 deg/hr: one rate off by 20 is no more than that, but not beside the rest of its run."""
     one = campaign(24, 3, seed=3, scatter=6.0)
     off = one.sensors[2].rates_deg_per_hr.copy()
     off[33, 0] += 20.0
     (row,) = wrong_rows(with_rates(one, off))[2].rows
-    assert (row.run, row.collects, row.done) == (12, (34,), USED)
-    assert "beside the rest of its run" in row.why
+    assert (row.run, row.collects, row.channels, row.done) == (12, (34,), ("RA",), LEFT_OUT)
     assert wrong_rows(one)[2].rows == ()
 
 
@@ -193,10 +192,11 @@ def test_runs_that_fail_by_their_records_accuse_no_other() -> None:
     rates = one.sensors[2].rates_deg_per_hr.copy()
     rates[[9, 10]], rates[[12, 13]] = rates[[10, 9]], rates[[13, 12]]
     two = judged_by_its_records(with_rates(one, rates))
+    assert {run for run, _ in two.contradicted} == {4, 5}
     found = what_is_wrong(two)
-    assert (found["rows"], found["runs_not_used"]) == ([], {"2": [4, 5]})
+    assert [(row["collects"], row["done"]) for row in found["rows"]] == [([10, 11], MENDED), ([13, 14], MENDED)]
     (solved,) = (m for m in repeats(two, solve_campaign(two))[2].means if m.temperature_degC == 0.0)
-    assert solved.runs == (6,)
+    assert solved.runs == (4, 5, 6)
     assert solved.values["GSA"].value == pytest.approx(58.0, abs=1.5)
     values = thermal_document(fit_thermal(two))["sensors"][0]["parameters"]["GSA"]["values"]
     assert solved.values["GSA"].value == pytest.approx(values[1]["value"])
@@ -221,19 +221,19 @@ def test_where_every_run_fails_that_is_said() -> None:
 
 
 def test_among_few_runs_it_is_said_what_would_not_be_seen() -> None:
-    """Of four runs one rate may be 20 standard errors off; what is said to be seen is; of many runs nothing is said."""
-    few = campaign(4, 4, seed=77, scatter=0.5)
+    """Of three runs one rate at position 3 may be tens of standard errors off, for MU is a run's; of many not."""
+    few = campaign(3, 3, seed=77, scatter=0.5)
     size = what_is_wrong(few)["rows_seen_from"]["2"]
     assert f"off by less than {size:.2g} deg/hr is not seen here" in in_words(what_is_wrong(few))[-1]
-    for off, seen in ((0.8 * size, False), (2.0 * size, True)):
+    for off, seen in ((0.1 * size, False), (1.5 * size, True)):
         rates = few.sensors[2].rates_deg_per_hr.copy()
-        rates[4, 1] += off
+        rates[5, 1] += off
         assert bool(what_is_wrong(with_rates(few, rates))["rows"]) is seen
     assert "rows_seen_from" not in what_is_wrong(campaign(24, 3, seed=77, scatter=0.5))
     errors = few.sensors[2].rates_se_deg_per_hr.copy()
     errors[7] = 300.0
     unsure = replace(few, sensors={2: replace(few.sensors[2], rates_se_deg_per_hr=errors)})
-    assert what_is_wrong(unsure)["rows_seen_from"]["2"] == pytest.approx(size, rel=0.5)  # of most collects
+    assert what_is_wrong(unsure)["rows_seen_from"]["2"] < 10.0 * size
 
 
 def test_a_temperature_of_which_no_run_tells_anything_has_no_mean() -> None:

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from hil.campaign import Campaign, Collects, Conditions
-from hil.solve import solve_campaign
-from hil.solve.wrong_rows import MENDED, treated, wrong_rows
+from hil.solve import repeats, solve_campaign
+from hil.solve.wrong_rows import MENDED, USED, treated, wrong_rows
 from procedures.verdict import Verdict
 from tests.hil.model.effect_conditions import TRIAD
-from tests.hil.solve.test_neighbours import campaign, with_rates
+from tests.hil.solve.test_neighbours import campaign, repeated, with_rates
 
 
 def triads(seed: int, runs: int = 8) -> Campaign:
@@ -89,3 +89,70 @@ def test_one_rate_far_off_among_few_runs_exchanges_nothing() -> None:
             warmer = rng.normal(0.0, 8.0, runs)[(made.sensors[2].conditions.run - 1) // per_temperature]
             rates = made.sensors[2].rates_deg_per_hr + warmer[:, None] * made.sensors[2].conditions.f_g[:, :1]
             assert not any(row.done == MENDED for row in wrong_rows(with_rates(made, rates))[2].rows)
+
+
+THERE_AND_BACK = (0, 1, 2, 5, 2, 1, 0)
+
+
+@pytest.mark.parametrize("pair", [(1, 3), (3, 5), (0, 2), (4, 6)])
+def test_in_a_run_that_is_all_there_is_an_exchange_is_told_from_a_wrong_collect(pair: tuple[int, int]) -> None:
+    """Without one collect the rest may agree as well; that it is off by just what an exchange makes is no chance."""
+    one = repeated(1, 1, THERE_AND_BACK, seed=3)
+    rates = one.sensors[2].rates_deg_per_hr.copy()
+    rates[list(pair)] = rates[list(pair[::-1])]
+    (row,) = wrong_rows(with_rates(one, rates))[2].rows
+    assert (row.collects, row.done) == ((pair[0] + 1, pair[1] + 1), MENDED)
+
+
+def test_what_may_be_either_of_two_exchanges_is_neither() -> None:
+    """Positions that were taken twice, or two runs: each way rates agree; both are said, and nothing is moved."""
+    both, twice = repeated(1, 1, THERE_AND_BACK, seed=3), campaign(2, 2, seed=1)
+    for one, pair, said in ((both, (0, 1), ("1–2", "6–7")), (twice, (3, 5), ("1, 3", "4, 6"))):
+        rates = one.sensors[2].rates_deg_per_hr.copy()
+        rates[list(pair)] = rates[list(pair[::-1])]
+        found = wrong_rows(with_rates(one, rates))[2]
+        assert {row.done for row in found.rows} == {USED}
+        assert all(f"collects {numbers} look exchanged" in row.why for row in found.rows for numbers in said)
+        np.testing.assert_array_equal(found.collects.rates_deg_per_hr, rates)
+        assert {found.judged[run].verdict for run in one.sensors[2].conditions.run.tolist()} == {Verdict.INCONCLUSIVE}
+
+
+def test_channels_exchanged_in_a_run_are_put_right() -> None:
+    """RA stands in RB's place in all its collects."""
+    one = campaign(12, 3, seed=1, scatter=2.0)
+    rates = one.sensors[2].rates_deg_per_hr.copy()
+    rates[12:15] = rates[12:15, ::-1]
+    (row,) = wrong_rows(with_rates(one, rates))[2].rows
+    assert (row.run, row.done) == (5, MENDED)
+    assert "RA and RB look exchanged" in row.why
+    np.testing.assert_array_equal(
+        treated(with_rates(one, rates)).sensors[2].rates_deg_per_hr, one.sensors[2].rates_deg_per_hr
+    )
+
+
+@pytest.mark.parametrize("runs", [2, 3, 12])
+def test_errors_that_are_too_small_by_as_much_in_every_run_accuse_none(runs: int) -> None:
+    """Two runs of seven collects say it of each other and of themselves; chi-square is another matter."""
+    for seed in range(10):
+        one = repeated(runs, runs, THERE_AND_BACK, seed=seed)
+        small = replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=np.full((7 * runs, 2), 0.1))})
+        assert wrong_rows(small)[2].rows == ()
+
+
+def test_one_rate_off_in_one_of_three_runs_makes_no_errors_too_small() -> None:
+    """Twenty standard errors off, with two that agree beside it: that run is no PASS, and its two rates are named."""
+    one = campaign(3, 3, seed=4, scatter=1.0)
+    rates = one.sensors[2].rates_deg_per_hr.copy()
+    rates[4, 0] += 14.0
+    solved = solve_campaign(with_rates(one, rates))
+    assert [each.verdict is Verdict.PASS for each in solved] == [True, False, True]
+    assert "collect 5: RA is +" in solved[1].reason
+    assert "too small" not in " ".join(repeats(with_rates(one, rates), solved)[2].sentences())
+
+
+def test_rates_that_nothing_explains_are_no_measurement() -> None:
+    """Hundreds of their standard errors from anything: whatever they are, no run of them is a PASS."""
+    one = campaign(3, 3)
+    rates = one.sensors[2].rates_deg_per_hr.copy()
+    rates[:, 0] = np.random.default_rng(0).uniform(-500.0, 500.0, len(rates))
+    assert {each.verdict for each in solve_campaign(with_rates(one, rates))} == {Verdict.INCONCLUSIVE}

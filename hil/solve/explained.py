@@ -1,0 +1,313 @@
+"""What explains rates that contradict each other: one posterior over all that may be wrong with a run.
+
+    for each in explanations(collects):
+        each.likeliest      # Cause(what="exchanged", run=5, rows=(12, 13)), or None: these rates cannot tell
+        each.rivals         # what else it may be, each with its probability
+
+Against nothing being wrong stands, with odds before the data as the search has them: a rate or a collect that may be
+anywhere, two collects or two channels under each other's labels, a sign that is turned, another bias of a run, a run of
+which nothing holds. What is certain is done, and what is left is asked again (`hil.solve.whitened` has the rates).
+"""
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from scipy.special import logsumexp
+
+from hil.campaign import BoolArray, Collects, Conditions, FloatArray, IntArray
+from hil.solve.whitened import Whitened
+
+SURE, CERTAIN = 0.99, 0.95
+"""Probability from which what is the likeliest is done: at once, and where nothing else need be."""
+DOUBTED, HARDLY = 0.5, 0.05
+"""And of nothing being wrong, below which something may be, and is."""
+ODDS = {
+    "rate": 0.05,
+    "collect": 0.05,
+    "exchanged": 0.02,
+    "channels": 0.005,
+    "turned": 0.005,
+    "all turned": 0.00025,
+    "bias": 0.02,
+    "run": 0.02,
+}
+"""Prior odds that a campaign has one of a kind: wrong rows, labels and runs as those of the search."""
+USED_AS_IT_IS = ("bias", "run")
+"""Causes of which nothing is mended or left out."""
+LISTED = 0.05
+"""Probability of what is said beside others."""
+_WIDE = 30.0  # standard errors that what is wrong is off by, unless it is more
+_TOLD = 1e-3  # of a rate: where the others leave less, nothing tells what it should be
+_UNSEEN = 50.0  # standard errors: what is off by less may not be seen without a word
+_NO_ERROR = 20.0  # times its standard errors: whatever it is, what is stated is none
+_HARDLY_ANY = 4.0  # logs: of many runs those are not asked about that the data make no likelier than that less
+_MANY = 20  # runs: among more it is not said what would not be seen
+_MOST = 0.2  # of the collects: where more are wrong, it is no rows
+_TIMES = np.geomspace(0.05, 500.0, 93)  # that standard errors are too small by
+_RIGHT, _NEARLY = 0.7, 0.15  # probability that they are as stated, within
+_OTHERWISE = 0.7  # and else the usual size of the logarithm of how many times they are not
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One thing that may be wrong with a run: what, in which `rows` (k,), of one `channel` or of all.
+
+    `off` is by how much, deg/hr, its first row is off in each channel, (c,); nothing where that is no matter.
+    """
+
+    what: str
+    run: int
+    rows: tuple[int, ...]
+    channel: int | None = None
+    off: tuple[float, ...] = ()
+
+    @property
+    def place(self) -> tuple[object, ...]:
+        """What it is one with: a collect of which a rate is wrong is a wrong collect."""
+        alone = self.what in ("rate", "collect")
+        return (self.run, self.rows) if alone else (self.what, self.run, self.rows, self.channel)
+
+
+@dataclass(frozen=True)
+class Explained:
+    """What rates that contradict each other come from: the `likeliest`, None where several are; `rivals` are all.
+
+    As they are filed, rates are `times` as far from each other as their standard errors say, and it is as probable as
+    `nothing` that nothing is wrong.
+    """
+
+    likeliest: Cause | None
+    rivals: tuple[tuple[Cause, float], ...]
+    times: float
+    nothing: float
+
+    @property
+    def likely(self) -> float:
+        """How probable the likeliest is."""
+        return self.rivals[0][1] if self.rivals else 0.0
+
+    @property
+    def used(self) -> set[int]:
+        """The runs that stay as they are, and of which more need not be said."""
+        known = self.likeliest
+        among = [cause for cause, _ in self.rivals] if known is None else [known] * (known.what in USED_AS_IT_IS)
+        return {cause.run for cause in among}
+
+
+def explanations(collects: Collects, distrusted: Collection[int] = ()) -> Iterator[Explained]:
+    """Yield what is wrong with the collects, what is certain first, until nothing need be; then what nobody can tell.
+
+    Runs that are `distrusted`, and those of which nobody can tell what, say nothing of the others; what is certain of a
+    run that is distrusted is said last.
+    """
+    runs = collects.conditions.run
+    silent, own_bias, done = set(distrusted), set[int](), 0
+    unsure: dict[int, Explained] = {}
+    enough = SURE
+    while True:
+        found = _what(collects, ~np.isin(runs, [*silent, *unsure]), own_bias)
+        if found is None:
+            if not unsure or enough == CERTAIN:
+                break
+            enough = CERTAIN
+            unsure.clear()
+        elif found.likely < enough or done > _MOST * len(runs):
+            among = {cause.run for cause, _ in found.rivals} or {*runs.tolist()} - silent - {*unsure}
+            unsure |= dict.fromkeys(among, replace(found, likeliest=None))
+        elif (cause := found.likeliest) is not None:
+            yield found
+            enough = SURE  # what hid behind this may be told now
+            unsure.clear()
+            own_bias |= {cause.run} if cause.what == "bias" else set()
+            silent |= {cause.run} if cause.what == "run" else set()
+            done += len(cause.rows) * (cause.what not in USED_AS_IT_IS)
+            collects = mended(collects, cause)
+    yield from dict.fromkeys(unsure.values())
+    for run in sorted(distrusted):
+        found = _what(collects, ~np.isin(runs, list(({*silent, *unsure}) - {run})), own_bias, run)
+        if found is not None and found.likely > CERTAIN:
+            yield found
+
+
+def _what(collects: Collects, told: BoolArray, own_bias: Collection[int], run: int | None = None) -> Explained | None:
+    """Return what is wrong with those collects (n,) that are told of, or with one run of them; None for nothing."""
+    if not told.any():
+        return None
+    rows = np.flatnonzero(told)
+    asked = _Asked(Whitened(collects.rows(rows), own_bias), own_bias)
+    nothing, causes = asked.weighed(run)
+    if nothing > DOUBTED:
+        return Explained(None, (), asked.times, 0.0) if asked.rates.stated and asked.times > _NO_ERROR else None
+    together: dict[tuple[object, ...], float] = {}
+    for cause, p in causes:
+        together[cause.place] = together.get(cause.place, 0.0) + p
+    first = {cause.place: cause for cause, _ in reversed(causes)}  # the likeliest at each place
+    rivals = tuple(
+        (replace(first[place], rows=tuple(rows[list(first[place].rows)].tolist())), together[place])
+        for place in sorted(together, key=lambda each: -together[each])
+        if together[place] > LISTED
+    )
+    return Explained(rivals[0][0] if rivals else None, rivals, asked.times, nothing)
+
+
+def sees_from(collects: Collects, distrusted: Collection[int] = ()) -> float | None:
+    """Return how far off a rate must be to be doubted, deg/hr; None unless so few runs are there that it is far."""
+    used = collects.rows(~np.isin(collects.conditions.run, list(distrusted)))
+    if not 0 < len(used.conditions.of_each_run) <= _MANY:
+        return None
+    asked = _Asked(Whitened(used), ())
+    if asked.rates.freedom < 1.0:
+        return None
+    off, weight = asked.seen_from(), asked.rates.weight
+    told = np.isfinite(off)
+    worst = float(np.max(off[told] * weight[told], initial=0.0))
+    return worst / float(np.median(weight[asked.rates.known])) if worst > _UNSEEN else None
+
+
+def mended(collects: Collects, cause: Cause) -> Collects:
+    """Return the collects with what is wrong put right, or left out."""
+    rates, se, rows = collects.rates_deg_per_hr.copy(), collects.rates_se_deg_per_hr.copy(), list(cause.rows)
+    if cause.what == "exchanged":
+        rates[rows], se[rows] = rates[rows[::-1]], se[rows[::-1]]
+    elif cause.what == "channels":
+        rates[rows], se[rows] = rates[rows, ::-1], se[rows, ::-1]
+    elif cause.what not in USED_AS_IT_IS:
+        rates[rows, slice(None) if cause.channel is None else cause.channel] = np.nan
+    return replace(collects, rates_deg_per_hr=rates, rates_se_deg_per_hr=se)
+
+
+class _Asked:
+    """What may be wrong with whitened rates, each with its log odds before the data and the squares that it leaves."""
+
+    def __init__(self, rates: Whitened, own_bias: Collection[int]) -> None:
+        self.rates, self._own_bias = rates, own_bias
+
+    @property
+    def times(self) -> float:
+        """How many times as far from each other as their standard errors say rates are."""
+        return float(np.sqrt(max(self.rates.squares, 0.0) / max(self.rates.freedom, 1.0)))
+
+    def weighed(self, run: int | None = None) -> tuple[float, list[tuple[Cause, float]]]:
+        """Return how probable it is that nothing is wrong, and each cause with its probability, the likeliest first.
+
+        Of one `run` alone, if asked for.
+        """
+        if self.rates.freedom < 1.0:
+            return 1.0, []
+        tried = [each for each in self._tried() if run in (None, each[0].run)]
+        weights = np.array([0.0, *(log_odds for _, log_odds, _ in tried)])
+        weights = weights + self._evidence(np.array([self.rates.squares, *(left for *_, left in tried)]))
+        weights = np.exp(weights - logsumexp(weights))
+        found = [(cause, float(p)) for (cause, *_), p in zip(tried, weights[1:], strict=True)]
+        return float(weights[0]), sorted(found, key=lambda each: -each[1])
+
+    def _evidence(self, squares: FloatArray) -> FloatArray:
+        """Log probability of residual squares (h,), whatever the size of the noise."""
+        size = np.log(_TIMES)
+        prior = np.full(len(size), 1.0 / len(size))
+        if self.rates.stated:
+            right, otherwise = np.exp(-0.5 * (size / _NEARLY) ** 2), np.exp(-np.abs(size) / _OTHERWISE)
+            prior = _RIGHT * right / right.sum() + (1.0 - _RIGHT) * otherwise / otherwise.sum()
+        left = 0.5 * np.maximum(squares, 0.0)[:, None] / _TIMES**2
+        return np.asarray(logsumexp(np.log(prior) - self.rates.freedom * size - left, axis=1))
+
+    def seen_from(self) -> FloatArray:
+        """Return how far off each rate must be to be doubted, deg/hr, (n, c); infinite where nothing tells."""
+        rates, size = self.rates, np.geomspace(1.0, 1e6, 300)
+        apart = np.zeros(rates.known.shape)
+        for run, rows in rates.collects.conditions.of_each_run.items():
+            apart[rows] = np.diag(rates.of(run)[0]).reshape(len(rows), -1)
+        told = rates.known & (apart > _TOLD)
+        against = np.log(DOUBTED) + np.log(ODDS["rate"] / apart.size) - 0.5 * np.log1p(_WIDE**2 * apart[told])
+        nothing, wrong = self._evidence(rates.freedom + size), self._evidence(np.array([rates.freedom]))
+        squares = size[np.minimum(np.searchsorted(wrong - nothing, -against), len(size) - 1)]
+        out = np.full(apart.shape, np.inf)
+        out[told] = np.sqrt(squares / apart[told]) / rates.weight[told]
+        return out
+
+    def _tried(self) -> Iterator[tuple[Cause, float, float]]:
+        """Yield each cause with its log odds, less what it pays for being anywhere, and the squares that it leaves."""
+        (n, channels), conditions = self.rates.known.shape, self.rates.collects.conditions
+        runs = {run: _Run(self.rates, run, rows) for run, rows in conditions.of_each_run.items()}
+        pairs = {run: _pairs(conditions, rows) for run, rows in conditions.of_each_run.items()}
+        of = {"rate": n * channels, "collect": n, "exchanged": max(sum(map(len, pairs.values())), 1)}
+        of |= dict.fromkeys(("channels", "run", "all turned"), len(runs))
+        of |= dict.fromkeys(("turned", "bias"), len(runs) * channels)
+        log_odds = {what: float(np.log(ODDS[what] / many)) for what, many in of.items()}
+        gains = self._evidence(self.rates.squares - np.array([0.0, *(each.most for each in runs.values())]))
+        for (run, each), most in zip(runs.items(), gains[1:] - gains[0], strict=True):
+            if most < np.log(len(runs)) - _HARDLY_ANY:
+                continue
+            tried = [*each.rows_off()]
+            for i, j in pairs[run]:
+                exchanged = each.measured.copy()
+                exchanged[[i, j]] = exchanged[[j, i]]
+                tried += each.otherwise(Cause("exchanged", run, (each.rows[i], each.rows[j])), exchanged)
+            for c in np.flatnonzero(each.known.sum(axis=0) > 1).tolist():
+                own = np.arange(channels) == c
+                turned = np.where(own, -each.measured, each.measured)
+                tried += each.otherwise(Cause("turned", run, each.rows, c), turned)
+                if run not in self._own_bias and len(runs) > 1:
+                    level = np.where(own, each.weight, 0.0) / each.weight[:, c].max()
+                    tried += each.anywhere(Cause("bias", run, each.rows, c), level.reshape(-1, 1))
+            if len(each.rows) > 1:
+                if channels > 1:
+                    tried += each.otherwise(Cause("all turned", run, each.rows), -each.measured)
+                if channels == 2 and each.known.all():
+                    tried += each.otherwise(Cause("channels", run, each.rows), each.measured[:, ::-1])
+                if len(runs) > 1:
+                    tried += each.anywhere(Cause("run", run, each.rows), np.eye(each.known.size))
+            yield from ((cause, log_odds[cause.what] + paid, left) for cause, paid, left in tried)
+
+
+class _Run:
+    """The rates (k, c) of one run: what a change of them leaves of the squares."""
+
+    def __init__(self, rates: Whitened, run: int, rows: IntArray) -> None:
+        self.rows, self.known, self.weight = tuple(rows.tolist()), rates.known[rows], rates.weight[rows]
+        self.measured = np.where(self.known, rates.collects.rates_deg_per_hr[rows], np.nan)
+        self._run, self._squares = run, rates.squares
+        self._free, self._apart = rates.of(run)
+
+    @property
+    def most(self) -> float:
+        """By how much whatever may be wrong with the run lessens the squares at most."""
+        size, directions = np.linalg.eigh(self._free)
+        told = size > _TOLD
+        return float(np.sum((directions[:, told].T @ self._apart) ** 2 / size[told]))
+
+    def rows_off(self) -> Iterator[tuple[Cause, float, float]]:
+        """Yield its rates, and its collects, that may be anywhere."""
+        unit = np.eye(self.known.size).reshape(*self.known.shape, -1)
+        for i, row in enumerate(self.rows):
+            for c in np.flatnonzero(self.known[i]).tolist():
+                yield from self.anywhere(Cause("rate", self._run, (row,), c), unit[i, [c]].T)
+            if self.known[i].sum() > 1:
+                yield from self.anywhere(Cause("collect", self._run, (row,)), unit[i].T)
+
+    def anywhere(self, cause: Cause, columns: FloatArray) -> Iterator[tuple[Cause, float, float]]:
+        """Yield a cause along columns (k·c, q), if anything tells of it, what it pays for that, and what it leaves."""
+        size, directions = np.linalg.eigh(columns.T @ self._free @ columns)
+        if (told := size > _TOLD).any():
+            size, directions = size[told], directions[:, told]
+            off = directions.T @ (columns.T @ self._apart) / size
+            wide = np.maximum(off**2, _WIDE**2) * size
+            row = self.rows.index(cause.rows[0])
+            of_row = (columns @ (directions @ off)).reshape(self.known.shape)[row]
+            cause = replace(cause, off=tuple((of_row / np.maximum(self.weight[row], 1e-12)).tolist()))
+            left = self._squares - float(np.sum(off**2 * size * wide / (1.0 + wide)))
+            yield cause, -0.5 * float(np.log1p(wide).sum()), left
+
+    def otherwise(self, cause: Cause, rates: FloatArray) -> Iterator[tuple[Cause, float, float]]:
+        """Yield a cause by which other rates (k, c), all known, were measured, and what it leaves."""
+        moved = np.where(self.weight > 0.0, (rates - self.measured) * self.weight, 0.0).reshape(-1)
+        if np.isfinite(moved).all():
+            yield cause, 0.0, self._squares + float(2.0 * moved @ self._apart + moved @ self._free @ moved)
+
+
+def _pairs(conditions: Conditions, rows: IntArray) -> list[tuple[int, int]]:
+    """Return which collects of a run, by place in it, may be exchanged: of different positions."""
+    position = conditions.position[rows].tolist()
+    return [(i, j) for i, j in combinations(range(len(rows)), 2) if position[i] != position[j]]
