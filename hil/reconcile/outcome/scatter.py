@@ -201,7 +201,7 @@ class _Observed:
     offset_se: float | None
 
     def beyond(self, known: float, rows: BoolArray) -> tuple[float, float]:
-        """Return the variance that the usual of some rows has by itself beyond what is known, and its error, (deg/hr)²."""
+        """Return the variance that the usual of some rows has by itself beyond `known`, and its error, (deg/hr)²."""
         of_rows = np.median(self.by_itself[:, rows], axis=1)
         mean = float(self.weight @ of_rows)
         spread = np.sqrt(self.weight @ (of_rows - mean) ** 2)
