@@ -143,6 +143,13 @@ def screen_folders(
             if isinstance(read, str):
                 told[place] = read
                 continue
+            if still := [
+                f"sensor {number}: every rate of a channel is one number: nothing was measured"
+                for number, rows in read.sensors.items()
+                if np.any(np.ptp(rows.rates_deg_per_hr, axis=0) == 0.0)
+            ]:
+                told[place] = "; ".join(still)
+                continue
             group = next((each for each in groups if each.has_like(read)), None)
             if group is None:
                 groups.append(group := _Group(read, Stood({n: rows.conditions for n, rows in read.sensors.items()})))

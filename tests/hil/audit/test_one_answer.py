@@ -126,6 +126,12 @@ def _solved_at(document: dict[str, Any], key: str) -> Answer:
     }
 
 
+def _with_those_that_nobody_uses(document: dict[str, Any]) -> dict[str, list[int]]:
+    unused = {run for runs in document["runs_not_used"].values() for run in runs}
+    failed = sorted({*document["runs_not_solved"].get("FAIL", ()), *unused})
+    return {**document["runs_not_solved"], "FAIL": failed}
+
+
 def _no_pass(runs: Mapping[str, list[int]]) -> Answer:
     return {verdict: runs[verdict] for verdict in ("FAIL", "INCONCLUSIVE") if runs.get(verdict)}
 
@@ -272,7 +278,7 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
                 for verdict in ("FAIL", "INCONCLUSIVE")
             }
         ),
-        "reconcile": lambda document: _no_pass(document["runs_not_solved"]),
+        "reconcile": lambda document: _no_pass(_with_those_that_nobody_uses(document)),
     },
     "how bad the worst is": {
         # A history says of what is not whole that it is INCONCLUSIVE at best, whatever is there.
@@ -407,6 +413,7 @@ def test_a_dead_channel_has_no_value_and_no_pass(ask: Ask) -> None:
     assert "GY: every rate is exactly 0: nothing was measured" in solved["reason"]
     assert {name for name, of in solved["parameters"].items() if of["value"] is None} == {"BY", "GYX", "GYY", "GYZ"}
     assert ask("scatter") is not None
+    assert ask("fleet") is None  # says that nothing was measured
 
 
 @pytest.mark.parametrize(
