@@ -158,13 +158,16 @@ class Stretches:
 
 @dataclass(frozen=True)
 class Filter:
-    """What makes rows of t models of the noise independent of each other, found once for any number of columns."""
+    """What makes rows of t models of the noise independent of each other, found once for any number of columns.
+
+    `half_log_det` (t,) is half the log of the determinant of each.
+    """
 
     stretches: Sequence[Stretches]
     half_log_det: FloatArray
 
     def take(self, index: IntArray) -> Filter:
-        """Return some of the models."""
+        """Return some of the models, those at `index` (k,)."""
         return Filter([each.take(index) for each in self.stretches], self.half_log_det[index])
 
     def whiten(self, columns: FloatArray) -> FloatArray:

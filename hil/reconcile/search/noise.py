@@ -181,7 +181,7 @@ class Noise:
         return gram, half_log_det
 
     def filters(self, points: Points, wide: int) -> Iterator[tuple[IntArray, Filter]]:
-        """Yield places among the points with what whitens there, the base's values apart.
+        """Yield places (k,) among the points with what whitens there, the base's values apart.
 
         So many at once that for so many columns, `wide`, no piece is larger than some tens of megabytes.
         """
