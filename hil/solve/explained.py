@@ -85,8 +85,9 @@ class Explained:
 
     @property
     def likely(self) -> float:
-        """How probable the likeliest is."""
-        return self.rivals[0][1] if self.rivals else 0.0
+        """How probable the likeliest is; what is only left out, among all that may be wrong, as the search has it."""
+        (cause, p), *_ = self.rivals or ((None, 0.0),)
+        return p / (1.0 - self.nothing) if cause is not None and cause.what in ("rate", "collect") else p
 
     @property
     def used(self) -> set[int]:
