@@ -69,16 +69,9 @@ def said(rows: Collects, wrong: set[tuple[int, str]]) -> str:
     """Return what is done about the rows, beside what is wrong with them."""
     found = wrong_rows(Campaign("", "", {2: rows}))[2].rows
     done = {(k, name) for row in found if row.done != USED for k in row.collects for name in row.channels}
-    right = "nothing is wrong" if not wrong else "rightly done"
-    return (
-        right
-        if done == wrong and (done or not found)
-        else "another is done"
-        if done
-        else "run named"
-        if found
-        else "nothing"
-    )
+    if done:
+        return "rightly done" if wrong <= done and {k for k, _ in wrong} == {k for k, _ in done} else "another is done"
+    return "run named" if found else "nothing"
 
 
 def main() -> None:

@@ -9,7 +9,7 @@ anywhere, two collects or two channels under each other's labels, a sign that is
 which nothing holds. What is certain is done, and what is left is asked again (`hil.solve.whitened` has the rates).
 """
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -85,8 +85,14 @@ class Explained:
 
     @property
     def likely(self) -> float:
-        """How probable the likeliest is."""
-        return self.rivals[0][1] if self.rivals else 0.0
+        """How probable the likeliest is; what is only left out, among all that may be wrong, as the search has it."""
+        p = self.rivals[0][1] if self.rivals else 0.0
+        return p / (1.0 - self.nothing) if self.leaves_out else p
+
+    @property
+    def leaves_out(self) -> bool:
+        """Whether the likeliest is a row that need only be left out."""
+        return self.likeliest is not None and self.likeliest.what in ("rate", "collect")
 
     @property
     def used(self) -> set[int]:
@@ -113,7 +119,7 @@ def explanations(collects: Collects, distrusted: Collection[int] = ()) -> Iterat
                 break
             enough = CERTAIN
             unsure.clear()
-        elif found.likely < enough or done > _MOST * len(runs):
+        elif found.likely < (CERTAIN if found.leaves_out else enough) or done > _MOST * len(runs):
             among = {cause.run for cause, _ in found.rivals} or {*runs.tolist()} - silent - {*unsure}
             unsure |= dict.fromkeys(among, replace(found, likeliest=None))
         elif (cause := found.likeliest) is not None:
@@ -241,10 +247,7 @@ class _Asked:
             if most < np.log(len(runs)) - _HARDLY_ANY:
                 continue
             tried = [*each.rows_off()]
-            for i, j in pairs[run]:
-                exchanged = each.measured.copy()
-                exchanged[[i, j]] = exchanged[[j, i]]
-                tried += each.otherwise(Cause("exchanged", run, (each.rows[i], each.rows[j])), exchanged)
+            tried += each.exchanged(pairs[run])
             for c in np.flatnonzero(each.known.sum(axis=0) > 1).tolist():
                 own = np.arange(channels) == c
                 turned = np.where(own, -each.measured, each.measured)
@@ -299,6 +302,18 @@ class _Run:
             cause = replace(cause, off=tuple((of_row / np.maximum(self.weight[row], 1e-12)).tolist()))
             left = self._squares - float(np.sum(off**2 * size * wide / (1.0 + wide)))
             yield cause, -0.5 * float(np.log1p(wide).sum()), left
+
+    def exchanged(self, pairs: Sequence[tuple[int, int]]) -> Iterator[tuple[Cause, float, float]]:
+        """Yield the pairs of collects that may stand under each other's labels: of many poses there are very many."""
+        i, j = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+        moved, which = np.zeros((len(i), *self.known.shape)), np.arange(len(i))
+        apart = self.measured[j] - self.measured[i]
+        moved[which, i], moved[which, j] = apart * self.weight[i], -apart * self.weight[j]
+        told = np.isfinite(moved).all(axis=(1, 2))
+        flat = moved[told].reshape(int(told.sum()), self.known.size)
+        left = self._squares + 2.0 * flat @ self._apart + np.sum((flat @ self._free) * flat, axis=1)
+        for pair, squares in zip(which[told].tolist(), left.tolist(), strict=True):
+            yield Cause("exchanged", self._run, (self.rows[i[pair]], self.rows[j[pair]])), 0.0, squares
 
     def otherwise(self, cause: Cause, rates: FloatArray) -> Iterator[tuple[Cause, float, float]]:
         """Yield a cause by which other rates (k, c), all known, were measured, and what it leaves."""

@@ -1,7 +1,7 @@
-"""What the other runs of a campaign say of each collect: the quick form of the question what is wrong with rows.
+"""What the other runs of a campaign say of each collect, also where each temperature was met once.
 
     found = compared_with_neighbours(collects)
-    found.judged         # {5: Judgement(FAIL, "collects 13 and 14 look exchanged: …")}
+    found.judged         # {5: Judgement(INCONCLUSIVE, "collect 15: RA is +300.2 deg/hr from what …")}
     found.not_compared   # {7}: it stands alone at its temperature
 
 A rate should be what the same position showed in the other runs at its temperature (their median), or what runs at the

@@ -5,9 +5,9 @@
     found.collects      # what is solved: labels put right, rates that are wrong left out
     found.judged[5]     # no run that rests on such a row is a PASS
 
-The quick form of what `hil reconcile` asks of every row: what the unit's accelerometers and the other runs show at the
-same position and temperature (`hil.solve.neighbours`), and where a run stands alone and holds more rates than
-parameters, whether it is far more probable with one collect left out, with the search's own prior of a wrong row.
+The quick form of what `hil reconcile` asks of every row: how the unit lay by its accelerometers, what explains all
+rates best, with the search's own odds of a mistake (`hil.solve.explained`), and what the next colder and warmer
+temperature show (`hil.solve.neighbours`).
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence, Set
