@@ -223,7 +223,7 @@ def _observed(search: SensorSearch, chosen: Set, block: FittedBlock) -> _Observe
         (weight * scales) @ own.noise.variance(points),
         weight,
         scales[:, None] * own.noise.variance(alone),
-        float(np.sqrt(2.0 / own.beside.freedom)),
+        float(np.sqrt(2.0 / own.beside.freedom)) if own.beside.freedom else np.inf,  # nothing is left to know it by
         offset,
         offset * float(np.hypot(_GRID / np.sqrt(12.0), 1.0 / np.sqrt(2.0 * runs))) if sure else None,
     )
