@@ -12,7 +12,7 @@ from hil.model.curve import Constant, Curve
 from hil.model.effects.base import Parameter, VarianceEffect
 from hil.model.forms import bias_names
 from hil.model.stated_noise import SensorNoise
-from hil.reconcile.result import Disagreement
+from hil.reconcile.result import Disagreement, rounded
 from hil.reconcile.search.fitted import Fitted, FittedBlock
 from hil.reconcile.search.noise import Points, log_profile
 from hil.reconcile.search.posterior import Posterior
@@ -287,7 +287,7 @@ def in_words(noise: Sequence[Mapping[str, Any]]) -> list[str]:
 def stated_now(noise: Sequence[Mapping[str, Any]]) -> list[str]:
     """Say in a sentence what the improved model's noise states beyond that of the model that was read."""
     said = [
-        f"sensor {each['sensor']}, {each['channel']}: {size:.2g} ± {se:.2g} deg/hr {key.replace('_', ' ')}"
+        f"sensor {each['sensor']}, {each['channel']}: {rounded(size, se)} deg/hr from {key.replace('_', ' ')}"
         for each in noise
         for key, size, se in _beyond_chance(each)
     ]

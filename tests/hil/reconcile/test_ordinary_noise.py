@@ -47,8 +47,12 @@ def test_ordinary_noise_is_in_the_model_though_nothing_is_named(found: Reconcili
     assert found.model_after.model_copy(update={"noise": {}, "version": 1}) == found.input_model
     assert found.model_after.version == 2
     (said,) = (note for note in found.notes if note.startswith("the noise of model.yaml states"))
-    assert "deg/hr collect to collect" in said
-    assert "only its noise says more" in page(found)
+    assert "deg/hr from collect to collect" in said
+    text = page(found)
+    assert "only its noise says more" in text
+    assert "Repeat these collects" in text  # hil solve FAILs runs that scatter so
+    assert "These collects, once more." in text
+    assert "No further collect" not in text
 
 
 def test_what_is_asked_with_it_has_nothing_to_add(found: Reconciliation, tmp_path: Path) -> None:
