@@ -258,8 +258,9 @@ def _lost(collects: Collects, name: str) -> Iterator[_Found]:
     rows = np.isfinite(shown + air)
 
     def said(lost: BoolArray, among: BoolArray) -> _Found:
+        low, high = f"{shown[lost].min():.1f}", f"{shown[lost].max():.1f}"
         words = (
-            f"{name}: its thermometer shows {shown[lost].min():.1f} to {shown[lost].max():.1f} °C while "
+            f"{name}: its thermometer shows {low if low == high else f'{low} to {high}'} °C while "
             f"{what} went from {air[among].min():.1f} to {air[among].max():.1f} °C: it does not follow"
         )
         return [collects], lost, words

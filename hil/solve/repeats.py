@@ -28,7 +28,7 @@ from hil.campaign import BoolArray, Campaign, FloatArray, IntArray
 from hil.solve.runs import Estimate, RunSolution
 from hil.solve.temperatures import nearest, runs_by_temperature, told_by, unit_range_degC
 from hil.solve.wrong_rows import pooled
-from procedures.words import listed
+from procedures.words import counted, listed
 
 CONFIDENCE = 0.95
 """Of every interval that is stated."""
@@ -278,7 +278,7 @@ class SensorRepeats:
             if degrees and more > 0.5 * sd
         ]
         unknown = "" if self.told_by else "; no temperature was recorded, so that every run counts as a repeat"
-        degrees = f"{self.spread.degrees.max()} degrees of freedom{unknown}"
+        degrees = f"{counted(int(self.spread.degrees.max()), 'degree')} of freedom{unknown}"
         if not told:
             return self.noise_in_words or [f"repeats scatter as their standard errors say ({degrees})"]
         more = f"repeats scatter more than their standard errors say ({degrees})"

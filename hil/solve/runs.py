@@ -278,7 +278,7 @@ def judge(chi_square: float, degrees: int, equations: int, noise_stated: bool) -
         return Judgement(Verdict.MARGINAL, excess)
     return Judgement(
         Verdict.FAIL,
-        f"{excess}: the model lacks something, or they do; those stated of its parameters are too small",
+        f"{excess}: the model lacks something, or they are too small, and with them the ± of its parameters",
     )
 
 
