@@ -167,8 +167,8 @@ def _said(filed: Collects, found: Explained) -> Iterator[tuple[int, Wrong, Verdi
     runs = sorted({cause.run for cause, _ in found.rivals} or set(conditions.run.tolist()))
     may_be = dict.fromkeys(_in_words(filed, each) for each, _ in found.rivals[:_FEW])
     differ = f"{numbered('run', runs)} {'differ' if len(runs) > 1 else 'differs'} by"
-    differ = f"{differ} {found.times:.2g} times their standard errors in what neither a bias nor MU moves"
-    nothing = "" if found.nothing < HARDLY else ", or nothing is wrong and they are too small"
+    differ = f"{differ} {found.times:.2g} times the standard errors in what neither a bias nor MU moves"
+    nothing = "" if found.nothing < HARDLY else ", or nothing is wrong and these are too small"
     why = f"{differ}: {', or '.join(may_be)}{nothing}; these rates cannot tell which"
     if not may_be:
         why = f"{differ}: several collects are wrong, or what is stated is no error of theirs"

@@ -137,7 +137,7 @@ def summary(result: Reconciliation) -> list[str]:
             return [nothing, *(f"{text[0].upper()}{text[1:]}." for text in values_off(result.as_it_stands, result.gap))]
         return [f"{model} does not describe these collects, and nothing that was tried mends it."]
     said = [f"{effect.title} ({effect.id}): {effect.equation}." for effect in swapped]
-    said += [f"{effect.title}. They were left out." for effect in result.effects if LEFT_OUT in effect.shape]
+    said += [f"{effect.title}: left out." for effect in result.effects if LEFT_OUT in effect.shape]
     for effect in added:
         same = [rival for rival in effect.confusable_with if rival.overlap > 0.95]
         alike = [rival.id for rival in same]
