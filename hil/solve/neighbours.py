@@ -216,7 +216,6 @@ class _Departures:
         if known > 1 and off_too.sum() >= _WHOLE_RUN * known and not unlike:
             said = f"{reason}; the whole run is off by the same: its bias was another"
             return Judgement(Verdict.MARGINAL, said), replace(found, rows=every[off_too])
-        found.wrong[rows] = (
-            np.abs(off) > _NEAR * self._scale[rows]
-        )  # a collect with one rate wrong is not to be trusted
+        # A collect with one rate wrong is not to be trusted.
+        found.wrong[rows] = np.abs(off) > _NEAR * self._scale[rows]
         return Judgement(Verdict.INCONCLUSIVE, reason), found

@@ -20,11 +20,10 @@ from hil.solve.neighbours import place_in_each_run
 from hil.solve.temperatures import runs_by_temperature
 
 _CHANGES = 0.1  # of its size: by so much is another at another temperature what neither a bias nor MU moves
-_SHARE, _SIGMA = (
-    1.0 / 3.0,
-    1.64,
-)  # of differences of two, and a normal distribution's sigma by that which so many are below
-_FEW, _LEAST = 8.0, 2  # runs that repeat others: of so many their scatter is known hardly better than by 2; too few
+_SHARE = 1.0 / 3.0  # of differences of two: what so many are below, a few that are wrong do not move
+_SIGMA = 1.64  # a normal distribution's sigma by that
+_FEW = 8.0  # runs that repeat others: of so many their scatter is known hardly better than by 2
+_LEAST = 2  # and of fewer not at all
 _LEVEL = 0.7  # of a channel's usual variance in every row's: standard errors leave out what differs by collect
 _LAGS = (1, 2)  # between repeats whose difference is taken
 _APART = 1e-9  # of the square of the largest: directions that are none

@@ -114,11 +114,9 @@ def _wrong_rows(collects: Collects, exchanged: Sequence[tuple[int, int]], failed
     collects, lay = _as_the_unit_lay(with_every_error(unclipped(collects)), exchanged, failed)
     rows += lay
     found = [*explanations(collects, failed)]
-    causes = [each.likeliest for each in found]
-    lost = {cause.run for cause in causes if cause is not None and cause.what == "run"}
+    lost = {cause.run for each in found if (cause := each.likeliest) is not None and cause.what == "run"}
     # Where in the end nothing of a run holds, nothing of it was put right either.
-    of_lost = [cause is not None and cause.what != "run" and cause.run in lost for cause in causes]
-    found = [each for each, gone in zip(found, of_lost, strict=True) if not gone]
+    found = [each for each in found if (c := each.likeliest) is None or c.what == "run" or c.run not in lost]
     judged = {each.run: [Judgement(Verdict.FAIL, each.why)] for each in lay}
     filed = collects
     for each in found:
