@@ -10,6 +10,7 @@ import pytest
 from hil.campaign import Conditions
 from hil.model.effects.base import Scatter, VarianceEffect
 from hil.model.effects.catalogue import VARIANCE_EFFECTS
+from hil.reconcile.search import chains
 from hil.reconcile.search.chains import chain_of, filter_of, in_time, joined
 from tests.hil.model.effect_conditions import campaign
 
@@ -50,12 +51,16 @@ def test_a_group_that_is_not_together_in_time_is_still_one() -> None:
     np.testing.assert_allclose(chain.covariance, part.covariance(CONDITIONS)[np.ix_(place, place)])
 
 
-@pytest.mark.parametrize("wanders", [True, False])
-def test_filtered_rows_are_independent_and_keep_the_determinant(wanders: bool) -> None:
+@pytest.mark.parametrize(("wanders", "piece"), [(True, 24), (True, 8), (False, 24), (False, 4)])
+def test_filtered_rows_are_independent_and_keep_the_determinant(
+    wanders: bool, piece: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Against a Cholesky factor: inner products of columns, and the log determinant, at every size of the states.
 
-    Of two kinds side by side, which wander through the rows, or leave each run by itself.
+    Of two kinds side by side, which wander through the rows, or leave each run by itself; cut into two pieces, and into
+    several of which the last is not full.
     """
+    monkeypatch.setattr(chains, "PIECE", piece)
     rng = np.random.default_rng(1)
     late = replace(CONDITIONS, start_s=CONDITIONS.start_s + 3600.0)
     rows, channel, _ = laid(late)
