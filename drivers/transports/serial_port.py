@@ -128,7 +128,7 @@ class SerialTransport(Transport):
         except (serial.SerialException, OSError, ValueError, TerminalError) as error:
             raise TransportError(_why_not_open(self.name, error)) from error
         if self._low_latency:
-            with suppress(AttributeError, ValueError, NotImplementedError, OSError):  # not every port can
+            with suppress(AttributeError, ValueError, NotImplementedError, OSError):  # pyserial, of a port without
                 self._port.set_low_latency_mode(True)
 
     def _release(self) -> None:
