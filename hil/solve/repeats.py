@@ -27,7 +27,7 @@ from scipy.special import chdtr, chdtrc, ndtr, stdtrit
 from hil.campaign import BoolArray, Campaign, FloatArray, IntArray
 from hil.solve.runs import Estimate, RunSolution
 from hil.solve.temperatures import nearest, runs_by_temperature, told_by, unit_range_degC
-from hil.solve.wrong_rows import pooled
+from hil.solve.wrong_rows import treated
 from procedures.words import counted, listed
 
 CONFIDENCE = 0.95
@@ -309,7 +309,7 @@ class SensorRepeats:
 def repeats(campaign: Campaign, solutions: Sequence[RunSolution]) -> dict[int, SensorRepeats]:
     """Return what repeats show of each sensor that some run was solved for."""
     found = {}
-    used = pooled(campaign)
+    used = treated(campaign)
     for number, collects in used.sensors.items():
         rows = collects.conditions
         own = [each for each in solutions if each.sensor == number and not set(each.runs).isdisjoint(rows.run.tolist())]

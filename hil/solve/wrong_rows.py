@@ -351,8 +351,18 @@ def otherwise(campaign: Campaign, rows: Sequence[Mapping[str, Any]]) -> list[str
 
 
 def treated(campaign: Campaign) -> Campaign:
-    """Return the campaign with its rows mended or left out: what numbers are made from."""
-    return replace(campaign, sensors={n: found.collects for n, found in wrong_rows(campaign).items()}, exchanged={})
+    """Return what numbers are made from: rows mended or left out, and no run that is wrong as a whole, if any is not.
+
+    `not_used` says which those are, beside those that are not `pooled`.
+    """
+    used = pooled(campaign)
+    sensors, not_used = {}, {}
+    for number, found in wrong_rows(campaign).items():
+        runs = set(used.sensors[number].conditions.run.tolist())
+        kept = np.isin(found.collects.conditions.run, list(runs - found.apart or runs))
+        sensors[number] = found.collects.rows(kept)
+        not_used[number] = sorted({*used.not_used[number], *(runs & found.apart if runs - found.apart else ())})
+    return replace(used, sensors=sensors, exchanged={}, not_used=not_used)
 
 
 def pooled(campaign: Campaign) -> Campaign:
