@@ -111,8 +111,9 @@ def explanations(
 ) -> Iterator[Explained]:
     """Yield what is wrong with the collects, what is certain first, until nothing need be; then what nobody can tell.
 
-    `beside` are the rates (n, c) of another sensor in the same collects, NaN where it has none. Runs that are `distrusted`, and those of which nobody can tell what, say nothing of the others; what is certain of a
-    run that is distrusted is said last.
+    `beside` are the rates (n, c) of another sensor in the same collects, NaN where it has none. Runs that are
+    `distrusted`, and those of which nobody can tell what, say nothing of the others; what is certain of a run that is
+    distrusted is said last.
     """
     other = np.full(collects.rates_deg_per_hr.shape, np.nan) if beside is None else beside
     runs, left = collects.conditions.run, _Left(collects, other, frozenset(distrusted))
@@ -313,7 +314,9 @@ class _Asked:
                     tried += each.otherwise(Cause("channels", run, each.rows), each.measured[:, ::-1])
                 if self._beside is not None:
                     other = self._beside[list(each.rows)]
-                    tried += each.otherwise(Cause("sensors", run, each.rows, instead=(*map(tuple, other.tolist()),)), other)
+                    tried += each.otherwise(
+                        Cause("sensors", run, each.rows, instead=(*map(tuple, other.tolist()),)), other
+                    )
                 if len(runs) > 1:
                     tried += each.anywhere(Cause("run", run, each.rows), np.eye(each.known.size))
             yield from ((cause, log_odds[cause.what] + paid, left) for cause, paid, left in tried)
