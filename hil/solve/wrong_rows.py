@@ -21,7 +21,7 @@ import numpy as np
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.campaign.plausibility import clipped, unclipped
 from hil.solve.explained import HARDLY, USED_AS_IT_IS, Cause, Explained, explanations, mended, sees_from
-from hil.solve.neighbours import compared_with_neighbours
+from hil.solve.neighbours import APART, compared_with_neighbours
 from hil.solve.precision import with_every_error
 from hil.solve.temperatures import unsettled
 from procedures.verdict import Judgement, Verdict, combine
@@ -38,8 +38,8 @@ _REASON = {
     "sensors": _AGREE,
     "turned": _AGREE,
     "all turned": _AGREE,
-    "bias": "; the whole run is off by the same: its bias was another",
-    "run": " in what neither a bias nor MU moves",
+    "bias": f"; the whole run is off by the same: its bias was another{APART}",
+    "run": f" in what neither a bias nor MU moves{APART}",
 }
 _DONE = {
     "rate": (LEFT_OUT, Verdict.MARGINAL),
