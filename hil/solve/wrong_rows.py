@@ -20,8 +20,8 @@ import numpy as np
 
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.campaign.plausibility import clipped, unclipped
-from hil.solve.explained import HARDLY, USED_AS_IT_IS, Cause, Explained, explanations, mended, sees_from
-from hil.solve.neighbours import APART, compared_with_neighbours
+from hil.solve.explained import HARDLY, Cause, Explained, explanations, mended, sees_from
+from hil.solve.neighbours import OTHER_BIAS, compared_with_neighbours
 from hil.solve.precision import with_every_error
 from hil.solve.temperatures import unsettled
 from procedures.verdict import Judgement, Verdict, combine
@@ -29,6 +29,7 @@ from procedures.words import numbered
 
 LEFT_OUT, MENDED, USED = "left out", "mended", "used"
 _LIES = "in each the unit lies, by its accelerometers, as in the other's position"
+_APART = ", and the run is in no mean and in no other run's ±"
 _AGREE = ": so all rates agree with each other, and not as they are filed"
 _REASON = {
     "rate": ", and is left out",
@@ -38,8 +39,8 @@ _REASON = {
     "sensors": _AGREE,
     "turned": _AGREE,
     "all turned": _AGREE,
-    "bias": f"; the whole run is off by the same: its bias was another{APART}",
-    "run": f" in what neither a bias nor MU moves{APART}",
+    "bias": OTHER_BIAS,
+    "run": f" in what neither a bias nor MU moves{_APART}",
 }
 _DONE = {
     "rate": (LEFT_OUT, Verdict.MARGINAL),
@@ -49,7 +50,7 @@ _DONE = {
     "sensors": (MENDED, Verdict.FAIL),
     "turned": (LEFT_OUT, Verdict.FAIL),
     "all turned": (LEFT_OUT, Verdict.FAIL),
-    "bias": (LEFT_OUT, Verdict.MARGINAL),
+    "bias": (USED, Verdict.MARGINAL),
     "run": (LEFT_OUT, Verdict.INCONCLUSIVE),
 }
 _FEW = 4  # things that may be wrong are named
@@ -75,7 +76,7 @@ class Wrong:
 class WrongRows:
     """What is wrong with one sensor's rows; `collects` are those to solve, `not_compared` runs that stand alone.
 
-    `apart` are runs as a whole of which something is certain to be wrong: they are solved, and are in no mean.
+    `apart` are runs of which it is certain that nothing holds: they are solved, and are in no mean.
     `sees_from`, deg/hr: among so few runs what is off by less does not show; None among more.
     """
 
@@ -158,13 +159,12 @@ def _wrong_rows(
     silent = {run for each in found for run in each.used}
     neighbours = compared_with_neighbours(collects, {*failed, *silent})
     rates = collects.rates_deg_per_hr.copy()
-    apart = {cause.run for each in found if (cause := each.likeliest) is not None and cause.what in USED_AS_IT_IS}
+    apart = {cause.run for each in found if (cause := each.likeliest) is not None and cause.what == "run"}
     for beyond in (each for each in neighbours.found if each.run not in silent):
         rates[beyond.wrong] = np.nan
-        apart |= set() if beyond.wrong.any() else {beyond.run}
-        reason = neighbours.judged[beyond.run]
-        channels = np.flatnonzero(beyond.wrong[beyond.rows].any(axis=0)).tolist()
-        rows.append(_wrong(collects, beyond.run, tuple(beyond.rows.tolist()), channels, LEFT_OUT, reason.reason))
+        done, reason = LEFT_OUT if beyond.wrong.any() else USED, neighbours.judged[beyond.run]
+        channels = np.flatnonzero(beyond.wrong[beyond.rows].any(axis=0)).tolist() if done == LEFT_OUT else ()
+        rows.append(_wrong(collects, beyond.run, tuple(beyond.rows.tolist()), channels, done, reason.reason))
         judged.setdefault(beyond.run, []).append(reason)
     used = replace(collects, rates_deg_per_hr=rates)
     every = {run: combine(several) for run, several in judged.items()}
@@ -351,7 +351,7 @@ def otherwise(campaign: Campaign, rows: Sequence[Mapping[str, Any]]) -> list[str
 
 
 def treated(campaign: Campaign) -> Campaign:
-    """Return what numbers are made from: rows mended or left out, and no run that is wrong as a whole, if any is not.
+    """Return what numbers are made from: rows mended or left out, and no run of which nothing holds, if any does.
 
     `not_used` says which those are, beside those that are not `pooled`.
     """

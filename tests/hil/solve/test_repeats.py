@@ -164,7 +164,7 @@ def test_one_doubted_collect_makes_no_standard_error_too_small() -> None:
     rates = one.sensors[2].rates_deg_per_hr.copy()
     rates[15:18, 0] += 60.0
     doubted = replace(one, sensors={2: replace(one.sensors[2], rates_deg_per_hr=rates)})
-    assert [each["done"] for each in what_is_wrong(doubted)["rows"]] == ["left out"]
+    assert [each["done"] for each in what_is_wrong(doubted)["rows"]] == ["used"]
     assert repeats(doubted, solve_campaign(doubted))[2].times_stated == 1.0
 
 

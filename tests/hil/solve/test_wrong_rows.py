@@ -12,7 +12,7 @@ from hil.analysis.thermal.document import thermal_document
 from hil.campaign import Campaign, Collects
 from hil.campaign.plausibility import judged_by_its_records
 from hil.solve import repeats, solve_campaign
-from hil.solve.wrong_rows import LEFT_OUT, MENDED, in_words, otherwise, pooled, treated, what_is_wrong, wrong_rows
+from hil.solve.wrong_rows import LEFT_OUT, MENDED, USED, in_words, otherwise, pooled, treated, what_is_wrong, wrong_rows
 from procedures.verdict import Judgement, Verdict
 from tests.hil.audit.folders import FOLDERS
 from tests.hil.solve.test_neighbours import campaign, with_column, with_rates
@@ -158,21 +158,34 @@ def test_sound_logs_lose_a_row_in_one_of_a_hundred() -> None:
     assert lost <= 3
 
 
-def test_a_run_with_another_bias_is_named_and_in_no_mean() -> None:
-    """RA of all collects of run 5 off by the same: that is what its bias was, and no other run's ± is wider for it."""
+def test_a_run_with_another_bias_is_used_and_named() -> None:
+    """All three collects of run 5 off by the same: that is what its bias was, and may be again: it is in the ±."""
     good = made("good")
     rows = good.sensors[2]
     rates = rows.rates_deg_per_hr + 60.0 * np.outer(rows.conditions.run == 5, (1.0, 0.0))
     moved = with_rates(good, rates)
     found = wrong_rows(moved)[2]
+    assert ([(row.run, row.done) for row in found.rows], found.apart) == ([(5, USED)], set())
+    assert repeats(moved, solve_campaign(moved))[2].means[1].values["BA"].sd > 5.0
+
+
+def test_a_run_of_which_nothing_holds_is_in_no_mean_and_widens_no_other() -> None:
+    """RA of run 5 in another unit: the other runs' means and ± are those that they have without it."""
+    one = campaign(12, 3, seed=4, scatter=1.0)
+    run, rates = one.sensors[2].conditions.run, one.sensors[2].rates_deg_per_hr.copy()
+    rates[run == 5, 0] /= 60.0
+    wrong = with_rates(one, rates)
+    found = wrong_rows(wrong)[2]
     assert ([(row.run, row.done) for row in found.rows], found.apart) == ([(5, LEFT_OUT)], {5})
-    shown, sound = (repeats(each, solve_campaign(each))[2] for each in (moved, good))
+    without = replace(one, sensors={2: one.sensors[2].rows(run != 5)})
+    shown, alone = (repeats(each, solve_campaign(each))[2] for each in (wrong, without))
     assert shown.not_used == (5,)
-    np.testing.assert_allclose(shown.spread.beyond, sound.spread.beyond, atol=0.5)
     assert not any(5 in mean.runs for mean in shown.means)
-    (solved,) = (each for each in solve_campaign(moved) if each.run == 5 and each.sensor == 2)
-    assert solved.verdict is Verdict.MARGINAL
-    assert "in no mean" in solved.reason
+    np.testing.assert_allclose(shown.spread.beyond, alone.spread.beyond, rtol=1e-6)
+    solved = {each.run: each for each in solve_campaign(wrong)}
+    assert solved[5].verdict is Verdict.INCONCLUSIVE
+    assert "in no mean" in solved[5].reason
+    assert {each.verdict for run, each in solved.items() if run != 5} == {Verdict.PASS}
 
 
 def test_two_things_that_are_both_true_are_both_told() -> None:
@@ -183,10 +196,9 @@ def test_two_things_that_are_both_true_are_both_told() -> None:
     off[run == 9, 1] -= 60.0
     found = wrong_rows(with_rates(one, off))[2]
     assert sorted((row.run, row.channels, row.done) for row in found.rows) == [
-        (2, ("RA",), LEFT_OUT),
-        (9, ("RB",), LEFT_OUT),
+        (2, ("RA",), USED),
+        (9, ("RB",), USED),
     ]
-    assert found.apart == {2, 9}
     assert not any("cannot tell which" in row.why for row in found.rows)
 
 
