@@ -289,7 +289,9 @@ class SensorRepeats:
         """Say by how much standard errors are too small or too large, and where residuals are no noise."""
         times, residuals = self.times_stated, self.spread.factor
         how = f"{max(times, 1.0 / times):.2g} times too {'small' if times > 1.0 else 'large'}"
-        by_noise = [f"standard errors are {how}, as what nothing but noise moves shows"] * (times != 1.0)
+        by_noise = [f"standard errors of all channels together are {how}, as what nothing but noise moves shows"] * (
+            times != 1.0
+        )
         if times < 1.0 or self.noise_times >= residuals:
             return by_noise
         left = "what is left is the same in every run, and no noise"

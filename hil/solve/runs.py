@@ -313,7 +313,10 @@ def _too_few(equations: int, positions: np.ndarray, unobservable: Sequence[str])
 
 def _assumptions(form: LinearForm, collects: Collects, noise_stated: bool) -> tuple[str, ...]:
     conditions = collects.conditions
-    said = ["f and the earth rate w are taken as given; local gravity is 1 g"]
+    said = [
+        "f and the earth rate w are taken as given; local gravity is 1 g",
+        "no mistake is the same in every run (labels, a sign, a channel, the heading): none of these collects shows it",
+    ]
     if not np.isfinite(accelerations_g(collects)).any():
         said.append("the pose was not measured (no accelerations): that the unit lay as each position says")
     if not np.any(conditions.w_deg_per_hr):
