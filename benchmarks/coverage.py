@@ -242,7 +242,7 @@ def judged(result: Reconciliation, name: str, term: Mapping[str, Any]) -> dict[s
         "found": {key: round(each.probability, 3) for key, each in found.items()},
         "rivals": sorted({rival.id for each in result.effects for rival in each.confusable_with}),
         "named": mine is not None,
-        "covered": sum(near),
+        "covered": int(sum(near)),
         "of": len(near),
         "gap": [gap.before, gap.after, gap.noise_floor],
     }

@@ -104,9 +104,9 @@ class Conditions:
         return self.w_deg_per_hr[:, self.sensor.channel_axes]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Collects:
-    """The collects of one sensor: conditions, averaged rates and their standard errors.
+    """The collects of one sensor: conditions, averaged rates and their standard errors. No two are the same.
 
     `rates_deg_per_hr` and `rates_se_deg_per_hr` have shape (n, c); NaN where not measured or not stated.
     """

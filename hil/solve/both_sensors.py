@@ -24,7 +24,7 @@ from hil.model.forms import MATRIX_6, PER_G, RATE
 from hil.solve.repeats import CONFIDENCE, SensorRepeats, means_of
 from hil.solve.runs import solve_campaign
 from hil.solve.temperatures import runs_by_temperature
-from hil.solve.wrong_rows import pooled
+from hil.solve.wrong_rows import treated
 
 FALSE_ALARM = 0.05
 """The chance that `shared` names any pair at all where the sensors have nothing in common."""
@@ -90,7 +90,7 @@ def common_and_differential(campaign: Campaign) -> BothSensors | None:
     rotors = [number for number, rows in campaign.sensors.items() if rows.conditions.sensor.is_rotor][:2]
     if len(rotors) < 2:
         return None
-    chosen = pooled(campaign)
+    chosen = treated(campaign)
     chosen = replace(chosen, sensors={number: rows for number, rows in chosen.sensors.items() if number in rotors})
     solved: dict[int, dict[int, FloatArray]] = {}
     for each in solve_campaign(chosen, "matrix-6"):

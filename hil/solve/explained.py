@@ -12,6 +12,7 @@ which nothing holds. What is certain is done, and what is left is asked again (`
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Self
 
 import numpy as np
 from scipy.special import logsumexp
@@ -28,6 +29,7 @@ ODDS = {
     "collect": 0.05,
     "exchanged": 0.02,
     "channels": 0.005,
+    "sensors": 0.005,
     "turned": 0.005,
     "all turned": 0.00025,
     "bias": 0.02,
@@ -54,7 +56,8 @@ _OTHERWISE = 0.7  # and else the usual size of the logarithm of how many times t
 class Cause:
     """One thing that may be wrong with a run: what, in which `rows` (k,), of one `channel` or of all.
 
-    `off` is by how much, deg/hr, its first row is off in each channel, (c,); nothing where that is no matter.
+    `off` is by how much, deg/hr, its first row is off in each channel, (c,); nothing where that is no matter. `instead`
+    are the rates (k, c) of its rows that the other sensor shows, where the two were exchanged.
     """
 
     what: str
@@ -62,6 +65,7 @@ class Cause:
     rows: tuple[int, ...]
     channel: int | None = None
     off: tuple[float, ...] = ()
+    instead: tuple[tuple[float, ...], ...] = ()
 
     @property
     def place(self) -> tuple[object, ...]:
@@ -102,47 +106,93 @@ class Explained:
         return {cause.run for cause in among}
 
 
-def explanations(collects: Collects, distrusted: Collection[int] = ()) -> Iterator[Explained]:
+def explanations(
+    collects: Collects, distrusted: Collection[int] = (), beside: FloatArray | None = None
+) -> Iterator[Explained]:
     """Yield what is wrong with the collects, what is certain first, until nothing need be; then what nobody can tell.
 
-    Runs that are `distrusted`, and those of which nobody can tell what, say nothing of the others; what is certain of a
-    run that is distrusted is said last.
+    `beside` are the rates (n, c) of another sensor in the same collects, NaN where it has none. Runs that are
+    `distrusted`, and those of which nobody can tell what, say nothing of the others; what is certain of a run that is
+    distrusted is said last.
     """
-    runs = collects.conditions.run
-    silent, own_bias, done = set(distrusted), set[int](), 0
+    other = np.full(collects.rates_deg_per_hr.shape, np.nan) if beside is None else beside
+    runs, left = collects.conditions.run, _Left(collects, other, frozenset(distrusted))
     unsure: dict[int, Explained] = {}
-    enough = SURE
+    enough, done = SURE, 0
     while True:
-        found = _what(collects, ~np.isin(runs, [*silent, *unsure]), own_bias)
+        found = left.wrong(unsure)
         if found is None:
             if not unsure or enough == CERTAIN:
                 break
             enough = CERTAIN
             unsure.clear()
-        elif found.likely < (CERTAIN if found.leaves_out else enough) or done > _MOST * len(runs):
-            among = {cause.run for cause, _ in found.rivals} or {*runs.tolist()} - silent - {*unsure}
+            continue
+        needed = CERTAIN if found.leaves_out else enough
+        if found.likely < needed:
+            found = left.whichever_else(found, unsure)
+        cause = found.likeliest
+        if cause is None or found.likely < needed or done > _MOST * len(runs):
+            among = {cause.run for cause, _ in found.rivals} or {*runs.tolist()} - left.silent - {*unsure}
             unsure |= dict.fromkeys(among, replace(found, likeliest=None))
-        elif (cause := found.likeliest) is not None:
+        else:
             yield found
             enough = SURE  # what hid behind this may be told now
             unsure.clear()
-            own_bias |= {cause.run} if cause.what == "bias" else set()
-            silent |= {cause.run} if cause.what == "run" else set()
-            done += len(cause.rows) * (cause.what not in USED_AS_IT_IS)
-            collects = mended(collects, cause)
+            done += len(cause.rows)
+            left = left.without(cause)
     yield from dict.fromkeys(unsure.values())
     for run in sorted(distrusted):
-        found = _what(collects, ~np.isin(runs, list(({*silent, *unsure}) - {run})), own_bias, run)
+        found = left.wrong([*unsure], run)
         if found is not None and found.likely > CERTAIN:
             yield found
 
 
-def _what(collects: Collects, told: BoolArray, own_bias: Collection[int], run: int | None = None) -> Explained | None:
+@dataclass(frozen=True)
+class _Left:
+    """What is left of collects when some causes are known: runs that say nothing of others, runs of their own bias."""
+
+    collects: Collects
+    beside: FloatArray
+    silent: frozenset[int]
+    own_bias: frozenset[int] = frozenset()
+
+    def without(self, cause: Cause) -> Self:
+        """Return what is left when a further cause is known."""
+        return type(self)(
+            mended(self.collects, cause),
+            self.beside,
+            self.silent | ({cause.run} if cause.what == "run" else set()),
+            self.own_bias | ({cause.run} if cause.what == "bias" else set()),
+        )
+
+    def wrong(self, unsure: Collection[int], run: int | None = None) -> Explained | None:
+        """Return what is wrong with runs of which it may be told, or with one `run`."""
+        told = ~np.isin(self.collects.conditions.run, list((self.silent | {*unsure}) - {run}))
+        return _what(self.collects, self.beside, told, self.own_bias, run)
+
+    def whichever_else(self, found: Explained, unsure: Collection[int]) -> Explained:
+        """Return what is found, its likeliest as probable as it is alone and beside each rival: both may be true."""
+        if found.likeliest is None:
+            return found
+        (first, p), *others = found.rivals
+        rivals = []
+        for other, as_probable in others:
+            further = self.without(other).wrong(unsure)
+            beside = {} if further is None else {cause.place: q for cause, q in further.rivals}
+            both = beside.get(first.place, 0.0)
+            p += as_probable * both
+            rivals.append((other, as_probable * (1.0 - both)))
+        return replace(found, rivals=((first, p), *(each for each in rivals if each[1] > LISTED)))
+
+
+def _what(
+    collects: Collects, beside: FloatArray, told: BoolArray, own_bias: Collection[int], run: int | None = None
+) -> Explained | None:
     """Return what is wrong with those collects (n,) that are told of, or with one run of them; None for nothing."""
     if not told.any():
         return None
     rows = np.flatnonzero(told)
-    asked = _Asked(Whitened(collects.rows(rows), own_bias), own_bias)
+    asked = _Asked(Whitened(collects.rows(rows), own_bias), own_bias, beside[rows])
     nothing, causes = asked.weighed(run)
     if nothing > DOUBTED:
         return Explained(None, (), asked.times, 0.0) if asked.rates.stated and asked.times > _NO_ERROR else None
@@ -163,7 +213,7 @@ def sees_from(collects: Collects, distrusted: Collection[int] = ()) -> float | N
     used = collects.rows(~np.isin(collects.conditions.run, list(distrusted)))
     if not 0 < len(used.conditions.of_each_run) <= _MANY:
         return None
-    asked = _Asked(Whitened(used), ())
+    asked = _Asked(Whitened(used))
     if asked.rates.freedom < 1.0:
         return None
     off, weight = asked.seen_from(), asked.rates.weight
@@ -179,6 +229,8 @@ def mended(collects: Collects, cause: Cause) -> Collects:
         rates[rows], se[rows] = rates[rows[::-1]], se[rows[::-1]]
     elif cause.what == "channels":
         rates[rows], se[rows] = rates[rows, ::-1], se[rows, ::-1]
+    elif cause.what == "sensors":
+        rates[rows] = cause.instead
     elif cause.what not in USED_AS_IT_IS:
         rates[rows, slice(None) if cause.channel is None else cause.channel] = np.nan
     return replace(collects, rates_deg_per_hr=rates, rates_se_deg_per_hr=se)
@@ -187,8 +239,8 @@ def mended(collects: Collects, cause: Cause) -> Collects:
 class _Asked:
     """What may be wrong with whitened rates, each with its log odds before the data and the squares that it leaves."""
 
-    def __init__(self, rates: Whitened, own_bias: Collection[int]) -> None:
-        self.rates, self._own_bias = rates, own_bias
+    def __init__(self, rates: Whitened, own_bias: Collection[int] = (), beside: FloatArray | None = None) -> None:
+        self.rates, self._own_bias, self._beside = rates, own_bias, beside
 
     @property
     def times(self) -> float:
@@ -239,7 +291,7 @@ class _Asked:
         runs = {run: _Run(self.rates, run, rows) for run, rows in conditions.of_each_run.items()}
         pairs = {run: _pairs(conditions, rows) for run, rows in conditions.of_each_run.items()}
         of = {"rate": n * channels, "collect": n, "exchanged": max(sum(map(len, pairs.values())), 1)}
-        of |= dict.fromkeys(("channels", "run", "all turned"), len(runs))
+        of |= dict.fromkeys(("channels", "sensors", "run", "all turned"), len(runs))
         of |= dict.fromkeys(("turned", "bias"), len(runs) * channels)
         log_odds = {what: float(np.log(ODDS[what] / many)) for what, many in of.items()}
         gains = self._evidence(self.rates.squares - np.array([0.0, *(each.most for each in runs.values())]))
@@ -260,6 +312,11 @@ class _Asked:
                     tried += each.otherwise(Cause("all turned", run, each.rows), -each.measured)
                 if channels == 2 and each.known.all():
                     tried += each.otherwise(Cause("channels", run, each.rows), each.measured[:, ::-1])
+                if self._beside is not None:
+                    other = self._beside[list(each.rows)]
+                    tried += each.otherwise(
+                        Cause("sensors", run, each.rows, instead=(*map(tuple, other.tolist()),)), other
+                    )
                 if len(runs) > 1:
                     tried += each.anywhere(Cause("run", run, each.rows), np.eye(each.known.size))
             yield from ((cause, log_odds[cause.what] + paid, left) for cause, paid, left in tried)

@@ -24,6 +24,8 @@ from procedures.words import numbered
 FAR = 10.0
 """Times the usual scatter: beyond what a unit's own turn-ons and reseats do from time to time."""
 
+OTHER_BIAS = "; the whole run is off by the same: its bias was another, as means and ± of the bias include"
+"""Said of a run that has a bias of its own: what a unit does from time to time, it may do again."""
 _FAR_MORE = 2.0  # by less do few of a position differ by chance
 _NEAR = 4.0  # what a cause must bring a collect back to
 _REPEATED = 3  # collects at one position and temperature tell of each other
@@ -214,7 +216,7 @@ class _Departures:
         off_too, known = np.abs(apart[:, worst[1]]) > _NEAR * scale[:, worst[1]], told[:, worst[1]].sum()
         unlike = np.any(np.ptp(apart[off_too], axis=0) > FAR * np.fmax.reduce(scale))
         if known > 1 and off_too.sum() >= _WHOLE_RUN * known and not unlike:
-            said = f"{reason}; the whole run is off by the same: its bias was another"
+            said = f"{reason}{OTHER_BIAS}"
             return Judgement(Verdict.MARGINAL, said), replace(found, rows=every[off_too])
         # A collect with one rate wrong is not to be trusted.
         found.wrong[rows] = np.abs(off) > _NEAR * self._scale[rows]

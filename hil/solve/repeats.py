@@ -27,7 +27,7 @@ from scipy.special import chdtr, chdtrc, ndtr, stdtrit
 from hil.campaign import BoolArray, Campaign, FloatArray, IntArray
 from hil.solve.runs import Estimate, RunSolution
 from hil.solve.temperatures import nearest, runs_by_temperature, told_by, unit_range_degC
-from hil.solve.wrong_rows import pooled
+from hil.solve.wrong_rows import treated
 from procedures.words import counted, listed
 
 CONFIDENCE = 0.95
@@ -289,7 +289,9 @@ class SensorRepeats:
         """Say by how much standard errors are too small or too large, and where residuals are no noise."""
         times, residuals = self.times_stated, self.spread.factor
         how = f"{max(times, 1.0 / times):.2g} times too {'small' if times > 1.0 else 'large'}"
-        by_noise = [f"standard errors are {how}, as what nothing but noise moves shows"] * (times != 1.0)
+        by_noise = [f"standard errors of all channels together are {how}, as what nothing but noise moves shows"] * (
+            times != 1.0
+        )
         if times < 1.0 or self.noise_times >= residuals:
             return by_noise
         left = "what is left is the same in every run, and no noise"
@@ -309,7 +311,7 @@ class SensorRepeats:
 def repeats(campaign: Campaign, solutions: Sequence[RunSolution]) -> dict[int, SensorRepeats]:
     """Return what repeats show of each sensor that some run was solved for."""
     found = {}
-    used = pooled(campaign)
+    used = treated(campaign)
     for number, collects in used.sensors.items():
         rows = collects.conditions
         own = [each for each in solutions if each.sensor == number and not set(each.runs).isdisjoint(rows.run.tolist())]

@@ -22,7 +22,7 @@ from hil.campaign import Campaign, Collects, FloatArray
 from hil.campaign.plausibility import accelerations_g
 from hil.model.forms import LinearForm, default_form, named_form
 from hil.solve.contractor import METHOD, can_follow, solve_as_contractor
-from hil.solve.least_squares import solve
+from hil.solve.least_squares import Solution, solve
 from hil.solve.precision import measured_well_enough, unstated
 from hil.solve.wrong_rows import WrongRows, not_settled, wrong_rows
 from procedures.verdict import Judgement, Verdict, combine
@@ -57,7 +57,7 @@ class RunSolution:
     `residual_rms_deg_per_hr` None without degrees of freedom; `combinations` are seen mixtures of parameters that are
     not known singly. `chi_square` is that of the residuals, None without stated standard errors. `compared`: whether
     other runs say what this one's collects should show; `doubted`: whether anything is said against a row of it.
-    `beside` is the worst of what is said of the run apart from its residuals.
+    `among`: of how many runs it may be the one that differs most by chance.
     """
 
     run: int | None
@@ -78,13 +78,13 @@ class RunSolution:
     chi_square: float | None = None
     compared: bool = True
     doubted: bool = False
-    beside: Verdict = Verdict.PASS
+    among: int = 1
 
     @property
     def exceeds_errors(self) -> bool:
         """Whether the residuals are so much larger than the stated standard errors allow that the run is a FAIL."""
         return self.chi_square is not None and (
-            judge(self.chi_square, self.degrees_of_freedom, 0, noise_stated=True).verdict is Verdict.FAIL
+            judge(self.chi_square, self.degrees_of_freedom, 0, True, self.among).verdict is Verdict.FAIL
         )
 
 
@@ -96,19 +96,55 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None) -> list[Ru
     """
     found, rows = [], wrong_rows(campaign)
     for number, wrong in rows.items():
-        collects = wrong.collects
-        if model_name == "matrix-6-thermal":
-            form = named_form(model_name, collects.conditions)
-            found.append(_solve_rows(number, None, form, collects))
-            continue
-        for run, own in collects.conditions.of_each_run.items():
-            chosen = collects.rows(own)
-            conditions = chosen.conditions
-            form = default_form(conditions) if model_name is None else named_form(model_name, conditions)
-            found.append(_solve_rows(number, run, form, chosen))
+        solved = [*_solved(wrong.collects, model_name)]
+        found += [_described(number, each, _of_as_many(solved)) for each in solved]
     beside = {number: _Beside.of(campaign, number, wrong) for number, wrong in rows.items()}
     judged = [_judged(each, campaign.sensors[each.sensor], beside[each.sensor]) for each in found]
     return sorted(judged, key=lambda each: (each.runs[0], each.sensor))
+
+
+@dataclass(frozen=True)
+class _Solved:
+    """Collects with the form that they were solved for, the standard errors (n, c) that weighed them, and how."""
+
+    run: int | None
+    form: LinearForm
+    collects: Collects
+    sigma: FloatArray | None
+    solution: Solution
+    as_contractor: bool
+
+    @property
+    def tells(self) -> bool:
+        """Whether residuals tell anything of stated standard errors."""
+        return self.sigma is not None and self.solution.degrees_of_freedom > 0
+
+
+def _solved(collects: Collects, model_name: str | None) -> Iterator[_Solved]:
+    """Solve each run, or all of them together for a form that needs them."""
+    together = model_name == "matrix-6-thermal"
+    for run, own in {None: slice(None)}.items() if together else collects.conditions.of_each_run.items():
+        chosen = collects if together else collects.rows(own)
+        conditions, sigma = chosen.conditions, stated_noise(chosen)
+        form = default_form(conditions) if model_name is None else named_form(model_name, conditions)
+        if form.name == "collins-4" and can_follow(chosen):
+            yield _Solved(run, form, chosen, sigma, solve_as_contractor(chosen, sigma), True)
+            continue
+        observed = (chosen.rates_deg_per_hr - conditions.w_channels_deg_per_hr).reshape(-1)
+        design = form.columns(conditions).reshape(len(observed), -1)
+        noise = None if sigma is None else sigma.reshape(-1)
+        solution = solve(design, observed, noise, names=form.names, rank_tolerance=OBSERVABLE)
+        yield _Solved(run, form, chosen, sigma, solution, False)
+
+
+def _of_as_many(solved: Sequence[_Solved]) -> int:
+    """Return of how many runs one is the one that differs most; 1 where even without such all differ, not by chance."""
+    telling = [
+        (float(s.chi_square), int(s.degrees_of_freedom)) for s in (each.solution for each in solved if each.tells)
+    ]
+    usual = [each for each in telling if judge(*each, 0, True, len(telling)).verdict is not Verdict.FAIL]
+    agree = judge(*(sum(of) for of in zip((0.0, 0), *usual, strict=True)), 0, True).verdict is Verdict.PASS
+    return max(len(telling), 1) if agree else 1
 
 
 @dataclass(frozen=True)
@@ -155,7 +191,6 @@ def _judged(solution: RunSolution, rows: Collects, beside: _Beside) -> RunSoluti
     found = [of[run] for run in solution.runs for of in beside.judged if run in of]
     errors = {name: (each.se, each.unit) for name, each in solution.parameters.items()}
     found.append(measured_well_enough(errors, rows.conditions.sensor, beside.largest_se))
-    solution = replace(solution, beside=combine(found).verdict)
     judged = combine([*found, Judgement(solution.verdict, solution.reason)], passed=solution.reason)
     if judged.verdict is solution.verdict and not any(each.verdict is not Verdict.PASS for each in found):
         return solution
@@ -167,23 +202,11 @@ def _judged(solution: RunSolution, rows: Collects, beside: _Beside) -> RunSoluti
 
 
 def not_passed(solutions: Sequence[RunSolution]) -> dict[Verdict, list[int]]:
-    """Return the runs to which somebody has to see, by verdict, the worst first.
-
-    A run that is MARGINAL by its residuals alone is none where those of its sensor agree with their standard errors
-    altogether: of twenty sound runs one is so.
-    """
-    by_sensor: dict[int, list[RunSolution]] = {}
-    for each in solutions:
-        by_sensor.setdefault(each.sensor, []).append(each)
+    """Return the runs to which somebody has to see, by verdict, the worst first."""
     found: dict[Verdict, set[int]] = {}
-    for own in by_sensor.values():
-        known = [(each.chi_square, each.degrees_of_freedom) for each in own if each.chi_square is not None]
-        chi_square, degrees = (sum(of) for of in zip(*known, strict=True)) if known else (0.0, 0)
-        agree = judge(float(chi_square), int(degrees), 0, noise_stated=True).verdict is Verdict.PASS
-        for each in own:
-            by_chance = agree and (each.verdict, each.beside) == (Verdict.MARGINAL, Verdict.PASS)
-            if each.verdict is not Verdict.PASS and not by_chance:
-                found.setdefault(each.verdict, set()).update(each.runs)
+    for each in solutions:
+        if each.verdict is not Verdict.PASS:
+            found.setdefault(each.verdict, set()).update(each.runs)
     return {verdict: sorted(found[verdict]) for verdict in reversed(Verdict) if verdict in found}
 
 
@@ -201,30 +224,23 @@ def reasons(solutions: Sequence[RunSolution]) -> Iterator[tuple[Verdict, str, st
         yield verdict, where, "; ".join(several)
 
 
-def _solve_rows(sensor: int, run: int | None, form: LinearForm, collects: Collects) -> RunSolution:
-    conditions, sigma = collects.conditions, stated_noise(collects)
-    as_contractor = form.name == "collins-4" and can_follow(collects)
-    if as_contractor:
-        solution = solve_as_contractor(collects, sigma)
-    else:
-        observed = (collects.rates_deg_per_hr - conditions.w_channels_deg_per_hr).reshape(-1)
-        design = form.columns(conditions).reshape(len(observed), -1)
-        noise = None if sigma is None else sigma.reshape(-1)
-        solution = solve(design, observed, noise, names=form.names, rank_tolerance=OBSERVABLE)
+def _described(sensor: int, solved: _Solved, among: int) -> RunSolution:
+    form, collects, solution = solved.form, solved.collects, solved.solution
+    conditions, noise_stated = collects.conditions, solved.sigma is not None
     degrees = int(solution.degrees_of_freedom)
-    unobservable = () if as_contractor else solution.unobservable()
+    unobservable = () if solved.as_contractor else solution.unobservable()
     equations = int(np.count_nonzero(~np.isnan(solution.residuals)))
     if unobservable:
         judged = Judgement(Verdict.INCONCLUSIVE, _too_few(equations, conditions.position, unobservable))
     else:
-        judged = judge(float(solution.chi_square), degrees, equations, sigma is not None)
+        judged = judge(float(solution.chi_square), degrees, equations, noise_stated, among)
     unit = dict(zip(form.names, form.units, strict=True))
     return RunSolution(
-        run=run,
-        runs=tuple(int(run) for run in np.unique(collects.conditions.run)),
+        run=solved.run,
+        runs=tuple(int(run) for run in np.unique(conditions.run)),
         sensor=sensor,
         model=form.name,
-        method=METHOD if as_contractor else LEAST_SQUARES,
+        method=METHOD if solved.as_contractor else LEAST_SQUARES,
         parameters={
             name: Estimate(finite(float(value)), finite(float(error)), unit)
             for name, unit, value, error in zip(form.names, form.units, solution.values, solution.se, strict=True)
@@ -239,9 +255,10 @@ def _solve_rows(sensor: int, run: int | None, form: LinearForm, collects: Collec
         degrees_of_freedom=degrees,
         unobservable=unobservable,
         verdict=judged.verdict,
-        reason=_reason(f"the contractor's solution: {METHOD}" if as_contractor else form.reason, judged.reason),
-        assumed=_assumptions(form, collects, sigma is not None),
-        chi_square=float(solution.chi_square) if sigma is not None and degrees else None,
+        reason=_reason(f"the contractor's solution: {METHOD}" if solved.as_contractor else form.reason, judged.reason),
+        assumed=_assumptions(form, collects, noise_stated),
+        chi_square=float(solution.chi_square) if solved.tells else None,
+        among=among,
     )
 
 
@@ -253,8 +270,11 @@ def stated_noise(collects: Collects) -> FloatArray | None:
     return collects.rates_se_deg_per_hr
 
 
-def judge(chi_square: float, degrees: int, equations: int, noise_stated: bool) -> Judgement:
-    """Judge the residuals of `equations` rates: chi-square on `degrees` degrees of freedom against stated noise."""
+def judge(chi_square: float, degrees: int, equations: int, noise_stated: bool, among: int = 1) -> Judgement:
+    """Judge the residuals of `equations` rates: chi-square on `degrees` degrees of freedom against stated noise.
+
+    Of so many runs, `among`, one is further off by chance than a single one is.
+    """
     if degrees == 0:
         count = spelled(equations)
         reason = f"no residual: {count} equations, {count} unknowns; these collects cannot contradict the model"
@@ -270,11 +290,12 @@ def judge(chi_square: float, degrees: int, equations: int, noise_stated: bool) -
         )
     probability = float(chdtrc(degrees, chi_square))
     found = f"chi-square {chi_square:.3g} on {freedom}, p = {probability:.2g}"
-    if probability >= PASS_PROBABILITY:
-        return Judgement(Verdict.PASS, f"the residuals agree with the stated standard errors ({found})")
+    if probability >= PASS_PROBABILITY / among:
+        chance = f"; of {among} runs one is so by chance" if probability < PASS_PROBABILITY else ""
+        return Judgement(Verdict.PASS, f"the residuals agree with the stated standard errors ({found}{chance})")
     factor = np.sqrt(chi_square / degrees)
     excess = f"the residuals are {factor:.2g} times what the standard errors allow ({found})"
-    if probability >= FAIL_PROBABILITY:
+    if probability >= FAIL_PROBABILITY / among:
         return Judgement(Verdict.MARGINAL, excess)
     return Judgement(
         Verdict.FAIL,
@@ -292,7 +313,10 @@ def _too_few(equations: int, positions: np.ndarray, unobservable: Sequence[str])
 
 def _assumptions(form: LinearForm, collects: Collects, noise_stated: bool) -> tuple[str, ...]:
     conditions = collects.conditions
-    said = ["f and the earth rate w are taken as given; local gravity is 1 g"]
+    said = [
+        "f and the earth rate w are taken as given; local gravity is 1 g",
+        "no mistake is the same in every run (labels, a sign, a channel, the heading): none of these collects shows it",
+    ]
     if not np.isfinite(accelerations_g(collects)).any():
         said.append("the pose was not measured (no accelerations): that the unit lay as each position says")
     if not np.any(conditions.w_deg_per_hr):

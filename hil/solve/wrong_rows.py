@@ -12,15 +12,16 @@ temperature show (`hil.solve.neighbours`).
 
 from collections.abc import Collection, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import product
 from typing import Any
 
 import numpy as np
 
-from hil.campaign import Campaign, Collects
+from hil.campaign import Campaign, Collects, FloatArray
 from hil.campaign.plausibility import clipped, unclipped
 from hil.solve.explained import HARDLY, Cause, Explained, explanations, mended, sees_from
-from hil.solve.neighbours import compared_with_neighbours
+from hil.solve.neighbours import OTHER_BIAS, compared_with_neighbours
 from hil.solve.precision import with_every_error
 from hil.solve.temperatures import unsettled
 from procedures.verdict import Judgement, Verdict, combine
@@ -28,26 +29,29 @@ from procedures.words import numbered
 
 LEFT_OUT, MENDED, USED = "left out", "mended", "used"
 _LIES = "in each the unit lies, by its accelerometers, as in the other's position"
+_APART = ", and the run is in no mean and in no other run's ±"
 _AGREE = ": so all rates agree with each other, and not as they are filed"
 _REASON = {
     "rate": ", and is left out",
     "collect": ", and is left out",
     "exchanged": _AGREE,
     "channels": _AGREE,
+    "sensors": _AGREE,
     "turned": _AGREE,
     "all turned": _AGREE,
-    "bias": "; the whole run is off by the same: its bias was another",
-    "run": " in what neither a bias nor MU moves",
+    "bias": OTHER_BIAS,
+    "run": f" in what neither a bias nor MU moves{_APART}",
 }
 _DONE = {
     "rate": (LEFT_OUT, Verdict.MARGINAL),
     "collect": (LEFT_OUT, Verdict.MARGINAL),
     "exchanged": (MENDED, Verdict.FAIL),
     "channels": (MENDED, Verdict.FAIL),
+    "sensors": (MENDED, Verdict.FAIL),
     "turned": (LEFT_OUT, Verdict.FAIL),
     "all turned": (LEFT_OUT, Verdict.FAIL),
     "bias": (USED, Verdict.MARGINAL),
-    "run": (USED, Verdict.INCONCLUSIVE),
+    "run": (LEFT_OUT, Verdict.INCONCLUSIVE),
 }
 _FEW = 4  # things that may be wrong are named
 
@@ -72,6 +76,7 @@ class Wrong:
 class WrongRows:
     """What is wrong with one sensor's rows; `collects` are those to solve, `not_compared` runs that stand alone.
 
+    `apart` are runs of which it is certain that nothing holds: they are solved, and are in no mean.
     `sees_from`, deg/hr: among so few runs what is off by less does not show; None among more.
     """
 
@@ -79,6 +84,7 @@ class WrongRows:
     rows: tuple[Wrong, ...]
     judged: Mapping[int, Judgement]
     not_compared: Set[int]
+    apart: Set[int]
     sees_from: float | None
 
 
@@ -88,9 +94,34 @@ def wrong_rows(campaign: Campaign) -> dict[int, WrongRows]:
     Of runs that FAIL by their records nothing is held against another's rows.
     """
     return {
-        number: _wrong_rows(rows, campaign.exchanged.get(number, ()), _failed(campaign, number))
+        number: _wrong_rows(
+            rows,
+            tuple(campaign.exchanged.get(number, ())),
+            frozenset(_failed(campaign, number)),
+            _other(campaign, number),
+        )
         for number, rows in campaign.sensors.items()
     }
+
+
+def _other(campaign: Campaign, number: int) -> Collects | None:
+    """Return what the other of two sensors that are alike shows."""
+    own = campaign.sensors[number].conditions.sensor
+    others = [rows for n, rows in campaign.sensors.items() if n != number]
+    alike = len(others) == 1 and len(others[0].conditions.sensor.channels) == len(own.channels)
+    return others[0] if alike else None
+
+
+def _beside(collects: Collects, other: Collects | None) -> FloatArray:
+    """Return what another sensor shows in the same collects (n, c), NaN where it took none or others."""
+    out = np.full(collects.rates_deg_per_hr.shape, np.nan)
+    if other is not None:
+        theirs = other.conditions.of_each_run
+        for run, rows in collects.conditions.of_each_run.items():
+            there = theirs.get(run, rows[:0])
+            if np.array_equal(collects.conditions.position[rows], other.conditions.position[there]):
+                out[rows] = other.rates_deg_per_hr[there]
+    return out
 
 
 def _failed(campaign: Campaign, number: int) -> set[int]:
@@ -104,20 +135,21 @@ def _mended(campaign: Campaign, number: int) -> set[int]:
     if not campaign.contradicted:
         return set()
     recorded = {run for run, of in campaign.verdicts.items() if of.verdict is Verdict.FAIL}
-    rows, pairs = campaign.sensors[number], campaign.exchanged.get(number, ())
-    found = _wrong_rows(rows, pairs, _failed(campaign, number))
-    return {row.run for row in found.rows if row.done == MENDED} - recorded
+    return {row.run for row in wrong_rows(campaign)[number].rows if row.done == MENDED} - recorded
 
 
-def _wrong_rows(collects: Collects, exchanged: Sequence[tuple[int, int]], failed: Collection[int]) -> WrongRows:
-    rows = clipped_rows(collects)
+@lru_cache(maxsize=8)
+def _wrong_rows(
+    collects: Collects, exchanged: tuple[tuple[int, int], ...], failed: frozenset[int], other: Collects | None
+) -> WrongRows:
+    rows, beside = clipped_rows(collects), _beside(collects, other)
     collects, lay = _as_the_unit_lay(with_every_error(unclipped(collects)), exchanged, failed)
     rows += lay
-    found = [*explanations(collects, failed)]
+    judged = {each.run: [Judgement(Verdict.FAIL, each.why)] for each in lay}
+    found = [*explanations(collects, failed, beside)]
     lost = {cause.run for each in found if (cause := each.likeliest) is not None and cause.what == "run"}
     # Where in the end nothing of a run holds, nothing of it was put right either.
     found = [each for each in found if (c := each.likeliest) is None or c.what == "run" or c.run not in lost]
-    judged = {each.run: [Judgement(Verdict.FAIL, each.why)] for each in lay}
     filed = collects
     for each in found:
         for run, wrong, verdict in _said(filed, each):
@@ -127,15 +159,16 @@ def _wrong_rows(collects: Collects, exchanged: Sequence[tuple[int, int]], failed
     silent = {run for each in found for run in each.used}
     neighbours = compared_with_neighbours(collects, {*failed, *silent})
     rates = collects.rates_deg_per_hr.copy()
-    for beside in (each for each in neighbours.found if each.run not in silent):
-        rates[beside.wrong] = np.nan
-        done, reason = LEFT_OUT if beside.wrong.any() else USED, neighbours.judged[beside.run]
-        channels = np.flatnonzero(beside.wrong[beside.rows].any(axis=0)).tolist() if done == LEFT_OUT else ()
-        rows.append(_wrong(collects, beside.run, tuple(beside.rows.tolist()), channels, done, reason.reason))
-        judged.setdefault(beside.run, []).append(reason)
+    apart = {cause.run for each in found if (cause := each.likeliest) is not None and cause.what == "run"}
+    for beyond in (each for each in neighbours.found if each.run not in silent):
+        rates[beyond.wrong] = np.nan
+        done, reason = LEFT_OUT if beyond.wrong.any() else USED, neighbours.judged[beyond.run]
+        channels = np.flatnonzero(beyond.wrong[beyond.rows].any(axis=0)).tolist() if done == LEFT_OUT else ()
+        rows.append(_wrong(collects, beyond.run, tuple(beyond.rows.tolist()), channels, done, reason.reason))
+        judged.setdefault(beyond.run, []).append(reason)
     used = replace(collects, rates_deg_per_hr=rates)
     every = {run: combine(several) for run, several in judged.items()}
-    return WrongRows(used, tuple(rows), every, neighbours.not_compared - silent, sees_from(used, failed))
+    return WrongRows(used, tuple(rows), every, neighbours.not_compared - silent, apart, sees_from(used, failed))
 
 
 def _as_the_unit_lay(
@@ -186,6 +219,7 @@ def _in_words(collects: Collects, cause: Cause) -> str:
     return {
         "exchanged": f"{named} look exchanged",
         "channels": f"{named}: {' and '.join(names)} look exchanged",
+        "sensors": f"{named}: the rates look like the other sensor's",
         "turned": f"{named}: the sign of {names[cause.channel or 0]} looks turned",
         "all turned": f"{named}: the signs look turned",
         "run": f"{named}: more than one does not agree with the others",
@@ -317,8 +351,18 @@ def otherwise(campaign: Campaign, rows: Sequence[Mapping[str, Any]]) -> list[str
 
 
 def treated(campaign: Campaign) -> Campaign:
-    """Return the campaign with its rows mended or left out: what numbers are made from."""
-    return replace(campaign, sensors={n: found.collects for n, found in wrong_rows(campaign).items()}, exchanged={})
+    """Return what numbers are made from: rows mended or left out, and no run of which nothing holds, if any does.
+
+    `not_used` says which those are, beside those that are not `pooled`.
+    """
+    used = pooled(campaign)
+    sensors, not_used = {}, {}
+    for number, found in wrong_rows(campaign).items():
+        runs = set(used.sensors[number].conditions.run.tolist())
+        kept = np.isin(found.collects.conditions.run, list(runs - found.apart or runs))
+        sensors[number] = found.collects.rows(kept)
+        not_used[number] = sorted({*used.not_used[number], *(runs & found.apart if runs - found.apart else ())})
+    return replace(used, sensors=sensors, exchanged={}, not_used=not_used)
 
 
 def pooled(campaign: Campaign) -> Campaign:

@@ -24,7 +24,7 @@ from hil.model.model_file import SCHEMA as MODEL_SCHEMA
 from hil.solve import solve
 from hil.solve.runs import OBSERVABLE
 from hil.solve.temperatures import same_temperature
-from hil.solve.wrong_rows import pooled, treated
+from hil.solve.wrong_rows import treated
 from procedures.words import counted
 
 HIGHEST_ORDER = 5
@@ -154,7 +154,7 @@ def fit_thermal(
         choices = ", ".join(name for name in MODEL_NAMES if name != "matrix-6-thermal")
         raise InputError(f"model {model_name}: hil thermal finds the dependence itself, of one of {choices}")
     sensors, without = {}, {}
-    for number, collects in treated(pooled(campaign)).sensors.items():
+    for number, collects in treated(campaign).sensors.items():
         try:
             sensors[number] = fit_sensor(number, collects, model_name, highest_order, apart_degC, seed)
         except InputError as error:

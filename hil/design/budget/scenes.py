@@ -26,7 +26,7 @@ from hil.model.forms import LinearForm, default_form
 from hil.solve import solve
 from hil.solve.runs import OBSERVABLE, stated_noise
 from hil.solve.temperatures import level_degC, told_by
-from hil.solve.wrong_rows import pooled, treated
+from hil.solve.wrong_rows import treated
 from procedures.plan import make_plan
 from procedures.settings import Restabilisation
 
@@ -94,7 +94,7 @@ def measured_scenes(campaign: Campaign, bench: Bench, model: Model | None = None
 
     So are runs that FAIL by their own records, which are in no mean.
     """
-    used = treated(pooled(campaign)).sensors
+    used = treated(campaign).sensors
     return {number: list(_measured_runs(rows, bench, model)) for number, rows in used.items()}
 
 

@@ -21,7 +21,7 @@ from hil.model import Model
 from hil.model.effects.catalogue import FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS
 from hil.solve import repeats, solve_campaign
 from hil.solve.repeats import SensorRepeats
-from hil.solve.wrong_rows import pooled, treated, what_is_wrong
+from hil.solve.wrong_rows import treated, what_is_wrong
 from procedures.plan import make_plan
 
 
@@ -126,7 +126,7 @@ def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[st
     sensors = {number: _with_typical_noise(rows) for number, rows in campaign.sensors.items()}
     stated = replace(campaign, sensors=sensors)
     shown = repeats(stated, solve_campaign(stated))
-    used = usable(treated(pooled(stated))).sensors
+    used = usable(treated(stated)).sensors
     conditions = {number: rows.conditions for number, rows in used.items()}
     sigmas = {  # as large as residuals and repeats show them to be
         number: np.where(np.isfinite(rows.rates_deg_per_hr), rows.rates_se_deg_per_hr, np.nan)
