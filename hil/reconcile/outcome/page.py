@@ -44,29 +44,30 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     kind = "labels" if only else result.verdict if result.tested else "untested"
     after = (result.twin or {}).get("after", {})
     apart = after.get("p_value", 1.0) < _APART
-    kind = ("scatter" if result.exceeding else "apart" if apart else kind) if kind == "none" else kind
+    beyond = result.left.beyond_errors
+    kind = ("scatter" if beyond else "apart" if apart else kind) if kind == "none" else kind
     doubts = [f"{numbered('run', runs)} ({verdict})" for verdict, runs in result.doubtful.items()]
     first = ["what is missing of the measurement (hil report says what)"] if result.without.get("missing") else []
     first += [f"what was not measured well (hil report says why): {', '.join(doubts)}"] if doubts else []
     if result.contradicted:
         first.append(f"what its own records contradict (notes): {numbered('run', result.contradicted)}")
-    if kind in ("none", "scatter", "apart"):
-        omitted = [row for row in result.rows if row["done"] == OMITTED]
-        known = {*result.contradicted, *result.exceeding, *(row["run"] for row in omitted)}
-        known |= {run for runs in result.doubtful.values() for run in runs}
-        doubts = [
-            f"{numbered('run', left)} ({verdict})"
-            for verdict, runs in result.unsolved.items()
-            if (left := [run for run in runs if run not in known])
-        ]
-        first += [f"what hil solve does not pass (hil report says why): {', '.join(doubts)}"] if doubts else []
-        spoiled = sorted({collect for row in omitted for collect in row["collects"]})
-        first += [f"what is left out (notes): {numbered('collect', spoiled)}"] if spoiled else []
+    omitted = [row for row in result.rows if row["done"] == OMITTED]
+    said = {*result.contradicted, *(row["run"] for row in omitted), *(beyond if kind == "scatter" else ())}
+    said |= {run for runs in result.doubtful.values() for run in runs}
+    doubts = [
+        f"{numbered('run', left)} ({verdict})"
+        for verdict, runs in result.left.not_passed.items()
+        if (left := [run for run in runs if run not in said])
+    ]
+    why = " (hil report says" if result.left == result.solved else ", even with what is known taken off (notes say"
+    first += [f"what hil solve does not pass{why} why): {', '.join(doubts)}"] if doubts else []
+    spoiled = sorted({collect for row in omitted for collect in row["collects"]})
+    first += [f"what is left out (notes): {numbered('collect', spoiled)}"] if spoiled else []
     excess = [n["observed_deg_per_hr"] / n["stated_deg_per_hr"] for n in result.noise if n["stated_deg_per_hr"]]
     most = _number(max(excess, default=0.0))
     act = "The model itself lacks nothing that can be told." if kind == "none" and first else _ACT[kind]
     if kind == "scatter":
-        runs = numbered("run", result.exceeding)
+        runs = numbered("run", beyond)
         act = f"{act} No effect is named, but averages scatter more than their standard errors say ({runs}: FAIL)."
     elif kind in {"none", "apart"} and max(excess, default=0.0) > EXCESS:
         act += f" Averages scatter {most} times as much as standard errors say; the ± of hil solve"
