@@ -54,11 +54,16 @@ def rival_in_words(rival: Mapping[str, Any]) -> str:
     data, before = rival.get("bayes_factor"), rival.get("prior_odds")
     if data is None or before is None or not math.isfinite(data):
         return ""
-    told = "cannot tell it apart" if 0.5 <= data <= 2.0 else f"make it {_times(data)} as probable as the first name"
-    return f"the data {told}; before them it was {_times(before)} as probable"
+    told = "cannot tell it apart" if 0.5 <= data <= 2.0 else f"make it {in_times(data)} as probable as the first name"
+    return f"the data {told}; before them it was {in_times(before)} as probable"
 
 
-def _times(ratio: float) -> str:
+def in_times(ratio: float) -> str:
+    """Write a ratio of probabilities, no finer than anybody believes one.
+
+    >>> in_times(0.00002), in_times(5.013)
+    ('less than 0.0001 times', '5 times')
+    """
     return "less than 0.0001 times" if ratio < 1e-4 else f"{ratio:.2g} times" if ratio < 100 else "over 100 times"
 
 

@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -14,13 +14,23 @@ from hil.files.page import in_style, rendered
 from hil.model import save_model
 from hil.reconcile.outcome.pictures import beside_simulated, driver_of, panels_of, pictures
 from hil.reconcile.outcome.scatter import EXCESS
-from hil.reconcile.result import LEFT_OUT, FoundEffect, Reconciliation, rival_in_words, stated, values_off
+from hil.reconcile.result import (
+    LEFT_OUT,
+    FoundEffect,
+    Reconciliation,
+    Rival,
+    in_times,
+    rival_in_words,
+    stated,
+    values_off,
+)
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED
 from procedures.words import hours_minutes, listed, numbered, percent, unit_in_words
 
 _FALLS = 0.98  # of what it was: from there on a gap is said to fall
 _MORE_THAN_NOISE = 1.3  # times the noise's mean square: from there on it is not said that nothing else is left
 _MOST_PLACES = 12
+_EXPECTED = 5.0  # times as probable before the data, from which on physics is said to expect a name
 _LEAST = 1e-4  # p-values are said down to it
 
 
@@ -147,8 +157,7 @@ def summary(result: Reconciliation) -> list[str]:
         if effect.kind == "ambiguous" and alike:
             others = " or ".join(_titled(result, each) for each in alike[:3])
             sentence += f", or {others}: these collects cannot tell them apart"
-            if same[0].probability < effect.probability:
-                sentence += f", and that it is {effect.id} ({percent(effect.probability)}) is what physics expects"
+            sentence += f"; {percent(effect.probability)} for {effect.id}, {_usual(result, same)}"
         elif effect.kind == "ambiguous":
             sentence += f" – probably ({percent(effect.probability)}), not certainly"
         if effect.inside_collects:
@@ -162,6 +171,19 @@ def summary(result: Reconciliation) -> list[str]:
         following = result.next_experiment
         said.append(f"Measure next: {following['what']}: {_titled(result, str(following.get('why', '')))}.")
     return said
+
+
+def _usual(result: Reconciliation, same: Sequence[Rival]) -> str:
+    """Say whether physics alone, before any data, favours the first name or one of those that look the `same`."""
+    odds = {each.id: each.prior_odds if each.prior_odds is not None else 1.0 for each in same}
+    most = max(odds, key=lambda name: odds[name])
+    if odds[most] * _EXPECTED <= 1.0:
+        return (
+            f"which physics expects: before these data it was {in_times(1.0 / odds[most])} as probable as any of those"
+        )
+    if odds[most] >= _EXPECTED:
+        return f"though physics expects {_titled(result, most)}, before these data {in_times(odds[most])} as probable"
+    return "which before these data was not known to be much more usual than those"
 
 
 def _gap(result: Reconciliation) -> list[str]:
