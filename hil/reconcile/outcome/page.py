@@ -35,6 +35,8 @@ _LEAST = 1e-4  # p-values are said down to it
 
 
 _ACT = packaged("hil.reconcile.outcome", "what_to_do.yaml")
+_LIKELY = 0.5
+_MEASURED = " The model holds at temperatures that were measured: how far off it may be at others, hil thermal says."
 _APART = 0.05  # p-value below which nights simulated after are told from the measured one
 _BY = {
     "averages": "its averages",
@@ -82,10 +84,17 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     elif kind in {"none", "apart"} and max(excess, default=0.0) > EXCESS:
         act += f" Averages scatter {most} times as much as standard errors say; the ± of hil solve"
         act += " and the noise of model.yaml have it."
+    if kind in {"none", "named", "ambiguous"} and _follows_temperature(result):
+        act += _MEASURED
     if apart:
         part = min(_BY, key=lambda each: 1.0 if after["parts"].get(each) is None else after["parts"][each])
         act += f" Nights simulated with the model as it is now can be told from the measured one by {_BY[part]}."
     return kind, f"First see to {'; '.join(first)}. {act}" if first else act
+
+
+def _follows_temperature(result: Reconciliation) -> bool:
+    """Whether what is held out stands at a temperature that other runs have, and the values there follow it."""
+    return result.calibration != "one set" or dict(result.follows).get("temperature", 0.0) > _LIKELY
 
 
 def page(result: Reconciliation) -> str:

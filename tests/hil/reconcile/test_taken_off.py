@@ -74,3 +74,13 @@ def test_errors_have_what_scatters_inside_a_run_and_not_what_its_own_values_take
     np.testing.assert_allclose(grown["run_to_run"], 0.0, atol=1e-9)
     four_collects, of_six_values = 8.0, 6.0
     assert grown["collect_to_collect"].mean() == pytest.approx(36.0 * (1.0 - of_six_values / four_collects))
+
+
+def test_whoever_reads_that_a_model_holds_reads_at_which_temperatures(found: Reconciliation) -> None:
+    """What is held out stands at a temperature that other runs have: of others hil thermal speaks."""
+    held = "The model holds at temperatures that were measured: how far off it may be at others, hil thermal says."
+    assert held not in what_to_do(found)[1]
+    for changed in ({"follows": [("temperature", 0.9)]}, {"calibration": "per temperature"}):
+        assert what_to_do(replace(found, **changed))[1].endswith(held)  # type: ignore[arg-type]
+        assert held in page(replace(found, **changed))  # type: ignore[arg-type]
+    assert held not in what_to_do(replace(found, follows=[("temperature", 0.3)]))[1]
