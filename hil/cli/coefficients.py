@@ -118,7 +118,7 @@ def thermal(
 ) -> Answer:
     """Fit every parameter against temperature, and say whether modelling it improves the unit."""
     from hil.analysis.thermal import fit_thermal
-    from hil.analysis.thermal.document import thermal_document
+    from hil.analysis.thermal.document import first_in_words, thermal_document
     from hil.analysis.thermal.files import write_thermal
     from hil.files.units import DIFFERENCE, to_number
 
@@ -139,7 +139,7 @@ def thermal(
         return draw_fit(result.of(which_sensor(source, campaign, sensor)), campaign)
 
     status = Exit.INCOMPLETE if result.not_fitted else Exit.DONE
-    return Answer(document, told(document, out=out, written_to=written), drawn, status)
+    return Answer(document, told(document, first=first_in_words(document), out=out, written_to=written), drawn, status)
 
 
 def reproduce(

@@ -277,8 +277,10 @@ def _check_term(
         if name not in term.shape and shape.default is None:
             unit = f", in {shape.unit}" if shape.unit else ""
             raise InputError(f"{where}.shape.{name}: missing; {effect.id} needs it{unit}")
-    for name in term.shape:
-        if name not in shapes and term.shape[name]:
+    for name, value in term.shape.items():
+        if name in shapes and shapes[name].continuous and value <= 0.0:
+            raise InputError(f"{where}.shape.{name}: {value:g} {shapes[name].unit} given: it must be more than 0")
+        if name not in shapes and value:
             there = ", ".join(shapes) or "none"
             raise InputError(f"{where}.shape.{name}: unknown key for effect {effect.id}; it has {there}")
 

@@ -14,7 +14,7 @@ from pydantic import AfterValidator, Field, FiniteFloat
 
 from hil.campaign import Conditions, FloatArray, Sensor
 from hil.errors import InputError
-from hil.model.curve import Constant, Curve, Entry
+from hil.model.curve import Constant, Curve, Entry, Table
 from hil.model.effects.base import Scatter, VarianceEffect
 from hil.model.effects.catalogue import known_by, variance_effect_by_id
 from hil.model.forms import LinearForm
@@ -39,7 +39,7 @@ class ScatterTerm(Entry):
     added: Mapping[str, Any] = Field(default_factory=dict)
 
     def size_at(self, temperature_degC: FloatArray) -> FloatArray:
-        """Return its size at temperatures (n,), °C; raise `InputError` where it follows one that is not known (NaN)."""
+        """Return its size at temperatures (n,), °C; raise `InputError` where one is NaN or it is negative."""
         (curve,) = self.parameters.values()
         return _at(curve, temperature_degC, self.effect)
 
@@ -55,7 +55,7 @@ class SensorNoise(Entry):
     angle_random_walk: Curve = _none("angle_random_walk")
     bias_instability: Curve = _none("bias_instability")
     rate_random_walk: Curve = _none("rate_random_walk")
-    resolution_deg_per_hr: FiniteFloat = 0.0
+    resolution_deg_per_hr: Annotated[FiniteFloat, Field(ge=0.0)] = 0.0
     run_to_run: Mapping[str, Curve] = Field(default_factory=dict)
     correlation: Mapping[str, FiniteFloat] = Field(default_factory=dict)
     collect_to_collect: Mapping[str, Curve] = Field(default_factory=dict)
@@ -86,7 +86,7 @@ class SensorNoise(Entry):
     def parts(self, conditions: Conditions, form: LinearForm) -> Sequence[Scatter]:
         """Return what scatters n collects beside their standard errors, deg/hr; see `Model.stated_scatter`.
 
-        Raises `InputError` where a size follows a temperature that rows lack.
+        Raises `InputError` where a size follows a temperature that rows lack, or is negative at one that they have.
         """
         temperature = conditions.columns.get("temperature_degC", np.full(len(conditions), np.nan))
         groups = {"run_to_run": conditions.run, "collect_to_collect": np.arange(len(conditions))}
@@ -107,7 +107,7 @@ class SensorNoise(Entry):
         return out
 
     def mistake(self, units: Mapping[str, str]) -> str:
-        """Say what is wrong with the older keys, "key: what"; empty where nothing is.
+        """Say what is wrong with the older keys, or with the size of a named effect, "key: what"; empty if nothing is.
 
         `units` are those of the base parameters by name; empty where the file does not tell which there are.
         """
@@ -120,6 +120,12 @@ class SensorNoise(Entry):
         for key, (curve, unit) in given.items():
             if curve.unit != unit:
                 return f"{key}: unit: {curve.unit} given, {unit} needed (values are not converted)"
+        sizes = {key: curve for key, (curve, _) in given.items()}
+        for index, term in enumerate(self.scatter):
+            sizes |= {f"scatter.{index}.parameters.{name}": curve for name, curve in term.parameters.items()}
+        for key, curve in sizes.items():
+            if (least := _least(curve)) < 0.0:
+                return f"{key}: {least:g} {curve.unit} given: a deviation is 0 or more; write it without its sign"
         for pair in self.correlation:
             names = pair.split()
             if len(names) != 2 or names[0] == names[1] or not set(names) <= set(self.run_to_run):
@@ -132,7 +138,20 @@ class SensorNoise(Entry):
         return ""
 
 
+def _least(curve: Curve) -> float:
+    """Return the least of a curve's values where the file says that it holds: in its table, or at its range's ends."""
+    if isinstance(curve, Table):
+        return min(curve.table.value)
+    return float(np.min(curve.at(curve.valid_degC or (getattr(curve, "reference_degC", 0.0),))))
+
+
 def _at(curve: Curve, temperature_degC: FloatArray, what: str) -> FloatArray:
     if curve.depends_on_temperature and np.isnan(temperature_degC).any():
         raise InputError(f"scatter {what} depends on temperature_degC, which some rows lack")
-    return curve.at(temperature_degC)
+    sizes = curve.at(temperature_degC)
+    if np.any(sizes < 0.0):
+        where = temperature_degC[np.argmin(sizes)]
+        raise InputError(
+            f"scatter {what} is {sizes.min():.3g} {curve.unit} at {where:.4g} °C: a deviation is 0 or more"
+        )
+    return sizes

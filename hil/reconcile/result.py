@@ -5,8 +5,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from hil.campaign import Campaign
 from hil.files.document import picked, plain
 from hil.model import Model
+from hil.solve.runs import not_passed, reasons, solve_campaign
 from procedures.words import numbered, unit_in_words
 
 LEFT_OUT = "runs_left_out"
@@ -52,11 +54,16 @@ def rival_in_words(rival: Mapping[str, Any]) -> str:
     data, before = rival.get("bayes_factor"), rival.get("prior_odds")
     if data is None or before is None or not math.isfinite(data):
         return ""
-    told = "cannot tell it apart" if 0.5 <= data <= 2.0 else f"make it {_times(data)} as probable as the first name"
-    return f"the data {told}; before them it was {_times(before)} as probable"
+    told = "cannot tell it apart" if 0.5 <= data <= 2.0 else f"make it {in_times(data)} as probable as the first name"
+    return f"the data {told}; before them it was {in_times(before)} as probable"
 
 
-def _times(ratio: float) -> str:
+def in_times(ratio: float) -> str:
+    """Write a ratio of probabilities, no finer than anybody believes one.
+
+    >>> in_times(0.00002), in_times(5.013)
+    ('less than 0.0001 times', '5 times')
+    """
     return "less than 0.0001 times" if ratio < 1e-4 else f"{ratio:.2g} times" if ratio < 100 else "over 100 times"
 
 
@@ -189,6 +196,24 @@ class Gap:
 
 
 @dataclass(frozen=True)
+class Solved:
+    """The runs that `hil solve` does not pass, by verdict; whose residuals exceed their errors; and all reasons."""
+
+    not_passed: Mapping[str, Sequence[int]] = field(default_factory=dict)
+    beyond_errors: Sequence[int] = ()
+    reasons: Sequence[str] = ()
+
+    @classmethod
+    def of(cls, campaign: Campaign) -> "Solved":
+        """Solve a campaign."""
+        every = solve_campaign(campaign)
+        beyond = sorted({run for each in every if each.exceeds_errors for run in each.runs})
+        found = {str(verdict): runs for verdict, runs in not_passed(every).items()}
+        odd = [each for each in every if not {*each.runs}.isdisjoint(found.get(str(each.verdict), ()))]
+        return cls(found, beyond, [f"{verdict}, {where}: {why}" for verdict, where, why in reasons(odd)])
+
+
+@dataclass(frozen=True)
 class Reconciliation:
     """What the workflow found. `picture` is for the page: residuals by row before and after, on one scale."""
 
@@ -221,8 +246,8 @@ class Reconciliation:
         default_factory=dict
     )  # runs whose measurement is not good, by verdict
     without: Mapping[str, Any] = field(default_factory=dict)  # which runs are in no search or had not settled
-    exceeding: Sequence[int] = ()  # runs whose residuals are larger than standard errors allow: FAIL in `hil solve`
-    unsolved: Mapping[str, Sequence[int]] = field(default_factory=dict)  # runs that `hil solve` does not pass
+    solved: Solved = field(default_factory=Solved)  # what `hil solve` says of these collects
+    left: Solved = field(default_factory=Solved)  # and would say without what was found
 
     def document(self) -> dict[str, Any]:
         """Return the JSON document of formats/reconciliation.md; keys beyond the contract are additions."""
@@ -232,8 +257,9 @@ class Reconciliation:
             "model_after": "model.yaml",
             **picked(self, "verdict tested contradicted_runs=contradicted"),
             "doubtful_runs": self.doubtful,
-            "runs_beyond_errors": self.exceeding,
-            "runs_not_solved": self.unsolved,
+            "runs_beyond_errors": self.solved.beyond_errors,
+            "runs_not_solved": self.solved.not_passed,
+            "runs_not_solved_after": self.left.not_passed,
             **self.without,
             **picked(self, "p_value calibration"),
             "disagreements": [vars(each) for each in self.disagreements],

@@ -25,24 +25,25 @@ from hil.reconcile.inside import named_within, within_collects
 from hil.reconcile.naming import Named, Reading, read
 from hil.reconcile.outcome import findings, mistakes, scatter
 from hil.reconcile.outcome.improve import improved
+from hil.reconcile.outcome.taken_out import taken_out
 from hil.reconcile.outcome.values import before_and_after
 from hil.reconcile.proof.experiment import Fitting, next_experiment
 from hil.reconcile.proof.held_out import HeldOut, by_run, held_out, in_blocks
 from hil.reconcile.proof.places import channels_touched, places
-from hil.reconcile.result import FoundEffect, Reconciliation, values_off, without_collects
+from hil.reconcile.result import FoundEffect, Reconciliation, Solved, values_off, without_collects
 from hil.reconcile.search.fitted import Fitted, fitted
 from hil.reconcile.search.layout import may_be_calibrated, searches, values_follow
 from hil.reconcile.search.posterior import Posterior, weigh
 from hil.reconcile.search.problem import Problem, pose
 from hil.reconcile.search.terms import PLAIN
 from hil.reconcile.unrecorded import beside_unasked, with_stand_ins
-from hil.solve.runs import not_passed, solve_campaign
 from hil.solve.wrong_rows import in_words, otherwise, pooled, without
 from procedures.verdict import NOT_GOOD
 
 ALPHA = 0.05
 """Rate of false alarms where none is stated."""
 _CERTAIN = 0.1  # of alpha: a chance below it is a disagreement, whatever is not predicted
+_FEW = 4  # runs are told why they do not agree even with what is known taken off
 _INSIDE = 0.2  # share of the rate of false alarms that the series' tests have, where there are series
 
 
@@ -147,6 +148,7 @@ def _result(
         if n.acts_on == "scatter"
     }
     over_sensors = {name: scatter.pooled(found) for name, found in of_scatter.items()}
+    scattered = [each for found in over_sensors.values() for each in found]
     under = [model.title, *(n.name for n in names if n.acts_on == "mean")]
     noise = scatter.ordinary(
         posterior, reading.found.terms, fit, conditions, [f for found in of_scatter.values() for f in found], under
@@ -166,7 +168,8 @@ def _result(
     terms = [{(n, j) for n, js in named.terms.items() for j in js} for named in names if named.terms]
     where = places(fit, terms, conditions, reading.chance, alpha) if terms else []
     where = where or (channels_touched(fit, conditions, reading.chance) if terms else [])
-    after, values = model, []
+    after, values, added = model, [], []
+    sensors = mistakes.mended(problem.sensors, reading)
     if names:
         of_names = _proof(posterior, replace(reading, nothing=reading.mended)) if reading.mistakes and proof else proof
         own = findings.gap_of(of_names, fit, before, conditions, chances, reading.chance)
@@ -178,15 +181,19 @@ def _result(
             for j in js
         ]
         calibrated = frozenset(b.search.block.sensor for b in fit.blocks if b.calibrated)
-        sensors = mistakes.mended(problem.sensors, reading)
-        after = improved(model, sensors, added, [f for fs in over_sensors.values() for f in fs], record, calibrated)
+        after = improved(model, sensors, added, scattered, record, calibrated)
         values = before_and_after(sensors, added, calibrated)
+    solved = Solved.of(campaign)
+    known = added or scattered or reading.mistakes or model.terms or model.noise
+    left = Solved.of(taken_out(problem, sensors, added, scattered)) if known else solved
     tested = any(search.terms for search in posterior.searches.values())
     after = findings.with_inside(scatter.with_ordinary(after, noise if tested else (), conditions), within, campaign)
     after = after if after == model else after.model_copy(update={"version": model.version + 1})
     notes = [*campaign.warnings, *in_words(beside), *problem.notes]
     notes += mistakes.mistake_notes(reading, campaign, posterior)
     notes += findings.laws_that_fail(fit, problem.sensors)
+    why = [f"what is known taken off: {each}" for each in left.reasons if each not in solved.reasons]
+    notes += [*why[:_FEW], *[f"what is known taken off: {len(why) - _FEW} more such runs"][: len(why) > _FEW]]
     notes += [f"{n.name}: the gap on held-out data did not shrink, so it was not added" for n in reverted]
     notes += [findings.NOT_HELD_OUT] if prove and proof is None and names else []
     notes += [*values_off(standing, gap), *((*scatter.in_words(noise), *scatter.stated_now(noise)) if tested else ())]
@@ -194,7 +201,6 @@ def _result(
     rows = mistakes.rows_found(reading, campaign, outliers, posterior)
     outliers += mistakes.at_limits(campaign, problem)
     notes += otherwise(campaign, rows)
-    solved = solve_campaign(campaign)
     return Reconciliation(
         campaign=campaign.title,
         model_before=model.title,
@@ -225,8 +231,8 @@ def _result(
         contradicted=sorted({run for run, _ in campaign.contradicted}),
         doubtful=_doubtful(campaign),
         without=beside,
-        exceeding=sorted({run for each in solved if each.exceeds_errors for run in each.runs}),
-        unsolved={str(verdict): runs for verdict, runs in not_passed(solved).items()},
+        solved=solved,
+        left=left,
         values=values,
     )
 

@@ -1,5 +1,6 @@
 """The result of `hil thermal` as one document (schema hil.thermal/1), and its findings in words."""
 
+from collections.abc import Mapping
 from typing import Any
 
 from hil.analysis.thermal.choice import FALSE_ALARM
@@ -7,8 +8,9 @@ from hil.analysis.thermal.fit import DESCRIBES, ParameterFit, SensorFit, Thermal
 from hil.analysis.thermal.improvement import Improvement
 from hil.files.document import picked, plain
 from hil.solve.repeats import CONFIDENCE
+from hil.solve.runs import not_passed, solve_campaign
 from hil.solve.wrong_rows import what_is_wrong
-from procedures.words import listed
+from procedures.words import listed, numbered
 
 SCHEMA = "hil.thermal/1"
 _NOT_SHOWN = "modelling against temperature is not shown to predict a temperature that was left out"
@@ -21,6 +23,7 @@ def thermal_document(result: ThermalFit) -> dict[str, Any]:
         "schema": SCHEMA,
         **picked(result.campaign, "campaign=title simulated warnings"),
         **what_is_wrong(result.campaign),
+        "runs_not_solved": {str(v): runs for v, runs in not_passed(solve_campaign(result.campaign)).items()},
         "method": (
             "form chosen by leave-one-temperature-out, from every self-calibration with what repeats show in its "
             "uncertainty"
@@ -30,6 +33,13 @@ def thermal_document(result: ThermalFit) -> dict[str, Any]:
         "sensors": [_sensor(each) for each in result.sensors.values()],
         "not_fitted": [{"sensor": number, "why": why} for number, why in result.not_fitted.items()],
     }
+
+
+def first_in_words(document: Mapping[str, Any]) -> list[str]:
+    """Say what has to be seen to before any curve is used: which of the runs it goes through do not pass."""
+    runs = ", ".join(f"{numbered('run', of)} ({verdict})" for verdict, of in document["runs_not_solved"].items())
+    first = "before a curve is used, see to what hil solve does not pass (hil report says why)"
+    return [f"{first}: {runs}"] if runs else []
 
 
 def _sensor(fit: SensorFit) -> dict[str, Any]:

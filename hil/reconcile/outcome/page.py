@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -14,17 +14,29 @@ from hil.files.page import in_style, rendered
 from hil.model import save_model
 from hil.reconcile.outcome.pictures import beside_simulated, driver_of, panels_of, pictures
 from hil.reconcile.outcome.scatter import EXCESS
-from hil.reconcile.result import LEFT_OUT, FoundEffect, Reconciliation, rival_in_words, stated, values_off
+from hil.reconcile.result import (
+    LEFT_OUT,
+    FoundEffect,
+    Reconciliation,
+    Rival,
+    in_times,
+    rival_in_words,
+    stated,
+    values_off,
+)
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED
 from procedures.words import hours_minutes, listed, numbered, percent, unit_in_words
 
 _FALLS = 0.98  # of what it was: from there on a gap is said to fall
 _MORE_THAN_NOISE = 1.3  # times the noise's mean square: from there on it is not said that nothing else is left
 _MOST_PLACES = 12
+_EXPECTED = 5.0  # times as probable before the data, from which on physics is said to expect a name
 _LEAST = 1e-4  # p-values are said down to it
 
 
 _ACT = packaged("hil.reconcile.outcome", "what_to_do.yaml")
+_LIKELY = 0.5
+_MEASURED = " The model holds at temperatures that were measured: how far off it may be at others, hil thermal says."
 _APART = 0.05  # p-value below which nights simulated after are told from the measured one
 _BY = {
     "averages": "its averages",
@@ -44,37 +56,45 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     kind = "labels" if only else result.verdict if result.tested else "untested"
     after = (result.twin or {}).get("after", {})
     apart = after.get("p_value", 1.0) < _APART
-    kind = ("scatter" if result.exceeding else "apart" if apart else kind) if kind == "none" else kind
+    beyond = result.left.beyond_errors
+    kind = ("scatter" if beyond else "apart" if apart else kind) if kind == "none" else kind
     doubts = [f"{numbered('run', runs)} ({verdict})" for verdict, runs in result.doubtful.items()]
     first = ["what is missing of the measurement (hil report says what)"] if result.without.get("missing") else []
     first += [f"what was not measured well (hil report says why): {', '.join(doubts)}"] if doubts else []
     if result.contradicted:
         first.append(f"what its own records contradict (notes): {numbered('run', result.contradicted)}")
-    if kind in ("none", "scatter", "apart"):
-        omitted = [row for row in result.rows if row["done"] == OMITTED]
-        known = {*result.contradicted, *result.exceeding, *(row["run"] for row in omitted)}
-        known |= {run for runs in result.doubtful.values() for run in runs}
-        doubts = [
-            f"{numbered('run', left)} ({verdict})"
-            for verdict, runs in result.unsolved.items()
-            if (left := [run for run in runs if run not in known])
-        ]
-        first += [f"what hil solve does not pass (hil report says why): {', '.join(doubts)}"] if doubts else []
-        spoiled = sorted({collect for row in omitted for collect in row["collects"]})
-        first += [f"what is left out (notes): {numbered('collect', spoiled)}"] if spoiled else []
+    omitted = [row for row in result.rows if row["done"] == OMITTED]
+    said = {*result.contradicted, *(row["run"] for row in omitted), *(beyond if kind == "scatter" else ())}
+    said |= {run for runs in result.doubtful.values() for run in runs}
+    doubts = [
+        f"{numbered('run', left)} ({verdict})"
+        for verdict, runs in result.left.not_passed.items()
+        if (left := [run for run in runs if run not in said])
+    ]
+    why = " (hil report says" if result.left == result.solved else ", even with what is known taken off (notes say"
+    first += [f"what hil solve does not pass{why} why): {', '.join(doubts)}"] if doubts else []
+    spoiled = sorted({collect for row in omitted for collect in row["collects"]})
+    first += [f"what is left out (notes): {numbered('collect', spoiled)}"] if spoiled else []
     excess = [n["observed_deg_per_hr"] / n["stated_deg_per_hr"] for n in result.noise if n["stated_deg_per_hr"]]
     most = _number(max(excess, default=0.0))
     act = "The model itself lacks nothing that can be told." if kind == "none" and first else _ACT[kind]
     if kind == "scatter":
-        runs = numbered("run", result.exceeding)
+        runs = numbered("run", beyond)
         act = f"{act} No effect is named, but averages scatter more than their standard errors say ({runs}: FAIL)."
     elif kind in {"none", "apart"} and max(excess, default=0.0) > EXCESS:
         act += f" Averages scatter {most} times as much as standard errors say; the ± of hil solve"
         act += " and the noise of model.yaml have it."
+    if kind in {"none", "named", "ambiguous"} and _follows_temperature(result):
+        act += _MEASURED
     if apart:
         part = min(_BY, key=lambda each: 1.0 if after["parts"].get(each) is None else after["parts"][each])
         act += f" Nights simulated with the model as it is now can be told from the measured one by {_BY[part]}."
     return kind, f"First see to {'; '.join(first)}. {act}" if first else act
+
+
+def _follows_temperature(result: Reconciliation) -> bool:
+    """Whether what is held out stands at a temperature that other runs have, and the values there follow it."""
+    return result.calibration != "one set" or dict(result.follows).get("temperature", 0.0) > _LIKELY
 
 
 def page(result: Reconciliation) -> str:
@@ -146,8 +166,7 @@ def summary(result: Reconciliation) -> list[str]:
         if effect.kind == "ambiguous" and alike:
             others = " or ".join(_titled(result, each) for each in alike[:3])
             sentence += f", or {others}: these collects cannot tell them apart"
-            if same[0].probability < effect.probability:
-                sentence += f", and that it is {effect.id} ({percent(effect.probability)}) is what physics expects"
+            sentence += f"; {percent(effect.probability)} for {effect.id}, {_usual(result, same)}"
         elif effect.kind == "ambiguous":
             sentence += f" – probably ({percent(effect.probability)}), not certainly"
         if effect.inside_collects:
@@ -161,6 +180,19 @@ def summary(result: Reconciliation) -> list[str]:
         following = result.next_experiment
         said.append(f"Measure next: {following['what']}: {_titled(result, str(following.get('why', '')))}.")
     return said
+
+
+def _usual(result: Reconciliation, same: Sequence[Rival]) -> str:
+    """Say whether physics alone, before any data, favours the first name or one of those that look the `same`."""
+    odds = {each.id: each.prior_odds if each.prior_odds is not None else 1.0 for each in same}
+    most = max(odds, key=lambda name: odds[name])
+    if odds[most] * _EXPECTED <= 1.0:
+        return (
+            f"which physics expects: before these data it was {in_times(1.0 / odds[most])} as probable as any of those"
+        )
+    if odds[most] >= _EXPECTED:
+        return f"though physics expects {_titled(result, most)}, before these data {in_times(odds[most])} as probable"
+    return "which before these data was not known to be much more usual than those"
 
 
 def _gap(result: Reconciliation) -> list[str]:

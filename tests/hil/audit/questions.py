@@ -260,6 +260,7 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
             }
         ),
         "reconcile": lambda document: _no_pass(_with_those_that_nobody_uses(document)),
+        "thermal": lambda document: _no_pass(document["runs_not_solved"]),
     },
     "how bad the worst is": {
         # A history says of what is not whole that it is INCONCLUSIVE at best, whatever is there.

@@ -24,6 +24,7 @@ OLDER = {
     "rate_random_walk": {"unit": "deg/hr/sqrt(hr)", "value": 1.0},
     "resolution_deg_per_hr": 0.01,
 }
+SINKING = {"table": {"temperature_degC": [0.0, 20.0], "value": [1.0, -2.0]}}
 SHORT = campaign(temperatures=(0.0, 20.0), runs_each=3)
 
 
@@ -128,6 +129,16 @@ def test_a_model_that_holds_only_scatter_reads_back_equal(tmp_path: Path) -> Non
             },
             "correlation: no scatter has these correlations together",
         ),
+        (
+            {"scatter": [{**RESEATS, "parameters": {"s_mu": {"unit": "deg/hr/g", "value": -1.0}}}]},
+            "scatter.0.parameters.s_mu: -1 deg/hr/g given: a deviation is 0 or more; write it without its sign",
+        ),
+        ({"scatter": [{**WANDERS, "shape": {"tau_hr": -2.0}}]}, "scatter.0.shape.tau_hr: -2 hr given: it must be more"),
+        ({"run_to_run": {"BA": {"unit": "deg/hr", "value": -1.0}}}, "run_to_run.BA: -1 deg/hr given: a deviation is"),
+        ({"collect_to_collect": {"BA": {"unit": "deg/hr", **SINKING}}}, "collect_to_collect.BA: -2 deg/hr given"),
+        ({**OLDER, "angle_random_walk": {"unit": "deg/sqrt(hr)", "value": -0.1}}, "angle_random_walk: -0.1 deg"),
+        ({"run_to_run": {"BA": {"unit": "deg/hr", "value": float("nan")}}}, "run_to_run.BA.value: "),
+        ({"resolution_deg_per_hr": -1.0}, "resolution_deg_per_hr: "),
     ],
 )
 def test_mistakes_in_a_noise_section_are_named_by_file_and_key(
@@ -138,6 +149,15 @@ def test_mistakes_in_a_noise_section_are_named_by_file_and_key(
     with pytest.raises(InputError) as refusal:
         load_model(path)
     assert str(refusal.value).startswith(f"{path}: noise.2.{sentence}")
+
+
+def test_a_size_that_falls_below_nothing_at_a_temperature_is_said_when_it_is_met(tmp_path: Path) -> None:
+    """A polynomial without a range may be meant for other temperatures; at one that rows have it is refused."""
+    falls = {"unit": "deg/hr", "polynomial": [1.0, -0.1], "reference_degC": 20.0}
+    loaded = stating(tmp_path, run_to_run={"BA": falls})
+    warm = replace(SHORT, columns={"temperature_degC": np.full(len(SHORT), 40.0)})
+    with pytest.raises(InputError, match=r"scatter BA is -1 deg/hr at 40 °C: a deviation is 0 or more"):
+        loaded.stated_scatter(warm)
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.page import page, what_to_do
 from hil.reconcile.proof.experiment import repeated
 from hil.reconcile.proof.held_out import Predicted, _together
+from hil.reconcile.result import Solved
 from hil.reconcile.search.layout import searches
 from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.problem import pose
@@ -140,7 +141,7 @@ def test_nothing_that_could_be_tested_is_said_to_be_so() -> None:
     alone = only(full, full.sensors[2].conditions.run == 1)
     result = reconcile(replace(alone, verdicts={1: NOT_GOOD, 2: NOT_GOOD}, missing=["run 2"]), "matrix-6")
     assert (result.doubtful, result.without["missing"]) == ({"INCONCLUSIVE": [1]}, ["run 2"])
-    result = replace(result, doubtful={}, without={})
+    result = replace(result, doubtful={}, without={}, left=Solved())
     assert result.verdict == "none"
     assert not result.tested
     assert not result.document()["tested"]
@@ -150,8 +151,8 @@ def test_nothing_that_could_be_tested_is_said_to_be_so() -> None:
     told = what_to_do(replace(result, without={"missing": ["run 2"]}, doubtful={"FAIL": [1]}))[1]
     assert "what is missing of the measurement" in told
     assert "not measured well (hil report says why): run 1 (FAIL)" in told
-    assert what_to_do(replace(result, tested=True, exceeding=[1]))[0] == "scatter"
-    quiet = replace(result, tested=True, unsolved={"INCONCLUSIVE": [1, 2]}, exceeding=[])
+    assert what_to_do(replace(result, tested=True, left=Solved({}, [1])))[0] == "scatter"
+    quiet = replace(result, tested=True, **dict.fromkeys(("solved", "left"), Solved({"INCONCLUSIVE": [1, 2]})))
     assert what_to_do(quiet)[1].startswith("First see to what hil solve does not pass (hil report says why): runs 1–2")
     assert "Nobody has to act" not in what_to_do(quiet)[1]
     assert what_to_do(replace(quiet, doubtful={"FAIL": [1, 2]}))[1].count("runs 1–2") == 1

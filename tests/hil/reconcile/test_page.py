@@ -14,9 +14,9 @@ from matplotlib.figure import Figure
 from benchmarks.blind.cases import make_case, write_case
 from hil.campaign.reader import read_campaign
 from hil.reconcile import Reconciliation, reconcile
-from hil.reconcile.outcome.page import page, what_to_do
+from hil.reconcile.outcome.page import page, summary, what_to_do
 from hil.reconcile.outcome.pictures import pictures
-from hil.reconcile.result import rounded
+from hil.reconcile.result import FoundEffect, Rival, rounded
 from tests.hil.reconcile.hidden_effects import hidden_campaign
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -127,3 +127,24 @@ def test_it_fits_a_phone_and_paper_and_is_dark_where_its_reader_is(aged: Reconci
         kept = "() => [...document.querySelectorAll('.figures')].map(e => getComputedStyle(e.previousElementSibling))"
         assert tab.evaluate(f"{kept.replace('() => ', '() => (')}).map(e => e.breakAfter)") == ["avoid"] * 3
         browser.close()
+
+
+@pytest.mark.parametrize(
+    ("odds", "said"),
+    [
+        ((0.1, 0.02), "which physics expects: before these data it was 10 times as probable as any of those"),
+        ((0.3, 0.02), "which before these data was not known to be much more usual than those"),
+        ((5.01, 0.02), "though physics expects B's title (b), before these data 5 times as probable"),
+    ],
+)
+def test_physics_expects_a_name_only_where_it_favours_it_alone(
+    aged: Reconciliation, odds: tuple[float, float], said: str
+) -> None:
+    """By what was known before the data, of every rival that looks the same: a lead that data gave it is none."""
+    rivals = [
+        Rival(name, 0.2, 0.99, f"{name.upper()}'s title", (), 0.1, prior)
+        for name, prior in zip("bc", odds, strict=True)
+    ]
+    first = FoundEffect("a", "A's title", "", [], 0.6, rivals, "ambiguous")
+    told = summary(replace(aged, verdict="ambiguous", effects=[first]))[0]
+    assert told.endswith(f"these collects cannot tell them apart; 60 % for a, {said}.")

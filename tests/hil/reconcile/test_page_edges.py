@@ -15,6 +15,7 @@ from hil.model import Model
 from hil.model.curve import Constant
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.page import page, write_result
+from hil.reconcile.result import Solved
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +90,7 @@ def test_the_first_line_says_whether_anybody_has_to_act(plain: Reconciliation) -
     """And says it once; what scatters too much is no green verdict."""
     said = r'<h2 id="verdict"><span class="tag {}">none</span> – {}</h2>'
     assert re.search(said.format("none", r"Nobody has to act\."), page(plain))
-    loud = page(replace(plain, exceeding=[2]))
+    loud = page(replace(plain, left=Solved({}, [2])))
     assert re.search(said.format("MARGINAL", r"Repeat these collects[^.]*\."), loud)
     assert loud.count("scatter more than their standard errors") == 1
 

@@ -12,7 +12,7 @@ import pytest
 
 from hil.analysis.published.table import read_published_table
 from hil.analysis.thermal import fit_thermal
-from hil.analysis.thermal.document import parameter_in_words, thermal_document
+from hil.analysis.thermal.document import first_in_words, parameter_in_words, thermal_document
 from hil.analysis.thermal.exports import ardupilot_parameters, px4_parameters
 from hil.analysis.thermal.fit import SensorFit
 from hil.campaign import Campaign
@@ -238,3 +238,15 @@ def test_the_parameter_files_say_what_stands_on_weak_feet(triad: SensorFit) -> N
     assert "# BY: temperatures that did not choose its form do not confirm it" in ardupilot_parameters(
         fit_thermal(few).sensors[1]
     )
+
+
+def test_before_a_curve_is_used_the_runs_are_named_that_do_not_pass() -> None:
+    """That modelling improves a unit stands beside no run that says nothing without saying so."""
+    words = first_in_words({"runs_not_solved": {"FAIL": [3], "INCONCLUSIVE": [1, 2]}})
+    assert words == [
+        (
+            "before a curve is used, see to what hil solve does not pass (hil report says why): "
+            "run 3 (FAIL), runs 1–2 (INCONCLUSIVE)"
+        )
+    ]
+    assert first_in_words({"runs_not_solved": {}}) == []
