@@ -73,8 +73,9 @@ class SetInBlock:
     def left_at(self, t: int) -> tuple[float, float]:
         """Return what a free fit leaves at one point, and the scale s² that it most probably means."""
         left = float(_left(self.beside.rss[t], self.score[t], self.inverse[t]))
-        best = int(np.argmax(self.beside.student(np.full((1, len(self.beside.rss)), left), np.zeros(1))[:, t]))
-        return left, float(self.beside.scale_left(np.array(left))[best])
+        own = self.beside.at(slice(t, t + 1))
+        best = int(np.argmax(own.student(np.array([[left]]), np.zeros(1))))
+        return left, float(own.scale_left(np.array(left))[best])
 
     def at_best(self) -> AtBest:
         """Return what the set says at its most probable point, in units of the noise that it leaves there."""
@@ -279,7 +280,7 @@ class Sets:
 
 def _left(rss: FloatArray, score: FloatArray, inverse: FloatArray) -> FloatArray:
     """Return what is left of squares (…,) where amplitudes are free, of scores (…, k)."""
-    explained = np.einsum("...k,...kl,...l->...", score, inverse, score, optimize=True)
+    explained = np.sum((inverse @ score[..., None])[..., 0] * score, axis=-1)
     return np.asarray(np.maximum(rss - explained, LEAST))
 
 
