@@ -18,8 +18,6 @@ from hil.reconcile.search.likely_noise import DEPTH
 from hil.reconcile.search.noise import LARGEST, Points
 from hil.reconcile.search.tied import AtBest
 
-ROUNDS = 8
-"""At most, in which the sizes of a set are improved: two are enough unless columns are nearly the same."""
 CLOSE = 0.01
 """Sizes that make the rows less more probable than this (log) are not climbed to."""
 ABOUT = np.arange(-2, 3)
@@ -201,18 +199,6 @@ class Sets:
         either = null, log_sum(with_all)
         starts = np.stack([self.best_sizes(np.argmax(log + self.points.log_prior, axis=1)) for log in either], axis=1)
         best, heights = self._higher(self.each, starts)
-        climbing = self.each
-        for _ in range(ROUNDS):
-            t = np.argmax(heights[climbing] + self.points.log_prior, axis=1)
-            found = np.where(self.known[climbing], 0.0, -np.inf)
-            i, e, o = np.nonzero(self.known[climbing])
-            found[i, e, o] = self.at(climbing[i], instead(best[climbing][i], e, o), t[i])
-            leaps = np.stack([np.argmax(found, axis=2), instead(best[climbing], *_most(found))], axis=1)
-            moves = np.any(leaps[:, 1] != best[climbing], axis=1)
-            climbing, leaps = climbing[moves], leaps[moves]
-            if not len(climbing):
-                break
-            best[climbing], heights[climbing] = self._higher(climbing, leaps)
         near, about = self._about(self.each, best, heights)
         climbing = self.each
         while len(climbing):  # every round makes the rows likelier, and sizes are few
