@@ -1,6 +1,5 @@
 """From a problem to what is searched: per sensor its blocks with their noise, and all that may be beside the base."""
 
-import itertools
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 
@@ -95,15 +94,16 @@ def may_be_calibrated(problem: Problem) -> bool:
 
 
 def values_follow(problem: Problem, searched: Mapping[int, SensorSearch], found: Mapping[int, Set]) -> bool:
-    """Whether values that follow temperature make a block's rows likelier in ordinary noise, alone or beside a set."""
+    """Whether values that follow temperature make a sensor's rows likelier in ordinary noise, alone or beside a set."""
     for number, search in searched.items():
         conditions = problem.sensors[number].collects.conditions
         stated = problem.model.stated_scatter(conditions)
         noises = [Noise(own.block, conditions, (), calibrated=True, stated=stated) for own in search.blocks]
         other = SensorSearch([BlockSearch.of(noise.block, noise) for noise in noises], search.terms)
-        for chosen, (b, own) in itertools.product({(), found[number]}, enumerate(search.blocks)):
-            ordinary = search.in_block(chosen, b).by_kind(len(own.noise.kinds))[0]
-            if other.in_block(chosen, b).by_kind(0)[0] > ordinary:
+        every = range(len(search.blocks))
+        for chosen in {(), found[number]}:
+            ordinary = sum(search.in_block(chosen, b).by_kind(len(search.blocks[b].noise.kinds))[0] for b in every)
+            if sum(other.in_block(chosen, b).by_kind(0)[0] for b in every) > ordinary:
                 return True
     return False
 
