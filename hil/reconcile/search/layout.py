@@ -68,12 +68,11 @@ def _search(
     exchanged = problem.campaign.exchanged.get(sensor.number, ())
     search = SensorSearch(laid, [_as_the_unit_lay(term, conditions, exchanged) for term in found])
     search.refine()
-    for j in search.leading():
-        parent = search.terms[j]
-        finer = list(_between(sensor, parent.candidate)) if parent.tier == 1 else []
-        share = float(np.log(len(finer) + 1.0))
-        found = terms(finer, blocks, noise, known, calibrated=own_values)
-        search.terms += [replace(t, log_odds=parent.log_odds - share) for t in found]
+    parents = [term for j in search.leading() if (term := search.terms[j]).tier == 1]
+    finer = [(parent, list(_between(sensor, parent.candidate))) for parent in parents]
+    log_odds = {id(c): parent.log_odds - float(np.log(len(own) + 1.0)) for parent, own in finer for c in own}
+    found = terms([c for _, own in finer for c in own], blocks, noise, known, calibrated=own_values)
+    search.terms += [replace(t, log_odds=log_odds[id(t.candidate)]) for t in found]
     return search
 
 

@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from hil.campaign import BoolArray, FloatArray, IntArray
+from hil.campaign import FloatArray, IntArray
 from hil.reconcile.search.evidence import LEAST, ROUNDING, SEEN, Scale, log_sum, student
 from hil.reconcile.search.noise import Noise, Points
 from hil.solve.identifiability import independent_columns
@@ -97,26 +97,9 @@ def likely_points(
 
 
 def _kept(every: Points, best: FloatArray) -> tuple[Points, FloatArray]:
-    """Keep the best points; the best of every kind, for what one block speaks against another may ask for; the quiet.
-
-    The quiet are kept whatever the base alone says of them: a term may explain what it takes for noise.
-    """
+    """Keep the best points, and the best of every kind: for what one block speaks against another may ask for."""
     order = np.argsort(-best)
     kept = np.zeros(len(best), dtype=bool)
     kept[order[:POINTS]] = best[order[:POINTS]] > -DEPTH
-    kept |= _highest(best, every.kind) | (_quiet(every) & (every.profile == every.profile[order[0]]))
+    kept[order[np.unique(every.kind[order], return_index=True)[1]]] = True
     return every.take(np.flatnonzero(kept)), best[kept]
-
-
-def _highest(height: FloatArray, kind: IntArray) -> BoolArray:
-    """Tell which of points (t,) is the highest of its kind (t,)."""
-    out = np.zeros(len(height), dtype=bool)
-    for each in np.unique(kind):
-        own = np.flatnonzero(kind == each)
-        out[own[np.argmax(height[own])]] = True
-    return out
-
-
-def _quiet(points: Points) -> BoolArray:
-    """Tell which of the points are ordinary noise with next to no offset from run to run, (t,)."""
-    return np.asarray((points.kind < 0) & (points.level == points.level.max()) & (points.offset < 1.0))

@@ -203,7 +203,8 @@ class Noise:
         kind, values = int(point.kind[0]), self.by_station[:first] @ self.factors[int(point.profile[0])]
         out = np.diag(self._white(point.level)[0, :first]) + self.stated.first(first).covariance + values @ values.T
         out += point.offset[0] ** 2 * self.offset.first(first).covariance
-        return out + (point.amount[0] ** 2 * self.kinds[kind].chain.first(first).covariance if kind >= 0 else 0.0)
+        out += point.amount[0] ** 2 * self.kinds[kind].chain.first(first).covariance if kind >= 0 else 0.0
+        return np.asarray(out)
 
     def variance(self, points: Points) -> FloatArray:
         """Return the variance of every row at every point, (t, N), in units of the mean white variance.

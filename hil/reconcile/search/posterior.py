@@ -21,8 +21,6 @@ PER_NAME = 3
 """Shapes of one name among these: what a name's best shapes cannot do its others cannot."""
 WORTH = 7.0
 """Sets this much (log) below the best of their sensor are not combined over sensors."""
-ROUGH = 2.0
-"""How far (log) a scan at some points of the noise may be off what weighing at all of them gives."""
 SCATTER = 0.25
 """Prior of any scatter beyond the ordinary: correlated bias is in every gyro."""
 SHARED = 0.75
@@ -63,7 +61,7 @@ def likely_sets(search: SensorSearch) -> list[Set]:
         grown: set[Set] = set()
         for given in leading:
             scores = search.scan(given) + search.log_odds
-            least = max(known.values()) - known[given] - WORTH - ROUGH if given else -np.inf
+            least = max(known.values()) - known[given] - WORTH if given else -np.inf
             for j in _best(search, scores, given):
                 further = tuple(sorted((*given, j)))
                 if further not in known and scores[j] > least:
@@ -113,7 +111,7 @@ def _alone(search: SensorSearch, sets: Sequence[Set]) -> dict[Set, float]:
 
 
 def _log_kinds(searches: Sequence[SensorSearch]) -> tuple[list[str], FloatArray]:
-    """Return the effects on the scatter that may be asked about, (n,), and log priors, ordinary noise's first, (n + 1,)."""
+    """Return the effects on the scatter that may be asked about, (n,), and log priors, the first ordinary noise's."""
     names, odds = scatter_odds(searches)
     return names, np.log(np.array([1.0 - SCATTER, *(SCATTER * o for o in odds)]) if names else np.ones(1))
 
