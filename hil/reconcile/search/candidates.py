@@ -151,6 +151,6 @@ def in_form(
 def _replaced(
     plain: Candidate, columns: FloatArray, form: str, reference: float | None, centres: tuple[float, ...]
 ) -> Candidate:
-    repeats = columns.shape[2] // plain.size
-    values = {**plain.__dict__, "columns": columns, "parameters": plain.parameters * repeats, "form": form}
-    return Candidate(**{**values, "reference_degC": reference, "stations_degC": centres})
+    parameters = plain.parameters * (columns.shape[2] // plain.size)
+    plain = replace(plain, reference_degC=reference, stations_degC=centres)
+    return replace(plain, columns=columns, parameters=parameters, form=form)

@@ -1,6 +1,5 @@
 """From a problem to what is searched: per sensor its blocks with their noise, and all that may be beside the base."""
 
-import itertools
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 
@@ -69,12 +68,11 @@ def _search(
     exchanged = problem.campaign.exchanged.get(sensor.number, ())
     search = SensorSearch(laid, [_as_the_unit_lay(term, conditions, exchanged) for term in found])
     search.refine()
-    for j in search.leading():
-        parent = search.terms[j]
-        finer = list(_between(sensor, parent.candidate)) if parent.tier == 1 else []
-        share = float(np.log(len(finer) + 1.0))
-        found = terms(finer, blocks, noise, known, calibrated=own_values)
-        search.terms += [replace(t, log_odds=parent.log_odds - share) for t in found]
+    parents = [term for j in search.leading() if (term := search.terms[j]).tier == 1]
+    finer = [(parent, list(_between(sensor, parent.candidate))) for parent in parents]
+    log_odds = {id(c): parent.log_odds - float(np.log(len(own) + 1.0)) for parent, own in finer for c in own}
+    found = terms([c for _, own in finer for c in own], blocks, noise, known, calibrated=own_values)
+    search.terms += [replace(t, log_odds=log_odds[id(t.candidate)]) for t in found]
     return search
 
 
@@ -95,15 +93,16 @@ def may_be_calibrated(problem: Problem) -> bool:
 
 
 def values_follow(problem: Problem, searched: Mapping[int, SensorSearch], found: Mapping[int, Set]) -> bool:
-    """Whether values that follow temperature make a block's rows likelier in ordinary noise, alone or beside a set."""
+    """Whether values that follow temperature make a sensor's rows likelier in ordinary noise, alone or beside a set."""
     for number, search in searched.items():
         conditions = problem.sensors[number].collects.conditions
         stated = problem.model.stated_scatter(conditions)
         noises = [Noise(own.block, conditions, (), calibrated=True, stated=stated) for own in search.blocks]
         other = SensorSearch([BlockSearch.of(noise.block, noise) for noise in noises], search.terms)
-        for chosen, (b, own) in itertools.product({(), found[number]}, enumerate(search.blocks)):
-            ordinary = search.in_block(chosen, b).by_kind(len(own.noise.kinds))[0]
-            if other.in_block(chosen, b).by_kind(0)[0] > ordinary:
+        every = range(len(search.blocks))
+        for chosen in {(), found[number]}:
+            ordinary = sum(search.in_block(chosen, b).by_kind(len(search.blocks[b].noise.kinds))[0] for b in every)
+            if sum(other.in_block(chosen, b).by_kind(0)[0] for b in every) > ordinary:
                 return True
     return False
 

@@ -2,13 +2,10 @@
 
 posterior = weigh(searches, kinds)
 posterior.sets[0]                   # the most probable: terms by sensor, and its probability
-posterior.of_name("supply")         # how probable it is that the name is among the terms
 """
 
-import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import log
 
 import numpy as np
 
@@ -24,8 +21,6 @@ PER_NAME = 3
 """Shapes of one name among these: what a name's best shapes cannot do its others cannot."""
 WORTH = 7.0
 """Sets this much (log) below the best of their sensor are not combined over sensors."""
-ROUGH = 2.0
-"""How far (log) a scan at some points of the noise may be off what weighing at all of them gives."""
 SCATTER = 0.25
 """Prior of any scatter beyond the ordinary: correlated bias is in every gyro."""
 SHARED = 0.75
@@ -52,44 +47,31 @@ class Posterior:
     log_odds: float
     log_evidence: float
 
-    def names(self, found: Found) -> frozenset[str]:
-        """Return the names in a set that are no mistakes in the data, the scatter's included."""
-        names = {t.name for n, chosen in found.terms.items() for j in chosen if not (t := self.term(n, j)).is_mistake}
-        return frozenset(names | ({found.kind} if found.kind else set()))
-
     def term(self, number: int, place: int) -> Term:
         """Return a term of a sensor by its place."""
         return self.searches[number].terms[place]
 
-    def of_name(self, name: str) -> float:
-        """Return the probability that a name is among the terms."""
-        return self.where(lambda names: name in names)
-
-    def where(self, holds: object) -> float:
-        """Return the probability of the sets of whose names `holds` is true."""
-        return float(sum(np.exp(f.log_weight) for f in self.sets if holds(self.names(f))))  # type: ignore[operator]
-
 
 def likely_sets(search: SensorSearch) -> list[Set]:
     """Return the sets of one sensor that are worth anything, grown term by term from the likeliest."""
-    known: dict[Set, float] = {(): _alone(search, ())}
+    known = dict(_alone(search, [()]))
     layer: list[Set] = [()]
     for width in WIDTH:
         leading = _different(search, sorted(layer, key=lambda s: -known[s]), width)
         grown: set[Set] = set()
         for given in leading:
             scores = search.scan(given) + search.log_odds
-            least = max(known.values()) - known[given] - WORTH - ROUGH if given else -np.inf
+            least = max(known.values()) - known[given] - WORTH if given else -np.inf
             for j in _best(search, scores, given):
                 further = tuple(sorted((*given, j)))
                 if further not in known and scores[j] > least:
                     grown.add(further)
+        if not grown:
+            break
         search.weigh(grown)
-        for further in grown:
-            known[further] = _alone(search, further)
+        known |= _alone(search, list(grown))
         layer = list(grown)
-        best = max(known.values())
-        if not layer or max(known[s] for s in layer) < best - WORTH:
+        if max(known[s] for s in layer) < max(known.values()) - WORTH:
             break
     best = max(known.values())
     return [s for s in sorted(known, key=lambda s: -known[s]) if known[s] > best - 2.0 * WORTH or s == ()]
@@ -120,16 +102,18 @@ def _best(search: SensorSearch, scores: FloatArray, given: Set) -> Iterator[int]
             return
 
 
-def _alone(search: SensorSearch, chosen: Set) -> float:
-    """Log posterior weight of a set in one sensor by itself."""
-    return sum(search.terms[j].log_odds for j in chosen) + float(np.logaddexp.reduce(_kinds(search, chosen)))
+def _alone(search: SensorSearch, sets: Sequence[Set]) -> dict[Set, float]:
+    """Log posterior weights of sets in one sensor by itself."""
+    names, log_kind = _log_kinds([search])
+    by_kind = shared_evidence(search, sets, names) + log_kind
+    odds = [sum(search.terms[j].log_odds for j in chosen) for chosen in sets]
+    return dict(zip(sets, (np.logaddexp.reduce(by_kind, axis=1) + odds).tolist(), strict=True))
 
 
-def _kinds(search: SensorSearch, chosen: Set) -> FloatArray:
-    """Log weight of a set by kind of scatter, (names + 1,): ordinary first, each kind with its odds."""
-    names, odds = scatter_odds([search])
-    shares = shared_evidence(search, chosen, names)
-    return np.asarray(shares + np.log(np.array([1.0 - SCATTER, *(SCATTER * o for o in odds)])))
+def _log_kinds(searches: Sequence[SensorSearch]) -> tuple[list[str], FloatArray]:
+    """Return the effects on the scatter that may be asked about, (n,), and log priors, the first ordinary noise's."""
+    names, odds = scatter_odds(searches)
+    return names, np.log(np.array([1.0 - SCATTER, *(SCATTER * o for o in odds)]) if names else np.ones(1))
 
 
 def scatter_odds(searches: Sequence[SensorSearch]) -> tuple[list[str], list[float]]:
@@ -139,42 +123,42 @@ def scatter_odds(searches: Sequence[SensorSearch]) -> tuple[list[str], list[floa
     return list(effects), [effect.odds / total for effect in effects.values()]
 
 
-def shared_evidence(search: SensorSearch, chosen: Set, names: Sequence[str]) -> FloatArray:
-    """Log evidence of a set by kind, ordinary noise first, (n,): each block may have a kind or not."""
-    out = np.zeros(len(names) + 1)
-    for block, by_kind in zip(search.blocks, search.evidence(chosen), strict=True):
-        ordinary = by_kind[0]
-        out[0] += ordinary
-        for v, name in enumerate(names):
-            own = [by_kind[k + 1] for k, kind in enumerate(block.noise.kinds) if kind.effect.id == name]
-            here = float(np.logaddexp.reduce(own)) if own else -np.inf
-            common = any(k.effect.id == name and k.effect.common_to_sensors for k in block.noise.kinds)
-            rho = COMMON if common else SHARED
-            out[v + 1] += np.logaddexp(np.log(rho) + here, np.log(1.0 - rho) + ordinary) if own else ordinary
+def shared_evidence(search: SensorSearch, sets: Sequence[Set], names: Sequence[str]) -> FloatArray:
+    """Log evidence of sets (m,) by kind, ordinary noise first, (m, n + 1): each block may have a kind or not."""
+    out = np.zeros((len(sets), len(names) + 1))
+    for block, by_kind in zip(search.blocks, zip(*map(search.evidence, sets), strict=True), strict=True):
+        every = np.array(by_kind)
+        out += every[:, :1]
+        for v, name in enumerate(names, 1):
+            own = [k for k, kind in enumerate(block.noise.kinds, 1) if kind.effect.id == name]
+            if own:
+                rho = COMMON if block.noise.kinds[own[0] - 1].effect.common_to_sensors else SHARED
+                gained = np.logaddexp.reduce(every[:, own], axis=1) - every[:, 0]
+                out[:, v] += np.logaddexp(np.log(rho) + gained, np.log(1.0 - rho))
     return out
 
 
 def weigh(searches: Mapping[int, SensorSearch]) -> Posterior:
     """Weigh the likely sets of all sensors together: an effect that one has the others probably have too."""
-    names, odds = scatter_odds(list(searches.values()))
-    log_kind = np.log(np.array([1.0 - SCATTER, *(SCATTER * o for o in odds)])) if names else np.zeros(1)
+    names, log_kind = _log_kinds(list(searches.values()))
     lists = {n: _with_the_others(n, searches) for n in searches}
-    evidences = {n: {s: shared_evidence(searches[n], s, names) for s in sets} for n, sets in lists.items()}
-    askable = {n: {t.name for t in search.terms} for n, search in searches.items()}
-    found: list[Found] = []
-    own = {n: {s: _Names.of(searches[n], s) for s in sets} for n, sets in lists.items()}
-    for combination in itertools.product(*lists.values()):
-        chosen = dict(zip(lists, combination, strict=True))
-        log_prior = _log_prior({n: own[n][s] for n, s in chosen.items()}, askable)
-        by_kind = log_kind + log_prior + sum(evidences[n][s] for n, s in chosen.items())
-        found += [Found(chosen, name, float(w)) for name, w in zip(["", *names], by_kind, strict=True)]
-    weights = np.array([f.log_weight for f in found])
-    nothing = np.array([_is_nothing(f, searches) for f in found])
+    sizes = [len(sets) for sets in lists.values()]
+    weights = _log_prior(searches, lists)[..., None] + log_kind
+    nothing = np.ones((*sizes, 1), dtype=bool) & (np.arange(len(names) + 1) == 0)
+    for axis, (n, sets) in enumerate(lists.items()):
+        along = [size if k == axis else 1 for k, size in enumerate(sizes)]
+        weights = weights + shared_evidence(searches[n], sets, names).reshape(*along, -1)
+        rows = [all(searches[n].terms[j].name == "row" for j in chosen) for chosen in sets]
+        nothing = nothing & np.reshape(rows, (*along, 1))
     log_odds = float(np.logaddexp.reduce(weights[~nothing]) - np.logaddexp.reduce(weights[nothing]))
-    total = np.logaddexp.reduce(weights)
-    order = [int(i) for i in np.argsort(-weights) if weights[i] > total - 3.0 * WORTH]
-    sets = [Found(found[i].terms, found[i].kind, float(weights[i] - total)) for i in order]
-    return Posterior(searches, sets, log_odds, float(total))
+    total = float(np.logaddexp.reduce(weights, axis=None))
+    order = np.argsort(-weights, axis=None, kind="stable")
+    found = []
+    for i in order[weights.ravel()[order] > total - 3.0 * WORTH].tolist():
+        *at, kind = np.unravel_index(i, weights.shape)
+        chosen = {n: sets[k] for (n, sets), k in zip(lists.items(), at, strict=True)}
+        found.append(Found(chosen, ["", *names][kind], float(weights.flat[i] - total)))
+    return Posterior(searches, found, log_odds, total)
 
 
 def _with_the_others(number: int, searches: Mapping[int, SensorSearch]) -> list[Set]:
@@ -185,39 +169,35 @@ def _with_the_others(number: int, searches: Mapping[int, SensorSearch]) -> list[
     return sets[:most] if () in sets[:most] else [*sets[: most - 1], ()]
 
 
-@dataclass(frozen=True)
-class _Names:
-    """The names in a set of one sensor, each with its log odds, and what all else in the set costs (log)."""
+def _log_prior(searches: Mapping[int, SensorSearch], lists: Mapping[int, Sequence[Set]]) -> FloatArray:
+    """Log prior odds of every combination of sets, (m, m', …): one price for a name, and which sensors have it.
 
-    odds: Mapping[str, float]
-    rest: float
-    common: frozenset[str]
-
-    @classmethod
-    def of(cls, search: SensorSearch, chosen: Set) -> "_Names":
-        odds: dict[str, float] = {}
-        rest, common = 0.0, set()
-        for term in (search.terms[j] for j in chosen):
-            if term.is_mistake or term.name in odds:
-                rest += term.log_odds
-            else:
-                odds[term.name] = term.log_odds
-                common |= {term.name} if term.candidate.effect and term.candidate.effect.common_to_sensors else set()
-        return cls(odds, rest, frozenset(common))
-
-
-def _log_prior(chosen: Mapping[int, _Names], askable: Mapping[int, set[str]]) -> float:
-    """Log prior odds of a combination: one price for a name, and whether each sensor that may have it does."""
-    total = sum(own.rest for own in chosen.values())
-    for name in dict.fromkeys(name for own in chosen.values() for name in own.odds):  # the same sum in every process
-        total += max(own.odds[name] for own in chosen.values() if name in own.odds)
-        rho = COMMON if any(name in own.common for own in chosen.values()) else SHARED
-        could = [name in own.odds for number, own in chosen.items() if name in askable[number]]
-        total += sum(log(rho if has else 1.0 - rho) for has in could) if len(could) > 1 else 0.0
-    return float(total)
-
-
-def _is_nothing(found: Found, searches: Mapping[int, SensorSearch]) -> bool:
-    return not found.kind and all(
-        searches[n].terms[j].name == "row" for n, places in found.terms.items() for j in places
-    )
+    What of a set is a mistake, or has a name that is there already, costs what it costs by itself.
+    """
+    out = np.zeros([len(sets) for sets in lists.values()])
+    priced: dict[str, list[FloatArray]] = {}
+    common = set[str]()
+    for axis, (n, sets) in enumerate(lists.items()):
+        along = [size if k == axis else 1 for k, size in enumerate(out.shape)]
+        rest = np.zeros(len(sets))
+        for m, chosen in enumerate(sets):
+            for term in (searches[n].terms[j] for j in chosen):
+                own = priced.setdefault(term.name, [np.full((1,) * out.ndim, -np.inf)] * out.ndim)
+                if own[axis].size != len(sets):
+                    own[axis] = np.full(along, -np.inf)
+                if term.is_mistake or own[axis].flat[m] > -np.inf:
+                    rest[m] += term.log_odds
+                else:
+                    own[axis].flat[m] = term.log_odds
+                if term.candidate.effect is not None and term.candidate.effect.common_to_sensors:
+                    common.add(term.name)
+        out += rest.reshape(along)
+    askable = [{term.name for term in searches[n].terms} for n in lists]
+    for name, odds in priced.items():
+        rho = COMMON if name in common else SHARED
+        could = [own for own, asked in zip(odds, askable, strict=True) if name in asked]
+        price = np.max(np.broadcast_arrays(*odds), axis=0)
+        if len(could) > 1:
+            price = price + sum(np.log(np.where(own > -np.inf, rho, 1.0 - rho)) for own in could)
+        out += np.where(np.isfinite(price), price, 0.0)
+    return out

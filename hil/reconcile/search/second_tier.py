@@ -75,13 +75,12 @@ def position_drivers(conditions: Conditions) -> list[Driver]:
 
 def second_tier(number: int, conditions: Conditions) -> Iterator[Candidate]:
     """Yield parameter × driver terms: one column per channel, each with an amplitude of its own."""
-    ones = np.ones(len(conditions))
     plain = drivers(conditions)
     zones = [driver for driver in plain if driver.kind == "zone"]
     for target, unit, values in _targets(conditions):
         for driver in plain:
             if target != "earth rate" or driver.kind == "condition":
-                yield _term(number, conditions, target, unit, driver, values * driver.values[:, None])
+                yield _term(number, conditions, target, unit, driver.name, values * driver.values[:, None])
         if target != "earth rate":
             for power_name, curve in _smooth(conditions):
                 yield _curve(number, conditions, target, unit, power_name, values[:, :, None] * curve[:, None, :])
@@ -95,8 +94,7 @@ def second_tier(number: int, conditions: Conditions) -> Iterator[Candidate]:
         for zone in zones:
             both += [f"{place.name}&{zone.name}", f"{place.name}&{zone.name.replace('>', '<')}"]
         for text in both:
-            driver = Driver(text, driver_values(text, conditions), "position")
-            yield _term(number, conditions, "B", RATE, driver, driver.values[:, None] * ones[:, None])
+            yield _term(number, conditions, "B", RATE, text, driver_values(text, conditions)[:, None])
 
 
 def _targets(conditions: Conditions) -> Iterator[tuple[str, str, FloatArray]]:
@@ -131,39 +129,33 @@ def _powers(name: str, conditions: Conditions, order: int = 5) -> FloatArray:
     return np.stack([driver_values(f"{name}^{power}", conditions) for power in range(1, order + 1)], axis=1)
 
 
-def _term(number: int, conditions: Conditions, target: str, unit: str, driver: Driver, values: FloatArray) -> Candidate:
+def _term(number: int, conditions: Conditions, target: str, unit: str, driver: str, values: FloatArray) -> Candidate:
     """One column per channel: `values`, shape (n, c) or (n, 1), in that channel only."""
-    channels = len(conditions.sensor.channels)
-    columns = np.broadcast_to(values, (len(conditions), channels))[:, :, None] * np.eye(channels)
-    return Candidate(
-        name=f"{target} × {driver.name}",
-        tier=2,
-        sensor=number,
-        columns=columns,
-        parameters=_amplitudes(conditions, unit, 1),
-        title=f"{target} follows {driver.name}",
-        equation=f"rate += amplitude × {target} × {driver.name}",
-        driver=driver.name,
-        target=target,
-    )
+    title = f"{target} follows {driver}"
+    return _candidate(number, conditions, (target, driver, driver), title, unit, values[:, :, None])
 
 
 def _curve(number: int, conditions: Conditions, target: str, unit: str, over: str, values: FloatArray) -> Candidate:
     """A smooth curve of no stated form: `values` (n, c or 1, k), each channel with amplitudes of its own."""
-    channels, order = len(conditions.sensor.channels), values.shape[2]
-    shaped = np.broadcast_to(values, (len(conditions), channels, order))
-    columns = (shaped[:, :, None, :] * np.eye(channels)[:, :, None]).reshape(
-        len(conditions), channels, channels * order
-    )
+    title = f"{target} follows {over} in a way that no effect of the catalogue describes"
+    return _candidate(number, conditions, (target, over, f"curve over {over}"), title, unit, values)
+
+
+def _candidate(
+    number: int, conditions: Conditions, of: tuple[str, str, str], title: str, unit: str, values: FloatArray
+) -> Candidate:
+    """Values (n, c or 1, k), in one channel only for each: `of` a target, what drives it, and how."""
+    (target, driver, how), channels, order = of, len(conditions.sensor.channels), values.shape[2]
+    each = np.broadcast_to(values, (len(conditions), channels, order))[:, :, None, :] * np.eye(channels)[:, :, None]
     return Candidate(
-        name=f"{target} × curve over {over}",
+        name=f"{target} × {how}",
         tier=2,
         sensor=number,
-        columns=columns,
+        columns=each.reshape(len(conditions), channels, channels * order),
         parameters=_amplitudes(conditions, unit, order),
-        title=f"{target} follows {over} in a way that no effect of the catalogue describes",
-        equation=f"rate += {target} × smooth curve over {over}",
-        driver=over,
+        title=title,
+        equation=f"rate += amplitude × {target} × {how}",
+        driver=driver,
         target=target,
     )
 

@@ -18,8 +18,6 @@ from hil.reconcile.search.likely_noise import DEPTH
 from hil.reconcile.search.noise import LARGEST, Points
 from hil.reconcile.search.tied import AtBest
 
-ROUNDS = 8
-"""At most, in which the sizes of a set are improved: two are enough unless columns are nearly the same."""
 CLOSE = 0.01
 """Sizes that make the rows less more probable than this (log) are not climbed to."""
 ABOUT = np.arange(-2, 3)
@@ -73,8 +71,9 @@ class SetInBlock:
     def left_at(self, t: int) -> tuple[float, float]:
         """Return what a free fit leaves at one point, and the scale s² that it most probably means."""
         left = float(_left(self.beside.rss[t], self.score[t], self.inverse[t]))
-        best = int(np.argmax(self.beside.student(np.full((1, len(self.beside.rss)), left), np.zeros(1))[:, t]))
-        return left, float(self.beside.scale_left(np.array(left))[best])
+        own = self.beside.at(slice(t, t + 1))
+        best = int(np.argmax(own.student(np.array([[left]]), np.zeros(1))))
+        return left, float(own.scale_left(np.array(left))[best])
 
     def at_best(self) -> AtBest:
         """Return what the set says at its most probable point, in units of the noise that it leaves there."""
@@ -200,18 +199,6 @@ class Sets:
         either = null, log_sum(with_all)
         starts = np.stack([self.best_sizes(np.argmax(log + self.points.log_prior, axis=1)) for log in either], axis=1)
         best, heights = self._higher(self.each, starts)
-        climbing = self.each
-        for _ in range(ROUNDS):
-            t = np.argmax(heights[climbing] + self.points.log_prior, axis=1)
-            found = np.where(self.known[climbing], 0.0, -np.inf)
-            i, e, o = np.nonzero(self.known[climbing])
-            found[i, e, o] = self.at(climbing[i], instead(best[climbing][i], e, o), t[i])
-            leaps = np.stack([np.argmax(found, axis=2), instead(best[climbing], *_most(found))], axis=1)
-            moves = np.any(leaps[:, 1] != best[climbing], axis=1)
-            climbing, leaps = climbing[moves], leaps[moves]
-            if not len(climbing):
-                break
-            best[climbing], heights[climbing] = self._higher(climbing, leaps)
         near, about = self._about(self.each, best, heights)
         climbing = self.each
         while len(climbing):  # every round makes the rows likelier, and sizes are few
@@ -279,7 +266,7 @@ class Sets:
 
 def _left(rss: FloatArray, score: FloatArray, inverse: FloatArray) -> FloatArray:
     """Return what is left of squares (…,) where amplitudes are free, of scores (…, k)."""
-    explained = np.einsum("...k,...kl,...l->...", score, inverse, score, optimize=True)
+    explained = np.sum((inverse @ score[..., None])[..., 0] * score, axis=-1)
     return np.asarray(np.maximum(rss - explained, LEAST))
 
 

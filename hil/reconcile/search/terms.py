@@ -8,6 +8,7 @@ terms like any other, and compete with them.
 import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -226,14 +227,18 @@ def _sizes(candidate: Candidate, noise: float) -> tuple[FloatArray, FloatArray, 
         if candidate.form in POWERS:  # each power is as large as the value itself, over the campaign's range
             own = candidate.size // POWERS[candidate.form]
             middle = middle * np.tile(rms[:own], POWERS[candidate.form]) / rms
-    low, high = max(typical.typical[0], 0.01 * typical.typical[1]), typical.typical[1]
-    start = _middle(typical)
-    count = int(np.ceil(np.log(high * 1e3 / (low * 0.1)) / np.log(STEP)))
-    values = 0.1 * low * STEP ** np.arange(count + 1)
-    log_weights = np.array([typical.log_density(float(v)) for v in values])
-    sizes = np.asarray(values / start, dtype=np.float64)
-    weights = np.asarray(log_weights - np.logaddexp.reduce(log_weights), dtype=np.float64)
-    return np.asarray(middle, dtype=np.float64), sizes, weights
+    sizes, log_weights = _ladder(typical.typical)
+    return np.asarray(middle, dtype=np.float64), sizes, log_weights
+
+
+@cache
+def _ladder(typical: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
+    """Return sizes (u,) that are tried, in middles of a typical range, and their log weights (u,)."""
+    parameter = Parameter("", "", typical)
+    low, high = max(typical[0], 0.01 * typical[1]), typical[1]
+    values = 0.1 * low * STEP ** np.arange(int(np.ceil(np.log(high * 1e3 / (low * 0.1)) / np.log(STEP))) + 1)
+    log_weights = np.array([parameter.log_density(size) for size in values.tolist()])
+    return np.asarray(values / _middle(parameter)), np.asarray(log_weights - np.logaddexp.reduce(log_weights))
 
 
 def _dilution(candidate: Candidate) -> float:
