@@ -168,7 +168,13 @@ def summary(result: Reconciliation) -> list[str]:
             sentence += f", or {others}: these collects cannot tell them apart"
             sentence += f"; {percent(effect.probability)} for {effect.id}, {_usual(result, same)}"
         elif effect.kind == "ambiguous":
-            sentence += f" – probably ({percent(effect.probability)}), not certainly"
+            own = percent(effect.probability)
+            likelier = [rival for rival in effect.confusable_with if rival.probability > effect.probability]
+            if likelier:
+                sentence += f" ({own}), or – {percent(likelier[0].probability)} – {_titled(result, likelier[0].id)}"
+                sentence += ": what may be no more than scatter is written as scatter" * (effect.acts_on == "scatter")
+            else:
+                sentence += f" – probably ({own}), not certainly"
         if effect.inside_collects:
             sentence += "; it shows inside the collects and leaves no trace in their averages"
         said.append(sentence + ".")
