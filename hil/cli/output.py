@@ -48,12 +48,16 @@ class Lasting(Console):
 
     def print(self, *objects: Any, **options: Any) -> None:
         """Print as any console does, text without control characters, tables no narrower than their words."""
-        for column in [column for each in objects if isinstance(each, Table) for column in each.columns]:
-            cells = [
-                Measurement.get(self, self.options.update(width=_ANY_WIDTH), cell)
-                for cell in (column.header, *column.cells)
-            ]
-            column.min_width = max((each.minimum for each in cells), default=None)
+        wide = self.options.update(width=_ANY_WIDTH)
+        for table in (each for each in objects if isinstance(each, Table)):
+            for column in table.columns:
+                cells = [Measurement.get(self, wide, cell) for cell in (column.header, *column.cells)]
+                column.min_width = max(each.minimum for each in cells)
+                column.no_wrap = column.min_width == max(each.maximum for each in cells)
+            asked = Measurement.get(self, wide, table)
+            table.collapse_padding = asked.minimum > self.width  # one space, not two
+            for column in table.columns if asked.maximum > self.width else ():
+                column.max_width = column.min_width if column.justify == "right" else None  # what is words makes room
             options["crop"] = False  # no number is cut, however narrow the terminal
         super().print(*(harmless(each) if isinstance(each, str) else each for each in objects), **options)
 

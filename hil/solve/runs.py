@@ -117,14 +117,14 @@ class _Solved:
     @property
     def tells(self) -> bool:
         """Whether residuals tell anything of stated standard errors."""
-        return self.sigma is not None and self.solution.degrees_of_freedom > 0
+        return self.sigma is not None and int(self.solution.degrees_of_freedom) > 0
 
 
 def _solved(collects: Collects, model_name: str | None) -> Iterator[_Solved]:
     """Solve each run, or all of them together for a form that needs them."""
     together = model_name == "matrix-6-thermal"
-    for run, own in {None: slice(None)}.items() if together else collects.conditions.of_each_run.items():
-        chosen = collects if together else collects.rows(own)
+    runs: dict[int | None, Collects] = {run: collects.rows(own) for run, own in collects.conditions.of_each_run.items()}
+    for run, chosen in {None: collects}.items() if together else runs.items():
         conditions, sigma = chosen.conditions, stated_noise(chosen)
         form = default_form(conditions) if model_name is None else named_form(model_name, conditions)
         if form.name == "collins-4" and can_follow(chosen):
@@ -142,9 +142,9 @@ def _of_as_many(solved: Sequence[_Solved]) -> int:
     telling = [
         (float(s.chi_square), int(s.degrees_of_freedom)) for s in (each.solution for each in solved if each.tells)
     ]
-    usual = [each for each in telling if judge(*each, 0, True, len(telling)).verdict is not Verdict.FAIL]
-    agree = judge(*(sum(of) for of in zip((0.0, 0), *usual, strict=True)), 0, True).verdict is Verdict.PASS
-    return max(len(telling), 1) if agree else 1
+    usual = [(chi, nu) for chi, nu in telling if judge(chi, nu, 0, True, len(telling)).verdict is not Verdict.FAIL]
+    altogether = judge(sum(chi for chi, _ in usual), sum(nu for _, nu in usual), 0, noise_stated=True)
+    return max(len(telling), 1) if altogether.verdict is Verdict.PASS else 1
 
 
 @dataclass(frozen=True)
