@@ -97,9 +97,14 @@ def likely_points(
 
 
 def _kept(every: Points, best: FloatArray) -> tuple[Points, FloatArray]:
-    """Keep the best points, and the best of every kind: for what one block speaks against another may ask for."""
+    """Keep the best points; the best of every kind, for what one block speaks against another may ask for; the quiet.
+
+    Noise with next to no offset is kept whatever the base alone says: a term may explain what it takes for noise.
+    """
     order = np.argsort(-best)
     kept = np.zeros(len(best), dtype=bool)
     kept[order[:POINTS]] = best[order[:POINTS]] > -DEPTH
     kept[order[np.unique(every.kind[order], return_index=True)[1]]] = True
+    quiet = (every.kind < 0) & (every.level == every.level.max()) & (every.offset < 1.0)
+    kept |= quiet & (every.profile == every.profile[order[0]])
     return every.take(np.flatnonzero(kept)), best[kept]
