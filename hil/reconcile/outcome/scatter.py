@@ -14,7 +14,7 @@ from hil.model.forms import bias_names
 from hil.model.stated_noise import SensorNoise
 from hil.reconcile.result import Disagreement, rounded
 from hil.reconcile.search.fitted import Fitted, FittedBlock
-from hil.reconcile.search.noise import Points
+from hil.reconcile.search.noise import Points, log_profile
 from hil.reconcile.search.posterior import Posterior
 from hil.reconcile.search.set_in_block import SetInBlock
 from hil.reconcile.search.sets import SensorSearch, Set
@@ -94,8 +94,13 @@ def _finely(search: SensorSearch, chosen: Set, b: int, likely: Points) -> tuple[
     noise, profiles = search.blocks[b].noise, np.unique(likely.profile)
     grid = noise.grid()
     grid = grid.take(np.flatnonzero(np.isin(grid.kind, likely.kind)))
+    prior = [log_profile(noise.profiles[p]) if noise.calibrated else 0.0 for p in profiles]
     every = grid.take(np.tile(np.arange(len(grid)), len(profiles)))
-    every = replace(every, profile=np.repeat(profiles, len(grid)))
+    every = replace(
+        every,
+        profile=np.repeat(profiles, len(grid)),
+        log_prior=every.log_prior + np.repeat(prior, len(grid)),
+    )
     total = _at_points(search, chosen, b, every).terms_log + every.log_prior
     coarse = every.take(np.flatnonzero(total > total.max() - _TOLD))
     amounts, offsets = (np.exp(_GRID * ((np.arange(n) + 0.5) / n - 0.5)) for n in _STEPS)

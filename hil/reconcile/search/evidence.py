@@ -88,7 +88,7 @@ class Beside:
     def of(cls, noise: Noise, points: Points, scales: Sequence[Scale], white: Whitened) -> Beside:
         """Project the base out of data: `white` has the columns by temperature, the base's, and the data last."""
         many = noise.by_station.shape[1]
-        factor = noise.factors[points.profile]
+        factor = np.array([noise.factor(int(p)) for p in points.profile])
         seen = white.columns[:, :, :many] @ factor[:, :, np.any(factor, axis=(0, 1))]
         # 1 + seen seen' has the inverse root 1 − U (1 − (1 + λ)^-½) U', λ being the squares of what is seen.
         squares, vectors = np.linalg.eigh(np.swapaxes(seen, 1, 2) @ seen)

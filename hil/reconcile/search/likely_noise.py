@@ -12,15 +12,19 @@ from itertools import pairwise
 
 import numpy as np
 
-from hil.campaign import FloatArray, IntArray
+from hil.campaign import BoolArray, FloatArray, IntArray
 from hil.reconcile.search.evidence import LEAST, ROUNDING, SEEN, Scale, log_sum, student
-from hil.reconcile.search.noise import Noise, Points
+from hil.reconcile.search.noise import FOLLOWS, Noise, Points, Profile, log_profile
 from hil.solve.identifiability import independent_columns
 
 POINTS = 48
 """Points of the noise that a block is weighed at: what the data leave probable under any of the leading sets."""
 DEPTH = 9.0
 """Noise this much (in log probability) below the best is left out: one part in eight thousand."""
+PROFILES = 6
+"""Ways of following temperature that are weighed on: with a step of three between sizes, others add nothing."""
+ROUNDS = 3
+"""At most, in which a way of following temperature is climbed to; one more changes nothing that these rows show."""
 
 
 @dataclass(frozen=True)
@@ -35,19 +39,21 @@ class _Rows:
     variants: Sequence[IntArray]
     data: Sequence[int]
 
-    def heights(self, at: IntArray, ways: IntArray) -> FloatArray:
-        """Log evidence (v, k, f) of variants at some noises (k,) and ways to follow temperature (f,), with priors."""
-        rest, half_log_det = self._without_values(at, ways)
-        own = self.grid.log_prior[at][:, None] - np.log(len(self.noise.factors))
+    def heights(self, at: IntArray, profiles: Sequence[Profile]) -> FloatArray:
+        """Log evidence (v, k, f) of variants at some of the noises (k,) with profiles (f,), all priors included."""
+        places = [self.noise.place(p) for p in profiles] if profiles else []
+        rest, half_log_det = self._without_values(at, places)
+        prior = np.array([log_profile(p) if self.noise.calibrated else 0.0 for p in profiles])
+        own = self.grid.log_prior[at][:, None] + prior
         return np.array(
             [self._alone(rest, half_log_det, v, y) + own for v, y in zip(self.variants, self.data, strict=True)]
         )
 
-    def _without_values(self, at: IntArray, ways: IntArray) -> tuple[FloatArray, FloatArray]:
+    def _without_values(self, at: IntArray, places: Sequence[int]) -> tuple[FloatArray, FloatArray]:
         """Integrate the values at each temperature out: inner products (k, f, m', m') and half log dets (k, f)."""
         values = self.noise.by_station.shape[1]
         gram, half_log_det = self.gram[at][:, None], self.half_log_det[at][:, None]
-        factors = self.noise.factors[ways]
+        factors = np.array([self.noise.factor(place) for place in places])
         factors = factors[:, :, np.any(factors, axis=(0, 1))]
         own = np.swapaxes(factors, 1, 2) @ gram[:, :, :values]
         triangle = np.linalg.cholesky(np.eye(factors.shape[2]) + own[..., :values] @ factors)
@@ -68,6 +74,38 @@ class _Rows:
         freedom = len(self.noise.order) - len(columns)
         return log_sum(student(rss[None], log_base, self.scales, freedom))
 
+    def climb(self) -> list[tuple[list[Profile], FloatArray]]:
+        """Return of each variant how values likeliest follow, the likeliest first, and the heights (κ,) beside that."""
+        stand = self.noise.profiles[0]
+        if not self.noise.calibrated:
+            return [([stand], own[:, 0]) for own in self.heights(np.arange(len(self.grid)), [stand])]
+        ordinary = np.flatnonzero(self.grid.kind < 0)
+        alike = [(way,) * len(stand) for way in FOLLOWS]
+        starts = [np.unravel_index(np.argmax(own), own.shape) for own in self.heights(ordinary, alike)]
+        return [self._only(v)._climb(int(ordinary[k]), alike[f]) for v, (k, f) in enumerate(starts)]
+
+    def _only(self, v: int) -> _Rows:
+        """Return what is about one variant."""
+        values, own = self.noise.by_station.shape[1], len(self.variants[v])
+        index = np.append(np.arange(values), values + np.append(self.variants[v], self.data[v]))
+        return replace(self, gram=self.gram[:, index[:, None], index], variants=[np.arange(own)], data=[own])
+
+    def _climb(self, at: int, best: Profile) -> tuple[list[Profile], FloatArray]:
+        beside, probable = np.full(len(self.grid), -np.inf), np.arange(len(self.grid))
+        near: dict[Profile, float] = {}
+        for _ in range(ROUNDS):
+            before, near = (best, at), {}
+            for place in range(len(best)):
+                changed = [(*best[:place], way, *best[place + 1 :]) for way in FOLLOWS]
+                near |= dict(zip(changed, self.heights(np.array([at]), changed)[0, 0].tolist(), strict=True))
+                best = max(changed, key=lambda p: near[p])
+            beside[probable] = self.heights(probable, [best])[0, :, 0]
+            at = int(np.argmax(beside))
+            probable = np.flatnonzero(beside > beside[at] - 2.0 * DEPTH)
+            if (best, at) == before:
+                break
+        return sorted(near, key=lambda p: -near[p])[:PROFILES], beside
+
 
 def likely_points(
     noise: Noise, scales: Sequence[Scale], data: Sequence[FloatArray], base: FloatArray, extras: Sequence[FloatArray]
@@ -86,20 +124,42 @@ def likely_points(
     pairs = [(v, int(ends[-1]) + y) for v in variants for y in range(len(data))]
     rows = _Rows(noise, grid, scales, gram, half_log_det, [v for v, _ in pairs], [y for _, y in pairs])
 
-    ordinary, every_way = np.flatnonzero(grid.kind < 0), np.arange(len(noise.factors))
-    by_way = rows.heights(ordinary, every_way).max(axis=1)
-    ways = np.flatnonzero(np.any(by_way > by_way.max(axis=1, keepdims=True) - DEPTH, axis=0))
-    heights = rows.heights(np.arange(len(grid)), ways)
+    found = rows.climb()
+    profiles = list(dict.fromkeys(p for own, _ in found for p in own[: max(2, PROFILES // len(found))]))
+    near = np.flatnonzero(
+        np.any([(b > b.max() - 2.0 * DEPTH) | _highest(b, grid.kind) for _, b in found], axis=0) | _quiet(grid)
+    )
+    heights = rows.heights(near, profiles)
     best = np.max(heights - heights.max(axis=(1, 2), keepdims=True), axis=0)
     at, which = (part.ravel() for part in np.indices(best.shape))
-    every = grid.take(at)
-    return _kept(replace(every, profile=ways[which], log_prior=every.log_prior - np.log(len(every_way))), best.ravel())
+    every = grid.take(near[at])
+    places = np.array([noise.place(p) for p in profiles])[which]
+    prior = np.array([log_profile(p) if noise.calibrated else 0.0 for p in profiles])[which]
+    every = Points(every.kind, every.amount, every.offset, every.level, places, every.log_prior + prior)
+    return _kept(every, best.ravel())
 
 
 def _kept(every: Points, best: FloatArray) -> tuple[Points, FloatArray]:
-    """Keep the best points, and the best of every kind: for what one block speaks against another may ask for."""
+    """Keep the best points; the best of every kind, for what one block speaks against another may ask for; the quiet.
+
+    The quiet are kept whatever the base alone says of them: a term may explain what it takes for noise.
+    """
     order = np.argsort(-best)
     kept = np.zeros(len(best), dtype=bool)
     kept[order[:POINTS]] = best[order[:POINTS]] > -DEPTH
-    kept[order[np.unique(every.kind[order], return_index=True)[1]]] = True
+    kept |= _highest(best, every.kind) | (_quiet(every) & (every.profile == every.profile[order[0]]))
     return every.take(np.flatnonzero(kept)), best[kept]
+
+
+def _highest(height: FloatArray, kind: IntArray) -> BoolArray:
+    """Tell which of points (t,) is the highest of its kind (t,)."""
+    out = np.zeros(len(height), dtype=bool)
+    for each in np.unique(kind):
+        own = np.flatnonzero(kind == each)
+        out[own[np.argmax(height[own])]] = True
+    return out
+
+
+def _quiet(points: Points) -> BoolArray:
+    """Tell which of the points are ordinary noise with next to no offset from run to run, (t,)."""
+    return np.asarray((points.kind < 0) & (points.level == points.level.max()) & (points.offset < 1.0))

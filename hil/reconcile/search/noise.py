@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import product
 
 import numpy as np
@@ -32,10 +33,13 @@ HUGE = 100.0
 """Times the usual variance, from which on that of a row says no more of the others'."""
 CALIBRATIONS = (4.0, 12.0, 36.0, 108.0, 324.0)
 """How far a value of the base follows temperature, in white noises: wide priors of what the data then settle."""
-SHAPES = ((0.5, 0.49, 0.01), (0.0, 0.0, 1.0))
+SHAPES = ((1.0, 0.0, 0.0), (0.5, 0.49, 0.01), (0.45, 0.45, 0.1), (0.0, 0.0, 1.0))
 """Shares of a straight line, of a smooth curve, and of what each temperature has for itself."""
-FOLLOWS = ((0.0, 0), *product(CALIBRATIONS, range(len(SHAPES))))
-"""What the values of the base may do over temperature: how far they follow, and in what shape; the first stand."""
+FIXED = (0.0, 0)
+FOLLOWS = (FIXED, *product(CALIBRATIONS, range(len(SHAPES))))
+"""What one value of the base may do over temperature: how far it follows, and in what shape."""
+ALONE = 0.5
+"""How probably a value follows temperature in its own way, not in that of the unit's others."""
 SMOOTH_DEGC = 30.0
 """Over which a smooth curve forgets itself: values of a unit turn two or three times over a sweep, not more."""
 FEWEST_RUNS = 4
@@ -46,6 +50,8 @@ LARGEST = 4_000_000
 """Numbers that are whitened at once: some tens of megabytes, and still in step with the processor's cache."""
 COMPARED = 256
 """Rows by which covariances are compared: what is the same in so many is the same in all."""
+Profile = tuple[tuple[float, int], ...]
+"""Of every value of the base, how far it follows temperature, and in which of the shapes."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +72,7 @@ class Kind:
 class Points:
     """Models of a block's noise, (t,) each: which kind (-1: ordinary), what of everything, and the log prior within it.
 
-    `profile` is a place in `FOLLOWS`.
+    `profile` is a place in the noise's profiles.
     """
 
     kind: IntArray
@@ -85,11 +91,7 @@ class Points:
 
 
 class Noise:
-    """The parts of a block's covariance, in units of its mean white variance; rows are in the order of time.
-
-    `factors` (f, r, r) are, of every way to follow temperature, those of what is known of the columns `by_station`
-    (N, r) before the data.
-    """
+    """The parts of a block's covariance, in units of its mean white variance; rows are in the order of time."""
 
     def __init__(
         self,
@@ -113,10 +115,9 @@ class Noise:
         self.calibrated = calibrated and len(np.unique(block.station)) > 1 and bool(block.values.shape[1])
         by_station, shapes = _by_station(block, conditions, self.order)
         many = by_station.shape[1] * self.calibrated  # values that stand are the base's own
-        self.by_station = by_station[:, :many]
-        values = np.eye(block.values.shape[1] * self.calibrated)
-        ways = FOLLOWS if self.calibrated else FOLLOWS[:1]
-        self.factors = np.array([np.kron(values, far * shapes[shape]) for far, shape in ways])
+        self.by_station, self._shapes = by_station[:, :many], [own[:many, :many] for own in shapes]
+        self._known: dict[int, FloatArray] = {}
+        self.profiles: list[Profile] = [(FIXED,) * block.values.shape[1]]
         runs = len(np.unique(run))
         self.has_offsets = runs > 1 and len(rows) / runs / apart.shape[1] > 1.5
         tells = self.has_offsets and runs >= FEWEST_RUNS
@@ -198,13 +199,29 @@ class Noise:
                 white = self._white(own.level)
                 yield at, filter_of(chains, np.searchsorted(kinds, own.kind), np.repeat(sizes, each, axis=1), white)
 
+    def factor(self, profile: int) -> FloatArray:
+        """Return the factor (r, r) of what is known of the columns `by_station` (N, r) before the data."""
+        if profile not in self._known:
+            parts = [far * self._shapes[shape] for far, shape in self.profiles[profile]]
+            size, stations = len(parts), len(self._shapes[0])
+            out = np.zeros((size, stations, size, stations))
+            for k, part in enumerate(parts):
+                out[k, :, k, :] = part
+            self._known[profile] = out.reshape(size * stations, size * stations)
+        return self._known[profile]
+
+    def place(self, profile: Profile) -> int:
+        """Return the place of a profile, which is kept from now on."""
+        if profile not in self.profiles:
+            self.profiles.append(profile)
+        return self.profiles.index(profile)
+
     def covariance(self, point: Points, first: int) -> FloatArray:
         """Return V (n, n) of one point for the `first` n rows in the order of time, over the mean white variance."""
-        kind, values = int(point.kind[0]), self.by_station[:first] @ self.factors[int(point.profile[0])]
+        kind, values = int(point.kind[0]), self.by_station[:first] @ self.factor(int(point.profile[0]))
         out = np.diag(self._white(point.level)[0, :first]) + self.stated.first(first).covariance + values @ values.T
         out += point.offset[0] ** 2 * self.offset.first(first).covariance
-        out += point.amount[0] ** 2 * self.kinds[kind].chain.first(first).covariance if kind >= 0 else 0.0
-        return np.asarray(out)
+        return out + (point.amount[0] ** 2 * self.kinds[kind].chain.first(first).covariance if kind >= 0 else 0.0)
 
     def variance(self, points: Points) -> FloatArray:
         """Return the variance of every row at every point, (t, N), in units of the mean white variance.
@@ -224,11 +241,19 @@ class Noise:
 
     def following(self, profile: int) -> FloatArray:
         """Return S (N, r), with SS' what base values that follow temperature add to V, in the block's own order."""
-        return np.asarray((self.by_station @ self.factors[profile])[np.argsort(self.order)])
+        return np.asarray((self.by_station @ self.factor(profile))[np.argsort(self.order)])
 
     def _white(self, level: FloatArray) -> FloatArray:
         share = level[:, None]
         return np.asarray((1.0 - share) * self.white + share)
+
+
+@cache
+def log_profile(profile: Profile) -> float:
+    """Log prior of what the values of the base do: some way that is the unit's, of which some of them depart."""
+    alone = ALONE / len(FOLLOWS)
+    alike = [np.prod([alone + (1.0 - ALONE) * (own == way) for own in profile]) for way in FOLLOWS]
+    return float(np.log(np.mean(alike)))
 
 
 def _log_offset(offset: float) -> float:

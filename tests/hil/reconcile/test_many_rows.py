@@ -11,7 +11,7 @@ from hil.reconcile.inside import named_within
 from hil.reconcile.search.candidates import MANY as SHAPES
 from hil.reconcile.search.candidates import catalogue_candidates
 from hil.reconcile.search.layout import _exchanges, searches
-from hil.reconcile.search.noise import FOLLOWS, Noise
+from hil.reconcile.search.noise import FIXED, FOLLOWS, Noise, log_profile
 from hil.reconcile.search.problem import Problem, pose
 from hil.reconcile.search.sets import BlockSearch
 from hil.reconcile.search.spoiled import MANY, wrong_rows
@@ -90,22 +90,33 @@ def test_a_step_is_found_where_it_is_though_not_every_place_was_tried_first() ->
     assert len(finer) == 2, "on either side of the best that was tried first"
 
 
-@pytest.mark.parametrize("turns", [False, True])
-def test_how_values_of_the_base_follow_temperature_is_found(turns: bool) -> None:
-    """A bias on a straight line is a smooth curve; an MU that turns at every setpoint is one for each temperature."""
-    jumps = np.array([30.0, -25.0, 10.0, -30.0, 25.0, -10.0, 20.0, -20.0])
+def test_each_value_of_the_base_follows_temperature_in_its_own_way() -> None:
+    """A bias that is a straight line, an MU that turns from temperature to temperature: the likeliest noise says so."""
+    turns = np.array([30.0, -25.0, 10.0, -30.0, 25.0, -10.0, 20.0, -20.0])
 
     def hidden(rows: Rows) -> np.ndarray:
-        mu = jumps[np.unique(rows.setpoint, return_inverse=True)[1]] * rows.f[:, 2]
-        return both(0.4 * rows.temperature, 1.0, 1.0) + turns * both(mu, 1.0, -1.0)
+        mu = turns[np.unique(rows.setpoint, return_inverse=True)[1]] * rows.f[:, 2]
+        return both(0.4 * rows.temperature, 1.0, 1.0) + both(mu, 1.0, -1.0)
 
     campaign = hidden_campaign(5, hidden, thermal=False)
     search = searches(pose(campaign, load_model("matrix-6"), ()), (), (), calibrated=True)[2]
     for own in search.blocks:
         weight = own.beside.log_null() + own.points.log_prior
-        far, shape = FOLLOWS[own.points.profile[np.argmax(weight)]]
-        assert far > 0.0
-        assert shape == int(turns), "a smooth curve first, then each temperature for itself"
+        profile = own.noise.profiles[int(own.points.profile[np.argmax(weight)])]
+        names = search.blocks[0].block.base.shape[1]
+        assert len(profile) == names
+        bias, mu = profile[0], profile[-1]
+        assert bias != mu
+        assert bias[1] in {0, 1}, "a straight line, or nearly"
+        assert mu[1] == len(FOLLOWS[1:]) // 5 - 1, "each temperature for itself"
+
+
+def test_values_that_follow_alike_are_likelier_before_the_data() -> None:
+    """Half of them do as the unit's others; the prior adds up to one."""
+    one, other = FOLLOWS[3], FOLLOWS[8]
+    assert log_profile((one, one, one)) > log_profile((one, one, other)) > log_profile((one, other, FIXED))
+    total = sum(np.exp(log_profile((a, b))) for a in FOLLOWS for b in FOLLOWS)
+    assert total == pytest.approx(1.0)
 
 
 def test_what_shows_inside_pays_the_odds_that_anything_pays() -> None:
