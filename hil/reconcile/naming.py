@@ -29,6 +29,8 @@ SAME = 0.95
 """Overlap from which two names look the same in these collects."""
 IDENTICAL = 0.99
 """And from which nobody can tell them apart by these collects, whatever is known before."""
+EXCLUDED = 0.001
+"""Unless the data themselves make one so much less probable: what is large is told apart by what little differs."""
 LEAST = 0.01
 """Rivals less probable are not listed, unless they look the same."""
 NO_NAME = "empirical"
@@ -204,7 +206,7 @@ def _named(
             instead.setdefault(rival, []).append(f)
     rivals = [_rival(posterior, classes, name, r, sets, own, values) for r, sets in instead.items()]
     listed = sorted((r for r in rivals if r.probability >= LEAST or r.overlap > SAME), key=lambda r: -r.probability)
-    alike = [r for r in listed if r.overlap > IDENTICAL]
+    alike = [r for r in listed if r.overlap > IDENTICAL and not r.bayes_factor < EXCLUDED]
     withheld = [r for r in alike if r.likely or r.probability > 1.0 - CERTAIN]
     nothing_there = _mass(posterior, lambda f: name not in classes[id(f)] and classes[id(f)] - {f.kind} <= lead)
     sure = probability >= CERTAIN and not (own and nothing_there > BY_CHANCE)
