@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from hil.campaign import Campaign
-from hil.config import Bench, load_sweep
+from hil.config import Bench, load_bench, load_sweep
 from hil.model import load_model
 from hil.night import start_night
 from hil.reconcile import Reconciliation, reconcile, write_result
@@ -70,3 +70,15 @@ def test_a_twin_driven_by_the_improved_model_shows_the_effect_and_lacks_nothing_
     assert after[key] == pytest.approx(before[key], abs=2.0)
     assert names(reconcile(again, "collins-4", prove=False))[0] == "MU_real"
     assert reconcile(again, load_model(improved)).verdict == "none"
+
+
+@pytest.mark.slow
+def test_the_published_night_has_the_names_that_it_hides_and_no_others(tmp_path: Path) -> None:
+    """Asked with the contractor's model: MU is real, and changes from run to run; what follows temperature is no name.
+
+    Values of the base may each go their own way with temperature: where all had to go one, a law of g squared stood in.
+    """
+    night = tmp_path / "night"
+    assert start_night(night, load_sweep("rd-gc-86-1"), load_bench("simulated"), seed=1).exit_status == 0
+    result = reconcile(campaign_of_night(night), "collins-4", prove=False)
+    assert sorted(names(result)) == ["MU_real", "MU_rr"]
