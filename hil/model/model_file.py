@@ -8,7 +8,7 @@ The same file is what `hil reconcile` compares with, what it writes with a term 
 built-in (`matrix-6`, `collins-4` …) is the same object without values: they are fitted to the data.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -109,6 +109,14 @@ class Model(Entry):
         `source` is the file, for the message. What can be told without the layout, `load_model` has told already.
         """
         _check_layout(str(source) or f"model {self.title}", self, sensor, exact=True)
+
+    def of_other_sensors(self, numbers: Collection[int]) -> str:
+        """Say which terms and noise are of sensors that are not among `numbers` and have no values; or nothing."""
+        terms = {f"terms.{index}": term.sensor for index, term in enumerate(self.terms) if term.sensor is not None}
+        of = terms | {f"noise.{number}": number for number in self.noise}
+        other = {key: number for key, number in of.items() if number not in {*numbers, *self.sensors}}
+        said = ", ".join(f"{key} (sensor {number})" for key, number in other.items())
+        return f"model {self.title}: not used: {said}: there is no such sensor" if other else ""
 
     def base_at(self, sensor: Sensor, temperature_degC: FloatArray) -> Base:
         """Return base terms and their slopes at temperatures (n,), °C; `rates` is zero, for it needs an orientation.

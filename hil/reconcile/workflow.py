@@ -190,6 +190,7 @@ def _result(
     after = findings.with_inside(scatter.with_ordinary(after, noise if tested else (), conditions), within, campaign)
     after = after if after == model else after.model_copy(update={"version": model.version + 1})
     notes = [*campaign.warnings, *in_words(beside), *problem.notes]
+    notes += filter(None, [model.of_other_sensors(campaign.sensors)])
     notes += mistakes.mistake_notes(reading, campaign, posterior)
     notes += findings.laws_that_fail(fit, problem.sensors)
     why = [f"what is known taken off: {each}" for each in left.reasons if each not in solved.reasons]

@@ -118,3 +118,13 @@ def test_a_term_that_follows_temperature_refuses_rows_without_one(tmp_path: Path
     curve = {"unit": "deg/hr/day", "polynomial": [1.0, 2.0], "reference_degC": 20.0}
     with pytest.raises(InputError, match="ageing depends on temperature_degC"):
         model(tmp_path, terms=[{"effect": "ageing", "parameters": {"a_A": curve}}]).rates(campaign(every_column=False))
+
+
+def test_terms_and_noise_of_sensors_that_are_not_there_are_told(tmp_path: Path) -> None:
+    """A model of several sensors serves a campaign of one of them; a number that is nobody's may be a slip."""
+    warm = {**WARMUP, "sensor": 7, "shape": {"tau_min": 30.0}}
+    noise = {"angle_random_walk": {"unit": "deg/sqrt(hr)", "value": 0.1}}
+    one = model(tmp_path, terms=[warm], noise={2: noise, 3: noise})
+    told = one.of_other_sensors([1, 2])
+    assert "not used: terms.0 (sensor 7), noise.3 (sensor 3): there is no such sensor" in told
+    assert one.of_other_sensors([3, 7]) == ""
