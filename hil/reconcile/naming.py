@@ -113,7 +113,8 @@ def read(posterior: Posterior, alpha: float) -> Reading:
         f for f in unnamed if all(posterior.term(n, j).name == "row" for n, places in f.terms.items() for j in places)
     ]
     as_filed = right[0] if right else Found(dict.fromkeys(posterior.searches, ()), "", -np.inf)
-    own = _surely_wrong(posterior, [f for f in posterior.sets if classes[id(f)] == lead], among, sure)
+    of_lead = [f for f in posterior.sets if classes[id(f)] == lead]
+    own = _surely_wrong(posterior, of_lead, among, sure) or of_lead  # where none of them leaves less out, the likeliest
     found = own[0] if own and (lead or chance <= alpha) else as_filed
     mistakes = [(n, t) for n, places in found.terms.items() for j in places if (t := posterior.term(n, j)).is_mistake]
     values = fitted(posterior, found)
