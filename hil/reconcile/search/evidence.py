@@ -286,7 +286,7 @@ def shrunk(gram: FloatArray, score: FloatArray, rss: FloatArray) -> tuple[FloatA
     both = np.empty((*score.shape[:-1], size + 1, size + 1))
     both[..., :size, :size] = gram
     both[..., size, :size] = both[..., :size, size] = score
-    both[..., size, size] = rss * (1.0 + ROUNDING) + LEAST
+    both[..., size, size] = np.maximum(rss, 0.0) * (1.0 + ROUNDING) + LEAST  # of as few rates as the base has values: 0
     both[..., range(size), range(size)] += 1.0
     pivots = np.diagonal(np.linalg.cholesky(both), axis1=-2, axis2=-1)
     return pivots[..., -1] ** 2, np.sum(np.log(pivots[..., :-1]), axis=-1)

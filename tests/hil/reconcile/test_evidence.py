@@ -19,7 +19,7 @@ from hil.model.effects.base import Base, Effect, Parameter, per_channel
 from hil.model.effects.catalogue import effect_by_id, variance_effect_by_id
 from hil.reconcile.proof.held_out import _predicted, by_run
 from hil.reconcile.search import set_in_block
-from hil.reconcile.search.evidence import Options, log_sum
+from hil.reconcile.search.evidence import Options, log_sum, shrunk
 from hil.reconcile.search.fitted import fitted_block
 from hil.reconcile.search.layout import searches
 from hil.reconcile.search.posterior import scatter_odds
@@ -306,3 +306,10 @@ def test_the_log_of_no_summands_is_that_of_nothing() -> None:
     assert log_sum(np.zeros((0, 2))).tolist() == [-np.inf, -np.inf]
     assert log_sum(np.log([[1.0, 2.0], [3.0, 4.0]])) == pytest.approx(np.log([4.0, 6.0]))
     assert log_sum(np.full((2, 1), -2000.0)) == pytest.approx([np.log(2.0) - 2000.0])  # of which exp is nothing
+
+
+def test_squares_that_rounding_took_below_nothing_are_none() -> None:
+    """A channel with as many rates as the base has values leaves 0, and by rounding less: that ends no search."""
+    left, half_log_det = shrunk(np.zeros((1, 1, 1)), np.zeros((1, 1)), np.array([-3.6e-12]))
+    assert 0.0 < left[0] < 1e-11
+    assert half_log_det[0] == 0.0
