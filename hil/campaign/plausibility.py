@@ -29,7 +29,7 @@ _WARM_DEGC = 20.0  # by more is no unit that powers itself off its air
 _SAME_ROWS = 3
 _DIGITS, _ROUNDING = 300.0, 1e-6
 _AT_REST_DEG_PER_HR = 360_000.0  # a hundred degrees a second: many times what the poorest gyro is off by
-_STILL, _EARTH_DEG_PER_HR = 0.05, 1.0  # of what the earth rate moves a channel by, if by that much
+_STILL = 0.05  # of what the earth rate alone moves a channel by
 _FINE = 0.03  # of a standard error: in steps as fine as that hardly one in a thousand runs shows one value three times
 _PILED, _PILED_RATIO = 3, 2.0  # averages on one value, and times as many as on any between
 
@@ -233,7 +233,7 @@ def _limits(campaign: Campaign) -> Iterator[_Found]:
         ):
             known = np.isfinite(own + earth)
             moves, by_earth = (float(np.ptp(each[known])) if known.any() else 0.0 for each in (own, earth))
-            if by_earth > _EARTH_DEG_PER_HR and 0.0 < moves < _STILL * by_earth:
+            if 0.0 < moves < _STILL * by_earth:
                 words = f"sensor {number}: {name} moves by {moves:.2g} deg/hr in all, where the earth rate alone moves"
                 yield [collects], known, f"{words} it by {by_earth:.3g}: is it in deg/hr?"
 

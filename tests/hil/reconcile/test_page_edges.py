@@ -14,8 +14,8 @@ from hil.campaign.reader import read_campaign
 from hil.model import Model
 from hil.model.curve import Constant
 from hil.reconcile import Reconciliation, reconcile
-from hil.reconcile.outcome.page import page, write_result
-from hil.reconcile.result import Solved
+from hil.reconcile.outcome.page import page, summary, write_result
+from hil.reconcile.result import FoundEffect, Rival, Solved
 
 
 @pytest.fixture(scope="module")
@@ -123,3 +123,15 @@ def test_the_page_says_whether_simulated_nights_are_like_the_measured_one(plain:
     assert text.index("How much smaller the gap is") < text.index(told) < text.index("What to measure next")
     assert text.count("2 of 2 measured sizes lie among the simulated ones") == 1
     assert "simulated ones" not in page(plain)
+
+
+def test_of_two_names_the_more_probable_is_said_though_the_other_is_written(plain: Reconciliation) -> None:
+    """What may be noise is written as noise; that a step is the more probable stands in the same sentence."""
+    ice = FoundEffect(
+        "frost", "Ice", "", [], 0.27, [Rival("jump", 0.71, 0.1, title="A jump")], "ambiguous", acts_on="scatter"
+    )
+    said = " ".join(summary(replace(plain, effects=[ice])))
+    assert "Ice (frost) is missing from" in said
+    assert "(27 %), or – 71 % – A jump (jump): what may be no more than scatter is written as scatter." in said
+    alone = " ".join(summary(replace(plain, effects=[replace(ice, confusable_with=[])])))
+    assert "– probably (27 %), not certainly." in alone

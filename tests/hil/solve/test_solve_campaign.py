@@ -74,6 +74,7 @@ def test_a_fourth_collect_gives_the_first_residual(tmp_path: Path) -> None:
 def test_the_thresholds_of_the_verdict_are_5_and_a_tenth_of_a_percent(chi_square: float, verdict: str) -> None:
     """On two degrees of freedom chi-square exceeds 5.99 in 5 % and 13.82 in 0.1 % of cases."""
     assert str(judge(chi_square, 2, 8, noise_stated=True).verdict) == verdict
+    assert str(judge(chi_square + 2.0 * np.log(10.0), 2, 8, noise_stated=True, among=10).verdict) == verdict
 
 
 @pytest.mark.slow
