@@ -1,0 +1,103 @@
+"""What is wrong with runs as a whole: another bias, nothing that holds, several at once, the other sensor's rates."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hil.campaign import Campaign, Collects
+from hil.solve import repeats, solve_campaign
+from hil.solve.wrong_rows import LEFT_OUT, MENDED, USED, wrong_rows
+from procedures.verdict import Verdict
+from tests.hil.solve.test_neighbours import campaign, with_rates
+from tests.hil.solve.test_wrong_rows import made
+
+
+def test_a_run_with_another_bias_is_used_and_named() -> None:
+    """All three collects of run 5 off by the same: that is what its bias was, and may be again: it is in the ±."""
+    good = made("good")
+    rows = good.sensors[2]
+    rates = rows.rates_deg_per_hr + 60.0 * np.outer(rows.conditions.run == 5, (1.0, 0.0))
+    moved = with_rates(good, rates)
+    found = wrong_rows(moved)[2]
+    assert ([(row.run, row.done) for row in found.rows], found.apart) == ([(5, USED)], set())
+    assert repeats(moved, solve_campaign(moved))[2].means[1].values["BA"].sd > 5.0
+
+
+def test_a_run_of_which_nothing_holds_is_in_no_mean_and_widens_no_other() -> None:
+    """RA of run 5 in another unit: the other runs' means and ± are those that they have without it."""
+    one = campaign(12, 3, seed=4, scatter=1.0)
+    run, rates = one.sensors[2].conditions.run, one.sensors[2].rates_deg_per_hr.copy()
+    rates[run == 5, 0] /= 60.0
+    wrong = with_rates(one, rates)
+    found = wrong_rows(wrong)[2]
+    assert ([(row.run, row.done) for row in found.rows], found.apart) == ([(5, LEFT_OUT)], {5})
+    without = replace(one, sensors={2: one.sensors[2].rows(run != 5)})
+    shown, alone = (repeats(each, solve_campaign(each))[2] for each in (wrong, without))
+    assert shown.not_used == (5,)
+    assert not any(5 in mean.runs for mean in shown.means)
+    np.testing.assert_allclose(shown.spread.beyond, alone.spread.beyond, rtol=1e-6)
+    solved = {each.run: each for each in solve_campaign(wrong)}
+    assert solved[5].verdict is Verdict.INCONCLUSIVE
+    assert "in no mean" in solved[5].reason
+    assert {each.verdict for run, each in solved.items() if run != 5} == {Verdict.PASS}
+
+
+@pytest.mark.parametrize("seed", [2, 7])
+def test_two_things_that_are_both_true_are_both_told(seed: int) -> None:
+    """Another bias of A in run 2 and of B in run 9: each alone explains much, and neither makes the other needless."""
+    one = campaign(12, 3, seed=seed, scatter=1.0)
+    run, off = one.sensors[2].conditions.run, one.sensors[2].rates_deg_per_hr.copy()
+    off[run == 2, 0] += 30.0
+    off[run == 9, 1] -= 40.0
+    found = wrong_rows(with_rates(one, off))[2]
+    assert sorted((row.run, row.channels, row.done) for row in found.rows) == [
+        (2, ("RA",), USED),
+        (9, ("RB",), USED),
+    ]
+    assert not any("cannot tell which" in row.why or "; or " in row.why for row in found.rows)
+
+
+def test_of_many_runs_of_which_nothing_holds_few_are_set_apart() -> None:
+    """Where more than a fifth are wrong nobody knows which are: the rest are named together, and used."""
+    one = campaign(12, 3, seed=4, scatter=1.0)
+    run, rates = one.sensors[2].conditions.run, one.sensors[2].rates_deg_per_hr.copy()
+    rng = np.random.default_rng(1)
+    rates[np.isin(run, (2, 4, 6, 8, 11))] *= rng.uniform(-2.0, 2.0, (15, 2))
+    found = wrong_rows(with_rates(one, rates))[2]
+    assert len(found.apart) <= 3
+    assert any(row.done == USED for row in found.rows)
+
+
+def test_rates_of_the_other_sensor_are_put_right_in_both() -> None:
+    """The sensors' leads exchanged in run 5: the values of both are theirs again, and neither run passes."""
+    sound = two_units()
+    one, two = (sound.sensors[n].rates_deg_per_hr.copy() for n in (1, 2))
+    here = sound.sensors[1].conditions.run == 5
+    one[here], two[here] = two[here], one[here]
+    mixed = with_rates(with_rates(sound, one, 1), two, 2)
+    for number, found in wrong_rows(mixed).items():
+        np.testing.assert_array_equal(found.collects.rates_deg_per_hr, sound.sensors[number].rates_deg_per_hr)
+        (row,) = found.rows
+        assert (row.run, row.done) == (5, MENDED)
+        assert "other sensor's" in row.why
+    assert {s.verdict for s in solve_campaign(mixed) if s.run == 5} == {Verdict.FAIL}
+    assert all(found.rows == () for found in wrong_rows(sound).values())
+    rows = mixed.sensors[1]
+    lay = np.where(here, np.roll(rows.conditions.position, 1), rows.conditions.position)
+    otherwise_laid = replace(rows, conditions=replace(rows.conditions, position=lay))
+    for found in wrong_rows(replace(mixed, sensors={**mixed.sensors, 1: otherwise_laid})).values():
+        assert not any("other sensor's" in row.why for row in found.rows)
+
+
+def two_units() -> Campaign:
+    """Two sensors of one unit that are like each other, but not the same."""
+    one = campaign(12, 3, seed=4, scatter=1.0)
+    rows = one.sensors[2]
+    rng = np.random.default_rng(6)
+    other = 0.8 * rows.rates_deg_per_hr + 4.0 + rng.normal(0.0, 0.5, rows.rates_deg_per_hr.shape)
+    sensor = replace(rows.conditions.sensor, number=1)
+    first = Collects(replace(rows.conditions, sensor=sensor), other, rows.rates_se_deg_per_hr)
+    return replace(one, sensors={1: first, 2: rows})
