@@ -36,8 +36,8 @@ ODDS = {
     "run": 0.02,
 }
 """Prior odds that a campaign has one of a kind: wrong rows, labels and runs as those of the search."""
-USED_AS_IT_IS = ("bias", "run")
-"""Causes of which nothing is mended or left out."""
+OF_THE_RUN = ("bias", "run")
+"""Causes that are a whole run's: none of its rates is mended or left out."""
 LISTED = 0.05
 """Probability of what is said beside others."""
 _WIDE = 30.0  # standard errors that what is wrong is off by, unless it is more
@@ -102,7 +102,7 @@ class Explained:
     def used(self) -> set[int]:
         """The runs that stay as they are, and of which more need not be said."""
         known = self.likeliest
-        among = [cause for cause, _ in self.rivals] if known is None else [known] * (known.what in USED_AS_IT_IS)
+        among = [cause for cause, _ in self.rivals] if known is None else [known] * (known.what in OF_THE_RUN)
         return {cause.run for cause in among}
 
 
@@ -231,7 +231,7 @@ def mended(collects: Collects, cause: Cause) -> Collects:
         rates[rows], se[rows] = rates[rows, ::-1], se[rows, ::-1]
     elif cause.what == "sensors":
         rates[rows] = cause.instead
-    elif cause.what not in USED_AS_IT_IS:
+    elif cause.what not in OF_THE_RUN:
         rates[rows, slice(None) if cause.channel is None else cause.channel] = np.nan
     return replace(collects, rates_deg_per_hr=rates, rates_se_deg_per_hr=se)
 

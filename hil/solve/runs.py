@@ -210,6 +210,11 @@ def not_passed(solutions: Sequence[RunSolution]) -> dict[Verdict, list[int]]:
     return {verdict: sorted(found[verdict]) for verdict in reversed(Verdict) if verdict in found}
 
 
+def runs_in_words(by_verdict: Mapping[str, Sequence[int]]) -> str:
+    """Say which runs have which verdict, "run 5 (FAIL), runs 7–9 (MARGINAL)"; nothing of none."""
+    return ", ".join(f"{numbered('run', runs)} ({verdict})" for verdict, runs in by_verdict.items() if runs)
+
+
 def reasons(solutions: Sequence[RunSolution]) -> Iterator[tuple[Verdict, str, str]]:
     """Yield each reason once, the worst first: verdict, the sensors and runs that it holds for, and its sentences."""
     said: dict[tuple[Verdict, str], dict[int, list[int]]] = {}

@@ -8,9 +8,9 @@ from hil.analysis.thermal.fit import DESCRIBES, ParameterFit, SensorFit, Thermal
 from hil.analysis.thermal.improvement import Improvement
 from hil.files.document import picked, plain
 from hil.solve.repeats import CONFIDENCE
-from hil.solve.runs import not_passed, solve_campaign
+from hil.solve.runs import not_passed, runs_in_words, solve_campaign
 from hil.solve.wrong_rows import what_is_wrong
-from procedures.words import listed, numbered
+from procedures.words import listed
 
 SCHEMA = "hil.thermal/1"
 _NOT_SHOWN = "modelling against temperature is not shown to predict a temperature that was left out"
@@ -37,7 +37,7 @@ def thermal_document(result: ThermalFit) -> dict[str, Any]:
 
 def first_in_words(document: Mapping[str, Any]) -> list[str]:
     """Say what has to be seen to before any curve is used: which of the runs it goes through do not pass."""
-    runs = ", ".join(f"{numbered('run', of)} ({verdict})" for verdict, of in document["runs_not_solved"].items())
+    runs = runs_in_words(document["runs_not_solved"])
     first = "before a curve is used, see to what hil solve does not pass (hil report says why)"
     return [f"{first}: {runs}"] if runs else []
 

@@ -24,6 +24,7 @@ from hil.reconcile.result import (
     stated,
     values_off,
 )
+from hil.solve.runs import runs_in_words
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED
 from procedures.words import hours_minutes, listed, numbered, percent, unit_in_words
 
@@ -58,21 +59,18 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     apart = after.get("p_value", 1.0) < _APART
     beyond = result.left.beyond_errors
     kind = ("scatter" if beyond else "apart" if apart else kind) if kind == "none" else kind
-    doubts = [f"{numbered('run', runs)} ({verdict})" for verdict, runs in result.doubtful.items()]
+    doubts = runs_in_words(result.doubtful)
     first = ["what is missing of the measurement (hil report says what)"] if result.without.get("missing") else []
-    first += [f"what was not measured well (hil report says why): {', '.join(doubts)}"] if doubts else []
+    first += [f"what was not measured well (hil report says why): {doubts}"] if doubts else []
     if result.contradicted:
         first.append(f"what its own records contradict (notes): {numbered('run', result.contradicted)}")
     omitted = [row for row in result.rows if row["done"] == OMITTED]
     said = {*result.contradicted, *(row["run"] for row in omitted), *(beyond if kind == "scatter" else ())}
     said |= {run for runs in result.doubtful.values() for run in runs}
-    doubts = [
-        f"{numbered('run', left)} ({verdict})"
-        for verdict, runs in result.left.not_passed.items()
-        if (left := [run for run in runs if run not in said])
-    ]
+    left = result.left.not_passed.items()
+    doubts = runs_in_words({verdict: [run for run in runs if run not in said] for verdict, runs in left})
     why = " (hil report says" if result.left == result.solved else ", even with what is known taken off (notes say"
-    first += [f"what hil solve does not pass{why} why): {', '.join(doubts)}"] if doubts else []
+    first += [f"what hil solve does not pass{why} why): {doubts}"] if doubts else []
     spoiled = sorted({collect for row in omitted for collect in row["collects"]})
     first += [f"what is left out (notes): {numbered('collect', spoiled)}"] if spoiled else []
     excess = [n["observed_deg_per_hr"] / n["stated_deg_per_hr"] for n in result.noise if n["stated_deg_per_hr"]]

@@ -45,13 +45,13 @@ def test_a_run_of_which_nothing_holds_is_in_no_mean_and_widens_no_other() -> Non
     assert {each.verdict for run, each in solved.items() if run != 5} == {Verdict.PASS}
 
 
-@pytest.mark.parametrize("seed", [2, 7])
-def test_two_things_that_are_both_true_are_both_told(seed: int) -> None:
+@pytest.mark.parametrize(("seed", "of_a", "of_b"), [(2, 30.0, -40.0), (7, 30.0, -40.0), (6, 25.0, 25.0)])
+def test_two_things_that_are_both_true_are_both_told(seed: int, of_a: float, of_b: float) -> None:
     """Another bias of A in run 2 and of B in run 9: each alone explains much, and neither makes the other needless."""
     one = campaign(12, 3, seed=seed, scatter=1.0)
     run, off = one.sensors[2].conditions.run, one.sensors[2].rates_deg_per_hr.copy()
-    off[run == 2, 0] += 30.0
-    off[run == 9, 1] -= 40.0
+    off[run == 2, 0] += of_a
+    off[run == 9, 1] += of_b
     found = wrong_rows(with_rates(one, off))[2]
     assert sorted((row.run, row.channels, row.done) for row in found.rows) == [
         (2, ("RA",), USED),
