@@ -154,6 +154,7 @@ class FoundEffect:
     inside_collects: bool = False
     acts_on: str = "mean"
     mends_labels: bool = False
+    shape_range: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
     @property
     def shape_in_words(self) -> str:
@@ -161,11 +162,13 @@ class FoundEffect:
         run = self.shape.get("from_run")
         if run is not None:
             return f"in run {run:g} alone" if self.shape.get("runs_held") else f"from run {run:g} on"
-        return ", ".join(text.format(self.shape[name]) for name, text in _SHAPES.items() if name in self.shape)
+        every = {name: text.format(self.shape[name]) for name, text in _SHAPES.items() if name in self.shape}
+        may_be = {name: " ({:.3g} to {:.3g} is possible)".format(*ends) for name, ends in self.shape_range.items()}
+        return ", ".join(text + may_be.get(name, "") for name, text in every.items())
 
     def document(self) -> dict[str, Any]:
         """Return the JSON object."""
-        as_it_is = "id title equation parameters shape shape_in_words sensors kind inside_collects probability acts_on"
+        as_it_is = "id title equation parameters shape shape_range shape_in_words sensors kind inside_collects probability acts_on"
         return picked(self, as_it_is, confusable_with=[rival.document() for rival in self.confusable_with])
 
 

@@ -154,7 +154,9 @@ def _result(
         posterior, reading.found.terms, fit, conditions, [f for found in of_scatter.values() for f in found], under
     )
     gap = findings.gap_of(proof, fit, before, conditions, chances, reading.chance)
-    results = [findings.described(n, posterior, fit, over_sensors.get(n.name, ()), conditions) for n in names]
+    results = [
+        findings.described(n, posterior, reading.found, fit, over_sensors.get(n.name, ()), conditions) for n in names
+    ]
     wrong = mistakes.mistakes_found(reading, campaign, posterior)
     within = [
         effect
