@@ -168,7 +168,8 @@ class FoundEffect:
 
     def document(self) -> dict[str, Any]:
         """Return the JSON object."""
-        as_it_is = "id title equation parameters shape shape_range shape_in_words sensors kind inside_collects probability acts_on"
+        shape = "shape shape_range shape_in_words"
+        as_it_is = f"id title equation parameters {shape} sensors kind inside_collects probability acts_on"
         return picked(self, as_it_is, confusable_with=[rival.document() for rival in self.confusable_with])
 
 
