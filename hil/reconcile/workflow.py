@@ -177,7 +177,7 @@ def _result(
         own = findings.gap_of(of_names, fit, before, conditions, chances, reading.chance)
         record = {named.name: findings.origin(campaign, named, own) for named in names}
         added = [
-            (posterior.term(n, j).candidate, findings.values_of(posterior, fit, n, j))
+            (posterior.term(n, j).candidate, findings.values_of(posterior, fit, n, j, alone=True))
             for named in names
             for n, js in named.terms.items()
             for j in js

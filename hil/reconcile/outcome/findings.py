@@ -180,10 +180,10 @@ def laws_that_fail(fit: Fitted, sensors: Mapping[int, SensorProblem]) -> list[st
     ]
 
 
-def values_of(posterior: Posterior, fit: Fitted, number: int, place: int) -> Values:
-    """Return the values and errors of a term's columns, in their own units."""
+def values_of(posterior: Posterior, fit: Fitted, number: int, place: int, *, alone: bool = False) -> Values:
+    """Return the values and errors of a term's columns, in their own units; `alone` as `Fitted.value` has it."""
     scale = posterior.term(number, place).scale
-    own = {key[2]: fit.value(key) for key in fit.keys if key[:2] == (number, place)}
+    own = {key[2]: fit.value(key, alone=alone) for key in fit.keys if key[:2] == (number, place)}
     return {k: (value / float(scale[k]), error / float(scale[k])) for k, (value, error) in own.items()}
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from hil.model.effects.dynamics import IndexSettling
+from hil.model.effects.g_squared import SquaredAcceleration
 from hil.reconcile import reconcile
 from hil.reconcile.result import FoundEffect
 from tests.hil.reconcile.hidden_effects import hidden_campaign
@@ -38,3 +39,20 @@ def test_a_size_is_no_surer_than_the_time_constant(seed: int) -> None:
         assert each["low"] <= TRUE[each["name"]] <= each["high"]
         assert each["low"] < each["value"] < each["high"]
         assert each["se"] < each["high"] - each["low"]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_what_positions_cannot_part_is_no_surer_than_what_is_typical(seed: int) -> None:
+    """Of kAA and kSS four positions tell the difference, of kAS nothing: what is sure is no value of the six."""
+    true = {"kAA_A": 1.0, "kAA_B": 0.5, "kSS_A": -0.4, "kSS_B": -1.0, "kAS_A": -0.6, "kAS_B": 0.3}
+    plain = hidden_campaign(seed, quiet=0.2, positions=tuple("1342431"))
+    rows = plain.sensors[2]
+    added = SquaredAcceleration().columns(rows.conditions, None, {}) @ np.array([*true.values()])
+    hidden = replace(rows, rates_deg_per_hr=rows.rates_deg_per_hr + added)
+    result = reconcile(replace(plain, sensors={2: hidden}), "matrix-6-thermal", prove=False)
+    (found,) = (effect for effect in result.effects if effect.id == "k2")
+    for each in found.parameters:
+        assert each["low"] <= true[each["name"]] <= each["high"]
+        assert 0.05 < each["se"] < 1.0  # deg/hr/g², the largest that is typical
+    (term,) = result.model_after.terms
+    assert {curve.se < 0.05 for name, curve in term.parameters.items() if "AS" not in name} == {True}  # type: ignore[operator]
