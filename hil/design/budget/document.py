@@ -53,7 +53,9 @@ def budget_document(
     if len(without) == len(scenes):
         raise InputError("; ".join(without) or "no collect was measured")
     sensors = {
-        str(number): _sensor(number, runs, asked, (observed or {}).get(number)) for number, runs in scenes.items() if runs
+        str(number): _sensor(number, runs, asked, (observed or {}).get(number))
+        for number, runs in scenes.items()
+        if runs
     }
     return {
         "schema": SCHEMA,
