@@ -276,9 +276,9 @@ def _check_term(
     units = {} if sensor is None else {each.name: each.unit for each in effect.parameters_for(sample)}
     if not term.parameters:
         known = units or {each.name: each.unit for each in effect.parameters}
-        there = [f"{name} ({unit})" for name, unit in known.items()]
-        there += [f"shape.{each.name} ({each.unit})" for each in effect.shapes_for(sample) if each.default is None]
-        raise InputError(f"{where}.parameters: nothing is given; {effect.id} has {listed(there)}")
+        has = [f"{name} ({unit})" for name, unit in known.items()]
+        has += [f"shape.{each.name} ({each.unit})" for each in effect.shapes_for(sample) if each.default is None]
+        raise InputError(f"{where}.parameters: nothing is given; {effect.id} has {listed(has)}")
     usual = effect.parameters[0].unit if effect.named_by_data else ""
     for name, curve in term.parameters.items():
         if not effect.accepts(name) or (exact and name not in units and not effect.named_by_data):

@@ -29,7 +29,7 @@ from hil.model.forms import default_form
 from hil.solve.runs import Estimate, RunSolution
 from hil.solve.temperatures import nearest, runs_by_temperature, told_by, unit_range_degC
 from hil.solve.wrong_rows import treated
-from procedures.words import counted, listed
+from procedures.words import counted, listed, significant
 
 CONFIDENCE = 0.95
 """Of every interval that is stated."""
@@ -273,11 +273,11 @@ class SensorRepeats:
         """Say what repeats show beyond standard errors, or that nothing was repeated."""
         if not np.any(self.spread.degrees):
             return ["nothing was repeated: what changes from run to run is not known, and in no ±"]
-        rows = zip(self.names, self.units, self.spread.observed, self.spread.beyond, self.spread.degrees, strict=True)
+        of = self.spread
+        rows = zip(self.names, self.units, of.observed, of.stated, of.beyond, of.degrees, strict=True)
         told = [
-            f"{name} by {sd:.3g} {unit}"
-            + (f" ({math.sqrt(sd**2 - more**2):.2g} by standard errors)" if more < sd else "")
-            for name, unit, sd, more, degrees in rows
+            f"{name} by {sd:.3g} {unit}" + f" ({stated:.2g} by standard errors)" * bool(stated > 0.0)
+            for name, unit, sd, stated, more, degrees in rows
             if degrees and more > 0.5 * sd
         ]
         unknown = "" if self.told_by else "; no temperature was recorded, so that every run counts as a repeat"
@@ -293,8 +293,8 @@ class SensorRepeats:
         times, residuals = self.times_stated, self.spread.factor
         odd = {channel: own for channel, own in self.times_of.items() if own != 1.0}
         by_noise = [
-            f"standard errors of {of} are {max(own, 1.0 / own):.2g} times too {'small' if own > 1.0 else 'large'}, as "
-            "what nothing but noise moves shows"
+            f"standard errors of {of} are {significant(max(own, 1.0 / own))} times too {'small' if own > 1.0 else 'large'}, "
+            "as what nothing but noise moves shows"
             for of, own in (odd or {"all channels together": times}).items()
             if times != 1.0
         ]
@@ -303,7 +303,7 @@ class SensorRepeats:
         left = "what is left is the same in every run, and no noise"
         return [
             *by_noise,
-            f"residuals are {residuals:.2g} times what standard errors allow, and repeats are not: {left}",
+            f"residuals are {significant(residuals)} times what standard errors allow, and repeats are not: {left}",
         ]
 
     def _by_temperature(self) -> list[str]:

@@ -27,7 +27,7 @@ from hil.solve.least_squares import Solution, solve
 from hil.solve.precision import measured_well_enough, unstated
 from hil.solve.wrong_rows import WrongRows, not_settled, wrong_rows
 from procedures.verdict import Judgement, Verdict, combine
-from procedures.words import counted, listed, numbered, plural, spelled
+from procedures.words import counted, listed, numbered, plural, significant, spelled
 
 PASS_PROBABILITY = 0.05
 FAIL_PROBABILITY = 0.001
@@ -295,7 +295,7 @@ def _by_channel(solved: _Solved, among: int) -> str:
     of_each = [each.reshape(-1, len(names)).sum(axis=0) for each in (squares, freedom)]
     odd = [nu > 0.5 and chdtrc(nu, chi) < PASS_PROBABILITY / among for chi, nu in zip(*of_each, strict=True)]
     told = [
-        f"{name} {np.sqrt(chi / nu):.2g} times"
+        f"{name} {significant(np.sqrt(chi / nu))} times"
         for name, chi, nu, far in zip(names, *of_each, odd, strict=True)
         if far and not all(odd)
     ]
@@ -323,12 +323,12 @@ def judge(
             "cannot contradict the model",
         )
     probability = float(chdtrc(degrees, chi_square))
-    found = f"chi-square {chi_square:.3g} on {freedom}, p = {probability:.2g}"
+    found = f"chi-square {significant(chi_square, 3)} on {freedom}, p = {probability:.2g}"
     if probability >= PASS_PROBABILITY / among:
         chance = f"; of {among} runs one is so by chance" if probability < PASS_PROBABILITY else ""
         return Judgement(Verdict.PASS, f"the residuals agree with the stated standard errors ({found}{chance})")
     factor = np.sqrt(chi_square / degrees)
-    excess = f"the residuals are {factor:.2g} times what the standard errors allow{where} ({found})"
+    excess = f"the residuals are {significant(factor)} times what the standard errors allow{where} ({found})"
     if probability >= FAIL_PROBABILITY / among:
         return Judgement(Verdict.MARGINAL, excess)
     return Judgement(

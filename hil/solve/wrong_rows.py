@@ -25,7 +25,7 @@ from hil.solve.neighbours import OTHER_BIAS, compared_with_neighbours
 from hil.solve.precision import with_every_error
 from hil.solve.temperatures import unsettled
 from procedures.verdict import Judgement, Verdict, combine
-from procedures.words import numbered
+from procedures.words import numbered, significant
 
 LEFT_OUT, MENDED, USED = "left out", "mended", "used"
 _LIES = "in each the unit lies, by its accelerometers, as in the other's position"
@@ -207,8 +207,10 @@ def _said(filed: Collects, found: Explained) -> Iterator[tuple[int, Wrong, Verdi
     some = ", or ".join(each.removesuffix(once) for each in may_be)
     why = f"{differ}: {some}{once}{nothing}; these rates cannot tell which"
     if not may_be:
-        why = f"{differ}: in what neither a bias nor MU moves rates are {found.times:.2g} times as far apart as their "
-        why += "standard errors say; several collects are wrong, or what is stated is no error of theirs"
+        why = (
+            f"{differ}: in what neither a bias nor MU moves rates are {significant(found.times)} times as far apart as "
+        )
+        why += "their standard errors say; several collects are wrong, or what is stated is no error of theirs"
     for run in runs:
         own = Cause("run", run, tuple(np.flatnonzero(conditions.run == run).tolist()))
         yield run, _of(filed, own, USED, why), Verdict.INCONCLUSIVE if found.nothing < HARDLY else Verdict.MARGINAL
@@ -322,8 +324,8 @@ def in_words(wrong: Mapping[str, Any], *, searched: bool = False) -> list[str]:
             for each in wrong.get("runs_not_settled", ())
         ]
         + [
-            f"sensor {number}: among so few runs a collect that is off by less than {size:.2g} deg/hr may not be "
-            "seen here; hil reconcile looks closer"
+            f"sensor {number}: among so few runs a collect that is off by less than {significant(size)} deg/hr may not "
+            "be seen here; hil reconcile looks closer"
             for number, size in wrong.get("rows_seen_from", {}).items()
         ]
     )

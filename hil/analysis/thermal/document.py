@@ -10,7 +10,7 @@ from hil.files.document import picked, plain
 from hil.solve.repeats import CONFIDENCE
 from hil.solve.runs import not_passed, runs_in_words, solve_campaign
 from hil.solve.wrong_rows import what_is_wrong
-from procedures.words import listed
+from procedures.words import listed, significant
 
 SCHEMA = "hil.thermal/1"
 _NOT_SHOWN = "modelling against temperature is not shown to predict a temperature that was left out"
@@ -114,7 +114,7 @@ def parameter_in_words(each: ParameterFit) -> str:
     """Say what was found about one parameter."""
     errors, unit = each.choice.errors, each.unit
     if each.finding == "constant":
-        largest = f"{each.largest_change:.2g} {unit}"
+        largest = f"{significant(each.largest_change)} {unit}"
         return f"no temperature dependence found by its repeats: a straight line changes less than {largest}"
     if each.finding == "undescribed":
         cubic = f"; a cubic {errors['cubic']:.3g}" if "cubic" in errors else ""

@@ -12,7 +12,7 @@ from hil.reconcile.outcome.scatter import beyond_chance
 from hil.reconcile.result import LEFT_OUT, Reconciliation, Rival, in_times, rounded, values_off
 from hil.solve.runs import runs_in_words
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED
-from procedures.words import listed, numbered, percent
+from procedures.words import listed, numbered, percent, significant
 
 LEAST = 1e-4  # p-values are said down to it
 _FALLS = 0.98  # of what it was: from there on a gap is said to fall
@@ -218,8 +218,8 @@ def at_most(noise: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _more(channel: Mapping[str, Any]) -> str:
-    by_model = channel["explained_deg_per_hr"] > 1.01 * channel["stated_deg_per_hr"]
-    return f"{_times(channel):.2g} times as much as their standard errors {'and the model say' if by_model else 'say'}"
+    say = "and the model say" if channel["explained_deg_per_hr"] > 1.01 * channel["stated_deg_per_hr"] else "say"
+    return f"{significant(_times(channel))} times as much as their standard errors {say}"
 
 
 def _times(channel: Mapping[str, Any]) -> float:
