@@ -25,6 +25,7 @@ from hil.reconcile.inside import named_within, within_collects
 from hil.reconcile.naming import Named, Reading, read
 from hil.reconcile.outcome import findings, mistakes, scatter
 from hil.reconcile.outcome.improve import improved
+from hil.reconcile.outcome.sentences import scatter_in_words, stated_in_words
 from hil.reconcile.outcome.taken_out import taken_out
 from hil.reconcile.outcome.values import before_and_after
 from hil.reconcile.proof.experiment import Fitting, next_experiment
@@ -37,6 +38,7 @@ from hil.reconcile.search.posterior import Posterior, weigh
 from hil.reconcile.search.problem import Problem, pose
 from hil.reconcile.search.terms import PLAIN
 from hil.reconcile.unrecorded import beside_unasked, with_stand_ins
+from hil.solve.both_sensors import BothSensors, common_and_differential
 from hil.solve.wrong_rows import in_words, otherwise, pooled, without
 from procedures.verdict import NOT_GOOD
 
@@ -70,10 +72,11 @@ def reconcile(
     effects = (*BASE_EFFECTS, *EFFECTS) if catalogue is None else tuple(catalogue)
     for collects in campaign.sensors.values():
         chosen.check_sensor(collects.conditions.sensor)
-    beside, campaign = without(campaign), with_stand_ins(pooled(campaign))
+    beside, both = without(campaign), common_and_differential(campaign)
+    campaign = with_stand_ins(pooled(campaign))
     inside = within_collects(campaign, SERIES_EFFECTS, _INSIDE * alpha)
     found = searched(campaign, chosen, effects, scattering, alpha, prove=prove)
-    return _result(campaign, chosen, *found, inside, beside, alpha, (draws, seed), prove=prove)
+    return _result(campaign, chosen, *found, inside, beside, both, alpha, (draws, seed), prove=prove)
 
 
 def searched(
@@ -134,6 +137,7 @@ def _result(
     reverted: Sequence[Named],
     inside: Sequence[dict[str, Any]],
     beside: Mapping[str, Any],
+    both: BothSensors | None,
     alpha: float,
     chances: tuple[int, int],
     *,
@@ -196,10 +200,11 @@ def _result(
     notes += mistakes.mistake_notes(reading, campaign, posterior)
     notes += findings.laws_that_fail(fit, problem.sensors)
     why = [f"what is known taken off: {each}" for each in left.reasons if each not in solved.reasons]
+    notes += both.sentences() if both is not None and both.shared else []
     notes += [*why[:_FEW], *[f"what is known taken off: {len(why) - _FEW} more such runs"][: len(why) > _FEW]]
     notes += [f"{n.name}: the gap on held-out data did not shrink, so it was not added" for n in reverted]
     notes += [findings.NOT_HELD_OUT] if prove and proof is None and names else []
-    notes += [*values_off(standing, gap), *((*scatter.in_words(noise), *scatter.stated_now(noise)) if tested else ())]
+    notes += [*values_off(standing, gap), *((*scatter_in_words(noise), *stated_in_words(noise)) if tested else ())]
     outliers = mistakes.outliers_found(reading, campaign, fit, posterior)
     rows = mistakes.rows_found(reading, campaign, outliers, posterior)
     outliers += mistakes.at_limits(campaign, problem)
@@ -236,6 +241,7 @@ def _result(
         without=beside,
         solved=solved,
         left=left,
+        both=both,
         values=values,
     )
 

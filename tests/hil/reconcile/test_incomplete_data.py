@@ -14,7 +14,8 @@ from hil.model import load_model
 from hil.model.effects.catalogue import EFFECTS, VARIANCE_EFFECTS, effect_by_id
 from hil.model.effects.history import place_in_run
 from hil.reconcile import Reconciliation, reconcile
-from hil.reconcile.outcome.page import page, what_to_do
+from hil.reconcile.outcome.page import page
+from hil.reconcile.outcome.sentences import what_to_do
 from hil.reconcile.proof.experiment import repeated
 from hil.reconcile.proof.held_out import Predicted, _together
 from hil.reconcile.result import Solved

@@ -14,8 +14,9 @@ from matplotlib.figure import Figure
 from benchmarks.blind.cases import make_case, write_case
 from hil.campaign.reader import read_campaign
 from hil.reconcile import Reconciliation, reconcile
-from hil.reconcile.outcome.page import page, summary, what_to_do
+from hil.reconcile.outcome.page import page
 from hil.reconcile.outcome.pictures import pictures
+from hil.reconcile.outcome.sentences import summary, what_to_do
 from hil.reconcile.result import FoundEffect, Rival, rounded
 from tests.hil.reconcile.hidden_effects import hidden_campaign
 

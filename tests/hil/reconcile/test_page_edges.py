@@ -14,7 +14,8 @@ from hil.campaign.reader import read_campaign
 from hil.model import Model
 from hil.model.curve import Constant
 from hil.reconcile import Reconciliation, reconcile
-from hil.reconcile.outcome.page import page, summary, write_result
+from hil.reconcile.outcome.page import page, write_result
+from hil.reconcile.outcome.sentences import summary
 from hil.reconcile.result import FoundEffect, Rival, Solved
 
 
@@ -47,10 +48,10 @@ def test_values_of_another_unit_are_said_to_be_off(plain: Reconciliation) -> Non
 def test_what_is_left_is_called_noise_only_where_it_is(plain: Reconciliation) -> None:
     """Held-out residuals of 1.53 times the noise's mean square are not "nothing but noise" on the same page."""
     said = "leaves nothing but noise"
-    assert said in page(replace(plain, gap=replace(plain.gap, standardised_after=1.05)))
+    assert said in page(replace(plain, noise=[], gap=replace(plain.gap, standardised_after=1.05)))
     loud = page(replace(plain, gap=replace(plain.gap, standardised_after=1.53)))
     assert said not in loud
-    assert "nothing that can be told from noise, of 1.5 times the variance" in loud
+    assert "though what was held out is 1.2 times what noise should leave" in loud
 
 
 @pytest.mark.parametrize(
