@@ -11,6 +11,7 @@ from hil.model.effects.dynamics import IndexSettling
 from hil.model.effects.g_squared import SquaredAcceleration
 from hil.reconcile import reconcile
 from hil.reconcile.result import FoundEffect
+from hil.reconcile.search.second_tier import drivers
 from tests.hil.reconcile.hidden_effects import hidden_campaign
 
 TRUE = {"S_A": 90.0, "S_B": -50.0}
@@ -56,3 +57,12 @@ def test_what_positions_cannot_part_is_no_surer_than_what_is_typical(seed: int) 
         assert 0.05 < each["se"] < 1.0  # deg/hr/g², the largest that is typical
     (term,) = result.model_after.terms
     assert {curve.se < 0.05 for name, curve in term.parameters.items() if "AS" not in name} == {True}  # type: ignore[operator]
+
+
+def test_an_acceleration_drives_no_coefficient() -> None:
+    """It shows the pose: g along X that follows it is a product of accelerations, which the catalogue describes."""
+    rows = hidden_campaign(1).sensors[2].conditions
+    shown = {f"accelerometer_{axis}_g": rows.f_g[:, k] for k, axis in enumerate(rows.sensor.axes)}
+    known = [driver.name for driver in drivers(replace(rows, columns={**rows.columns, **shown}))]
+    assert known == [driver.name for driver in drivers(rows)]
+    assert "supply_V" in known
