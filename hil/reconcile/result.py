@@ -9,6 +9,7 @@ import numpy as np
 
 from hil.campaign import Campaign
 from hil.files.document import picked, plain
+from hil.files.numbers import number
 from hil.model import Model
 from hil.solve.both_sensors import BothSensors
 from hil.solve.repeats import repeats
@@ -95,7 +96,7 @@ def before_and_after_in_words(values: Iterable[Mapping[str, Any]]) -> Iterator[s
     for each in values:
         degC = each["temperature_degC"]
         at = "" if degC is None else f" at {degC:.1f} °C"
-        told = f"{each['after']:.1f}{at} (without it {each['before'] + 0.0:.1f})"
+        told = f"{number(each['after'], 1)}{at} (without it {number(each['before'], 1)})"
         lines.setdefault(f"{each['name']} of sensor {each['sensor']}, {each['unit']}", []).append(told)
     yield from (f"{name}: {'; '.join(told)}" for name, told in lines.items())
 

@@ -293,8 +293,8 @@ class SensorRepeats:
         times, residuals = self.times_stated, self.spread.factor
         odd = {channel: own for channel, own in self.times_of.items() if own != 1.0}
         by_noise = [
-            f"standard errors of {of} are {significant(max(own, 1.0 / own))} times too {'small' if own > 1.0 else 'large'}, "
-            "as what nothing but noise moves shows"
+            f"standard errors of {of} are {significant(max(own, 1.0 / own))} times too "
+            f"{'small' if own > 1.0 else 'large'}, as what nothing but noise moves shows"
             for of, own in (odd or {"all channels together": times}).items()
             if times != 1.0
         ]
