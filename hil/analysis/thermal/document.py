@@ -119,9 +119,8 @@ def parameter_in_words(each: ParameterFit) -> str:
     if each.finding == "undescribed":
         cubic = f"; a cubic {errors['cubic']:.3g}" if "cubic" in errors else ""
         return (
-            "differs between temperatures beyond its noise, but no curve is shown to predict one left out "
-            f"(p = {each.choice.chance_of_constant:.2g}): "
-            f"a constant misses it by {errors['constant']:.3g} {unit}{cubic}"
+            "differs between temperatures beyond its noise, but no curve is shown to predict one left out (p = "
+            f"{each.choice.chance_of_constant:.2g}): a constant misses it by {errors['constant']:.3g} {unit}{cubic}"
         )
     words = (
         f"{each.form}: it misses a temperature that was left out by {errors[each.form]:.3g} {unit}, a constant by "
