@@ -288,17 +288,3 @@ class Reconciliation:
             **({"twin": self.twin} if self.twin else {}),
         }
         return dict(plain(document))
-
-
-_OFF = 1.5  # times the noise: from there on a model's values are said to be off
-
-
-def values_off(standing: Mapping[str, Any] | None, gap: Gap) -> list[str]:
-    """Say where a model's values do not describe the data though its form, fitted anew, may: nothing for a built-in."""
-    if standing is None or not standing["rms_deg_per_hr"] > _OFF * gap.noise_floor:
-        return []
-    off = (
-        f"the model's values as they stand are off by {standing['rms_deg_per_hr']:.3g} deg/hr rms, where noise leaves "
-        f"{gap.noise_floor:.3g}: they are not this unit's now. The verdict is about its form, with values fitted anew"
-    )
-    return [off]

@@ -25,13 +25,13 @@ from hil.reconcile.inside import named_within, within_collects
 from hil.reconcile.naming import Named, Reading, read
 from hil.reconcile.outcome import findings, mistakes, scatter
 from hil.reconcile.outcome.improve import improved
-from hil.reconcile.outcome.sentences import scatter_in_words, stated_in_words
+from hil.reconcile.outcome.sentences import scatter_in_words, stated_in_words, values_off
 from hil.reconcile.outcome.taken_out import taken_out
 from hil.reconcile.outcome.values import before_and_after
 from hil.reconcile.proof.experiment import Fitting, next_experiment
 from hil.reconcile.proof.held_out import HeldOut, by_run, held_out, in_blocks
 from hil.reconcile.proof.places import channels_touched, places
-from hil.reconcile.result import FoundEffect, Reconciliation, Solved, values_off, without_collects
+from hil.reconcile.result import FoundEffect, Reconciliation, Solved, without_collects
 from hil.reconcile.search.fitted import Fitted, fitted
 from hil.reconcile.search.layout import may_be_calibrated, searches, values_follow
 from hil.reconcile.search.posterior import Posterior, weigh

@@ -9,7 +9,7 @@ import numpy as np
 from drivers.strict_yaml import packaged
 from hil.reconcile.naming import NO_NAME
 from hil.reconcile.outcome.scatter import beyond_chance
-from hil.reconcile.result import LEFT_OUT, Reconciliation, Rival, in_times, rounded, values_off
+from hil.reconcile.result import LEFT_OUT, Gap, Reconciliation, Rival, in_times, rounded
 from hil.solve.runs import runs_in_words
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED
 from procedures.words import listed, numbered, percent, significant
@@ -21,6 +21,7 @@ _EXCESS = 1.5  # times what is explained, from which on it is said that the aver
 _EXPECTED = 5.0  # times as probable before the data, from which on physics is said to expect a name
 
 _ACT = packaged("hil.reconcile.outcome", "what_to_do.yaml")
+_OFF = 1.5  # times the noise: from there on a model's values are said to be off
 _LIKELY = 0.5
 _MEASURED = " The model holds at temperatures that were measured: how far off it may be at others, hil thermal says."
 _APART = 0.05  # p-value below which nights simulated after are told from the measured one
@@ -236,3 +237,14 @@ def stated_in_words(noise: Sequence[Mapping[str, Any]]) -> list[str]:
     )
     said = "the noise of model.yaml states what averages scatter by beyond the standard errors and the model read"
     return [f"{said}: {more}"] if more else []
+
+
+def values_off(standing: Mapping[str, Any] | None, gap: Gap) -> list[str]:
+    """Say where a model's values do not describe the data though its form, fitted anew, may: nothing for a built-in."""
+    if standing is None or not standing["rms_deg_per_hr"] > _OFF * gap.noise_floor:
+        return []
+    off = (
+        f"the model's values as they stand are off by {standing['rms_deg_per_hr']:.3g} deg/hr rms, where noise leaves "
+        f"{gap.noise_floor:.3g}: they are not this unit's now. The verdict is about its form, with values fitted anew"
+    )
+    return [off]
