@@ -241,6 +241,14 @@ class SensorRepeats:
                 found[name] = Uncertain(each.value, sd, float(self.spread.freedom[place]), 1, unit)
         return found
 
+    def of_a_collect(self, errors: FloatArray, columns: FloatArray) -> float:
+        """Return what the usual collect scatters by, deg/hr: its own noise, and what parameters do from run to run.
+
+        `errors` (n, c) are the standard errors of rates, `columns` (n, c, p) what these are of each parameter.
+        """
+        beyond = np.einsum("ncp,p->nc", columns**2, self.beyond_noise**2)
+        return float(np.sqrt(np.median(np.nan_to_num((self.noise_times * errors) ** 2) + beyond)))
+
     def document(self) -> dict[str, Any]:
         """Return the JSON of it: `run_to_run` by parameter, `means` by temperature, and runs that are in neither."""
         beyond = zip(
@@ -284,7 +292,8 @@ class SensorRepeats:
         degrees = f"{counted(int(self.spread.degrees.max()), 'degree')} of freedom{unknown}"
         if not told:
             return self.noise_in_words or [f"repeats scatter as their standard errors say ({degrees})"]
-        more = f"repeats scatter more than their standard errors say ({degrees})"
+        stated = "more than their standard errors say" if (of.stated > 0.0).any() else "and state no standard errors"
+        more = f"repeats scatter {stated} ({degrees})"
         return [f"{more}: {'; '.join(told)}; each ± includes it", *self.noise_in_words, *self._by_temperature()]
 
     @property

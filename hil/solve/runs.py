@@ -184,6 +184,8 @@ def _judged(solution: RunSolution, rows: Collects, beside: _Beside) -> RunSoluti
         alone = (
             f"{numbered('run', beside.not_compared)} cannot be compared with others (it takes three at a temperature, "
             "or a colder and a warmer one, and six such collects): that each collect is what it says"
+            + ", as far as residuals do not show it"
+            * bool(solution.degrees_of_freedom)
         )
         solution = replace(solution, assumed=(*solution.assumed, alone), compared=False)
     if lacking := [collect for run in solution.runs for collect in beside.lacking.get(run, ())]:
@@ -195,11 +197,7 @@ def _judged(solution: RunSolution, rows: Collects, beside: _Beside) -> RunSoluti
     judged = combine([*found, Judgement(solution.verdict, solution.reason)], passed=solution.reason)
     if judged.verdict is solution.verdict and not any(each.verdict is not Verdict.PASS for each in found):
         return solution
-    # That residuals agree excuses nothing of what else was found; that they cannot say so, does add to it.
-    silent = solution.verdict is Verdict.PASS and solution.chi_square is None
-    return replace(
-        solution, verdict=judged.verdict, reason=f"{judged.reason}; {solution.reason}" if silent else judged.reason
-    )
+    return replace(solution, verdict=judged.verdict, reason=judged.reason)
 
 
 def not_passed(solutions: Sequence[RunSolution]) -> dict[Verdict, list[int]]:

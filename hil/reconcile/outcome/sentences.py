@@ -58,7 +58,7 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     why = " (hil report says" if result.left == result.solved else ", even with what is known taken off (notes say"
     first += [f"what hil solve does not pass{why} why): {doubts}"] if doubts else []
     spoiled = sorted({collect for row in omitted for collect in row["collects"]})
-    first += [f"what is left out (notes): {numbered('collect', spoiled)}"] if spoiled else []
+    first += [f"what is left out (below): {numbered('collect', spoiled)}"] if spoiled else []
     first += [f"{result.both.cause} (notes)"] if result.both is not None and result.both.cause else []
     act = "The model itself lacks nothing that can be told." if kind == "none" and first else _ACT[kind]
     if kind == "scatter":
@@ -127,7 +127,10 @@ def summary(result: Reconciliation) -> list[str]:
             sentence += "; it shows inside the collects and leaves no trace in their averages"
         said.append(sentence + ".")
     said += gap_in_words(result)[:1]
-    said += [f"It follows {d.replace('_', ' ')} ({percent(share)})." for d, share in result.follows[:1] if added]
+    follows = {"run": "changes from run to run"}
+    said += [
+        f"It {follows.get(d, f'follows {d}').replace('_', ' ')} ({percent(p)})." for d, p in result.follows[:1] if added
+    ]
     if per_temperature:
         said.append("The model's other values were calibrated at each temperature.")
     if result.next_experiment and result.next_experiment.get("what"):

@@ -142,6 +142,14 @@ def test_one_huge_standard_error_says_nothing_of_what_the_others_scatter_by() ->
     assert told[1] == pytest.approx(told[0], rel=0.15)
 
 
+@pytest.mark.parametrize("name", ["good", "drift through every run", "no standard errors"])
+def test_a_collect_scatters_by_as_much_for_thermal_as_for_the_search(name: str) -> None:
+    """Also where residuals are many times their errors, and repeats show that this is no noise."""
+    one = FOLDERS[name]()
+    by_search = [each["observed_deg_per_hr"] for each in what_scatters(one).noise]
+    assert fit_thermal(one).sensors[2].rate_noise_deg_per_hr == pytest.approx(np.mean(by_search), rel=0.4)
+
+
 @pytest.mark.parametrize("ask", ["poses, dead channel"], indirect=True)
 def test_a_dead_channel_has_no_value_and_no_pass(ask: Ask) -> None:
     """What is exactly 0 in every pose was not measured; the other channels have their values, and scatter answers."""

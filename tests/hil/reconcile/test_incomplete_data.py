@@ -362,7 +362,7 @@ def test_a_wrong_rate_that_was_left_out_is_something_to_see_to() -> None:
     campaign.sensors[2].rates_deg_per_hr[10, 0] += 60.0
     told = what_to_do(reconcile(campaign, "matrix-6-thermal", prove=False))[1]
     assert told.startswith("First see to ")
-    assert "what is left out (notes): collect 11. The model itself lacks nothing that can be told." in told
+    assert "what is left out (below): collect 11. The model itself lacks nothing that can be told." in told
 
 
 def test_what_scatters_from_run_to_run_is_not_told_from_temperature_where_nothing_was_repeated() -> None:
