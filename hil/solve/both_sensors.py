@@ -75,7 +75,7 @@ class BothSensors:
         return [f"sensors {one} and {two} move together from run to run, {listed(pairs)}: {cause}"]
 
     @property
-    def cause(self) -> str:
+    def look_for(self) -> str:
         """What somebody has to look for; empty where nothing is shared."""
         return f"what moves sensors {listed(self.sensors)} together from run to run" if self.shared else ""
 

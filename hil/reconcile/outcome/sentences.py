@@ -59,7 +59,7 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     first += [f"what hil solve does not pass{why} why): {doubts}"] if doubts else []
     spoiled = sorted({collect for row in omitted for collect in row["collects"]})
     first += [f"what is left out (below): {numbered('collect', spoiled)}"] if spoiled else []
-    first += [f"{result.both.cause} (notes)"] if result.both is not None and result.both.cause else []
+    first += [f"{result.both.look_for} (notes)"] if result.both is not None and result.both.look_for else []
     act = "The model itself lacks nothing that can be told." if kind == "none" and first else _ACT[kind]
     if kind == "scatter":
         runs = numbered("run", beyond)

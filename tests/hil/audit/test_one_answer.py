@@ -109,7 +109,7 @@ def test_what_moves_both_sensors_is_said_wherever_somebody_asks_what_scatters() 
         one = FOLDERS[name]()
         both = common_and_differential(one)
         assert both is not None
-        assert bool(both.cause) is together
+        assert bool(both.look_for) is together
         said = [" ".join(to_do(gather(one))), what_to_do(reconcile(one, "matrix-6", prove=False))[1]]
         assert ["what moves sensors 1 and 2 together" in each for each in said] == [together, together]
         assert set(both.sentences()) <= set(what_scatters(one).sentences())
