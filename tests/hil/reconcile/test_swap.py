@@ -152,7 +152,7 @@ def test_a_position_that_a_run_has_twice_is_not_mistaken_for_its_other_collect()
     campaign = hidden_campaign(4, positions=("1", "2", "3", "4", "1"))
     result = found(exchanged(campaign, (28, 30)))
     assert swaps(result) == [6.0]
-    assert "collects 28, 30, at positions 1 and 3, look exchanged" in " ".join(result.notes)
+    assert "collects 28, 30, at positions 3 and 1, look exchanged" in " ".join(result.notes)
     assert result.gap.after == pytest.approx(found(campaign).gap.after, rel=ALIKE)
 
 
