@@ -8,6 +8,7 @@ import numpy as np
 
 from hil.campaign import Campaign, Conditions
 from hil.campaign.plausibility import clipped
+from hil.model.effects.data import OTHER_SENSOR
 from hil.reconcile.naming import CERTAIN, Reading, classes_of
 from hil.reconcile.outcome.findings import physics, values_of
 from hil.reconcile.result import LEFT_OUT, Disagreement, FoundEffect, runs_in_words, without_collects
@@ -108,6 +109,8 @@ def _exchange(candidate: Candidate, campaign: Campaign) -> str:
     rows = np.any(candidate.columns != 0.0, axis=(1, 2)) & (conditions.run == run)
     positions = " and ".join(dict.fromkeys(conditions.position[rows].tolist()))
     collects = ", ".join(str(int(c)) for c in conditions.collect[rows])
+    if candidate.shape["exchange"] == OTHER_SENSOR:
+        return f"run {run}: the rates are the other sensor's (collects {collects})"
     if rows.sum() > _PAIR:
         return f"run {run}: {' and '.join(conditions.sensor.channels)} exchanged (collects {collects})"
     return f"run {run}: collects at positions {positions} exchanged (collects {collects})"
