@@ -50,6 +50,15 @@ def unit_in_words(unit: str) -> str:
     return "ratio" if unit == "1" else unit.replace("degC", "°C").replace("^2", "²")
 
 
+def significant(value: float, digits: int = 2) -> str:
+    """Write a number to so many digits, without a power of ten below a million.
+
+    >>> significant(112.3), significant(0.01234), significant(1730.4, 3)
+    ('110', '0.012', '1730')
+    """
+    return f"{float(f'{value:.{digits}g}'):g}"
+
+
 def spelled(number: int) -> str:
     """Write a small number as a word: no, one, two … twelve, 13."""
     return _NUMBERS[number] if number < len(_NUMBERS) else str(number)

@@ -15,7 +15,7 @@ from itertools import combinations, product
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.campaign.data import BoolArray, Campaign, Collects, FloatArray, IntArray
+from hil.campaign.data import BoolArray, Campaign, Collects, FloatArray, IntArray, Sensor
 from hil.campaign.laws import digit, laws, soaked, to_come_degC
 from hil.errors import InputError
 from procedures.pose import Contradiction, PoseTable
@@ -65,8 +65,12 @@ def judged_by_its_records(campaign: Campaign, series: Mapping[int, FloatArray] |
 def accelerations_g(collects: Collects) -> FloatArray:
     """Return what the unit's accelerometers showed along the sensor's axes, (n, 3), NaN where they did not."""
     columns, none = collects.conditions.columns, np.full(len(collects), np.nan)
-    axes = collects.conditions.sensor.axes
-    return np.stack([columns.get(f"accelerometer_{axis}_g", none) for axis in axes], axis=-1)
+    return np.stack([columns.get(name, none) for name in accelerometer_columns(collects.conditions.sensor)], axis=-1)
+
+
+def accelerometer_columns(sensor: Sensor) -> list[str]:
+    """Names of the columns of what the unit's own accelerometers show along the sensor's axes, g."""
+    return [f"accelerometer_{axis}_g" for axis in sensor.axes]
 
 
 def _poses(campaign: Campaign) -> Iterator[_Lies]:

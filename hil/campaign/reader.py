@@ -19,7 +19,7 @@ from drivers.given_file import RECORDING_MB, check_folder, opened
 from hil.campaign.data import Campaign, Collects, Conditions, FloatArray, Sensor, Series
 from hil.campaign.header import Header, read_header
 from hil.campaign.laws import average
-from hil.campaign.plausibility import judged_by_its_records
+from hil.campaign.plausibility import accelerometer_columns, judged_by_its_records
 from hil.campaign.table import LARGEST, Table, rows_in_words
 from hil.campaign.warnings import F_LIMITS_G, suspicions
 from hil.errors import InputError
@@ -82,7 +82,8 @@ def read_campaign(folder: Path | str) -> Campaign:
     table.require([*IDENTITY, *(name for sensor in used.values() for name in _needed_columns(sensor))])
     collects = table.integers("collect")
     _check_identity(table)
-    declared = {*STANDARD_CONDITIONS, *header.campaign.condition_units}
+    shown = {name for sensor in header.sensors.values() for name in accelerometer_columns(sensor)}
+    declared = {*STANDARD_CONDITIONS, *shown, *header.campaign.condition_units}
     others = [name for name in table.header if name not in IDENTITY and name not in own]
     remarks = [name for name in others if name not in declared and table.holds_text(name)]
     extra = [name for name in others if name not in remarks]

@@ -37,11 +37,10 @@ def budget(
         campaign = read_source(Path(source))
         its_bench = load_bench(bench) if bench is not None else _bench_of(Path(source))
         shown = what_repeats_show(campaign, solve_campaign(campaign))
-        times = max((len(each.runs) for of in shown.values() for each in of.means), default=1)
         document = budget_document(
             measured_scenes(campaign, its_bench, chosen),
             campaign.title,
-            Asked(run, repeats or times, draws, seed),
+            Asked(run, repeats, draws, seed),
             simulated=campaign.simulated,
             observed=shown,
         )

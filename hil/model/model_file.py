@@ -44,7 +44,7 @@ class Term(Entry):
 
     effect: Annotated[str, AfterValidator(known_by(effect_by_id))]
     sensor: int | None = None
-    parameters: Mapping[str, Curve] = Field(min_length=1)
+    parameters: Mapping[str, Curve] = Field(default_factory=dict)
     shape: Mapping[str, FiniteFloat] = Field(default_factory=dict)
     added: Mapping[str, Any] = Field(default_factory=dict)
 
@@ -274,6 +274,11 @@ def _check_term(
     columns = {name: np.zeros(4) for need in effect.needs for name in need.split("|")}
     sample = replace(_still_and_pulled(sensor or _ROTOR), columns=columns)
     units = {} if sensor is None else {each.name: each.unit for each in effect.parameters_for(sample)}
+    if not term.parameters:
+        known = units or {each.name: each.unit for each in effect.parameters}
+        has = [f"{name} ({unit})" for name, unit in known.items()]
+        has += [f"shape.{each.name} ({each.unit})" for each in effect.shapes_for(sample) if each.default is None]
+        raise InputError(f"{where}.parameters: nothing is given; {effect.id} has {listed(has)}")
     usual = effect.parameters[0].unit if effect.named_by_data else ""
     for name, curve in term.parameters.items():
         if not effect.accepts(name) or (exact and name not in units and not effect.named_by_data):

@@ -34,7 +34,7 @@ class ScatterTerm(Entry):
     """One named effect that scatters averages, with the value of its size; `added` says where it came from."""
 
     effect: Annotated[str, AfterValidator(known_by(variance_effect_by_id))]
-    parameters: Mapping[str, Curve] = Field(min_length=1, max_length=1)
+    parameters: Mapping[str, Curve] = Field(default_factory=dict, max_length=1)
     shape: Mapping[str, FiniteFloat] = Field(default_factory=dict)
     added: Mapping[str, Any] = Field(default_factory=dict)
 

@@ -5,9 +5,14 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from hil.campaign import Campaign
 from hil.files.document import picked, plain
+from hil.files.numbers import number
 from hil.model import Model
+from hil.solve.both_sensors import BothSensors
+from hil.solve.repeats import repeats
 from hil.solve.runs import not_passed, reasons, solve_campaign
 from procedures.words import numbered, unit_in_words
 
@@ -91,7 +96,7 @@ def before_and_after_in_words(values: Iterable[Mapping[str, Any]]) -> Iterator[s
     for each in values:
         degC = each["temperature_degC"]
         at = "" if degC is None else f" at {degC:.1f} °C"
-        told = f"{each['after']:.1f}{at} (without it {each['before'] + 0.0:.1f})"
+        told = f"{number(each['after'], 1)}{at} (without it {number(each['before'], 1)})"
         lines.setdefault(f"{each['name']} of sensor {each['sensor']}, {each['unit']}", []).append(told)
     yield from (f"{name}: {'; '.join(told)}" for name, told in lines.items())
 
@@ -154,6 +159,7 @@ class FoundEffect:
     inside_collects: bool = False
     acts_on: str = "mean"
     mends_labels: bool = False
+    shape_range: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
     @property
     def shape_in_words(self) -> str:
@@ -161,11 +167,14 @@ class FoundEffect:
         run = self.shape.get("from_run")
         if run is not None:
             return f"in run {run:g} alone" if self.shape.get("runs_held") else f"from run {run:g} on"
-        return ", ".join(text.format(self.shape[name]) for name, text in _SHAPES.items() if name in self.shape)
+        every = {name: text.format(self.shape[name]) for name, text in _SHAPES.items() if name in self.shape}
+        may_be = {name: " ({:.3g} to {:.3g} is possible)".format(*ends) for name, ends in self.shape_range.items()}
+        return ", ".join(text + may_be.get(name, "") for name, text in every.items())
 
     def document(self) -> dict[str, Any]:
         """Return the JSON object."""
-        as_it_is = "id title equation parameters shape shape_in_words sensors kind inside_collects probability acts_on"
+        shape = "shape shape_range shape_in_words"
+        as_it_is = f"id title equation parameters {shape} sensors kind inside_collects probability acts_on"
         return picked(self, as_it_is, confusable_with=[rival.document() for rival in self.confusable_with])
 
 
@@ -197,11 +206,15 @@ class Gap:
 
 @dataclass(frozen=True)
 class Solved:
-    """The runs that `hil solve` does not pass, by verdict; whose residuals exceed their errors; and all reasons."""
+    """The runs that `hil solve` does not pass, by verdict; whose residuals exceed their errors; and all reasons.
+
+    `widens`: whether repeats or residuals tell it by how much its ± have to be wider than standard errors say.
+    """
 
     not_passed: Mapping[str, Sequence[int]] = field(default_factory=dict)
     beyond_errors: Sequence[int] = ()
     reasons: Sequence[str] = ()
+    widens: bool = False
 
     @classmethod
     def of(cls, campaign: Campaign) -> "Solved":
@@ -210,7 +223,9 @@ class Solved:
         beyond = sorted({run for each in every if each.exceeds_errors for run in each.runs})
         found = {str(verdict): runs for verdict, runs in not_passed(every).items()}
         odd = [each for each in every if not {*each.runs}.isdisjoint(found.get(str(each.verdict), ()))]
-        return cls(found, beyond, [f"{verdict}, {where}: {why}" for verdict, where, why in reasons(odd)])
+        why = [f"{verdict}, {where}: {each}" for verdict, where, each in reasons(odd)]
+        repeated = any(np.any(each.spread.degrees) for each in repeats(campaign, every).values())
+        return cls(found, beyond, why, repeated or any(each.degrees_of_freedom for each in every))
 
 
 @dataclass(frozen=True)
@@ -248,6 +263,7 @@ class Reconciliation:
     without: Mapping[str, Any] = field(default_factory=dict)  # which runs are in no search or had not settled
     solved: Solved = field(default_factory=Solved)  # what `hil solve` says of these collects
     left: Solved = field(default_factory=Solved)  # and would say without what was found
+    both: BothSensors | None = None
 
     def document(self) -> dict[str, Any]:
         """Return the JSON document of formats/reconciliation.md; keys beyond the contract are additions."""
@@ -261,6 +277,7 @@ class Reconciliation:
             "runs_not_solved": self.solved.not_passed,
             "runs_not_solved_after": self.left.not_passed,
             **self.without,
+            "both_sensors": None if self.both is None else self.both.document(),
             **picked(self, "p_value calibration"),
             "disagreements": [vars(each) for each in self.disagreements],
             "effects": [effect.document() for effect in self.effects],
@@ -271,17 +288,3 @@ class Reconciliation:
             **({"twin": self.twin} if self.twin else {}),
         }
         return dict(plain(document))
-
-
-_OFF = 1.5  # times the noise: from there on a model's values are said to be off
-
-
-def values_off(standing: Mapping[str, Any] | None, gap: Gap) -> list[str]:
-    """Say where a model's values do not describe the data though its form, fitted anew, may: nothing for a built-in."""
-    if standing is None or not standing["rms_deg_per_hr"] > _OFF * gap.noise_floor:
-        return []
-    off = (
-        f"the model's values as they stand are off by {standing['rms_deg_per_hr']:.3g} deg/hr rms, where noise leaves "
-        f"{gap.noise_floor:.3g}: they are not this unit's now. The verdict is about its form, with values fitted anew"
-    )
-    return [off]

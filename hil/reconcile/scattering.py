@@ -21,10 +21,12 @@ from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS
 from hil.model.forms import default_form
 from hil.reconcile.naming import CERTAIN, Reading, scatter_of
 from hil.reconcile.outcome import mistakes, scatter
+from hil.reconcile.outcome.sentences import scatter_in_words
 from hil.reconcile.search.fitted import Fitted, fitted
 from hil.reconcile.search.posterior import Posterior
 from hil.reconcile.unrecorded import with_stand_ins
 from hil.reconcile.workflow import ALPHA, searched
+from hil.solve.both_sensors import BothSensors, common_and_differential
 from hil.solve.temperatures import runs_by_temperature
 from hil.solve.wrong_rows import in_words, otherwise, pooled, without
 from procedures.words import listed, unit_in_words
@@ -45,6 +47,7 @@ class Scattering:
     sizes: tuple[scatter.FoundScatter, ...]
     noise: list[dict[str, Any]]
     rows: list[dict[str, Any]]
+    both: BothSensors | None
 
     def sentences(self) -> list[str]:
         """Say what scatters, by how much, and what is wrong with the rows."""
@@ -57,7 +60,7 @@ class Scattering:
             first += f"about {', '.join(dict.fromkeys(n['under'] for n in self.noise))}: "
             told = [first + "; ".join(values)]
         elif self.probabilities.get(ORDINARY, 0.0) >= CERTAIN:
-            told = [f"nothing but ordinary noise: {ranked[0]}"]
+            told = [f"what scatters has no name: {ranked[0]}"]
         else:
             told = [f"these repeats cannot tell: {'; '.join(ranked)}" if ranked else "too few repeats to tell anything"]
         alone = [
@@ -66,8 +69,12 @@ class Scattering:
             if not any(len(runs) > 1 for _, runs in runs_by_temperature(collects.conditions))
         ]
         beside = [f"beside it something moves the mean: {listed(self.moves)}; see hil reconcile"] if self.moves else []
-        rows = [*in_words({"rows": self.rows, **without(self.campaign)}), *otherwise(self.campaign, self.rows)]
-        return [*alone, *told, *scatter.in_words(self.noise), *beside, *rows]
+        rows = [
+            *in_words({"rows": self.rows, **without(self.campaign)}, searched=True),
+            *otherwise(self.campaign, self.rows),
+        ]
+        both = [] if self.both is None else self.both.sentences()
+        return [*alone, *told, *both, *scatter_in_words(self.noise), *beside, *rows]
 
     def document(self) -> dict[str, Any]:
         """Return what `hil scatter --json` prints."""
@@ -87,6 +94,7 @@ class Scattering:
             ],
             "noise": self.noise,
             "rows": self.rows,
+            "both_sensors": None if self.both is None else self.both.document(),
             **without(self.campaign),
             "sentences": self.sentences(),
         }
@@ -94,7 +102,7 @@ class Scattering:
 
 def what_scatters(campaign: Campaign) -> Scattering:
     """Weigh what may scatter in a campaign; raises `InputError` where no form fits a sensor."""
-    campaign = with_stand_ins(pooled(campaign))
+    both, campaign = common_and_differential(campaign), with_stand_ins(pooled(campaign))
     model = load_model(default_form(next(iter(usable(campaign).sensors.values())).conditions).name)
     _, posterior, reading, *_ = searched(campaign, model, (*BASE_EFFECTS, *EFFECTS), VARIANCE_EFFECTS, ALPHA)
     fit = fitted(posterior, reading.found)
@@ -105,7 +113,7 @@ def what_scatters(campaign: Campaign) -> Scattering:
     weights = {name: float(sum(np.exp(f.log_weight) for f in posterior.sets if f.kind == name)) for name in titles}
     weights[ORDINARY] = 1.0 - sum(weights.values()) if len(titles) > 1 else 0.0
     ranked = dict(sorted(weights.items(), key=lambda pair: -pair[1])) if len(titles) > 1 else {}
-    return _read(campaign, posterior, reading, fit, ranked, titles, model.title)
+    return _read(campaign, posterior, reading, fit, ranked, titles, model.title, both)
 
 
 def _read(
@@ -116,6 +124,7 @@ def _read(
     ranked: dict[str, float],
     titles: dict[str, str],
     model: str,
+    both: BothSensors | None,
 ) -> Scattering:
     conditions = {number: rows.conditions for number, rows in campaign.sensors.items()}
     kind = reading.found.kind if ranked else ""
@@ -124,4 +133,4 @@ def _read(
     moves = tuple(each.name for each in reading.names if each.acts_on == "mean")
     noise = scatter.ordinary(posterior, reading.found.terms, fit, conditions, found, [model, *moves])
     named = tuple(each.name for each in reading.names if each.name in ranked and each.kind == "named")
-    return Scattering(campaign, ranked, titles, named, moves, tuple(scatter.pooled(found)), noise, rows)
+    return Scattering(campaign, ranked, titles, named, moves, tuple(scatter.pooled(found)), noise, rows, both)

@@ -25,18 +25,20 @@ from hil.reconcile.inside import named_within, within_collects
 from hil.reconcile.naming import Named, Reading, read
 from hil.reconcile.outcome import findings, mistakes, scatter
 from hil.reconcile.outcome.improve import improved
+from hil.reconcile.outcome.sentences import scatter_in_words, stated_in_words, values_off
 from hil.reconcile.outcome.taken_out import taken_out
 from hil.reconcile.outcome.values import before_and_after
 from hil.reconcile.proof.experiment import Fitting, next_experiment
 from hil.reconcile.proof.held_out import HeldOut, by_run, held_out, in_blocks
 from hil.reconcile.proof.places import channels_touched, places
-from hil.reconcile.result import FoundEffect, Reconciliation, Solved, values_off, without_collects
+from hil.reconcile.result import FoundEffect, Reconciliation, Solved, without_collects
 from hil.reconcile.search.fitted import Fitted, fitted
 from hil.reconcile.search.layout import may_be_calibrated, searches, values_follow
 from hil.reconcile.search.posterior import Posterior, weigh
 from hil.reconcile.search.problem import Problem, pose
 from hil.reconcile.search.terms import PLAIN
 from hil.reconcile.unrecorded import beside_unasked, with_stand_ins
+from hil.solve.both_sensors import BothSensors, common_and_differential
 from hil.solve.wrong_rows import in_words, otherwise, pooled, without
 from procedures.verdict import NOT_GOOD
 
@@ -70,10 +72,11 @@ def reconcile(
     effects = (*BASE_EFFECTS, *EFFECTS) if catalogue is None else tuple(catalogue)
     for collects in campaign.sensors.values():
         chosen.check_sensor(collects.conditions.sensor)
-    beside, campaign = without(campaign), with_stand_ins(pooled(campaign))
+    beside, both = without(campaign), common_and_differential(campaign)
+    campaign = with_stand_ins(pooled(campaign))
     inside = within_collects(campaign, SERIES_EFFECTS, _INSIDE * alpha)
     found = searched(campaign, chosen, effects, scattering, alpha, prove=prove)
-    return _result(campaign, chosen, *found, inside, beside, alpha, (draws, seed), prove=prove)
+    return _result(campaign, chosen, *found, inside, beside, both, alpha, (draws, seed), prove=prove)
 
 
 def searched(
@@ -134,6 +137,7 @@ def _result(
     reverted: Sequence[Named],
     inside: Sequence[dict[str, Any]],
     beside: Mapping[str, Any],
+    both: BothSensors | None,
     alpha: float,
     chances: tuple[int, int],
     *,
@@ -154,7 +158,9 @@ def _result(
         posterior, reading.found.terms, fit, conditions, [f for found in of_scatter.values() for f in found], under
     )
     gap = findings.gap_of(proof, fit, before, conditions, chances, reading.chance)
-    results = [findings.described(n, posterior, fit, over_sensors.get(n.name, ()), conditions) for n in names]
+    results = [
+        findings.described(n, posterior, reading.found, fit, over_sensors.get(n.name, ()), conditions) for n in names
+    ]
     wrong = mistakes.mistakes_found(reading, campaign, posterior)
     within = [
         effect
@@ -175,7 +181,7 @@ def _result(
         own = findings.gap_of(of_names, fit, before, conditions, chances, reading.chance)
         record = {named.name: findings.origin(campaign, named, own) for named in names}
         added = [
-            (posterior.term(n, j).candidate, findings.values_of(posterior, fit, n, j))
+            (posterior.term(n, j).candidate, findings.values_of(posterior, fit, n, j, alone=True))
             for named in names
             for n, js in named.terms.items()
             for j in js
@@ -194,10 +200,11 @@ def _result(
     notes += mistakes.mistake_notes(reading, campaign, posterior)
     notes += findings.laws_that_fail(fit, problem.sensors)
     why = [f"what is known taken off: {each}" for each in left.reasons if each not in solved.reasons]
+    notes += both.sentences() if both is not None and both.shared else []
     notes += [*why[:_FEW], *[f"what is known taken off: {len(why) - _FEW} more such runs"][: len(why) > _FEW]]
     notes += [f"{n.name}: the gap on held-out data did not shrink, so it was not added" for n in reverted]
     notes += [findings.NOT_HELD_OUT] if prove and proof is None and names else []
-    notes += [*values_off(standing, gap), *((*scatter.in_words(noise), *scatter.stated_now(noise)) if tested else ())]
+    notes += [*values_off(standing, gap), *((*scatter_in_words(noise), *stated_in_words(noise)) if tested else ())]
     outliers = mistakes.outliers_found(reading, campaign, fit, posterior)
     rows = mistakes.rows_found(reading, campaign, outliers, posterior)
     outliers += mistakes.at_limits(campaign, problem)
@@ -234,6 +241,7 @@ def _result(
         without=beside,
         solved=solved,
         left=left,
+        both=both,
         values=values,
     )
 

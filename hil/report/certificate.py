@@ -72,6 +72,7 @@ class Certificate:
         """Return it as HTML; where it is refused, as a draft, which every page says."""
         running = f"{'DRAFT ' * bool(self.refused)}Calibration certificate {self.document['number']}"
         told = {"title": running, "running_title": in_style(running), "whole": True, "in_spec": self.in_spec}
+        told["once"] = _ONCE if _ONCE in self.document["assumed"] else ""
         return rendered("hil.report", "certificate.html.j2", {**self.document, **told})
 
 
@@ -256,6 +257,6 @@ def _assumed(campaign: Campaign, content: ReportContent, means: Mapping[int, Seq
         for lost in (mean for mean in each.shown.means if mean.runs not in told):
             at = degrees(lost.temperature_degC, each.shown.told_by)
             yield f"sensor {each.number} at {at}: no run has every rate, so none is stated"
-    if not any(math.isfinite(value.freedom) for of in every for value in of.mean.values.values()):
+    if not any(each.shown.spread.degrees.any() for each in content.sensors):
         yield _ONCE
     yield from campaign.notes.splitlines()

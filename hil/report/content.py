@@ -14,7 +14,7 @@ from hil.config.sweep import PUBLISHED
 from hil.errors import InputError
 from hil.report.night import NightContent
 from hil.solve import RunSolution, repeats, solve_campaign
-from hil.solve.both_sensors import common_and_differential
+from hil.solve.both_sensors import BothSensors, common_and_differential
 from hil.solve.contractor import METHOD
 from hil.solve.repeats import MeanAt, SensorRepeats
 from procedures.verdict import Verdict
@@ -74,7 +74,7 @@ class ReportContent:
     sensors: Sequence[SensorContent]
     night: NightContent | None = None
     comparison: Comparison | None = None
-    both_sensors: Sequence[str] = ()
+    both: BothSensors | None = None
     in_spec: InSpec | None = None
 
     @property
@@ -112,8 +112,7 @@ def gather(
         at = [Repeat(each.runs, each, means.get(each.runs)) for each in shown.means]
         of_run = {run: each for (run, sensor), each in contractor.items() if sensor == number}
         sensors.append(SensorContent(number, at, own, of_run, shown, others, _reproduced(campaign, number, of_run)))
-    both = common_and_differential(campaign)
-    return ReportContent(campaign, sensors, night, comparison, () if both is None else both.sentences())
+    return ReportContent(campaign, sensors, night, comparison, common_and_differential(campaign))
 
 
 def _reproduced(campaign: Campaign, sensor: int, contractor: Mapping[int | None, RunSolution]) -> Reproduction | None:

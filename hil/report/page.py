@@ -61,7 +61,7 @@ def _page(content: ReportContent) -> dict[str, Any]:
         "done": night.done if night is not None else "",
         "missing": in_brief(night.missing) if night is not None else [],
         "sensors": [sensor_view(each, published=published) for each in sensors],
-        "both": list(content.both_sensors),
+        "both": [] if content.both is None else content.both.sentences(),
         "comparison": None if content.comparison is None else _comparison(content.comparison, order),
         "night": None if night is None else night_view(night),
         "cautions": len(campaign.warnings),

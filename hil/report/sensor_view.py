@@ -130,7 +130,8 @@ def _unit(repeat: Repeat) -> str:
         return ""
     low, high = repeat.matrix.unit_degC
     moved = max(high - at_degC, at_degC - low) > WIDEST_DEGC
-    return f"unit from {low:.1f} to {high:.1f} °C" if moved else ""
+    where = f"at {low:.1f} °C" if f"{low:.1f}" == f"{high:.1f}" else f"from {low:.1f} to {high:.1f} °C"
+    return f"unit {where}" if moved else ""
 
 
 def _doubtful(sensor: SensorContent, repeat: Repeat) -> list[str]:

@@ -87,6 +87,8 @@ def to_do(content: ReportContent) -> Iterator[str]:
             yield f"{do} {runs} of {numbered('sensor', sensors)} ({verdict})."
     if set(NOT_GOOD) & set(content.verdict_counts()):
         yield "Mend what is said under Why; then measure again."
+    if content.both is not None and content.both.look_for:
+        yield f"Look for {content.both.look_for}; below."
     compared = content.comparison
     if compared is not None and compared.doubts:
         yield "Find out which of the two campaigns is wrong before using either."

@@ -4,10 +4,11 @@
     both.common.means[0].values["BA"]     # (BA of sensor 1 + BA of sensor 2) / 2 at the first temperature
     both.shared                           # every pair of parameters that certainly moves together
 
-What base, supply, mount or chamber do moves both sensors in the same runs; what a sensor does, it does alone. The
-sensors need not lie alike, so a common cause may enter through different parameters: a base that turns about an axis
-along which the one has its A and the other its B axis is BA of the one and BB of the other. Therefore every pair is
-looked at. Earth rate and gravity are taken as the same for both: an error there is common too, but in every run alike.
+What base, supply, mount or chamber do moves both sensors in the same runs; what a sensor does, it does alone. Every
+command that says what makes repeats scatter says this, too. The sensors need not lie alike, so a common cause may enter
+through different parameters: a base that turns about an axis along which the one has its A and the other its B axis is
+BA of the one and BB of the other. Therefore every pair is looked at. Earth rate and gravity are taken as the same for
+both: an error there is common too, but in every run alike.
 """
 
 import itertools
@@ -25,6 +26,7 @@ from hil.solve.repeats import CONFIDENCE, SensorRepeats, means_of
 from hil.solve.runs import solve_campaign
 from hil.solve.temperatures import runs_by_temperature
 from hil.solve.wrong_rows import treated
+from procedures.words import listed
 
 FALSE_ALARM = 0.05
 """The chance that `shared` names any pair at all where the sensors have nothing in common."""
@@ -64,11 +66,18 @@ class BothSensors:
         if not self.shared:
             found = f"nothing certainly moves together from run to run ({self.degrees_of_freedom} degrees of freedom)"
             return [f"sensors {one} and {two}: {found}; as far as these runs tell, each scatters alone"]
-        return [
-            f"{pair.first} of sensor {one} and {pair.second} of sensor {two} move together from run to run "
-            f"(correlation {pair.correlation:+.2f}, p = {pair.p:.1g}): a common cause, such as base, supply or mount"
+        pairs = [
+            f"{pair.first} of the one and {pair.second} of the other (correlation {pair.correlation:+.2f}, "
+            f"p = {pair.p:.1g})"
             for pair in self.shared
         ]
+        cause = "a common cause, such as base, supply, mount or temperature"
+        return [f"sensors {one} and {two} move together from run to run, {listed(pairs)}: {cause}"]
+
+    @property
+    def look_for(self) -> str:
+        """What somebody has to look for; empty where nothing is shared."""
+        return f"what moves sensors {listed(self.sensors)} together from run to run" if self.shared else ""
 
     def document(self) -> dict[str, Any]:
         """Return what `hil solve --json` prints of it."""

@@ -24,15 +24,17 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtr, chdtrc, ndtr, stdtrit
 
-from hil.campaign import BoolArray, Campaign, FloatArray, IntArray
+from hil.campaign import BoolArray, Campaign, Conditions, FloatArray, IntArray
+from hil.model.forms import default_form
 from hil.solve.runs import Estimate, RunSolution
 from hil.solve.temperatures import nearest, runs_by_temperature, told_by, unit_range_degC
 from hil.solve.wrong_rows import treated
-from procedures.words import counted, listed
+from procedures.words import counted, listed, significant
 
 CONFIDENCE = 0.95
 """Of every interval that is stated."""
 _TINY = 1e-300
+_ALONE = 0.95  # of what noise moves a parameter by: so much by one channel is that one's
 RARE = 0.01
 """Chance of what is not put down to chance."""
 
@@ -113,13 +115,12 @@ class Spread:
         explained = own / np.maximum(own + self.beyond**2, np.finfo(np.float64).tiny)
         return np.where(self.degrees > 0, self.degrees * (1.0 + 0.5 * self.degrees * explained**2), self.residuals)
 
-    @property
-    def times_stated(self) -> float:
-        """How many times what standard errors, times `factor`, say they scatter by: 1 where chance explains it.
+    def times_stated(self, of: BoolArray) -> float:
+        """How many times what standard errors, times `factor`, say some, `of` (p,), scatter by: 1 by chance.
 
         Values that do not scatter at all were rounded or copied, and tell nothing of noise.
         """
-        told = (self.observed > 0.0) & (self.stated > 0.0) & ~self.uneven  # NaN where nothing was repeated
+        told = of & (self.observed > 0.0) & (self.stated > 0.0) & ~self.uneven  # NaN where nothing was repeated
         squares = self.times[told] ** 2 @ self.degrees[told]
         count = self.degrees[told].sum()
         by_chance = min(chdtr(count, squares), chdtrc(count, squares)) > 0.5 * RARE if count else True
@@ -198,7 +199,8 @@ class SensorRepeats:
     `told_by` is the column whose temperatures those are (None: there is none); `not_used` are runs that FAIL by their
     own records. `of_each` is one standard deviation of every parameter that a run could tell, by run. `times_stated` is
     by how much more or less than their standard errors averages scatter, 1 where chance explains it: what neither the
-    bias nor MU moves shows it, in runs that nothing is said against. `noise_times` is that, and what residuals exceed
+    bias nor MU moves shows it, in runs that nothing is said against, and by channel in `times_of`, where it can be told
+    of which. `noise_times` is that, and what residuals exceed
     them by where repeats do not contradict it; `beyond_noise` (p,) is what errors that are so large leave unexplained.
     """
 
@@ -210,6 +212,7 @@ class SensorRepeats:
     not_used: tuple[int, ...] = ()
     of_each: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
     times_stated: float = 1.0
+    times_of: Mapping[str, float] = field(default_factory=dict)
     noise_times: float = 1.0
     beyond_noise: FloatArray = field(default_factory=lambda: np.zeros(0))
 
@@ -237,6 +240,14 @@ class SensorRepeats:
                 sd = float(self.spread.sd(np.full(len(self.names), _number(each.se)))[place])
                 found[name] = Uncertain(each.value, sd, float(self.spread.freedom[place]), 1, unit)
         return found
+
+    def of_a_collect(self, errors: FloatArray, columns: FloatArray) -> float:
+        """Return what the usual collect scatters by, deg/hr: its own noise, and what parameters do from run to run.
+
+        `errors` (n, c) are the standard errors of rates, `columns` (n, c, p) what these are of each parameter.
+        """
+        beyond = np.einsum("ncp,p->nc", columns**2, self.beyond_noise**2)
+        return float(np.sqrt(np.median(np.nan_to_num((self.noise_times * errors) ** 2) + beyond)))
 
     def document(self) -> dict[str, Any]:
         """Return the JSON of it: `run_to_run` by parameter, `means` by temperature, and runs that are in neither."""
@@ -270,34 +281,38 @@ class SensorRepeats:
         """Say what repeats show beyond standard errors, or that nothing was repeated."""
         if not np.any(self.spread.degrees):
             return ["nothing was repeated: what changes from run to run is not known, and in no ±"]
-        rows = zip(self.names, self.units, self.spread.observed, self.spread.beyond, self.spread.degrees, strict=True)
+        of = self.spread
+        rows = zip(self.names, self.units, of.observed, of.stated, of.beyond, of.degrees, strict=True)
         told = [
-            f"{name} by {sd:.3g} {unit}"
-            + (f" ({math.sqrt(sd**2 - more**2):.2g} by standard errors)" if more < sd else "")
-            for name, unit, sd, more, degrees in rows
+            f"{name} by {sd:.3g} {unit}" + f" ({stated:.2g} by standard errors)" * bool(stated > 0.0)
+            for name, unit, sd, stated, more, degrees in rows
             if degrees and more > 0.5 * sd
         ]
         unknown = "" if self.told_by else "; no temperature was recorded, so that every run counts as a repeat"
         degrees = f"{counted(int(self.spread.degrees.max()), 'degree')} of freedom{unknown}"
         if not told:
             return self.noise_in_words or [f"repeats scatter as their standard errors say ({degrees})"]
-        more = f"repeats scatter more than their standard errors say ({degrees})"
+        stated = "more than their standard errors say" if (of.stated > 0.0).any() else "and state no standard errors"
+        more = f"repeats scatter {stated} ({degrees})"
         return [f"{more}: {'; '.join(told)}; each ± includes it", *self.noise_in_words, *self._by_temperature()]
 
     @property
     def noise_in_words(self) -> list[str]:
         """Say by how much standard errors are too small or too large, and where residuals are no noise."""
         times, residuals = self.times_stated, self.spread.factor
-        how = f"{max(times, 1.0 / times):.2g} times too {'small' if times > 1.0 else 'large'}"
-        by_noise = [f"standard errors of all channels together are {how}, as what nothing but noise moves shows"] * (
-            times != 1.0
-        )
+        odd = {channel: own for channel, own in self.times_of.items() if own != 1.0}
+        by_noise = [
+            f"standard errors of {of} are {significant(max(own, 1.0 / own))} times too "
+            f"{'small' if own > 1.0 else 'large'}, as what nothing but noise moves shows"
+            for of, own in (odd or {"all channels together": times}).items()
+            if times != 1.0
+        ]
         if times < 1.0 or self.noise_times >= residuals:
             return by_noise
         left = "what is left is the same in every run, and no noise"
         return [
             *by_noise,
-            f"residuals are {residuals:.2g} times what standard errors allow, and repeats are not: {left}",
+            f"residuals are {significant(residuals)} times what standard errors allow, and repeats are not: {left}",
         ]
 
     def _by_temperature(self) -> list[str]:
@@ -316,7 +331,7 @@ def repeats(campaign: Campaign, solutions: Sequence[RunSolution]) -> dict[int, S
         rows = collects.conditions
         own = [each for each in solutions if each.sensor == number and not set(each.runs).isdisjoint(rows.run.tolist())]
         if own:
-            of_sensor = _of_sensor(own, runs_by_temperature(rows))
+            of_sensor = _of_sensor(own, runs_by_temperature(rows), _channels(rows))
             means = [replace(each, unit_degC=unit_range_degC(rows, each.runs)) for each in of_sensor.means if each.runs]
             found[number] = replace(
                 of_sensor,
@@ -356,7 +371,20 @@ def means_of(
     return SensorRepeats(names, tuple(units.values()), spread, means)
 
 
-def _of_sensor(own: Sequence[RunSolution], at: Sequence[tuple[float | None, tuple[int, ...]]]) -> SensorRepeats:
+def _channels(conditions: Conditions) -> dict[str, str]:
+    """Return of each parameter that one channel's rates alone tell, in these collects, which that is."""
+    form, channels = default_form(conditions), list(conditions.sensor.channels)
+    columns = form.columns(conditions)
+    response = np.linalg.pinv(columns.reshape(-1, len(form.names))).reshape(-1, *columns.shape[:2])
+    share = np.sum(response**2, axis=1) / np.maximum(np.sum(response**2, axis=(1, 2)), _TINY)[:, None]
+    return {
+        name: channels[int(np.argmax(own))] for name, own in zip(form.names, share, strict=True) if own.max() > _ALONE
+    }
+
+
+def _of_sensor(
+    own: Sequence[RunSolution], at: Sequence[tuple[float | None, tuple[int, ...]]], channels: Mapping[str, str]
+) -> SensorRepeats:
     units = {name: each.unit for solution in own for name, each in solution.parameters.items()}
     group = np.array([next((k for k, (_, runs) in enumerate(at) if each.runs[0] in runs), -1) for each in own])
     values, errors = (np.array([[_number(getattr(_of(e, n), a)) for n in units] for e in own]) for a in ("value", "se"))
@@ -369,11 +397,13 @@ def _of_sensor(own: Sequence[RunSolution], at: Sequence[tuple[float | None, tupl
     of_noise += [freedom] * int(freedom > 0 and chdtrc(max(freedom, 1), squares) < RARE)
     sound = np.array([not each.doubted for each in own])
     noise = np.array([not name.startswith(("B", "MU")) for name in units])
-    quiet = values[sound][:, noise], errors[sound][:, noise], group[sound]
-    noise_times = factor * Spread.of(*quiet, factor).times_stated
+    rows = values[sound], errors[sound], group[sound]
+    stated, noise_times = Spread.of(*rows), factor * Spread.of(*rows, factor).times_stated(noise)
+    own_channel = np.array([channels.get(name, "") for name in units])
     return replace(
         means_of(units, values, errors, group, at, factor, min(of_noise, default=math.inf)),
-        times_stated=Spread.of(*quiet).times_stated,
+        times_stated=stated.times_stated(noise),
+        times_of={c: stated.times_stated(noise & (own_channel == c)) for c in dict.fromkeys(channels.values())},
         noise_times=noise_times,
         beyond_noise=Spread.of(values, errors, group, noise_times).beyond,
     )

@@ -22,11 +22,12 @@ from hil.campaign import Campaign, Collects, FloatArray
 from hil.campaign.plausibility import accelerations_g
 from hil.model.forms import LinearForm, default_form, named_form
 from hil.solve.contractor import METHOD, can_follow, solve_as_contractor
+from hil.solve.identifiability import orthonormal
 from hil.solve.least_squares import Solution, solve
 from hil.solve.precision import measured_well_enough, unstated
 from hil.solve.wrong_rows import WrongRows, not_settled, wrong_rows
 from procedures.verdict import Judgement, Verdict, combine
-from procedures.words import counted, numbered, plural, spelled
+from procedures.words import counted, listed, numbered, plural, significant, spelled
 
 PASS_PROBABILITY = 0.05
 FAIL_PROBABILITY = 0.001
@@ -185,6 +186,8 @@ def _judged(solution: RunSolution, rows: Collects, beside: _Beside) -> RunSoluti
         alone = (
             f"{numbered('run', beside.not_compared)} cannot be compared with others (it takes three at a temperature, "
             "or a colder and a warmer one, and six such collects): that each collect is what it says"
+            + ", as far as residuals do not show it"
+            * bool(solution.degrees_of_freedom)
         )
         solution = replace(solution, assumed=(*solution.assumed, alone), compared=False)
     if lacking := [collect for run in solution.runs for collect in beside.lacking.get(run, ())]:
@@ -196,11 +199,7 @@ def _judged(solution: RunSolution, rows: Collects, beside: _Beside) -> RunSoluti
     judged = combine([*found, Judgement(solution.verdict, solution.reason)], passed=solution.reason)
     if judged.verdict is solution.verdict and not any(each.verdict is not Verdict.PASS for each in found):
         return solution
-    # That residuals agree excuses nothing of what else was found; that they cannot say so, does add to it.
-    silent = solution.verdict is Verdict.PASS and solution.chi_square is None
-    return replace(
-        solution, verdict=judged.verdict, reason=f"{judged.reason}; {solution.reason}" if silent else judged.reason
-    )
+    return replace(solution, verdict=judged.verdict, reason=judged.reason)
 
 
 def not_passed(solutions: Sequence[RunSolution]) -> dict[Verdict, list[int]]:
@@ -226,7 +225,9 @@ def reasons(solutions: Sequence[RunSolution]) -> Iterator[tuple[Verdict, str, st
     together: dict[tuple[Verdict, str], list[str]] = {}
     for (verdict, sentence), of in said.items():
         where = "; ".join(f"sensor {number}, {numbered('run', runs)}" for number, runs in of.items())
-        together.setdefault((verdict, where), []).append(sentence)
+        together.setdefault((verdict, where), []).append(
+            sentence.removeprefix(f"{numbered('run', next(iter(of.values())))} ")
+        )
     for (verdict, where), several in sorted(together.items(), key=lambda each: -Judgement(each[0][0], "").severity):
         yield verdict, where, "; ".join(several)
 
@@ -238,9 +239,12 @@ def _described(sensor: int, solved: _Solved, among: int) -> RunSolution:
     unobservable = () if solved.as_contractor else solution.unobservable()
     equations = int(np.count_nonzero(~np.isnan(solution.residuals)))
     if unobservable:
-        judged = Judgement(Verdict.INCONCLUSIVE, _too_few(equations, conditions.position, unobservable))
+        judged = Judgement(Verdict.INCONCLUSIVE, _too_few(collects, unobservable))
     else:
         judged = judge(float(solution.chi_square), degrees, equations, noise_stated, among)
+        if judged.verdict is not Verdict.PASS:
+            where = _by_channel(solved, among)
+            judged = judge(float(solution.chi_square), degrees, equations, noise_stated, among, where)
     unit = dict(zip(form.names, form.units, strict=True))
     return RunSolution(
         run=solved.run,
@@ -277,10 +281,33 @@ def stated_noise(collects: Collects) -> FloatArray | None:
     return collects.rates_se_deg_per_hr
 
 
-def judge(chi_square: float, degrees: int, equations: int, noise_stated: bool, among: int = 1) -> Judgement:
+def _by_channel(solved: _Solved, among: int) -> str:
+    """Say by how much the residuals of a channel exceed its standard errors, where those of another do not."""
+    if solved.as_contractor:  # whose residuals are not those of its equations
+        return ""
+    design, known = solved.solution.design, solved.solution.measured
+    sigma = np.ones(known.size) if solved.sigma is None else solved.sigma.reshape(-1)
+    basis = orthonormal(design[known] / sigma[known, None])
+    squares, freedom = np.zeros(known.size), np.zeros(known.size)
+    squares[known] = (solved.solution.residuals[known] / sigma[known]) ** 2
+    freedom[known] = 1.0 - np.sum(basis**2, axis=1)
+    names = list(solved.collects.conditions.sensor.channels)
+    of_each = [each.reshape(-1, len(names)).sum(axis=0) for each in (squares, freedom)]
+    odd = [nu > 0.5 and chdtrc(nu, chi) < PASS_PROBABILITY / among for chi, nu in zip(*of_each, strict=True)]
+    told = [
+        f"{name} {significant(np.sqrt(chi / nu))} times"
+        for name, chi, nu, far in zip(names, *of_each, odd, strict=True)
+        if far and not all(odd)
+    ]
+    return f", in {listed(told)}" if told else ""
+
+
+def judge(
+    chi_square: float, degrees: int, equations: int, noise_stated: bool, among: int = 1, where: str = ""
+) -> Judgement:
     """Judge the residuals of `equations` rates: chi-square on `degrees` degrees of freedom against stated noise.
 
-    Of so many runs, `among`, one is further off by chance than a single one is.
+    Of so many runs, `among`, one is further off by chance than a single one is. `where` says in which channels.
     """
     if degrees == 0:
         count = spelled(equations)
@@ -296,12 +323,12 @@ def judge(chi_square: float, degrees: int, equations: int, noise_stated: bool, a
             "cannot contradict the model",
         )
     probability = float(chdtrc(degrees, chi_square))
-    found = f"chi-square {chi_square:.3g} on {freedom}, p = {probability:.2g}"
+    found = f"chi-square {significant(chi_square, 3)} on {freedom}, p = {probability:.2g}"
     if probability >= PASS_PROBABILITY / among:
         chance = f"; of {among} runs one is so by chance" if probability < PASS_PROBABILITY else ""
         return Judgement(Verdict.PASS, f"the residuals agree with the stated standard errors ({found}{chance})")
     factor = np.sqrt(chi_square / degrees)
-    excess = f"the residuals are {factor:.2g} times what the standard errors allow ({found})"
+    excess = f"the residuals are {significant(factor)} times what the standard errors allow{where} ({found})"
     if probability >= FAIL_PROBABILITY / among:
         return Judgement(Verdict.MARGINAL, excess)
     return Judgement(
@@ -310,12 +337,14 @@ def judge(chi_square: float, degrees: int, equations: int, noise_stated: bool, a
     )
 
 
-def _too_few(equations: int, positions: np.ndarray, unobservable: Sequence[str]) -> str:
-    count = len(set(positions.tolist()))
-    return (
-        f"{spelled(equations)} measured {plural('rate', equations)} at {spelled(count)} "
-        f"{plural('position', count)} cannot support every parameter: {'; '.join(unobservable)}"
-    )
+def _too_few(collects: Collects, unobservable: Sequence[str]) -> str:
+    channels: dict[str, list[str]] = {}
+    for name, known in zip(collects.conditions.sensor.channels, np.isfinite(collects.rates_deg_per_hr).T, strict=True):
+        count, places = int(known.sum()), len(set(collects.conditions.position[known].tolist()))
+        at = f" at {spelled(places)} {plural('position', places)}" if count else ""
+        channels.setdefault(f"{spelled(count)} {plural('collect', count)}{at}", []).append(name)
+    measured = listed(f"{listed(names)} in {where}" for where, names in channels.items())
+    return f"measured are {measured}: these cannot support every parameter: {'; '.join(unobservable)}"
 
 
 def _assumptions(form: LinearForm, collects: Collects, noise_stated: bool) -> tuple[str, ...]:

@@ -25,11 +25,12 @@ from hil.solve.neighbours import OTHER_BIAS, compared_with_neighbours
 from hil.solve.precision import with_every_error
 from hil.solve.temperatures import unsettled
 from procedures.verdict import Judgement, Verdict, combine
-from procedures.words import numbered
+from procedures.words import numbered, significant
 
 LEFT_OUT, MENDED, USED = "left out", "mended", "used"
 _LIES = "in each the unit lies, by its accelerometers, as in the other's position"
 _APART = ", and the run is in no mean and in no other run's ±"
+_FROM = " from what all others show"
 _AGREE = ": so all rates agree with each other, and not as they are filed"
 _REASON = {
     "rate": ", and is left out",
@@ -212,12 +213,19 @@ def _said(filed: Collects, found: Explained) -> Iterator[tuple[int, Wrong, Verdi
         return
     runs = sorted({cause.run for cause, _ in found.rivals} or set(conditions.run.tolist()))
     may_be = dict.fromkeys(_in_words(filed, each) for each, _ in found.rivals[:_FEW])
-    differ = f"{numbered('run', runs)} {'differ' if len(runs) > 1 else 'differs'} by"
-    differ = f"{differ} {found.times:.2g} times the standard errors in what neither a bias nor MU moves"
-    nothing = "" if found.nothing < HARDLY else ", or nothing is wrong and these are too small"
-    why = f"{differ}: {', or '.join(may_be)}{nothing}; these rates cannot tell which"
+    several, every = len(runs) > 1, {*runs} == set(conditions.run.tolist())
+    alone = "contradict each other" if several else "contradicts itself"
+    how = alone if every else f"{'do' if several else 'does'} not agree with the others"
+    differ = f"{numbered('run', runs)} {how}"
+    nothing = ", or nothing is wrong and standard errors are too small" * (found.nothing >= HARDLY)
+    once = _FROM if all(each.endswith(_FROM) for each in may_be) else ""
+    some = ", or ".join(each.removesuffix(once) for each in may_be)
+    why = f"{differ}: {some}{once}{nothing}; these rates cannot tell which"
     if not may_be:
-        why = f"{differ}: several collects are wrong, or what is stated is no error of theirs"
+        why = (
+            f"{differ}: in what neither a bias nor MU moves rates are {significant(found.times)} times as far apart as "
+        )
+        why += "their standard errors say; several collects are wrong, or what is stated is no error of theirs"
     for run in runs:
         own = Cause("run", run, tuple(np.flatnonzero(conditions.run == run).tolist()))
         yield run, _of(filed, own, USED, why), Verdict.INCONCLUSIVE if found.nothing < HARDLY else Verdict.MARGINAL
@@ -230,7 +238,7 @@ def _in_words(collects: Collects, cause: Cause) -> str:
     named = numbered("collect", collect)
     if cause.what in ("rate", "collect", "bias"):
         off = [f"{name} is {by:+.4g} deg/hr" for name, by in zip(names, cause.off, strict=True) if by]
-        return f"{named}: {' and '.join(off)} from what all others show"
+        return f"{named}: {' and '.join(off)}{_FROM}"
     return {
         "exchanged": f"{named} look exchanged",
         "channels": f"{named}: {' and '.join(names)} look exchanged",
@@ -303,15 +311,15 @@ def without(campaign: Campaign) -> dict[str, Any]:
     return found | ({"runs_used_though_failed": every} if every else {})
 
 
-def in_words(wrong: Mapping[str, Any]) -> list[str]:
-    """Say of each entry of the keys that `what_is_wrong` returns what is done and why."""
-    more = "; hil reconcile weighs it against everything else, and may leave it out"
+def in_words(wrong: Mapping[str, Any], *, searched: bool = False) -> list[str]:
+    """Say of each entry of the keys that `what_is_wrong` returns what is done and why; `searched`: by the search."""
+    more = "" if searched else "; hil reconcile weighs it against everything else, and may leave it out"
     runs_by_words: dict[tuple[str, int, str], list[int]] = {}
     for each in wrong.get("rows", ()):
         why = each["why"].removeprefix(f"sensor {each['sensor']}: ")
         runs_by_words.setdefault((each["done"], each["sensor"], why), []).append(each["run"])
     rows = [
-        f"{done}: sensor {number}, {numbered('run', runs)}: {why}{more * (done == USED)}"
+        f"{done}: sensor {number}, {of_runs(runs, why)}{more * (done == USED)}"
         for (done, number, why), runs in runs_by_words.items()
     ]
     where = "in no mean, in no other run's ±, in no search"
@@ -331,11 +339,17 @@ def in_words(wrong: Mapping[str, Any]) -> list[str]:
             for each in wrong.get("runs_not_settled", ())
         ]
         + [
-            f"sensor {number}: among so few runs a collect that is off by less than {size:.2g} deg/hr is not seen "
-            "here; hil reconcile looks closer"
+            f"sensor {number}: among so few runs a collect that is off by less than {significant(size)} deg/hr may not "
+            "be seen here; hil reconcile looks closer"
             for number, size in wrong.get("rows_seen_from", {}).items()
         ]
     )
+
+
+def of_runs(runs: Collection[int], why: str) -> str:
+    """Say something of runs, their numbers once."""
+    which = numbered("run", runs)
+    return f"{which}: {why.removeprefix(f'{which} ')}"
 
 
 def not_settled(campaign: Campaign) -> dict[int, dict[int, str]]:
@@ -356,7 +370,7 @@ def otherwise(campaign: Campaign, rows: Sequence[Mapping[str, Any]]) -> list[str
         }
         for of in (rows, what_is_wrong(campaign)["rows"])
     )
-    here = "by hil solve, report, budget, thermal and visibility, which judge by neighbours and residuals alone"
+    here = "by hil solve, report, budget, thermal and visibility, which look less closely"
     return [
         f"sensor {sensor}, {channel}: {numbered('collect', sorted(n for *of, n in odd if of == [sensor, channel]))}: "
         f"{what} {here}"

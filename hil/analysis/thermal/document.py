@@ -10,7 +10,7 @@ from hil.files.document import picked, plain
 from hil.solve.repeats import CONFIDENCE
 from hil.solve.runs import not_passed, runs_in_words, solve_campaign
 from hil.solve.wrong_rows import what_is_wrong
-from procedures.words import listed
+from procedures.words import listed, significant
 
 SCHEMA = "hil.thermal/1"
 _NOT_SHOWN = "modelling against temperature is not shown to predict a temperature that was left out"
@@ -114,13 +114,13 @@ def parameter_in_words(each: ParameterFit) -> str:
     """Say what was found about one parameter."""
     errors, unit = each.choice.errors, each.unit
     if each.finding == "constant":
-        largest = f"{each.largest_change:.2g} {unit}"
+        largest = f"{significant(each.largest_change)} {unit}"
         return f"no temperature dependence found by its repeats: a straight line changes less than {largest}"
     if each.finding == "undescribed":
         cubic = f"; a cubic {errors['cubic']:.3g}" if "cubic" in errors else ""
         return (
-            "differs between temperatures beyond its noise, but no curve is shown to predict one left out: a constant "
-            f"misses it by {errors['constant']:.3g} {unit}{cubic} (p = {each.choice.chance_of_constant:.2g})"
+            "differs between temperatures beyond its noise, but no curve is shown to predict one left out (p = "
+            f"{each.choice.chance_of_constant:.2g}): a constant misses it by {errors['constant']:.3g} {unit}{cubic}"
         )
     words = (
         f"{each.form}: it misses a temperature that was left out by {errors[each.form]:.3g} {unit}, a constant by "

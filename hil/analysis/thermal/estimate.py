@@ -116,13 +116,6 @@ class Visits:
         mean = np.divide(sums, count, out=np.ones_like(sums), where=count > 0)
         return np.asarray(np.sqrt(mean[np.minimum(self.station, len(mean) - 1)]))
 
-    @property
-    def collect_deg_per_hr(self) -> float:
-        """What the usual collect scatters by: its standard error and what parameters do from run to run."""
-        errors = self.layout.collects.rates_se_deg_per_hr
-        beyond = np.einsum("ncp,p->nc", self.layout.columns**2, self.spread.beyond**2)
-        return float(np.sqrt(np.median(np.nan_to_num((self.spread.factor * errors) ** 2) + beyond)))
-
 
 def visits(layout: Layout) -> Visits:
     """Solve every visit of a sensor for the layout's form."""

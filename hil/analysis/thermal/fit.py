@@ -21,7 +21,8 @@ from hil.model import Model
 from hil.model.curve import Constant, Curve, Polynomial, Table, TableRows
 from hil.model.forms import MODEL_NAMES, LinearForm, default_form, named_form
 from hil.model.model_file import SCHEMA as MODEL_SCHEMA
-from hil.solve import solve
+from hil.solve import repeats, solve, solve_campaign
+from hil.solve.repeats import SensorRepeats
 from hil.solve.runs import OBSERVABLE
 from hil.solve.temperatures import same_temperature
 from hil.solve.wrong_rows import treated
@@ -156,7 +157,9 @@ def fit_thermal(
     sensors, without = {}, {}
     for number, collects in treated(campaign).sensors.items():
         try:
-            sensors[number] = fit_sensor(number, collects, model_name, highest_order, apart_degC, seed)
+            own = replace(campaign, sensors={number: campaign.sensors[number]})
+            shown = repeats(own, solve_campaign(own, model_name))[number]
+            sensors[number] = fit_sensor(collects, shown, model_name, highest_order, apart_degC, seed)
         except InputError as error:
             without[number] = str(error)
     if not sensors:
@@ -165,20 +168,21 @@ def fit_thermal(
 
 
 def fit_sensor(
-    number: int, collects: Collects, model_name: str | None, highest_order: int, apart_degC: float | None, seed: int
+    collects: Collects, shown: SensorRepeats, model: str | None, order: int, apart_degC: float | None, seed: int
 ) -> SensorFit:
-    """Fit one sensor's parameters; see `fit_thermal`, also for where it raises `InputError`."""
-    layout, notes = layout_of(number, collects, model_name, apart_degC)
+    """Fit one sensor's parameters, `shown` by its repeats; see `fit_thermal`, also for where it raises `InputError`."""
+    number = collects.conditions.sensor.number
+    layout, notes = layout_of(number, collects, model, apart_degC)
     seen = visits(layout)
     free = [seen.along(place, None)[0] for place in range(len(layout.form.names))]
-    choices = _choices(layout, free, seen.known, highest_order, seed)
+    choices = _choices(layout, free, seen.known, order, seed)
     if not seen.known:
         notes.append(f"sensor {number}: neither repeats nor standard errors: what the curves leave is taken for noise")
         left = [_misfit(layout, v, c.form.order or 0).ratio for v, c in zip(free, choices, strict=True)]
         seen = scaled(seen, np.sqrt(left))
         free = [seen.along(place, None)[0] for place in range(len(layout.form.names))]
     errors = [
-        nested_errors(layout.stations.centre_degC, each, choice, highest_order, seed)
+        nested_errors(layout.stations.centre_degC, each, choice, order, seed)
         for each, choice in zip(free, choices, strict=True)
     ]
     parameters = {
@@ -198,7 +202,8 @@ def fit_sensor(
             "standard errors, cannot be told from what depends on temperature"
         )
     rates = _rate_improvement(layout, choices, errors)
-    return SensorFit(number, layout, parameters, rates, seen.collect_deg_per_hr, tuple(notes))
+    scatter = shown.of_a_collect(layout.collects.rates_se_deg_per_hr, layout.columns)
+    return SensorFit(number, layout, parameters, rates, scatter, tuple(notes))
 
 
 def _choices(

@@ -26,10 +26,13 @@ SCHEMA = "hil.budget/1"
 
 @dataclass(frozen=True)
 class Asked:
-    """What is asked of a budget: which run (None: the worst), how many repeats are averaged, how many draws."""
+    """What is asked of a budget: which run (None: the worst), how many repeats are averaged, how many draws.
+
+    None repeats: as many as were made at that run's temperature.
+    """
 
     run: int | None = None
-    repeats: int = 3
+    repeats: int | None = None
     draws: int = DRAWS
     seed: int = 0
 
@@ -49,16 +52,18 @@ def budget_document(
     without = [f"sensor {number}: no collect has every rate: no budget" for number, runs in scenes.items() if not runs]
     if len(without) == len(scenes):
         raise InputError("; ".join(without) or "no collect was measured")
+    sensors = {
+        str(number): _sensor(number, runs, asked, (observed or {}).get(number))
+        for number, runs in scenes.items()
+        if runs
+    }
     return {
         "schema": SCHEMA,
         "title": title,
         "simulated": simulated,
-        **picked(asked, "repeats draws seed"),
-        "sensors": {
-            str(number): _sensor(number, runs, asked, (observed or {}).get(number))
-            for number, runs in scenes.items()
-            if runs
-        },
+        "repeats": max(each["repeats"] for each in sensors.values()),
+        **picked(asked, "draws seed"),
+        "sensors": sensors,
         "without": without,
     }
 
@@ -73,8 +78,10 @@ def _sensor(number: int, runs: Sequence[RunScene], asked: Asked, observed: Senso
     budget = error_budget(chosen.scene, chosen.sources, chosen.form, asked.draws, asked.seed)
     one = as_solved(budget, chosen.run, observed)
     mean = None if observed is None else next((each for each in observed.means if chosen.run in each.runs), None)
+    repeats = asked.repeats or (1 if mean is None else len(mean.runs))
     return {
         "run": chosen.run,
+        "repeats": repeats,
         "temperature_degC": chosen.at[0],
         "temperature_of": chosen.at[1],
         "positions": chosen.scene.conditions.position.tolist(),
@@ -84,7 +91,7 @@ def _sensor(number: int, runs: Sequence[RunScene], asked: Asked, observed: Senso
         "parameters": dict(zip(budget.names, budget.units, strict=True)),
         "sources": [_share(budget, index) for index in range(len(budget.shares))],
         "total": _both(budget, budget.total(), budget.everything),
-        "mean_of_repeats": _named(budget, mean_of_repeats(budget, asked.repeats, one, mean)),
+        "mean_of_repeats": _named(budget, mean_of_repeats(budget, repeats, one, mean)),
         "run_to_run": _named(budget, budget.from_run_to_run),
         "observed_run_to_run": {} if observed is None else observed.document()["run_to_run"],
         "as_solved": _named(budget, one) if observed is not None else {},

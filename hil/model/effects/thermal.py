@@ -191,6 +191,7 @@ class InsufficientSoak(Effect):
     per_channel = True
     parameters = (Parameter("b", "deg/hr/degC", (0.2, 2.0), {"FOG": (0.02, 0.2), "MEMS": (1.0, 30.0)}),)
     shapes = (_SOAK_TAU, ShapeParameter("from_degC", "degC", (20.0, 23.0, 26.0), default=np.nan))
+    may_follow_temperature = True  # as dB/dT does, where the bias is no straight line
     needs = frozenset({"time_since_setpoint_s", "setpoint_degC|temperature_degC"})
     signature = "Follows sign and size of the temperature step; falls from run to run within a plateau."
     confusable_with = ("bias_Tdot", "bias_grad", "hyst", "T_lag")

@@ -1,6 +1,7 @@
 """The findings of a search in the words and numbers of the result: verdict, effects, gap, mistakes, places, origin."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC
 from typing import Any
 
@@ -18,8 +19,8 @@ from hil.reconcile.outcome.scatter import FoundScatter
 from hil.reconcile.outcome.values import Values
 from hil.reconcile.proof.held_out import HeldOut
 from hil.reconcile.result import FoundEffect, Gap, Rival
-from hil.reconcile.search.fitted import Fitted
-from hil.reconcile.search.posterior import Posterior
+from hil.reconcile.search.fitted import Fitted, fitted
+from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.problem import SensorProblem
 
 NOT_HELD_OUT = (
@@ -29,6 +30,7 @@ NOT_HELD_OUT = (
 _OF_A_ROW = (
     "before after before_deg_per_hr after_deg_per_hr held_before held_after noise_before noise_after left effect"
 )
+_UNLIKELY = 0.01  # a shape no more probable than this adds nothing to an interval
 FEWEST_REPEATS = 30
 """Degrees of freedom from which repeats measure the noise to an eighth."""
 
@@ -100,16 +102,23 @@ def verdict_of(names: Sequence[Named], others: Sequence[FoundEffect], *, unresol
 def described(
     named: Named,
     posterior: Posterior,
+    found: Found,
     fit: Fitted,
     scatter: Sequence[FoundScatter],
     conditions: Mapping[int, Conditions],
 ) -> FoundEffect:
     """Return one found effect for the result."""
     pairs = [(n, j) for n, places in named.terms.items() for j in places]
+    over_shapes = {(n, j): _over_shapes(posterior, found, n, j) for n, j in pairs}
     parameters = [
         p
         for n, j in pairs
-        for p in described_parameters(posterior.term(n, j).candidate, values_of(posterior, fit, n, j), conditions[n])
+        for p in described_parameters(
+            posterior.term(n, j).candidate,
+            values_of(posterior, fit, n, j),
+            conditions[n],
+            [(weight, values) for weight, _, values in over_shapes[n, j]],
+        )
     ]
     parameters += [
         picked(f.parameter, "name unit typical") | picked(f, "value se") | {**f.interval, "at": "", "sensor": f.sensor}
@@ -129,11 +138,35 @@ def described(
         ],
         kind=named.kind,
         shape=shape,
+        shape_range=_shape_range(posterior, pairs[0][0], over_shapes[pairs[0]]) if pairs else {},
         sensors=sorted(named.terms) or sorted({f.sensor for f in scatter}),
         physics=physics(named.effect if named.name != NO_NAME else None),
         experiment=getattr(named.effect, "experiment", "") or "Vary the driver alone.",
         acts_on=named.acts_on,
     )
+
+
+def _over_shapes(posterior: Posterior, found: Found, number: int, place: int) -> list[tuple[float, int, Values]]:
+    """Return how probable each shape of a term is beside the other terms, its place, and what the values are in it."""
+    search, term = posterior.searches[number], posterior.term(number, place)
+    others = tuple(j for j in found.terms[number] if j != place)
+    own = [term.name, term.candidate.form, term.candidate.kept]
+    alike = [j for j, t in enumerate(search.terms) if [t.name, t.candidate.form, t.candidate.kept] == own]
+    log_weight = (search.scan(others) + search.log_odds)[alike]
+    weights = np.exp(log_weight - np.logaddexp.reduce(log_weight)).tolist()
+    out = []
+    for j, weight in zip(alike, weights, strict=True):
+        if weight > _UNLIKELY or j == place:
+            of_shape = replace(found, terms={**found.terms, number: tuple(sorted((*others, j)))})
+            out.append((weight, j, values_of(posterior, fitted(posterior, of_shape), number, j)))
+    return out
+
+
+def _shape_range(posterior: Posterior, number: int, shapes: Sequence[tuple[float, int, Values]]) -> dict[str, Any]:
+    """Return from where to where each part of a shape may be, those that are not settled."""
+    asked = [posterior.term(number, j).candidate.shape for weight, j, _ in shapes if weight > _UNLIKELY]
+    ends = {name: [min(s[name] for s in asked), max(s[name] for s in asked)] for name in (asked[0] if asked else ())}
+    return {name: [low, high] for name, (low, high) in ends.items() if low < high}
 
 
 def laws_that_fail(fit: Fitted, sensors: Mapping[int, SensorProblem]) -> list[str]:
@@ -147,10 +180,10 @@ def laws_that_fail(fit: Fitted, sensors: Mapping[int, SensorProblem]) -> list[st
     ]
 
 
-def values_of(posterior: Posterior, fit: Fitted, number: int, place: int) -> Values:
-    """Return the values and errors of a term's columns, in their own units."""
+def values_of(posterior: Posterior, fit: Fitted, number: int, place: int, *, alone: bool = False) -> Values:
+    """Return the values and errors of a term's columns, in their own units; `alone` as `Fitted.value` has it."""
     scale = posterior.term(number, place).scale
-    own = {key[2]: fit.value(key) for key in fit.keys if key[:2] == (number, place)}
+    own = {key[2]: fit.value(key, alone=alone) for key in fit.keys if key[:2] == (number, place)}
     return {k: (value / float(scale[k]), error / float(scale[k])) for k, (value, error) in own.items()}
 
 

@@ -4,7 +4,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.special import stdtrit
+from scipy.optimize import brentq
+from scipy.special import stdtr, stdtrit
 
 from hil.campaign import Conditions, FloatArray
 from hil.model import Model, Term
@@ -23,26 +24,34 @@ from hil.solve.temperatures import same_temperature
 
 Curve = Constant | Polynomial | Table
 
+_ONE_SE = 0.6827  # of a normal distribution lies within one standard error
 
-def described_parameters(candidate: Candidate, values: Values, conditions: Conditions) -> list[dict[str, Any]]:
+
+def described_parameters(
+    candidate: Candidate, values: Values, conditions: Conditions, shapes: Sequence[tuple[float, Values]]
+) -> list[dict[str, Any]]:
     """Return the fitted parameters of one effect on one sensor, for the result document.
 
-    Intervals are Student's: what changes from run to run is known no better than so many runs tell it.
+    `shapes` are what the values are in every shape that it may have, and how probable that is: a value is known no
+    better than its shape. Intervals are Student's: what changes from run to run is known no better than so many runs
+    tell it.
     """
     out, runs = [], len(np.unique(conditions.run))
     freedom = (runs if runs >= FEWEST_RUNS else len(conditions)) - 1
-    width = float(stdtrit(max(freedom, 1), 0.5 + 0.5 * CONFIDENCE))
     for number, (value, error) in sorted(values.items()):
         if error <= 0.0:
             continue  # the base can imitate it altogether: these collects give it no value
+        low, high = _within(shapes, number, max(freedom, 1), CONFIDENCE)
+        if len(shapes) > 1:
+            error = 0.5 * float(np.ptp(_within(shapes, number, len(conditions), _ONE_SE)))
         parameter = candidate.parameters[number]
         power, at = _place(candidate, number)
         entry: dict[str, Any] = {
             "name": parameter.name,
             "value": value,
             "se": error,
-            "low": value - width * error,
-            "high": value + width * error,
+            "low": low,
+            "high": high,
             "unit": parameter.unit + {0: "", 1: "/degC"}.get(power, f"/degC^{power}"),
             "at": at or _range(conditions),
             "sensor": candidate.sensor,
@@ -58,6 +67,20 @@ def described_parameters(candidate: Candidate, values: Values, conditions: Condi
             entry["name"] = f"{_parameter_of(candidate, channel, conditions)} × {candidate.driver}"
         out.append(entry)
     return out
+
+
+def _within(shapes: Sequence[tuple[float, Values]], number: int, freedom: int, share: float) -> tuple[float, float]:
+    """Return between what a value is with a probability `share`, whichever the shape."""
+    known = [(weight, *values[number]) for weight, values in shapes if values.get(number, (0.0, 0.0))[1] > 0.0]
+    weight, value, error = np.array(known).T
+    tail = 0.5 - 0.5 * share
+    far = 1.01 * float(stdtrit(freedom, 1.0 - tail)) * error
+
+    def beyond(x: float, below: float) -> float:
+        return float(weight @ stdtr(freedom, (x - value) / error) / weight.sum()) - below
+
+    low, high = (brentq(beyond, np.min(value - far), np.max(value + far), args=(each,)) for each in (tail, 1.0 - tail))
+    return low, high
 
 
 def _place(candidate: Candidate, number: int) -> tuple[int, str]:

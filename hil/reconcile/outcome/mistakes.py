@@ -18,7 +18,7 @@ from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.problem import Problem, SensorProblem
 from hil.reconcile.search.terms import Term
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED
-from hil.solve.wrong_rows import MENDED, USED, Wrong, clipped_rows
+from hil.solve.wrong_rows import MENDED, USED, Wrong, clipped_rows, in_words
 from procedures.words import numbered
 
 _PAIR = 2  # rows whose labels are exchanged; of more it is the channels
@@ -107,13 +107,12 @@ def _exchange(candidate: Candidate, campaign: Campaign) -> str:
     conditions = campaign.sensors[candidate.sensor].conditions
     run = int(candidate.shape["run"])
     rows = np.any(candidate.columns != 0.0, axis=(1, 2)) & (conditions.run == run)
-    positions = " and ".join(dict.fromkeys(conditions.position[rows].tolist()))
-    collects = ", ".join(str(int(c)) for c in conditions.collect[rows])
+    collects = numbered("collect", conditions.collect[rows].tolist())
     if candidate.shape["exchange"] == OTHER_SENSOR:
-        return f"run {run}: the rates are the other sensor's (collects {collects})"
+        return f"{collects}: the rates look like the other sensor's"
     if rows.sum() > _PAIR:
-        return f"run {run}: {' and '.join(conditions.sensor.channels)} exchanged (collects {collects})"
-    return f"run {run}: collects at positions {positions} exchanged (collects {collects})"
+        return f"{collects}: {' and '.join(conditions.sensor.channels)} look exchanged"
+    return f"{collects}, at positions {' and '.join(conditions.position[rows].tolist())}, look exchanged"
 
 
 def mended(sensors: Mapping[int, SensorProblem], reading: Reading) -> dict[int, SensorProblem]:
@@ -130,8 +129,7 @@ def mended(sensors: Mapping[int, SensorProblem], reading: Reading) -> dict[int, 
 
 def mistake_notes(reading: Reading, campaign: Campaign, posterior: Posterior) -> list[str]:
     """Say which rows of the file carry each other's labels, and which runs are left out."""
-    told = [(row["sensor"], str(row["why"])) for row in rows_found(reading, campaign, (), posterior)]
-    return list(dict.fromkeys(f"sensor {n}, {why.removeprefix(f'sensor {n}: ')}" for n, why in told))
+    return in_words({"rows": rows_found(reading, campaign, (), posterior)}, searched=True)
 
 
 def mistake_places(reading: Reading, campaign: Campaign, fit: Fitted) -> list[Disagreement]:
@@ -244,7 +242,7 @@ def rows_found(
         conditions = campaign.sensors[n].conditions
         name = list(conditions.sensor.channels)[channel]
         collects = tuple(conditions.collect[conditions.run == run].tolist())
-        why = f"{name}, run {run}: left out of the search, and the gap is that of the others"
+        why = f"{name} does not agree with the other runs in any way that an effect does"
         found.append(Wrong(n, run, collects, (name,), OMITTED, why))
     by_collect: dict[tuple[int, int, int], list[Mapping[str, Any]]] = {}
     for each in outliers:

@@ -12,15 +12,12 @@ from hil.model.curve import Constant, Curve
 from hil.model.effects.base import Parameter, VarianceEffect
 from hil.model.forms import bias_names
 from hil.model.stated_noise import SensorNoise
-from hil.reconcile.result import Disagreement, rounded
+from hil.reconcile.result import Disagreement
 from hil.reconcile.search.fitted import Fitted, FittedBlock
 from hil.reconcile.search.noise import Points, log_profile
 from hil.reconcile.search.posterior import Posterior
 from hil.reconcile.search.set_in_block import SetInBlock
 from hil.reconcile.search.sets import SensorSearch, Set
-
-EXCESS = 1.5
-"""Times the standard errors, from which on it is said that the averages scatter by more."""
 
 
 @dataclass(frozen=True)
@@ -238,7 +235,7 @@ def with_ordinary(model: Model, noise: Sequence[Mapping[str, Any]], conditions: 
     for each in noise:
         own = conditions[each["sensor"]]
         name = bias_names(own.sensor)[list(own.sensor.channels).index(each["channel"])]
-        for key, size, se in _beyond_chance(each):
+        for key, size, se in beyond_chance(each):
             section = sections.get(each["sensor"], SensorNoise())
             stated = getattr(section, key)
             grown = _grown(stated.get(name), size, se, own)
@@ -246,7 +243,7 @@ def with_ordinary(model: Model, noise: Sequence[Mapping[str, Any]], conditions: 
     return model.model_copy(update={"noise": sections})
 
 
-def _beyond_chance(channel: Mapping[str, Any]) -> Iterator[tuple[str, float, float]]:
+def beyond_chance(channel: Mapping[str, Any]) -> Iterator[tuple[str, float, float]]:
     """Yield what a channel scatters by that no model stated: the key of a noise section, the size and its error."""
     for key, called in (("run_to_run", "run_offset"), ("collect_to_collect", "collect_to_collect")):
         size, se = channel[f"{called}_deg_per_hr"], channel[f"{called}_se_deg_per_hr"]
@@ -270,26 +267,3 @@ def places(found: Mapping[str, Sequence[FoundScatter]], chance: float) -> list[D
         for several in found.values()
         for f in several
     ]
-
-
-def in_words(noise: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Say where the averages scatter by more than standard errors and model explain, one sentence per channel."""
-    return [
-        f"sensor {n['sensor']}, {n['channel']}: about {n['under']}, the averages scatter "
-        f"{n['observed_deg_per_hr'] / n['explained_deg_per_hr']:.2g} times as much as their standard errors "
-        f"{'and the model say' if n['explained_deg_per_hr'] > 1.01 * n['stated_deg_per_hr'] else 'say'}, "
-        f"by {n['observed_deg_per_hr']:.3g} deg/hr"
-        for n in noise
-        if n["stated_deg_per_hr"] and n["observed_deg_per_hr"] > EXCESS * n["explained_deg_per_hr"]
-    ]
-
-
-def stated_now(noise: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Say in a sentence what the improved model's noise states beyond that of the model that was read."""
-    said = [
-        f"sensor {each['sensor']}, {each['channel']}: {rounded(size, se)} deg/hr from {key.replace('_', ' ')}"
-        for each in noise
-        for key, size, se in _beyond_chance(each)
-    ]
-    more = "the noise of model.yaml states what averages scatter by beyond the standard errors and the model read: "
-    return [more + "; ".join(said)] if said else []

@@ -68,17 +68,24 @@ class FittedBlock:
 
 @dataclass(frozen=True)
 class Fitted:
-    """A set over all sensors: its blocks, the values of all parameters (p,), and their covariance (p, p)."""
+    """A set over all sensors: its blocks, the values of all parameters (p,), and their covariance (p, p).
+
+    `alone` (p,) are their errors where all others are what they are here.
+    """
 
     blocks: Sequence[FittedBlock]
     keys: Sequence[Key]
     values: FloatArray
     covariance: FloatArray
+    alone: FloatArray
 
-    def value(self, key: Key) -> tuple[float, float]:
-        """Return value and standard error of one parameter; raises ValueError where it is not fitted."""
+    def value(self, key: Key, *, alone: bool = False) -> tuple[float, float]:
+        """Return value and standard error of one parameter; `alone`, where all others are what they are here.
+
+        Raises ValueError where it is not fitted.
+        """
         place = self.keys.index(key)
-        return float(self.values[place]), float(np.sqrt(max(self.covariance[place, place], 0.0)))
+        return float(self.values[place]), float(self.alone[place] if alone else np.sqrt(self.covariance[place, place]))
 
     def design(self, block: FittedBlock, terms: set[tuple[int, int]] | None = None) -> FloatArray:
         """Return columns (N, p) of some terms (sensor, term), or of all, in one block."""
@@ -154,7 +161,10 @@ class Fitted:
 
 
 def fitted(posterior: Posterior, found: Found) -> Fitted:
-    """Fit a set of all sensors by generalised least squares, at its most probable noise."""
+    """Fit a set of all sensors at its most probable noise: what the rows say of its values, and what was known before.
+
+    Values that these rows cannot tell apart are as typical as they may be, and no surer than that.
+    """
     blocks = [
         fitted_block(number, search, found.terms[number], found.kind, b)
         for number, search in posterior.searches.items()
@@ -162,6 +172,7 @@ def fitted(posterior: Posterior, found: Found) -> Fitted:
     ]
     keys: list[Key] = list(dict.fromkeys(key for block in blocks for key in block.keys))
     gram, score = np.zeros((len(keys), len(keys))), np.zeros(len(keys))
+    mean, deviation = np.zeros(len(keys)), np.zeros(len(keys))
     for block in blocks:
         if not block.keys:
             continue
@@ -170,9 +181,10 @@ def fitted(posterior: Posterior, found: Found) -> Fitted:
         own = project_out(orthonormal(white[:, : base.shape[1]]), white[:, base.shape[1] :])
         gram[np.ix_(index, index)] += own[:, 1:].T @ own[:, 1:]
         score[index] += own[:, 1:].T @ own[:, 0]
-    unit = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    covariance = np.linalg.pinv(gram / np.outer(unit, unit), rcond=1e-9, hermitian=True) / np.outer(unit, unit)
-    return Fitted(blocks, keys, covariance @ score, covariance)
+        mean[index], deviation[index] = block.mean, np.maximum(deviation[index], block.deviation)
+    gram, score = gram + np.diag(deviation**-2.0), score + mean * deviation**-2.0
+    covariance = np.linalg.inv(gram * np.outer(deviation, deviation)) * np.outer(deviation, deviation)
+    return Fitted(blocks, keys, covariance @ score, covariance, np.diag(gram) ** -0.5)
 
 
 def fitted_block(number: int, search: SensorSearch, chosen: Set, kind: str, b: int) -> FittedBlock:

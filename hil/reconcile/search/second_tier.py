@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray
+from hil.campaign.plausibility import accelerometer_columns
 from hil.model.effects.base import Parameter
 from hil.model.effects.followed import driver_values, expressible, position_is
 from hil.model.forms import RATE
@@ -33,15 +34,16 @@ class Driver:
 def drivers(conditions: Conditions) -> list[Driver]:
     """Return everything the campaign knows that a coefficient might follow, named by its expression.
 
-    Conditions as they were measured, temperature and time as powers, setpoints and zones one by one, and steps from one
-    run to the next.
+    Conditions as they were measured (but accelerations, which show the pose), temperature and time as powers, setpoints
+    and zones one by one, and steps from one run to the next.
     """
     expressions: list[tuple[str, str]] = []
     temperature = conditions.columns.get("temperature_degC")
+    known = {"n_samples", *accelerometer_columns(conditions.sensor)}
     for name, values in conditions.columns.items():
         varies = np.all(np.isfinite(values)) and np.ptp(values) > 1e-9 * max(1.0, float(np.abs(values).max()))
         a_temperature = name in {"setpoint_degC", "chamber_degC", "case_degC"} and temperature is not None
-        if varies and not a_temperature and name != "n_samples" and expressible(name):
+        if varies and not a_temperature and name not in known and expressible(name):
             expressions.append((name, "condition"))
     if temperature is not None and np.all(np.isfinite(temperature)) and np.ptp(temperature) > 8.0:
         expressions += [(f"temperature_degC^{power}", "condition") for power in (2, 3, 4)]

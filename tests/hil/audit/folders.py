@@ -136,6 +136,22 @@ def _two_sensors() -> Campaign:
     return replace(one, sensors={1: first, 2: second})
 
 
+def _both_disturbed() -> Campaign:
+    """What moves both sensors by the same in each run, far beyond what either does alone."""
+    one, rng = _two_sensors(), np.random.default_rng(3)
+    moved = np.repeat(rng.normal(0.0, 6.0, (12, 2)), 3, axis=0)
+    for number, rows in one.sensors.items():
+        one = with_rates(one, rows.rates_deg_per_hr + moved, number)
+    return one
+
+
+def _one_noisy() -> Campaign:
+    """Channel B scatters by three times what its standard errors say, channel A as they say."""
+    one = campaign(12, 3, seed=11, scatter=0.5)
+    noise = np.random.default_rng(9).normal(0.0, 0.7 * np.sqrt(8.0), (36, 1)) * [[0.0, 1.0]]
+    return with_rates(one, one.sensors[2].rates_deg_per_hr + noise)
+
+
 def _two_plans() -> Campaign:
     """Sensor 1 was measured at two temperatures only, sensor 2 at four."""
     both = _two_sensors()
@@ -211,6 +227,8 @@ FOLDERS: dict[str, Callable[[], Campaign]] = {
     "short soaks": _short_soaks,
     "one run without its thermometer": _one_not_shown,
     "two sensors": _two_sensors,
+    "both sensors disturbed": _both_disturbed,
+    "one channel noisy": _one_noisy,
     "two plans": _two_plans,
     "one run": lambda: campaign(1, 1, seed=3),
     "not whole": lambda: replace(_good(), missing=["self-calibration 13 at 40.0 °C: all of it"]),

@@ -139,6 +139,10 @@ def _rms_of_bias(run_to_run: Mapping[str, Any]) -> float | None:
     return math.sqrt(sum(one**2 for one in beyond) / len(beyond)) if beyond else None
 
 
+def _shared(both: dict[str, Any] | None) -> Answer:
+    return {(each["first"], each["second"]): each["correlation"] for each in (both or {"shared": []})["shared"]}
+
+
 def _scattering(document: dict[str, Any], named: list[str]) -> Answer:
     told = {(of["sensor"], of["channel"], of["under"]): of["observed_deg_per_hr"] for of in document["noise"]}
     return {"named": named, **told}
@@ -289,6 +293,9 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
             document, [e["id"] for e in document["effects"] if (e["acts_on"], e["kind"]) == ("scatter", "named")]
         ),
     },
+    "what two sensors do together": dict.fromkeys(
+        ("solve", "scatter", "reconcile"), lambda document: _shared(document["both_sensors"])
+    ),
     "is it simulated": dict.fromkeys((*COMMANDS, *BESIDE), lambda document: {"simulated": document["simulated"]}),
 }
 

@@ -6,6 +6,7 @@ The questions, and where each command keeps its answer, stand in `questions`.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -22,10 +23,13 @@ from hil.design.sequence.sequences import scene_of, sequence_worth
 from hil.design.visibility.document import campaign_document, sweep_document
 from hil.design.visibility.map import NoiseLevel
 from hil.model.forms import default_form
+from hil.reconcile import reconcile
+from hil.reconcile.outcome.sentences import scatter_in_words, what_to_do
 from hil.reconcile.scattering import what_scatters
 from hil.report.content import gather
-from hil.report.statements import headline
+from hil.report.statements import headline, to_do
 from hil.solve import repeats, solve_campaign
+from hil.solve.both_sensors import common_and_differential
 from procedures.plan import make_plan
 from tests.hil.audit.folders import FOLDERS, written
 from tests.hil.audit.questions import ANSWERS, AT_ONCE, BESIDE, COMMANDS, FIRST, IN_COMMON, MODEL, QUICK, Ask
@@ -99,6 +103,31 @@ def test_a_sensor_that_cannot_be_fitted_hides_no_other(ask: Ask) -> None:
     assert headline(gather(FOLDERS["clipped"]())).startswith("12 self-calibrations at 4 temperatures, 1 sensor: 7 PASS")
 
 
+def test_what_moves_both_sensors_is_said_wherever_somebody_asks_what_scatters() -> None:
+    """With what is to be done: by the report's first screen and reconcile's verdict, too; not where each is alone."""
+    for name, together in (("both sensors disturbed", True), ("two sensors", False)):
+        one = FOLDERS[name]()
+        both = common_and_differential(one)
+        assert both is not None
+        assert bool(both.look_for) is together
+        said = [" ".join(to_do(gather(one))), what_to_do(reconcile(one, "matrix-6", prove=False))[1]]
+        assert ["what moves sensors 1 and 2 together" in each for each in said] == [together, together]
+        assert set(both.sentences()) <= set(what_scatters(one).sentences())
+
+
+def test_the_channel_whose_standard_errors_do_not_hold_is_named() -> None:
+    """By repeats as by the search, and about as much; the other is not blamed."""
+    one = FOLDERS["one channel noisy"]()
+    (said,) = repeats(one, solve_campaign(one))[2].noise_in_words
+    found = re.match(r"standard errors of RB are ([\d.]+) times too small", said)
+    assert found is not None
+    (noisy,) = scatter_in_words(what_scatters(one).noise)
+    assert noisy.startswith("sensor 2, RB: ")
+    by_search = re.search(r"scatter ([\d.]+) times", noisy)
+    assert by_search is not None
+    assert float(found[1]) == pytest.approx(float(by_search[1]), rel=0.2)
+
+
 def _of_a_collect(one: Campaign) -> list[float]:
     noise, seen = what_scatters(one).noise, campaign_document(one)["noise_level"]
     assert isinstance(seen, dict)
@@ -111,6 +140,14 @@ def test_one_huge_standard_error_says_nothing_of_what_the_others_scatter_by() ->
     without, beside = FOLDERS["good"](), FOLDERS["one standard error huge"]()
     told = [_of_a_collect(one) for one in (without, beside)]
     assert told[1] == pytest.approx(told[0], rel=0.15)
+
+
+@pytest.mark.parametrize("name", ["good", "drift through every run", "no standard errors"])
+def test_a_collect_scatters_by_as_much_for_thermal_as_for_the_search(name: str) -> None:
+    """Also where residuals are many times their errors, and repeats show that this is no noise."""
+    one = FOLDERS[name]()
+    by_search = [each["observed_deg_per_hr"] for each in what_scatters(one).noise]
+    assert fit_thermal(one).sensors[2].rate_noise_deg_per_hr == pytest.approx(np.mean(by_search), rel=0.4)
 
 
 @pytest.mark.parametrize("ask", ["poses, dead channel"], indirect=True)

@@ -60,7 +60,14 @@ WARMUP = {"effect": "warmup", "parameters": {"W_A": {"unit": "deg/hr", "value": 
             {"terms": [{**WARMUP, "parameters": {"Q": {"unit": "1", "value": 1.0}}}]},
             "terms.0.parameters.Q: unknown key",
         ),
-        ({"terms": [{**WARMUP, "parameters": {}}]}, "terms.0.parameters: "),
+        (
+            {"terms": [{**WARMUP, "parameters": {}}]},
+            "terms.0.parameters: nothing is given; warmup has W_A (deg/hr), W_B (deg/hr) and shape.tau_min (min)",
+        ),
+        (
+            {"noise": {2: {"scatter": [{"effect": "markov"}]}}},
+            "noise.2.scatter.0.parameters: nothing is given; markov has sigma_m (deg/hr) and shape.tau_hr (hr)",
+        ),
         ({"terms": [WARMUP]}, "terms.0.shape.tau_min: missing; warmup needs it, in min"),
         (
             {"terms": [{**WARMUP, "shape": {"tau_min": 5.0, "tau_s": 3.0}}]},

@@ -14,7 +14,8 @@ from hil.model import load_model
 from hil.model.effects.catalogue import EFFECTS, VARIANCE_EFFECTS, effect_by_id
 from hil.model.effects.history import place_in_run
 from hil.reconcile import Reconciliation, reconcile
-from hil.reconcile.outcome.page import page, what_to_do
+from hil.reconcile.outcome.page import page
+from hil.reconcile.outcome.sentences import what_to_do
 from hil.reconcile.proof.experiment import repeated
 from hil.reconcile.proof.held_out import Predicted, _together
 from hil.reconcile.result import Solved
@@ -361,7 +362,7 @@ def test_a_wrong_rate_that_was_left_out_is_something_to_see_to() -> None:
     campaign.sensors[2].rates_deg_per_hr[10, 0] += 60.0
     told = what_to_do(reconcile(campaign, "matrix-6-thermal", prove=False))[1]
     assert told.startswith("First see to ")
-    assert "what is left out (notes): collect 11. The model itself lacks nothing that can be told." in told
+    assert "what is left out (below): collect 11. The model itself lacks nothing that can be told." in told
 
 
 def test_what_scatters_from_run_to_run_is_not_told_from_temperature_where_nothing_was_repeated() -> None:

@@ -14,7 +14,8 @@ from hil.campaign.reader import read_campaign
 from hil.model import Model
 from hil.model.curve import Constant
 from hil.reconcile import Reconciliation, reconcile
-from hil.reconcile.outcome.page import page, summary, write_result
+from hil.reconcile.outcome.page import page, write_result
+from hil.reconcile.outcome.sentences import summary, what_to_do
 from hil.reconcile.result import FoundEffect, Rival, Solved
 
 
@@ -47,10 +48,10 @@ def test_values_of_another_unit_are_said_to_be_off(plain: Reconciliation) -> Non
 def test_what_is_left_is_called_noise_only_where_it_is(plain: Reconciliation) -> None:
     """Held-out residuals of 1.53 times the noise's mean square are not "nothing but noise" on the same page."""
     said = "leaves nothing but noise"
-    assert said in page(replace(plain, gap=replace(plain.gap, standardised_after=1.05)))
+    assert said in page(replace(plain, noise=[], gap=replace(plain.gap, standardised_after=1.05)))
     loud = page(replace(plain, gap=replace(plain.gap, standardised_after=1.53)))
     assert said not in loud
-    assert "nothing that can be told from noise, of 1.5 times the variance" in loud
+    assert "though what was held out is 1.2 times what noise should leave" in loud
 
 
 @pytest.mark.parametrize(
@@ -84,6 +85,24 @@ def test_where_nothing_is_missing_the_band_is_all_of_the_noise(plain: Reconcilia
     """Offsets from run to run included, of which standard errors say nothing: two of three points lie within."""
     stated = [{**channel, "explained_deg_per_hr": 0.01} for channel in plain.noise]
     assert "noise 0.0" not in page(replace(plain, noise=stated))
+
+
+def test_who_has_what_averages_scatter_by_is_said_where_it_is_so(plain: Reconciliation) -> None:
+    """The ± of hil solve where repeats or residuals tell it, model.yaml where its noise states it, nobody else."""
+    channel = {**plain.noise[0], "stated_deg_per_hr": 1.0, "explained_deg_per_hr": 1.0, "observed_deg_per_hr": 5.0}
+    chance = dict.fromkeys(("run_offset_se_deg_per_hr", "collect_to_collect_se_deg_per_hr"))
+    sure = {**chance, "run_offset_se_deg_per_hr": 0.5}
+    said = {
+        (widens, known["run_offset_se_deg_per_hr"]): what_to_do(
+            replace(plain, noise=[{**channel, **known}], solved=replace(plain.solved, widens=widens))
+        )[1]
+        for widens in (True, False)
+        for known in (chance, sure)
+    }
+    assert "say; the ± of hil solve has it." in said[True, None]
+    assert "say; the ± of hil solve and the noise of model.yaml have it." in said[True, 0.5]
+    assert "say; the noise of model.yaml has it." in said[False, 0.5]
+    assert "5 times as much as their standard errors say." in said[False, None]
 
 
 def test_the_first_line_says_whether_anybody_has_to_act(plain: Reconciliation) -> None:

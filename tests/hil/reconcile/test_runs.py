@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -11,8 +10,7 @@ import pytest
 
 from hil.campaign import Campaign
 from hil.reconcile import Reconciliation, reconcile
-from hil.reconcile.outcome.page import summary
-from hil.reconcile.outcome.scatter import in_words
+from hil.reconcile.outcome.sentences import scatter_in_words, summary
 from hil.reconcile.scattering import what_scatters
 from tests.hil.analysis.thermal.nights import RUN_TO_RUN, rotor_night, scaled
 from tests.hil.reconcile.hidden_effects import EIGHT, Rows, base_rates, campaign_of, lay_out, noise
@@ -25,9 +23,10 @@ def layout(temperatures: tuple[float, ...] = (25.0,), runs_each: int = 12, seed:
 
 
 def left_out(result: Reconciliation) -> list[tuple[int, str]]:
-    """Run and channel of all that was left out as wrong, as the notes say."""
-    said = [re.search(r"sensor 2, (\w+), run (\d+): left out", note) for note in result.notes]
-    return sorted((int(one[2]), one[1]) for one in said if one)
+    """Run and channel of all that was left out as wrong."""
+    rows = [row for row in result.rows if "does not agree with the other runs" in row["why"]]
+    assert {row["done"] for row in rows} <= {"left out"}
+    return sorted((row["run"], channel) for row in rows for channel in row["channels"])
 
 
 def found(rows: Rows, rates: np.ndarray, model: str = "matrix-6") -> list[tuple[int, str]]:
@@ -189,7 +188,7 @@ def test_the_whole_result_says_which_runs_and_what_to_do() -> None:
     assert left_out(result) == [(4, "RA"), (9, "RA")]
     assert result.next_experiment is not None
     assert "runs 4, 9" in result.next_experiment["why"]
-    assert len([note for note in result.notes if "left out of the search" in note]) == 2
+    assert len([note for note in result.notes if "left out: sensor 2, runs 4, 9: RA does not agree" in note]) == 1
     assert result.gap.noise_floor < 3.0
     assert result.gap.after < 3.0
     assert max(channel["observed_deg_per_hr"] for channel in result.noise) < 3.0
@@ -222,11 +221,11 @@ def test_a_jump_keeps_its_name() -> None:
 def test_what_the_model_explains_is_no_surprise() -> None:
     """Five times the standard errors, where the model states nothing; nothing to be said where it states as much."""
     channel = {"sensor": 2, "channel": "RB", "stated_deg_per_hr": 1.0, "observed_deg_per_hr": 5.0, "under": "matrix-6"}
-    (told,) = in_words([{**channel, "explained_deg_per_hr": 1.0}])
+    (told,) = scatter_in_words([{**channel, "explained_deg_per_hr": 1.0}])
     assert "5 times as much as their standard errors say" in told
-    (told,) = in_words([{**channel, "explained_deg_per_hr": 2.5}])
+    (told,) = scatter_in_words([{**channel, "explained_deg_per_hr": 2.5}])
     assert "2 times as much as their standard errors and the model say" in told
-    assert in_words([{**channel, "explained_deg_per_hr": 4.0}]) == []
+    assert scatter_in_words([{**channel, "explained_deg_per_hr": 4.0}]) == []
 
 
 @pytest.mark.slow

@@ -106,7 +106,7 @@ def test_the_picture_shows_the_two_collects_before_and_nothing_after(swap_alone:
 def test_the_labels_are_to_be_corrected_and_the_model_stays(swap_alone: Reconciliation) -> None:
     """One sentence says which collects of the file; model.yaml is the model that went in, but for its noise."""
     (note,) = [note for note in swap_alone.notes if "collects.csv" in note]
-    assert "run 6: collects at positions 1 and 2 exchanged (collects 21, 22)" in note
+    assert "run 6: collects 21–22, at positions 1 and 2, look exchanged" in note
     assert swap_alone.model_after.model_copy(update={"noise": {}, "version": 1}) == swap_alone.input_model
 
 
@@ -178,7 +178,7 @@ def test_a_run_with_the_other_sensors_rates_is_mended_for_both() -> None:
     torn = Campaign("t", "", {n: replace(rows, rates_deg_per_hr=rates[n]) for n, rows in filed.items()})
     result = found(torn, prove=False)
     assert sorted((row["sensor"], row["run"], row["done"]) for row in result.rows) == [(1, 3, MENDED), (2, 3, MENDED)]
-    assert all("the rates are the other sensor's" in row["why"] for row in result.rows)
+    assert all("the rates look like the other sensor's" in row["why"] for row in result.rows)
     assert result.outliers == []
 
 
@@ -199,7 +199,7 @@ def test_a_position_that_a_run_has_twice_is_not_mistaken_for_its_other_collect()
     campaign = hidden_campaign(4, positions=("1", "2", "3", "4", "1"))
     result = found(exchanged(campaign, (28, 30)))
     assert swaps(result) == [6.0]
-    assert "exchanged (collects 28, 30)" in " ".join(result.notes)
+    assert "collects 28, 30, at positions 1 and 3, look exchanged" in " ".join(result.notes)
     assert result.gap.after == pytest.approx(found(campaign).gap.after, rel=ALIKE)
 
 
@@ -329,5 +329,5 @@ def test_of_two_runs_that_contradict_each_other_either_may_carry_wrong_labels() 
     (swap,) = result.effects
     assert (result.verdict, swap.kind) == ("ambiguous", "ambiguous")
     assert 0.2 < swap.probability < CERTAIN
-    assert all(f"run {run}: collects at positions 1 and 3 exchanged" in swap.equation for run in (1, 2))
+    assert all(f"collects {pair}, at positions 1 and 3, look exchanged" in swap.equation for pair in ("1, 3", "4, 6"))
     assert {row["done"] for row in result.rows} == {USED}

@@ -10,7 +10,8 @@ import pytest
 from hil.campaign import Campaign
 from hil.model import Model
 from hil.reconcile import Reconciliation, reconcile
-from hil.reconcile.outcome.page import page, what_to_do
+from hil.reconcile.outcome.page import page
+from hil.reconcile.outcome.sentences import what_to_do
 from hil.reconcile.outcome.taken_out import taken_out
 from hil.reconcile.result import Solved
 from hil.reconcile.search.problem import pose

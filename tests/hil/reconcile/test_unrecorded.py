@@ -255,6 +255,24 @@ def test_the_written_term_has_the_room_that_it_was_found_for() -> None:
     result = reconcile(campaign, "matrix-6-thermal", prove=False)
     (term,) = (each for each in result.model_after.terms if each.effect == "soak_insufficient")
     assert term.shape["from_degC"] == 26.0
-    assert result.effects[0].shape_in_words.endswith("the unit coming from 26 °C")
+    assert "the unit coming from 26 °C" in result.effects[0].shape_in_words
     left = campaign.sensors[2].rates_deg_per_hr - result.model_after.rates(rows.conditions)
     assert float(np.sqrt(np.mean(left[:8] ** 2))) < 2.0
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_remainder_follows_temperature_where_the_bias_is_no_straight_line(seed: int) -> None:
+    """The unit's thermometer was not recorded: b is dB/dT, of another size and sign in the heat than in the cold.
+
+    With one b for all temperatures a curve over the time, a jump and a walk stood beside it.
+    """
+    plain = hidden_campaign(seed, thermal=False, quiet=0.3)
+    rows = plain.sensors[2]
+    shape = {"tau_min": 18.0, "from_degC": 20.0}
+    left = InsufficientSoak().columns(rows.conditions, None, shape)[:, 0, 0]
+    setpoint = rows.conditions.columns["setpoint_degC"] - 25.0
+    bias = [slope * (setpoint - left) + curve * (setpoint - left) ** 2 for slope, curve in ((2.0, -0.4), (-1.0, 0.3))]
+    campaign = replace(plain, sensors={2: replace(rows, rates_deg_per_hr=rows.rates_deg_per_hr + np.stack(bias, 1))})
+    alone = with_columns(campaign, temperature_degC=None, dTdt_degC_per_min=None)
+    found = reconcile(alone, "matrix-6", prove=False).effects
+    assert {effect.id for effect in found} == {"bias_T", "soak_insufficient"}

@@ -253,11 +253,11 @@ def campaign_of_four_collects() -> Campaign:
 
 def test_one_large_standard_error_makes_no_other_too_large() -> None:
     """Twelve runs at four temperatures, right to one: what they scatter by is asked in each run's own error."""
-    rng, group = np.random.default_rng(3), np.repeat(np.arange(4), 3)
+    rng, group, every = np.random.default_rng(3), np.repeat(np.arange(4), 3), np.full(4, True)
     errors = np.ones((12, 4))
     values = rng.normal(size=(12, 4))
-    assert Spread.of(values, errors, group).times_stated == 1.0
+    assert Spread.of(values, errors, group).times_stated(every) == 1.0
     errors[7] = 300.0
-    assert Spread.of(values, errors, group).times_stated == 1.0
-    assert Spread.of(values, 10.0 * np.ones((12, 4)), group).times_stated == pytest.approx(0.1, rel=0.3)
-    assert Spread.of(values, 0.1 * np.ones((12, 4)), group).times_stated == pytest.approx(10.0, rel=0.3)
+    assert Spread.of(values, errors, group).times_stated(every) == 1.0
+    assert Spread.of(values, 10.0 * np.ones((12, 4)), group).times_stated(every) == pytest.approx(0.1, rel=0.3)
+    assert Spread.of(values, 0.1 * np.ones((12, 4)), group).times_stated(every) == pytest.approx(10.0, rel=0.3)

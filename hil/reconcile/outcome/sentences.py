@@ -1,0 +1,253 @@
+"""What a result says in sentences: what is missing, how sure that is, what it mends, and what somebody has to do."""
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from drivers.strict_yaml import packaged
+from hil.reconcile.naming import NO_NAME
+from hil.reconcile.outcome.scatter import beyond_chance
+from hil.reconcile.result import LEFT_OUT, Gap, Reconciliation, Rival, in_times, rounded
+from hil.solve.runs import runs_in_words
+from hil.solve.wrong_rows import LEFT_OUT as OMITTED
+from procedures.words import listed, numbered, percent, significant
+
+LEAST = 1e-4  # p-values are said down to it
+_FALLS = 0.98  # of what it was: from there on a gap is said to fall
+_MORE_THAN_NOISE = 1.15  # times the noise: from there on it is not said that nothing else is left
+_EXCESS = 1.5  # times what is explained, from which on it is said that the averages scatter by more
+_EXPECTED = 5.0  # times as probable before the data, from which on physics is said to expect a name
+
+_ACT = packaged("hil.reconcile.outcome", "what_to_do.yaml")
+_OFF = 1.5  # times the noise: from there on a model's values are said to be off
+_LIKELY = 0.5
+_MEASURED = " The model holds at temperatures that were measured: how far off it may be at others, hil thermal says."
+_APART = 0.05  # p-value below which nights simulated after are told from the measured one
+_BY = {
+    "averages": "its averages",
+    "run_scatter": "how its averages scatter",
+    "series": "what its collects are like inside",
+    "conditions": "its temperatures and times",
+}
+
+
+def what_to_do(result: Reconciliation) -> tuple[str, str]:
+    """Return the verdict and what somebody has to do now; "labels": only those were wrong, "untested": none was.
+
+    And "scatter": the mean lacks nothing that can be told, but what scatters makes `hil solve` FAIL; "apart": neither,
+    but simulated nights can be told from the measured one.
+    """
+    only = result.verdict in {"named", "ambiguous"} and all(effect.mends_labels for effect in result.effects)
+    kind = "labels" if only else result.verdict if result.tested else "untested"
+    after = (result.twin or {}).get("after", {})
+    apart = after.get("p_value", 1.0) < _APART
+    beyond = result.left.beyond_errors
+    kind = ("scatter" if beyond else "apart" if apart else kind) if kind == "none" else kind
+    doubts = runs_in_words(result.doubtful)
+    first = ["what is missing of the measurement (hil report says what)"] if result.without.get("missing") else []
+    first += [f"what was not measured well (hil report says why): {doubts}"] if doubts else []
+    if result.contradicted:
+        first.append(f"what its own records contradict (notes): {numbered('run', result.contradicted)}")
+    omitted = [row for row in result.rows if row["done"] == OMITTED]
+    said = {*result.contradicted, *(row["run"] for row in omitted), *(beyond if kind == "scatter" else ())}
+    said |= {run for runs in result.doubtful.values() for run in runs}
+    left = result.left.not_passed.items()
+    doubts = runs_in_words({verdict: [run for run in runs if run not in said] for verdict, runs in left})
+    why = " (hil report says" if result.left == result.solved else ", even with what is known taken off (notes say"
+    first += [f"what hil solve does not pass{why} why): {doubts}"] if doubts else []
+    spoiled = sorted({collect for row in omitted for collect in row["collects"]})
+    first += [f"what is left out (below): {numbered('collect', spoiled)}"] if spoiled else []
+    first += [f"{result.both.look_for} (notes)"] if result.both is not None and result.both.look_for else []
+    act = "The model itself lacks nothing that can be told." if kind == "none" and first else _ACT[kind]
+    if kind == "scatter":
+        runs = numbered("run", beyond)
+        act = f"{act} No effect is named, but averages scatter more than their standard errors say ({runs}: FAIL)."
+    elif kind in {"none", "apart"} and (more := at_most(result.noise)):
+        known = ["the ± of hil solve"] * result.solved.widens
+        known += ["the noise of model.yaml"] * (result.tested and bool(stated_in_words(result.noise)))
+        has = f"; {listed(known)} {'have' if len(known) > 1 else 'has'} it" if known else ""
+        act += f" Averages scatter {more}{has}."
+    if kind in {"none", "named", "ambiguous"} and _follows_temperature(result):
+        act += _MEASURED
+    if apart:
+        part = min(_BY, key=lambda each: 1.0 if after["parts"].get(each) is None else after["parts"][each])
+        act += f" Nights simulated with the model as it is now can be told from the measured one by {_BY[part]}."
+    return kind, f"First see to {'; '.join(first)}. {act}" if first else act
+
+
+def _follows_temperature(result: Reconciliation) -> bool:
+    """Whether what is held out stands at a temperature that other runs have, and the values there follow it."""
+    return result.calibration != "one set" or dict(result.follows).get("temperature", 0.0) > _LIKELY
+
+
+def summary(result: Reconciliation) -> list[str]:
+    """Say what was found in a few sentences: what, how sure, what it mends, what to do next."""
+    added = [effect for effect in result.effects if not effect.mends_labels and LEFT_OUT not in effect.shape]
+    swapped = [effect for effect in result.effects if effect.mends_labels]
+    model = result.input_model.full_title
+    per_temperature = " calibrated at each temperature" if result.calibration != "one set" else ""
+    if not result.effects:
+        if not result.tested:
+            return ["These collects leave nothing over by which the model could be told from another."]
+        if result.verdict == "none":
+            how = per_temperature or " fitted to these collects"
+            off = float(np.sqrt(result.gap.standardised_after))
+            if off > _MORE_THAN_NOISE:
+                held = "what was held out" if np.isfinite(result.gap.improved_p_value) else "what is left"
+                noise = f"nothing that can be told from noise, though {held} is {off:.2g} times what noise should leave"
+            elif at_most(result.noise) or what_to_do(result)[0] != "none":
+                noise = "nothing that can be told from scatter"
+            else:
+                noise = "nothing but noise"
+            nothing = f"The model {model},{how}, leaves {noise}."
+            return [nothing, *(f"{text[0].upper()}{text[1:]}." for text in values_off(result.as_it_stands, result.gap))]
+        return [f"{model} does not describe these collects, and nothing that was tried mends it."]
+    said = [f"{effect.title} ({effect.id}): {effect.equation}." for effect in swapped]
+    said += [f"{effect.title}: left out." for effect in result.effects if LEFT_OUT in effect.shape]
+    for effect in added:
+        same = [rival for rival in effect.confusable_with if rival.overlap > 0.95]
+        alike = [rival.id for rival in same]
+        when = f", {effect.shape_in_words}," if effect.shape_in_words else ""
+        sentence = f"{effect.title} ({effect.id}){when} is missing from {model}"
+        if effect.kind == "ambiguous" and alike:
+            others = " or ".join(titled(result, each) for each in alike[:3])
+            sentence += f", or {others}: these collects cannot tell them apart"
+            sentence += f"; {percent(effect.probability)} for {effect.id}, {_usual(result, same)}"
+        elif effect.kind == "ambiguous":
+            own = percent(effect.probability)
+            likelier = [rival for rival in effect.confusable_with if rival.probability > effect.probability]
+            if likelier:
+                sentence += f" ({own}), or – {percent(likelier[0].probability)} – {titled(result, likelier[0].id)}"
+                sentence += ": what may be no more than scatter is written as scatter" * (effect.acts_on == "scatter")
+            else:
+                sentence += f" – probably ({own}), not certainly"
+        if effect.inside_collects:
+            sentence += "; it shows inside the collects and leaves no trace in their averages"
+        said.append(sentence + ".")
+    said += gap_in_words(result)[:1]
+    follows = {"run": "changes from run to run"}
+    said += [
+        f"It {follows.get(d, f'follows {d}').replace('_', ' ')} ({percent(p)})." for d, p in result.follows[:1] if added
+    ]
+    if per_temperature:
+        said.append("The model's other values were calibrated at each temperature.")
+    if result.next_experiment and result.next_experiment.get("what"):
+        following = result.next_experiment
+        said.append(f"Measure next: {following['what']}: {titled(result, str(following.get('why', '')))}.")
+    return said
+
+
+def _usual(result: Reconciliation, same: Sequence[Rival]) -> str:
+    """Say whether physics alone, before any data, favours the first name or another that looks the `same`.
+
+    What follows a curve has no name, and nothing expects it.
+    """
+    named = [each for each in same if not each.id.startswith(NO_NAME)]
+    if not named:
+        return "the only one of them that has a name"
+    odds = {each.id: each.prior_odds if each.prior_odds is not None else 1.0 for each in named}
+    most = max(odds, key=lambda name: odds[name])
+    if odds[most] * _EXPECTED <= 1.0:
+        return (
+            f"which physics expects: before these data it was {in_times(1.0 / odds[most])} as probable as any of those"
+        )
+    if odds[most] >= _EXPECTED:
+        return f"though physics expects {titled(result, most)}, before these data {in_times(odds[most])} as probable"
+    return "which before these data was not known to be much more usual than those"
+
+
+def gap_in_words(result: Reconciliation) -> list[str]:
+    """Say by how much the gap shrank; where it lies in the scatter, that each rate became more probable, first."""
+    gap, score = result.gap, result.gap.log_score
+    if np.isfinite(gap.before) and not gap.noise_floor > 0.0:
+        return ["These runs have as many parameters as rates: nothing is left to be noise, and no gap can be stated."]
+    if not np.isfinite(gap.before) or not result.effects:
+        return []
+    proved = np.isfinite(gap.improved_p_value)
+    how = "on runs that were held out" if proved else "of the fit (nothing could be held out)"
+    swapped = any(effect.mends_labels for effect in result.effects)
+    mended = ["the labels put right"] * swapped
+    added = sum(
+        not (effect.mends_labels or effect.inside_collects or LEFT_OUT in effect.shape) for effect in result.effects
+    )
+    mended += [f"{'them' if added > 1 else 'it'} in the model"] * bool(added)
+    if not mended:
+        return []
+    falls = f"the gap {how} falls from {number(gap.before)} to {number(gap.after)} deg/hr"
+    noise = f"noise alone leaves {number(gap.noise_floor)}"
+    if gap.after < _FALLS * gap.before or score is None:
+        return [f"With {listed(mended)} {falls}; {noise}."]
+    better = float(np.exp(score["after"] - score["before"]))  # what only scatters moves no average
+    return [
+        f"With {listed(mended)} every rate {how} is {number(better)} times as probable as before.",
+        f"It scatters and moves no average: the mean gap stays, {number(gap.after)} deg/hr; {noise}.",
+    ]
+
+
+def titled(result: Reconciliation, said: str) -> str:
+    """Put its title beside every id of an effect or of a rival that stands alone."""
+    titles = {effect.id: effect.title for effect in result.effects}
+    titles |= {each.id: each.title for effect in result.effects for each in effect.confusable_with}
+    for identifier, title in titles.items():
+        if title and title != identifier:
+            said = re.sub(rf"(?<![(\w]){re.escape(identifier)}(?![\w)])", f"{title} ({identifier})", said)
+    return said
+
+
+def number(value: float | None) -> str:
+    """Three significant digits without powers of ten, or a dash."""
+    if value is None or not np.isfinite(value):
+        return "–"
+    if 0.0 < abs(value) < LEAST:
+        return f"below {LEAST:.4f}"
+    return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"
+
+
+def scatter_in_words(noise: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Say where the averages scatter by more than standard errors and model explain, one sentence per channel."""
+    return [
+        f"sensor {n['sensor']}, {n['channel']}: about {n['under']}, the averages scatter {_more(n)}, by "
+        f"{n['observed_deg_per_hr']:.3g} deg/hr"
+        for n in noise
+        if _times(n) > _EXCESS
+    ]
+
+
+def at_most(noise: Sequence[Mapping[str, Any]]) -> str:
+    """Say by how much more than is explained the channel scatters that does so most; empty where none does."""
+    most = max(noise, key=_times, default=None)
+    return _more(most) if most and _times(most) > _EXCESS else ""
+
+
+def _more(channel: Mapping[str, Any]) -> str:
+    say = "and the model say" if channel["explained_deg_per_hr"] > 1.01 * channel["stated_deg_per_hr"] else "say"
+    return f"{significant(_times(channel))} times as much as their standard errors {say}"
+
+
+def _times(channel: Mapping[str, Any]) -> float:
+    known = channel["explained_deg_per_hr"]
+    return float(channel["observed_deg_per_hr"] / known) if known else 0.0
+
+
+def stated_in_words(noise: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Say in a sentence what the improved model's noise states beyond that of the model that was read."""
+    more = "; ".join(
+        f"sensor {each['sensor']}, {each['channel']}: {rounded(size, se)} deg/hr from {key.replace('_', ' ')}"
+        for each in noise
+        for key, size, se in beyond_chance(each)
+    )
+    said = "the noise of model.yaml states what averages scatter by beyond the standard errors and the model read"
+    return [f"{said}: {more}"] if more else []
+
+
+def values_off(standing: Mapping[str, Any] | None, gap: Gap) -> list[str]:
+    """Say where a model's values do not describe the data though its form, fitted anew, may: nothing for a built-in."""
+    if standing is None or not standing["rms_deg_per_hr"] > _OFF * gap.noise_floor:
+        return []
+    off = (
+        f"the model's values as they stand are off by {standing['rms_deg_per_hr']:.3g} deg/hr rms, where noise leaves "
+        f"{gap.noise_floor:.3g}: they are not this unit's now. The verdict is about its form, with values fitted anew"
+    )
+    return [off]

@@ -1,0 +1,68 @@
+"""A value is known no better than the shape that it belongs to: its interval is that over all shapes that may be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hil.model.effects.dynamics import IndexSettling
+from hil.model.effects.g_squared import SquaredAcceleration
+from hil.reconcile import reconcile
+from hil.reconcile.result import FoundEffect
+from hil.reconcile.search.second_tier import drivers
+from tests.hil.reconcile.hidden_effects import hidden_campaign
+
+TRUE = {"S_A": 90.0, "S_B": -50.0}
+
+
+def settling(seed: int, tau_s: float) -> FoundEffect:
+    """What is found of a disturbance that dies away with `tau_s`, where collects begin 40 to 50 s after the index."""
+    plain = hidden_campaign(seed, quiet=0.5)
+    rows = plain.sensors[2]
+    since = 40.0 + 10.0 * np.random.default_rng(seed).random(len(rows.conditions))
+    conditions = replace(rows.conditions, columns={**rows.conditions.columns, "time_since_index_s": since})
+    added = IndexSettling().columns(conditions, None, {"tau_s": tau_s}) @ np.array([*TRUE.values()])
+    hidden = replace(rows, conditions=conditions, rates_deg_per_hr=rows.rates_deg_per_hr + added)
+    found = reconcile(replace(plain, sensors={2: hidden}), "matrix-6-thermal", prove=False).effects
+    return next(effect for effect in found if effect.id == "settle")
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_size_is_no_surer_than_the_time_constant(seed: int) -> None:
+    """From 45 s on a fast decay of a large one is a slow decay of a small one."""
+    found = settling(seed, 20.0)
+    low, high = found.shape_range["tau_s"]
+    assert low <= 20.0 <= high
+    assert "is possible" in found.shape_in_words
+    for each in found.parameters:
+        assert each["low"] <= TRUE[each["name"]] <= each["high"]
+        assert each["low"] < each["value"] < each["high"]
+        assert each["se"] < each["high"] - each["low"]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_what_positions_cannot_part_is_no_surer_than_what_is_typical(seed: int) -> None:
+    """Of kAA and kSS four positions tell the difference, of kAS nothing: what is sure is no value of the six."""
+    true = {"kAA_A": 1.0, "kAA_B": 0.5, "kSS_A": -0.4, "kSS_B": -1.0, "kAS_A": -0.6, "kAS_B": 0.3}
+    plain = hidden_campaign(seed, quiet=0.2, positions=tuple("1342431"))
+    rows = plain.sensors[2]
+    added = SquaredAcceleration().columns(rows.conditions, None, {}) @ np.array([*true.values()])
+    hidden = replace(rows, rates_deg_per_hr=rows.rates_deg_per_hr + added)
+    result = reconcile(replace(plain, sensors={2: hidden}), "matrix-6-thermal", prove=False)
+    (found,) = (effect for effect in result.effects if effect.id == "k2")
+    for each in found.parameters:
+        assert each["low"] <= true[each["name"]] <= each["high"]
+        assert 0.05 < each["se"] < 1.0  # deg/hr/g², the largest that is typical
+    (term,) = result.model_after.terms
+    assert {curve.se < 0.05 for name, curve in term.parameters.items() if "AS" not in name} == {True}  # type: ignore[operator]
+
+
+def test_an_acceleration_drives_no_coefficient() -> None:
+    """It shows the pose: g along X that follows it is a product of accelerations, which the catalogue describes."""
+    rows = hidden_campaign(1).sensors[2].conditions
+    shown = {f"accelerometer_{axis}_g": rows.f_g[:, k] for k, axis in enumerate(rows.sensor.axes)}
+    known = [driver.name for driver in drivers(replace(rows, columns={**rows.columns, **shown}))]
+    assert known == [driver.name for driver in drivers(rows)]
+    assert "supply_V" in known
