@@ -9,7 +9,9 @@ anywhere, two collects or two channels under each other's labels, a sign that is
 which nothing holds. What is certain is done, and what is left is asked again (`hil.solve.whitened` has the rates).
 """
 
-from collections.abc import Collection, Iterator, Sequence
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Self
@@ -46,6 +48,7 @@ _UNSEEN = 50.0  # standard errors: what is off by less may not be seen without a
 _NO_ERROR = 20.0  # times its standard errors: whatever it is, what is stated is none
 _HARDLY_ANY = 4.0  # logs: of many runs those are not asked about that the data make no likelier than that less
 _MANY = 20  # runs: among more it is not said what would not be seen
+_LEAST_RUNS = 2  # of so few both are all
 _MOST = 0.2  # of the collects: where more are wrong, it is no rows
 _TIMES = np.geomspace(0.05, 500.0, 93)  # that standard errors are too small by
 _RIGHT, _NEARLY = 0.7, 0.15  # probability that they are as stated, within
@@ -79,13 +82,14 @@ class Explained:
     """What rates that contradict each other come from: the `likeliest`, None where several are; `rivals` are all.
 
     As they are filed, rates are `times` as far from each other as their standard errors say, and it is as probable as
-    `nothing` that nothing is wrong.
+    `nothing` that nothing is wrong. `together` are the causes, one or two, that explain them best, certain or not.
     """
 
     likeliest: Cause | None
     rivals: tuple[tuple[Cause, float], ...]
     times: float
     nothing: float
+    together: tuple[Cause, ...] = ()
 
     @property
     def likely(self) -> float:
@@ -193,19 +197,29 @@ def _what(
         return None
     rows = np.flatnonzero(told)
     asked = _Asked(Whitened(collects.rows(rows), own_bias), own_bias, beside[rows])
-    nothing, causes = asked.weighed(run)
+    nothing, found = asked.weighed(run)
     if nothing > DOUBTED:
         return Explained(None, (), asked.times, 0.0) if asked.rates.stated and asked.times > _NO_ERROR else None
-    together: dict[tuple[object, ...], float] = {}
-    for cause, p in causes:
-        together[cause.place] = together.get(cause.place, 0.0) + p
-    first = {cause.place: cause for cause, _ in reversed(causes)}  # the likeliest at each place
-    rivals = tuple(
-        (replace(first[place], rows=tuple(rows[list(first[place].rows)].tolist())), together[place])
-        for place in sorted(together, key=lambda each: -together[each])
-        if together[place] > LISTED
-    )
-    return Explained(rivals[0][0] if rivals else None, rivals, asked.times, nothing)
+    every = _by_place(found)
+    likeliest = max(every, key=lambda each: every[each], default=())
+    # Whatever may be true beside the likeliest is none of its rivals.
+    instead = _by_place((causes, p) for causes, p in found if likeliest not in {cause.place for cause in causes})
+    at = {cause.place: cause for causes, _ in reversed(found) for cause in causes}  # the likeliest at each place
+    ordered = [(likeliest, every[likeliest])] * bool(every)
+    ordered += sorted(instead.items(), key=lambda each: -each[1])
+    filed = {place: replace(cause, rows=tuple(rows[list(cause.rows)].tolist())) for place, cause in at.items()}
+    rivals = tuple((filed[place], p) for place, p in ordered if p > LISTED)
+    together = tuple(filed[cause.place] for causes, _ in found[:1] for cause in causes)
+    return Explained(rivals[0][0] if rivals else None, rivals, asked.times, nothing, together)
+
+
+def _by_place(found: Iterable[tuple[tuple[Cause, ...], float]]) -> dict[tuple[object, ...], float]:
+    """Return how probably something is wrong at each place."""
+    out: dict[tuple[object, ...], float] = {}
+    for causes, p in found:
+        for place in {cause.place for cause in causes}:
+            out[place] = out.get(place, 0.0) + p
+    return out
 
 
 def sees_from(collects: Collects, distrusted: Collection[int] = ()) -> float | None:
@@ -247,19 +261,41 @@ class _Asked:
         """How many times as far from each other as their standard errors say rates are."""
         return float(np.sqrt(max(self.rates.squares, 0.0) / max(self.rates.freedom, 1.0)))
 
-    def weighed(self, run: int | None = None) -> tuple[float, list[tuple[Cause, float]]]:
-        """Return how probable it is that nothing is wrong, and each cause with its probability, the likeliest first.
+    def weighed(self, run: int | None = None) -> tuple[float, list[tuple[tuple[Cause, ...], float]]]:
+        """Return how probable it is that nothing is wrong, and causes with their probability, the likeliest first.
 
-        Of one `run` alone, if asked for.
+        One, or the same mistake in two runs, which hide behind each other. Of one `run` alone, if asked for.
         """
         if self.rates.freedom < 1.0:
             return 1.0, []
-        tried = [each for each in self._tried() if run in (None, each[0].run)]
+        singly = [each for each in self._tried() if run in (None, each.cause.run)]
+        tried = [((each.cause,), each.log_odds, each.left) for each in singly] + [*self._twice(singly)]
         weights = np.array([0.0, *(log_odds for _, log_odds, _ in tried)])
         weights = weights + self._evidence(np.array([self.rates.squares, *(left for *_, left in tried)]))
         weights = np.exp(weights - logsumexp(weights))
-        found = [(cause, float(p)) for (cause, *_), p in zip(tried, weights[1:], strict=True)]
+        found = [(causes, float(p)) for (causes, *_), p in zip(tried, weights[1:], strict=True)]
         return float(weights[0]), sorted(found, key=lambda each: -each[1])
+
+    def _twice(self, singly: Sequence[_Tried]) -> Iterator[tuple[tuple[Cause, ...], float, float]]:
+        """Yield the same mistake in two of several runs, with its log odds and what it leaves: less than either alone.
+
+        What all runs would share is none of theirs, and whose rates are another sensor's that one tells.
+        """
+        alike: dict[tuple[object, ...], list[tuple[_Tried, FloatArray]]] = {}
+        runs = self.rates.collects.conditions.of_each_run
+        for each in singly:
+            if each.moved is not None and not each.cause.instead and len(runs) > _LEAST_RUNS:
+                places = tuple(row - runs[each.cause.run][0] for row in each.cause.rows)
+                alike.setdefault((each.cause.what, places, each.cause.channel), []).append((each, each.moved))
+        all_show = {run: self.rates.shown(run) for run in {each.cause.run for of in alike.values() for each, _ in of}}
+        for several in alike.values():
+            shown = np.array([all_show[each.cause.run] @ moved for each, moved in several])
+            alone = np.array([each.left for each, _ in several])
+            left = alone[:, None] + alone - self.rates.squares - 2.0 * shown @ shown.T
+            less = np.triu(left < np.minimum(alone[:, None], alone), 1)
+            for i, j in np.argwhere(less).tolist():
+                one, other = several[i][0], several[j][0]
+                yield (one.cause, other.cause), one.log_odds + other.log_odds, float(left[i, j])
 
     def _evidence(self, squares: FloatArray) -> FloatArray:
         """Log probability of residual squares (h,), whatever the size of the noise."""
@@ -285,7 +321,7 @@ class _Asked:
         out[told] = np.sqrt(squares / apart[told]) / rates.weight[told]
         return out
 
-    def _tried(self) -> Iterator[tuple[Cause, float, float]]:
+    def _tried(self) -> Iterator[_Tried]:
         """Yield each cause with its log odds, less what it pays for being anywhere, and the squares that it leaves."""
         (n, channels), conditions = self.rates.known.shape, self.rates.collects.conditions
         runs = {run: _Run(self.rates, run, rows) for run, rows in conditions.of_each_run.items()}
@@ -319,7 +355,17 @@ class _Asked:
                     )
                 if len(runs) > 1:
                     tried += each.anywhere(Cause("run", run, each.rows), np.eye(each.known.size))
-            yield from ((cause, log_odds[cause.what] + paid, left) for cause, paid, left in tried)
+            yield from (replace(of, log_odds=of.log_odds + log_odds[of.cause.what]) for of in tried)
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """A cause, its log odds, the squares that it leaves, and how it moves its run's rates (k·c,), if that is known."""
+
+    cause: Cause
+    log_odds: float
+    left: float
+    moved: FloatArray | None = None
 
 
 class _Run:
@@ -338,7 +384,7 @@ class _Run:
         told = size > _TOLD
         return float(np.sum((directions[:, told].T @ self._apart) ** 2 / size[told]))
 
-    def rows_off(self) -> Iterator[tuple[Cause, float, float]]:
+    def rows_off(self) -> Iterator[_Tried]:
         """Yield its rates, and its collects, that may be anywhere."""
         unit = np.eye(self.known.size).reshape(*self.known.shape, -1)
         for i, row in enumerate(self.rows):
@@ -347,7 +393,7 @@ class _Run:
             if self.known[i].sum() > 1:
                 yield from self.anywhere(Cause("collect", self._run, (row,)), unit[i].T)
 
-    def anywhere(self, cause: Cause, columns: FloatArray) -> Iterator[tuple[Cause, float, float]]:
+    def anywhere(self, cause: Cause, columns: FloatArray) -> Iterator[_Tried]:
         """Yield a cause along columns (k·c, q), if anything tells of it, what it pays for that, and what it leaves."""
         size, directions = np.linalg.eigh(columns.T @ self._free @ columns)
         if (told := size > _TOLD).any():
@@ -358,9 +404,9 @@ class _Run:
             of_row = (columns @ (directions @ off)).reshape(self.known.shape)[row]
             cause = replace(cause, off=tuple((of_row / np.maximum(self.weight[row], 1e-12)).tolist()))
             left = self._squares - float(np.sum(off**2 * size * wide / (1.0 + wide)))
-            yield cause, -0.5 * float(np.log1p(wide).sum()), left
+            yield _Tried(cause, -0.5 * float(np.log1p(wide).sum()), left)
 
-    def exchanged(self, pairs: Sequence[tuple[int, int]]) -> Iterator[tuple[Cause, float, float]]:
+    def exchanged(self, pairs: Sequence[tuple[int, int]]) -> Iterator[_Tried]:
         """Yield the pairs of collects that may stand under each other's labels: of many poses there are very many."""
         i, j = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
         moved, which = np.zeros((len(i), *self.known.shape)), np.arange(len(i))
@@ -369,14 +415,15 @@ class _Run:
         told = np.isfinite(moved).all(axis=(1, 2))
         flat = moved[told].reshape(int(told.sum()), self.known.size)
         left = self._squares + 2.0 * flat @ self._apart + np.sum((flat @ self._free) * flat, axis=1)
-        for pair, squares in zip(which[told].tolist(), left.tolist(), strict=True):
-            yield Cause("exchanged", self._run, (self.rows[i[pair]], self.rows[j[pair]])), 0.0, squares
+        for pair, squares, own in zip(which[told].tolist(), left.tolist(), flat, strict=True):
+            yield _Tried(Cause("exchanged", self._run, (self.rows[i[pair]], self.rows[j[pair]])), 0.0, squares, own)
 
-    def otherwise(self, cause: Cause, rates: FloatArray) -> Iterator[tuple[Cause, float, float]]:
+    def otherwise(self, cause: Cause, rates: FloatArray) -> Iterator[_Tried]:
         """Yield a cause by which other rates (k, c), all known, were measured, and what it leaves."""
         moved = np.where(self.weight > 0.0, (rates - self.measured) * self.weight, 0.0).reshape(-1)
         if np.isfinite(moved).all():
-            yield cause, 0.0, self._squares + float(2.0 * moved @ self._apart + moved @ self._free @ moved)
+            left = self._squares + float(2.0 * moved @ self._apart + moved @ self._free @ moved)
+            yield _Tried(cause, 0.0, left, moved)
 
 
 def _pairs(conditions: Conditions, rows: IntArray) -> list[tuple[int, int]]:

@@ -57,7 +57,8 @@ class RunSolution:
     `covariance` (p, p) in the order of `parameters`, NaN where unknown; `condition_number` None where infinite;
     `residual_rms_deg_per_hr` None without degrees of freedom; `combinations` are seen mixtures of parameters that are
     not known singly. `chi_square` is that of the residuals, None without stated standard errors. `compared`: whether
-    other runs say what this one's collects should show; `doubted`: whether anything is said against a row of it.
+    other runs say what this one's collects should show; `doubted`: whether it tells nothing of noise, for something is
+    said against a row of it, or it had not settled.
     `among`: of how many runs it may be the one that differs most by chance.
     """
 
@@ -153,7 +154,7 @@ def _of_as_many(solved: Sequence[_Solved]) -> int:
 class _Beside:
     """What is known of a sensor's runs beside their solutions: judgements by run, and what no other run was held to.
 
-    `lacking` are the collects without a standard error, by run; `doubted` the runs against whose rows something is.
+    `lacking` are the collects without a standard error, by run; `doubted` the runs that tell nothing of noise.
     """
 
     judged: Sequence[Mapping[int, Judgement]]
@@ -172,7 +173,8 @@ class _Beside:
         for row in np.flatnonzero(unstated(rows).any(axis=1)):
             lacking.setdefault(int(rows.conditions.run[row]), []).append(int(rows.conditions.collect[row]))
         judged = (campaign.verdicts, here, wrong.judged, soak)
-        return cls(judged, sorted(wrong.not_compared), wrong.judged.keys(), lacking, campaign.largest_se)
+        doubted = wrong.judged.keys() | soak.keys()
+        return cls(judged, sorted(wrong.not_compared), doubted, lacking, campaign.largest_se)
 
 
 def _judged(solution: RunSolution, rows: Collects, beside: _Beside) -> RunSolution:

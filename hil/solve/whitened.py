@@ -19,7 +19,8 @@ from hil.solve.identifiability import orthonormal, unit_columns
 from hil.solve.neighbours import place_in_each_run
 from hil.solve.temperatures import runs_by_temperature
 
-_CHANGES = 0.1  # of its size: by so much is another at another temperature what neither a bias nor MU moves
+CHANGES = 0.1
+"""Of its size: by so much is another at another temperature, or in another place, what neither a bias nor MU moves."""
 _SHARE = 1.0 / 3.0  # of differences of two: what so many are below, a few that are wrong do not move
 _SIGMA = 1.64  # a normal distribution's sigma by that
 _FEW = 8.0  # runs that repeat others: of so many their scatter is known hardly better than by 2
@@ -67,16 +68,16 @@ class Whitened:
                 covariance += bound @ bound.T / scatter[1] ** 2
             self._keeps[run], left[run] = keeps, keeps @ covariance @ keeps.T
         at = np.array([np.isin(conditions.run, of) for of in groups])[..., None, None]
-        common = [steady, *self._places(), *([] if scatter is None else own * at)]
-        changes = list(steady * at) if len(groups) > 1 else []
+        common = [steady, *([] if scatter is None else own * at)]
+        changes = [*self._places(), *(steady * at if len(groups) > 1 else [])]
         white = self._white(np.concatenate([seen[..., None], steady, *common, *changes], axis=2))
         seen, excited = white[..., 0], white[..., 1 : 1 + steady.shape[2]]
         flat = white[..., 1 + steady.shape[2] :]
-        several = len(changes) * steady.shape[2]
+        several = sum(each.shape[2] for each in changes)
         sizes = [
             np.sum(seen[rows] ** 2) / max(float(np.sum(excited[rows] ** 2)), 1e-12) for rows in self._runs.values()
         ]
-        loose = max(_CHANGES * float(np.sqrt(np.median(sizes))), 1e-9)  # of most: one may be wrong
+        loose = max(CHANGES * float(np.sqrt(np.median(sizes))), 1e-9)  # of most: one may be wrong
         prior = np.hstack([np.zeros((several, flat.shape[2] - several)), np.eye(several) / loose])
         basis = _basis(np.vstack([_flat(flat), prior]))
         self._shown = basis[: seen.size].reshape(*seen.shape, -1)
@@ -88,9 +89,12 @@ class Whitened:
 
     def of(self, run: int) -> tuple[FloatArray, FloatArray]:
         """Return what squares (k·c, k·c) and products (k·c,) of changes to a run's rates, in standard errors, add."""
-        keeps, shown = self._keeps[run], _flat(self._shown[self._runs[run]])
-        free = keeps.T @ (np.eye(len(keeps)) - shown @ shown.T) @ keeps
-        return free, keeps.T @ self._left[self._runs[run]].reshape(-1)
+        keeps, shown = self._keeps[run], self.shown(run)
+        return keeps.T @ keeps - shown.T @ shown, keeps.T @ self._left[self._runs[run]].reshape(-1)
+
+    def shown(self, run: int) -> FloatArray:
+        """Return what of changes to a run's rates all runs show together, (q, k·c)."""
+        return np.asarray(_flat(self._shown[self._runs[run]]).T @ self._keeps[run])
 
     def _white(self, columns: FloatArray) -> FloatArray:
         """Return columns (n, c, p) less what each run shows for itself."""

@@ -78,7 +78,9 @@ class WrongRows:
     """What is wrong with one sensor's rows; `collects` are those to solve, `not_compared` runs that stand alone.
 
     `apart` are runs of which it is certain that nothing holds: they are solved, and are in no mean.
-    `sees_from`, deg/hr: among so few runs what is off by less does not show; None among more.
+    `sees_from`, deg/hr: among so few runs what is off by less does not show; None among more. `may_be` are two that
+    explain best what is not certain, and `likeliest` the collects without that, too: nothing is solved by them, a
+    search starts there.
     """
 
     collects: Collects
@@ -87,6 +89,8 @@ class WrongRows:
     not_compared: Set[int]
     apart: Set[int]
     sees_from: float | None
+    may_be: tuple[Wrong, ...]
+    likeliest: Collects
 
 
 def wrong_rows(campaign: Campaign) -> dict[int, WrongRows]:
@@ -99,21 +103,21 @@ def wrong_rows(campaign: Campaign) -> dict[int, WrongRows]:
             rows,
             tuple(campaign.exchanged.get(number, ())),
             frozenset(_failed(campaign, number)),
-            _other(campaign, number),
+            alike(campaign, number),
         )
         for number, rows in campaign.sensors.items()
     }
 
 
-def _other(campaign: Campaign, number: int) -> Collects | None:
+def alike(campaign: Campaign, number: int) -> Collects | None:
     """Return what the other of two sensors that are alike shows."""
     own = campaign.sensors[number].conditions.sensor
     others = [rows for n, rows in campaign.sensors.items() if n != number]
-    alike = len(others) == 1 and len(others[0].conditions.sensor.channels) == len(own.channels)
-    return others[0] if alike else None
+    same = len(others) == 1 and len(others[0].conditions.sensor.channels) == len(own.channels)
+    return others[0] if same else None
 
 
-def _beside(collects: Collects, other: Collects | None) -> FloatArray:
+def beside(collects: Collects, other: Collects | None) -> FloatArray:
     """Return what another sensor shows in the same collects (n, c), NaN where it took none or others."""
     out = np.full(collects.rates_deg_per_hr.shape, np.nan)
     if other is not None:
@@ -143,11 +147,12 @@ def _mended(campaign: Campaign, number: int) -> set[int]:
 def _wrong_rows(
     collects: Collects, exchanged: tuple[tuple[int, int], ...], failed: frozenset[int], other: Collects | None
 ) -> WrongRows:
-    rows, beside = clipped_rows(collects), _beside(collects, other)
+    rows = clipped_rows(collects)
+    shown = beside(collects, other)
     collects, lay = _as_the_unit_lay(with_every_error(unclipped(collects)), exchanged, failed)
     rows += lay
     judged = {each.run: [Judgement(Verdict.FAIL, each.why)] for each in lay}
-    found = [*explanations(collects, failed, beside)]
+    found = [*explanations(collects, failed, shown)]
     lost = {cause.run for each in found if (cause := each.likeliest) is not None and cause.what == "run"}
     # Where in the end nothing of a run holds, nothing of it was put right either.
     found = [each for each in found if (c := each.likeliest) is None or c.what == "run" or c.run not in lost]
@@ -169,7 +174,17 @@ def _wrong_rows(
         judged.setdefault(beyond.run, []).append(reason)
     used = replace(collects, rates_deg_per_hr=rates)
     every = {run: combine(several) for run, several in judged.items()}
-    return WrongRows(used, tuple(rows), every, neighbours.not_compared - silent, apart, sees_from(used, failed))
+    # A search meets one thing by itself, with its rivals; two that hide each other it would not.
+    hidden = [each.together for each in found if each.likeliest is None and len(each.together) > 1]
+    unsure = {cause.place: cause for together in hidden for cause in together}
+    likeliest, may_be = used, []
+    for cause in unsure.values():
+        may_be.append(_of(filed, cause, _DONE[cause.what][0], _in_words(filed, cause)))
+        likeliest = mended(likeliest, cause)
+    seen_from = sees_from(used, failed)
+    return WrongRows(
+        used, tuple(rows), every, neighbours.not_compared - silent, apart, seen_from, tuple(may_be), likeliest
+    )
 
 
 def _as_the_unit_lay(

@@ -89,9 +89,8 @@ class Budget:
 
 def response(scene: Scene, form: LinearForm) -> FloatArray:
     """Return what the solution makes of the rates (p, n·c): its derivative; NaN for what these collects cannot know."""
-    design = _design(scene, form)
-    unit_rates = np.eye(design.shape[0])
-    return np.asarray(solve(design, unit_rates, scene.sigma.ravel(), rank_tolerance=OBSERVABLE).values.T)
+    unit_rates = np.eye(scene.sigma.size)
+    return np.asarray(_solved(scene, form, unit_rates.reshape(-1, *scene.sigma.shape)).T)
 
 
 def analytic_share(source: Source, scene: Scene, to_parameters: FloatArray) -> FloatArray:
@@ -129,26 +128,23 @@ def _simulate(
     scene: Scene, given: Sequence[Source], form: LinearForm, draws: int, rng: np.random.Generator
 ) -> FloatArray:
     """Return sums of squared errors (s + 1, p) over draws: each source alone, then all of them at once."""
-    design, sigma = _design(scene, form), scene.sigma.ravel()
     rates = scene.rates(scene.gravity, scene.earth_rate, scene.base.bias)
     assumed = scene.conditions.w_channels_deg_per_hr
-    right = solve(design, (rates - assumed).ravel(), sigma, rank_tolerance=OBSERVABLE).values
+    right = _solved(scene, form, rates - assumed)
     together = np.zeros((draws, *rates.shape))
     found = []
     for source in given:
         components = source.columns(scene).shape[-1]
         wrong = source.changes(scene, source.size * rng.standard_normal((draws, components)))
         together += wrong
-        found.append(_squares(design, rates + wrong - assumed, sigma, right))
-    found.append(_squares(design, rates + together - assumed, sigma, right))
+        found.append(np.sum((_solved(scene, form, rates + wrong - assumed) - right) ** 2, axis=0))
+    found.append(np.sum((_solved(scene, form, rates + together - assumed) - right) ** 2, axis=0))
     return np.array(found)
 
 
-def _squares(design: FloatArray, observed: FloatArray, sigma: FloatArray, right: FloatArray) -> FloatArray:
-    solution = solve(design, observed.reshape(len(observed), -1), sigma, rank_tolerance=OBSERVABLE)
-    return np.asarray(np.sum((solution.values - right) ** 2, axis=0))
-
-
-def _design(scene: Scene, form: LinearForm) -> FloatArray:
-    columns = form.columns(scene.conditions)
-    return columns.reshape(-1, columns.shape[-1])
+def _solved(scene: Scene, form: LinearForm, observed: FloatArray) -> FloatArray:
+    """Solve rates (..., n, c), where the scene has any; (..., p)."""
+    columns, there = form.columns(scene.conditions), np.isfinite(scene.sigma).ravel()
+    rates = np.where(there, observed.reshape(*observed.shape[:-2], -1), np.nan)
+    sigma = np.where(there, scene.sigma.ravel(), 1.0)
+    return np.asarray(solve(columns.reshape(there.size, -1), rates, sigma, rank_tolerance=OBSERVABLE).values)

@@ -87,7 +87,7 @@ def _sensor(number: int, runs: Sequence[RunScene], asked: Asked, observed: Senso
         "positions": chosen.scene.conditions.position.tolist(),
         "form": chosen.form.name,
         "acting_on": chosen.base_origin,
-        "noise_deg_per_hr": float(np.sqrt(np.mean(chosen.scene.sigma**2))),
+        "noise_deg_per_hr": float(np.sqrt(np.nanmean(chosen.scene.sigma**2))),
         "parameters": dict(zip(budget.names, budget.units, strict=True)),
         "sources": [_share(budget, index) for index in range(len(budget.shares))],
         "total": _both(budget, budget.total(), budget.everything),

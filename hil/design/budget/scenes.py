@@ -90,18 +90,18 @@ def planned_scenes(sweep: Sweep, bench: Bench, model: Model | None = None) -> di
 
 
 def measured_scenes(campaign: Campaign, bench: Bench, model: Model | None = None) -> dict[int, list[RunScene]]:
-    """Return the runs of each sensor as they were measured; collects without every rate are left out.
+    """Return the runs of each sensor as they were measured, by the rates that `hil solve` solves.
 
-    So are runs that FAIL by their own records, which are in no mean.
+    Runs that FAIL by their own records, which are in no mean, are left out.
     """
     used = treated(campaign).sensors
     return {number: list(_measured_runs(rows, bench, model)) for number, rows in used.items()}
 
 
 def _measured_runs(collects: Collects, bench: Bench, model: Model | None) -> Iterator[RunScene]:
-    whole = collects.rows(~np.any(np.isnan(collects.rates_deg_per_hr), axis=1))
-    for run in np.unique(whole.conditions.run).tolist():
-        rows = whole.rows(whole.conditions.run == run)
+    measured = collects.rows(~np.all(np.isnan(collects.rates_deg_per_hr), axis=1))
+    for run in np.unique(measured.conditions.run).tolist():
+        rows = measured.rows(measured.conditions.run == run)
         conditions = rows.conditions
         form = default_form(conditions)
         stated = stated_noise(rows)
@@ -119,9 +119,12 @@ def _measured_runs(collects: Collects, bench: Bench, model: Model | None) -> Ite
         axes = _axes(conditions, bench)
         usable = tuple(each for each in given if axes is not None or not each.needs_axes)
         lying = np.broadcast_to(np.eye(3), (len(conditions), 3, 3)) if axes is None else axes
-        scene = Scene(conditions, lying, base, assumed if stated is None else stated)
+        sigma = np.where(np.isnan(rows.rates_deg_per_hr), np.nan, assumed if stated is None else stated)
+        scene = Scene(conditions, lying, base, sigma)
         left_out = tuple(each.title for each in given if each not in usable)
-        yield RunScene(run, scene, usable, form, origin, _at(whole.conditions, whole.conditions.run == run), left_out)
+        yield RunScene(
+            run, scene, usable, form, origin, _at(measured.conditions, measured.conditions.run == run), left_out
+        )
 
 
 def _at(conditions: Conditions, here: BoolArray) -> tuple[float | None, str | None]:

@@ -35,7 +35,7 @@ class Scene:
     """One self-calibration of one sensor as it is assumed to be: n collects.
 
     `axes` (n, 3, 3) are the sensor's axes in the bench frame, one row each; `base` gives B (n, c) and K (n, c, 3) at
-    each collect; `sigma` (n, c) is the noise of the averages, deg/hr.
+    each collect; `sigma` (n, c) is the noise of the averages, deg/hr, NaN where there is no rate.
     """
 
     conditions: Conditions
@@ -106,11 +106,11 @@ class Noise(Source):
     def columns(self, scene: Scene) -> FloatArray:
         """Return each average's own standard error."""
         n, c = scene.sigma.shape
-        return np.asarray(np.diag(scene.sigma.ravel()).reshape(n, c, n * c))
+        return np.asarray(np.diag(np.nan_to_num(scene.sigma).ravel()).reshape(n, c, n * c))
 
     def changes(self, scene: Scene, draws: FloatArray) -> FloatArray:
         """Return the draws in deg/hr."""
-        return np.asarray(draws.reshape(-1, *scene.sigma.shape) * scene.sigma)
+        return np.asarray(draws.reshape(-1, *scene.sigma.shape) * np.nan_to_num(scene.sigma))
 
 
 class Instability(Source):

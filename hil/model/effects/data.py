@@ -9,6 +9,9 @@ from hil.campaign import Conditions, FloatArray
 from hil.model.effects.base import OUTSIDE, Base, Effect, Parameter, ShapeParameter, required_base
 from hil.model.effects.geometry import local_frame
 
+OTHER_SENSOR = -1.0
+"""The exchange of a run's rates with those of another sensor, which the sensor's own collects do not know."""
+
 
 class EarthRateFrame(Effect):
     """A component of the earth rate was used with the wrong sign: the data then differs by twice that component."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from hil.campaign import Campaign, Conditions
 from hil.campaign.plausibility import clipped
+from hil.model.effects.data import OTHER_SENSOR
 from hil.reconcile.naming import CERTAIN, Reading, classes_of
 from hil.reconcile.outcome.findings import physics, values_of
 from hil.reconcile.result import LEFT_OUT, Disagreement, FoundEffect, runs_in_words, without_collects
@@ -107,6 +108,8 @@ def _exchange(candidate: Candidate, campaign: Campaign) -> str:
     run = int(candidate.shape["run"])
     rows = np.any(candidate.columns != 0.0, axis=(1, 2)) & (conditions.run == run)
     collects = numbered("collect", conditions.collect[rows].tolist())
+    if candidate.shape["exchange"] == OTHER_SENSOR:
+        return f"{collects}: the rates look like the other sensor's"
     if rows.sum() > _PAIR:
         return f"{collects}: {' and '.join(conditions.sensor.channels)} look exchanged"
     return f"{collects}, at positions {' and '.join(conditions.position[rows].tolist())}, look exchanged"

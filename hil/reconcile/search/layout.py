@@ -1,26 +1,23 @@
 """From a problem to what is searched: per sensor its blocks with their noise, and all that may be beside the base."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from hil.campaign import Conditions
 from hil.model.effects.base import Effect, VarianceEffect
 from hil.model.effects.data import Mislabelled
 from hil.reconcile.search.candidates import MANY, Candidate, effect_columns
+from hil.reconcile.search.mislabelled import AsSolved, as_told, exchanges
 from hil.reconcile.search.noise import Noise
 from hil.reconcile.search.problem import LEAST_FREEDOM, Problem, SensorProblem
 from hil.reconcile.search.sets import BlockSearch, SensorSearch, Set
-from hil.reconcile.search.spoiled import MANY as MANY_PLACES
-from hil.reconcile.search.spoiled import runs_to_ask, wrong_rows
-from hil.reconcile.search.terms import Term, terms
+from hil.reconcile.search.spoiled import wrong_rows
+from hil.reconcile.search.terms import terms
 from hil.solve.rows import Block
 
 BETWEEN = (0.25, 0.5, 0.75)
 """Where, in logarithms, a shape is tried between two points of its grid: a time constant is then right to a tenth."""
-SEEN = float(np.log(1e4))
-"""Log odds that labels are exchanged where the unit's accelerometers say so, rather than that these are wrong."""
 BEYOND = 1.6
 """By this factor a shape may lie outside its grid."""
 
@@ -59,14 +56,17 @@ def _search(
     if not testable:
         return SensorSearch(laid, [])
     candidates = [c for c in problem.candidates if c.sensor == sensor.number]
-    candidates += [*wrong_rows(sensor.number, blocks, conditions), *_exchanges(sensor, blocks, mislabelled)]
+    solved = AsSolved.of(problem.campaign, sensor.number)
+    candidates += wrong_rows(sensor.number, blocks, conditions, solved.named)
+    if any(isinstance(effect, Mislabelled) for effect in mislabelled):
+        candidates += exchanges(sensor, blocks, solved)
     site = problem.campaign.site
     known = {c.name: c.effect.known_amplitudes(conditions, site) for c in candidates if c.effect is not None and c.tier}
     noise = float(np.sqrt(np.mean([b.noise.unit for b in laid])))
     own_values = all(b.noise.calibrated for b in laid)
     found = terms(candidates, blocks, noise, known, calibrated=own_values)
-    exchanged = problem.campaign.exchanged.get(sensor.number, ())
-    search = SensorSearch(laid, [_as_the_unit_lay(term, conditions, exchanged) for term in found])
+    told = as_told(found, sensor.collects, problem.campaign.exchanged.get(sensor.number, ()))
+    search = SensorSearch(laid, told, solved.among(told))
     search.refine()
     parents = [term for j in search.leading() if (term := search.terms[j]).tier == 1]
     finer = [(parent, list(_between(sensor, parent.candidate))) for parent in parents]
@@ -74,15 +74,6 @@ def _search(
     found = terms([c for _, own in finer for c in own], blocks, noise, known, calibrated=own_values)
     search.terms += [replace(t, log_odds=log_odds[id(t.candidate)]) for t in found]
     return search
-
-
-def _as_the_unit_lay(term: Term, conditions: Conditions, exchanged: Collection[tuple[int, int]]) -> Term:
-    """Return the term, far more probable where it exchanges what the unit's accelerometers do."""
-    effect = term.candidate.effect
-    if effect is None or effect.in_models or not exchanged:
-        return term
-    rows = np.any(term.candidate.columns != 0.0, axis=(1, 2))
-    return replace(term, log_odds=SEEN) if tuple(conditions.collect[rows].tolist()) in exchanged else term
 
 
 def may_be_calibrated(problem: Problem) -> bool:
@@ -131,32 +122,3 @@ def _between(sensor: SensorProblem, candidate: Candidate) -> Iterator[Candidate]
             value = {**candidate.shape, shape.name: grid[place] * factor**part}
             columns = effect_columns(effect, conditions, sensor.base_beside(effect, value), value)
             yield replace(candidate, shape=value, columns=columns)
-
-
-def _exchanges(sensor: SensorProblem, blocks: Sequence[Block], mislabelled: Sequence[Effect]) -> Iterator[Candidate]:
-    """Yield one candidate per exchange of labels in one run: each has what the other measured.
-
-    Or should have measured, where that is missing. Of very many runs those are asked about that are odd.
-    """
-    conditions, rates = sensor.collects.conditions, sensor.collects.rates_deg_per_hr
-    runs = len(np.unique(conditions.run))
-    for effect in (e for e in mislabelled if isinstance(e, Mislabelled)):
-        grid = list(effect.shape_grid(conditions))
-        asked = runs_to_ask(blocks, conditions, MANY_PLACES * runs // max(len(grid), 1)).tolist()
-        for shape in (s for s in grid if s["run"] in asked):
-            laid = effect.exchanged(conditions, rates, shape)
-            if np.any(missing := np.isfinite(rates) & ~np.isfinite(laid)):
-                laid = np.where(missing, sensor.predicted_from(laid), laid)
-            columns = np.nan_to_num(rates - laid)[..., None]
-            if np.any(columns):
-                yield Candidate(
-                    effect.id,
-                    0,
-                    sensor.number,
-                    columns,
-                    effect.parameters_for(conditions),
-                    shape=shape,
-                    effect=effect,
-                    title=effect.title,
-                    equation=effect.equation,
-                )

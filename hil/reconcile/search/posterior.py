@@ -53,9 +53,14 @@ class Posterior:
 
 
 def likely_sets(search: SensorSearch) -> list[Set]:
-    """Return the sets of one sensor that are worth anything, grown term by term from the likeliest."""
-    known = dict(_alone(search, [()]))
-    layer: list[Set] = [()]
+    """Return the sets of one sensor that are worth anything, grown term by term from the likeliest.
+
+    From none, and from where the search starts: two mistakes that hide each other are found by no single one.
+    """
+    start = search.start
+    layer: list[Set] = list(dict.fromkeys([(), start, *(start[:k] + start[k + 1 :] for k in range(len(start)))]))
+    search.weigh(layer)
+    known = dict(_alone(search, layer))
     for width in WIDTH:
         leading = _different(search, sorted(layer, key=lambda s: -known[s]), width)
         grown: set[Set] = set()
@@ -172,7 +177,7 @@ def _with_the_others(number: int, searches: Mapping[int, SensorSearch]) -> list[
 def _log_prior(searches: Mapping[int, SensorSearch], lists: Mapping[int, Sequence[Set]]) -> FloatArray:
     """Log prior odds of every combination of sets, (m, m', …): one price for a name, and which sensors have it.
 
-    What of a set is a mistake, or has a name that is there already, costs what it costs by itself.
+    What of a set is a mistake of one sensor, or has a name that is there already, costs what it costs by itself.
     """
     out = np.zeros([len(sets) for sets in lists.values()])
     priced: dict[str, list[FloatArray]] = {}
@@ -182,17 +187,18 @@ def _log_prior(searches: Mapping[int, SensorSearch], lists: Mapping[int, Sequenc
         rest = np.zeros(len(sets))
         for m, chosen in enumerate(sets):
             for term in (searches[n].terms[j] for j in chosen):
-                own = priced.setdefault(term.name, [np.full((1,) * out.ndim, -np.inf)] * out.ndim)
+                own = priced.setdefault(term.shared, [np.full((1,) * out.ndim, -np.inf)] * out.ndim)
                 if own[axis].size != len(sets):
                     own[axis] = np.full(along, -np.inf)
-                if term.is_mistake or own[axis].flat[m] > -np.inf:
+                if not term.shared or own[axis].flat[m] > -np.inf:
                     rest[m] += term.log_odds
                 else:
                     own[axis].flat[m] = term.log_odds
-                if term.candidate.effect is not None and term.candidate.effect.common_to_sensors:
-                    common.add(term.name)
+                effect = term.candidate.effect
+                if term.is_mistake or (effect is not None and effect.common_to_sensors):
+                    common.add(term.shared)
         out += rest.reshape(along)
-    askable = [{term.name for term in searches[n].terms} for n in lists]
+    askable = [{term.shared for term in searches[n].terms} for n in lists]
     for name, odds in priced.items():
         rho = COMMON if name in common else SHARED
         could = [own for own, asked in zip(odds, askable, strict=True) if name in asked]

@@ -113,10 +113,11 @@ class BlockSearch:
 
 @dataclass
 class SensorSearch:
-    """One sensor: what may be in it, and how probable any set of that is."""
+    """One sensor: what may be in it, and how probable any set of that is. Sets grow from none, and from `start`."""
 
     blocks: Sequence[BlockSearch]
     terms: list[Term]
+    start: Set = ()
     _known: dict[Set, list[FloatArray]] = field(default_factory=dict)
     _weighed: dict[tuple[Set, int], SetInBlock] = field(default_factory=dict)
     _laid: list[list[Laid]] = field(default_factory=list)
@@ -139,6 +140,7 @@ class SensorSearch:
         for _ in range(TOGETHER - 1 if asked else 0):
             given = asked[-1] if len(asked[-1]) > 1 else asked[0]
             asked.append((*given, self.leading(given)[0]))
+        asked += [self.start] * bool(self.start)
         for b, block in enumerate(self.blocks):
             sets = [[p.columns for j in chosen if (p := self.terms[j].parts[b])] for chosen in asked]
             block.choose([np.zeros((len(block.y), 0)), *(np.hstack(columns) for columns in sets if columns)])

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from hil.campaign import Conditions, FloatArray, IntArray
+from hil.campaign import BoolArray, Conditions, FloatArray, IntArray
 from hil.model.effects.base import Parameter
 from hil.reconcile.search.candidates import Candidate
 from hil.solve.rows import Block
@@ -19,13 +19,13 @@ NEIGHBOURS = 4
 """Rows to either side, in the same position, that say what a row should be."""
 
 
-def wrong_rows(number: int, blocks: Sequence[Block], conditions: Conditions) -> Iterator[Candidate]:
+def wrong_rows(number: int, blocks: Sequence[Block], conditions: Conditions, named: BoolArray) -> Iterator[Candidate]:
     """Yield one candidate per rate, one per collect, and one per run and block: what is there says nothing.
 
-    Where there are very many, of those that differ most from their neighbours.
+    Where there are very many, of collects (n,) that are `named` and of those that differ most from their neighbours.
     """
     shape = (len(conditions), len(conditions.sensor.channels))
-    odd = _odd(blocks, conditions)
+    odd = _odd(blocks, conditions, named)
     rows = np.unique(np.concatenate([block.rows for block in blocks]))
     for row in sorted(rows[np.argsort(-odd[rows], kind="stable")][:MANY].tolist()):
         several = np.zeros((*shape, shape[1]))
@@ -33,7 +33,7 @@ def wrong_rows(number: int, blocks: Sequence[Block], conditions: Conditions) -> 
         yield _wrong("row", number, several, {"row": float(row)})
         for channel in range(shape[1]):
             yield _wrong("row", number, several[:, :, channel : channel + 1], {"row": float(row), "channel": channel})
-    odd_runs = runs_to_ask(blocks, conditions, MANY)
+    odd_runs = runs_to_ask(blocks, conditions, named, MANY)
     for block in blocks:
         for run in np.unique(block.run[np.isin(conditions.run[block.rows], odd_runs)]).tolist():
             here = np.flatnonzero(block.run == run)
@@ -45,16 +45,16 @@ def wrong_rows(number: int, blocks: Sequence[Block], conditions: Conditions) -> 
             yield _wrong("run", number, columns, of_block)
 
 
-def runs_to_ask(blocks: Sequence[Block], conditions: Conditions, most: int) -> IntArray:
-    """Return the numbers of at most so many runs (k,), those that differ most from their neighbours."""
-    odd, runs = _odd(blocks, conditions), np.unique(conditions.run)
+def runs_to_ask(blocks: Sequence[Block], conditions: Conditions, named: BoolArray, most: int) -> IntArray:
+    """Return the numbers of at most so many runs (k,): `named` ones, and those that differ most from neighbours."""
+    odd, runs = _odd(blocks, conditions, named), np.unique(conditions.run)
     of_run = np.array([odd[conditions.run == run].mean() for run in runs.tolist()])
     return np.asarray(np.sort(runs[np.argsort(-of_run, kind="stable")[:most]]))
 
 
-def _odd(blocks: Sequence[Block], conditions: Conditions) -> FloatArray:
-    """How far each collect (n,) is off its neighbours, in the worst of its channels."""
-    out = np.zeros(len(conditions))
+def _odd(blocks: Sequence[Block], conditions: Conditions, named: BoolArray) -> FloatArray:
+    """How far each collect (n,) is off its neighbours, in the worst of its channels; further than all where `named`."""
+    out = np.where(named, np.inf, 0.0)
     for block in blocks:
         np.maximum.at(out, block.rows, _oddness(block, conditions))
     return out

@@ -15,6 +15,7 @@ import numpy as np
 
 from hil.campaign import FloatArray, IntArray
 from hil.model.effects.base import Parameter
+from hil.model.effects.data import OTHER_SENSOR
 from hil.model.effects.followed import driver_of
 from hil.reconcile.search.candidates import POWERS, Candidate
 from hil.reconcile.search.evidence import Amplitude
@@ -79,6 +80,14 @@ class Term:
     def recurring(self) -> bool:
         """Whether a set may have it more than once."""
         return self.candidate.effect is not None and self.candidate.effect.recurring
+
+    @property
+    def shared(self) -> str:
+        """Under which name several sensors have it together; none of a mistake that is in one alone."""
+        shape = self.candidate.shape
+        if not self.is_mistake:
+            return self.name
+        return f"{self.name} {shape['run']:g}" if shape.get("exchange") == OTHER_SENSOR else ""
 
     @property
     def is_mistake(self) -> bool:

@@ -109,6 +109,21 @@ def test_after_a_night_noise_and_parameters_are_the_measured_ones(campaign: Camp
         ), name
 
 
+def test_of_a_collect_with_one_rate_left_out_the_other_counts_as_in_solve(campaign: Campaign) -> None:
+    """The noise of each value is what `hil solve` states of it, and of those that it cannot tell there is none."""
+    rows = campaign.sensors[2]
+    rates = rows.rates_deg_per_hr.copy()
+    rates[3, 1] += 200.0
+    wrong = replace(campaign, sensors={2: replace(rows, rates_deg_per_hr=rates)})
+    (solved,) = (each for each in solve_campaign(wrong) if each.run == rows.conditions.run[3])
+    asked = replace(FEW, run=solved.run)
+    sensor = budget_document(measured_scenes(wrong, load_bench("simulated")), "t", asked)["sensors"]["2"]
+    assert {each.se is None for each in solved.parameters.values()} == {True, False}
+    for name, each in solved.parameters.items():
+        noise = sensor["sources"][0]["parameters"][name]["analytic"]
+        assert noise == (None if each.se is None else pytest.approx(each.se)), name
+
+
 def test_a_campaign_of_another_bench_takes_its_axes_from_gravity_and_earth_rate(campaign: Campaign) -> None:
     """With positions that the bench does not know, up, north and east serve; the size of the contributions stays."""
     bench = load_bench("simulated")

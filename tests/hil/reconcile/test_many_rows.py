@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from hil.model import load_model
-from hil.model.effects.catalogue import EFFECTS, SERIES_EFFECTS, effect_by_id
+from hil.model.effects.catalogue import SERIES_EFFECTS, effect_by_id
 from hil.reconcile.inside import named_within
 from hil.reconcile.search.candidates import MANY as SHAPES
 from hil.reconcile.search.candidates import catalogue_candidates
-from hil.reconcile.search.layout import _exchanges, searches
+from hil.reconcile.search.layout import searches
+from hil.reconcile.search.mislabelled import AsSolved, exchanges
 from hil.reconcile.search.noise import FIXED, FOLLOWS, Noise, log_profile
 from hil.reconcile.search.problem import Problem, pose
 from hil.reconcile.search.sets import BlockSearch
@@ -34,19 +35,21 @@ def test_of_many_rows_those_that_are_odd_are_asked_about() -> None:
 
     problem = season(gross)
     conditions = problem.sensors[2].collects.conditions
-    found = list(wrong_rows(2, problem.blocks, conditions))
+    found = list(wrong_rows(2, problem.blocks, conditions, np.zeros(len(conditions), bool)))
     rows = {int(c.shape["row"]) for c in found if c.name == "row"}
     assert len(rows) == MANY
     assert spoiled in rows
     assert float(conditions.run[spoiled]) in {c.shape["number"] for c in found if c.name == "run"}
     few = pose(hidden_campaign(3, temperatures=(0.0, 20.0, 40.0)), load_model("matrix-6"), ())
     every = few.sensors[2].collects.conditions
-    asked = {int(c.shape["row"]) for c in wrong_rows(2, few.blocks, every) if c.name == "row"}
+    asked = {
+        int(c.shape["row"]) for c in wrong_rows(2, few.blocks, every, np.zeros(len(every), bool)) if c.name == "row"
+    }
     assert asked == set(range(len(every)))
 
 
 def test_of_many_runs_those_that_are_odd_may_have_exchanged_labels() -> None:
-    """The run in which two collects changed places is asked about, and most of the hundred and twenty are not."""
+    """And those that `hil solve` names: the run in which two collects changed places, and not most of the others."""
 
     def exchanged(rows: Rows) -> np.ndarray:
         rates = base_rates(rows, thermal=False)
@@ -56,12 +59,16 @@ def test_of_many_runs_those_that_are_odd_may_have_exchanged_labels() -> None:
         return change
 
     problem = season(exchanged)
-    swap = next(effect for effect in EFFECTS if not effect.in_models)
-    found = list(_exchanges(problem.sensors[2], problem.blocks, [swap]))
-    asked = {c.shape["run"] for c in found}
-    assert 77.0 in asked
-    assert len(asked) < 40
-    assert len(found) <= MANY
+    filed = problem.campaign.sensors[2]
+    rates, none = filed.rates_deg_per_hr, np.full(filed.rates_deg_per_hr.shape, np.nan)
+    named = np.where((filed.conditions.run == 5)[:, None], np.nan, rates)
+    for laid, runs in ((rates, {77.0}), (named, {5.0, 77.0})):
+        found = list(exchanges(problem.sensors[2], problem.blocks, AsSolved(filed, laid, none, ())))
+        asked = {c.shape["run"] for c in found}
+        assert runs <= asked
+        assert (5.0 in asked) == (5.0 in runs)
+        assert len(asked) < 40
+        assert len(found) <= MANY
 
 
 @pytest.mark.slow

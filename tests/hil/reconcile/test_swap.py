@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hil.campaign import Campaign, Collects, Conditions
+from hil.campaign import Campaign, Collects, Conditions, Sensor
 from hil.model import Model
 from hil.model.curve import Polynomial
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.naming import CERTAIN
 from hil.reconcile.outcome.page import page
 from hil.reconcile.scattering import what_scatters
-from hil.solve.wrong_rows import USED
+from hil.solve.wrong_rows import MENDED, USED, wrong_rows
 from tests.hil.analysis.thermal.nights import rotor_night
 from tests.hil.reconcile.hidden_effects import TRIAD, Hidden, both, hidden_campaign
 from tests.hil.solve.test_neighbours import campaign
@@ -133,6 +133,53 @@ def test_an_effect_beside_the_exchange_is_judged_by_what_it_mends_itself(swap_be
     assert own["gap_after_deg_per_hr"] < own["gap_before_deg_per_hr"] < 0.8 * result.gap.before
     assert own["gap_after_deg_per_hr"] == pytest.approx(result.gap.after, abs=1e-3)
     assert "With the labels put right and it in the model the gap" in page(result)
+
+
+@pytest.mark.parametrize(
+    ("seed", "pair"), [(0, (1, 2)), *(pytest.param(k, (1, k), marks=pytest.mark.slow) for k in (2, 3))]
+)
+def test_the_sound_one_of_three_runs_is_not_accused_for_the_others_exchanges(seed: int, pair: tuple[int, int]) -> None:
+    """With values at each temperature one exchange explains three runs as well as two, but no gyro changes so with it.
+
+    The model that comes of it finds the same and nothing else.
+    """
+    campaign = hidden_campaign(seed, temperatures=(-10.0, 23.0, 50.0), runs_each=3, positions=("1", "2", "3"))
+    runs = sorted(np.random.default_rng(seed).choice([4, 5, 6], 2, replace=False).tolist())
+    both = exchanged(campaign, *((3 * run - 3 + pair[0], 3 * run - 3 + pair[1]) for run in runs))
+    result = found(both, prove=False)
+    assert swaps(result) == runs
+    assert [row["done"] for row in result.rows] == [MENDED, MENDED]
+    again = found(both, result.model_after, prove=False)
+    assert sorted(effect.id for effect in again.effects) == ["swap", "swap"]
+    assert again.rows == result.rows
+
+
+@pytest.mark.parametrize("seed", [0, pytest.param(3, marks=pytest.mark.slow)])
+def test_what_solve_is_not_certain_of_the_search_still_weighs(seed: int) -> None:
+    """In what MU scatters by two exchanges hide: solve uses all three runs, and the search knows more."""
+    campaign = hidden_campaign(seed, temperatures=(-10.0, 23.0, 50.0), runs_each=3, positions=("1", "2", "3"))
+    wrong = exchanged(campaign, (13, 15), (16, 18))
+    assert {row.done for row in wrong_rows(wrong)[2].rows} == {USED}
+    result = found(wrong, prove=False)
+    assert [(row["run"], row["done"]) for row in result.rows] == [(5, MENDED), (6, MENDED)]
+
+
+def test_a_run_with_the_other_sensors_rates_is_mended_for_both() -> None:
+    """As `hil solve` does: they are one mistake, in two sensors, and nothing of it is left out."""
+    one, other = (hidden_campaign(seed, temperatures=(-10.0, 23.0, 50.0)).sensors[2] for seed in (5, 6))
+    first = Sensor(1, ("A", "B", "S"), {"RA": "A", "RB": "B"})
+    filed = {2: one, 1: replace(other, conditions=replace(other.conditions, sensor=first))}
+    w = one.conditions.w_channels_deg_per_hr
+    filed[1] = replace(filed[1], rates_deg_per_hr=w - 0.5 * (filed[1].rates_deg_per_hr - w))
+    here = one.conditions.run == 3
+    rates = {
+        n: np.where(here[:, None], filed[3 - n].rates_deg_per_hr, rows.rates_deg_per_hr) for n, rows in filed.items()
+    }
+    torn = Campaign("t", "", {n: replace(rows, rates_deg_per_hr=rates[n]) for n, rows in filed.items()})
+    result = found(torn, prove=False)
+    assert sorted((row["sensor"], row["run"], row["done"]) for row in result.rows) == [(1, 3, MENDED), (2, 3, MENDED)]
+    assert all("the rates look like the other sensor's" in row["why"] for row in result.rows)
+    assert result.outliers == []
 
 
 @pytest.mark.slow

@@ -58,6 +58,44 @@ def test_nothing_else_is_called_an_exchange() -> None:
         assert {row.done for row in named} <= {USED}
 
 
+@pytest.mark.parametrize("pair", [(0, 1), (0, 2), (1, 2)])
+def test_the_same_labels_exchanged_in_most_runs_of_a_temperature_accuse_not_the_sound_one(
+    pair: tuple[int, int],
+) -> None:
+    """Each hides behind the other: one exchange in the third run makes all three agree, but with no other temperature.
+
+    Two at once do both; which of three are wrong, and at which temperature, is no matter. Where it is not certain, all
+    of them are used.
+    """
+    mended = 0
+    for seed in range(6):
+        made, rng = campaign(9, 3, seed=seed, scatter=1.0), np.random.default_rng(seed)
+        rates = made.sensors[2].rates_deg_per_hr.copy()
+        runs = (3 * rng.integers(3) + rng.choice([1, 2, 3], 2, replace=False)).tolist()
+        for run in runs:
+            own = [3 * run - 3 + place for place in pair]
+            rates[own] = rates[own[::-1]]
+        found = {row.run: row.done for row in wrong_rows(with_rates(made, rates))[2].rows if row.done != USED}
+        assert found.keys() <= set(runs), seed
+        mended += found == dict.fromkeys(runs, MENDED)
+    assert mended >= 5
+
+
+def test_what_a_run_contradicts_within_itself_no_agreement_of_most_makes_right() -> None:
+    """At one temperature, collects there and back: two of three runs have the same two labels exchanged."""
+    for seed in range(6):
+        made = repeated(3, 3, (0, 2, 1, 0, 1, 2, 0), seed)
+        rates = made.sensors[2].rates_deg_per_hr.copy()
+        for run in (0, 2):
+            own = [7 * run + 1, 7 * run + 2]
+            rates[own] = rates[own[::-1]]
+        found = wrong_rows(with_rates(made, rates))[2].rows
+        assert sorted((row.run, row.collects, row.done) for row in found) == [
+            (1, (2, 3), MENDED),
+            (3, (16, 17), MENDED),
+        ]
+
+
 @pytest.mark.parametrize(
     ("runs", "per_temperature", "run", "pair"),
     [(4, 2, 1, (0, 1)), (4, 2, 4, (0, 2)), (3, 1, 2, (0, 1)), (4, 1, 1, (0, 2)), (6, 2, 6, (1, 2))],

@@ -168,6 +168,20 @@ def test_one_doubted_collect_makes_no_standard_error_too_small() -> None:
     assert repeats(doubted, solve_campaign(doubted))[2].times_stated == 1.0
 
 
+def test_runs_in_which_the_unit_had_not_settled_make_no_standard_error_too_small() -> None:
+    """Their first collects are at another temperature than their last, by which their values differ from repeats'."""
+    one = runs_at_their_temperatures(12, 3, seed=4, scatter=0.5)
+    rows = one.sensors[2].conditions
+    first = (rows.run % 3 == 1)[:, None]
+    drifted = one.sensors[2].rates_deg_per_hr + first * np.tile([[-6.0, 4.0], [6.0, -4.0], [0.0, 0.0]], (12, 1))
+    for to_come_degC, said in ((12.0, False), (0.0, True)):
+        columns = {**rows.columns, "temperature_degC": rows.columns["temperature_degC"] - to_come_degC * first[:, 0]}
+        unsettled = replace(one.sensors[2], rates_deg_per_hr=drifted, conditions=replace(rows, columns=columns))
+        soaked = replace(one, sensors={2: unsettled})
+        words = " ".join(repeats(soaked, solve_campaign(soaked))[2].sentences())
+        assert ("times too small" in words) is said, to_come_degC
+
+
 def test_residuals_that_repeats_do_not_share_are_no_noise() -> None:
     """A drift that is the same in every run: it says nothing of standard errors, in either direction."""
     drifting = repeated(12, 3, (0, 1, 2, 3, 4, 5, 0), drift=6.0)
