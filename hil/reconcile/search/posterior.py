@@ -55,10 +55,19 @@ class Posterior:
 def likely_sets(search: SensorSearch) -> list[Set]:
     """Return the sets of one sensor that are worth anything, grown term by term from the likeliest.
 
-    From none, and from where the search starts: two mistakes that hide each other are found by no single one.
+    From none, and by itself from where the search starts, which hides none of those: two mistakes that hide each other
+    are found by no single one.
     """
     start = search.start
-    layer: list[Set] = list(dict.fromkeys([(), start, *(start[:k] + start[k + 1 :] for k in range(len(start)))]))
+    known = _grown(search, [()])
+    if start:
+        known |= _grown(search, [start, *(start[:k] + start[k + 1 :] for k in range(len(start)))])
+    best = max(known.values())
+    return [s for s in sorted(known, key=lambda s: -known[s]) if known[s] > best - 2.0 * WORTH or s == ()]
+
+
+def _grown(search: SensorSearch, layer: Sequence[Set]) -> dict[Set, float]:
+    """Return sets, and those that grow from them, with their log posterior weights in one sensor by itself."""
     search.weigh(layer)
     known = dict(_alone(search, layer))
     for width in WIDTH:
@@ -78,8 +87,7 @@ def likely_sets(search: SensorSearch) -> list[Set]:
         layer = list(grown)
         if max(known[s] for s in layer) < max(known.values()) - WORTH:
             break
-    best = max(known.values())
-    return [s for s in sorted(known, key=lambda s: -known[s]) if known[s] > best - 2.0 * WORTH or s == ()]
+    return known
 
 
 def _different(search: SensorSearch, sets: Sequence[Set], width: int) -> list[Set]:

@@ -271,7 +271,7 @@ def test_a_remainder_follows_temperature_where_the_bias_is_no_straight_line(seed
     shape = {"tau_min": 18.0, "from_degC": 20.0}
     left = InsufficientSoak().columns(rows.conditions, None, shape)[:, 0, 0]
     setpoint = rows.conditions.columns["setpoint_degC"] - 25.0
-    bias = [slope * (setpoint - left) + curve * (setpoint - left) ** 2 for slope, curve in ((2.0, -0.4), (-1.0, 0.3))]
+    bias = [slope * (setpoint - left) + curve * (setpoint - left) ** 2 for slope, curve in ((2.0, -0.04), (-1.0, 0.03))]
     campaign = replace(plain, sensors={2: replace(rows, rates_deg_per_hr=rows.rates_deg_per_hr + np.stack(bias, 1))})
     alone = with_columns(campaign, temperature_degC=None, dTdt_degC_per_min=None)
     found = reconcile(alone, "matrix-6", prove=False).effects
