@@ -3,6 +3,7 @@
     python -m benchmarks.coverage run --keep coverage.jsonl                    # all of it, hours; goes on where it was
     python -m benchmarks.coverage run --keep few.jsonl --sweep published --only MU_real k2 --size middle
     python -m benchmarks.coverage run --keep few.jsonl --sweep triad --twin    # also told apart before, and not after
+    python -m benchmarks.coverage run --keep few.jsonl --sweep published --only settle --seed 12   # another night
     python -m benchmarks.coverage table coverage.jsonl                         # for docs/, wrong names first
 
 The unit is what `matrix-6-thermal` says (a triad: `triad-12`; for an effect that this has, a smaller model without it),
@@ -122,10 +123,10 @@ def night(folder: Path, sweep: str, document: Mapping[str, Any], seed: int = SEE
 
 
 @cache
-def without(sweep: str, model: str) -> Campaign:
+def without(sweep: str, model: str, seed: int) -> Campaign:
     """Return the night of the unit without any effect, which is every entry's to be compared with."""
     with tempfile.TemporaryDirectory(prefix="hil-") as at:
-        return night(Path(at) / "without", sweep, unit(model))
+        return night(Path(at) / "without", sweep, unit(model), seed)
 
 
 def hidden(entry: Described, conditions: Conditions, size: str) -> dict[str, Any]:
@@ -155,10 +156,10 @@ def entries() -> Iterator[tuple[str, Described]]:
     yield from (("inside", each) for each in SERIES_EFFECTS)
 
 
-def case(job: tuple[str, str, str, str], *, twin: bool) -> dict[str, Any]:
+def case(job: tuple[str, str, str, str], *, twin: bool, seed: int = SEED) -> dict[str, Any]:
     """Hide one effect, look for it, and say what came of it."""
     sweep, kind, name, size = job
-    out: dict[str, Any] = {"sweep": sweep, "kind": kind, "id": name, "size": size}
+    out: dict[str, Any] = {"sweep": sweep, "kind": kind, "id": name, "size": size, "seed": seed}
     triad, number = sweep == "triad", 1 if sweep == "triad" else 2
     entry = next(each for of, each in entries() if (of, each.id) == (kind, name))
     if kind == "inside" and name not in {each.id for each in (*EFFECTS, *VARIANCE_EFFECTS)}:
@@ -167,7 +168,7 @@ def case(job: tuple[str, str, str, str], *, twin: bool) -> dict[str, Any]:
         folder = Path(at)
         try:
             model = asked_of(name, triad)
-            bare = without(sweep, model)
+            bare = without(sweep, model, seed)
             conditions = bare.sensors[number].conditions
             if not entry.applies_to(conditions.sensor):
                 return {**out, "why_not": "cannot be in this sensor"}
@@ -177,7 +178,7 @@ def case(job: tuple[str, str, str, str], *, twin: bool) -> dict[str, Any]:
                 document["terms"] = [{**term, "sensor": number}]
             else:
                 document["noise"] = {**document["noise"], number: {**_WHITE, "scatter": [term]}}
-            campaign = night(folder / "with", sweep, document)
+            campaign = night(folder / "with", sweep, document, seed)
         except InputError as error:
             return {**out, "why_not": str(error)[:160]}
         added = campaign.sensors[number].rates_deg_per_hr - bare.sensors[number].rates_deg_per_hr
@@ -285,13 +286,15 @@ def options(run: argparse.ArgumentParser) -> None:
     run.add_argument("--sweep", choices=SWEEPS, nargs="*", default=list(SWEEPS))
     run.add_argument("--size", choices=SIZES, nargs="*", default=list(SIZES))
     run.add_argument("--only", nargs="*")
+    run.add_argument("--seed", type=int, default=SEED, help="of the noise")
     run.add_argument("--twin", action="store_true")
 
 
 @contextmanager
 def left(asked: argparse.Namespace, there: list[Case]) -> Iterator[tuple[Callable[[Any], Case], Iterable[Any]]]:
     """Give the cases that are not there yet."""
-    done = {(each["sweep"], each["kind"], each["id"], each["size"]) for each in there}
+    own = [each for each in there if each.get("seed", SEED) == asked.seed]
+    done = {(each["sweep"], each["kind"], each["id"], each["size"]) for each in own}
     jobs = [
         (sweep, kind, entry.id, size)
         for sweep in asked.sweep
@@ -299,7 +302,7 @@ def left(asked: argparse.Namespace, there: list[Case]) -> Iterator[tuple[Callabl
         for kind, entry in entries()
         if not asked.only or entry.id in asked.only
     ]
-    yield partial(case, twin=asked.twin), [job for job in jobs if job not in done]
+    yield partial(case, twin=asked.twin, seed=asked.seed), [job for job in jobs if job not in done]
 
 
 if __name__ == "__main__":
