@@ -97,7 +97,8 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None) -> list[Ru
     found, rows = [], wrong_rows(campaign)
     for number, wrong in rows.items():
         solved = [*_solved(wrong.collects, model_name)]
-        found += [_described(number, each, _of_as_many(solved)) for each in solved]
+        among = _of_as_many(solved)
+        found += [_described(number, each, among) for each in solved]
     beside = {number: _Beside.of(campaign, number, wrong) for number, wrong in rows.items()}
     judged = [_judged(each, campaign.sensors[each.sensor], beside[each.sensor]) for each in found]
     return sorted(judged, key=lambda each: (each.runs[0], each.sensor))
