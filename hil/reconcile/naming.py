@@ -15,22 +15,17 @@ import numpy as np
 from hil.model.effects.base import Described, VarianceEffect
 from hil.reconcile.search.fitted import Fitted, fitted
 from hil.reconcile.search.posterior import Found, Posterior
-from hil.reconcile.search.terms import Term
+from hil.reconcile.search.terms import IDENTICAL, Term
+from hil.solve.identifiability import SAME_CLASS
 
 CERTAIN = 0.8
 """Probability from which a name is stated as the name."""
-LIKELY = 0.5
-"""And from which a row is left out where nothing else may be missing."""
 BY_CHANCE = 0.01
 """How often noise may get the name of what moves averages: so probable it may be that nothing stands in its place."""
 WANDERS = 2.0
 """How much likelier than nothing at all it may be that averages only scatter: Ville's bound is loose by more there."""
-SAME = 0.95
-"""Overlap from which two names look the same in these collects."""
-IDENTICAL = 0.99
-"""And from which nobody can tell them apart by these collects, whatever is known before."""
 EXCLUDED = 0.001
-"""Unless the data themselves make one so much less probable: what is large is told apart by what little differs."""
+"""What is identical in these collects is told apart where the data themselves make one so much less probable."""
 LEAST = 0.01
 """Rivals less probable are not listed, unless they look the same."""
 NO_NAME = "empirical"
@@ -107,14 +102,14 @@ def read(posterior: Posterior, alpha: float) -> Reading:
     lead = leading(every, alpha)
     unnamed = [f for f in posterior.sets if not classes[id(f)]]
     # Where something has to be missing, a row may only stand in its place: it is asked for whatever else is there.
-    among, sure = (unnamed, LIKELY) if chance > alpha else (posterior.sets, CERTAIN)
-    unnamed = _surely_wrong(posterior, unnamed, among, sure)
+    among = unnamed if chance > alpha else posterior.sets
+    unnamed = _surely_wrong(posterior, unnamed, among)
     right = [
         f for f in unnamed if all(posterior.term(n, j).name == "row" for n, places in f.terms.items() for j in places)
     ]
     as_filed = right[0] if right else Found(dict.fromkeys(posterior.searches, ()), "", -np.inf)
     of_lead = [f for f in posterior.sets if classes[id(f)] == lead]
-    own = _surely_wrong(posterior, of_lead, among, sure) or of_lead  # where none of them leaves less out, the likeliest
+    own = _surely_wrong(posterior, of_lead, among) or of_lead  # where none of them leaves less out, the likeliest
     found = own[0] if own and (lead or chance <= alpha) else as_filed
     mistakes = [(n, t) for n, places in found.terms.items() for j in places if (t := posterior.term(n, j)).is_mistake]
     values = fitted(posterior, found)
@@ -149,12 +144,13 @@ def _left_out(posterior: Posterior, found: Found) -> int:
     return sum(term.is_mistake and term.candidate.effect is None for term in terms)
 
 
-def _surely_wrong(posterior: Posterior, sets: Sequence[Found], among: Sequence[Found], sure: float) -> list[Found]:
-    """Return those of some sets that leave out no more rows and runs than are wrong among others, so `sure` it is."""
+def _surely_wrong(posterior: Posterior, sets: Sequence[Found], among: Sequence[Found]) -> list[Found]:
+    """Return those of some sets that leave out no more rows and runs than are certainly wrong among others."""
     counts = np.array([_left_out(posterior, f) for f in among])
     weights = np.exp([f.log_weight for f in among])
-    most = [k for k in range(1, int(counts.max(initial=0)) + 1) if weights[counts >= k].sum() >= sure * weights.sum()]
-    return [f for f in sets if _left_out(posterior, f) <= max(most, default=0)]
+    sure, most = CERTAIN * weights.sum(), range(1, int(counts.max(initial=0)) + 1)
+    wrong = max((k for k in most if weights[counts >= k].sum() >= sure), default=0)
+    return [f for f in sets if _left_out(posterior, f) <= wrong]
 
 
 def _mass(posterior: Posterior, holds: Callable[[Found], bool]) -> float:
@@ -206,7 +202,8 @@ def _named(
         for rival in (sort or classes[id(f)]) - lead:
             instead.setdefault(rival, []).append(f)
     rivals = [_rival(posterior, classes, name, r, sets, own, values) for r, sets in instead.items()]
-    listed = sorted((r for r in rivals if r.probability >= LEAST or r.overlap > SAME), key=lambda r: -r.probability)
+    told = [r for r in rivals if r.probability >= LEAST or r.overlap > SAME_CLASS]
+    listed = sorted(told, key=lambda r: -r.probability)
     alike = [r for r in listed if r.overlap > IDENTICAL and not r.bayes_factor < EXCLUDED]
     withheld = [r for r in alike if r.likely or r.probability > 1.0 - CERTAIN]
     nothing_there = _mass(posterior, lambda f: name not in classes[id(f)] and classes[id(f)] - {f.kind} <= lead)

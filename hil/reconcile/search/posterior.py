@@ -13,10 +13,10 @@ from hil.campaign import FloatArray
 from hil.reconcile.search.sets import SensorSearch, Set
 from hil.reconcile.search.terms import Term
 
-WIDTH = (8, 5, 4, 3, 2)
+WIDTH = (1, 5, 4, 3, 2)
 """How many sets are grown further, at none, one, two … terms."""
-GROWTH = 10
-"""How many terms each of them is tried with."""
+GROWTH = 8
+"""How many names each of them is tried with."""
 PER_NAME = 3
 """Shapes of one name among these: what a name's best shapes cannot do its others cannot."""
 WORTH = 7.0
@@ -25,8 +25,6 @@ SCATTER = 0.25
 """Prior of any scatter beyond the ordinary: correlated bias is in every gyro."""
 SHARED = 0.75
 """How probably an effect that one sensor (or channel) has is in another."""
-COMMON = 0.97
-"""And one that is common to sensors."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +55,7 @@ def likely_sets(search: SensorSearch) -> list[Set]:
     known = dict(_alone(search, [()]))
     layer: list[Set] = [()]
     for width in WIDTH:
-        leading = _different(search, sorted(layer, key=lambda s: -known[s]), width)
+        leading = sorted(layer, key=lambda s: -known[s])[:width]
         grown: set[Set] = set()
         for given in leading:
             scores = search.scan(given) + search.log_odds
@@ -75,14 +73,6 @@ def likely_sets(search: SensorSearch) -> list[Set]:
             break
     best = max(known.values())
     return [s for s in sorted(known, key=lambda s: -known[s]) if known[s] > best - 2.0 * WORTH or s == ()]
-
-
-def _different(search: SensorSearch, sets: Sequence[Set], width: int) -> list[Set]:
-    """Return the first sets of different names: what the best shapes of some names lack others of them lack too."""
-    chosen: dict[tuple[str, ...], Set] = {}
-    for s in sets:
-        chosen.setdefault(tuple(sorted(search.terms[j].name for j in s)), s)
-    return list(chosen.values())[:width]
 
 
 def _best(search: SensorSearch, scores: FloatArray, given: Set) -> Iterator[int]:
@@ -132,9 +122,8 @@ def shared_evidence(search: SensorSearch, sets: Sequence[Set], names: Sequence[s
         for v, name in enumerate(names, 1):
             own = [k for k, kind in enumerate(block.noise.kinds, 1) if kind.effect.id == name]
             if own:
-                rho = COMMON if block.noise.kinds[own[0] - 1].effect.common_to_sensors else SHARED
                 gained = np.logaddexp.reduce(every[:, own], axis=1) - every[:, 0]
-                out[:, v] += np.logaddexp(np.log(rho) + gained, np.log(1.0 - rho))
+                out[:, v] += np.logaddexp(np.log(SHARED) + gained, np.log(1.0 - SHARED))
     return out
 
 
@@ -176,7 +165,6 @@ def _log_prior(searches: Mapping[int, SensorSearch], lists: Mapping[int, Sequenc
     """
     out = np.zeros([len(sets) for sets in lists.values()])
     priced: dict[str, list[FloatArray]] = {}
-    common = set[str]()
     for axis, (n, sets) in enumerate(lists.items()):
         along = [size if k == axis else 1 for k, size in enumerate(out.shape)]
         rest = np.zeros(len(sets))
@@ -189,15 +177,12 @@ def _log_prior(searches: Mapping[int, SensorSearch], lists: Mapping[int, Sequenc
                     rest[m] += term.log_odds
                 else:
                     own[axis].flat[m] = term.log_odds
-                if term.candidate.effect is not None and term.candidate.effect.common_to_sensors:
-                    common.add(term.name)
         out += rest.reshape(along)
     askable = [{term.name for term in searches[n].terms} for n in lists]
     for name, odds in priced.items():
-        rho = COMMON if name in common else SHARED
         could = [own for own, asked in zip(odds, askable, strict=True) if name in asked]
         price = np.max(np.broadcast_arrays(*odds), axis=0)
         if len(could) > 1:
-            price = price + sum(np.log(np.where(own > -np.inf, rho, 1.0 - rho)) for own in could)
+            price = price + sum(np.log(np.where(own > -np.inf, SHARED, 1.0 - SHARED)) for own in could)
         out += np.where(np.isfinite(price), price, 0.0)
     return out

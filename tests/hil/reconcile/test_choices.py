@@ -191,11 +191,12 @@ def test_a_tied_parameter_brings_its_gain_into_the_evidence(supplied: tuple[Post
     assert together[0][0] + together[1][0] == pytest.approx(apart[0][0] + apart[1][0] + gain)
 
 
-@pytest.mark.parametrize(("sure", "left_out"), [(0.5, [1, 0]), (0.8, [0])])
-def test_a_row_is_left_out_where_it_is_as_sure_as_is_asked(sure: float, left_out: list[int]) -> None:
-    """Two thirds say that it is wrong: enough where nothing else may be missing, too little where something is."""
+@pytest.mark.parametrize(("probability", "left_out"), [(0.9, [1, 0]), (0.66, [0])])
+def test_a_row_is_left_out_where_that_is_certain(probability: float, left_out: list[int]) -> None:
+    """Two thirds say that it is wrong: too little."""
     row = SimpleNamespace(is_mistake=True, candidate=SimpleNamespace(effect=None))
     posterior = cast(Posterior, SimpleNamespace(term=lambda number, place: row))  # noqa: ARG005
-    wrong, nothing = Found({2: (0,)}, "", float(np.log(0.66))), Found({2: ()}, "", float(np.log(0.34)))
-    kept = _surely_wrong(posterior, [wrong, nothing], [wrong, nothing], sure)
+    wrong = Found({2: (0,)}, "", float(np.log(probability)))
+    nothing = Found({2: ()}, "", float(np.log(1.0 - probability)))
+    kept = _surely_wrong(posterior, [wrong, nothing], [wrong, nothing])
     assert [len(each.terms[2]) for each in kept] == left_out
