@@ -19,7 +19,7 @@ WIDER: dict[Any, dict[str, Any]] = {
     posterior: {"WIDTH": (24, 15, 12, 9, 6), "GROWTH": 30, "PER_NAME": 9, "WORTH": 14.0},
     sets: {"SCANNED": 40, "GLANCED": 20, "LEADING": 18},
     likely_noise: {"POINTS": 200, "DEPTH": 12.0, "PROFILES": 16, "ROUNDS": 6},
-    set_in_block: {"DEPTH": 30.0, "ROUNDS": 20},
+    set_in_block: {"DEPTH": 30.0},
 }
 
 

@@ -31,7 +31,7 @@ from hil.reconcile.proof.places import false_discovery
 from hil.reconcile.search.evidence import log_sum
 from hil.reconcile.search.layout import may_be_calibrated, searches
 from hil.reconcile.search.problem import pose
-from hil.reconcile.search.sets import SensorSearch
+from hil.reconcile.search.sets import LEADING, SensorSearch
 from hil.reconcile.search.terms import Term
 from hil.solve.temperatures import ELSEWHERE_DEGC, WIDEST_DEGC, same_temperature
 
@@ -41,14 +41,12 @@ ASKED_UNITS = 8
 """So many of these say whether the base's values follow temperature."""
 FRACTIONS = (0.01, 0.03, 0.1, 0.3, 1.0)
 """Of the fleet, the shares that may have a shared effect."""
-FEW = (4, 10)
-"""Points of the noise at which every unit is weighed, and what is then asked again."""
+FEW = 4
+"""Points of the noise at which every unit is weighed."""
 ASKED_AGAIN = 0.5
-"""Log odds from which a unit is weighed at more points, in the end at all: a discovery takes three and more."""
+"""Log odds from which a unit is weighed again at all of them: a discovery takes three and more."""
 CALLED = 2.5
 """Log odds from which the unit's own noise is asked: those of every discovery, for q < .05 takes odds of 19."""
-BESIDE = 2
-"""Terms beside which that noise is chosen, too."""
 TOGETHER = 16
 """Units that are weighed at once: their numbers then stay in the processor's cache."""
 SAME_G = 0.05
@@ -207,11 +205,10 @@ class Screen:
 
     def _weighed(self, units: Sequence[Sequence[FloatArray]]) -> FloatArray:
         data = [np.column_stack(each) for each in zip(*units, strict=True)]
-        by_name = self._by_name(data, FEW[0])
-        for most in (*FEW[1:], None):
-            again = np.flatnonzero(log_sum(by_name + self.asked.log_odds[:, None]) > ASKED_AGAIN)
-            if len(again):
-                by_name[:, again] = self._by_name([rates[:, again] for rates in data], most)
+        by_name = self._by_name(data, FEW)
+        again = np.flatnonzero(log_sum(by_name + self.asked.log_odds[:, None]) > ASKED_AGAIN)
+        if len(again):
+            by_name[:, again] = self._by_name([rates[:, again] for rates in data], None)
         for i in np.flatnonzero(log_sum(by_name + self.asked.log_odds[:, None]) > CALLED).tolist():
             by_name[:, i] = self._by_its_own_noise([rates[:, i] for rates in data])
         return by_name
@@ -222,8 +219,8 @@ class Screen:
         for number, search in self.found.items():
             own = list(rates[first : first + len(search.blocks)])
             first += len(search.blocks)
-            factors = search.scan_many([each[:, None] for each in own], FEW[-1])[:, 0]
-            leading = np.argsort(-(factors + search.log_odds))[:BESIDE]
+            factors = search.scan_many([each[:, None] for each in own], FEW)[:, 0]
+            leading = np.argsort(-(factors + search.log_odds))[:LEADING]
             blocks = [replace(each) for each in search.blocks]
             for b, (block, values) in enumerate(zip(blocks, own, strict=True)):
                 parts = [part.columns for j in leading if (part := search.terms[j].parts[b]) is not None]

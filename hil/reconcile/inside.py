@@ -19,12 +19,12 @@ from hil.campaign.reader import read_series
 from hil.model.effects.catalogue import effect_by_id
 from hil.model.effects.inside import SeriesEffect, SeriesFinding
 from hil.model.effects.series import Ramp
+from hil.reconcile.naming import CERTAIN
 from hil.reconcile.result import FoundEffect, Rival
 
 _LEAST_P = 1e-300
 _ERROR = "se_deg_per_hr"
 _UNITS = (("_deg_per_hr_per_min", "deg/hr/min"), ("_deg_per_hr", "deg/hr"), ("_hz", "Hz"), ("_s", "s"))
-_CERTAIN = 0.8
 _ODDS = 0.05
 """Prior odds that one effect shows inside the collects, as of one that shows in the averages."""
 RAMP = Ramp.id
@@ -152,7 +152,7 @@ def _named(
         parameters=[_parameter(name, value, leader) for name, value in leader["estimates"].items() if name != _ERROR],
         probability=probability,
         confusable_with=[Rival(name, float(w / total), 0.0, _title(name, by_id)) for name, w in weight.items()],
-        kind="named" if probability >= _CERTAIN else "ambiguous",
+        kind="named" if probability >= CERTAIN else "ambiguous",
         sensors=(leader["sensor"],),
         physics=f"{' '.join((type(effect).__doc__ or '').split())} {effect.signature} {leader['sentence']}.",
         experiment=effect.experiment,

@@ -15,7 +15,8 @@ import numpy as np
 from hil.model.effects.base import Described, VarianceEffect
 from hil.reconcile.search.fitted import Fitted, fitted
 from hil.reconcile.search.posterior import Found, Posterior
-from hil.reconcile.search.terms import Term
+from hil.reconcile.search.terms import IDENTICAL, Term
+from hil.solve.identifiability import SAME_CLASS
 
 CERTAIN = 0.8
 """Probability from which a name is stated as the name."""
@@ -25,12 +26,8 @@ BY_CHANCE = 0.01
 """How often noise may get the name of what moves averages: so probable it may be that nothing stands in its place."""
 WANDERS = 2.0
 """How much likelier than nothing at all it may be that averages only scatter: Ville's bound is loose by more there."""
-SAME = 0.95
-"""Overlap from which two names look the same in these collects."""
-IDENTICAL = 0.99
-"""And from which nobody can tell them apart by these collects, whatever is known before."""
 EXCLUDED = 0.001
-"""Unless the data themselves make one so much less probable: what is large is told apart by what little differs."""
+"""What is identical in these collects is told apart where the data themselves make one so much less probable."""
 LEAST = 0.01
 """Rivals less probable are not listed, unless they look the same."""
 NO_NAME = "empirical"
@@ -206,7 +203,8 @@ def _named(
         for rival in (sort or classes[id(f)]) - lead:
             instead.setdefault(rival, []).append(f)
     rivals = [_rival(posterior, classes, name, r, sets, own, values) for r, sets in instead.items()]
-    listed = sorted((r for r in rivals if r.probability >= LEAST or r.overlap > SAME), key=lambda r: -r.probability)
+    told = [r for r in rivals if r.probability >= LEAST or r.overlap > SAME_CLASS]
+    listed = sorted(told, key=lambda r: -r.probability)
     alike = [r for r in listed if r.overlap > IDENTICAL and not r.bayes_factor < EXCLUDED]
     withheld = [r for r in alike if r.likely or r.probability > 1.0 - CERTAIN]
     nothing_there = _mass(posterior, lambda f: name not in classes[id(f)] and classes[id(f)] - {f.kind} <= lead)

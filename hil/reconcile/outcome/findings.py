@@ -20,6 +20,7 @@ from hil.reconcile.outcome.values import Values
 from hil.reconcile.proof.held_out import HeldOut
 from hil.reconcile.result import FoundEffect, Gap, Rival
 from hil.reconcile.search.fitted import Fitted, fitted
+from hil.reconcile.search.noise import FEWEST_RUNS
 from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.problem import SensorProblem
 
@@ -56,7 +57,7 @@ def gap_of(
         return Gap(rms[0], rms[1], min(noise, *rms), nothing, scaled[0], scaled[1], np.nan)
     runs, contiguous = proof
     (raw_before, raw_after), (scaled_before, scaled_after) = runs.rms, runs.standardised
-    kind = "run" if len(np.unique(fit.blocks[0].search.block.run)) >= 4 else "collect"
+    kind = "run" if len(np.unique(fit.blocks[0].search.block.run)) >= FEWEST_RUNS else "collect"
     return Gap(
         before=raw_before,
         after=raw_after,

@@ -13,13 +13,13 @@ import numpy as np
 
 from hil.campaign import FloatArray, IntArray
 from hil.reconcile.search.fitted import FittedBlock, fitted_block
+from hil.reconcile.search.noise import FEWEST_RUNS
 from hil.reconcile.search.posterior import Found, Posterior
 
-SETS = 40
+SETS = 8
 """Sets among which a fold chooses: what is not among these with all rows is not without some."""
 BEYOND = 30.0
 """Rows whose prediction is this many noises uncertain ask for what the others say nothing about."""
-FEWEST_RUNS = 4
 
 
 @dataclass(frozen=True)

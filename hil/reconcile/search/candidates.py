@@ -18,7 +18,7 @@ from hil.solve.temperatures import same_temperature
 
 POWERS: Mapping[str, int] = {"line": 2, "quadratic": 3, "cubic": 4}
 """How many values a form in powers of temperature has."""
-MANY = 400
+MANY = 200
 """Shapes of one effect that are tried first; between the best of them and the next the others follow."""
 _NOTHING = 1e-4  # deg/hr: what an effect of the largest typical size does not reach is not measured by any bench
 

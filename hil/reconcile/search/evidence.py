@@ -21,9 +21,9 @@ from hil.reconcile.search.noise import Noise, Points
 
 Scale = tuple[float, float, float]
 HOLDS: tuple[Scale, ...] = ((18.0, 18.0, 0.6), (0.3, 0.3, 0.4))
-"""Inverse-gamma (a, b) of s² in stated variances, and weight: errors are right to 17 %, or nobody knows how wrong."""
-UNKNOWN: tuple[Scale, ...] = ((0.3, 0.3, 1.0),)
-"""Of s² in the variance that a rough fit leaves, where no errors are stated."""
+"""Inverse-gamma (a, b) of s² in stated variances, and weight: errors are right to 17 %, or nobody knows how wrong.
+
+Where none are stated the latter alone is left, in the variance that a rough fit leaves."""
 SEEN = 1e-6
 """A direction of which less is left beside the base is the base's."""
 ROUNDING = 1e-13
@@ -156,7 +156,7 @@ def _under(scales: Sequence[Scale], freedom: int, further: int) -> tuple[FloatAr
 
 
 def _less(basis: FloatArray, columns: FloatArray) -> FloatArray:
-    return np.asarray(columns - basis @ (np.swapaxes(basis, 1, 2) @ columns))
+    return np.asarray(columns - basis @ (np.swapaxes(basis, 1, 2) @ columns)) if basis.shape[2] else columns
 
 
 @dataclass(frozen=True)

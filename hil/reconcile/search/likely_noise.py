@@ -21,7 +21,7 @@ POINTS = 48
 """Points of the noise that a block is weighed at: what the data leave probable under any of the leading sets."""
 DEPTH = 9.0
 """Noise this much (in log probability) below the best is left out: one part in eight thousand."""
-PROFILES = 6
+PROFILES = 2
 """Ways of following temperature that are weighed on: with a step of three between sizes, others add nothing."""
 ROUNDS = 3
 """At most, in which a way of following temperature is climbed to; one more changes nothing that these rows show."""
@@ -125,7 +125,7 @@ def likely_points(
     rows = _Rows(noise, grid, scales, gram, half_log_det, [v for v, _ in pairs], [y for _, y in pairs])
 
     found = rows.climb()
-    profiles = list(dict.fromkeys(p for own, _ in found for p in own[: max(2, PROFILES // len(found))]))
+    profiles = list(dict.fromkeys(p for own, _ in found for p in own))
     near = np.flatnonzero(
         np.any([(b > b.max() - 2.0 * DEPTH) | _highest(b, grid.kind) for _, b in found], axis=0) | _quiet(grid)
     )

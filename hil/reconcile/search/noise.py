@@ -24,9 +24,7 @@ from hil.reconcile.search.chains import PIECE, Chain, Filter, chain_of, filter_o
 from hil.solve.rows import Block
 
 OFFSETS = (0.0, 0.7, 1.4, 2.8, 5.6, 11.0)
-"""Of an offset per run, in white noises: a factor of two is as fine as 24 runs can tell."""
-AMOUNTS = (0.7, 1.4, 2.8, 5.6, 11.0)
-"""Of an effect on the scatter, in white noises."""
+"""Of an offset per run, and of an effect on the scatter, in white noises: 24 runs tell no less than a factor of two."""
 LEVELS = {0.15: 0.3, 1.0: 0.7}
 """Share of the mean variance in every row's own, with its prior: standard errors leave out what differs by collect."""
 HUGE = 100.0
@@ -164,7 +162,7 @@ class Noise:
         ]
         for kind, entry in enumerate(self.kinds):
             of_one = [k for k in self.kinds if k.effect is entry.effect]
-            for amount, offset, (level, share) in product(AMOUNTS, OFFSETS[:-1], levels.items()):
+            for amount, offset, (level, share) in product(OFFSETS[1:], OFFSETS[:-1], levels.items()):
                 value = amount * np.sqrt(self.unit) / entry.unit_deg_per_hr
                 log_prior = entry.parameter.log_density(value) + float(np.log(np.log(2.0) / len(of_one)))
                 log_prior += float(np.log(share / len(offsets))) - _log_offset(offset)

@@ -15,8 +15,8 @@ from hil.reconcile.search.terms import Term
 
 WIDTH = (8, 5, 4, 3, 2)
 """How many sets are grown further, at none, one, two … terms."""
-GROWTH = 10
-"""How many terms each of them is tried with."""
+GROWTH = 8
+"""How many names each of them is tried with."""
 PER_NAME = 3
 """Shapes of one name among these: what a name's best shapes cannot do its others cannot."""
 WORTH = 7.0
@@ -71,7 +71,7 @@ def _grown(search: SensorSearch, layer: Sequence[Set]) -> dict[Set, float]:
     search.weigh(layer)
     known = dict(_alone(search, layer))
     for width in WIDTH:
-        leading = _different(search, sorted(layer, key=lambda s: -known[s]), width)
+        leading = sorted(layer, key=lambda s: -known[s])[:width]
         grown: set[Set] = set()
         for given in leading:
             scores = search.scan(given) + search.log_odds
@@ -88,14 +88,6 @@ def _grown(search: SensorSearch, layer: Sequence[Set]) -> dict[Set, float]:
         if max(known[s] for s in layer) < max(known.values()) - WORTH:
             break
     return known
-
-
-def _different(search: SensorSearch, sets: Sequence[Set], width: int) -> list[Set]:
-    """Return the first sets of different names: what the best shapes of some names lack others of them lack too."""
-    chosen: dict[tuple[str, ...], Set] = {}
-    for s in sets:
-        chosen.setdefault(tuple(sorted(search.terms[j].name for j in s)), s)
-    return list(chosen.values())[:width]
 
 
 def _best(search: SensorSearch, scores: FloatArray, given: Set) -> Iterator[int]:

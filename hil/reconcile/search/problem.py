@@ -26,7 +26,6 @@ from hil.solve.precision import with_every_error
 from hil.solve.rows import Block, sensor_blocks
 from hil.solve.temperatures import same_temperature
 
-_ROUNDS = 5
 LEAST_FREEDOM = 3  # rows of a block beyond the values of its base, from which on anything can be tested
 _BEYOND_DOUBT = 12.0  # log likelihood
 
@@ -60,24 +59,21 @@ class SensorProblem:
     def base_beside(self, effect: Effect, shape: Mapping[str, float]) -> Base:
         """Return the base as it is if `effect` acts too: what scales or turns the base has changed the fitted one.
 
-        Base and effect are fitted together, and the effect's columns taken anew about that base, until they agree; but
-        only where the effect shows beyond doubt: columns that follow every noise would find it more often than stated.
+        Base and effect are fitted together, but only where the effect shows beyond doubt: columns that follow every
+        noise would find it more often than stated.
         """
-        base = self.base
         if not effect.needs_base:
-            return base
+            return self.base
         conditions = self.collects.conditions
         plain = np.concatenate([self.form.columns(conditions), self.term_columns], axis=2)
         rates, stated = self.collects.rates_deg_per_hr - self.known_rates(), self.collects.rates_se_deg_per_hr
         alone = _misfit(plain, rates, _fit(plain, rates, stated))
-        for _ in range(_ROUNDS):
-            columns = _not_in(plain, effect_columns(effect, conditions, base, shape), rates)
-            both = np.concatenate([plain, columns], axis=2)
-            joint = _fit(both, rates, stated)
-            if alone - _misfit(both, rates, joint) < _BEYOND_DOUBT:
-                return self.base
-            base = _added(base_at(self.form, conditions, joint[: len(self.form.names)]), self.given, conditions)
-        return base
+        columns = _not_in(plain, effect_columns(effect, conditions, self.base, shape), rates)
+        both = np.concatenate([plain, columns], axis=2)
+        joint = _fit(both, rates, stated)
+        if alone - _misfit(both, rates, joint) < _BEYOND_DOUBT:
+            return self.base
+        return _added(base_at(self.form, conditions, joint[: len(self.form.names)]), self.given, conditions)
 
     def known_rates(self) -> FloatArray:
         """Return what is not fitted at each row, (n, c): the earth rate, and the values that stand."""

@@ -14,12 +14,12 @@ from hil.model.effects.base import Parameter
 from hil.model.effects.followed import driver_values, expressible, position_is
 from hil.model.forms import RATE
 from hil.reconcile.search.candidates import Candidate
+from hil.reconcile.search.spoiled import MANY
 from hil.solve.temperatures import same_temperature
 
 _SLOPE = "dTdt_degC_per_min"
 _FEWEST_VALUES = 6
 _CURVE_ORDER = 3
-_MANY = 100  # runs from which on not after every one a step without a name is asked about
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def drivers(conditions: Conditions) -> list[Driver]:
     expressions += [("start_s", "time"), ("start_s^2", "time")]
     runs = list(dict.fromkeys(conditions.run.tolist()))
     if len(runs) > 5:
-        expressions += [(f"run>{run}", "step") for run in runs[1 : -2 : 1 + len(runs) // _MANY]]
+        expressions += [(f"run>{run}", "step") for run in runs[1 : -2 : 1 + len(runs) // MANY]]
     return [Driver(text, driver_values(text, conditions), kind) for text, kind in expressions]
 
 

@@ -19,7 +19,6 @@ from hil.reconcile.search.evidence import (
     HOLDS,
     LEAST,
     SEEN,
-    UNKNOWN,
     Beside,
     Group,
     Laid,
@@ -29,21 +28,19 @@ from hil.reconcile.search.evidence import (
     log_sum,
 )
 from hil.reconcile.search.likely_noise import likely_points
-from hil.reconcile.search.noise import Noise, Points
+from hil.reconcile.search.noise import LARGEST, Noise, Points
 from hil.reconcile.search.set_in_block import Member, SetInBlock, weigh_in_block
 from hil.reconcile.search.terms import Term
 from hil.reconcile.search.tied import AtBest, tied_gain
 from hil.solve.identifiability import independent_columns
 from hil.solve.rows import Block
 
-SCANNED = 10
+SCANNED = 6
 """Points of the noise at which every term is tried: a scan proposes, and what it proposes is weighed at all."""
 GLANCED = 4
 """Points at which the terms are tried beside which the noise is then looked at anew."""
 LEADING = 6
 """Terms beside which the noise is looked at anew."""
-TOGETHER = 3
-"""Of these the likeliest, together."""
 Set = tuple[int, ...]
 
 
@@ -65,7 +62,7 @@ class BlockSearch:
     def of(cls, block: Block, noise: Noise) -> BlockSearch:
         """Weigh the block at the noise that its rows leave probable."""
         unit = float(np.sqrt(noise.unit))
-        scales = HOLDS if block.sigma_stated else UNKNOWN
+        scales = HOLDS if block.sigma_stated else HOLDS[1:]
         cube, flat, line = (np.zeros((0,) * n) for n in (3, 2, 1))
         nothing = Beside(scales, cube, cube, flat, line, line, line, 0)
         out = cls(block, noise, noise.grid(), scales, block.y / unit, unit, nothing, np.zeros(0, dtype=np.int64))
@@ -92,7 +89,13 @@ class BlockSearch:
 
     def projected(self, columns: FloatArray, at: IntArray | slice = slice(None)) -> FloatArray:
         """Return columns (N, k), deg/hr, at some of the points, whitened and less what the base can do, (t, N, k)."""
-        return self.beside.at(at).project(self.whitened(columns, at))
+        beside, (rows, wide) = self.beside.at(at), columns.shape
+        out = np.empty((len(beside.rss), rows, wide))
+        most = max(1, LARGEST // max(len(beside.rss) * rows, 1))
+        for first in range(0, wide, most):
+            own = slice(first, first + most)
+            out[:, :, own] = beside.project(self.whitened(columns[:, own], at))
+        return out
 
     def whitened(self, columns: FloatArray, at: IntArray | slice = slice(None)) -> FloatArray:
         """Return columns (N, k), deg/hr, at some of the points, with rows that are independent, in time, (t, N, k)."""
@@ -132,14 +135,12 @@ class SensorSearch:
         return list(first.values())[:LEADING]
 
     def refine(self) -> None:
-        """Choose the points of the noise anew, so that they serve leading terms and sets as well as the base alone.
+        """Choose the points of the noise anew, so that they serve leading terms as well as the base alone.
 
-        Sets, because what a wrong row hides of the noise another term may hide as well.
+        And the likeliest two together, because what a wrong row hides of the noise another term may hide as well.
         """
         asked: list[Set] = [(j,) for j in self.leading()]
-        for _ in range(TOGETHER - 1 if asked else 0):
-            given = asked[-1] if len(asked[-1]) > 1 else asked[0]
-            asked.append((*given, self.leading(given)[0]))
+        asked += [(*first, *self.leading(first)[:1]) for first in asked[:1]]
         asked += [self.start] * bool(self.start)
         for b, block in enumerate(self.blocks):
             sets = [[p.columns for j in chosen if (p := self.terms[j].parts[b])] for chosen in asked]

@@ -34,13 +34,9 @@ EXACT = 0.03
 STEP = 3.0
 """Factor between sizes that are tried: a normal prior that is off by its root loses a tenth of a log."""
 UNSEEN = 0.03
-"""A column of which the base leaves less is not asked about."""
-TIES = 0.03
-"""A parameter that moves a block less than this, beside the one it moves most, does not tie the two."""
-
-
-SAME = 0.99
-"""Columns beside the base of which the cosine is larger are the same to anybody."""
+"""A column of which the base leaves less is not asked about, nor in a block that it moves less than another."""
+IDENTICAL = 0.99
+"""Columns beside the base of which the cosine is larger nobody can tell apart."""
 
 
 @dataclass(frozen=True)
@@ -146,7 +142,7 @@ def _undescribed(found: Sequence[Term], bases: Sequence[FloatArray]) -> list[Ter
         parts = [(described.get((term.follows, b)), b, part) for b, part in enumerate(term.parts) if part is not None]
         return all(
             own is not None
-            and np.abs(own.T @ unit_columns(project_out(bases[b], part.columns))).max(axis=0).min() > SAME
+            and np.abs(own.T @ unit_columns(project_out(bases[b], part.columns))).max(axis=0).min() > IDENTICAL
             for own, b, part in parts
         )
 
@@ -192,7 +188,7 @@ def _parts(
         [np.sqrt(np.mean(c.columns**2, axis=0)).max(axis=0) / s for c, s in zip(candidates, scales, strict=True)]
     )
     here = np.sqrt(np.mean(columns**2, axis=0))
-    seen = (here > TIES * largest) & (here > 0.0)
+    seen = (here > UNSEEN * largest) & (here > 0.0)
     seen[seen] = kept_shares(base, columns[:, seen]) > UNSEEN
     for first, end in pairwise(np.cumsum([0, *(c.size for c in candidates)]).tolist()):
         own = np.flatnonzero(seen[first:end])
