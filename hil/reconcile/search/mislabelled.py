@@ -2,7 +2,7 @@
 
 solved = AsSolved.of(campaign, 2)
 found = exchanges(sensor, blocks, solved)       # one candidate per exchange in one run
-terms = as_told(terms, collects, exchanged)     # with odds by accelerometers, and by what hardly ever changes
+terms = as_told(terms, collects, exchanged)     # with odds by accelerometers
 solved.among(terms)                             # the terms that are the answer of `hil solve`: a set to start from
 """
 
@@ -13,16 +13,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hil.campaign import BoolArray, Campaign, Collects, FloatArray, IntArray
+from hil.campaign import BoolArray, Campaign, Collects, FloatArray
 from hil.model.effects.data import OTHER_SENSOR, Mislabelled
-from hil.model.forms import default_form
 from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.problem import SensorProblem
 from hil.reconcile.search.spoiled import MANY, runs_to_ask
 from hil.reconcile.search.terms import Term
 from hil.solve.rows import Block
-from hil.solve.temperatures import same_temperature
-from hil.solve.whitened import CHANGES
 from hil.solve.wrong_rows import MENDED, USED, Wrong, alike, beside, wrong_rows
 
 SEEN = float(np.log(1e4))
@@ -111,68 +108,15 @@ def exchanges(sensor: SensorProblem, blocks: Sequence[Block], solved: AsSolved) 
 
 
 def as_told(terms: Sequence[Term], collects: Collects, exchanged: Collection[tuple[int, int]]) -> list[Term]:
-    """Return the terms, exchanges with odds by what is known of them: how the unit lay, and what hardly ever changes.
+    """Return the terms, exchanges with the odds that they have by how the unit lay.
 
     `exchanged` are pairs of collects that lay as each other's label says, by the unit's accelerometers.
     """
-    steady, out = _Steady(collects), []
+    out = []
     for term in terms:
         if term.is_mistake and term.candidate.effect is not None:
             rows = np.any(term.candidate.columns != 0.0, axis=(1, 2))
             seen = tuple(collects.conditions.collect[rows].tolist()) in exchanged
-            term = replace(term, log_odds=SEEN if seen else term.log_odds - steady.further_by(term.candidate))
+            term = replace(term, log_odds=SEEN) if seen else term
         out.append(term)
     return out
-
-
-class _Steady:
-    """What neither a bias nor MU moves, (p,) of each run: at another temperature it is another by little.
-
-    No form of the search says so: one that has values at each temperature takes those of exchanged labels, too.
-    """
-
-    def __init__(self, collects: Collects) -> None:
-        self._collects, conditions = collects, collects.conditions
-        form = default_form(conditions)
-        self._own = np.array([not name.startswith(("B", "MU")) for name in form.names])
-        self._columns, self._inverse = form.columns(conditions), dict[bytes, FloatArray | None]()
-        rates = collects.rates_deg_per_hr - conditions.w_channels_deg_per_hr
-        self._of_run = {run: self._values(rows, rates)[0] for run, rows in conditions.of_each_run.items()}
-        station = same_temperature(conditions)
-        self._at = {run: int(station[rows[0]]) for run, rows in conditions.of_each_run.items()}
-        self._usual: dict[int, FloatArray] = {}
-
-    def further_by(self, candidate: Candidate) -> float:
-        """Return by how much (log) less probable an exchange in a run takes its values from those elsewhere; 0 of less.
-
-        Those of the runs at the other temperatures, most of which are right.
-        """
-        run = int(candidate.shape["run"])
-        usual = self._elsewhere(self._at[run])
-        moved, errors = self._values(self._collects.conditions.of_each_run[run], -candidate.columns[..., 0])
-        within = np.hypot(errors, CHANGES * np.sqrt(np.mean(usual**2)))
-        filed = (self._of_run[run] - usual) / within
-        further = 0.5 * float(np.sum((filed + moved / within) ** 2 - filed**2))
-        return further if further > 0.0 else 0.0  # NaN is nothing: no other tells
-
-    def _elsewhere(self, at: int) -> FloatArray:
-        if at not in self._usual:
-            known = [
-                values for run, values in self._of_run.items() if self._at[run] != at and np.isfinite(values).all()
-            ]
-            self._usual[at] = np.median(known, axis=0) if known else np.full(self._own.sum(), np.nan)
-        return self._usual[at]
-
-    def _values(self, rows: IntArray, rates: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the values of the rows of a run by rates (n, c), and their standard errors; NaN where not seen."""
-        known = np.isfinite(self._collects.rates_deg_per_hr[rows])
-        columns = self._columns[rows][known]
-        if (key := columns.tobytes()) not in self._inverse:
-            seen = np.linalg.matrix_rank(columns, 1e-3) == columns.shape[1]
-            self._inverse[key] = np.linalg.pinv(columns)[self._own] if seen else None
-        inverse = self._inverse[key]
-        if inverse is None:
-            unseen = np.full(self._own.sum(), np.nan)
-            return unseen, unseen
-        errors = np.nan_to_num(self._collects.rates_se_deg_per_hr[rows][known])
-        return inverse @ rates[rows][known], np.sqrt(inverse**2 @ errors**2)
