@@ -41,7 +41,7 @@ ALONE = 0.5
 SMOOTH_DEGC = 30.0
 """Over which a smooth curve forgets itself: values of a unit turn two or three times over a sweep, not more."""
 FEWEST_RUNS = 4
-"""Runs that tell kinds of scatter apart, and exchanged labels; of two each may have an offset already."""
+"""Runs of which one can be held out, and that tell what changes from one to the next: of fewer, collects do."""
 ALIKE = 0.985
 """Covariances of which the cosine is larger are one and the same to these rows."""
 LARGEST = 4_000_000
@@ -118,8 +118,7 @@ class Noise:
         self.profiles: list[Profile] = [(FIXED,) * block.values.shape[1]]
         runs = len(np.unique(run))
         self.has_offsets = runs > 1 and len(rows) / runs / apart.shape[1] > 1.5
-        tells = self.has_offsets and runs >= FEWEST_RUNS
-        self.kinds = list(self._kinds(conditions, effects, rows, channel, by_station)) if tells else []
+        self.kinds = list(self._kinds(conditions, effects, rows, channel, by_station)) if self.has_offsets else []
         ordinary = [self.stated, self.offset]
         self._chains = {k: joined([*ordinary, kind.chain], len(rows)) for k, kind in enumerate(self.kinds)}
         self._chains[-1] = joined(ordinary, len(rows))

@@ -13,7 +13,7 @@ from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.sentences import scatter_in_words, summary
 from hil.reconcile.scattering import what_scatters
 from tests.hil.analysis.thermal.nights import RUN_TO_RUN, rotor_night, scaled
-from tests.hil.reconcile.hidden_effects import EIGHT, Rows, base_rates, campaign_of, lay_out, noise
+from tests.hil.reconcile.hidden_effects import EIGHT, Rows, base_rates, campaign_of, hidden_campaign, lay_out, noise
 from tests.hil.solve.test_neighbours import campaign, with_rates
 
 
@@ -268,3 +268,17 @@ def test_the_size_of_what_scatters_is_as_uncertain_as_its_runs_make_it(seed: int
     (size,) = of_mu.parameters
     assert 0.08 < np.log(size["high"] / size["low"]) / 3.92 < 0.15
     assert size["low"] < np.hypot(RUN_TO_RUN["MUA"], RUN_TO_RUN["MUB"]) / np.sqrt(2.0) < size["high"]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("repeats", [2, 3])
+def test_what_changes_from_run_to_run_has_its_name_in_few_runs_too(seed: int, repeats: int) -> None:
+    """MU of three runs is no law of whatever else was another in each of them; of two that are alike nothing is."""
+    plain = hidden_campaign(seed, temperatures=(23.0,), runs_each=repeats, positions=tuple("1342431"), quiet=0.3)
+    rows = plain.sensors[2]
+    moved = 4.0 * np.random.default_rng(seed).standard_normal((repeats, 2))[rows.conditions.run - 1]
+    reseats = rows.rates_deg_per_hr + moved * rows.conditions.f_g[:, 2:]
+    found = reconcile(replace(plain, sensors={2: replace(rows, rates_deg_per_hr=reseats)}), "matrix-6", prove=False)
+    assert {effect.id for effect in found.effects} <= {"MU_rr"}
+    assert repeats < 3 or found.effects
+    assert reconcile(plain, "matrix-6", prove=False).effects == []
