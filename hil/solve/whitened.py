@@ -19,8 +19,7 @@ from hil.solve.identifiability import orthonormal, unit_columns
 from hil.solve.neighbours import place_in_each_run
 from hil.solve.temperatures import runs_by_temperature
 
-CHANGES = 0.1
-"""Of its size: by so much is another at another temperature, or in another place, what neither a bias nor MU moves."""
+_CHANGES = 0.1  # of its size: so much what neither a bias nor MU moves is another at another temperature, or place
 _SHARE = 1.0 / 3.0  # of differences of two: what so many are below, a few that are wrong do not move
 _SIGMA = 1.64  # a normal distribution's sigma by that
 _FEW = 8.0  # runs that repeat others: of so many their scatter is known hardly better than by 2
@@ -77,7 +76,7 @@ class Whitened:
         sizes = [
             np.sum(seen[rows] ** 2) / max(float(np.sum(excited[rows] ** 2)), 1e-12) for rows in self._runs.values()
         ]
-        loose = max(CHANGES * float(np.sqrt(np.median(sizes))), 1e-9)  # of most: one may be wrong
+        loose = max(_CHANGES * float(np.sqrt(np.median(sizes))), 1e-9)  # of most: one may be wrong
         prior = np.hstack([np.zeros((several, flat.shape[2] - several)), np.eye(several) / loose])
         basis = _basis(np.vstack([_flat(flat), prior]))
         self._shown = basis[: seen.size].reshape(*seen.shape, -1)

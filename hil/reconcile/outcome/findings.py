@@ -110,7 +110,7 @@ def described(
 ) -> FoundEffect:
     """Return one found effect for the result."""
     pairs = [(n, j) for n, places in named.terms.items() for j in places]
-    over_shapes = {(n, j): _over_shapes(posterior, found, n, j) for n, j in pairs}
+    over_shapes = {(n, j): _over_shapes(posterior, found, fit, n, j) for n, j in pairs}
     parameters = [
         p
         for n, j in pairs
@@ -147,7 +147,9 @@ def described(
     )
 
 
-def _over_shapes(posterior: Posterior, found: Found, number: int, place: int) -> list[tuple[float, int, Values]]:
+def _over_shapes(
+    posterior: Posterior, found: Found, fit: Fitted, number: int, place: int
+) -> list[tuple[float, int, Values]]:
     """Return how probable each shape of a term is beside the other terms, its place, and what the values are in it."""
     search, term = posterior.searches[number], posterior.term(number, place)
     others = tuple(j for j in found.terms[number] if j != place)
@@ -157,7 +159,9 @@ def _over_shapes(posterior: Posterior, found: Found, number: int, place: int) ->
     weights = np.exp(log_weight - np.logaddexp.reduce(log_weight)).tolist()
     out = []
     for j, weight in zip(alike, weights, strict=True):
-        if weight > _UNLIKELY or j == place:
+        if j == place:
+            out.append((weight, j, values_of(posterior, fit, number, j)))
+        elif weight > _UNLIKELY:
             of_shape = replace(found, terms={**found.terms, number: tuple(sorted((*others, j)))})
             out.append((weight, j, values_of(posterior, fitted(posterior, of_shape), number, j)))
     return out

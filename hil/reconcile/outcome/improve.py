@@ -39,8 +39,6 @@ def described_parameters(
     out, runs = [], len(np.unique(conditions.run))
     freedom = (runs if runs >= FEWEST_RUNS else len(conditions)) - 1
     for number, (value, error) in sorted(values.items()):
-        if error <= 0.0:
-            continue  # the base can imitate it altogether: these collects give it no value
         low, high = _within(shapes, number, max(freedom, 1), CONFIDENCE)
         if len(shapes) > 1:
             error = 0.5 * float(np.ptp(_within(shapes, number, len(conditions), _ONE_SE)))
@@ -71,8 +69,7 @@ def described_parameters(
 
 def _within(shapes: Sequence[tuple[float, Values]], number: int, freedom: int, share: float) -> tuple[float, float]:
     """Return between what a value is with a probability `share`, whichever the shape."""
-    known = [(weight, *values[number]) for weight, values in shapes if values.get(number, (0.0, 0.0))[1] > 0.0]
-    weight, value, error = np.array(known).T
+    weight, value, error = np.array([(w, *values[number]) for w, values in shapes if number in values]).T
     tail = 0.5 - 0.5 * share
     far = 1.01 * float(stdtrit(freedom, 1.0 - tail)) * error
 

@@ -2,7 +2,7 @@
 
 solved = AsSolved.of(campaign, 2)
 found = exchanges(sensor, blocks, solved)       # one candidate per exchange in one run
-terms = as_told(terms, collects, exchanged)     # with odds by accelerometers
+terms = as_told(terms, collects, exchanged)     # with odds by what accelerometers show
 solved.among(terms)                             # the terms that are the answer of `hil solve`: a set to start from
 """
 
@@ -112,11 +112,10 @@ def as_told(terms: Sequence[Term], collects: Collects, exchanged: Collection[tup
 
     `exchanged` are pairs of collects that lay as each other's label says, by the unit's accelerometers.
     """
-    out = []
-    for term in terms:
-        if term.is_mistake and term.candidate.effect is not None:
-            rows = np.any(term.candidate.columns != 0.0, axis=(1, 2))
-            seen = tuple(collects.conditions.collect[rows].tolist()) in exchanged
-            term = replace(term, log_odds=SEEN) if seen else term
-        out.append(term)
-    return out
+
+    def lay(term: Term) -> bool:
+        rows = np.any(term.candidate.columns != 0.0, axis=(1, 2))
+        return tuple(collects.conditions.collect[rows].tolist()) in exchanged
+
+    mislabelled = (term.is_mistake and term.candidate.effect is not None and lay(term) for term in terms)
+    return [replace(t, log_odds=SEEN) if seen else t for t, seen in zip(terms, mislabelled, strict=True)]
