@@ -22,124 +22,19 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtr, chdtrc, ndtr, stdtrit
+from scipy.special import chdtrc, ndtr, stdtrit
 
-from hil.campaign import BoolArray, Campaign, Conditions, FloatArray, IntArray
+from hil.campaign import Campaign, Conditions, FloatArray, IntArray
 from hil.model.forms import default_form
 from hil.solve.runs import Estimate, RunSolution
+from hil.solve.spread import RARE, Spread
 from hil.solve.temperatures import nearest, runs_by_temperature, told_by, unit_range_degC
 from hil.solve.wrong_rows import treated
 from procedures.words import counted, listed, significant
 
 CONFIDENCE = 0.95
 """Of every interval that is stated."""
-_TINY = 1e-300
 _ALONE = 0.95  # of what noise moves a parameter by: so much by one channel is that one's
-RARE = 0.01
-"""Chance of what is not put down to chance."""
-
-
-@dataclass(frozen=True)
-class Spread:
-    """How p parameters scatter from run to run at one temperature, (p,) each.
-
-    `observed` is their standard deviation, NaN where nothing was repeated; `stated` what the runs' standard errors,
-    times `factor`, say of it, and `beyond` what these leave unexplained; `times` is the scatter in each run's own
-    standard error, by which one that is large hides nothing; `degrees` how many runs were repeated. Those that are
-    `uneven` scatter more at some temperatures than at others, as chance hardly explains. `residuals` are the degrees of
-    freedom of what a run's noise is known by, infinite where it is stated.
-    """
-
-    observed: FloatArray
-    beyond: FloatArray
-    stated: FloatArray
-    times: FloatArray
-    degrees: IntArray
-    uneven: BoolArray
-    factor: float = 1.0
-    residuals: float = math.inf
-
-    @classmethod
-    def of(
-        cls,
-        values: FloatArray,
-        errors: FloatArray,
-        group: IntArray,
-        factor: float = 1.0,
-        residuals: float = math.inf,
-    ) -> Spread:
-        """Pool the scatter of r runs' values (r, p) about the mean of each `group` (r,) that they repeat.
-
-        `errors` (r, p) are standard errors, NaN where there is none; a value that is NaN was not measured.
-        """
-        known, places = np.isfinite(values), np.unique(group)
-        own = np.where(known, factor * np.nan_to_num(errors), 0.0) ** 2
-        squares, explained, degrees, weighed, more, room = (np.zeros((len(places), values.shape[1])) for _ in range(6))
-        # What is beyond shows in runs of small standard errors: one that is large hides nothing. Where none is, alike.
-        weight = np.where(known, np.where(np.any(known & (own <= 0.0), axis=0), 1.0, 1.0 / np.maximum(own, _TINY)), 0.0)
-        for k, place in enumerate(places):
-            here, rows, w, errors_squared = (each[group == place] for each in (known, values, weight, own))
-            rows, count = np.where(here, rows, 0.0), np.maximum(here.sum(axis=0), 1)
-            squares[k] = np.where(here, (rows - rows.sum(axis=0) / count) ** 2, 0.0).sum(axis=0)
-            explained[k] = errors_squared.sum(axis=0) * (1.0 - 1.0 / count)
-            degrees[k] = count - 1
-            whole = np.maximum(w.sum(axis=0), _TINY)
-            weighed[k] = np.sum(w * (rows - (w * rows).sum(axis=0) / whole) ** 2, axis=0)
-            more[k] = weighed[k] - np.sum(w * (1.0 - w / whole) * errors_squared, axis=0)
-            room[k] = whole - np.sum(w**2, axis=0) / whole
-        freedom = degrees.sum(axis=0)
-        enough = np.maximum(freedom, 1)
-        observed = np.where(freedom > 0, np.sqrt(squares.sum(axis=0) / enough), np.nan)
-        beyond = np.sqrt(np.maximum(more.sum(axis=0), 0.0) / np.maximum(room.sum(axis=0), _TINY)) * (freedom > 0)
-        expected = explained + degrees * beyond**2
-        uneven = _uneven(squares / np.where(expected > 0.0, expected, np.inf), degrees)
-        stated = np.sqrt(explained.sum(axis=0) / enough)
-        every = np.all(~known | (own > 0.0), axis=0) & (stated > 0.0)
-        times = np.where(
-            every, np.sqrt(weighed.sum(axis=0) / enough), observed / np.where(stated > 0.0, stated, np.inf)
-        )
-        return cls(observed, beyond, stated, times, freedom.astype(np.int64), uneven, factor, residuals)
-
-    def sd(self, errors: FloatArray) -> FloatArray:
-        """Return the standard deviation of a run's values by its standard errors (…, p); NaN where nothing tells it."""
-        own = np.where((self.degrees > 0) & ~np.isfinite(errors), 0.0, errors)
-        return np.asarray(np.hypot(self.factor * own, self.beyond))
-
-    @property
-    def freedom(self) -> FloatArray:
-        """Degrees of freedom behind a standard deviation, (p,): those of `residuals` where nothing was repeated.
-
-        What they explain is known better the more repeats agree (`benchmarks/intervals.py` measures the coverage).
-        """
-        own = self.stated**2
-        explained = own / np.maximum(own + self.beyond**2, np.finfo(np.float64).tiny)
-        return np.where(self.degrees > 0, self.degrees * (1.0 + 0.5 * self.degrees * explained**2), self.residuals)
-
-    def times_stated(self, of: BoolArray) -> float:
-        """How many times what standard errors, times `factor`, say some, `of` (p,), scatter by: 1 by chance.
-
-        Values that do not scatter at all were rounded or copied, and tell nothing of noise.
-        """
-        told = of & (self.observed > 0.0) & (self.stated > 0.0) & ~self.uneven  # NaN where nothing was repeated
-        squares = self.times[told] ** 2 @ self.degrees[told]
-        count = self.degrees[told].sum()
-        by_chance = min(chdtr(count, squares), chdtrc(count, squares)) > 0.5 * RARE if count else True
-        return 1.0 if by_chance else math.sqrt(squares / count)
-
-
-def _uneven(times: FloatArray, degrees: FloatArray) -> BoolArray:
-    """Return which parameters scatter otherwise from temperature to temperature: variances `times` (k, p) the expected.
-
-    Bartlett's test (Snedecor and Cochran, Statistical Methods) at `RARE` for all parameters together.
-    """
-    told = (degrees > 0) & (times > 0.0)
-    nu = np.where(told, degrees, 0.0)
-    whole, others = np.maximum(nu.sum(axis=0), 1.0), told.sum(axis=0) - 1
-    logs = np.log(np.where(told, times, 1.0))
-    statistic = whole * np.log(np.maximum((nu * times).sum(axis=0) / whole, 1e-300)) - (nu * logs).sum(axis=0)
-    inverse = np.where(told, 1.0 / np.maximum(nu, 1.0), 0.0).sum(axis=0) - 1.0 / whole
-    chance = chdtrc(np.maximum(others, 1), statistic / (1.0 + inverse / (3.0 * np.maximum(others, 1))))
-    return np.asarray((others > 0) & (chance < RARE / times.shape[1]))
 
 
 @dataclass(frozen=True)
@@ -376,7 +271,7 @@ def _channels(conditions: Conditions) -> dict[str, str]:
     form, channels = default_form(conditions), list(conditions.sensor.channels)
     columns = form.columns(conditions)
     response = np.linalg.pinv(columns.reshape(-1, len(form.names))).reshape(-1, *columns.shape[:2])
-    share = np.sum(response**2, axis=1) / np.maximum(np.sum(response**2, axis=(1, 2)), _TINY)[:, None]
+    share = np.sum(response**2, axis=1) / np.maximum(np.sum(response**2, axis=(1, 2)), 1e-300)[:, None]
     return {
         name: channels[int(np.argmax(own))] for name, own in zip(form.names, share, strict=True) if own.max() > _ALONE
     }

@@ -16,8 +16,9 @@ from hil.analysis.thermal.stations import Stations
 from hil.campaign import Collects, FloatArray, IntArray
 from hil.model.forms import LinearForm
 from hil.solve import solve
-from hil.solve.repeats import CONFIDENCE, Spread
+from hil.solve.repeats import CONFIDENCE
 from hil.solve.runs import OBSERVABLE, stated_noise
+from hil.solve.spread import Spread
 
 
 @dataclass(frozen=True)
