@@ -20,7 +20,8 @@ import numpy as np
 
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.campaign.plausibility import clipped, unclipped
-from hil.solve.explained import HARDLY, Cause, Explained, explanations, mended, sees_from
+from hil.solve.causes import Cause
+from hil.solve.explained import HARDLY, Explained, explanations, mended, sees_from
 from hil.solve.neighbours import OTHER_BIAS, compared_with_neighbours
 from hil.solve.precision import with_every_error
 from hil.solve.temperatures import unsettled
