@@ -30,7 +30,7 @@ def budget(
     from hil.model import load_model
     from hil.solve import repeats as what_repeats_show
     from hil.solve import solve_campaign
-    from hil.solve.wrong_rows import what_is_wrong
+    from hil.solve.omissions import what_is_wrong
 
     chosen = None if model is None else load_model(model)
     if Path(source).is_dir():

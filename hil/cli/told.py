@@ -16,7 +16,7 @@ from rich.table import Table
 from hil.archive.sentences import sentences, some
 from hil.cli.output import Aside, listing
 from hil.files.numbers import WHOSE
-from hil.solve.wrong_rows import in_words
+from hil.solve.omissions import in_words
 from procedures.words import counted, harmless
 
 _MARK = "\x1f"  # begins a line that is none of text; what is filled in has no control characters

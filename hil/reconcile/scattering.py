@@ -27,8 +27,9 @@ from hil.reconcile.search.posterior import Posterior
 from hil.reconcile.unrecorded import with_stand_ins
 from hil.reconcile.workflow import ALPHA, searched
 from hil.solve.both_sensors import BothSensors, common_and_differential
+from hil.solve.omissions import in_words, otherwise, without
 from hil.solve.temperatures import runs_by_temperature
-from hil.solve.wrong_rows import in_words, otherwise, pooled, without
+from hil.solve.wrong_rows import pooled
 from procedures.words import listed, unit_in_words
 
 ORDINARY = "ordinary"

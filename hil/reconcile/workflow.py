@@ -39,7 +39,8 @@ from hil.reconcile.search.problem import Problem, pose
 from hil.reconcile.search.terms import PLAIN
 from hil.reconcile.unrecorded import beside_unasked, with_stand_ins
 from hil.solve.both_sensors import BothSensors, common_and_differential
-from hil.solve.wrong_rows import in_words, otherwise, pooled, without
+from hil.solve.omissions import in_words, otherwise, without
+from hil.solve.wrong_rows import pooled
 from procedures.verdict import NOT_GOOD
 
 ALPHA = 0.05

@@ -38,10 +38,10 @@ from hil.records.status import night_status
 from hil.records.verify import MISSING, verify_night
 from hil.report.content import ReportContent, gather
 from hil.report.statements import assumed
+from hil.solve.omissions import in_words, what_is_wrong
 from hil.solve.repeats import SensorRepeats
 from hil.solve.runs import finite
 from hil.solve.temperatures import how_many
-from hil.solve.wrong_rows import in_words, what_is_wrong
 from procedures.verdict import NOT_GOOD
 from procedures.words import listed
 

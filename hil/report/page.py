@@ -13,8 +13,8 @@ from hil.report.night_view import night_view
 from hil.report.provenance import campaign_files, campaign_provenance
 from hil.report.sensor_view import key_numbers, sensor_view
 from hil.report.statements import assumed, cannot_tell, good, headline, largest, to_do
+from hil.solve.omissions import in_words, what_is_wrong
 from hil.solve.runs import reasons
-from hil.solve.wrong_rows import in_words, what_is_wrong
 from procedures.verdict import Verdict
 
 _MOST_IN_WORDS = 3

@@ -7,9 +7,9 @@ import numpy as np
 
 from hil.campaign import Campaign
 from hil.files.document import picked
+from hil.solve.omissions import what_is_wrong
 from hil.solve.repeats import SensorRepeats, repeats
 from hil.solve.runs import RunSolution, finite
-from hil.solve.wrong_rows import what_is_wrong
 
 SCHEMA = "hil.solution/1"
 

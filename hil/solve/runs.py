@@ -24,8 +24,9 @@ from hil.model.forms import LinearForm, default_form, named_form
 from hil.solve.contractor import METHOD, can_follow, solve_as_contractor
 from hil.solve.identifiability import orthonormal
 from hil.solve.least_squares import Solution, solve
+from hil.solve.omissions import not_settled
 from hil.solve.precision import measured_well_enough, unstated
-from hil.solve.wrong_rows import WrongRows, not_settled, wrong_rows
+from hil.solve.wrong_rows import WrongRows, wrong_rows
 from procedures.verdict import Judgement, Verdict, combine
 from procedures.words import counted, listed, numbered, plural, significant, spelled
 

@@ -13,7 +13,6 @@ temperature show (`hil.solve.neighbours`).
 from collections.abc import Collection, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -24,7 +23,6 @@ from hil.solve.causes import Cause
 from hil.solve.explained import HARDLY, Explained, explanations, mended, sees_from
 from hil.solve.neighbours import OTHER_BIAS, compared_with_neighbours
 from hil.solve.precision import with_every_error
-from hil.solve.temperatures import unsettled
 from procedures.verdict import Judgement, Verdict, combine
 from procedures.words import numbered, significant
 
@@ -103,7 +101,7 @@ def wrong_rows(campaign: Campaign) -> dict[int, WrongRows]:
         number: _wrong_rows(
             rows,
             tuple(campaign.exchanged.get(number, ())),
-            frozenset(_failed(campaign, number)),
+            frozenset(failed(campaign, number)),
             alike(campaign, number),
         )
         for number, rows in campaign.sensors.items()
@@ -130,13 +128,13 @@ def beside(collects: Collects, other: Collects | None) -> FloatArray:
     return out
 
 
-def _failed(campaign: Campaign, number: int) -> set[int]:
+def failed(campaign: Campaign, number: int) -> set[int]:
     """Return a sensor's runs that FAIL by what was recorded of them, mended or not."""
     recorded = {run for run, of in campaign.verdicts.items() if of.verdict is Verdict.FAIL}
     return recorded | {run for run, sensor in campaign.contradicted if sensor == number}
 
 
-def _mended(campaign: Campaign, number: int) -> set[int]:
+def failed_but_mended(campaign: Campaign, number: int) -> set[int]:
     """Return a sensor's runs that FAIL by their records for nothing but what is mended."""
     if not campaign.contradicted:
         return set()
@@ -273,113 +271,6 @@ def clipped_rows(collects: Collects) -> list[Wrong]:
     return out
 
 
-def what_is_wrong(campaign: Campaign) -> dict[str, Any]:
-    """Return what is wrong with rows and runs of all sensors: keys `rows`, and those of `without`, of every document.
-
-    Rows are those of runs that are in means: of the others each solution's reason says it. `rows_seen_from`, deg/hr by
-    sensor, is there for one of which so few runs were made that a collect off by less is not seen.
-    """
-    not_used, every = pooled(campaign).not_used, wrong_rows(campaign)
-    rows = [each for found in every.values() for each in found.rows]
-    seen_from = {str(number): found.sees_from for number, found in every.items() if found.sees_from is not None}
-    return {
-        "rows": [each.document() for each in rows if each.run not in not_used[each.sensor]],
-        **without(campaign),
-    } | ({"rows_seen_from": seen_from} if seen_from else {})
-
-
-def without(campaign: Campaign) -> dict[str, Any]:
-    """Return keys `missing`, of what was asked for; `runs_not_used`, by sensor; `runs_not_settled`: sensor, runs, why.
-
-    And `runs_used_though_failed` where every run FAILs, so that all are used.
-    """
-    used = pooled(campaign)
-    found: dict[str, Any] = {
-        "missing": list(campaign.missing),
-        "runs_not_used": {str(number): list(runs) for number, runs in used.not_used.items() if runs},
-    }
-    found["runs_not_settled"] = [
-        {"sensor": number, "runs": [run for run, of in soaks.items() if of == why], "why": why}
-        for number, soaks in not_settled(used).items()
-        for why in dict.fromkeys(soaks.values())
-    ]
-    runs = {number: set(rows.conditions.run.tolist()) for number, rows in used.sensors.items()}
-    every = {
-        str(number): sorted(own)
-        for number, own in runs.items()
-        if not used.not_used[number] and own <= _failed(used, number) - _mended(used, number)
-    }
-    return found | ({"runs_used_though_failed": every} if every else {})
-
-
-def in_words(wrong: Mapping[str, Any], *, searched: bool = False) -> list[str]:
-    """Say of each entry of the keys that `what_is_wrong` returns what is done and why; `searched`: by the search."""
-    more = "" if searched else "; hil reconcile weighs it against everything else, and may leave it out"
-    runs_by_words: dict[tuple[str, int, str], list[int]] = {}
-    for each in wrong.get("rows", ()):
-        why = each["why"].removeprefix(f"sensor {each['sensor']}: ")
-        runs_by_words.setdefault((each["done"], each["sensor"], why), []).append(each["run"])
-    rows = [
-        f"{done}: sensor {number}, {of_runs(runs, why)}{more * (done == USED)}"
-        for (done, number, why), runs in runs_by_words.items()
-    ]
-    where = "in no mean, in no other run's ±, in no search"
-    return (
-        [f"missing: {each}" for each in wrong.get("missing", ())]
-        + rows
-        + [
-            f"sensor {number}: {numbered('run', runs)} FAILed by what was recorded: {where}"
-            for number, runs in wrong.get("runs_not_used", {}).items()
-        ]
-        + [
-            f"sensor {number}: every run FAILed by what was recorded: no number of it is to be used"
-            for number in wrong.get("runs_used_though_failed", {})
-        ]
-        + [
-            f"sensor {each['sensor']}, {numbered('run', each['runs'])}: {each['why']}"
-            for each in wrong.get("runs_not_settled", ())
-        ]
-        + [
-            f"sensor {number}: among so few runs a collect that is off by less than {significant(size)} deg/hr may not "
-            "be seen here; hil reconcile looks closer"
-            for number, size in wrong.get("rows_seen_from", {}).items()
-        ]
-    )
-
-
-def of_runs(runs: Collection[int], why: str) -> str:
-    """Say something of runs, their numbers once."""
-    which = numbered("run", runs)
-    return f"{which}: {why.removeprefix(f'{which} ')}"
-
-
-def not_settled(campaign: Campaign) -> dict[int, dict[int, str]]:
-    """Return by sensor the runs, of those that are in means, in which the unit had not settled, and why."""
-    every, used = campaign.sensors, pooled(campaign).sensors
-    told = {number: unsettled(every[number].conditions) for number in used}
-    return {n: {run: of for run, of in told[n].items() if run in rows.conditions.run} for n, rows in used.items()}
-
-
-def otherwise(campaign: Campaign, rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Say where the search's `rows` are not what the quick form, which numbers are made from, does about them."""
-    search, quick = (
-        {
-            (int(row["sensor"]), channel, collect)
-            for row in of
-            if row["done"] != USED
-            for collect, channel in product(row["collects"], row["channels"])
-        }
-        for of in (rows, what_is_wrong(campaign)["rows"])
-    )
-    here = "by hil solve, report, budget, thermal and visibility, which look less closely"
-    return [
-        f"sensor {sensor}, {channel}: {numbered('collect', sorted(n for *of, n in odd if of == [sensor, channel]))}: "
-        f"{what} {here}"
-        for odd, what in ((search - quick, "used as measured"), (quick - search, "left out or mended"))
-        for sensor, channel in sorted({(s, c) for s, c, _ in odd})
-    ]
-
-
 def treated(campaign: Campaign) -> Campaign:
     """Return what numbers are made from: rows mended or left out, and no run of which nothing holds, if any does.
 
@@ -402,7 +293,7 @@ def pooled(campaign: Campaign) -> Campaign:
     """
     sensors, not_used = {}, {}
     for number, rows in campaign.sensors.items():
-        kept = ~np.isin(rows.conditions.run, list(_failed(campaign, number) - _mended(campaign, number)))
+        kept = ~np.isin(rows.conditions.run, list(failed(campaign, number) - failed_but_mended(campaign, number)))
         sensors[number] = rows.rows(kept) if kept.any() and not kept.all() else rows
         gone = np.setdiff1d(rows.conditions.run, sensors[number].conditions.run).tolist()
         not_used[number] = sorted({*campaign.not_used.get(number, ()), *gone})

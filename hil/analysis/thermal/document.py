@@ -7,9 +7,9 @@ from hil.analysis.thermal.choice import FALSE_ALARM
 from hil.analysis.thermal.fit import DESCRIBES, ParameterFit, SensorFit, ThermalFit
 from hil.analysis.thermal.improvement import Improvement
 from hil.files.document import picked, plain
+from hil.solve.omissions import what_is_wrong
 from hil.solve.repeats import CONFIDENCE
 from hil.solve.runs import not_passed, runs_in_words, solve_campaign
-from hil.solve.wrong_rows import what_is_wrong
 from procedures.words import listed, significant
 
 SCHEMA = "hil.thermal/1"

@@ -20,8 +20,9 @@ from hil.design.visibility.worth import MOST_RUNS, improvements
 from hil.model import Model
 from hil.model.effects.catalogue import FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS
 from hil.solve import repeats, solve_campaign
+from hil.solve.omissions import what_is_wrong
 from hil.solve.repeats import SensorRepeats
-from hil.solve.wrong_rows import treated, what_is_wrong
+from hil.solve.wrong_rows import treated
 from procedures.plan import make_plan
 
 

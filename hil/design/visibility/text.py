@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from hil.files.text import filled
-from hil.solve.wrong_rows import in_words
+from hil.solve.omissions import in_words
 from procedures.words import unit_in_words
 
 _WORTH = 0.95  # of the size at which effects are seen without a change

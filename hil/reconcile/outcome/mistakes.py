@@ -17,8 +17,9 @@ from hil.reconcile.search.fitted import Fitted
 from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.problem import Problem, SensorProblem
 from hil.reconcile.search.terms import Term
+from hil.solve.omissions import in_words
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED
-from hil.solve.wrong_rows import MENDED, USED, Wrong, clipped_rows, in_words
+from hil.solve.wrong_rows import MENDED, USED, Wrong, clipped_rows
 from procedures.words import numbered
 
 _PAIR = 2  # rows whose labels are exchanged; of more it is the channels

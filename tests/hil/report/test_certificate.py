@@ -16,7 +16,7 @@ from hil.config import Bench, load_bench, parse_bench
 from hil.records.export import campaign_of_night
 from hil.report.certificate import Asked, Certificate, certificate, refusals
 from hil.solve import repeats, solve_campaign
-from hil.solve.wrong_rows import without
+from hil.solve.omissions import without
 from tests.hil.cli.test_cli_in_spec import WIDE
 
 TODAY = date(2026, 11, 30)

@@ -11,8 +11,8 @@ from hil.analysis.thermal import fit_thermal
 from hil.analysis.thermal.document import thermal_document
 from hil.campaign import Campaign, Collects
 from hil.solve import repeats, solve_campaign
+from hil.solve.omissions import in_words, what_is_wrong
 from hil.solve.spread import Spread
-from hil.solve.wrong_rows import in_words, what_is_wrong
 from procedures.verdict import Judgement, Verdict
 from tests.hil.analysis.thermal.nights import PUBLISHED_DEGC, RUN_TO_RUN, rotor_night, scaled
 from tests.hil.solve.test_neighbours import campaign as runs_at_their_temperatures

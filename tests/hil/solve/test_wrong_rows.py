@@ -12,7 +12,8 @@ from hil.analysis.thermal.document import thermal_document
 from hil.campaign import Campaign
 from hil.campaign.plausibility import judged_by_its_records
 from hil.solve import repeats, solve_campaign
-from hil.solve.wrong_rows import LEFT_OUT, MENDED, in_words, otherwise, pooled, treated, what_is_wrong, wrong_rows
+from hil.solve.omissions import in_words, otherwise, what_is_wrong
+from hil.solve.wrong_rows import LEFT_OUT, MENDED, pooled, treated, wrong_rows
 from procedures.verdict import Judgement, Verdict
 from tests.hil.audit.folders import FOLDERS
 from tests.hil.solve.test_neighbours import campaign, with_column, with_rates
