@@ -91,13 +91,14 @@ class RunSolution:
         )
 
 
-def solve_campaign(campaign: Campaign, model_name: str | None = None) -> list[RunSolution]:
-    """Solve every run of every sensor, in the order of runs, then sensors.
+def solve_campaign(campaign: Campaign, model_name: str | None = None, sensor: int | None = None) -> list[RunSolution]:
+    """Solve every run of every sensor, or of one, in the order of runs, then sensors.
 
     `model_name` None takes each run's default: matrix-6 for rotor sensors, triad-12 for triads whose positions allow
     it, constant otherwise with the reason. Raises InputError for a model that does not fit the sensor.
     """
-    found, rows = [], wrong_rows(campaign)
+    every = wrong_rows(campaign)
+    found, rows = [], every if sensor is None else {sensor: every[sensor]}
     for number, wrong in rows.items():
         solved = [*_solved(wrong.collects, model_name)]
         among = _of_as_many(solved)

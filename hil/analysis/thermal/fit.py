@@ -153,8 +153,7 @@ def fit_thermal(
     sensors, without = {}, {}
     for number, collects in treated(campaign).sensors.items():
         try:
-            own = replace(campaign, sensors={number: campaign.sensors[number]})
-            shown = repeats(own, solve_campaign(own, model_name))[number]
+            shown = repeats(campaign, solve_campaign(campaign, model_name, number))[number]
             sensors[number] = fit_sensor(collects, shown, model_name, highest_order, apart_degC, seed)
         except InputError as error:
             without[number] = str(error)

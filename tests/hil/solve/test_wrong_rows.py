@@ -48,6 +48,19 @@ def test_labels_of_a_body_are_exchanged_for_all_its_sensors() -> None:
     assert {(e.run, e.verdict) for e in solve_campaign(body) if e.run == 5} == {(5, Verdict.FAIL)}
 
 
+def test_of_one_sensor_that_is_solved_the_other_tells_as_much() -> None:
+    """Both sensors' rates of run 3 stand under each other: whoever solves one of them knows it by the other."""
+    filed = made("two sensors")
+    here = {n: rows.conditions.run == 3 for n, rows in filed.sensors.items()}
+    rates = {n: (-0.5 if n == 1 else 1.0) * rows.rates_deg_per_hr for n, rows in filed.sensors.items()}
+    rates[1][here[1]], rates[2][here[2]] = rates[2][here[2]].copy(), rates[1][here[1]].copy()
+    sensors = {n: replace(rows, rates_deg_per_hr=rates[n]) for n, rows in filed.sensors.items()}
+    torn = replace(filed, sensors=sensors)
+    assert [each.why for each in wrong_rows(torn)[2].rows if "other sensor" in each.why]
+    every = [(each.run, each.verdict, each.reason) for each in solve_campaign(torn) if each.sensor == 2]
+    assert [(each.run, each.verdict, each.reason) for each in solve_campaign(torn, None, 2)] == every
+
+
 def test_what_accelerometers_exchange_and_rates_do_not_is_in_no_mean() -> None:
     """Nobody knows which of the two is wrong: the run is solved as filed, FAILs, and is in nothing else."""
     torn = judged_by_its_records(made("contradicted"))
