@@ -46,7 +46,7 @@ from hil.records.damage import damaged_self_calibrations
 from hil.records.heartbeat import HeartbeatFile
 from hil.records.identity import night_identity
 from hil.records.ledger import read_key
-from hil.records.live import TRACE_NAME, LiveFiles, LiveFilesOfUnits
+from hil.records.live import TRACE_NAME, LiveFiles
 from hil.records.reader import proven_once, refuse_existing
 from hil.records.requests import user
 from hil.records.rows import Night
@@ -231,12 +231,10 @@ def _carry_out(
     notifier = notifier_of(live.bench, journal)
     polling = _polling(live)
     every_s, announced_s = _looked_at_every_s(live, polling), polling.read_interval_s
-    shown = LiveFilesOfUnits(
-        {
-            name: LiveFiles(journal.folder, devices.imu.sensors, every_s=every_s, announced_s=announced_s, unit=name)
-            for name, devices in live.devices.units.items()
-        }
-    )
+    shown = [
+        LiveFiles(journal.folder, devices.imu.sensors, every_s=every_s, announced_s=announced_s, unit=name)
+        for name, devices in live.devices.units.items()
+    ]
     try:
         journal.listen(log.say)
         journal.listen(notifier.hear)
@@ -254,7 +252,7 @@ def _carry_out(
             interlocks=live.bench.interlocks,
             polling=polling,
             progress=Audience(
-                [*([live.faults] if live.faults else []), shown, *([progress] if progress else [])],
+                [*([live.faults] if live.faults else []), *shown, *([progress] if progress else [])],
                 lost=lambda error: journal.event("onlooker-lost", f"progress is no longer shown: {error!r}"),
             ),
             powered_on=_powered_on(live),
@@ -272,7 +270,8 @@ def _carry_out(
             wear = live.devices.chamber.wear_warning
             if wear is not None:
                 journal.event("wear", f"chamber: {wear}")
-            shown.close()  # what it shows is recorded with the verdict
+            for files in shown:
+                files.close()  # what they show is recorded with the verdict
             judge(journal, outcome.state)
             _archive(journal, live.bench, outcome.state)
             journal.finish(f"{outcome.state}: {outcome.reason}")
@@ -281,7 +280,8 @@ def _carry_out(
     finally:
         heartbeat.alive(LAST_WORDS_S)
         notifier.close()
-        shown.close()
+        for files in shown:
+            files.close()
         heartbeat.close()
         log.close()
 

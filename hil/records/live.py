@@ -75,6 +75,7 @@ class LiveFiles(Silent):
         clock: Clock | None = None,
     ) -> None:
         folder = unit_folder(folder, unit)
+        self._unit = unit
         self._path = folder / LIVE_NAME
         self._clock = clock or SystemClock()  # real time also where the night's is simulated
         self._every_s = max(every_s, _EVERY_S)
@@ -88,7 +89,9 @@ class LiveFiles(Silent):
             self._trace = _open_trace(folder / TRACE_NAME, self._columns)
 
     def update(self, snapshot: Snapshot) -> None:
-        """Add a row to the trace, and replace the state where the last is a second old."""
+        """Add a row to the trace, and replace the state where the last is a second old; pass over other units."""
+        if snapshot.unit != self._unit:
+            return
         self._last = snapshot
         if self._trace is None:
             return
@@ -126,22 +129,6 @@ class LiveFiles(Silent):
         if trace is not None:
             with suppress(OSError):
                 trace.close()
-
-
-class LiveFilesOfUnits(Silent):
-    """The files of every unit, by its name: each sees its own snapshots only."""
-
-    def __init__(self, files: Mapping[str, LiveFiles]) -> None:
-        self._files = files
-
-    def update(self, snapshot: Snapshot) -> None:
-        """See the state of one unit at a poll."""
-        self._files[snapshot.unit].update(snapshot)
-
-    def close(self) -> None:
-        """Write the newest states and close."""
-        for files in self._files.values():
-            files.close()
 
 
 def _open_trace(path: Path, columns: Sequence[str]) -> BufferedWriter:

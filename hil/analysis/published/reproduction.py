@@ -145,12 +145,7 @@ class Reproduction:
         }
 
 
-def reproduce(
-    campaign: Campaign,
-    sensor: int = 2,
-    table_1: str = "rd-gc-86-1-table-1",
-    table_a1: str = "rd-gc-86-1-table-a1",
-) -> Reproduction:
+def reproduce(campaign: Campaign, sensor: int = 2) -> Reproduction:
     """Return the report's tables and figures from the runs of a campaign that have its three collects.
 
     Raises `InputError` where the sensor is not there, or none of its runs has Collects 1, 2 and 3.
@@ -163,7 +158,7 @@ def reproduce(
     solved = {run: found for run in np.unique(rows.conditions.run).tolist() if (found := _run(rows, run)) is not None}
     if not solved:
         raise InputError(f"{campaign.title}: no run of sensor {sensor} has the report's Collects 1, 2 and 3")
-    audit = audit_table(table_1)
+    audit = audit_table("rd-gc-86-1-table-1")
     groups = [
         (temperature, [solved[run] for run in runs if run in solved])
         for temperature, runs in runs_by_temperature(rows.conditions)
@@ -187,7 +182,7 @@ def reproduce(
         tuple(labels),
         table,
         tuple(each.seven for each in solved.values()),
-        _printed_seven(table_a1),
+        _printed_seven(),
         tuple(each.error for each in solved.values()),
     )
 
@@ -261,8 +256,8 @@ def _printed(audit: Audit, group: str | None, axis: str, role: str) -> Printed |
     )
 
 
-def _printed_seven(name: str) -> tuple[SevenBiases, ...]:
-    rows = audit_table(name).table.rows
+def _printed_seven() -> tuple[SevenBiases, ...]:
+    rows = audit_table("rd-gc-86-1-table-a1").table.rows
     return tuple(SevenBiases(str(row.label), {role: row.cells[role].value for role in SEVEN}) for row in rows)
 
 

@@ -144,7 +144,6 @@ def fit_thermal(
     *,
     highest_order: int = HIGHEST_ORDER,
     apart_degC: float | None = None,
-    seed: int = 0,
 ) -> ThermalFit:
     """Fit each sensor of a campaign that can be; raise `InputError` where none can, as it takes three temperatures."""
     if model_name is not None and (model_name not in MODEL_NAMES or model_name == "matrix-6-thermal"):
@@ -154,7 +153,7 @@ def fit_thermal(
     for number, collects in treated(campaign).sensors.items():
         try:
             shown = repeats(campaign, solve_campaign(campaign, model_name, number))[number]
-            sensors[number] = fit_sensor(collects, shown, model_name, highest_order, apart_degC, seed)
+            sensors[number] = fit_sensor(collects, shown, model_name, highest_order, apart_degC)
         except InputError as error:
             without[number] = str(error)
     if not sensors:
@@ -163,21 +162,21 @@ def fit_thermal(
 
 
 def fit_sensor(
-    collects: Collects, shown: SensorRepeats, model: str | None, order: int, apart_degC: float | None, seed: int
+    collects: Collects, shown: SensorRepeats, model: str | None, order: int, apart_degC: float | None
 ) -> SensorFit:
     """Fit one sensor's parameters, `shown` by its repeats; see `fit_thermal`, also for where it raises `InputError`."""
     number = collects.conditions.sensor.number
     layout, notes = layout_of(number, collects, model, apart_degC)
     seen = visits(layout)
     free = [seen.along(place, None)[0] for place in range(len(layout.form.names))]
-    choices = _choices(layout, free, seen.known, order, seed)
+    choices = _choices(layout, free, seen.known, order)
     if not seen.known:
         notes.append(f"sensor {number}: neither repeats nor standard errors: what the curves leave is taken for noise")
         left = [_misfit(layout, v, c.form.order or 0).ratio for v, c in zip(free, choices, strict=True)]
         seen = scaled(seen, np.sqrt(left))
         free = [seen.along(place, None)[0] for place in range(len(layout.form.names))]
     errors = [
-        nested_errors(layout.stations.centre_degC, each, choice, order, seed)
+        nested_errors(layout.stations.centre_degC, each, choice, order)
         for each, choice in zip(free, choices, strict=True)
     ]
     parameters = {
@@ -201,9 +200,7 @@ def fit_sensor(
     return SensorFit(number, layout, parameters, rates, scatter, tuple(notes))
 
 
-def _choices(
-    layout: Layout, values: Sequence[Estimates], noise_known: bool, highest_order: int, seed: int
-) -> list[Choice]:
+def _choices(layout: Layout, values: Sequence[Estimates], noise_known: bool, highest_order: int) -> list[Choice]:
     """Choose each parameter's form.
 
     Values that stay within their noise need a rare win to be more than a constant: over all parameters of the sensor
@@ -216,7 +213,7 @@ def _choices(
             each.values,
             each.covariance,
             highest_order=highest_order,
-            seed=seed + place,
+            seed=place,
             first_alarm=FALSE_ALARM if noise_known and _changes(layout, each) else rare,
         )
         for place, each in enumerate(values)

@@ -44,9 +44,9 @@ class Improvement:
         return self.low > 0.0
 
 
-def improvement(constant: FloatArray, modelled: FloatArray, weight: FloatArray, seed: int = 0) -> Improvement:
+def improvement(constant: FloatArray, modelled: FloatArray, weight: FloatArray) -> Improvement:
     """Compare held-out errors (S,) of constant and model, weighted."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     drawn = rng.integers(len(weight), size=(_RESAMPLES, len(weight)))
     before, after = weight * constant**2, weight * modelled**2
 
@@ -68,9 +68,7 @@ def improvement(constant: FloatArray, modelled: FloatArray, weight: FloatArray, 
     )
 
 
-def nested_errors(
-    temperature_degC: FloatArray, values: Estimates, choice: Choice, highest_order: int, seed: int
-) -> FloatArray:
+def nested_errors(temperature_degC: FloatArray, values: Estimates, choice: Choice, highest_order: int) -> FloatArray:
     """Return the error at each temperature (S,) of the form that is chosen, and fitted, without it.
 
     Where the constant was chosen, or too few temperatures would be left to choose from, it is the chosen form's own.
@@ -88,7 +86,6 @@ def nested_errors(
             values.values[shown],
             values.covariance[np.ix_(shown, shown)],
             highest_order=highest_order,
-            seed=seed,
             draws=_DRAWS,
         )
         out[left] = errors[own.form.name][left]

@@ -13,7 +13,7 @@ import pytest
 from drivers.clock import VirtualClock
 from drivers.frames.counts import StreamCounts
 from drivers.frames.roles import SensorRole
-from hil.records.live import LIVE_NAME, TRACE_NAME, LiveFiles, LiveFilesOfUnits, TraceReader, read_live
+from hil.records.live import LIVE_NAME, TRACE_NAME, LiveFiles, TraceReader, read_live
 from hil.records.units import unit_folder
 from procedures.plan import Step, StepKind
 from procedures.progress import Audience, Silent, Snapshot
@@ -70,10 +70,10 @@ def test_the_newest_state_and_a_row_for_every_second_can_be_read_while_the_night
 def test_every_unit_sees_its_own_snapshots_only(tmp_path, clock) -> None:
     """What one unit reads never stands in another's folder."""
     units = {name: LiveFiles(tmp_path, SENSORS, every_s=0.5, unit=name, clock=clock) for name in ("a", "b")}
-    files = LiveFilesOfUnits(units)
-    files.update(seen(100.0, unit="a"))
-    files.update(seen(101.0, unit="b"))
-    files.close()
+    for files in units.values():
+        files.update(seen(100.0, unit="a"))
+        files.update(seen(101.0, unit="b"))
+        files.close()
     assert [read_live(unit_folder(tmp_path, name))["elapsed_s"] for name in units] == [100.0, 101.0]
 
 
