@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq
 from scipy.special import stdtr, stdtrit
 
 from hil.campaign import Conditions, FloatArray
@@ -70,6 +69,8 @@ def described_parameters(
 def _within(shapes: Sequence[tuple[float, Values]], number: int, freedom: int, share: float) -> tuple[float, float]:
     """Return between what a value is with a probability `share`, whichever the shape."""
     weight, value, error = np.array([(w, *values[number]) for w, values in shapes if number in values]).T
+    from scipy.optimize import brentq  # imported late: it is slow, and only a found effect needs it
+
     tail = 0.5 - 0.5 * share
     far = 1.01 * float(stdtrit(freedom, 1.0 - tail)) * error
 

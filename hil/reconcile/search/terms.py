@@ -224,7 +224,8 @@ def _sizes(candidate: Candidate, noise: float) -> tuple[FloatArray, FloatArray, 
     if candidate.tier != 1:
         # Of what nobody has described, sizes from the noise up are as probable, order by order.
         typical = Parameter("", "", (0.5 * noise, 50.0 * noise))
-        middle = np.sqrt(0.5 * 50.0) * noise / rms * _dilution(candidate)
+        # A curve of several columns is as large as one column would be.
+        middle = np.sqrt(0.5 * 50.0 / max(candidate.size, 1)) * noise / rms
     else:
         first = candidate.parameters[0]
         typical = first
@@ -244,11 +245,6 @@ def _ladder(typical: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
     values = 0.1 * low * STEP ** np.arange(int(np.ceil(np.log(high * 1e3 / (low * 0.1)) / np.log(STEP))) + 1)
     log_weights = np.array([parameter.log_density(size) for size in values.tolist()])
     return np.asarray(values / _middle(parameter)), np.asarray(log_weights - np.logaddexp.reduce(log_weights))
-
-
-def _dilution(candidate: Candidate) -> float:
-    """A curve of several columns is as large as one column would be."""
-    return float(1.0 / np.sqrt(max(candidate.size, 1)))
 
 
 def _middle(parameter: Parameter) -> float:
