@@ -16,7 +16,7 @@ from hil.config.bench import load_bench
 from hil.config.sweep import load_sweep
 from hil.design.conditions import planned_conditions
 from hil.design.visibility.document import campaign_document, sweep_document, visibility_document
-from hil.design.visibility.map import NoiseLevel, Sights, base_values, visibility
+from hil.design.visibility.map import LARGEST_TIMES, NoiseLevel, Sights, base_values, visibility
 from hil.design.visibility.text import visibility_text
 from hil.design.visibility.worth import improvements
 from hil.model import Model, built_in_model, load_model
@@ -153,7 +153,7 @@ def test_changes_are_ranked_by_what_they_bring(published: dict[int, Conditions])
     assert names[0].startswith("add collect 4")
     assert ("MU_real", "k2") in found[0].separated
     assert names[-1] == "the same sweep twice"
-    order = next(one for one in improvements(published) if "1-3-2" in one.change)
+    order = next(one for one in improvements(published) if one.change == "take collect 3 before collect 2")
     assert order.protected == {n: (("drift", f"{kind}A"), ("drift", f"{kind}B")) for n, kind in ((2, "MU"), (1, "GS"))}
 
 
@@ -180,6 +180,18 @@ def test_collect_4_is_collect_3_turned_over() -> None:
     assert np.allclose(fourth, third * [-1.0, 1.0, -1.0])
     assert with_collect_4(extended) is None
     assert with_collect_4(triad_poses()) is None
+
+
+def test_a_size_beyond_all_that_is_searched_for_is_no_size(published: dict[int, Conditions]) -> None:
+    """An effect that decays before the first collect shows at 1e22 at most: nobody has that, so it is never."""
+    late = replace(published[2], start_s=published[2].start_s + 1e6)
+    late.columns["time_since_power_on_s"] = np.full(len(late), 1e6)
+    for conditions in (published[2], late):
+        for sight in visibility(conditions).effects:
+            for one in sight.smallest:
+                assert one.value == np.inf or one.value <= LARGEST_TIMES * one.parameter.typical[1]
+    warmup = visibility(late).sight("warmup")
+    assert warmup is None or np.isinf(warmup.best.value)
 
 
 def test_document_says_everything_a_program_needs(published: dict[int, Conditions]) -> None:
