@@ -344,3 +344,25 @@ def test_what_solve_doubts_and_the_search_does_not_is_said_by_its_collects() -> 
     assert [row.run for row in doubted] == [2]
     assert any("hil solve doubts" in words and "collect 5" in words for words in otherwise(wrong, ()))
     assert not any("doubts" in words for words in otherwise(wrong, [row.document() for row in doubted]))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said", "channels"),
+    [
+        (lambda rates: rates * [1.0, -1.0], "the sign of RB looks turned", ["RB"]),
+        (lambda rates: -rates, "the signs look turned", ["RA", "RB"]),
+        (lambda rates: rates[:, ::-1], "RA and RB look exchanged", ["RA", "RB"]),
+    ],
+)
+def test_what_is_wrong_with_a_whole_run_solve_and_the_search_say_and_mend_alike(wrong, said, channels) -> None:
+    """A sign, all of them, or the channels: what was filed less what would have been is one term."""
+    made = hidden_campaign(3, temperatures=(-10.0, 23.0, 50.0), positions=("1", "2", "3", "4"))
+    rates = made.sensors[2].rates_deg_per_hr.copy()
+    here = made.sensors[2].conditions.run == 2
+    rates[here] = wrong(rates[here])
+    torn = replace(made, sensors={2: replace(made.sensors[2], rates_deg_per_hr=rates)})
+    (quick,) = wrong_rows(torn)[2].rows
+    (row,) = found(torn, prove=False).rows
+    assert (row["run"], row["done"], row["channels"]) == (quick.run, quick.done, channels) == (2, MENDED, channels)
+    assert said in row["why"]
+    assert said in quick.why
