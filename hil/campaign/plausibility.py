@@ -252,14 +252,29 @@ def _laws(campaign: Campaign, series: Mapping[int, FloatArray]) -> Iterator[_Fou
             (each, beside if beside is not each else None)
             for each, beside in zip(group, [*group[1:], group[0]], strict=True)
         ]
-        of = [list(laws(each, campaign.site, beside, series)) for each, beside in pairs]
+        lost = {id(each): list(_lost(each, f"sensor {each.conditions.sensor.number}")) for each in group}
+        # What a thermometer shows that has lost the air is held against no other record.
+        told = {id(each): _without_temperature(each, [rows for _, rows, _ in lost[id(each)]]) for each in group}
+        of = [
+            list(laws(told[id(each)], campaign.site, None if beside is None else told[id(beside)], series))
+            for each, beside in pairs
+        ]
         alone = [np.any([law.broken for law in own if not law.mutual], axis=0) for own in of]
         for collects, own, other in zip(group, of, [*alone[1:], alone[0]], strict=True):
             name = f"sensor {collects.conditions.sensor.number}"
-            yield from _lost(collects, name)
+            yield from lost[id(collects)]
             for law in own:
                 if (broken := law.broken & ~other if law.mutual else law.broken).any():
                     yield [collects], broken, f"{name}: {law.words}"
+
+
+def _without_temperature(collects: Collects, rows: Sequence[BoolArray]) -> Collects:
+    """Return the collects with no temperature of the sensor in rows (n,) of any of these."""
+    if not rows:
+        return collects
+    columns = collects.conditions.columns
+    shown = np.where(np.any(rows, axis=0), np.nan, columns["temperature_degC"])
+    return replace(collects, conditions=replace(collects.conditions, columns={**columns, "temperature_degC": shown}))
 
 
 def _lost(collects: Collects, name: str) -> Iterator[_Found]:

@@ -202,6 +202,8 @@ def mended(collects: Collects, cause: Cause) -> Collects:
         rates[rows], se[rows] = rates[rows[::-1]], se[rows[::-1]]
     elif cause.what == "channels":
         rates[rows], se[rows] = rates[rows, ::-1], se[rows, ::-1]
+    elif cause.what in ("turned", "all turned"):
+        rates[rows, slice(None) if cause.channel is None else cause.channel] *= -1.0
     elif cause.what == "sensors":
         rates[rows] = cause.instead
     elif cause.what not in OF_THE_RUN:

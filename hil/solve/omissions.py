@@ -98,20 +98,25 @@ def not_settled(campaign: Campaign) -> dict[int, dict[int, str]]:
 
 
 def otherwise(campaign: Campaign, rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Say where the search's `rows` are not what the quick form, which numbers are made from, does about them."""
-    search, quick = (
-        {
+    """Say where the search's `rows` are not what the quick form, which numbers are made from, does or doubts."""
+
+    def rates(of: Sequence[Mapping[str, Any]]) -> set[tuple[int, str, int]]:
+        return {
             (int(row["sensor"]), channel, collect)
             for row in of
-            if row["done"] != USED
             for collect, channel in product(row["collects"], row["channels"])
         }
-        for of in (rows, what_is_wrong(campaign)["rows"])
-    )
+
+    asked = what_is_wrong(campaign)["rows"]
+    search, quick = (rates([row for row in of if row["done"] != USED]) for of in (rows, asked))
+    known = rates(rows)
+    doubted = [row for row in asked if row["done"] == USED and not rates([row]) & known]
     here = "by hil solve, report, budget, thermal and visibility, which look less closely"
-    return [
+    unsaid = "hil solve doubts, where nothing certain is found here"
+    differ = [
         f"sensor {sensor}, {channel}: {numbered('collect', sorted(n for *of, n in odd if of == [sensor, channel]))}: "
         f"{what} {here}"
         for odd, what in ((search - quick, "used as measured"), (quick - search, "left out or mended"))
         for sensor, channel in sorted({(s, c) for s, c, _ in odd})
     ]
+    return differ + [f"{unsaid}: {each}" for each in in_words({"rows": doubted}, searched=True)]

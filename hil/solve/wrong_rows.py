@@ -48,8 +48,8 @@ _DONE = {
     "exchanged": (MENDED, Verdict.FAIL),
     "channels": (MENDED, Verdict.FAIL),
     "sensors": (MENDED, Verdict.FAIL),
-    "turned": (LEFT_OUT, Verdict.FAIL),
-    "all turned": (LEFT_OUT, Verdict.FAIL),
+    "turned": (MENDED, Verdict.FAIL),
+    "all turned": (MENDED, Verdict.FAIL),
     "bias": (USED, Verdict.MARGINAL),
     "run": (LEFT_OUT, Verdict.INCONCLUSIVE),
 }
@@ -178,7 +178,7 @@ def _wrong_rows(
     unsure = {cause.place: cause for together in hidden for cause in together}
     likeliest, may_be = used, []
     for cause in unsure.values():
-        may_be.append(_of(filed, cause, _DONE[cause.what][0], _in_words(filed, cause)))
+        may_be.append(_of(filed, cause, _DONE[cause.what][0], cause_in_words(filed, cause)))
         likeliest = mended(likeliest, cause)
     seen_from = sees_from(used, failed)
     return WrongRows(
@@ -197,7 +197,7 @@ def _as_the_unit_lay(
         laid = mended(collects, cause)
         if not any({i, j} & set(each.rows.tolist()) for each in compared_with_neighbours(laid, failed).found):
             collects = laid
-            out.append(_of(laid, cause, MENDED, f"{numbered('collect', pair)} look exchanged: {_LIES}"))
+            out.append(_of(laid, cause, MENDED, f"{cause_in_words(laid, cause)}: {_LIES}"))
     return collects, out
 
 
@@ -205,13 +205,13 @@ def _said(filed: Collects, found: Explained) -> Iterator[tuple[int, Wrong, Verdi
     """Yield the runs that something found is about, what is done, and the verdict that they can have at best."""
     conditions, cause = filed.conditions, found.likeliest
     if cause is not None:
-        others = [_in_words(filed, other) for other, _ in found.rivals[1:]]
-        said = f"{_in_words(filed, cause)}{_REASON[cause.what]}{'; or '.join(['', *others])}"
+        others = [cause_in_words(filed, other) for other, _ in found.rivals[1:]]
+        said = f"{cause_in_words(filed, cause)}{_REASON[cause.what]}{'; or '.join(['', *others])}"
         done, verdict = _DONE[cause.what]
         yield cause.run, _of(filed, cause, done, said), verdict
         return
     runs = sorted({cause.run for cause, _ in found.rivals} or set(conditions.run.tolist()))
-    may_be = dict.fromkeys(_in_words(filed, each) for each, _ in found.rivals[:_FEW])
+    may_be = dict.fromkeys(cause_in_words(filed, each) for each, _ in found.rivals[:_FEW])
     several, every = len(runs) > 1, {*runs} == set(conditions.run.tolist())
     alone = "contradict each other" if several else "contradicts itself"
     how = alone if every else f"{'do' if several else 'does'} not agree with the others"
@@ -230,16 +230,17 @@ def _said(filed: Collects, found: Explained) -> Iterator[tuple[int, Wrong, Verdi
         yield run, _of(filed, own, USED, why), Verdict.INCONCLUSIVE if found.nothing < HARDLY else Verdict.MARGINAL
 
 
-def _in_words(collects: Collects, cause: Cause) -> str:
+def cause_in_words(collects: Collects, cause: Cause) -> str:
     """Say what a cause is, by the numbers of its collects."""
     conditions = collects.conditions
     names, collect = list(conditions.sensor.channels), conditions.collect[list(cause.rows)].tolist()
     named = numbered("collect", collect)
+    at = f", at positions {' and '.join(conditions.position[list(cause.rows)].tolist())}, look exchanged"
     if cause.what in ("rate", "collect", "bias"):
         off = [f"{name} is {by:+.4g} deg/hr" for name, by in zip(names, cause.off, strict=True) if by]
         return f"{named}: {' and '.join(off)}{_FROM}"
     return {
-        "exchanged": f"{named} look exchanged",
+        "exchanged": f"{named}{at}",
         "channels": f"{named}: {' and '.join(names)} look exchanged",
         "sensors": f"{named}: the rates look like the other sensor's",
         "turned": f"{named}: the sign of {names[cause.channel or 0]} looks turned",

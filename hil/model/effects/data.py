@@ -1,4 +1,4 @@
-"""Mistakes in the data: signs and frames of the earth rate, labels that were exchanged."""
+"""Mistakes in the data: signs and frames of the earth rate, labels that were exchanged, signs that were turned."""
 
 import itertools
 from collections.abc import Mapping
@@ -9,8 +9,9 @@ from hil.campaign import Conditions, FloatArray
 from hil.model.effects.base import OUTSIDE, Base, Effect, Parameter, ShapeParameter, required_base
 from hil.model.effects.geometry import local_frame
 
-OTHER_SENSOR = -1.0
-"""The exchange of a run's rates with those of another sensor, which the sensor's own collects do not know."""
+OTHER_SENSOR, CHANNELS, ALL_TURNED, TURNED = -1, -2, -3, -4
+"""Exchanges of whole runs: with another sensor, which the sensor's own collects do not know, of its two channels, of
+all rates with minus them, and from here down of those of one channel."""
 
 
 class EarthRateFrame(Effect):
@@ -48,12 +49,12 @@ class EarthRateFrame(Effect):
 
 
 class Mislabelled(Effect):
-    """Two collects, or the two channels, of one run were exchanged in the record."""
+    """Two collects, or the two channels, of one run were exchanged in the record, or signs were turned."""
 
     id = "swap"
     follows = "run"
     title = "Mislabelled collect or axis"
-    equation = "R(p) becomes R(q) and R(q) becomes R(p) in one run; or RA and RB change places"
+    equation = "R(p) becomes R(q) and R(q) becomes R(p) in one run; or RA and RB change places, or R becomes -R"
     parameters = (Parameter("swapped", "1", (1.0, 1.0)),)
     needs_base = True
     in_models = False
@@ -65,13 +66,13 @@ class Mislabelled(Effect):
     experiment = "Look at the accelerometers of that run: G shows which way it stood."
 
     def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
-        """Return the run and which exchange: pairs of collects, then the channels."""
-        runs = np.unique(conditions.run).tolist()
-        most = max((len(_pairs(conditions, run)) for run in runs), default=0)
-        exchanges = most + (len(conditions.sensor.channels) == 2)
+        """Return the run and which exchange: from 0 on of pairs of collects, below of whole runs."""
+        runs, channels = np.unique(conditions.run).tolist(), len(conditions.sensor.channels)
+        pairs = max((len(_pairs(conditions, run)) for run in runs), default=0)
+        whole = [*[CHANNELS] * (channels == 2), *[ALL_TURNED] * (channels > 1), *(TURNED - c for c in range(channels))]
         return (
             ShapeParameter("run", "", tuple(float(run) for run in runs)),
-            ShapeParameter("exchange", "", tuple(float(index) for index in range(exchanges))),
+            ShapeParameter("exchange", "", tuple(float(exchange) for exchange in (*range(pairs), *whole))),
         )
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
@@ -80,13 +81,16 @@ class Mislabelled(Effect):
         return (self.exchanged(conditions, rates, shape) - rates)[..., None]
 
     def exchanged(self, conditions: Conditions, rates: FloatArray, shape: Mapping[str, float]) -> FloatArray:
-        """Return rates (n, c) in the places that the exchange gives them."""
-        out, pairs, exchange = rates.copy(), _pairs(conditions, shape["run"]), int(shape["exchange"])
-        if exchange < len(pairs):
-            out[pairs[exchange]] = rates[pairs[exchange][::-1]]
-        elif rates.shape[1] == 2 and exchange == self.shapes_for(conditions)[1].grid[-1]:
-            rows = conditions.run == shape["run"]
+        """Return rates (n, c) in the places, and with the signs, that the exchange gives them."""
+        out, exchange, rows = rates.copy(), int(shape["exchange"]), conditions.run == shape["run"]
+        if exchange >= 0:
+            for pair in _pairs(conditions, shape["run"])[exchange : exchange + 1]:
+                out[pair] = rates[pair[::-1]]
+        elif exchange == CHANNELS:
             out[rows] = rates[rows, ::-1]
+        elif exchange <= ALL_TURNED:
+            turned = slice(None) if exchange == ALL_TURNED else TURNED - exchange
+            out[rows, turned] = -rates[rows, turned]
         return out
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from hil.campaign import Campaign, Conditions
 from hil.campaign.plausibility import clipped
-from hil.model.effects.data import OTHER_SENSOR
+from hil.model.effects.data import ALL_TURNED, CHANNELS, OTHER_SENSOR, TURNED
 from hil.reconcile.naming import CERTAIN, Reading, classes_of
 from hil.reconcile.outcome.findings import physics, values_of
 from hil.reconcile.result import LEFT_OUT, Disagreement, FoundEffect, runs_in_words, without_collects
@@ -17,12 +17,13 @@ from hil.reconcile.search.fitted import Fitted
 from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.problem import Problem, SensorProblem
 from hil.reconcile.search.terms import Term
+from hil.solve.causes import Cause
 from hil.solve.omissions import in_words
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED
-from hil.solve.wrong_rows import MENDED, USED, Wrong, clipped_rows
+from hil.solve.wrong_rows import MENDED, USED, Wrong, cause_in_words, clipped_rows
 from procedures.words import numbered
 
-_PAIR = 2  # rows whose labels are exchanged; of more it is the channels
+_OF_A_RUN = {OTHER_SENSOR: "sensors", CHANNELS: "channels", ALL_TURNED: "all turned"}
 
 
 def mistakes_found(reading: Reading, campaign: Campaign, posterior: Posterior) -> list[FoundEffect]:
@@ -105,15 +106,13 @@ def _or_which(number: int, term: Term, posterior: Posterior, campaign: Campaign)
 
 
 def _exchange(candidate: Candidate, campaign: Campaign) -> str:
-    conditions = campaign.sensors[candidate.sensor].conditions
-    run = int(candidate.shape["run"])
-    rows = np.any(candidate.columns != 0.0, axis=(1, 2)) & (conditions.run == run)
-    collects = numbered("collect", conditions.collect[rows].tolist())
-    if candidate.shape["exchange"] == OTHER_SENSOR:
-        return f"{collects}: the rates look like the other sensor's"
-    if rows.sum() > _PAIR:
-        return f"{collects}: {' and '.join(conditions.sensor.channels)} look exchanged"
-    return f"{collects}, at positions {' and '.join(conditions.position[rows].tolist())}, look exchanged"
+    """Say which labels are exchanged, as `hil solve` says it."""
+    collects = campaign.sensors[candidate.sensor]
+    run, exchange = int(candidate.shape["run"]), int(candidate.shape["exchange"])
+    rows = np.flatnonzero(np.any(candidate.columns != 0.0, axis=(1, 2)) & (collects.conditions.run == run))
+    what = "exchanged" if exchange >= 0 else _OF_A_RUN.get(exchange, "turned")
+    channel = TURNED - exchange if exchange <= TURNED else None
+    return cause_in_words(collects, Cause(what, run, tuple(rows.tolist()), channel))
 
 
 def mended(sensors: Mapping[int, SensorProblem], reading: Reading) -> dict[int, SensorProblem]:
@@ -231,10 +230,12 @@ def rows_found(
     for n, term in reading.mistakes:
         conditions = campaign.sensors[n].conditions
         if term.candidate.effect is not None:
-            run, channels = int(term.candidate.shape["run"]), tuple(conditions.sensor.channels)
-            here = np.any(term.candidate.columns != 0.0, axis=(1, 2)) & (conditions.run == run)
+            run, columns = int(term.candidate.shape["run"]), term.candidate.columns
+            here = np.any(columns != 0.0, axis=(1, 2)) & (conditions.run == run)
+            moved = np.any(columns != 0.0, axis=(0, 2))
+            channels = tuple(name for name, of in zip(conditions.sensor.channels, moved, strict=True) if of)
             which = _or_which(n, term, posterior, campaign)
-            why = f"{which}: correct the labels in collects.csv; the model is not changed by this"
+            why = f"{which}: correct it in collects.csv; the model is not changed by this"
             sure = _exchanges(n, posterior, term)[_key(term)] >= CERTAIN
             found.append(
                 Wrong(n, run, tuple(conditions.collect[here].tolist()), channels, MENDED if sure else USED, why)

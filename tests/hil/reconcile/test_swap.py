@@ -15,6 +15,7 @@ from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.naming import CERTAIN
 from hil.reconcile.outcome.page import page
 from hil.reconcile.scattering import what_scatters
+from hil.solve.omissions import otherwise
 from hil.solve.wrong_rows import MENDED, USED, wrong_rows
 from tests.hil.analysis.thermal.nights import rotor_night
 from tests.hil.reconcile.hidden_effects import TRIAD, Hidden, both, hidden_campaign
@@ -331,3 +332,37 @@ def test_of_two_runs_that_contradict_each_other_either_may_carry_wrong_labels() 
     assert 0.2 < swap.probability < CERTAIN
     assert all(f"collects {pair}, at positions 1 and 3, look exchanged" in swap.equation for pair in ("1, 3", "4, 6"))
     assert {row["done"] for row in result.rows} == {USED}
+
+
+def test_what_solve_doubts_and_the_search_does_not_is_said_by_its_collects() -> None:
+    """A row that may be wrong by the quick form alone is no secret to the reader of scatter."""
+    made = campaign(3, 3, seed=3, scatter=1.0)
+    rates = made.sensors[2].rates_deg_per_hr.copy()
+    rates[4, 0] += 14.0
+    wrong = replace(made, sensors={2: replace(made.sensors[2], rates_deg_per_hr=rates)})
+    doubted = [row for row in wrong_rows(wrong)[2].rows if row.done == USED]
+    assert [row.run for row in doubted] == [2]
+    assert any("hil solve doubts" in words and "collect 5" in words for words in otherwise(wrong, ()))
+    assert not any("doubts" in words for words in otherwise(wrong, [row.document() for row in doubted]))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said", "channels"),
+    [
+        (lambda rates: rates * [1.0, -1.0], "the sign of RB looks turned", ["RB"]),
+        (lambda rates: -rates, "the signs look turned", ["RA", "RB"]),
+        (lambda rates: rates[:, ::-1], "RA and RB look exchanged", ["RA", "RB"]),
+    ],
+)
+def test_what_is_wrong_with_a_whole_run_solve_and_the_search_say_and_mend_alike(wrong, said, channels) -> None:
+    """A sign, all of them, or the channels: what was filed less what would have been is one term."""
+    made = hidden_campaign(3, temperatures=(-10.0, 23.0, 50.0), positions=("1", "2", "3", "4"))
+    rates = made.sensors[2].rates_deg_per_hr.copy()
+    here = made.sensors[2].conditions.run == 2
+    rates[here] = wrong(rates[here])
+    torn = replace(made, sensors={2: replace(made.sensors[2], rates_deg_per_hr=rates)})
+    (quick,) = wrong_rows(torn)[2].rows
+    (row,) = found(torn, prove=False).rows
+    assert (row["run"], row["done"], row["channels"]) == (quick.run, quick.done, channels) == (2, MENDED, channels)
+    assert said in row["why"]
+    assert said in quick.why

@@ -93,3 +93,14 @@ def test_a_channel_that_stands_still_through_a_run_was_not_measured_whatever_it_
     found = judged_by_its_records(with_rates(made, rates))
     assert {run for run, _ in found.contradicted} == {5}
     assert "every rate is exactly" in found.contradicted[5, 2].reason
+
+
+def test_a_thermometer_that_stands_still_makes_no_other_record_wrong() -> None:
+    """The case went where the air did: a value that never changes tells which of two thermometers is lost."""
+    made = campaign(12, per_temperature=3)
+    columns = made.sensors[2].conditions.columns
+    shown, case = columns["temperature_degC"].copy(), columns["temperature_degC"] + 1.0
+    shown[9:] = shown[9]
+    warnings = with_column(made, temperature_degC=shown, case_degC=case).warnings
+    assert "does not follow" in " ".join(warnings)
+    assert not any("case_degC" in words or "belongs by" in words for words in warnings)
