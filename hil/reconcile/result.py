@@ -130,7 +130,7 @@ _SHAPES = {
 def without_collects(why: str) -> dict[str, Any]:
     """Return the next experiment where it is no further collect that settles the question."""
     unknown = dict.fromkeys(("expected_difference_deg_per_hr", "power"))
-    return {"why": why, "collects": [], **unknown, "impossible": False}
+    return {"why": why.rstrip("."), "collects": [], **unknown, "impossible": False}
 
 
 def runs_in_words(runs: Iterable[int]) -> str:

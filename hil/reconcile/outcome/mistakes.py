@@ -266,7 +266,7 @@ def look_up(reading: Reading) -> dict[str, Any] | None:
     if swaps:
         which = runs_in_words(swaps)
         look = f"look at the accelerometers and the log of {which}; no further collect is needed"
-        return without_collects(f"confirms that labels are exchanged: {look}")
+        return without_collects(f"confirms what was exchanged or turned: {look}")
     runs = sorted({run for _, _, run in wrong_runs(reading)})
     if not runs:
         return None

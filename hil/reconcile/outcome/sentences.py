@@ -168,7 +168,7 @@ def gap_in_words(result: Reconciliation) -> list[str]:
     proved = np.isfinite(gap.improved_p_value)
     how = "on runs that were held out" if proved else "of the fit (nothing could be held out)"
     swapped = any(effect.mends_labels for effect in result.effects)
-    mended = ["the labels put right"] * swapped
+    mended = ["the record put right"] * swapped
     added = sum(
         not (effect.mends_labels or effect.inside_collects or LEFT_OUT in effect.shape) for effect in result.effects
     )

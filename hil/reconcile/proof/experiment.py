@@ -60,7 +60,7 @@ def next_experiment(
     repeats, power = repeated(noncentrality)
     if repeats == 0:
         effect = leader.candidate.effect
-        otherwise = effect.experiment if effect is not None else "vary the driver alone"
+        otherwise = effect.experiment.rstrip(".") if effect is not None else "vary the driver alone"
         return {
             "why": f"no stationary collect that was tried separates {name} from {rival_name}; {otherwise}",
             "collects": [],

@@ -260,8 +260,7 @@ def _weighed(beside: Beside, gram: FloatArray, score: FloatArray, group: Group) 
     values, squares = (np.ascontiguousarray(np.moveaxis(own, -1, 0))[:, None] for own in (values, z**2))
     usable = values > 1e-10 * np.maximum(values.max(axis=0), 1e-300)
     explained = np.sum(np.where(usable, squares / np.where(usable, values, 1.0), 0.0), axis=0)[0]
-    variance = beside.scale_left(np.maximum(rss - explained, LEAST))
-    terms = []
+    variance, terms = beside.scale_left(np.maximum(rss - explained, LEAST)), []
     for size, log_weight in zip(group.sizes.T, group.log_weights.T, strict=True):
         ratio = size**2 / variance
         shrunk = 1.0 + values * ratio

@@ -93,7 +93,7 @@ def test_bad_runs_show_on_a_night_of_eight_temperatures(model: str, runs_each: i
     rows = layout(EIGHT, runs_each)
     rates = measured(rows)
     assert found(rows, rates, model) == []
-    assert [run for run, _ in found(rows, changed(rows, rates, -1.0, (5, 12)), model)] == [5, 12]
+    assert [run for run, _ in found(rows, changed(rows, rates, -3.0, (5, 12)), model)] == [5, 12]
 
 
 @pytest.mark.slow
@@ -172,15 +172,15 @@ def test_rates_without_noise_have_no_bad_runs_of_rounding() -> None:
     assert found(rows, np.round(base_rates(rows), 2)) == []
 
 
-def flipped(runs: tuple[int, ...] = (4, 9)) -> tuple[Campaign, Rows]:
-    """A campaign of which some runs have one channel's sign turned."""
+def spoiled(runs: tuple[int, ...] = (4, 9)) -> tuple[Campaign, Rows]:
+    """A campaign of which some runs have one channel's sign turned and another gain: nothing can be put right."""
     rows = layout()
-    return campaign_of(rows, changed(rows, measured(rows, 5), -1.0, runs)), rows
+    return campaign_of(rows, changed(rows, measured(rows, 5), -3.0, runs)), rows
 
 
 def test_the_whole_result_says_which_runs_and_what_to_do() -> None:
     """Verdict, finding, places, note, advice and the page's first words; the model stays as it was."""
-    campaign, _ = flipped()
+    campaign, _ = spoiled()
     result = reconcile(campaign, "matrix-6")
     assert result.verdict == "empirical"
     (effect,) = result.effects
@@ -199,8 +199,8 @@ def test_the_whole_result_says_which_runs_and_what_to_do() -> None:
 
 @pytest.mark.slow
 def test_the_rest_is_judged_without_the_bad_runs() -> None:
-    """A missing effect beside a flipped run keeps its name."""
-    campaign, rows = flipped((4,))
+    """A missing effect beside a spoiled run keeps its name."""
+    campaign, rows = spoiled((4,))
     collects = campaign.sensors[2]
     extra = 30.0 * (rows.supply - 28.0)[:, None] * np.where(rows.run == 4, np.array([[-1.0], [1.0]]), 1.0).T
     campaign = replace(campaign, sensors={2: replace(collects, rates_deg_per_hr=collects.rates_deg_per_hr + extra)})

@@ -119,7 +119,7 @@ def test_what_confirms_exchanged_labels_is_no_collect(swap_alone: Reconciliation
     assert (experiment["collects"], experiment["power"], experiment["impossible"]) == ([], None, False)
     text = page(swap_alone)
     assert experiment["why"] in text
-    assert "With the labels put right the gap" in text
+    assert "With the record put right the gap" in text
     assert "Nothing is missing from the model" in text
     assert "is missing from matrix-6-thermal" not in text
 
@@ -133,7 +133,7 @@ def test_an_effect_beside_the_exchange_is_judged_by_what_it_mends_itself(swap_be
     own = result.model_after.terms[0].added
     assert own["gap_after_deg_per_hr"] < own["gap_before_deg_per_hr"] < 0.8 * result.gap.before
     assert own["gap_after_deg_per_hr"] == pytest.approx(result.gap.after, abs=1e-3)
-    assert "With the labels put right and it in the model the gap" in page(result)
+    assert "With the record put right and it in the model the gap" in page(result)
 
 
 @pytest.mark.parametrize(
