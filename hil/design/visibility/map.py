@@ -33,8 +33,6 @@ from hil.solve.identifiability import (
 )
 
 _MOST_SHAPES = 12  # of an effect's grid, evenly chosen: a map needs no finer search
-LARGEST_TIMES = 1e3
-"""Times the largest typical size, beyond which the search tries none: what needs more is never seen."""
 _TYPICAL_ROTOR = {"bias": (15.0, -10.0), "GS": (60.0, -25.0), "MU": (5.0, 5.0), "slope": (0.2, 0.85)}
 
 
@@ -215,6 +213,5 @@ def _smallest(
     for index, parameter in enumerate(effect.parameters_for(conditions)):
         middle = int(np.argsort(sizes[:, index], kind="stable")[(len(seen) - 1) // 2])
         value = float(sizes[middle, index])
-        possible = value <= LARGEST_TIMES * parameter.typical[1]
-        found.append(Smallest(parameter, value if possible else np.inf, shapes[middle]))
+        found.append(Smallest(parameter, value if value <= parameter.largest else np.inf, shapes[middle]))
     return tuple(found)

@@ -67,6 +67,11 @@ class Parameter:
         beyond = 1.5 * np.log(high / size) if size > high else 0.5 * np.log(size / low) if size < low else 0.0
         return float(beyond - np.log(np.log(high / low) + 8.0 / 3.0))
 
+    @property
+    def largest(self) -> float:
+        """The largest size that is searched for, a thousand times the largest typical: what needs more is not seen."""
+        return self.typical[1] * 1e3
+
     def _range(self) -> tuple[float, float]:
         """The typical range, of which a bottom of zero is a hundredth of the top."""
         low, high = self.typical

@@ -68,9 +68,9 @@ def described_parameters(
 
 def _within(shapes: Sequence[tuple[float, Values]], number: int, freedom: int, share: float) -> tuple[float, float]:
     """Return between what a value is with a probability `share`, whichever the shape."""
-    weight, value, error = np.array([(w, *values[number]) for w, values in shapes if number in values]).T
     from scipy.optimize import brentq  # imported late: it is slow, and only a found effect needs it
 
+    weight, value, error = np.array([(w, *values[number]) for w, values in shapes if number in values]).T
     tail = 0.5 - 0.5 * share
     far = 1.01 * float(stdtrit(freedom, 1.0 - tail)) * error
 

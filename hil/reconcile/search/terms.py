@@ -241,8 +241,8 @@ def _sizes(candidate: Candidate, noise: float) -> tuple[FloatArray, FloatArray, 
 def _ladder(typical: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
     """Return sizes (u,) that are tried, in middles of a typical range, and their log weights (u,)."""
     parameter = Parameter("", "", typical)
-    low, high = max(typical[0], 0.01 * typical[1]), typical[1]
-    values = 0.1 * low * STEP ** np.arange(int(np.ceil(np.log(high * 1e3 / (low * 0.1)) / np.log(STEP))) + 1)
+    low = max(typical[0], 0.01 * typical[1])
+    values = 0.1 * low * STEP ** np.arange(int(np.ceil(np.log(parameter.largest / (low * 0.1)) / np.log(STEP))) + 1)
     log_weights = np.array([parameter.log_density(size) for size in values.tolist()])
     return np.asarray(values / _middle(parameter)), np.asarray(log_weights - np.logaddexp.reduce(log_weights))
 

@@ -16,7 +16,7 @@ from hil.config.bench import load_bench
 from hil.config.sweep import load_sweep
 from hil.design.conditions import planned_conditions
 from hil.design.visibility.document import campaign_document, sweep_document, visibility_document
-from hil.design.visibility.map import LARGEST_TIMES, NoiseLevel, Sights, base_values, visibility
+from hil.design.visibility.map import NoiseLevel, Sights, base_values, visibility
 from hil.design.visibility.text import visibility_text
 from hil.design.visibility.worth import improvements
 from hil.model import Model, built_in_model, load_model
@@ -189,7 +189,7 @@ def test_a_size_beyond_all_that_is_searched_for_is_no_size(published: dict[int, 
     for conditions in (published[2], late):
         for sight in visibility(conditions).effects:
             for one in sight.smallest:
-                assert one.value == np.inf or one.value <= LARGEST_TIMES * one.parameter.typical[1]
+                assert one.value == np.inf or one.value <= 1e3 * one.parameter.typical[1]
     warmup = visibility(late).sight("warmup")
     assert warmup is None or np.isinf(warmup.best.value)
 
