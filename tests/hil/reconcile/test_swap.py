@@ -362,7 +362,9 @@ def test_what_is_wrong_with_a_whole_run_solve_and_the_search_say_and_mend_alike(
     rates[here] = wrong(rates[here])
     torn = replace(made, sensors={2: replace(made.sensors[2], rates_deg_per_hr=rates)})
     (quick,) = wrong_rows(torn)[2].rows
-    (row,) = found(torn, prove=False).rows
+    result = found(torn, prove=False)
+    (row,) = result.rows
     assert (row["run"], row["done"], row["channels"]) == (quick.run, quick.done, channels) == (2, MENDED, channels)
     assert said in row["why"]
     assert said in quick.why
+    assert "labels or signs in the record are wrong" in page(result)
