@@ -16,7 +16,7 @@ from hil.model.curve import Constant
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.page import page, write_result
 from hil.reconcile.outcome.sentences import summary, what_to_do
-from hil.reconcile.result import FoundEffect, Rival, Solved
+from hil.reconcile.result import FoundEffect, Rival, Solved, without_collects
 
 
 @pytest.fixture(scope="module")
@@ -154,3 +154,8 @@ def test_of_two_names_the_more_probable_is_said_though_the_other_is_written(plai
     assert "(27 %), or – 71 % – A jump (jump): what may be no more than scatter is written as scatter." in said
     alone = " ".join(summary(replace(plain, effects=[replace(ice, confusable_with=[])])))
     assert "– probably (27 %), not certainly." in alone
+
+
+def test_an_advice_has_one_full_stop() -> None:
+    """The page ends the sentence; a remedy of the catalogue has ended it already."""
+    assert without_collects("cycle the power between runs.")["why"] == "cycle the power between runs"

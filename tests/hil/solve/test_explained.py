@@ -152,6 +152,7 @@ def test_what_may_be_either_of_two_exchanges_is_neither() -> None:
         found = wrong_rows(with_rates(one, rates))[2]
         assert {row.done for row in found.rows} == {USED}
         assert all(f"collects {numbers}, at positions" in row.why for row in found.rows for numbers in said)
+        assert all(row.why.count("look exchanged") == len(said) for row in found.rows)
         np.testing.assert_array_equal(found.collects.rates_deg_per_hr, rates)
         assert {found.judged[run].verdict for run in one.sensors[2].conditions.run.tolist()} == {Verdict.INCONCLUSIVE}
 
