@@ -1,9 +1,9 @@
-"""What a design can tell apart: spans, projecting out the base, overlaps, classes, and the size that shows.
+"""What a design can tell apart: spans, projecting out the base, overlaps, and classes.
 
     whiten = whitener(conditions, sigma, run_bias)                  # W, with W V Wᵀ = 1
     base = orthonormal(whiten @ base_columns)                       # (N, b)
     seen = visible(whiten @ effect_columns, base, sizes)            # what is left of an effect beside the base
-    seen.kept, overlap_table([[seen], [other]]), smallest_visible(seen, alpha)
+    seen.kept, overlap_table([[seen], [other]])
 
 Rows are the rates of all collects and channels, flattened to N = n·c. No data enters: it is linear algebra on the
 conditions, so it can be asked before a night is spent. Whoever asks what columns span, what is left of them beside
@@ -12,10 +12,8 @@ others, or which are independent asks here, so that all mean the same by it.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
-from scipy import special
 
 from hil.campaign import Conditions, FloatArray, IntArray
 from hil.model.effects.base import flattened
@@ -141,13 +139,14 @@ class Visible:
     """What is left of an effect's whitened columns beside the base.
 
     `residual` (N, p) is per unit of each parameter, in standard deviations; `weighted` the same per typical size of
-    each; `basis` (N, r) spans it; `kept` is the fraction of the typical-size norm that is left.
+    each; `basis` (N, r) spans it; `kept` is the fraction of the typical-size norm that is left, `shares` (p,) of each.
     """
 
     residual: FloatArray
     weighted: FloatArray
     basis: FloatArray
     kept: float
+    shares: FloatArray
 
     @property
     def rank(self) -> int:
@@ -161,9 +160,11 @@ def visible(columns: FloatArray, base: FloatArray, sizes: FloatArray) -> Visible
     weighted = residual * sizes
     whole = float(np.linalg.norm(columns * sizes))
     left = float(np.linalg.norm(weighted))
+    norms = np.linalg.norm(columns, axis=0)
+    shares = np.linalg.norm(residual, axis=0) / np.where(norms > 0.0, norms, 1.0)
     if whole == 0.0 or left <= RANK_TOLERANCE * whole:
-        return Visible(np.zeros_like(residual), np.zeros_like(residual), np.zeros((len(columns), 0)), 0.0)
-    return Visible(residual, weighted, orthonormal(weighted, scale=whole), min(left / whole, 1.0))
+        return Visible(np.zeros_like(residual), np.zeros_like(residual), np.zeros((len(columns), 0)), 0.0, 0.0 * shares)
+    return Visible(residual, weighted, orthonormal(weighted, scale=whole), min(left / whole, 1.0), shares)
 
 
 def overlap_table(effects: Sequence[Sequence[Visible]]) -> FloatArray:
@@ -202,22 +203,3 @@ def _membership(sizes: Sequence[int]) -> FloatArray:
 def classes(overlaps: FloatArray) -> tuple[tuple[int, ...], ...]:
     """Return the groups of indices that are linked by overlaps (k, k) above `SAME_CLASS`, in order of first member."""
     return tuple(map(tuple, linked_groups(overlaps > SAME_CLASS, np.ones(len(overlaps), np.bool_))))
-
-
-@lru_cache(maxsize=256)
-def required_noncentrality(degrees: int, alpha: float, probability: float = 0.9) -> float:
-    """Return the non-centrality at which a χ² test with `degrees` at level `alpha` succeeds with `probability`."""
-    return float(special.chndtrinc(special.chdtri(degrees, alpha), degrees, 1.0 - probability))
-
-
-def smallest_visible(effect: Visible, alpha: float, probability: float = 0.9) -> FloatArray:
-    """Return per parameter the size, shape (p,), that is detected with `probability` when it acts alone; inf if never.
-
-    `alpha` is the level of this one test: share a whole search's false-alarm rate among the candidates first.
-    """
-    if effect.rank == 0:
-        return np.full(effect.residual.shape[1], np.inf)
-    norms = np.linalg.norm(effect.residual, axis=0)
-    floor = RANK_TOLERANCE * norms.max()
-    needed = np.sqrt(required_noncentrality(effect.rank, alpha, probability))
-    return np.where(norms > floor, needed / np.maximum(norms, floor), np.inf)

@@ -40,7 +40,10 @@ def visibility_document(
     in one sensor at least (each has its own MU); `sensors` has the map of each.
     """
     noise, sigmas = noise or {}, sigmas or {}
-    maps = {n: visibility(rows, model, noise.get(n), sigma=sigmas.get(n)) for n, rows in sensors.items()}
+    maps = {
+        n: visibility(rows, model, noise.get(n), sigma=sigmas.get(n), sensors=len(sensors))
+        for n, rows in sensors.items()
+    }
     best: dict[str, tuple[int, Sight]] = {}
     for number, sights in maps.items():
         for sight in sights.effects:
@@ -102,16 +105,21 @@ def _effect_document(sight: Sight, sights: Sights) -> dict[str, object]:
         "in_model": sight.effect.id in FORM_EFFECTS.get(sights.form, ()),
         "class": list(sight.members),
         "smallest_visible": {
-            "value": best.value if math.isfinite(best.value) else None,
+            "value": _where_it_occurs(best.value),
             "unit": best.parameter.unit,
             "probability": sights.probability,
             "parameter": best.parameter.name,
             "typical": list(best.parameter.typical),
             "shape": dict(best.shape),
+            "easiest": {"value": _where_it_occurs(best.easiest), "shape": dict(best.easiest_shape)},
         },
         "leaks": {name: round(leak, 3) for name, leak in sight.leaks.items() if leak > 1.0},
         "nearest": [{"id": rival, "overlap": round(value, 4)} for value, rival in rivals[:3] if value > 0.3],
     }
+
+
+def _where_it_occurs(size: float) -> float | None:
+    return size if math.isfinite(size) else None
 
 
 def sweep_document(sweep: Sweep, bench: Bench, model: Model | None = None) -> dict[str, object]:

@@ -38,6 +38,12 @@ def name_odds(effects: Iterable[Effect]) -> dict[str, float]:
     return {name: (1.0 - SECOND_TIER) * own / sum(odds.values()) for name, own in odds.items()}
 
 
+def log_in_one(effect: Effect, sensors: int) -> float:
+    """Return the log prior that of several sensors one alone has an effect, or all where it is common to them."""
+    has, rest = (COMMON, COMMON) if effect.common_to_sensors else (SHARED, 1.0 - SHARED)
+    return float(np.log(has) + (sensors - 1) * np.log(rest)) if sensors > 1 else 0.0
+
+
 def shapes_tried(effect: Effect, conditions: Conditions) -> Sequence[Mapping[str, float]]:
     """Return the shapes of an effect that are tried first, each as probable as another."""
     grid = effect.shape_grid(conditions)
