@@ -139,14 +139,13 @@ class Visible:
     """What is left of an effect's whitened columns beside the base.
 
     `residual` (N, p) is per unit of each parameter, in standard deviations; `weighted` the same per typical size of
-    each; `basis` (N, r) spans it; `kept` is the fraction of the typical-size norm that is left, `shares` (p,) of each.
+    each; `basis` (N, r) spans it; `kept` is the fraction of the typical-size norm that is left.
     """
 
     residual: FloatArray
     weighted: FloatArray
     basis: FloatArray
     kept: float
-    shares: FloatArray
 
     @property
     def rank(self) -> int:
@@ -160,11 +159,9 @@ def visible(columns: FloatArray, base: FloatArray, sizes: FloatArray) -> Visible
     weighted = residual * sizes
     whole = float(np.linalg.norm(columns * sizes))
     left = float(np.linalg.norm(weighted))
-    norms = np.linalg.norm(columns, axis=0)
-    shares = np.linalg.norm(residual, axis=0) / np.where(norms > 0.0, norms, 1.0)
     if whole == 0.0 or left <= RANK_TOLERANCE * whole:
-        return Visible(np.zeros_like(residual), np.zeros_like(residual), np.zeros((len(columns), 0)), 0.0, 0.0 * shares)
-    return Visible(residual, weighted, orthonormal(weighted, scale=whole), min(left / whole, 1.0), shares)
+        return Visible(np.zeros_like(residual), np.zeros_like(residual), np.zeros((len(columns), 0)), 0.0)
+    return Visible(residual, weighted, orthonormal(weighted, scale=whole), min(left / whole, 1.0))
 
 
 def overlap_table(effects: Sequence[Sequence[Visible]]) -> FloatArray:

@@ -16,9 +16,11 @@ from hil.config.bench import Bench
 from hil.config.sweep import Sweep, check_sweep_against_bench
 from hil.design.conditions import planned_conditions
 from hil.design.visibility.map import NoiseLevel, Sight, Sights, visibility
+from hil.design.visibility.promise import PROBABILITY
 from hil.design.visibility.worth import MOST_RUNS, improvements
 from hil.model import Model
 from hil.model.effects.catalogue import FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS
+from hil.model.effects.prior import ALPHA
 from hil.solve import repeats, solve_campaign
 from hil.solve.omissions import what_is_wrong
 from hil.solve.repeats import SensorRepeats
@@ -56,7 +58,7 @@ def visibility_document(
         "title": title,
         "model": (forms := {str(number): sights.form for number, sights in maps.items()}),
         "forms": forms,
-        "false_alarm_rate": first.false_alarm_rate,
+        "false_alarm_rate": ALPHA,
         "noise": vars(first.noise),
         "noise_level": vars(first.noise),
         "effects": [
@@ -107,7 +109,7 @@ def _effect_document(sight: Sight, sights: Sights) -> dict[str, object]:
         "smallest_visible": {
             "value": _where_it_occurs(best.value),
             "unit": best.parameter.unit,
-            "probability": sights.probability,
+            "probability": PROBABILITY,
             "parameter": best.parameter.name,
             "typical": list(best.parameter.typical),
             "shape": dict(best.shape),

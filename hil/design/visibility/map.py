@@ -16,11 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray
-from hil.design.visibility.promise import Asked, Smallest, found_from
+from hil.design.visibility.promise import Rows, Smallest, found_from
 from hil.model import Model
 from hil.model.effects.base import Base, Effect, flattened
 from hil.model.effects.catalogue import askable, named
-from hil.model.effects.prior import name_odds, shapes_tried
+from hil.model.effects.prior import log_in_one, name_odds, shapes_tried
 from hil.model.equation import pickoff_rates
 from hil.model.forms import default_form, mu_columns, named_form
 from hil.solve.identifiability import (
@@ -83,8 +83,6 @@ class Sights:
     overlaps: FloatArray
     reasons: Mapping[str, str]
     noise: NoiseLevel
-    false_alarm_rate: float
-    probability: float
 
     def sight(self, identifier: str) -> Sight | None:
         """Return how one effect is seen; None where it cannot be asked about."""
@@ -95,8 +93,6 @@ def visibility(
     conditions: Conditions,
     model: Model | None = None,
     noise: NoiseLevel | None = None,
-    false_alarm_rate: float = 0.05,
-    probability: float = 0.9,
     sigma: FloatArray | None = None,
     sensors: int = 1,
 ) -> Sights:
@@ -126,16 +122,13 @@ def visibility(
     kept = [float(np.median([one.kept for one in several])) for several in seen]
     groups = classes(overlaps * np.outer(np.array(kept) >= CANNOT_BE_SEEN, np.array(kept) >= CANNOT_BE_SEEN))
     members = {index: tuple(asked[other].id for other in group) for group in groups for index in group}
-    search = Asked.of(whiten, absorbed, len(conditions.sensor.channels), false_alarm_rate, probability, sensors)
-    odds = name_odds(asked)
+    rows, odds = Rows.of(whiten, absorbed, len(conditions.sensor.channels)), name_odds(asked)
     sights = []
     for index, effect in enumerate(asked):
-        log_prior = math.log(odds[named(effect).id] / len(tried[effect.id]))
-        smallest = found_from(effect, conditions, shapes[effect.id], seen[index], log_prior, search)
+        log_prior = math.log(odds[named(effect).id] / len(tried[effect.id])) + log_in_one(effect, sensors)
+        smallest = found_from(effect, conditions, shapes[effect.id], seen[index], log_prior, rows)
         sights.append(Sight(effect, kept[index], members[index], smallest, leaks[index]))
-    return Sights(
-        conditions.sensor.number, form, tuple(sights), overlaps, reasons, noise, false_alarm_rate, probability
-    )
+    return Sights(conditions.sensor.number, form, tuple(sights), overlaps, reasons, noise)
 
 
 def default_model_name(conditions: Conditions) -> str:

@@ -15,16 +15,19 @@ from scipy.special import ndtr, ndtri
 
 from hil.campaign import Conditions, FloatArray, IntArray
 from hil.model.effects.base import Effect, Parameter
-from hil.model.effects.prior import HOLDS, UNSEEN, ladder, log_in_one, middle
+from hil.model.effects.prior import ALPHA, HOLDS, UNSEEN, ladder, middle
 from hil.solve.identifiability import Visible, Whitener
 
+PROBABILITY = 0.9
+"""How probably what is promised is found."""
+_SURE = float(ndtri(PROBABILITY))
 _HALVINGS = 20
 """Of a factor: to one in ten thousand, between shapes that differ by a million."""
 
 
 @dataclass(frozen=True)
 class Smallest:
-    """From which size on one parameter is found with the asked probability when it acts alone; infinite where never.
+    """From which size on one parameter is found with the promised probability when it acts alone; infinite where never.
 
     The `value` is that of nights of any shape, of which it takes `shape` to be found; `easiest` that of the easiest.
     """
@@ -37,38 +40,25 @@ class Smallest:
 
 
 @dataclass(frozen=True)
-class Asked:
-    """What a search asks for in one of so many `sensors`: log odds, and how probably they are to be reached.
+class Rows:
+    """Rows as they are whitened, run by run, and an orthonormal `base` (N, b).
 
-    Of rows as they are whitened, run by run: where runs begin, (r,), which channel a row is of, (N, c) ones and zeros,
-    what moves a channel alike, (N, c), and the orthonormal `base` (N, b).
+    `starts` (r,) is where runs begin, `channel` (N, c) which channel a row is of, in ones and zeros, and `alike` (N, c)
+    what moves a channel alike.
     """
 
-    log_odds: float
-    probability: float
-    sensors: int
     starts: IntArray
     channel: FloatArray
     alike: FloatArray
     base: FloatArray
 
     @classmethod
-    def of(
-        cls,
-        whiten: Whitener,
-        base: FloatArray,
-        channels: int,
-        false_alarm_rate: float,
-        probability: float,
-        sensors: int,
-    ) -> "Asked":
+    def of(cls, whiten: Whitener, base: FloatArray, channels: int) -> "Rows":
         """Lay out the rows of a sensor."""
-        one = np.eye(channels)
         rows = np.concatenate([np.zeros(0, dtype=np.int64), *(own.ravel() for own, _ in whiten.blocks)])
         sizes = np.array([size for own, _ in whiten.blocks for size in [own.shape[1]] * len(own)], dtype=np.int64)
-        alike = whiten @ np.tile(one, (rows.max(initial=-1) // channels + 1, 1))
-        log_odds = float(np.log(1.0 / false_alarm_rate - 1.0))
-        return cls(log_odds, probability, sensors, np.cumsum(sizes) - sizes, one[rows % channels], alike, base)
+        alike = whiten @ np.tile(np.eye(channels), (rows.max(initial=-1) // channels + 1, 1))
+        return cls(np.cumsum(sizes) - sizes, np.eye(channels)[rows % channels], alike, base)
 
     def squares(self, white: FloatArray) -> FloatArray:
         """Return the squares (2c, p) of columns (N, p) by channel: of what a whole run has in common, then the rest."""
@@ -91,19 +81,19 @@ def found_from(
     shapes: Sequence[Mapping[str, float]],
     seen: Sequence[Visible],
     log_prior: float,
-    asked: Asked,
+    rows: Rows,
 ) -> tuple[Smallest, ...]:
     """Return from which size on each parameter is found; `log_prior` is that of each of the shapes (k,), `seen` so."""
     parameters = effect.parameters_for(conditions)
-    reach, needed = thresholds(effect, conditions, seen, log_prior, asked)
+    reach, needed = thresholds(effect, conditions, seen, log_prior, rows)
     with np.errstate(divide="ignore"):
-        alone = (needed + ndtri(asked.probability)) / reach
+        alone = (needed + _SURE) / reach
     largest = np.array([each.largest for each in parameters])
-    low, high = alone.min(axis=0), np.minimum(alone.max(axis=0), largest)
-    ever = (high < largest) | (_share(largest, reach, needed) >= asked.probability)
+    low, high = np.minimum([alone.min(axis=0), alone.max(axis=0)], largest)
+    ever = (high < largest) | (_share(largest, reach, needed) >= PROBABILITY)
     for _ in range(_HALVINGS if np.any(ever & (low < high)) else 0):
         size = np.sqrt(low) * np.sqrt(high)
-        enough = _share(size, reach, needed) >= asked.probability
+        enough = _share(size, reach, needed) >= PROBABILITY
         low, high = np.where(enough, low, size), np.where(enough, size, high)
     most, hardest = np.where(ever, high, np.inf), np.where(alone <= high, alone, 0.0).argmax(axis=0)
     easiest = np.where(alone <= largest, alone, np.inf)
@@ -119,15 +109,15 @@ def _share(size: FloatArray, reach: FloatArray, needed: FloatArray) -> FloatArra
 
 
 def thresholds(
-    effect: Effect, conditions: Conditions, seen: Sequence[Visible], log_prior: float, asked: Asked
+    effect: Effect, conditions: Conditions, seen: Sequence[Visible], log_prior: float, rows: Rows
 ) -> tuple[FloatArray, FloatArray]:
     """Return by how many deviations a unit of each parameter shows in each shape, and how many it takes, (k, p)."""
     parameters = effect.parameters_for(conditions)
-    columns = np.stack([one.residual * (one.shares > UNSEEN) for one in seen])  # (k, N, p)
+    columns = np.stack([one.residual * (one.kept > UNSEEN) for one in seen])  # (k, N, p)
     centre = np.array([middle(each) for each in parameters])
     sizes, log_weights = ladder(parameters[0].typical)
-    rows = asked.channel.T > 0.0 if effect.per_channel else [slice(None)]  # else a value acts on all channels
-    gram = np.stack([np.swapaxes(own, 1, 2) @ own for own in (columns[:, each] for each in rows)], axis=1)
+    blocks = rows.channel.T > 0.0 if effect.per_channel else [slice(None)]  # else a value acts on all channels
+    gram = np.stack([np.swapaxes(own, 1, 2) @ own for own in (columns[:, each] for each in blocks)], axis=1)
     values, vectors = np.linalg.eigh(gram * np.multiply.outer(centre, centre))
     values = np.maximum(values, 0.0)
     shrunk = 1.0 + values[..., None] * sizes**2  # (k, b, p, o)
@@ -135,14 +125,14 @@ def thresholds(
     idle = np.logaddexp.reduce(price, axis=2)
     own = np.arange(len(seen))[:, None], np.argmax(np.diagonal(gram, axis1=2, axis2=3), axis=1)  # block of each, (k, p)
     at_rest = idle.sum(axis=1)[:, None] - idle[own]
-    log_odds = asked.log_odds - log_prior - log_in_one(effect, asked.sensors) - at_rest
-    squares = np.stack([asked.squares(one) for one in columns])  # (k, 2c, p)
+    log_odds = np.log(1.0 / ALPHA - 1.0) - log_prior - at_rest
+    squares = np.stack([rows.squares(one) for one in columns])  # (k, 2c, p)
     shares = squares / np.maximum(squares.sum(axis=1, keepdims=True), 1e-300)
-    needed = noise_unknown(2.0 * (log_odds[..., None] - price[own]), shares, asked.freedom)
+    needed = noise_unknown(2.0 * (log_odds[..., None] - price[own]), shares, rows.freedom)
     turned = (vectors * values[:, :, None] / centre[:, None]) ** 2
     reach = np.sqrt(turned @ (sizes**2 / shrunk))[*own, np.arange(len(parameters))]  # (k, p, o)
     with np.errstate(divide="ignore"):
-        best = np.argmin((needed + ndtri(asked.probability)) / reach, axis=2)[..., None]
+        best = np.argmin((needed + _SURE) / reach, axis=2)[..., None]
     return np.take_along_axis(reach, best, 2)[..., 0], np.take_along_axis(needed, best, 2)[..., 0]
 
 

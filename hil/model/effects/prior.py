@@ -12,6 +12,8 @@ from hil.campaign import Conditions, FloatArray
 from hil.model.effects.base import Effect, Parameter
 from hil.model.effects.catalogue import named
 
+ALPHA = 0.05
+"""Rate of false alarms where none is stated."""
 SECOND_TIER = 0.2
 """Prior of what no effect of the catalogue describes, given that something is missing."""
 SHARED = 0.75

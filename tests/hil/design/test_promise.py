@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from hil.campaign import Campaign, Collects, FloatArray
+from hil.campaign import Campaign, Collects
 from hil.design.visibility.map import NoiseLevel, base_values, visibility
-from hil.design.visibility.promise import Asked, Smallest, found_from, noise_unknown, thresholds
+from hil.design.visibility.promise import Rows, Smallest, found_from, noise_unknown, thresholds
 from hil.model import built_in_model
 from hil.model.effects.base import flattened
 from hil.model.effects.catalogue import EFFECTS, effect_by_id
@@ -16,7 +16,7 @@ from hil.model.forms import named_form
 from hil.reconcile.search.candidates import effect_columns
 from hil.reconcile.search.layout import searches
 from hil.reconcile.search.problem import pose
-from hil.solve.identifiability import Visible, Whitener, orthonormal, visible, whitener
+from hil.solve.identifiability import Visible, orthonormal, visible, whitener
 from tests.hil.model.effect_conditions import campaign
 
 MATRIX_6 = built_in_model("matrix-6")
@@ -56,29 +56,24 @@ def test_the_search_finds_what_is_promised_and_not_half_of_it(name: str) -> None
     assert found(name, 0.5 * one.easiest, one) < 0.4
 
 
-def asked_of(whiten: Whitener, base: FloatArray) -> Asked:
-    """Return what a search of one sensor asks for, 5 % of false alarms, nine of ten."""
-    return Asked.of(whiten, base, 2, 0.05, 0.9, 1)
-
-
 WHITEN = whitener(ROWS, np.full((len(ROWS), 2), NOISE.collect_deg_per_hr), np.full(2, NOISE.run_bias_deg_per_hr))
 
 
 def test_a_size_that_is_promised_in_any_shape_is_found_in_so_many_of_them() -> None:
     """Of two shapes one shows a third of the other; where more than a tenth of them never show, no size is promised."""
     base = orthonormal(WHITEN @ flattened(named_form("matrix-6", ROWS).columns(ROWS)))
-    effect, asked = effect_by_id("hyst"), asked_of(WHITEN, base)
+    effect, rows = effect_by_id("hyst"), Rows.of(WHITEN, base, 2)
     columns = WHITEN @ flattened(effect.columns(ROWS, None, {"half_width_degC": 20.0, "from_degC": 20.0}))
 
     def shown(*weights: float) -> list[Visible]:
         return [visible(weight * columns, base, np.ones(2)) for weight in weights]
 
     def size(*weights: float) -> float:
-        return found_from(effect, ROWS, [{}] * len(weights), shown(*weights), -5.0, asked)[0].value
+        return found_from(effect, ROWS, [{}] * len(weights), shown(*weights), -5.0, rows)[0].value
 
     both = size(1.0, 1.0 / 3.0)
     assert size(1.0) < both < size(1.0 / 3.0)
-    reach, needed = thresholds(effect, ROWS, shown(1.0, 1.0 / 3.0), -5.0, asked)
+    reach, needed = thresholds(effect, ROWS, shown(1.0, 1.0 / 3.0), -5.0, rows)
     assert np.mean(ndtr(both * reach[:, 0] - needed[:, 0])) == pytest.approx(0.9, abs=1e-3)
     assert size(1.0, 0.0) == np.inf
     assert size(*[1.0] * 19, 0.0) == pytest.approx(size(1.0), rel=0.1)
@@ -86,18 +81,18 @@ def test_a_size_that_is_promised_in_any_shape_is_found_in_so_many_of_them() -> N
 
 def test_what_a_whole_run_has_in_common_is_apart_from_the_rest() -> None:
     """By channel: a bias of each run in the one, and what adds up to nothing in a run in the other; nothing is lost."""
-    asked = asked_of(WHITEN, np.zeros((2 * len(ROWS), 0)))
+    rows = Rows.of(WHITEN, np.zeros((2 * len(ROWS), 0)), 2)
     rng, runs = np.random.default_rng(5), ROWS.run - ROWS.run.min()
     of_runs = rng.standard_normal(runs.max() + 1)[runs, None] * [1.0, 0.0]
-    shared, _, rest, other = asked.squares(WHITEN @ of_runs.reshape(-1, 1))[:, 0]
+    shared, _, rest, other = rows.squares(WHITEN @ of_runs.reshape(-1, 1))[:, 0]
     assert shared > 0.0
     assert max(rest, other) < 1e-9 * shared
     within = np.tile([1.0, -2.0, 1.0], len(ROWS) // 3)[:, None] * [0.0, 1.0]
-    assert asked.squares(WHITEN @ within.reshape(-1, 1))[:3, 0] == pytest.approx(0.0, abs=1e-9)
+    assert rows.squares(WHITEN @ within.reshape(-1, 1))[:3, 0] == pytest.approx(0.0, abs=1e-9)
     any_column = rng.standard_normal((2 * len(ROWS), 1))
-    assert asked.squares(any_column).sum() == pytest.approx(np.sum(any_column**2))
-    assert asked.freedom[:2] == pytest.approx(24.0)
-    assert asked.freedom[2:] == pytest.approx(48.0 + 36.0)  # errors that are right to 17 % count as 36 rows
+    assert rows.squares(any_column).sum() == pytest.approx(np.sum(any_column**2))
+    assert rows.freedom[:2] == pytest.approx(24.0)
+    assert rows.freedom[2:] == pytest.approx(48.0 + 36.0)  # errors that are right to 17 % count as 36 rows
 
 
 def test_noise_that_few_rows_tell_may_be_what_is_seen() -> None:
@@ -110,7 +105,7 @@ def test_noise_that_few_rows_tell_may_be_what_is_seen() -> None:
     assert few > 1.5 * some > 2.0 * many
 
 
-def test_what_one_sensor_of_two_has_is_asked_for_more() -> None:
+def test_what_one_sensor_of_two_has_is_rows_for_more() -> None:
     """An effect is in other sensors, too, as a rule: alone it costs more; a cause that all have in common does not."""
     ratio = {name: promised(name, 2).easiest / promised(name).easiest for name in ("GS_T", "hyst", "supply", "warmup")}
     assert min(ratio["GS_T"], ratio["hyst"]) > 1.03
@@ -119,9 +114,9 @@ def test_what_one_sensor_of_two_has_is_asked_for_more() -> None:
 
 def test_one_value_of_both_channels_is_seen_in_both() -> None:
     """A lag acts on both: what they show together counts, and the price of its size is paid once."""
-    asked, effect = asked_of(WHITEN, np.zeros((2 * len(ROWS), 0))), effect_by_id("T_lag")
+    rows, effect = Rows.of(WHITEN, np.zeros((2 * len(ROWS), 0)), 2), effect_by_id("T_lag")
     both = np.where(np.arange(2 * len(ROWS)) % 6 < 2, 1.0, -0.5)[:, None]  # nothing that a run has in common
-    alone = both * asked.channel[:, :1]
+    alone = both * rows.channel[:, :1]
     seen = [visible(own, np.zeros((len(both), 0)), np.ones(1)) for own in (both, alone)]
-    sizes = [found_from(effect, ROWS, [{}], [own], -5.0, asked)[0].value for own in seen]
+    sizes = [found_from(effect, ROWS, [{}], [own], -5.0, rows)[0].value for own in seen]
     assert sizes[1] / sizes[0] == pytest.approx(np.sqrt(2.0), rel=0.05)

@@ -100,7 +100,6 @@ def test_numerical_dust_is_no_column() -> None:
     base = rng.standard_normal((30, 4))
     seen = visible(1e6 * base @ rng.standard_normal((4, 2)), orthonormal(base), np.ones(2))
     assert seen.kept == 0.0
-    assert not np.any(seen.shares)
 
 
 def test_kept_weighs_parameters_by_their_typical_sizes() -> None:
