@@ -142,7 +142,10 @@ def visibility(
     bench: Annotated[str, typer.Option(help="For a sweep: the bench that would run it.")] = "simulated",
     model: Annotated[str | None, typer.Option(help="A model file, or the name of a built-in.")] = None,
 ) -> Answer:
-    """Before a night is spent: say which effects these collects can see, at what size, and which look alike."""
+    """Before a night is spent: say which effects these collects can see, and which look alike.
+
+    From the size that is said on, hil reconcile finds an effect in nine nights of ten.
+    """
     from hil.config import load_bench, load_sweep
     from hil.design.visibility.document import campaign_document, sweep_document
     from hil.design.visibility.text import visibility_text

@@ -18,6 +18,7 @@ from hil.campaign.plausibility import usable
 from hil.files.document import picked
 from hil.model import load_model
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS
+from hil.model.effects.prior import ALPHA
 from hil.model.forms import default_form
 from hil.reconcile.naming import CERTAIN, Reading, scatter_of
 from hil.reconcile.outcome import mistakes, scatter
@@ -25,7 +26,7 @@ from hil.reconcile.outcome.sentences import scatter_in_words
 from hil.reconcile.search.fitted import Fitted, fitted
 from hil.reconcile.search.posterior import Posterior
 from hil.reconcile.unrecorded import with_stand_ins
-from hil.reconcile.workflow import ALPHA, searched
+from hil.reconcile.workflow import searched
 from hil.solve.both_sensors import BothSensors, common_and_differential
 from hil.solve.omissions import in_words, otherwise, without
 from hil.solve.temperatures import runs_by_temperature

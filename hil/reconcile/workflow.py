@@ -21,6 +21,7 @@ from hil.errors import InputError
 from hil.model import Model, load_model
 from hil.model.effects.base import Effect, VarianceEffect
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS
+from hil.model.effects.prior import ALPHA
 from hil.reconcile.inside import named_within, within_collects
 from hil.reconcile.naming import Named, Reading, read
 from hil.reconcile.outcome import findings, mistakes, scatter
@@ -43,8 +44,6 @@ from hil.solve.omissions import in_words, otherwise, without
 from hil.solve.wrong_rows import pooled
 from procedures.verdict import NOT_GOOD
 
-ALPHA = 0.05
-"""Rate of false alarms where none is stated."""
 _CERTAIN = 0.1  # of alpha: a chance below it is a disagreement, whatever is not predicted
 _FEW = 4  # runs are told why they do not agree even with what is known taken off
 _INSIDE = 0.2  # share of the rate of false alarms that the series' tests have, where there are series

@@ -1,9 +1,9 @@
-"""What a design can tell apart: spans, projecting out the base, overlaps, classes, and the size that shows.
+"""What a design can tell apart: spans, projecting out the base, overlaps, and classes.
 
     whiten = whitener(conditions, sigma, run_bias)                  # W, with W V Wᵀ = 1
     base = orthonormal(whiten @ base_columns)                       # (N, b)
     seen = visible(whiten @ effect_columns, base, sizes)            # what is left of an effect beside the base
-    seen.kept, overlap_table([[seen], [other]]), smallest_visible(seen, alpha)
+    seen.kept, overlap_table([[seen], [other]])
 
 Rows are the rates of all collects and channels, flattened to N = n·c. No data enters: it is linear algebra on the
 conditions, so it can be asked before a night is spent. Whoever asks what columns span, what is left of them beside
@@ -12,10 +12,8 @@ others, or which are independent asks here, so that all mean the same by it.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
-from scipy import special
 
 from hil.campaign import Conditions, FloatArray, IntArray
 from hil.model.effects.base import flattened
@@ -202,22 +200,3 @@ def _membership(sizes: Sequence[int]) -> FloatArray:
 def classes(overlaps: FloatArray) -> tuple[tuple[int, ...], ...]:
     """Return the groups of indices that are linked by overlaps (k, k) above `SAME_CLASS`, in order of first member."""
     return tuple(map(tuple, linked_groups(overlaps > SAME_CLASS, np.ones(len(overlaps), np.bool_))))
-
-
-@lru_cache(maxsize=256)
-def required_noncentrality(degrees: int, alpha: float, probability: float = 0.9) -> float:
-    """Return the non-centrality at which a χ² test with `degrees` at level `alpha` succeeds with `probability`."""
-    return float(special.chndtrinc(special.chdtri(degrees, alpha), degrees, 1.0 - probability))
-
-
-def smallest_visible(effect: Visible, alpha: float, probability: float = 0.9) -> FloatArray:
-    """Return per parameter the size, shape (p,), that is detected with `probability` when it acts alone; inf if never.
-
-    `alpha` is the level of this one test: share a whole search's false-alarm rate among the candidates first.
-    """
-    if effect.rank == 0:
-        return np.full(effect.residual.shape[1], np.inf)
-    norms = np.linalg.norm(effect.residual, axis=0)
-    floor = RANK_TOLERANCE * norms.max()
-    needed = np.sqrt(required_noncentrality(effect.rank, alpha, probability))
-    return np.where(norms > floor, needed / np.maximum(norms, floor), np.inf)

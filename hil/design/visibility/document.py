@@ -16,9 +16,11 @@ from hil.config.bench import Bench
 from hil.config.sweep import Sweep, check_sweep_against_bench
 from hil.design.conditions import planned_conditions
 from hil.design.visibility.map import NoiseLevel, Sight, Sights, visibility
+from hil.design.visibility.promise import PROBABILITY
 from hil.design.visibility.worth import MOST_RUNS, improvements
 from hil.model import Model
 from hil.model.effects.catalogue import FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS
+from hil.model.effects.prior import ALPHA
 from hil.solve import repeats, solve_campaign
 from hil.solve.omissions import what_is_wrong
 from hil.solve.repeats import SensorRepeats
@@ -40,7 +42,10 @@ def visibility_document(
     in one sensor at least (each has its own MU); `sensors` has the map of each.
     """
     noise, sigmas = noise or {}, sigmas or {}
-    maps = {n: visibility(rows, model, noise.get(n), sigma=sigmas.get(n)) for n, rows in sensors.items()}
+    maps = {
+        n: visibility(rows, model, noise.get(n), sigma=sigmas.get(n), sensors=len(sensors))
+        for n, rows in sensors.items()
+    }
     best: dict[str, tuple[int, Sight]] = {}
     for number, sights in maps.items():
         for sight in sights.effects:
@@ -53,7 +58,7 @@ def visibility_document(
         "title": title,
         "model": (forms := {str(number): sights.form for number, sights in maps.items()}),
         "forms": forms,
-        "false_alarm_rate": first.false_alarm_rate,
+        "false_alarm_rate": ALPHA,
         "noise": vars(first.noise),
         "noise_level": vars(first.noise),
         "effects": [
@@ -102,16 +107,21 @@ def _effect_document(sight: Sight, sights: Sights) -> dict[str, object]:
         "in_model": sight.effect.id in FORM_EFFECTS.get(sights.form, ()),
         "class": list(sight.members),
         "smallest_visible": {
-            "value": best.value if math.isfinite(best.value) else None,
+            "value": _where_it_occurs(best.value),
             "unit": best.parameter.unit,
-            "probability": sights.probability,
+            "probability": PROBABILITY,
             "parameter": best.parameter.name,
             "typical": list(best.parameter.typical),
             "shape": dict(best.shape),
+            "easiest": {"value": _where_it_occurs(best.easiest), "shape": dict(best.easiest_shape)},
         },
         "leaks": {name: round(leak, 3) for name, leak in sight.leaks.items() if leak > 1.0},
         "nearest": [{"id": rival, "overlap": round(value, 4)} for value, rival in rivals[:3] if value > 0.3],
     }
+
+
+def _where_it_occurs(size: float) -> float | None:
+    return size if math.isfinite(size) else None
 
 
 def sweep_document(sweep: Sweep, bench: Bench, model: Model | None = None) -> dict[str, object]:

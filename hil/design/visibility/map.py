@@ -3,21 +3,24 @@
     sights = visibility(conditions, built_in_model("matrix-6"))
     sights.effects[0].kept, sights.effects[0].members, sights.effects[0].smallest
 
-No rates are needed: it is linear algebra on the conditions (`hil.solve.identifiability`). Sizes are those that a
-search over the whole catalogue finds with the stated probability, its false-alarm rate shared among the classes
-(Bonferroni, so a little pessimistic). Effects that act on the base's terms need their sizes: from the model, or else
-typical ones. What an effect does not show, it leaks into the base's parameters: that is told too.
+No rates are needed: it is linear algebra on the conditions (`hil.solve.identifiability`). Sizes are those that the
+search over the whole catalogue finds with the stated probability (`hil.design.visibility.promise`). Effects that act on
+the base's terms need their sizes: from the model, or else typical ones. What an effect does not show, it leaks into the
+base's parameters: that is told too.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray
+from hil.design.visibility.promise import Rows, Smallest, found_from
 from hil.model import Model
-from hil.model.effects.base import Base, Effect, Parameter, flattened
-from hil.model.effects.catalogue import askable
+from hil.model.effects.base import Base, Effect, flattened
+from hil.model.effects.catalogue import askable, named
+from hil.model.effects.prior import log_in_one, name_odds, shapes_tried
 from hil.model.equation import pickoff_rates
 from hil.model.forms import default_form, mu_columns, named_form
 from hil.solve.identifiability import (
@@ -27,12 +30,11 @@ from hil.solve.identifiability import (
     classes,
     orthonormal,
     overlap_table,
-    smallest_visible,
     visible,
     whitener,
 )
 
-_MOST_SHAPES = 12  # of an effect's grid, evenly chosen: a map needs no finer search
+_MOST_SHAPES = 12  # of those that are searched, evenly chosen: a map needs no finer search
 _TYPICAL_ROTOR = {"bias": (15.0, -10.0), "GS": (60.0, -25.0), "MU": (5.0, 5.0), "slope": (0.2, 0.85)}
 
 
@@ -51,15 +53,6 @@ class NoiseLevel:
 
 
 @dataclass(frozen=True)
-class Smallest:
-    """The size of one parameter that is found with the asked probability when it acts alone."""
-
-    parameter: Parameter
-    value: float
-    shape: Mapping[str, float]
-
-
-@dataclass(frozen=True)
 class Sight:
     """How an effect is seen: the fraction of its norm the base leaves, its class, and its smallest visible sizes."""
 
@@ -72,7 +65,7 @@ class Sight:
     @property
     def best(self) -> Smallest:
         """The parameter that shows best, measured against its typical size."""
-        return min(self.smallest, key=lambda one: one.value / one.parameter.size)
+        return min(self.smallest, key=lambda one: (one.value / one.parameter.size, one.easiest / one.parameter.size))
 
     @property
     def visible(self) -> bool:
@@ -90,8 +83,6 @@ class Sights:
     overlaps: FloatArray
     reasons: Mapping[str, str]
     noise: NoiseLevel
-    false_alarm_rate: float
-    probability: float
 
     def sight(self, identifier: str) -> Sight | None:
         """Return how one effect is seen; None where it cannot be asked about."""
@@ -102,9 +93,8 @@ def visibility(
     conditions: Conditions,
     model: Model | None = None,
     noise: NoiseLevel | None = None,
-    false_alarm_rate: float = 0.05,
-    probability: float = 0.9,
     sigma: FloatArray | None = None,
+    sensors: int = 1,
 ) -> Sights:
     """Return what collects under these conditions can see beside a model's own parameters.
 
@@ -119,7 +109,8 @@ def visibility(
     fitted = named_form(form, conditions)
     whitened = whiten @ flattened(fitted.columns(conditions))
     absorbed = orthonormal(whitened)
-    shapes = {effect.id: _chosen(effect.shape_grid(conditions)) for effect in asked}
+    tried = {effect.id: shapes_tried(effect, conditions) for effect in asked}
+    shapes = {name: _chosen(every) for name, every in tried.items()}
     seen: list[list[Visible]] = []
     leaks: list[dict[str, float]] = []
     for effect in asked:
@@ -130,19 +121,14 @@ def visibility(
     overlaps = overlap_table(seen)
     kept = [float(np.median([one.kept for one in several])) for several in seen]
     groups = classes(overlaps * np.outer(np.array(kept) >= CANNOT_BE_SEEN, np.array(kept) >= CANNOT_BE_SEEN))
-    level = false_alarm_rate / max(sum(kept[group[0]] >= CANNOT_BE_SEEN for group in groups), 1)
     members = {index: tuple(asked[other].id for other in group) for group in groups for index in group}
-    sights = tuple(
-        Sight(
-            effect,
-            kept[index],
-            members[index],
-            _smallest(effect, conditions, seen[index], shapes[effect.id], level, probability),
-            leaks[index],
-        )
-        for index, effect in enumerate(asked)
-    )
-    return Sights(conditions.sensor.number, form, sights, overlaps, reasons, noise, false_alarm_rate, probability)
+    rows, odds = Rows.of(whiten, absorbed, len(conditions.sensor.channels)), name_odds(asked)
+    sights = []
+    for index, effect in enumerate(asked):
+        log_prior = math.log(odds[named(effect).id] / len(tried[effect.id])) + log_in_one(effect, sensors)
+        smallest = found_from(effect, conditions, shapes[effect.id], seen[index], log_prior, rows)
+        sights.append(Sight(effect, kept[index], members[index], smallest, leaks[index]))
+    return Sights(conditions.sensor.number, form, tuple(sights), overlaps, reasons, noise)
 
 
 def default_model_name(conditions: Conditions) -> str:
@@ -197,21 +183,3 @@ def _chosen(shapes: Sequence[Mapping[str, float]]) -> list[Mapping[str, float]]:
     """A few shapes from all over the grid."""
     picks = np.unique(np.linspace(0, len(shapes) - 1, min(len(shapes), _MOST_SHAPES)).round().astype(int))
     return [shapes[int(index)] for index in picks]
-
-
-def _smallest(
-    effect: Effect,
-    conditions: Conditions,
-    seen: Sequence[Visible],
-    shapes: Sequence[Mapping[str, float]],
-    level: float,
-    probability: float,
-) -> tuple[Smallest, ...]:
-    """Return each parameter's smallest visible size at the shape in the middle of its grid's sizes."""
-    sizes = np.array([smallest_visible(one, level, probability) for one in seen])
-    found = []
-    for index, parameter in enumerate(effect.parameters_for(conditions)):
-        middle = int(np.argsort(sizes[:, index], kind="stable")[(len(seen) - 1) // 2])
-        value = float(sizes[middle, index])
-        found.append(Smallest(parameter, value if value <= parameter.largest else np.inf, shapes[middle]))
-    return tuple(found)

@@ -42,4 +42,6 @@ def visibility_text(document: Mapping[str, Any]) -> str:
 
 def _against_typical(effect: Mapping[str, Any]) -> float:
     smallest = effect["smallest_visible"]
-    return float("inf") if smallest["value"] is None else smallest["value"] / max(smallest["typical"][1], 1e-300)
+    sizes = [each or float("inf") for each in (smallest["value"], smallest["easiest"]["value"])]
+    least = sizes[0] if sizes[0] <= smallest["typical"][1] else sizes[1]
+    return float(least / max(smallest["typical"][1], 1e-300))

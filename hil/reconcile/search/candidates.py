@@ -14,12 +14,11 @@ import numpy as np
 from hil.campaign import Conditions, FloatArray
 from hil.model.effects.base import Base, Effect, Parameter
 from hil.model.effects.catalogue import named
+from hil.model.effects.prior import shapes_tried
 from hil.solve.temperatures import same_temperature
 
 POWERS: Mapping[str, int] = {"line": 2, "quadratic": 3, "cubic": 4}
 """How many values a form in powers of temperature has."""
-MANY = 200
-"""Shapes of one effect that are tried first; between the best of them and the next the others follow."""
 _NOTHING = 1e-4  # deg/hr: what an effect of the largest typical size does not reach is not measured by any bench
 
 
@@ -78,8 +77,8 @@ def catalogue_candidates(
     for effect in catalogue:
         if not effect.searched or not effect.applies_to(conditions.sensor) or effect.missing(conditions):
             continue
-        grid, tried = effect.shape_grid(conditions), set[bytes]()
-        for shape in grid[:: 1 + len(grid) // MANY]:
+        tried = set[bytes]()
+        for shape in shapes_tried(effect, conditions):
             columns = effect_columns(effect, conditions, base_beside(effect, shape), shape)
             parameters = effect.parameters_for(conditions)
             high = np.array([item.typical[1] if 0 < item.typical[1] < np.inf else 1.0 for item in parameters])

@@ -20,10 +20,6 @@ from hil.reconcile.search.chains import Whitened
 from hil.reconcile.search.noise import Noise, Points
 
 Scale = tuple[float, float, float]
-HOLDS: tuple[Scale, ...] = ((18.0, 18.0, 0.6), (0.3, 0.3, 0.4))
-"""Inverse-gamma (a, b) of s² in stated variances, and weight: errors are right to 17 %, or nobody knows how wrong.
-
-Where none are stated the latter alone is left, in the variance that a rough fit leaves."""
 SEEN = 1e-6
 """A direction of which less is left beside the base is the base's."""
 ROUNDING = 1e-13

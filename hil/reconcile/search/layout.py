@@ -7,7 +7,8 @@ import numpy as np
 
 from hil.model.effects.base import Effect, VarianceEffect
 from hil.model.effects.data import Mislabelled
-from hil.reconcile.search.candidates import MANY, Candidate, effect_columns
+from hil.model.effects.prior import MANY
+from hil.reconcile.search.candidates import Candidate, effect_columns
 from hil.reconcile.search.mislabelled import AsSolved, as_told, exchanges
 from hil.reconcile.search.noise import Noise
 from hil.reconcile.search.problem import LEAST_FREEDOM, Problem, SensorProblem

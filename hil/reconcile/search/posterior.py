@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil.campaign import FloatArray
+from hil.model.effects.prior import COMMON, SHARED
 from hil.reconcile.search.sets import SensorSearch, Set
 from hil.reconcile.search.terms import Term
 
@@ -23,10 +24,6 @@ WORTH = 7.0
 """Sets this much (log) below the best of their sensor are not combined over sensors."""
 SCATTER = 0.25
 """Prior of any scatter beyond the ordinary: correlated bias is in every gyro."""
-SHARED = 0.75
-"""How probably an effect that one sensor (or channel) has is in another."""
-COMMON = 0.97
-"""And one that is common to sensors."""
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,11 @@ from hil.campaign import Campaign, Collects, Conditions, FloatArray
 from hil.errors import InputError
 from hil.model import Model
 from hil.model.effects.base import Base, Effect
+from hil.model.effects.prior import UNSEEN
 from hil.model.equation import pickoff_rates
 from hil.model.forms import LinearForm, named_form
 from hil.reconcile.search.candidates import Candidate, catalogue_candidates, effect_columns
 from hil.reconcile.search.second_tier import second_tier
-from hil.reconcile.search.terms import UNSEEN
 from hil.solve.identifiability import kept_shares, orthonormal, smallest_fit
 from hil.solve.precision import with_every_error
 from hil.solve.rows import Block, sensor_blocks

@@ -14,9 +14,9 @@ from itertools import pairwise
 import numpy as np
 
 from hil.campaign import FloatArray, IntArray
+from hil.model.effects.prior import HOLDS
 from hil.reconcile.search.chains import Filter, Whitened
 from hil.reconcile.search.evidence import (
-    HOLDS,
     LEAST,
     SEEN,
     Beside,

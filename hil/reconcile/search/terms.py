@@ -8,7 +8,6 @@ terms like any other, and compete with them.
 import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -17,13 +16,12 @@ from hil.campaign import FloatArray, IntArray
 from hil.model.effects.base import Parameter
 from hil.model.effects.data import OTHER_SENSOR
 from hil.model.effects.followed import driver_of
+from hil.model.effects.prior import SECOND_TIER, UNSEEN, ladder, middle, name_odds
 from hil.reconcile.search.candidates import POWERS, Candidate
 from hil.reconcile.search.evidence import Amplitude
 from hil.solve.identifiability import kept_shares, orthonormal, project_out, unit_columns
 from hil.solve.rows import Block
 
-SECOND_TIER = 0.2
-"""Prior of what no effect of the catalogue describes, given that something is missing."""
 WRONG = {"row": 0.1, "run": 0.02}
 MISLABELLED = 0.02
 """Prior odds that a campaign has a wrong row, a wrong run, labels that are exchanged."""
@@ -31,10 +29,6 @@ PLAIN = 5.0
 """A value that is one number is this many times as probable as one that follows temperature in some form."""
 EXACT = 0.03
 """Deviation of an amplitude that is one or nothing: the columns are right to a few per cent."""
-STEP = 3.0
-"""Factor between sizes that are tried: a normal prior that is off by its root loses a tenth of a log."""
-UNSEEN = 0.03
-"""A column of which the base leaves less is not asked about, nor in a block that it moves less than another."""
 IDENTICAL = 0.99
 """Columns beside the base of which the cosine is larger nobody can tell apart."""
 
@@ -152,19 +146,14 @@ def _undescribed(found: Sequence[Term], bases: Sequence[FloatArray]) -> list[Ter
 def _prior_odds(candidates: Sequence[Candidate]) -> list[float]:
     """Share the odds out: over tiers, over names by their class's odds, over the shapes and forms of a name."""
     within: dict[tuple[int, str], float] = {}
-    odds: dict[tuple[int, str], float] = {}
     for c in candidates:
-        key = (c.tier, c.name)
-        within[key] = within.get(key, 0.0) + _form_weight(c)
-        odds[key] = max(odds.get(key, 0.0), c.effect.odds if c.effect is not None and c.tier == 1 else 1.0)
-    tiers = {tier: sum(value for (t, _), value in odds.items() if t == tier) for tier, _ in odds}
-    share = {1: 1.0 - SECOND_TIER, 2: SECOND_TIER}
-    out = []
-    for c in candidates:
-        key = (c.tier, c.name)
-        of_name = WRONG.get(c.name, MISLABELLED) if c.tier == 0 else share[c.tier] * odds[key] / tiers[c.tier]
-        out.append(of_name * _form_weight(c) / within[key])
-    return out
+        within[c.tier, c.name] = within.get((c.tier, c.name), 0.0) + _form_weight(c)
+    nameless = [name for tier, name in within if tier == 2]
+    odds: dict[tuple[int, str], float] = {(2, name): SECOND_TIER / len(nameless) for name in nameless}
+    for name, own in name_odds(c.effect for c in candidates if c.tier == 1 and c.effect is not None).items():
+        odds[1, name] = own
+    every = [(odds.get((c.tier, c.name), WRONG.get(c.name, MISLABELLED)), c) for c in candidates]
+    return [own * _form_weight(c) / within[c.tier, c.name] for own, c in every]
 
 
 def _form_weight(candidate: Candidate) -> float:
@@ -225,31 +214,16 @@ def _sizes(candidate: Candidate, noise: float) -> tuple[FloatArray, FloatArray, 
         # Of what nobody has described, sizes from the noise up are as probable, order by order.
         typical = Parameter("", "", (0.5 * noise, 50.0 * noise))
         # A curve of several columns is as large as one column would be.
-        middle = np.sqrt(0.5 * 50.0 / max(candidate.size, 1)) * noise / rms
+        centre = np.sqrt(0.5 * 50.0 / max(candidate.size, 1)) * noise / rms
     else:
         first = candidate.parameters[0]
         typical = first
-        middle = np.array([_middle(p) for p in candidate.parameters])
+        centre = np.array([middle(p) for p in candidate.parameters])
         if candidate.form in POWERS:  # each power is as large as the value itself, over the campaign's range
             own = candidate.size // POWERS[candidate.form]
-            middle = middle * np.tile(rms[:own], POWERS[candidate.form]) / rms
-    sizes, log_weights = _ladder(typical.typical)
-    return np.asarray(middle, dtype=np.float64), sizes, log_weights
-
-
-@cache
-def _ladder(typical: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
-    """Return sizes (u,) that are tried, in middles of a typical range, and their log weights (u,)."""
-    parameter = Parameter("", "", typical)
-    low = max(typical[0], 0.01 * typical[1])
-    values = 0.1 * low * STEP ** np.arange(int(np.ceil(np.log(parameter.largest / (low * 0.1)) / np.log(STEP))) + 1)
-    log_weights = np.array([parameter.log_density(size) for size in values.tolist()])
-    return np.asarray(values / _middle(parameter)), np.asarray(log_weights - np.logaddexp.reduce(log_weights))
-
-
-def _middle(parameter: Parameter) -> float:
-    low, high = parameter.typical
-    return float(np.sqrt(max(low, 0.01 * high) * high))
+            centre = centre * np.tile(rms[:own], POWERS[candidate.form]) / rms
+    sizes, log_weights = ladder(typical.typical)
+    return np.asarray(centre, dtype=np.float64), sizes, log_weights
 
 
 def _of_part(amplitude: Amplitude, part: Part) -> Amplitude:

@@ -9,22 +9,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from hil.campaign import Campaign, Collects, Conditions, FloatArray
 from hil.config.bench import load_bench
 from hil.config.sweep import load_sweep
 from hil.design.conditions import planned_conditions
 from hil.design.visibility.document import campaign_document, sweep_document, visibility_document
-from hil.design.visibility.map import NoiseLevel, Sights, base_values, visibility
+from hil.design.visibility.map import NoiseLevel, Sights, visibility
 from hil.design.visibility.text import visibility_text
 from hil.design.visibility.worth import improvements
 from hil.model import Model, built_in_model, load_model
-from hil.model.effects.base import flattened
-from hil.model.effects.catalogue import EFFECTS, effect_by_id
-from hil.model.forms import named_form
+from hil.model.effects.catalogue import EFFECTS
 from hil.solve.changes import CHANGES, with_collect_4, with_order_1_3_2, with_second_heading
-from hil.solve.identifiability import orthonormal, project_out, whitener
 from procedures.plan import make_plan
 from tests.hil.model.effect_conditions import ROTOR, TRIAD, campaign, triad_poses
 from tests.hil.solve.test_neighbours import campaign as runs_at_their_temperatures
@@ -93,26 +89,6 @@ def test_a_second_heading_brings_earth_rate_and_magnetics_into_sight(published: 
         assert sight.visible
 
 
-def test_smallest_visible_size_is_found_with_the_stated_probability() -> None:
-    """Simulated with the stated noise: the share of data sets in which the effect's own test finds it is 90 %."""
-    conditions = campaign()
-    noise = NoiseLevel(collect_deg_per_hr=0.7, run_bias_deg_per_hr=1.1)
-    model = built_in_model("matrix-6")
-    sights = visibility(conditions, model, noise)
-    sight = sights.sight("GS_T")
-    assert sight is not None
-    names = [parameter.name for parameter in sight.effect.parameters_for(conditions)]
-    columns = flattened(effect_by_id("GS_T").columns(conditions, base_values(conditions, model), {}))
-    white = whitener(conditions, np.full((len(conditions), 2), 0.7), np.array([1.1, 1.1]))
-    base = orthonormal(white @ flattened(named_form("matrix-6", conditions).columns(conditions)))
-    basis = orthonormal(project_out(base, white @ columns))
-    signal = (white @ columns)[:, names.index(sight.best.parameter.name)] * sight.best.value
-    statistic = np.sum(((np.random.default_rng(3).standard_normal((4000, len(signal))) + signal) @ basis) ** 2, axis=1)
-    groups = len({one.members for one in sights.effects if one.visible})
-    found = statistic > stats.chi2.isf(sights.false_alarm_rate / groups, basis.shape[1])
-    assert np.mean(found) == pytest.approx(0.9, abs=0.02)
-
-
 @pytest.mark.slow
 def test_what_is_asked_of_a_whole_life_stays_linear() -> None:
     """The rates of runs are whitened run by run: four thousand runs take no matrix of all of them."""
@@ -125,13 +101,13 @@ def test_what_is_asked_of_a_whole_life_stays_linear() -> None:
 
 
 def test_less_noise_shows_smaller_effects() -> None:
-    """Half the noise, half the size; where all noise shrinks alike, the fraction kept is the design's alone."""
+    """Half the noise, about half the size, as smaller ones are as usual; the fraction kept is the design's alone."""
     conditions = campaign()
     loud, quiet = (visibility(conditions, noise=NoiseLevel(0.8 * k, 1.6 * k)) for k in (1.0, 0.5))
     for one, other in zip(loud.effects, quiet.effects, strict=True):
         assert one.kept == pytest.approx(other.kept)
         if one.visible:
-            assert other.best.value == pytest.approx(0.5 * one.best.value)
+            assert other.best.easiest == pytest.approx(0.5 * one.best.easiest, rel=0.1)
 
 
 def test_order_1_3_2_keeps_a_drift_out_of_mu(published: dict[int, Conditions]) -> None:

@@ -17,6 +17,7 @@ from hil.campaign import Conditions, FloatArray
 from hil.model import load_model
 from hil.model.effects.base import Base, Effect, Parameter, per_channel
 from hil.model.effects.catalogue import effect_by_id, variance_effect_by_id
+from hil.model.effects.prior import SECOND_TIER
 from hil.reconcile.proof.held_out import _predicted, by_run
 from hil.reconcile.search import set_in_block
 from hil.reconcile.search.evidence import Options, log_sum, shrunk
@@ -26,7 +27,7 @@ from hil.reconcile.search.posterior import scatter_odds
 from hil.reconcile.search.problem import pose
 from hil.reconcile.search.set_in_block import Sets
 from hil.reconcile.search.sets import BlockSearch, SensorSearch
-from hil.reconcile.search.terms import SECOND_TIER, terms
+from hil.reconcile.search.terms import terms
 from hil.reconcile.search.tied import AtBest, tied_gain
 from tests.hil.reconcile.hidden_effects import both, hidden_campaign
 

@@ -7,8 +7,8 @@ import pytest
 
 from hil.model import load_model
 from hil.model.effects.catalogue import SERIES_EFFECTS, effect_by_id
+from hil.model.effects.prior import MANY as SHAPES
 from hil.reconcile.inside import named_within
-from hil.reconcile.search.candidates import MANY as SHAPES
 from hil.reconcile.search.candidates import catalogue_candidates
 from hil.reconcile.search.layout import searches
 from hil.reconcile.search.mislabelled import AsSolved, exchanges

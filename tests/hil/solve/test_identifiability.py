@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import stats
 
 from hil.model.effects.base import flattened
 from hil.model.forms import mu_columns
@@ -20,9 +19,7 @@ from hil.solve.identifiability import (
     orthonormal,
     overlap_table,
     project_out,
-    required_noncentrality,
     smallest_fit,
-    smallest_visible,
     visible,
     whitener,
 )
@@ -103,7 +100,6 @@ def test_numerical_dust_is_no_column() -> None:
     base = rng.standard_normal((30, 4))
     seen = visible(1e6 * base @ rng.standard_normal((4, 2)), orthonormal(base), np.ones(2))
     assert seen.kept == 0.0
-    assert np.all(np.isinf(smallest_visible(seen, 0.01)))
 
 
 def test_kept_weighs_parameters_by_their_typical_sizes() -> None:
@@ -156,26 +152,6 @@ def test_classes_link_what_overlaps_and_keep_the_rest_alone() -> None:
         table[a, b] = table[b, a] = 0.97
     table[2, 3] = table[3, 2] = 0.9
     assert classes(table) == ((0, 1, 3), (2,))
-
-
-@pytest.mark.parametrize(("degrees", "alpha"), [(1, 0.05), (2, 0.01), (6, 0.001)])
-def test_required_noncentrality_gives_the_power_that_was_asked_for(degrees: int, alpha: float) -> None:
-    """Checked with the non-central χ² itself; one degree at 5 % is the textbook's (1.96 + 1.28)²."""
-    needed = required_noncentrality(degrees, alpha, 0.9)
-    assert stats.ncx2.sf(stats.chi2.isf(alpha, degrees), degrees, needed) == pytest.approx(0.9)
-    assert required_noncentrality(1, 0.05, 0.9) == pytest.approx(10.51, abs=0.01)
-
-
-def test_smallest_visible_size_is_found_as_often_as_stated() -> None:
-    """Simulated: a χ² test finds an effect of that size in 90 % of 4000 data sets, and noise in 1 %."""
-    rng = np.random.default_rng(11)
-    base = orthonormal(rng.standard_normal((40, 5)))
-    seen = visible(rng.standard_normal((40, 2)), base, np.ones(2))
-    size = smallest_visible(seen, 0.01)[0]
-    noise = rng.standard_normal((4000, 40))
-    for added, expected in ((size, 0.9), (0.0, 0.01)):
-        statistic = np.sum(((noise + added * seen.residual[:, 0]) @ seen.basis) ** 2, axis=1)
-        assert np.mean(statistic > stats.chi2.isf(0.01, 2)) == pytest.approx(expected, abs=0.015)
 
 
 def test_flattened_rows_are_collect_by_collect() -> None:

@@ -1,0 +1,68 @@
+"""What is known before the data: how probable a name is, in which sensors and shapes, and how large it may be.
+
+The search weighs by it, and what a design promises of the search is priced by it.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
+
+import numpy as np
+
+from hil.campaign import Conditions, FloatArray
+from hil.model.effects.base import Effect, Parameter
+from hil.model.effects.catalogue import named
+
+ALPHA = 0.05
+"""Rate of false alarms where none is stated."""
+SECOND_TIER = 0.2
+"""Prior of what no effect of the catalogue describes, given that something is missing."""
+SHARED = 0.75
+"""How probably an effect that one sensor (or channel) has is in another."""
+COMMON = 0.97
+"""And one that is common to sensors."""
+HOLDS: tuple[tuple[float, float, float], ...] = ((18.0, 18.0, 0.6), (0.3, 0.3, 0.4))
+"""Inverse-gamma (a, b) of s² in stated variances, and weight: errors are right to 17 %, or nobody knows how wrong.
+
+Where none are stated the latter alone is left, in the variance that a rough fit leaves."""
+MANY = 200
+"""Shapes of one effect that are tried first; between the best of them and the next the others follow."""
+STEP = 3.0
+"""Factor between sizes that are tried: a normal prior that is off by its root loses a tenth of a log."""
+UNSEEN = 0.03
+"""A column of which the base leaves less is not asked about, nor in a block that it moves less than another."""
+
+
+def name_odds(effects: Iterable[Effect]) -> dict[str, float]:
+    """Share the odds of the catalogue out over the names of these effects."""
+    odds: dict[str, float] = {}
+    for effect in effects:
+        odds[named(effect).id] = max(odds.get(named(effect).id, 0.0), effect.odds)
+    return {name: (1.0 - SECOND_TIER) * own / sum(odds.values()) for name, own in odds.items()}
+
+
+def log_in_one(effect: Effect, sensors: int) -> float:
+    """Return the log prior that of several sensors one alone has an effect, or all where it is common to them."""
+    has, rest = (COMMON, COMMON) if effect.common_to_sensors else (SHARED, 1.0 - SHARED)
+    return float(np.log(has) + (sensors - 1) * np.log(rest)) if sensors > 1 else 0.0
+
+
+def shapes_tried(effect: Effect, conditions: Conditions) -> Sequence[Mapping[str, float]]:
+    """Return the shapes of an effect that are tried first, each as probable as another."""
+    grid = effect.shape_grid(conditions)
+    return grid[:: 1 + len(grid) // MANY]
+
+
+@cache
+def ladder(typical: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
+    """Return sizes (u,) that are tried, in middles of a typical range, and their log weights (u,)."""
+    parameter = Parameter("", "", typical)
+    low = max(typical[0], 0.01 * typical[1])
+    values = 0.1 * low * STEP ** np.arange(int(np.ceil(np.log(parameter.largest / (low * 0.1)) / np.log(STEP))) + 1)
+    log_weights = np.array([parameter.log_density(size) for size in values.tolist()])
+    return np.asarray(values / middle(parameter)), np.asarray(log_weights - np.logaddexp.reduce(log_weights))
+
+
+def middle(parameter: Parameter) -> float:
+    """Return the middle of a typical range, of which a bottom of zero is a hundredth of the top."""
+    low, high = parameter.typical
+    return float(np.sqrt(max(low, 0.01 * high) * high))
