@@ -113,7 +113,7 @@ def case(number: int, *, seed: int, keep: Path, averages: bool) -> dict[str, Any
     """Draw a unit, carry its night out, look for what it hides, and lay twins beside it before and after."""
     sweep = ("published", "recommended")[number % 2]
     rng = np.random.default_rng([seed, number])
-    bare = replace(coverage.without(sweep, ASKED), series_files={})
+    bare = replace(coverage.without(sweep, ASKED, seed), series_files={})
     folder = keep / f"unit-{seed}-{number}"
     document = drawn(number, bare, folder, rng)
     if averages:

@@ -26,6 +26,8 @@ ODDS = {
     "run": 0.02,
 }
 """Prior odds that a campaign has one of a kind: wrong rows, labels and runs as those of the search."""
+AS_IT_LAY = float(np.log(1e4))
+"""Odds (log) that two collects are exchanged whose accelerometers say so: as others are against it, nobody knows."""
 _WIDE = 30.0  # standard errors that what is wrong is off by, unless it is more
 _TOLD = 1e-3  # of a rate: where the others leave less, nothing tells what it should be
 _HARDLY_ANY = 4.0  # logs: of many runs those are not asked about that the data make no likelier than that less
@@ -52,9 +54,10 @@ class Cause:
 
     @property
     def place(self) -> tuple[object, ...]:
-        """What it is one with: a collect of which a rate is wrong is a wrong collect."""
-        alone = self.what in ("rate", "collect")
-        return (self.run, self.rows) if alone else (self.what, self.run, self.rows, self.channel)
+        """What it is one with: a collect of which a rate is wrong is a wrong collect, and a bias is its run's."""
+        if self.what in ("rate", "collect"):
+            return (self.run, self.rows)
+        return (self.what, self.run, self.rows, None if self.what == "bias" else self.channel)
 
 
 class Asked:
@@ -70,6 +73,11 @@ class Asked:
     def times(self) -> float:
         """How many times as far from each other as their standard errors say rates are."""
         return float(np.sqrt(max(self.rates.squares, 0.0) / max(self.rates.freedom, 1.0)))
+
+    @property
+    def as_filed(self) -> float:
+        """Log probability of the rates if nothing is wrong with them."""
+        return float(self._evidence(np.array([self.rates.squares]))[0])
 
     def weighed(self, run: int | None = None) -> tuple[float, list[tuple[tuple[Cause, ...], float]]]:
         """Return how probable it is that nothing is wrong, and causes with their probability, the likeliest first.
@@ -138,7 +146,7 @@ class Asked:
         pairs = {run: _pairs(conditions, rows) for run, rows in conditions.of_each_run.items()}
         of = {"rate": n * channels, "collect": n, "exchanged": max(sum(map(len, pairs.values())), 1)}
         of |= dict.fromkeys(("channels", "sensors", "run", "all turned"), len(runs))
-        of |= dict.fromkeys(("turned", "bias"), len(runs) * channels)
+        of |= {"turned": len(runs) * channels, "bias": len(runs) * (channels + (channels > 1))}
         log_odds = {what: float(np.log(ODDS[what] / many)) for what, many in of.items()}
         gains = self._evidence(self.rates.squares - np.array([0.0, *(each.most for each in runs.values())]))
         for (run, each), most in zip(runs.items(), gains[1:] - gains[0], strict=True):
@@ -150,10 +158,9 @@ class Asked:
                 own = np.arange(channels) == c
                 turned = np.where(own, -each.measured, each.measured)
                 tried += each.otherwise(Cause("turned", run, each.rows, c), turned)
-                if run not in self._own_bias and len(runs) > 1:
-                    level = np.where(own, each.weight, 0.0) / each.weight[:, c].max()
-                    tried += each.anywhere(Cause("bias", run, each.rows, c), level.reshape(-1, 1))
             if len(each.rows) > 1:
+                if run not in self._own_bias and len(runs) > 1:
+                    tried += each.of_its_own()
                 if channels > 1:
                     tried += each.otherwise(Cause("all turned", run, each.rows), -each.measured)
                 if channels == 2 and each.known.all():
@@ -202,6 +209,15 @@ class _Run:
                 yield from self.anywhere(Cause("rate", self._run, (row,), c), unit[i, [c]].T)
             if self.known[i].sum() > 1:
                 yield from self.anywhere(Cause("collect", self._run, (row,)), unit[i].T)
+
+    def of_its_own(self) -> Iterator[_Tried]:
+        """Yield another bias of each channel, and of all: a unit that is switched on anew has."""
+        level = self.weight / np.maximum(self.weight.max(axis=0), 1e-12)
+        columns = (level[..., None] * np.eye(level.shape[1])).reshape(level.size, -1)
+        for c in np.flatnonzero(self.known.sum(axis=0) > 1).tolist():
+            yield from self.anywhere(Cause("bias", self._run, self.rows, c), columns[:, [c]])
+        if level.shape[1] > 1:
+            yield from self.anywhere(Cause("bias", self._run, self.rows), columns)
 
     def anywhere(self, cause: Cause, columns: FloatArray) -> Iterator[_Tried]:
         """Yield a cause along columns (k·c, q), if anything tells of it, what it pays for that, and what it leaves."""

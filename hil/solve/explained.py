@@ -12,7 +12,7 @@ which nothing holds. What is certain is done, and what is left is asked again
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Set
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -33,6 +33,7 @@ LISTED = 0.05
 _MOST = 0.2  # of the collects: where more are wrong, it is no rows
 _UNSEEN = 50.0  # standard errors: what is off by less may not be seen without a word
 _NO_ERROR = 20.0  # times its standard errors: whatever it is, what is stated is none
+_ANYWHERE = 1e5  # standard errors: no run is off by so much
 _MANY = 20  # runs: among more it is not said what would not be seen
 
 
@@ -181,18 +182,33 @@ def _by_place(found: Iterable[tuple[tuple[Cause, ...], float]]) -> dict[tuple[ob
     return out
 
 
-def sees_from(collects: Collects, distrusted: Collection[int] = ()) -> float | None:
-    """Return how far off a rate must be to be doubted, deg/hr; None unless so few runs are there that it is far."""
+def beyond_others(collects: Collects, distrusted: Collection[int] = ()) -> tuple[Set[int], float | None]:
+    """Return the runs of which no other tells, and how far off a rate must be to be doubted, deg/hr.
+
+    None unless so few runs are there that it is far.
+    """
     used = collects.rows(~np.isin(collects.conditions.run, list(distrusted)))
-    if not 0 < len(used.conditions.of_each_run) <= _MANY:
-        return None
-    asked = Asked(Whitened(used))
-    if asked.rates.freedom < 1.0:
-        return None
-    off, weight = asked.seen_from(), asked.rates.weight
-    told = np.isfinite(off)
-    worst = float(np.max(off[told] * weight[told], initial=0.0))
-    return worst / float(np.median(weight[asked.rates.known])) if worst > _UNSEEN else None
+    if not len(used):
+        return set(), None
+    rates = Whitened(used)
+    alone = rates.alone
+    if len(used.conditions.of_each_run) > _MANY or rates.freedom < 1.0:
+        return alone, None
+    off = Asked(rates).seen_from()
+    if not _in_errors(rates, off) > _UNSEEN:
+        return alone, None
+    for rows in used.conditions.of_each_run.values():  # one that is wrong makes all seem to scatter more
+        moved = used.rates_deg_per_hr.copy()
+        moved[rows] += _ANYWHERE / rates.weight.max() * (1.0 + np.arange(len(rows))[:, None]) ** 2
+        without = Whitened(replace(used, rates_deg_per_hr=moved))
+        off[rows] = np.maximum(off[rows], Asked(without).seen_from()[rows])
+    return alone, _in_errors(rates, off) / float(np.median(rates.weight[rates.known]))
+
+
+def _in_errors(rates: Whitened, off_deg_per_hr: FloatArray) -> float:
+    """Return the largest of sizes (n, c) that are known, in standard errors."""
+    told = np.isfinite(off_deg_per_hr)
+    return float(np.max(off_deg_per_hr[told] * rates.weight[told], initial=0.0))
 
 
 def mended(collects: Collects, cause: Cause) -> Collects:

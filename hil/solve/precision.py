@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from hil.campaign import BoolArray, Collects, Sensor
-from hil.model.effects.catalogue import effect_by_id
+from hil.model.effects.catalogue import effect_by_id, variance_effect_by_id
 from hil.model.forms import PER_G, RATE
 from procedures.verdict import Judgement, Verdict
 from procedures.words import listed
@@ -25,6 +25,11 @@ _OTHER = {
     each.name: max(replace(each, typical=size).size for size in each.typical_other.values())
     for effect in ("bias", "g_sensitivity")
     for each in effect_by_id(effect).parameters
+}
+
+
+_FROM_RUN_TO_RUN = {
+    name: variance_effect_by_id(effect).parameters[0] for name, effect in (("B", "turnon"), ("MU", "MU_rr"))
 }
 
 
@@ -52,6 +57,18 @@ def usual_size(parameter: str, sensor: Sensor) -> float:
     """
     sizes = _ROTOR if sensor.is_rotor else _OTHER
     return sizes.get(parameter, sizes.get(parameter[0], math.inf))
+
+
+def typical_scatter(parameter: str, sensor: Sensor) -> float:
+    """Return by how much a bias, deg/hr, or MU, deg/hr/g, typically differs from run to run at most; else any amount.
+
+    >>> typical_scatter("MUA", Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"}))
+    6.0
+    """
+    of = _FROM_RUN_TO_RUN.get(parameter[:-1])
+    if of is None:
+        return math.inf
+    return max(high for _, high in ([of.typical] if sensor.is_rotor else of.typical_other.values()))
 
 
 def measured_well_enough(

@@ -187,8 +187,8 @@ def _judged(solution: RunSolution, rows: Collects, beside: _Beside) -> RunSoluti
     solution = replace(solution, doubted=not beside.doubted.isdisjoint(solution.runs))
     if not set(beside.not_compared).isdisjoint(solution.runs):
         alone = (
-            f"{numbered('run', beside.not_compared)} cannot be compared with others (it takes three at a temperature, "
-            "or a colder and a warmer one, and six such collects): that each collect is what it says"
+            f"{numbered('run', beside.not_compared)} cannot be compared with others (it takes runs that repeat "
+            "others, three of them at a temperature, or four temperatures): that each collect is what it says"
             + ", as far as residuals do not show it"
             * bool(solution.degrees_of_freedom)
         )

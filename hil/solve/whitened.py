@@ -3,31 +3,35 @@
     rates = Whitened(collects)
     rates.squares, rates.freedom     # of what is left, in standard errors, and how many degrees of freedom it has
 
-A run's bias and MU are its own, within what those of the other runs scatter by where enough were made to tell. What
-else its rates show the others show too, at another temperature by a little more or less; where three runs took a
-position at the same place in them, whatever the form says of it.
+A run's bias and MU are its own, within what those of the other runs scatter by where enough were made to tell: about
+those of others at its temperature, or, where hardly any run repeats another, about a curve over temperature. What else
+its rates show the others show too, at another temperature by a little more or less; where three runs took a position at
+the same place in them, whatever the form says of it.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence, Set
 
 import numpy as np
 
-from hil.campaign import Collects, FloatArray, IntArray
+from hil.campaign import Collects, Conditions, FloatArray, IntArray
 from hil.campaign.laws import FIXTURE_G, from_the_usual_g
 from hil.model.forms import default_form
 from hil.solve.identifiability import orthonormal, unit_columns
-from hil.solve.neighbours import place_in_each_run
+from hil.solve.precision import typical_scatter
 from hil.solve.temperatures import runs_by_temperature
 
 _CHANGES = 0.1  # of its size: so much what neither a bias nor MU moves is another at another temperature, or place
 _SHARE = 1.0 / 3.0  # of differences of two: what so many are below, a few that are wrong do not move
 _SIGMA = 1.64  # a normal distribution's sigma by that
-_FEW = 8.0  # runs that repeat others: of so many their scatter is known hardly better than by 2
+_CURVE = 3  # order of what bias and MU follow over temperature at most
+_LESS = 18.0 / 35.0  # of what as many repeats tell of scatter runs along a curve tell (Gasser, Biometrika 73, 1986)
+_FEW = 8.0  # runs that others tell of: of so many their scatter is known hardly better than by 2
 _LEAST = 2  # and of fewer not at all
 _LEVEL = 0.7  # of a channel's usual variance in every row's: standard errors leave out what differs by collect
 _LAGS = (1, 2)  # between repeats whose difference is taken
 _APART = 1e-9  # of the square of the largest: directions that are none
 _REPEATED = 3  # collects in one place tell what it shows
+_TOLD = 1e-3  # of what a run's bias or MU shows: where others leave less, they tell nothing of it
 
 
 class Whitened:
@@ -51,23 +55,24 @@ class Whitened:
         bias = np.array([name.startswith("B") for name in form.names])[of_run]
         own, steady = columns[..., of_run], columns[..., ~of_run]
         seen = np.where(self.known, rates - conditions.w_channels_deg_per_hr, 0.0) * self.weight
-        groups = [of for _, of in runs_by_temperature(conditions)]
+        groups = runs_by_temperature(conditions)
+        at = np.array([np.isin(conditions.run, of) for _, of in groups])[..., None, None]
         self._runs = conditions.of_each_run
-        scatter = _scatter(self._runs, columns, seen, groups)
+        scatter = _scatter(conditions, form.names, columns, seen)
         self._keeps: dict[int, FloatArray] = {}
+        self._own = {run: _flat(own[rows]) for run, rows in self._runs.items()}
         left = {}  # the covariance that is expected of what it keeps
         for run, rows in self._runs.items():
             free = np.full(own.shape[2], scatter is None) | (bias & (run in own_bias))
-            basis = orthonormal(_flat(own[rows])[:, free])
+            basis = orthonormal(self._own[run][:, free])
             keeps, covariance = np.eye(len(basis)) - basis @ basis.T, np.diag(self.known[rows].reshape(-1) * 1.0)
             if scatter is not None:
-                bound = _flat(own[rows])[:, ~free] * scatter[0][of_run][~free]
+                bound, usual = (self._own[run][:, ~free] * each[of_run][~free] for each in scatter[:2])
                 directions, size, _ = np.linalg.svd(keeps @ bound, full_matrices=False)
                 keeps = keeps - directions * (1.0 - 1.0 / np.sqrt(1.0 + size**2)) @ directions.T @ keeps
-                covariance += bound @ bound.T / scatter[1] ** 2
+                covariance += usual @ usual.T
             self._keeps[run], left[run] = keeps, keeps @ covariance @ keeps.T
-        at = np.array([np.isin(conditions.run, of) for of in groups])[..., None, None]
-        common = [steady, *([] if scatter is None else own * at)]
+        common = [steady, *([] if scatter is None else own * scatter[2][..., None, None])]
         changes = [*self._places(), *(steady * at if len(groups) > 1 else [])]
         white = self._white(np.concatenate([seen[..., None], steady, *common, *changes], axis=2))
         seen, excited = white[..., 0], white[..., 1 : 1 + steady.shape[2]]
@@ -95,6 +100,16 @@ class Whitened:
         """Return what of changes to a run's rates all runs show together, (q, k·c)."""
         return np.asarray(_flat(self._shown[self._runs[run]]).T @ self._keeps[run])
 
+    @property
+    def alone(self) -> Set[int]:
+        """The runs of whose bias, or of whose MU, no other tells anything."""
+        out = set()
+        for run, own in self._own.items():
+            size, kept, shown = (np.sum(of**2, axis=0) for of in (own, self._keeps[run] @ own, self.shown(run) @ own))
+            if np.any((size > 0.0) & (kept - shown <= _TOLD * kept + _APART * size)):
+                out.add(run)
+        return out
+
     def _white(self, columns: FloatArray) -> FloatArray:
         """Return columns (n, c, p) less what each run shows for itself."""
         out = np.empty_like(columns)
@@ -114,29 +129,64 @@ class Whitened:
         return [(place == each)[:, None, None] * channels for each in numbers[(count >= _REPEATED) & (numbers >= 0)]]
 
 
-def _scatter(
-    runs: Mapping[int, IntArray], columns: FloatArray, seen: FloatArray, groups: Sequence[Sequence[int]]
-) -> tuple[FloatArray, float] | None:
-    """Return what a run's parameters (p,) are known within by those of others at its temperature; None for too few.
+def place_in_each_run(conditions: Conditions) -> IntArray:
+    """Number collects, (n,), by position and by the how-manieth time that their run took it.
 
-    And how many times as much as they scatter that is: of few nobody knows it well.
+    What drifts through a run shows where a position is taken again: that is compared with its like.
+    """
+    position = np.unique(conditions.position, return_inverse=True)[1]
+    place = np.unique(np.stack([conditions.run, position]), axis=1, return_inverse=True)[1].reshape(-1)
+    order = np.argsort(place, kind="stable")
+    again = np.empty_like(place)
+    again[order] = np.arange(len(place)) - np.searchsorted(place[order], place[order])
+    return np.asarray(len(position) * again + position)
+
+
+def _scatter(
+    conditions: Conditions, names: Sequence[str], columns: FloatArray, seen: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Return what a run's parameters (p,) are known within by those of others; None where too few tell of each other.
+
+    That is more than their scatter (p,), for of few nobody knows it well, but no more than is typical at most where it
+    is less; and how they go from row to row by what all have in common, (q, n): by temperature, or, where hardly any
+    run repeats another, along a curve.
     """
     values: dict[int, FloatArray] = {}
-    for run, rows in runs.items():
+    for run, rows in conditions.of_each_run.items():
         design = _flat(columns[rows])
         fitted, _, rank, _ = np.linalg.lstsq(design, seen[rows].reshape(-1), rcond=1e-3)
         if rank == design.shape[1]:
             values[run] = np.asarray(fitted)
-    repeated = [[values[run] for run in of if run in values] for of in groups]
-    degrees = sum(max(len(of) - 1, 0) for of in repeated)
+    groups = runs_by_temperature(conditions)
+    common = np.array([np.isin(conditions.run, of) for _, of in groups]) * 1.0
+    repeated = [[values[run] for run in of if run in values] for _, of in groups]
+    degrees = float(sum(max(len(of) - 1, 0) for of in repeated))
+    apart = [one - other for of in repeated for lag in _LAGS for one, other in zip(of, of[lag:], strict=False)]
     if degrees < _LEAST:
-        return None
-    apart = np.array(
-        [one - other for of in repeated for lag in _LAGS for one, other in zip(of, of[lag:], strict=False)]
-    )
-    times = 1.0 + _FEW / degrees
-    usual = _SIGMA * np.quantile(np.abs(apart), _SHARE, axis=0, method="lower")
-    return np.maximum(usual, 1.0) * times, times
+        degC = np.array([at for at, _ in groups], dtype=np.float64)
+        met = [k for k, of in enumerate(repeated) if of]
+        if len(met) - 2 < _LEAST or not np.isfinite(degC).all():
+            return None
+        apart = _off_a_line([(degC[k], np.mean(repeated[k], axis=0)) for k in met])
+        order, degrees = min(_CURVE, len(met) - 1 - _LEAST), (len(met) - 2) * _LESS
+        common = np.vander((degC - degC.mean()) / np.ptp(degC), order + 1).T @ common
+    scatter = np.maximum(_SIGMA * np.quantile(np.abs(np.array(apart)), _SHARE, axis=0, method="lower"), 1.0)
+    typical = np.array([typical_scatter(name, conditions.sensor) for name in names])
+    within = scatter * (1.0 + _FEW / degrees)
+    return np.where(scatter < typical, np.minimum(within, typical), within), scatter, common
+
+
+def _off_a_line(known: Sequence[tuple[float, FloatArray]]) -> list[FloatArray]:
+    """Return how far values (p,), known at each °C, are from what the next colder and warmer lead one to expect.
+
+    As far as two that repeat each other are apart.
+    """
+    out = []
+    for (cold, below), (at, value), (warm, above) in zip(known, known[1:], known[2:], strict=False):
+        share = (at - cold) / (warm - cold)
+        off = value - (1.0 - share) * below - share * above
+        out.append(off * np.sqrt(2.0 / (1.0 + (1.0 - share) ** 2 + share**2)))
+    return out
 
 
 def _basis(columns: FloatArray) -> FloatArray:

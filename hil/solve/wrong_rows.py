@@ -5,12 +5,11 @@
     found.collects      # what is solved: labels put right, rates that are wrong left out
     found.judged[5]     # no run that rests on such a row is a PASS
 
-The quick form of what `hil reconcile` asks of every row: how the unit lay by its accelerometers, what explains all
-rates best, with the search's own odds of a mistake (`hil.solve.explained`), and what the next colder and warmer
-temperature show (`hil.solve.neighbours`).
+The quick form of what `hil reconcile` asks of every row: how the unit lay by its accelerometers, and what explains all
+rates best, with the search's own odds of a mistake (`hil.solve.explained`).
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -19,10 +18,10 @@ import numpy as np
 
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.campaign.plausibility import clipped, unclipped
-from hil.solve.causes import Cause
-from hil.solve.explained import HARDLY, Explained, explanations, mended, sees_from
-from hil.solve.neighbours import OTHER_BIAS, compared_with_neighbours
+from hil.solve.causes import AS_IT_LAY, Asked, Cause
+from hil.solve.explained import HARDLY, Explained, beyond_others, explanations, mended
 from hil.solve.precision import with_every_error
+from hil.solve.whitened import Whitened
 from procedures.verdict import Judgement, Verdict, combine
 from procedures.words import numbered, significant
 
@@ -39,7 +38,7 @@ _REASON = {
     "sensors": _AGREE,
     "turned": _AGREE,
     "all turned": _AGREE,
-    "bias": OTHER_BIAS,
+    "bias": "; the whole run is off by the same: its bias was another, as means and ± of the bias include",
     "run": f" in what neither a bias nor MU moves{_APART}",
 }
 _DONE = {
@@ -148,7 +147,7 @@ def _wrong_rows(
 ) -> WrongRows:
     rows = clipped_rows(collects)
     shown = beside(collects, other)
-    collects, lay = _as_the_unit_lay(with_every_error(unclipped(collects)), exchanged, failed)
+    collects, lay = _as_the_unit_lay(with_every_error(unclipped(collects)), exchanged)
     rows += lay
     judged = {each.run: [Judgement(Verdict.FAIL, each.why)] for each in lay}
     found = [*explanations(collects, failed, shown)]
@@ -161,41 +160,27 @@ def _wrong_rows(
             judged.setdefault(run, []).append(Judgement(verdict, wrong.why))
             rows.append(wrong)
         collects = mended(collects, each.likeliest) if each.likeliest is not None else collects
-    silent = {run for each in found for run in each.used}
-    neighbours = compared_with_neighbours(collects, {*failed, *silent})
-    rates = collects.rates_deg_per_hr.copy()
     apart = {cause.run for each in found if (cause := each.likeliest) is not None and cause.what == "run"}
-    for beyond in (each for each in neighbours.found if each.run not in silent):
-        rates[beyond.wrong] = np.nan
-        done, reason = LEFT_OUT if beyond.wrong.any() else USED, neighbours.judged[beyond.run]
-        channels = np.flatnonzero(beyond.wrong[beyond.rows].any(axis=0)).tolist() if done == LEFT_OUT else ()
-        rows.append(_wrong(collects, beyond.run, tuple(beyond.rows.tolist()), channels, done, reason.reason))
-        judged.setdefault(beyond.run, []).append(reason)
-    used = replace(collects, rates_deg_per_hr=rates)
     every = {run: combine(several) for run, several in judged.items()}
     # A search meets one thing by itself, with its rivals; two that hide each other it would not.
     hidden = [each.together for each in found if each.likeliest is None and len(each.together) > 1]
     unsure = {cause.place: cause for together in hidden for cause in together}
-    likeliest, may_be = used, []
+    likeliest, may_be = collects, []
     for cause in unsure.values():
         may_be.append(_of(filed, cause, _DONE[cause.what][0], cause_in_words(filed, cause)))
         likeliest = mended(likeliest, cause)
-    seen_from = sees_from(used, failed)
-    return WrongRows(
-        used, tuple(rows), every, neighbours.not_compared - silent, apart, seen_from, tuple(may_be), likeliest
-    )
+    alone, seen_from = beyond_others(collects, {*failed, *(run for each in found for run in each.used)})
+    return WrongRows(collects, tuple(rows), every, alone, apart, seen_from, tuple(may_be), likeliest)
 
 
-def _as_the_unit_lay(
-    collects: Collects, exchanged: Sequence[tuple[int, int]], failed: Collection[int]
-) -> tuple[Collects, list[Wrong]]:
+def _as_the_unit_lay(collects: Collects, exchanged: Sequence[tuple[int, int]]) -> tuple[Collects, list[Wrong]]:
     """Put rates under the labels that accelerometers give them; not where other runs contradict it."""
     out = []
     for pair in (each for each in exchanged if np.isin(each, collects.conditions.collect).all()):
         i, j = np.flatnonzero(np.isin(collects.conditions.collect, pair)).tolist()
         cause = Cause("exchanged", int(collects.conditions.run[i]), (i, j))
         laid = mended(collects, cause)
-        if not any({i, j} & set(each.rows.tolist()) for each in compared_with_neighbours(laid, failed).found):
+        if Asked(Whitened(laid)).as_filed - Asked(Whitened(collects)).as_filed > -AS_IT_LAY:
             collects = laid
             out.append(_of(laid, cause, MENDED, f"{cause_in_words(laid, cause)}: {_LIES}"))
     return collects, out

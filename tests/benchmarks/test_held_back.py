@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from benchmarks.held_back import table, term
+from benchmarks.held_back import case, table, term
 from hil.model.effects.catalogue import effect_by_id, variance_effect_by_id
 from tests.hil.reconcile.hidden_effects import hidden_campaign
 
@@ -32,3 +34,12 @@ def test_units_that_are_told_apart_afterwards_stand_first() -> None:
         {**same, "number": 2, "hidden": ["rrw"], "found": {}, "after": {"p_value": 0.001}},
     ]
     assert [line.split("|")[1].strip() for line in list(table(rows))[2:]] == ["2", "1"]
+
+
+@pytest.mark.slow
+def test_a_unit_that_is_held_back_is_found_and_its_twin_not_told_apart(tmp_path: Path) -> None:
+    """A step in a published night, by its averages: the command as it is run."""
+    made = case(0, seed=77, keep=tmp_path, averages=True)
+    assert (made["hidden"], list(made["found"])) == (["jump"], ["jump"])
+    assert made["before"]["p_value"] < 0.001
+    assert made["after"]["p_value"] > 0.05
