@@ -27,7 +27,7 @@ from hil.reconcile.search.posterior import scatter_odds
 from hil.reconcile.search.problem import pose
 from hil.reconcile.search.set_in_block import Sets
 from hil.reconcile.search.sets import BlockSearch, SensorSearch
-from hil.reconcile.search.terms import EXACT, SECOND_TIER, terms
+from hil.reconcile.search.terms import SECOND_TIER, terms
 from tests.hil.reconcile.hidden_effects import both, hidden_campaign
 
 SMALL = {"temperatures": (-20.0, 20.0, 60.0), "runs_each": 2}
@@ -252,9 +252,12 @@ def joint(search: SensorSearch, chosen: tuple[int, ...]) -> float:
         columns = {j: beside.T @ part.columns[:, 0] / own.unit for j in chosen if (part := search.terms[j].parts[b])}
         column = columns.pop(tied)
         known = np.column_stack([np.zeros(freedom), *(x * search.terms[j].scale for j, x in columns.items())])
+        right = np.array(
+            [0.0, *(search.terms[j].amplitudes[b][0].deviation[0] / search.terms[j].scale[0] for j in columns)]
+        )
         y = beside.T @ own.y - known.sum(axis=1)
         for t in range(len(own.points)):
-            covariance = beside.T @ covariance_of(own, t) @ beside + EXACT**2 * known @ known.T
+            covariance = beside.T @ covariance_of(own, t) @ beside + (known * right**2) @ known.T
             root = np.linalg.cholesky(covariance)
             left, x = np.linalg.solve(root, np.column_stack([y, column])).T
             squares = left @ left - 2.0 * along * (x @ left) + along**2 * (x @ x)
