@@ -27,7 +27,7 @@ ODDS = {
 }
 """Prior odds that a campaign has one of a kind: wrong rows, labels and runs as those of the search."""
 AS_IT_LAY = float(np.log(1e4))
-"""Odds (log) that two collects are exchanged whose accelerometers say so: as others are against it, nobody knows."""
+"""Log odds that labels are exchanged where the unit's accelerometers say so, rather than that these are wrong."""
 _WIDE = 30.0  # standard errors that what is wrong is off by, unless it is more
 _TOLD = 1e-3  # of a rate: where the others leave less, nothing tells what it should be
 _HARDLY_ANY = 4.0  # logs: of many runs those are not asked about that the data make no likelier than that less

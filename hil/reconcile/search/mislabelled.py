@@ -19,11 +19,9 @@ from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.problem import SensorProblem
 from hil.reconcile.search.spoiled import MANY, runs_to_ask
 from hil.reconcile.search.terms import Term
+from hil.solve.causes import AS_IT_LAY
 from hil.solve.rows import Block
 from hil.solve.wrong_rows import MENDED, USED, Wrong, alike, beside, wrong_rows
-
-SEEN = float(np.log(1e4))
-"""Log odds that labels are exchanged where the unit's accelerometers say so, rather than that these are wrong."""
 
 
 @dataclass(frozen=True)
@@ -118,4 +116,4 @@ def as_told(terms: Sequence[Term], collects: Collects, exchanged: Collection[tup
         return tuple(collects.conditions.collect[rows].tolist()) in exchanged
 
     mislabelled = (term.is_mistake and term.candidate.effect is not None and lay(term) for term in terms)
-    return [replace(t, log_odds=SEEN) if seen else t for t, seen in zip(terms, mislabelled, strict=True)]
+    return [replace(t, log_odds=AS_IT_LAY) if seen else t for t, seen in zip(terms, mislabelled, strict=True)]

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby, pairwise
+from types import MappingProxyType
 
 import numpy as np
 
@@ -16,7 +17,6 @@ from hil.campaign import BoolArray, FloatArray, IntArray
 from hil.reconcile.search.evidence import LEAST, Beside, Options, log_sum, shrunk, student
 from hil.reconcile.search.likely_noise import DEPTH
 from hil.reconcile.search.noise import LARGEST, Points
-from hil.reconcile.search.tied import AtBest
 
 CLOSE = 0.01
 """Sizes that make the rows less more probable than this (log) are not climbed to."""
@@ -53,9 +53,9 @@ class SetInBlock:
     best: list[int]
     slack: Sequence[FloatArray]
 
-    def prior(self) -> tuple[FloatArray, FloatArray]:
-        """Return the means (k,) and deviations (k,) of the amplitudes at the best sizes."""
-        at = list(zip(self.options, self.best, strict=True))
+    def prior(self, instead: Mapping[int, int] = MappingProxyType({})) -> tuple[FloatArray, FloatArray]:
+        """Return the means (k,) and deviations (k,) of the amplitudes at the best sizes, or others of some members."""
+        at = [(own, instead.get(j, o)) for j, own, o in zip(self.members, self.options, self.best, strict=True)]
         none = [np.zeros(0)]
         return np.concatenate(none + [own.mean[o] for own, o in at]), np.concatenate(
             none + [own.deviation[o] for own, o in at]
@@ -75,13 +75,24 @@ class SetInBlock:
         best = int(np.argmax(own.student(np.array([[left]]), np.zeros(1))))
         return left, float(own.scale_left(np.array(left))[best])
 
-    def at_best(self) -> AtBest:
-        """Return what the set says at its most probable point, in units of the noise that it leaves there."""
+    def left_free(self) -> FloatArray:
+        """Return what a free fit leaves at every point, (t,)."""
+        return _left(self.beside.rss, self.score, self.inverse)
+
+    def noise_where(self, left: FloatArray) -> tuple[float, FloatArray]:
+        """Return how probable rows are of which `left` (t,) is left (log), and how far each point's noise counts, (t,).
+
+        That is how probable the point then is, over the scale s² that it then has.
+        """
+        log = self.beside.student(left[None], np.zeros(1)) + self.points.log_prior
+        whole = log_sum(log.reshape(-1))
+        return float(whole), np.sum(np.exp(log - whole) / self.beside.scale_left(left), axis=0)
+
+    @property
+    def slack_at_best(self) -> list[float]:
+        """What other sizes of each member add at the most probable point."""
         t = int(np.argmax(self.terms_log + self.points.log_prior))
-        variance = self.left_at(t)[1]
-        slack = {j: float(own[t]) for j, own in zip(self.members, self.slack, strict=True)}
-        scaled = (self.gram[t] / variance, self.score[t] / variance)
-        return AtBest(*scaled, self.owner, self.members, self.options, self.best, slack)
+        return [float(own[t]) for own in self.slack]
 
 
 @dataclass(frozen=True)

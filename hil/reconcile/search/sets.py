@@ -31,7 +31,7 @@ from hil.reconcile.search.likely_noise import likely_points
 from hil.reconcile.search.noise import LARGEST, Noise, Points
 from hil.reconcile.search.set_in_block import Member, SetInBlock, weigh_in_block
 from hil.reconcile.search.terms import Term
-from hil.reconcile.search.tied import AtBest, tied_gain
+from hil.reconcile.search.tied import tied_gain
 from hil.solve.identifiability import independent_columns
 from hil.solve.rows import Block
 
@@ -206,6 +206,7 @@ class SensorSearch:
 
     def weigh(self, sets: Iterable[Set]) -> None:
         """Weigh several sets in every block, all at once: what they are made of is laid out, and weighed, once."""
+        sets = [each for chosen in sets for each in {chosen: 0, self._untied(chosen): 0}]
         for b, own in enumerate(self.blocks):
             new = dict.fromkeys(here for chosen in sets if ((here := self._here(chosen, b)), b) not in self._weighed)
             members = self._members_of({j for here in new for j in here}, b)
@@ -218,6 +219,10 @@ class SensorSearch:
         if (here, b) not in self._weighed:
             self.weigh((chosen,))
         return self._weighed[here, b]
+
+    def _untied(self, chosen: Set) -> Set:
+        """Return what of a set no block has in common with another."""
+        return tuple(j for j in chosen if not self.terms[j].ties)
 
     def _here(self, chosen: Set, b: int) -> Set:
         """Return what of a set shows in a block."""
@@ -239,13 +244,9 @@ class SensorSearch:
         return {j: self._members[j, b] for j in asked}
 
     def _evidence(self, chosen: Set) -> list[FloatArray]:
-        out, ties = [], any(self.terms[j].ties for j in chosen)
-        at: list[AtBest] = []
-        for b, search in enumerate(self.blocks):
-            weighed = self.in_block(chosen, b)
-            out.append(weighed.by_kind(len(search.noise.kinds)))
-            if ties:
-                at.append(weighed.at_best())
-        if ties:
-            out[0] = out[0] + tied_gain(at, [j for j in chosen if self.terms[j].ties])
+        weighed = [self.in_block(chosen, b) for b in range(len(self.blocks))]
+        out = [own.by_kind(len(search.noise.kinds)) for own, search in zip(weighed, self.blocks, strict=True)]
+        if (others := self._untied(chosen)) != chosen:
+            without = [self.in_block(others, b) for b in range(len(out))]
+            out[0] = out[0] + tied_gain(weighed, without, [j for j in chosen if self.terms[j].ties])
         return out

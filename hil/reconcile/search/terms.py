@@ -28,7 +28,9 @@ MISLABELLED = 0.02
 PLAIN = 5.0
 """A value that is one number is this many times as probable as one that follows temperature in some form."""
 EXACT = 0.03
-"""Deviation of an amplitude that is one or nothing: the columns are right to a few per cent."""
+"""Deviation of an amplitude that is one or nothing: a model's columns are right to a few per cent.
+
+Those of a mistake are what was measured, and as right as that."""
 IDENTICAL = 0.99
 """Columns beside the base of which the cosine is larger nobody can tell apart."""
 
@@ -197,7 +199,8 @@ def _amplitudes(
     if _is_exact(candidate):
         choices = [np.array(c) for c in itertools.product((0.0, 1.0), repeat=count) if any(c)]
         one, log_weight = np.ones(1), np.full(1, -np.log(len(choices)))
-        return [Amplitude(np.full(count, EXACT), one, log_weight, mean) for mean in choices]
+        right = EXACT if candidate.tier else noise / float(np.linalg.norm(candidate.columns))
+        return [Amplitude(np.full(count, right), one, log_weight, mean) for mean in choices]
     middle, sizes, log_weights = _sizes(candidate, noise)
     fixed = list(known)
     free = 1.0 - sum(weight for weight, _, _ in fixed)

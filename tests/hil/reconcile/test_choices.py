@@ -185,7 +185,7 @@ def test_a_tied_parameter_brings_its_gain_into_the_evidence(supplied: tuple[Post
     search = supplied[0].searches[2]
     place = next(j for j, term in enumerate(search.terms) if term.ties)
     apart = [search.in_block((place,), b).by_kind(len(search.blocks[b].noise.kinds)) for b in (0, 1)]
-    gain = tied_gain([search.in_block((place,), b).at_best() for b in (0, 1)], [place])
+    gain = tied_gain(*([search.in_block(own, b) for b in (0, 1)] for own in ((place,), ())), [place])
     assert abs(gain) > 1e-3
     together = search.evidence((place,))
     assert together[0][0] + together[1][0] == pytest.approx(apart[0][0] + apart[1][0] + gain)

@@ -64,6 +64,13 @@ def test_rates_that_were_clipped_get_no_name() -> None:
     assert np.isfinite([row["size_deg_per_hr"] for row in result.outliers]).all()
 
 
+@pytest.mark.parametrize("factor", [-1.4, pytest.param(-0.7, marks=pytest.mark.slow)])
+def test_a_run_that_is_turned_and_larger_is_not_called_turned(factor: float) -> None:
+    """A sign is turned or not: where the size does not agree, no turning explains the run, and it is left out."""
+    rows = layout()
+    assert found(rows, changed(rows, measured(rows), factor, (4,))) == [(4, "RA")]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.0, 3.6, 0.5])
 def test_runs_that_were_written_wrongly_are_found(factor: float) -> None:
