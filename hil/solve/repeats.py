@@ -6,12 +6,12 @@
 
 A run's standard error knows what goes on within its collects. Whatever changes from run to run shows when the same
 temperature is measured again, and in residuals where there are any; standard errors do not know it. So a run's variance
-is se² F + b², where F is how much larger than allowed the squared residuals are (1 at least), and b² what the variance
-of repeats at one temperature, pooled over the temperatures, has beyond that. It is b that a mean of n runs divides by
-√n. Intervals are Student's, on as many degrees of freedom as runs were repeated, and on more where standard errors,
-which are known better, explain what repeats show. So 93 to 97 % of them hold the truth in a sweep of a dozen repeats
-and more, whatever b is; of fewer up to all do, where standard errors explain them. Every command that states an
-uncertainty asks here.
+is se² F + b², where F is how much larger than allowed the squared residuals are (1 at least) in the channels that tell
+the parameter, and b² what the variance of repeats at one temperature, pooled over the temperatures, has beyond that. It
+is b that a mean of n runs divides by √n. Intervals are Student's, on as many degrees of freedom as runs were repeated,
+and on more where standard errors, which are known better, explain what repeats show. So 93 to 97 % of them hold the
+truth in a sweep of a dozen repeats and more, whatever b is; of fewer up to all do, where standard errors explain them.
+Every command that states an uncertainty asks here.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc, ndtr, stdtrit
 
-from hil.campaign import Campaign, Conditions, FloatArray, IntArray
+from hil.campaign import BoolArray, Campaign, Collects, FloatArray, IntArray
 from hil.model.forms import default_form
-from hil.solve.runs import Estimate, RunSolution
+from hil.solve.runs import Estimate, RunSolution, stated_noise
 from hil.solve.spread import RARE, Spread
 from hil.solve.temperatures import nearest, runs_by_temperature, told_by, unit_range_degC
 from hil.solve.wrong_rows import treated
@@ -92,11 +92,11 @@ class SensorRepeats:
     """One sensor's means, coldest first, and how its parameters scatter from run to run.
 
     `told_by` is the column whose temperatures those are (None: there is none); `not_used` are runs that FAIL by their
-    own records. `of_each` is one standard deviation of every parameter that a run could tell, by run. `times_stated` is
-    by how much more or less than their standard errors averages scatter, 1 where chance explains it: what neither the
-    bias nor MU moves shows it, in runs that nothing is said against, and by channel in `times_of`, where it can be told
-    of which. `noise_times` is that, and what residuals exceed
-    them by where repeats do not contradict it; `beyond_noise` (p,) is what errors that are so large leave unexplained.
+    own records. `of_each` is one standard deviation of every parameter that a run could tell, by run. `times_of` is by
+    how much more or less than their standard errors averages scatter, by channel, 1 where chance explains it: what
+    neither the bias nor MU moves shows it, in runs that nothing is said against; where it cannot be told of which
+    channel, all have the same. `residual_times` (c,) is what residuals exceed them by, and `noise_times` (c,) that,
+    where repeats do not contradict it; `beyond_noise` (p,) is what errors that are so large leave unexplained.
     """
 
     names: tuple[str, ...]
@@ -106,9 +106,9 @@ class SensorRepeats:
     told_by: str | None = None
     not_used: tuple[int, ...] = ()
     of_each: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
-    times_stated: float = 1.0
     times_of: Mapping[str, float] = field(default_factory=dict)
-    noise_times: float = 1.0
+    residual_times: FloatArray = field(default_factory=lambda: np.ones(1))
+    noise_times: FloatArray = field(default_factory=lambda: np.ones(1))
     beyond_noise: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def at(self, temperature_degC: float | None) -> MeanAt | None:
@@ -194,21 +194,19 @@ class SensorRepeats:
     @property
     def noise_in_words(self) -> list[str]:
         """Say by how much standard errors are too small or too large, and where residuals are no noise."""
-        times, residuals = self.times_stated, self.spread.factor
-        odd = {channel: own for channel, own in self.times_of.items() if own != 1.0}
+        odd = {channel: times for channel, times in self.times_of.items() if times != 1.0}
+        together = len(odd) == len(self.times_of) > 1 and len({*odd.values()}) == 1
         by_noise = [
-            f"standard errors of {of} are {significant(max(own, 1.0 / own))} times too "
-            f"{'small' if own > 1.0 else 'large'}, as what nothing but noise moves shows"
-            for of, own in (odd or {"all channels together": times}).items()
-            if times != 1.0
+            f"standard errors of {of} are {significant(max(times, 1.0 / times))} times too "
+            f"{'small' if times > 1.0 else 'large'}, as what nothing but noise moves shows"
+            for of, times in ({"all channels together": max(odd.values())} if together else odd).items()
         ]
-        if times < 1.0 or self.noise_times >= residuals:
+        contradicted = self.residual_times[self.noise_times < self.residual_times]
+        if min(odd.values(), default=1.0) < 1.0 or not contradicted.size:
             return by_noise
         left = "what is left is the same in every run, and no noise"
-        return [
-            *by_noise,
-            f"residuals are {significant(residuals)} times what standard errors allow, and repeats are not: {left}",
-        ]
+        allowed = f"{significant(float(contradicted.max()))} times what standard errors allow"
+        return [*by_noise, f"residuals are {allowed}, and repeats are not: {left}"]
 
     def _by_temperature(self) -> list[str]:
         """Say which parameters scatter more at some temperatures than at others: no one ± holds at each."""
@@ -226,7 +224,7 @@ def repeats(campaign: Campaign, solutions: Sequence[RunSolution]) -> dict[int, S
         rows = collects.conditions
         own = [each for each in solutions if each.sensor == number and not set(each.runs).isdisjoint(rows.run.tolist())]
         if own:
-            of_sensor = _of_sensor(own, runs_by_temperature(rows), _channels(rows))
+            of_sensor = _of_sensor(own, runs_by_temperature(rows), collects)
             means = [replace(each, unit_degC=unit_range_degC(rows, each.runs)) for each in of_sensor.means if each.runs]
             found[number] = replace(
                 of_sensor,
@@ -244,8 +242,8 @@ def means_of(
     errors: FloatArray,
     group: IntArray,
     at: Sequence[tuple[float | None, tuple[int, ...]]],
-    factor: float = 1.0,
-    residuals: float = math.inf,
+    factor: FloatArray | float = 1.0,
+    residuals: FloatArray | float = math.inf,
 ) -> SensorRepeats:
     """Return the means and the scatter of r runs' values (r, p), NaN where not told, with standard errors (r, p).
 
@@ -266,42 +264,59 @@ def means_of(
     return SensorRepeats(names, tuple(units.values()), spread, means)
 
 
-def _channels(conditions: Conditions) -> dict[str, str]:
-    """Return of each parameter that one channel's rates alone tell, in these collects, which that is."""
-    form, channels = default_form(conditions), list(conditions.sensor.channels)
-    columns = form.columns(conditions)
-    response = np.linalg.pinv(columns.reshape(-1, len(form.names))).reshape(-1, *columns.shape[:2])
-    share = np.sum(response**2, axis=1) / np.maximum(np.sum(response**2, axis=(1, 2)), 1e-300)[:, None]
-    return {
-        name: channels[int(np.argmax(own))] for name, own in zip(form.names, share, strict=True) if own.max() > _ALONE
-    }
+def _shares(collects: Collects) -> dict[str, FloatArray]:
+    """Return what each channel's noise gives of the variance of each parameter, in these collects, (c,)."""
+    form, sigma = default_form(collects.conditions), stated_noise(collects)
+    known = np.isfinite(collects.rates_deg_per_hr)
+    weight = np.where(known, 1.0 / np.where(known, 1.0 if sigma is None else sigma, 1.0), 0.0)
+    columns = form.columns(collects.conditions) * weight[..., None]
+    response = np.linalg.pinv(columns.reshape(-1, len(form.names))).reshape(-1, *weight.shape)
+    of_each = np.sum(response**2, axis=1)
+    return dict(zip(form.names, of_each / np.maximum(of_each.sum(axis=1, keepdims=True), 1e-300), strict=True))
 
 
 def _of_sensor(
-    own: Sequence[RunSolution], at: Sequence[tuple[float | None, tuple[int, ...]]], channels: Mapping[str, str]
+    own: Sequence[RunSolution], at: Sequence[tuple[float | None, tuple[int, ...]]], rows: Collects
 ) -> SensorRepeats:
     units = {name: each.unit for solution in own for name, each in solution.parameters.items()}
     group = np.array([next((k for k, (_, runs) in enumerate(at) if each.runs[0] in runs), -1) for each in own])
     values, errors = (np.array([[_number(getattr(_of(e, n), a)) for n in units] for e in own]) for a in ("value", "se"))
     told = {e.runs[0] for e, known in zip(own, np.isfinite(values).any(axis=1), strict=True) if known}
     at = [(temperature, tuple(run for run in runs if run in told)) for temperature, runs in at]
-    freedom = sum(each.degrees_of_freedom for each in own if each.chi_square is not None)
-    squares = sum(each.chi_square or 0.0 for each in own)
-    factor = math.sqrt(max(squares / max(freedom, 1), 1.0))
-    of_noise = [e.degrees_of_freedom for e in own if e.chi_square is None and e.degrees_of_freedom]
-    of_noise += [freedom] * int(freedom > 0 and chdtrc(max(freedom, 1), squares) < RARE)
+    channels, known_shares = list(rows.conditions.sensor.channels), _shares(rows)
+    shares = np.array([known_shares.get(name, np.full(len(channels), 1.0 / len(channels))) for name in units])
+    of_channels = [np.array(each.of_channels) for each in own if each.of_channels is not None]
+    squares, freedom = sum(of_channels, np.zeros((2, len(channels))))
+    residual_times = np.sqrt(np.maximum(squares / np.maximum(freedom, 1.0), 1.0))
+    variance = shares * residual_times**2
+    factor = np.sqrt(variance.sum(axis=1))
+    residuals = np.full(len(factor), min((e.degrees_of_freedom for e in own if _tells_noise(e)), default=math.inf))
+    if freedom.sum() > 0.5 and chdtrc(freedom.sum(), squares.sum()) < RARE:  # then by Welch and Satterthwaite
+        residuals = np.minimum(residuals, factor**4 / np.sum(variance**2 / np.maximum(freedom, 1.0), axis=1))
     sound = np.array([not each.doubted for each in own])
     noise = np.array([not name.startswith(("B", "MU")) for name in units])
-    rows = values[sound], errors[sound], group[sound]
-    stated, noise_times = Spread.of(*rows), factor * Spread.of(*rows, factor).times_stated(noise)
-    own_channel = np.array([channels.get(name, "") for name in units])
+    chosen, alone = (values[sound], errors[sound], group[sound]), noise[:, None] & (shares > _ALONE)
+    noise_times = residual_times * _times(Spread.of(*chosen, factor), noise, alone)
     return replace(
-        means_of(units, values, errors, group, at, factor, min(of_noise, default=math.inf)),
-        times_stated=stated.times_stated(noise),
-        times_of={c: stated.times_stated(noise & (own_channel == c)) for c in dict.fromkeys(channels.values())},
+        means_of(units, values, errors, group, at, factor, residuals),
+        times_of=dict(zip(channels, _times(Spread.of(*chosen), noise, alone).tolist(), strict=True)),
+        residual_times=residual_times,
         noise_times=noise_times,
-        beyond_noise=Spread.of(values, errors, group, noise_times).beyond,
+        beyond_noise=Spread.of(values, errors, group, np.sqrt(shares @ noise_times**2)).beyond,
     )
+
+
+def _times(spread: Spread, noise: BoolArray, alone: BoolArray) -> FloatArray:
+    """Return how many times their errors the averages of each channel scatter by, (c,): alike where none stands out.
+
+    What is `noise` (p,) shows it, and of each channel what it tells `alone` (p, c).
+    """
+    together, own = spread.times_stated(noise), np.array([spread.times_stated(of) for of in alone.T])
+    return own if together != 1.0 and np.any(own != 1.0) else np.full(len(own), together)
+
+
+def _tells_noise(solution: RunSolution) -> bool:
+    return solution.chi_square is None and solution.degrees_of_freedom > 0
 
 
 def _of(solution: RunSolution, name: str) -> Estimate:

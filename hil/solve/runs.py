@@ -57,10 +57,10 @@ class RunSolution:
 
     `covariance` (p, p) in the order of `parameters`, NaN where unknown; `condition_number` None where infinite;
     `residual_rms_deg_per_hr` None without degrees of freedom; `combinations` are seen mixtures of parameters that are
-    not known singly. `chi_square` is that of the residuals, None without stated standard errors. `compared`: whether
-    other runs say what this one's collects should show; `doubted`: whether it tells nothing of noise, for something is
-    said against a row of it, or it had not settled.
-    `among`: of how many runs it may be the one that differs most by chance.
+    not known singly. `chi_square` is that of the residuals, None without stated standard errors, and `of_channels` what
+    each channel has of it and of its degrees of freedom, (c,) each. `compared`: whether other runs say what this one's
+    collects should show; `doubted`: whether it tells nothing of noise, for something is said against a row of it, or it
+    had not settled. `among`: of how many runs it may be the one that differs most by chance.
     """
 
     run: int | None
@@ -79,6 +79,7 @@ class RunSolution:
     reason: str
     assumed: tuple[str, ...]
     chi_square: float | None = None
+    of_channels: tuple[FloatArray, FloatArray] | None = None
     compared: bool = True
     doubted: bool = False
     among: int = 1
@@ -241,12 +242,13 @@ def _described(sensor: int, solved: _Solved, among: int) -> RunSolution:
     degrees = int(solution.degrees_of_freedom)
     unobservable = () if solved.as_contractor else solution.unobservable()
     equations = int(np.count_nonzero(~np.isnan(solution.residuals)))
+    of_channels = _by_channel(solved)
     if unobservable:
         judged = Judgement(Verdict.INCONCLUSIVE, _too_few(collects, unobservable))
     else:
         judged = judge(float(solution.chi_square), degrees, equations, noise_stated, among)
         if judged.verdict is not Verdict.PASS:
-            where = _by_channel(solved, among)
+            where = _where(list(conditions.sensor.channels), of_channels, among)
             judged = judge(float(solution.chi_square), degrees, equations, noise_stated, among, where)
     unit = dict(zip(form.names, form.units, strict=True))
     return RunSolution(
@@ -272,6 +274,7 @@ def _described(sensor: int, solved: _Solved, among: int) -> RunSolution:
         reason=_reason(f"the contractor's solution: {METHOD}" if solved.as_contractor else form.reason, judged.reason),
         assumed=_assumptions(form, collects, noise_stated),
         chi_square=float(solution.chi_square) if solved.tells else None,
+        of_channels=of_channels if solved.tells else None,
         among=among,
     )
 
@@ -284,25 +287,27 @@ def stated_noise(collects: Collects) -> FloatArray | None:
     return collects.rates_se_deg_per_hr
 
 
-def _by_channel(solved: _Solved, among: int) -> str:
-    """Say by how much the residuals of a channel exceed its standard errors, where those of another do not."""
+def _by_channel(solved: _Solved) -> tuple[FloatArray, FloatArray]:
+    """Return the squared residuals of each channel in standard errors, and their degrees of freedom, (c,) each."""
+    solution, count = solved.solution, len(solved.collects.conditions.sensor.channels)
     if solved.as_contractor:  # whose residuals are not those of its equations
-        return ""
-    design, known = solved.solution.design, solved.solution.measured
+        whole = (float(solution.chi_square), float(solution.degrees_of_freedom))
+        return np.full(count, whole[0] / count), np.full(count, whole[1] / count)
+    known = solution.measured
     sigma = np.ones(known.size) if solved.sigma is None else solved.sigma.reshape(-1)
-    basis = orthonormal(design[known] / sigma[known, None])
+    basis = orthonormal(solution.design[known] / sigma[known, None])
     squares, freedom = np.zeros(known.size), np.zeros(known.size)
-    squares[known] = (solved.solution.residuals[known] / sigma[known]) ** 2
+    squares[known] = (solution.residuals[known] / sigma[known]) ** 2
     freedom[known] = 1.0 - np.sum(basis**2, axis=1)
-    names = list(solved.collects.conditions.sensor.channels)
-    of_each = [each.reshape(-1, len(names)).sum(axis=0) for each in (squares, freedom)]
-    odd = [nu > 0.5 and chdtrc(nu, chi) < PASS_PROBABILITY / among for chi, nu in zip(*of_each, strict=True)]
-    told = [
-        f"{name} {significant(np.sqrt(chi / nu))} times"
-        for name, chi, nu, far in zip(names, *of_each, odd, strict=True)
-        if far and not all(odd)
-    ]
-    return f", in {listed(told)}" if told else ""
+    return squares.reshape(-1, count).sum(axis=0), freedom.reshape(-1, count).sum(axis=0)
+
+
+def _where(names: Sequence[str], of_channels: tuple[FloatArray, FloatArray], among: int) -> str:
+    """Say by how much the residuals of a channel exceed its standard errors, where those of another do not."""
+    each = [*zip(names, *of_channels, strict=True)]
+    odd = [name for name, chi, nu in each if nu > 0.5 and chdtrc(nu, chi) < PASS_PROBABILITY / among]
+    told = [f"{name} {significant(np.sqrt(chi / nu))} times" for name, chi, nu in each if name in odd]
+    return f", in {listed(told)}" if 0 < len(odd) < len(names) else ""
 
 
 def judge(

@@ -23,7 +23,7 @@ class Spread:
     times `factor`, say of it, and `beyond` what these leave unexplained; `times` is the scatter in each run's own
     standard error, by which one that is large hides nothing; `degrees` how many runs were repeated. Those that are
     `uneven` scatter more at some temperatures than at others, as chance hardly explains. `residuals` are the degrees of
-    freedom of what a run's noise is known by, infinite where it is stated.
+    freedom of what a run's noise is known by, infinite where it is stated. Both are of each parameter, or of all.
     """
 
     observed: FloatArray
@@ -32,8 +32,8 @@ class Spread:
     times: FloatArray
     degrees: IntArray
     uneven: BoolArray
-    factor: float = 1.0
-    residuals: float = math.inf
+    factor: FloatArray
+    residuals: FloatArray | float = math.inf
 
     @classmethod
     def of(
@@ -41,8 +41,8 @@ class Spread:
         values: FloatArray,
         errors: FloatArray,
         group: IntArray,
-        factor: float = 1.0,
-        residuals: float = math.inf,
+        factor: FloatArray | float = 1.0,
+        residuals: FloatArray | float = math.inf,
     ) -> Spread:
         """Pool the scatter of r runs' values (r, p) about the mean of each `group` (r,) that they repeat.
 
@@ -74,7 +74,8 @@ class Spread:
         times = np.where(
             every, np.sqrt(weighed.sum(axis=0) / enough), observed / np.where(stated > 0.0, stated, np.inf)
         )
-        return cls(observed, beyond, stated, times, freedom.astype(np.int64), uneven, factor, residuals)
+        of_each = np.broadcast_to(np.asarray(factor, dtype=np.float64), observed.shape)
+        return cls(observed, beyond, stated, times, freedom.astype(np.int64), uneven, of_each, residuals)
 
     def sd(self, errors: FloatArray) -> FloatArray:
         """Return the standard deviation of a run's values by its standard errors (…, p); NaN where nothing tells it."""

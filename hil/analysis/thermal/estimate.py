@@ -54,7 +54,8 @@ class Layout:
     """The rows of one sensor with its columns: `columns` (n, c, p) of the form, and how temperature enters.
 
     `middle_degC` and `half_degC` scale temperature to -1 … 1 for polynomials. `hysteresis` says that half the
-    difference between the two directions is estimated. `spread` is that of all runs, where temperatures are left out.
+    difference between the two directions is estimated. `factor` (p,) is what standard errors are times where residuals
+    exceed them, and `spread` that of all runs, where temperatures are left out.
     """
 
     collects: Collects
@@ -64,6 +65,7 @@ class Layout:
     middle_degC: float
     half_degC: float
     hysteresis: bool
+    factor: FloatArray | float = 1.0
     spread: Spread | None = None
 
     @property
@@ -123,7 +125,7 @@ def visits(layout: Layout) -> Visits:
     conditions, sigma = layout.collects.conditions, stated_noise(layout.collects)
     label = np.unique(conditions.run, return_inverse=True)[1]
     rates = layout.collects.rates_deg_per_hr - conditions.w_channels_deg_per_hr
-    values, errors, excess, freedom, rows = [], [], 0.0, 0, []
+    values, errors, rows = [], [], []
     for k in range(label.max() + 1):
         here = np.flatnonzero(label == k)
         design = layout.columns[here].reshape(-1, len(layout.form.names))
@@ -132,16 +134,13 @@ def visits(layout: Layout) -> Visits:
         values.append(found.values)
         errors.append(found.se)
         rows.append(here)
-        if sigma is not None:
-            excess, freedom = excess + float(found.chi_square), freedom + int(found.degrees_of_freedom)
     station, direction = (
         np.array([of[r[0]] for r in rows]) for of in (layout.stations.number, layout.stations.direction)
     )
     at = np.array([layout.temperature_degC[r].mean() for r in rows])
     measured, stated = np.array(values), np.array(errors)
     place = np.unique(np.stack([station, direction.astype(np.int64)]), axis=1, return_inverse=True)[1].reshape(-1)
-    factor = float(np.sqrt(max(excess / max(freedom, 1), 1.0)))
-    spread = Spread.of(measured, stated, place, factor) if layout.spread is None else layout.spread
+    spread = Spread.of(measured, stated, place, layout.factor) if layout.spread is None else layout.spread
     sd = spread.sd(stated)
     known = bool(np.isfinite(sd[np.isfinite(measured)]).all() and np.all(sd[np.isfinite(measured)] > 0.0))
     sd = sd if known else np.ones_like(sd)

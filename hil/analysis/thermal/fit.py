@@ -166,7 +166,8 @@ def fit_sensor(
 ) -> SensorFit:
     """Fit one sensor's parameters, `shown` by its repeats; see `fit_thermal`, also for where it raises `InputError`."""
     number = collects.conditions.sensor.number
-    layout, notes = layout_of(number, collects, model, apart_degC)
+    factor_of = dict(zip(shown.names, shown.spread.factor.tolist(), strict=True))
+    layout, notes = layout_of(number, collects, model, apart_degC, factor_of)
     seen = visits(layout)
     free = [seen.along(place, None)[0] for place in range(len(layout.form.names))]
     choices = _choices(layout, free, seen.known, order)

@@ -1,5 +1,6 @@
 """Which rows of a sensor are fitted against temperature, in which form, and which temperatures those are."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +19,7 @@ _MOVES_DEGC = 0.1  # half the range of a thermometer that tells anything
 
 
 def layout_of(
-    number: int, collects: Collects, model_name: str | None, apart_degC: float | None
+    number: int, collects: Collects, model_name: str | None, apart_degC: float | None, factor_of: Mapping[str, float]
 ) -> tuple[Layout, list[str]]:
     """Choose the form and the rows: temperatures at which no run tells every parameter are left out.
 
@@ -29,6 +30,7 @@ def layout_of(
     form = named_form(model_name, collects.conditions) if model_name else default_form(collects.conditions)
     if form.reason:
         notes.append(f"sensor {number}: {form.reason}")
+    factor = np.array([factor_of.get(name, 1.0) for name in form.names])
     run = collects.conditions.run
     tell = {each for each in np.unique(run).tolist() if _tells_all(form, collects.rows(run == each))}
     whole = np.array([not tell.isdisjoint(run[stations.number == place].tolist()) for place in range(len(stations))])
@@ -36,7 +38,8 @@ def layout_of(
     if not np.all(whole):
         left = ", ".join(f"{each:.1f} °C" for each in stations.centre_degC[~whole])
         notes.append(f"sensor {number}: no run tells every parameter at {left}; left out")
-        spread = visits(Layout(collects, form, form.columns(collects.conditions), stations, 0.0, 1.0, False)).spread
+        columns = form.columns(collects.conditions)
+        spread = visits(Layout(collects, form, columns, stations, 0.0, 1.0, False, factor)).spread
         keep = whole[stations.number]
         collects = collects.rows(keep)
         number_of = np.cumsum(whole) - 1
@@ -57,7 +60,7 @@ def layout_of(
         middles = "values are the middle between both directions; without their difference, which the means and ± of"
         notes.append(f"sensor {number}: {middles} hil solve hold")
     columns = form.columns(collects.conditions)
-    layout = Layout(collects, form, columns, stations, float(np.round(middle)), half, both, spread)
+    layout = Layout(collects, form, columns, stations, float(np.round(middle)), half, both, factor, spread)
     return layout, notes
 
 

@@ -152,6 +152,13 @@ def _one_noisy() -> Campaign:
     return with_rates(one, one.sensors[2].rates_deg_per_hr + noise)
 
 
+def _one_noisy_that_residuals_show() -> Campaign:
+    """The same with collects 1-2-3-2-1: residuals tell which channel it is."""
+    one = repeated(12, 3, (0, 1, 2, 1, 0), seed=4)
+    noise = np.random.default_rng(9).normal(0.0, 4.0, (60, 1)) * [[0.0, 1.0]]
+    return with_rates(one, one.sensors[2].rates_deg_per_hr + noise)
+
+
 def _two_plans() -> Campaign:
     """Sensor 1 was measured at two temperatures only, sensor 2 at four."""
     both = _two_sensors()
@@ -229,6 +236,7 @@ FOLDERS: dict[str, Callable[[], Campaign]] = {
     "two sensors": _two_sensors,
     "both sensors disturbed": _both_disturbed,
     "one channel noisy": _one_noisy,
+    "one channel noisy, five collects": _one_noisy_that_residuals_show,
     "two plans": _two_plans,
     "one run": lambda: campaign(1, 1, seed=3),
     "not whole": lambda: replace(_good(), missing=["self-calibration 13 at 40.0 °C: all of it"]),

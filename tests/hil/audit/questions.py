@@ -49,6 +49,7 @@ AT_ONCE = (
     "drift through every run",
     "position missing at one temperature",
     "standard errors too small",
+    "one channel noisy, five collects",
     "one rate far off",
     "one run",
     "poses, one wrong",

@@ -39,7 +39,7 @@ def test_coefficients_are_covered_as_stated(
     }
     night = rotor_night(rng, curves, run_to_run={}, white=1e-9).sensors[2]
     night = replace(night, rates_se_deg_per_hr=np.full(night.rates_deg_per_hr.shape, WHITE))
-    layout, _ = layout_of(2, night, None, 4.0)
+    layout, _ = layout_of(2, night, None, 4.0, {})
     rates = night.rates_deg_per_hr + _scatter(rng, draws, layout.columns, night.conditions.run, run_to_run)
     rates += WHITE * rng.standard_normal(rates.shape)
     truth = np.concatenate([_about_the_middle(c, layout.middle_degC, layout.half_degC) for c in CURVES.values()])
