@@ -105,7 +105,7 @@ def test_noise_that_few_rows_tell_may_be_what_is_seen() -> None:
     assert few > 1.5 * some > 2.0 * many
 
 
-def test_what_one_sensor_of_two_has_is_rows_for_more() -> None:
+def test_what_one_sensor_of_two_has_is_asked_for_more() -> None:
     """An effect is in other sensors, too, as a rule: alone it costs more; a cause that all have in common does not."""
     ratio = {name: promised(name, 2).easiest / promised(name).easiest for name in ("GS_T", "hyst", "supply", "warmup")}
     assert min(ratio["GS_T"], ratio["hyst"]) > 1.03

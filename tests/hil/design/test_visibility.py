@@ -184,7 +184,10 @@ def test_document_says_everything_a_program_needs(published: dict[int, Condition
     for effect in effects:
         assert 0.0 <= effect["kept"] <= 1.0
         assert effect["id"] in effect["class"]
-        assert effect["smallest_visible"]["probability"] == 0.9
+        smallest = effect["smallest_visible"]
+        assert smallest["probability"] == 0.9
+        least, most = smallest["easiest"]["value"], smallest["value"]
+        assert most is None or least <= most * (1.0 + 1e-9)
     assert {"arw", "rrw", "beat"} <= set(document["not_in_averages"])  # type: ignore[call-overload]
 
 
@@ -284,6 +287,11 @@ def test_text_says_what_is_seen_alike_absorbed_and_what_would_help() -> None:
     alike = next(line for line in text.splitlines() if line.startswith("Look alike") and "MU_real" in line)
     assert "k2" in alike
     assert "  supply: needs supply_V" in text
+    # Of a unit that settles within seconds nothing is left in any collect: of one that takes a minute much is.
+    settle = next(line for line in text.splitlines() if line.startswith("  settle "))
+    assert settle.endswith("typical 5 to 100: in some shapes only, best in tau_s 60")
+    assert next(line for line in text.splitlines() if line.startswith("  MU_real ")).endswith("typical 2 to 40")
+    assert next(line for line in text.splitlines() if line.startswith("  k2 ")).endswith(": too small to be found")
     assert "1. add collect 4 (spin axis down) to every run (costs one more collect per run)" in text
     assert "tells apart: " in text
     assert "SIMULATED" not in text
