@@ -157,7 +157,9 @@ def _prior_odds(candidates: Sequence[Candidate]) -> list[float]:
         key = (c.tier, c.name)
         within[key] = within.get(key, 0.0) + _form_weight(c)
         odds[key] = max(odds.get(key, 0.0), c.effect.odds if c.effect is not None and c.tier == 1 else 1.0)
-    tiers = {tier: sum(value for (t, _), value in odds.items() if t == tier) for tier, _ in odds}
+    tiers: dict[int, float] = {}
+    for (tier, _), value in odds.items():
+        tiers[tier] = tiers.get(tier, 0.0) + value
     share = {1: 1.0 - SECOND_TIER, 2: SECOND_TIER}
     out = []
     for c in candidates:
