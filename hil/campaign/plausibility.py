@@ -207,10 +207,10 @@ def _written_finely(rates: FloatArray, errors: FloatArray) -> BoolArray:
 
 def unclipped(collects: Collects) -> Collects:
     """Return the collects without the averages that stand at a channel's limit: the rate lies beyond."""
-    rates = collects.rates_deg_per_hr.copy()
-    for channel, rows, _ in clipped(collects):
+    beyond, rates = [*clipped(collects)], collects.rates_deg_per_hr.copy()
+    for channel, rows, _ in beyond:
         rates[rows, channel] = np.nan
-    return replace(collects, rates_deg_per_hr=rates)
+    return replace(collects, rates_deg_per_hr=rates) if beyond else collects
 
 
 def usable(campaign: Campaign) -> Campaign:

@@ -21,7 +21,7 @@ from hil.solve.identifiability import SAME_CLASS
 CERTAIN = 0.8
 """Probability from which a name is stated as the name."""
 LIKELY = 0.5
-"""And from which a row is left out where nothing else may be missing."""
+"""And from which a row is left out where nothing else may be missing: more probable than not."""
 BY_CHANCE = 0.01
 """How often noise may get the name of what moves averages: so probable it may be that nothing stands in its place."""
 WANDERS = 2.0
@@ -29,7 +29,7 @@ WANDERS = 2.0
 EXCLUDED = 0.001
 """What is identical in these collects is told apart where the data themselves make one so much less probable."""
 LEAST = 0.01
-"""Rivals less probable are not listed, unless they look the same."""
+"""Rivals less probable are not listed, unless they look the same, and shapes add nothing to an interval."""
 NO_NAME = "empirical"
 Names = tuple[frozenset[str], str]
 """What moves averages in a set, and what scatters them ("": nothing but ordinary noise)."""

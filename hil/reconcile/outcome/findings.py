@@ -13,7 +13,7 @@ from hil.files.document import picked
 from hil.model import Model
 from hil.model.effects.base import Described
 from hil.model.model_file import InsideCollects
-from hil.reconcile.naming import NO_NAME, Named, Reading
+from hil.reconcile.naming import LEAST, NO_NAME, Named, Reading
 from hil.reconcile.outcome.improve import described_parameters
 from hil.reconcile.outcome.scatter import FoundScatter
 from hil.reconcile.outcome.values import Values
@@ -31,7 +31,6 @@ NOT_HELD_OUT = (
 _OF_A_ROW = (
     "before after before_deg_per_hr after_deg_per_hr held_before held_after noise_before noise_after left effect"
 )
-_UNLIKELY = 0.01  # a shape no more probable than this adds nothing to an interval
 FEWEST_REPEATS = 30
 """Degrees of freedom from which repeats measure the noise to an eighth."""
 
@@ -161,7 +160,7 @@ def _over_shapes(
     for j, weight in zip(alike, weights, strict=True):
         if j == place:
             out.append((weight, j, values_of(posterior, fit, number, j)))
-        elif weight > _UNLIKELY:
+        elif weight > LEAST:
             of_shape = replace(found, terms={**found.terms, number: tuple(sorted((*others, j)))})
             out.append((weight, j, values_of(posterior, fitted(posterior, of_shape), number, j)))
     return out
@@ -169,7 +168,7 @@ def _over_shapes(
 
 def _shape_range(posterior: Posterior, number: int, shapes: Sequence[tuple[float, int, Values]]) -> dict[str, Any]:
     """Return from where to where each part of a shape may be, those that are not settled."""
-    asked = [posterior.term(number, j).candidate.shape for weight, j, _ in shapes if weight > _UNLIKELY]
+    asked = [posterior.term(number, j).candidate.shape for weight, j, _ in shapes if weight > LEAST]
     ends = {name: [min(s[name] for s in asked), max(s[name] for s in asked)] for name in (asked[0] if asked else ())}
     return {name: [low, high] for name, (low, high) in ends.items() if low < high}
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.special import ndtri
 
 from hil.campaign import BoolArray, Conditions, FloatArray
 from hil.model import Model
@@ -14,10 +15,12 @@ from hil.model.forms import bias_names
 from hil.model.stated_noise import SensorNoise
 from hil.reconcile.result import Disagreement
 from hil.reconcile.search.fitted import Fitted, FittedBlock
+from hil.reconcile.search.likely_noise import DEPTH
 from hil.reconcile.search.noise import Points, log_profile
 from hil.reconcile.search.posterior import Posterior
 from hil.reconcile.search.set_in_block import SetInBlock
 from hil.reconcile.search.sets import SensorSearch, Set
+from hil.solve.repeats import CONFIDENCE
 
 
 @dataclass(frozen=True)
@@ -44,10 +47,8 @@ class FoundScatter:
     @property
     def interval(self) -> dict[str, float]:
         """The 95 % interval."""
-        return {
-            "low": self.value * np.exp(-_WIDTH * self.relative),
-            "high": self.value * np.exp(_WIDTH * self.relative),
-        }
+        wide = float(np.exp(ndtri(0.5 + 0.5 * CONFIDENCE) * self.relative))
+        return {"low": self.value / wide, "high": self.value * wide}
 
 
 def found_scatter(
@@ -66,7 +67,7 @@ def found_scatter(
         here = np.isin(own.points.kind, kinds)
         if not here.any() or np.logaddexp.reduce(total[here]) < np.logaddexp.reduce(total[own.points.kind < 0]):
             continue
-        here &= total > total[here].max() - _TOLD
+        here &= total > total[here].max() - DEPTH
         points, weighed = _finely(search, chosen[sensor], b, own.points.take(np.flatnonzero(here)))
         total = weighed.terms_log + points.log_prior
         weight = np.exp(total - np.logaddexp.reduce(total))
@@ -99,7 +100,7 @@ def _finely(search: SensorSearch, chosen: Set, b: int, likely: Points) -> tuple[
         log_prior=every.log_prior + np.repeat(prior, len(grid)),
     )
     total = _at_points(search, chosen, b, every).terms_log + every.log_prior
-    coarse = every.take(np.flatnonzero(total > total.max() - _TOLD))
+    coarse = every.take(np.flatnonzero(total > total.max() - DEPTH))
     amounts, offsets = (np.exp(_GRID * ((np.arange(n) + 0.5) / n - 0.5)) for n in _STEPS)
     fine = coarse.take(np.repeat(np.arange(len(coarse)), len(amounts) * len(offsets)))
     fine = replace(
@@ -120,8 +121,6 @@ def _at_points(search: SensorSearch, chosen: Set, b: int, points: Points) -> Set
 
 _GRID = float(np.log(2.0))
 _STEPS = (8, 3)  # of an amount, and of an offset, which only stands beside it
-_TOLD = 9.0  # logs below the most probable: what is less so says nothing of a size
-_WIDTH = 1.96
 _BEYOND = 2.0  # standard errors by which rows scatter more than is explained, for the model to state it
 _NO_OFFSET = 0.05  # and how probable it may be at most that runs have no offset of their own
 

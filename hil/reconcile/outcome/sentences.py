@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from drivers.strict_yaml import packaged
-from hil.reconcile.naming import NO_NAME
+from hil.reconcile.naming import LIKELY, NO_NAME
 from hil.reconcile.outcome.scatter import beyond_chance
 from hil.reconcile.result import LEFT_OUT, Gap, Reconciliation, Rival, in_times, rounded
 from hil.solve.runs import runs_in_words
@@ -22,7 +22,6 @@ _EXPECTED = 5.0  # times as probable before the data, from which on physics is s
 
 _ACT = packaged("hil.reconcile.outcome", "what_to_do.yaml")
 _OFF = 1.5  # times the noise: from there on a model's values are said to be off
-_LIKELY = 0.5
 _MEASURED = " The model holds at temperatures that were measured: how far off it may be at others, hil thermal says."
 _APART = 0.05  # p-value below which nights simulated after are told from the measured one
 _BY = {
@@ -79,7 +78,7 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
 
 def _follows_temperature(result: Reconciliation) -> bool:
     """Whether what is held out stands at a temperature that other runs have, and the values there follow it."""
-    return result.calibration != "one set" or dict(result.follows).get("temperature", 0.0) > _LIKELY
+    return result.calibration != "one set" or dict(result.follows).get("temperature", 0.0) > LIKELY
 
 
 def summary(result: Reconciliation) -> list[str]:

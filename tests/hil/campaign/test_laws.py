@@ -221,6 +221,7 @@ def test_averages_that_pile_up_on_the_last_value_are_clipped(digits: int, side: 
     judged = judged_by_its_records(campaign(rates=np.round(rates, digits)))
     words = [each for each in judged.warnings if "clipped" in each]
     assert bool(words) == said
+    assert (unclipped(judged.sensors[2]) is judged.sensors[2]) != said  # what is as it was is not judged again
     if said:
         limit = f"{side * 40.0:g}"
         assert words == [f"collects 6, 12, 18: sensor 2: RA goes no further than {limit} deg/hr: it is clipped"]
