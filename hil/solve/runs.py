@@ -60,7 +60,7 @@ class RunSolution:
     not known singly. `chi_square` is that of the residuals, None without stated standard errors, and `of_channels` what
     each channel has of it and of its degrees of freedom, (c,) each. `compared`: whether other runs say what this one's
     collects should show; `doubted`: whether it tells nothing of noise, for something is said against a row of it, or it
-    had not settled. `among`: of how many runs it may be the one that differs most by chance.
+    had not settled. `among`: of how many judgements it may be the one that differs most by chance.
     """
 
     run: int | None
@@ -144,13 +144,18 @@ def _solved(collects: Collects, model_name: str | None) -> Iterator[_Solved]:
 
 
 def _of_as_many(solved: Sequence[_Solved]) -> int:
-    """Return of how many runs one is the one that differs most; 1 where even without such all differ, not by chance."""
+    """Return of how many judgements one is that a run differs: 1 where even without such all differ, not by chance.
+
+    Of several runs all together are judged, and then each: by either a sound folder is as seldom accused as one run is.
+    """
     telling = [
         (float(s.chi_square), int(s.degrees_of_freedom)) for s in (each.solution for each in solved if each.tells)
     ]
-    usual = [(chi, nu) for chi, nu in telling if judge(chi, nu, 0, True, len(telling)).verdict is not Verdict.FAIL]
-    altogether = judge(sum(chi for chi, _ in usual), sum(nu for _, nu in usual), 0, noise_stated=True)
-    return max(len(telling), 1) if altogether.verdict is Verdict.PASS else 1
+    both = min(len(telling), 2)
+    among = max(both * len(telling), 1)
+    usual = [(chi, nu) for chi, nu in telling if judge(chi, nu, 0, True, among).verdict is not Verdict.FAIL]
+    altogether = judge(sum(chi for chi, _ in usual), sum(nu for _, nu in usual), 0, True, both)
+    return among if altogether.verdict is Verdict.PASS else 1
 
 
 @dataclass(frozen=True)
@@ -315,7 +320,7 @@ def judge(
 ) -> Judgement:
     """Judge the residuals of `equations` rates: chi-square on `degrees` degrees of freedom against stated noise.
 
-    Of so many runs, `among`, one is further off by chance than a single one is. `where` says in which channels.
+    Of so many judgements, `among`, one is further off by chance than a single is. `where` says in which channels.
     """
     if degrees == 0:
         count = spelled(equations)
@@ -333,7 +338,7 @@ def judge(
     probability = float(chdtrc(degrees, chi_square))
     found = f"chi-square {significant(chi_square, 3)} on {freedom}, p = {probability:.2g}"
     if probability >= PASS_PROBABILITY / among:
-        chance = f"; of {among} runs one is so by chance" if probability < PASS_PROBABILITY else ""
+        chance = "; of so many runs one is so by chance" if probability < PASS_PROBABILITY else ""
         return Judgement(Verdict.PASS, f"the residuals agree with the stated standard errors ({found}{chance})")
     factor = np.sqrt(chi_square / degrees)
     excess = f"the residuals are {significant(factor)} times what the standard errors allow{where} ({found})"
