@@ -28,6 +28,8 @@ ODDS = {
 """Prior odds that a campaign has one of a kind: wrong rows, labels and runs as those of the search."""
 AS_IT_LAY = float(np.log(1e4))
 """Log odds that labels are exchanged where the unit's accelerometers say so, rather than that these are wrong."""
+AGAIN = 0.3
+"""How probably labels that are exchanged, or signs turned, in one run are so in more: whoever did it did so again."""
 _WIDE = 30.0  # standard errors that what is wrong is off by, unless it is more
 _TOLD = 1e-3  # of a rate: where the others leave less, nothing tells what it should be
 _HARDLY_ANY = 4.0  # logs: of many runs those are not asked about that the data make no likelier than that less
@@ -113,7 +115,7 @@ class Asked:
             less = np.triu(left < np.minimum(alone[:, None], alone), 1)
             for i, j in np.argwhere(less).tolist():
                 one, other = several[i][0], several[j][0]
-                yield (one.cause, other.cause), one.log_odds + other.log_odds, float(left[i, j])
+                yield (one.cause, other.cause), one.log_odds + made_again(2, len(runs)), float(left[i, j])
 
     def _evidence(self, squares: FloatArray) -> FloatArray:
         """Log probability of residual squares (h,), whatever the size of the noise."""
@@ -250,6 +252,16 @@ class _Run:
         if np.isfinite(moved).all():
             left = self._squares + float(2.0 * moved @ self._apart + moved @ self._free @ moved)
             yield _Tried(cause, 0.0, left, moved)
+
+
+def made_again(times: int, runs: int) -> float:
+    """Return the log odds that a mistake was made in one more of so many runs, the `times`-th: any others may be it."""
+    return float(np.log(AGAIN * times / (runs - times + 1)))
+
+
+def all_of(causes: Sequence[str]) -> str:
+    """Say of one way to explain rates what is wrong: one thing, or several."""
+    return f"{'both ' * (len(causes) == 2)}{', and '.join(causes)}"
 
 
 def _pairs(conditions: Conditions, rows: IntArray) -> list[tuple[int, int]]:

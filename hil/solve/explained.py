@@ -42,14 +42,14 @@ class Explained:
     """What rates that contradict each other come from: the `likeliest`, None where several are; `rivals` are all.
 
     As they are filed, rates are `times` as far from each other as their standard errors say, and it is as probable as
-    `nothing` that nothing is wrong. `together` are the causes, one or two, that explain them best, certain or not.
+    `nothing` that nothing is wrong. `ways` are what explains them, one cause or two alike, the likeliest first.
     """
 
     likeliest: Cause | None
     rivals: tuple[tuple[Cause, float], ...]
     times: float
     nothing: float
-    together: tuple[Cause, ...] = ()
+    ways: tuple[tuple[Cause, ...], ...] = ()
 
     @property
     def likely(self) -> float:
@@ -63,11 +63,15 @@ class Explained:
         return self.likeliest is not None and self.likeliest.what in ("rate", "collect")
 
     @property
+    def runs(self) -> set[int]:
+        """The runs in which something may be wrong."""
+        return {cause.run for way in (*self.ways, [cause for cause, _ in self.rivals]) for cause in way}
+
+    @property
     def used(self) -> set[int]:
         """The runs that stay as they are, and of which more need not be said."""
         known = self.likeliest
-        among = [cause for cause, _ in self.rivals] if known is None else [known] * (known.what in OF_THE_RUN)
-        return {cause.run for cause in among}
+        return self.runs if known is None else {known.run} if known.what in OF_THE_RUN else set()
 
 
 def explanations(
@@ -96,7 +100,7 @@ def explanations(
             found = left.whichever_else(found, unsure)
         cause = found.likeliest
         if cause is None or found.likely < needed or done > _MOST * len(runs):
-            among = {cause.run for cause, _ in found.rivals} or {*runs.tolist()} - left.silent - {*unsure}
+            among = found.runs or {*runs.tolist()} - left.silent - {*unsure}
             unsure |= dict.fromkeys(among, replace(found, likeliest=None))
         else:
             yield found
@@ -146,7 +150,10 @@ class _Left:
             both = beside.get(first.place, 0.0)
             p += as_probable * both
             rivals.append((other, as_probable * (1.0 - both)))
-        return replace(found, rivals=((first, p), *(each for each in rivals if each[1] > LISTED)))
+        listed = ((first, p), *(each for each in rivals if each[1] > LISTED))
+        places = {cause.place for cause, _ in listed}
+        ways = tuple(way for way in found.ways if places & {cause.place for cause in way})
+        return replace(found, rivals=listed, ways=ways)
 
 
 def _what(
@@ -158,8 +165,13 @@ def _what(
     rows = np.flatnonzero(told)
     asked = Asked(Whitened(collects.rows(rows), own_bias), own_bias, beside[rows])
     nothing, found = asked.weighed(run)
-    if nothing > DOUBTED:
-        return Explained(None, (), asked.times, 0.0) if asked.rates.stated and asked.times > _NO_ERROR else None
+    no_error = asked.rates.stated and asked.times > _NO_ERROR
+    left = collects.rows(rows)
+    for cause in found[0][0] if found and no_error else ():
+        left = mended(left, cause)
+    # Nor is what the likeliest leaves as far from any error explained by it.
+    if nothing > DOUBTED or (nothing > HARDLY and no_error and Asked(Whitened(left, own_bias)).times > _NO_ERROR):
+        return Explained(None, (), asked.times, 0.0) if no_error else None
     every = _by_place(found)
     likeliest = max(every, key=lambda each: every[each], default=())
     # Whatever may be true beside the likeliest is none of its rivals.
@@ -169,8 +181,12 @@ def _what(
     ordered += sorted(instead.items(), key=lambda each: -each[1])
     filed = {place: replace(cause, rows=tuple(rows[list(cause.rows)].tolist())) for place, cause in at.items()}
     rivals = tuple((filed[place], p) for place, p in ordered if p > LISTED)
-    together = tuple(filed[cause.place] for causes, _ in found[:1] for cause in causes)
-    return Explained(rivals[0][0] if rivals else None, rivals, asked.times, nothing, together)
+    ways: dict[tuple[Cause, ...], float] = {}
+    for causes, p in found:
+        way = tuple(filed[cause.place] for cause in causes)
+        ways[way] = ways.get(way, 0.0) + p
+    listed = sorted((way for way, p in ways.items() if p > LISTED), key=lambda way: -ways[way])
+    return Explained(rivals[0][0] if rivals else None, rivals, asked.times, nothing, tuple(listed))
 
 
 def _by_place(found: Iterable[tuple[tuple[Cause, ...], float]]) -> dict[tuple[object, ...], float]:

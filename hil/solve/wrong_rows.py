@@ -18,7 +18,7 @@ import numpy as np
 
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.campaign.plausibility import clipped, unclipped
-from hil.solve.causes import AS_IT_LAY, Asked, Cause
+from hil.solve.causes import AS_IT_LAY, Asked, Cause, all_of
 from hil.solve.explained import HARDLY, Explained, beyond_others, explanations, mended
 from hil.solve.precision import with_every_error
 from hil.solve.whitened import Whitened
@@ -163,8 +163,8 @@ def _wrong_rows(
     apart = {cause.run for each in found if (cause := each.likeliest) is not None and cause.what == "run"}
     every = {run: combine(several) for run, several in judged.items()}
     # A search meets one thing by itself, with its rivals; two that hide each other it would not.
-    hidden = [each.together for each in found if each.likeliest is None and len(each.together) > 1]
-    unsure = {cause.place: cause for together in hidden for cause in together}
+    hidden = [[way for way in each.ways if len(way) > 1][:1] for each in found if each.likeliest is None]
+    unsure = {cause.place: cause for ways in hidden for way in ways for cause in way}
     likeliest, may_be = collects, []
     for cause in unsure.values():
         may_be.append(_of(filed, cause, _DONE[cause.what][0], cause_in_words(filed, cause)))
@@ -195,8 +195,8 @@ def _said(filed: Collects, found: Explained) -> Iterator[tuple[int, Wrong, Verdi
         done, verdict = _DONE[cause.what]
         yield cause.run, _of(filed, cause, done, said), verdict
         return
-    runs = sorted({cause.run for cause, _ in found.rivals} or set(conditions.run.tolist()))
-    may_be = dict.fromkeys(cause_in_words(filed, each) for each, _ in found.rivals[:_FEW])
+    runs = sorted(found.runs or set(conditions.run.tolist()))
+    may_be = dict.fromkeys(all_of([cause_in_words(filed, each) for each in way]) for way in found.ways[:_FEW])
     several, every = len(runs) > 1, {*runs} == set(conditions.run.tolist())
     alone = "contradict each other" if several else "contradicts itself"
     how = alone if every else f"{'do' if several else 'does'} not agree with the others"

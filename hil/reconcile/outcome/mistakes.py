@@ -16,8 +16,10 @@ from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.fitted import Fitted
 from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.problem import Problem, SensorProblem
+from hil.reconcile.search.sets import Set
 from hil.reconcile.search.terms import Term
-from hil.solve.causes import Cause
+from hil.solve.causes import Cause, all_of
+from hil.solve.explained import LISTED
 from hil.solve.omissions import in_words
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED
 from hil.solve.wrong_rows import MENDED, USED, Wrong, cause_in_words, clipped_rows
@@ -28,24 +30,25 @@ _OF_A_RUN = {OTHER_SENSOR: "sensors", CHANNELS: "channels", ALL_TURNED: "all tur
 
 def mistakes_found(reading: Reading, campaign: Campaign, posterior: Posterior) -> list[FoundEffect]:
     """Return mistakes in labels and runs as found effects: exchanged labels by name, wrong runs as one finding."""
-    out = [
-        FoundEffect(
-            id=term.name,
-            title=term.candidate.title,
-            equation=_or_which(number, term, posterior, campaign),
-            parameters=[],
-            probability=_exchanges(number, posterior, term)[_key(term)],
-            confusable_with=[],
-            kind="named" if _exchanges(number, posterior, term)[_key(term)] >= CERTAIN else "ambiguous",
-            shape=term.candidate.shape,
-            sensors=(number,),
-            physics=physics(term.candidate.effect),
-            experiment=getattr(term.candidate.effect, "experiment", ""),
-            mends_labels=True,
+    out = []
+    for number, term in (each for each in reading.mistakes if each[1].candidate.effect is not None):
+        which, p, sure = _which(number, term, posterior, campaign)
+        out.append(
+            FoundEffect(
+                id=term.name,
+                title=term.candidate.title,
+                equation=which,
+                parameters=[],
+                probability=p,
+                confusable_with=[],
+                kind="named" if sure else "ambiguous",
+                shape=term.candidate.shape,
+                sensors=(number,),
+                physics=physics(term.candidate.effect),
+                experiment=getattr(term.candidate.effect, "experiment", ""),
+                mends_labels=True,
+            )
         )
-        for number, term in reading.mistakes
-        if term.candidate.effect is not None
-    ]
     runs = wrong_runs(reading)
     if runs:
         numbers = runs_in_words(sorted({run for _, _, run in runs}))
@@ -78,31 +81,26 @@ def wrong_runs(reading: Reading) -> list[tuple[int, int, int]]:
     ]
 
 
-def _key(term: Term) -> tuple[float, ...]:
-    return tuple(term.candidate.shape.values())
-
-
-def _exchanges(number: int, posterior: Posterior, chosen: Term) -> dict[tuple[float, ...], float]:
-    """Return how probable one exchange of labels in a sensor is, and each that may be in its place, by its shape."""
-    out = {_key(chosen): 0.0}
+def _instead(number: int, posterior: Posterior, chosen: Term) -> tuple[float, dict[Set, float]]:
+    """Return how probable one exchange of labels in a sensor is, and the sets of others that may be in its place."""
+    sure, instead = 0.0, dict[Set, float]()
+    terms = posterior.searches[number].terms
     for found in posterior.sets:
-        terms = (posterior.term(number, j) for j in found.terms.get(number, ()))
-        here = {_key(term) for term in terms if term.is_mistake and term.candidate.effect is not None}
-        for key in {_key(chosen)} & here or here:
-            out[key] = out.get(key, 0.0) + float(np.exp(found.log_weight))
-    return out
+        places = [j for j in found.terms.get(number, ()) if terms[j].is_mistake]
+        if any(terms[j] is chosen for j in places):
+            sure += float(np.exp(found.log_weight))
+        elif way := tuple(j for j in places if terms[j].candidate.effect is not None):
+            instead[way] = instead.get(way, 0.0) + float(np.exp(found.log_weight))
+    return sure, instead
 
 
-def _or_which(number: int, term: Term, posterior: Posterior, campaign: Campaign) -> str:
-    """Say which labels are exchanged, and which others may be instead."""
-    likely = _exchanges(number, posterior, term)
-    others = {
-        _key(each): _exchange(each.candidate, campaign)
-        for each in posterior.searches[number].terms
-        if each.is_mistake and each.candidate.effect is not None and likely.get(_key(each), 0.0) > 1.0 - CERTAIN
-    }
-    said = [_exchange(term.candidate, campaign), *(words for key, words in others.items() if key != _key(term))]
-    return "; or ".join(said) + ("; these rates cannot tell which" if len(said) > 1 else "")
+def _which(number: int, term: Term, posterior: Posterior, campaign: Campaign) -> tuple[str, float, bool]:
+    """Say which labels are exchanged, and which others may be instead; how probable it is, and whether certain."""
+    p, instead = _instead(number, posterior, term)
+    likely = sorted((way for way, weight in instead.items() if weight > LISTED), key=lambda way: -instead[way])
+    ways = [all_of([_exchange(posterior.term(number, j).candidate, campaign) for j in way]) for way in likely]
+    said = [_exchange(term.candidate, campaign), *ways]
+    return "; or ".join(said) + ("; these rates cannot tell which" if ways else ""), p, p >= CERTAIN and not ways
 
 
 def _exchange(candidate: Candidate, campaign: Campaign) -> str:
@@ -234,9 +232,8 @@ def rows_found(
             here = np.any(columns != 0.0, axis=(1, 2)) & (conditions.run == run)
             moved = np.any(columns != 0.0, axis=(0, 2))
             channels = tuple(name for name, of in zip(conditions.sensor.channels, moved, strict=True) if of)
-            which = _or_which(n, term, posterior, campaign)
+            which, _, sure = _which(n, term, posterior, campaign)
             why = f"{which}: correct it in collects.csv; the model is not changed by this"
-            sure = _exchanges(n, posterior, term)[_key(term)] >= CERTAIN
             found.append(
                 Wrong(n, run, tuple(conditions.collect[here].tolist()), channels, MENDED if sure else USED, why)
             )

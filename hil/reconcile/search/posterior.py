@@ -108,7 +108,7 @@ def _alone(search: SensorSearch, sets: Sequence[Set]) -> dict[Set, float]:
     """Log posterior weights of sets in one sensor by itself."""
     names, log_kind = _log_kinds([search])
     by_kind = shared_evidence(search, sets, names) + log_kind
-    odds = [sum(search.terms[j].log_odds for j in chosen) for chosen in sets]
+    odds = [sum(search.priced(chosen)) for chosen in sets]
     return dict(zip(sets, (np.logaddexp.reduce(by_kind, axis=1) + odds).tolist(), strict=True))
 
 
@@ -183,14 +183,14 @@ def _log_prior(searches: Mapping[int, SensorSearch], lists: Mapping[int, Sequenc
         along = [size if k == axis else 1 for k, size in enumerate(out.shape)]
         rest = np.zeros(len(sets))
         for m, chosen in enumerate(sets):
-            for term in (searches[n].terms[j] for j in chosen):
+            for term, log_odds in zip((searches[n].terms[j] for j in chosen), searches[n].priced(chosen), strict=True):
                 own = priced.setdefault(term.shared, [np.full((1,) * out.ndim, -np.inf)] * out.ndim)
                 if own[axis].size != len(sets):
                     own[axis] = np.full(along, -np.inf)
                 if not term.shared or own[axis].flat[m] > -np.inf:
-                    rest[m] += term.log_odds
+                    rest[m] += log_odds
                 else:
-                    own[axis].flat[m] = term.log_odds
+                    own[axis].flat[m] = log_odds
                 effect = term.candidate.effect
                 if term.is_mistake or (effect is not None and effect.common_to_sensors):
                     common.add(term.shared)

@@ -7,8 +7,10 @@ search.likely_sets()           # the sets that are worth anything
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -32,6 +34,7 @@ from hil.reconcile.search.noise import LARGEST, Noise, Points
 from hil.reconcile.search.set_in_block import Member, SetInBlock, weigh_in_block
 from hil.reconcile.search.terms import Term
 from hil.reconcile.search.tied import tied_gain
+from hil.solve.causes import made_again
 from hil.solve.identifiability import independent_columns
 from hil.solve.rows import Block
 
@@ -155,6 +158,23 @@ class SensorSearch:
     def log_odds(self) -> FloatArray:
         """Log prior odds of every term, (j,)."""
         return np.array([term.log_odds for term in self.terms])
+
+    def priced(self, chosen: Set) -> list[float]:
+        """Return the log prior odds of each term of a set: a mistake made once was made again more probably."""
+        out, before = [], Counter[float]()
+        for term in (self.terms[j] for j in chosen):
+            out.append(term.log_odds)
+            if term.alike is not None:
+                before[term.alike] += 1
+                times, runs = before[term.alike], self._asked[term.alike]
+                if 1 < times < runs:
+                    out[-1] = max(term.log_odds, made_again(times, runs))
+        return out
+
+    @cached_property
+    def _asked(self) -> Counter[float]:
+        """In how many runs each exchange of labels is asked about."""
+        return Counter(term.alike for term in self.terms if term.alike is not None)
 
     def _groups(self) -> list[list[Laid]]:
         """Return what is scanned, by block: what came since the last time is laid out beside what was."""

@@ -82,6 +82,12 @@ class Term:
         return f"{self.name} {shape['run']:g}" if shape.get("exchange") == OTHER_SENSOR else ""
 
     @property
+    def alike(self) -> float | None:
+        """What exchange, or turn, of labels it is, in whatever run; another sensor's rates tell of every run."""
+        exchange = self.candidate.shape.get("exchange") if self.is_mistake else None
+        return None if exchange == OTHER_SENSOR else exchange
+
+    @property
     def is_mistake(self) -> bool:
         """Whether it is a mistake in the data, which no model should learn."""
         return self.tier == 0

@@ -156,13 +156,29 @@ def test_the_sound_one_of_three_runs_is_not_accused_for_the_others_exchanges(see
 
 
 @pytest.mark.parametrize("seed", [0, pytest.param(3, marks=pytest.mark.slow)])
-def test_what_solve_is_not_certain_of_the_search_still_weighs(seed: int) -> None:
-    """In what MU scatters by two exchanges hide: solve uses all three runs, and the search knows more."""
+def test_other_temperatures_tell_which_of_three_runs_are_wrong(seed: int) -> None:
+    """In what MU scatters by two exchanges hide, but whoever exchanged labels once did so again."""
     campaign = hidden_campaign(seed, temperatures=(-10.0, 23.0, 50.0), runs_each=3, positions=("1", "2", "3"))
     wrong = exchanged(campaign, (13, 15), (16, 18))
-    assert {row.done for row in wrong_rows(wrong)[2].rows} == {USED}
-    result = found(wrong, prove=False)
-    assert [(row["run"], row["done"]) for row in result.rows] == [(5, MENDED), (6, MENDED)]
+    mended = [(5, MENDED), (6, MENDED)]
+    assert sorted((row.run, row.done) for row in wrong_rows(wrong)[2].rows) == mended
+    assert [(row["run"], row["done"]) for row in found(wrong, prove=False).rows] == mended
+
+
+@pytest.mark.parametrize("pairs", [((4, 5),), ((1, 2), (7, 8))])
+def test_of_three_runs_at_one_temperature_either_one_or_the_other_two_are_exchanged(
+    pairs: tuple[tuple[int, int], ...],
+) -> None:
+    """Nothing else tells: both commands name both, in the same words, and neither moves anything."""
+    campaign = hidden_campaign(5, temperatures=(23.4,), runs_each=3, positions=("1", "2", "3"))
+    wrong = exchanged(campaign, *pairs)
+    (why, *_), done = zip(*((row.why, row.done) for row in wrong_rows(wrong)[2].rows), strict=True)
+    assert done == (USED,) * 3
+    (row,) = found(wrong, "matrix-6", prove=False).rows
+    assert row["done"] == USED
+    one, two, three = (f"collects {of}, at positions 1 and 2, look exchanged" for of in ("4–5", "1–2", "7–8"))
+    for said in (why, row["why"]):
+        assert f"{one}, or both {two}, and {three}; these rates" in said.replace("; or", ", or")
 
 
 def test_a_run_with_the_other_sensors_rates_is_mended_for_both() -> None:
