@@ -33,6 +33,7 @@ AGAIN = 0.3
 _WIDE = 30.0  # standard errors that what is wrong is off by, unless it is more
 _TOLD = 1e-3  # of a rate: where the others leave less, nothing tells what it should be
 _HARDLY_ANY = 4.0  # logs: of many runs those are not asked about that the data make no likelier than that less
+_FIRST = 3  # runs of which it is asked what else is wrong beside what is likeliest of them
 _LEAST_RUNS = 2  # of so few both are all
 _TIMES = np.geomspace(0.05, 500.0, 93)  # that standard errors are too small by
 _RIGHT, _NEARLY = 0.7, 0.15  # probability that they are as stated, within
@@ -62,6 +63,10 @@ class Cause:
         return (self.what, self.run, self.rows, None if self.what == "bias" else self.channel)
 
 
+_Way = tuple[tuple[Cause, ...], float, float]
+"""Causes, their log odds before the data, and the squares that they leave."""
+
+
 class Asked:
     """What may be wrong with whitened rates, each with its log odds before the data and the squares that it leaves.
 
@@ -84,19 +89,38 @@ class Asked:
     def weighed(self, run: int | None = None) -> tuple[float, list[tuple[tuple[Cause, ...], float]]]:
         """Return how probable it is that nothing is wrong, and causes with their probability, the likeliest first.
 
-        One, or the same mistake in two runs, which hide behind each other. Of one `run` alone, if asked for.
+        One, or two in two runs, which hide behind each other. Of one `run` alone, if asked for.
         """
         if self.rates.freedom < 1.0:
             return 1.0, []
         singly = [each for each in self._tried() if run in (None, each.cause.run)]
         tried = [((each.cause,), each.log_odds, each.left) for each in singly] + [*self._twice(singly)]
+        nothing, found = self._posterior(tried)
+        if nothing < DOUBTED and run is None:
+            nothing, found = self._posterior([*tried, *self._another(singly)])
+        return nothing, found
+
+    def _posterior(self, tried: Sequence[_Way]) -> tuple[float, list[tuple[tuple[Cause, ...], float]]]:
         weights = np.array([0.0, *(log_odds for _, log_odds, _ in tried)])
         weights = weights + self._evidence(np.array([self.rates.squares, *(left for *_, left in tried)]))
         weights = np.exp(weights - logsumexp(weights))
         found = [(causes, float(p)) for (causes, *_), p in zip(tried, weights[1:], strict=True)]
         return float(weights[0]), sorted(found, key=lambda each: -each[1])
 
-    def _twice(self, singly: Sequence[_Tried]) -> Iterator[tuple[tuple[Cause, ...], float, float]]:
+    def _another(self, singly: Sequence[_Tried]) -> Iterator[_Way]:
+        """Yield what leaves least of a run whose rates it tells, of a few, with all that is unlike it in others."""
+        first: dict[int, tuple[_Tried, FloatArray]] = {}
+        for each in sorted(singly, key=lambda each: each.left):
+            if each.moved is not None:
+                first.setdefault(each.cause.run, (each, each.moved))
+        for one, moved in [*first.values()][:_FIRST]:
+            known = one.cause
+            for other in Asked(self.rates.moved(known.run, moved, one.left), self._own_bias, self._beside)._tried():
+                unlike = (other.cause.what, other.cause.channel) != (known.what, known.channel)
+                if unlike and other.cause.run != known.run:
+                    yield (known, other.cause), one.log_odds + other.log_odds, other.left
+
+    def _twice(self, singly: Sequence[_Tried]) -> Iterator[_Way]:
         """Yield the same mistake in two of several runs, with its log odds and what it leaves: less than either alone.
 
         What all runs would share is none of theirs, and whose rates are another sensor's that one tells.

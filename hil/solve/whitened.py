@@ -10,6 +10,8 @@ the same place in them, whatever the form says of it.
 """
 
 from collections.abc import Collection, Sequence, Set
+from copy import copy
+from typing import Self
 
 import numpy as np
 
@@ -95,6 +97,14 @@ class Whitened:
         """Return what squares (k·c, k·c) and products (k·c,) of changes to a run's rates, in standard errors, add."""
         keeps, shown = self._keeps[run], self.shown(run)
         return keeps.T @ keeps - shown.T @ shown, keeps.T @ self._left[self._runs[run]].reshape(-1)
+
+    def moved(self, run: int, rates: FloatArray, squares: float) -> Self:
+        """Return them with those of a run changed by so much, (k·c,) in standard errors, which leaves these squares."""
+        out, rows = copy(self), self._runs[run]
+        out._left = self._left - np.einsum("ncq,q->nc", self._shown, self.shown(run) @ rates)
+        out._left[rows] += (self._keeps[run] @ rates).reshape(out._left[rows].shape)
+        out.squares = squares
+        return out
 
     def shown(self, run: int) -> FloatArray:
         """Return what of changes to a run's rates all runs show together, (q, k·c)."""
