@@ -13,9 +13,13 @@ which a terminal stops a process: a controller that Ctrl-Z has put to sleep watc
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
+from multiprocessing import parent_process
+from multiprocessing.process import BaseProcess
+from threading import Thread
 from types import FrameType
 
 
@@ -79,3 +83,18 @@ class StopRequest:
     def _handle(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 - the signature of a handler
         key = "Ctrl-C, " if number == signal.SIGINT else ""
         self.request(f"stopped by {key}{signal.Signals(number).name}")
+
+
+def end_with_parent() -> None:
+    """Let this process end when the one that it works for has, in whatever way: nobody else would tell it.
+
+    What a terminal says to all of them (Ctrl-C) is for that one to hear.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if (parent := parent_process()) is not None:
+        Thread(target=_outlive, args=(parent,), daemon=True).start()
+
+
+def _outlive(parent: BaseProcess) -> None:
+    parent.join()
+    os._exit(1)

@@ -10,6 +10,14 @@ import os
 # Set before numpy is imported, which reads it. The matrices are small: threads would wait more than they compute.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from hil.cli.app import main
+
+def main() -> None:
+    """Run the command line; who stops it while it is being loaded is told no more than later."""
+    try:
+        from hil.cli.app import main as run
+    except KeyboardInterrupt:
+        raise SystemExit(1) from None
+    run()
+
 
 __all__ = ["main"]

@@ -29,6 +29,7 @@ from hil.cli import requests as control
 from hil.cli import simulate as device
 from hil.cli.exit_status import run_to_exit, with_status
 from hil.cli.output import always_writable
+from hil.errors import InputError
 
 GROUPS = {
     "To begin with": "init docs",
@@ -110,7 +111,14 @@ def main() -> None:
 
 def run(arguments: Sequence[str]) -> int:
     """Carry out one command and return its exit status."""
-    return run_to_exit(lambda: _command()(args=list(arguments), prog_name="hil"))
+
+    def carried_out() -> None:
+        for each in arguments:
+            if not each.isascii() and each.encode(errors="replace").decode() != each:
+                raise InputError(f"{each}: is not UTF-8; what records it is: give the file or folder another name")
+        _command()(args=list(arguments), prog_name="hil")
+
+    return run_to_exit(carried_out)
 
 
 @cache

@@ -22,6 +22,7 @@ from hil.cli.output import JsonFlag
 from hil.errors import Damaged, InputError
 from procedures.words import harmless
 
+_FROM_THE_KEYBOARD, _STOPPED = 130, "stopped from the keyboard"  # what a command line ends with that was interrupted
 _JSON = inspect.Parameter("as_json", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=JsonFlag)
 
 
@@ -84,6 +85,8 @@ def run_to_exit(application: Callable[[], object]) -> int:
     try:
         application()
     except SystemExit as ending:
+        if ending.code == _FROM_THE_KEYBOARD:
+            return _say(_STOPPED, Exit.FAILED)
         return int(ending.code or Exit.DONE)
     except Damaged as error:
         return _say(f"ERROR: {error}", Exit.INCOMPLETE)
@@ -92,7 +95,7 @@ def run_to_exit(application: Callable[[], object]) -> int:
     except DeviceError as error:
         return _say(error, Exit.STOPPED_SAFE)
     except KeyboardInterrupt:
-        return _say("stopped from the keyboard", Exit.FAILED)
+        return _say(_STOPPED, Exit.FAILED)
     except BrokenPipeError:
         # The reader (head, less) has gone; keep the interpreter from complaining when it flushes.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -102,7 +105,8 @@ def run_to_exit(application: Callable[[], object]) -> int:
     except sqlite3.DatabaseError as error:
         return _say(f"ERROR: the journal is damaged ({error}); hil verify says how far", Exit.INCOMPLETE)
     except OSError as error:
-        status = Exit.BAD_INPUT if error.errno == errno.ENAMETOOLONG else Exit.FAILED  # only a given name is too long
+        of_a_name = error.errno in (errno.ENAMETOOLONG, errno.EROFS)  # of no file that we chose
+        status = Exit.BAD_INPUT if of_a_name else Exit.FAILED
         return _say(f"{error.filename or 'system'}: {error.strerror or error}", status)
     except Exception as error:  # the last net: a defect of ours must not become a traceback in a laboratory
         return _say(f"internal error: {error!r}. Please report it with {_write_traceback()}", Exit.FAILED)

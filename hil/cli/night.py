@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from hil.config import Bench, Sweep
     from hil.night import NightOutcome
 
+_DEMO = "hil demo"  # who carried a night out that another demo may replace
 _OF_A_DEMO = ("journal", "blocks", "configuration", "controller", "heartbeat", "live", "log", "report")
 """What stands in a demo's folder, by the beginning of its name: the night's own files and the page."""
 _LONGEST_SERIALS = 60  # characters of a folder's name
@@ -263,7 +264,7 @@ def demo(
     look_first(sweep, bench, out, "")
     if out.exists():
         shutil.rmtree(out)
-    ended = _end(_start(sweep, bench, out, quiet=quiet))
+    ended = _end(_start(sweep, bench, out, quiet=quiet, who=_DEMO))
     if ended == Exit.DONE:
         results().print(f"report: {write_report(out)[0].resolve()}")
     return ended
@@ -283,8 +284,10 @@ def refuse_but_demo(folder: Path, sweep: Sweep) -> None:
         lost = f"{strays[0]} beside a night"
     else:
         with open_readonly(folder) as journal:
-            night = journal.night
-        if not night.simulated or understood(night.configuration).get("sweep") != parse_yaml(sweep.text, sweep.source):
+            night, own = journal.night, parse_yaml(sweep.text, sweep.source)
+        if night.who != _DEMO:
+            lost = f"the night {night.title!r} that {night.who} carried out"
+        elif not night.simulated or understood(night.configuration).get("sweep") != own:
             lost = f"the night {night.title!r} of another sweep, or measured"
     if lost:
         raise InputError(f"{folder}: exists and holds {lost}, which would be lost; give another folder with --out")

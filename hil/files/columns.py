@@ -47,6 +47,8 @@ def read_columns(path: Path) -> Columns:
                 return _text(path, ",")
             case _:
                 return _text(path, None)
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: is not UTF-8 text (byte {error.start} of a line); save it as UTF-8") from None
     except (pa.ArrowException, ValueError, EOFError, MemoryError, BadZipFile, zlib.error) as error:
         raise InputError(f"{path}: cannot be read as a table of numbers ({' '.join(str(error).split())})") from None
 
@@ -60,7 +62,10 @@ def _parquet(path: Path) -> Columns:
 
 def _numpy(path: Path) -> Columns:
     with opened(path, RECORDING_MB) as file:
-        loaded = np.load(file, allow_pickle=False)
+        try:
+            loaded = np.load(file, allow_pickle=False)
+        except ValueError:
+            raise ValueError("it is damaged, or holds other things than numbers") from None
         arrays = {path.stem: loaded}
         if not isinstance(loaded, np.ndarray):
             check_size(path, sum(each.file_size for each in loaded.zip.infolist()), RECORDING_MB, "unpacked, it has")

@@ -12,10 +12,8 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
 from hashlib import sha256
-from multiprocessing import get_context, parent_process
-from multiprocessing.process import BaseProcess
+from multiprocessing import get_context
 from pathlib import Path
-from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -38,6 +36,7 @@ from hil.reconcile.outcome.improve import improved
 from hil.reconcile.search.problem import fitted_sensors
 from hil.records.export import open_source
 from hil.solve.temperatures import same_temperature
+from procedures.stop import end_with_parent
 
 SCHEMA = "hil.twin/1"
 FEWEST = 3
@@ -107,17 +106,6 @@ def likeness(
     head = {"schema": SCHEMA, "campaign": source.campaign.title, "simulated": source.campaign.simulated}
     asked = {"model": model.full_title, "draws": draws, "seed": seed}
     return {**head, **asked, **verdict(nights, _ASSUMED if assumed else 1.0)}
-
-
-def end_with_parent() -> None:
-    """Let this process end when the one that it draws for has ended, in whatever way: nobody else would tell it."""
-    if (parent := parent_process()) is not None:
-        Thread(target=_outlive, args=(parent,), daemon=True).start()
-
-
-def _outlive(parent: BaseProcess) -> None:
-    parent.join()
-    os._exit(1)
 
 
 def fitted(campaign: Campaign, form: Model, *, calibrated: bool) -> Model:

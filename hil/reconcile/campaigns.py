@@ -34,6 +34,7 @@ from hil.reconcile.fleet import NOISY_UNITS, Asked, Screen, SharedFinding, Stood
 from hil.reconcile.proof.places import false_discovery
 from hil.records.export import open_source
 from hil.records.reader import is_night, units_in
+from procedures.stop import end_with_parent
 
 LEVEL = 0.05
 """False discoveries among the units that are called, at most, on average."""
@@ -288,7 +289,7 @@ def _workers(count: int, cluster: str | None) -> Iterator[tuple[Map, Sequence[st
         from concurrent.futures import ProcessPoolExecutor
         from multiprocessing import get_context
 
-        with ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool:
+        with ProcessPoolExecutor(count, get_context("spawn"), end_with_parent) as pool:
             yield (lambda function, things: pool.map(function, things)), ()
     else:
         yield map, ()

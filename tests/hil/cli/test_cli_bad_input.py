@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import sqlite3
 from pathlib import Path
 from typing import Any
@@ -106,21 +107,49 @@ def test_the_demo_does_not_replace_what_is_not_a_demo(hil: Any, tmp_path: Path) 
     assert keep.read_text() == "mine"
 
 
-def test_the_demo_replaces_no_night_of_another_sweep_and_nothing_beside_a_night(hil: Any, tmp_path: Path) -> None:
-    """Simulated or not: who ran it may want it, and an export that was put there as well."""
+def test_the_demo_replaces_nothing_but_a_demo(hil: Any, tmp_path: Path) -> None:
+    """Simulated or not: who ran a night may want it, and an export that was put there as well."""
     night = tmp_path / "night"
-    assert hil("run", "quick", "--bench", "simulated", "--out", night, "--yes").returncode == 0
+    assert hil("run", "quick", "--bench", "simulated", "--out", night, "--yes", "--operator", "R. Kim").returncode == 0
     before = sorted(each.name for each in night.iterdir())
-    refused(hil("demo", "--out", night), str(night), "would be lost")
+    refused(hil("demo", "--out", night), str(night), "that R. Kim carried out", "would be lost")
     assert sorted(each.name for each in night.iterdir()) == before
-    quick = load_sweep("quick")
-    refuse_but_demo(night, quick)
+    demo, quick = tmp_path / "demo", load_sweep("quick")
+    assert hil("run", "quick", "--bench", "simulated", "--out", demo, "--yes", "--operator", "hil demo").returncode == 0
+    refuse_but_demo(demo, quick)
     longer = parse_sweep(quick.text.replace("positions: [1, 2, 3]", "positions: [1, 2, 3, 4]"), quick.source)
     with pytest.raises(InputError, match="of another sweep"):
-        refuse_but_demo(night, longer)
-    (night / "export").mkdir()
+        refuse_but_demo(demo, longer)
+    (demo / "export").mkdir()
     with pytest.raises(InputError, match="export beside a night, which would be lost"):
-        refuse_but_demo(night, quick)
+        refuse_but_demo(demo, quick)
+
+
+def test_what_is_stopped_from_the_keyboard_says_so_whoever_hears_it_first() -> None:
+    """The command line's own library ends with a number of its own, and without a word."""
+
+    def stopped() -> None:
+        raise SystemExit(130)
+
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    assert [run_to_exit(each) for each in (stopped, interrupted)] == [1, 1]
+
+
+def test_a_name_in_another_encoding_is_refused_before_anything_is_written(hil: Any, tmp_path: Path) -> None:
+    """As an old stick has them: a journal cannot record it, and a sound night would seem damaged."""
+    refused(hil("run", "quick", "--bench", "simulated", "--out", f"{tmp_path}/pr\udcfcf"), "is not UTF-8")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_nobody_can_write_is_a_wrong_name() -> None:
+    """Of what is given, as any that is not there."""
+
+    def read_only() -> None:
+        raise OSError(errno.EROFS, "Read-only file system", "found")
+
+    assert run_to_exit(read_only) == 2
 
 
 def test_a_disk_without_room_for_the_journal_is_one_sentence(

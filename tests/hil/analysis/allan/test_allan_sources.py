@@ -97,7 +97,9 @@ def test_rubbish_is_refused_in_one_sentence(tmp_path: Path) -> None:
         read_recording(tmp_path / "none.csv")
     for name in ("x.parquet", "x.npz", "x.txt"):
         (tmp_path / name).write_bytes(b"\xff\xfenonsense, more\nand more\n")
-        with pytest.raises(InputError, match=r"cannot be read as a table of numbers|no Parquet file that can be read"):
+        with pytest.raises(
+            InputError, match=r"cannot be read as a table of numbers|no Parquet file that can be read|is not UTF-8"
+        ):
             read_recording(tmp_path / name, rate_hz=1.0, unit="deg/s")
 
 
@@ -137,6 +139,8 @@ def test_bad_usage_ends_with_2_and_writes_nothing(
     [
         ("bad.npz", b"PK\x03\x04garbage", "cannot be read as a table of numbers"),
         ("nothing.txt", b"", "it is empty"),
+        ("latin.csv", b"t_s,rate \xb0/h\n0,1\n", "is not UTF-8 text"),
+        ("bad.npy", b"\x80\x04K\x01.", "holds other things than numbers"),
         ("empty.csv", b"t_s,rate_deg_per_hr\n", "it has no column of numbers"),
         ("huge.csv", b"t_s,rate_deg_per_hr\n0,1e300\n1,-1e300\n2,1e299\n3,1\n4,2\n", "is the unit"),
     ],
