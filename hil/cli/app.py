@@ -115,7 +115,7 @@ def run(arguments: Sequence[str]) -> int:
     def carried_out() -> None:
         for each in arguments:
             if not each.isascii() and each.encode(errors="replace").decode() != each:
-                raise InputError(f"{each}: is not UTF-8; what records it is: give the file or folder another name")
+                raise InputError(f"{each}: the name is not UTF-8 text, as records are; give it another")
         _command()(args=list(arguments), prog_name="hil")
 
     return run_to_exit(carried_out)

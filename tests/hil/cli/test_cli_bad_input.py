@@ -139,7 +139,7 @@ def test_what_is_stopped_from_the_keyboard_says_so_whoever_hears_it_first() -> N
 
 def test_a_name_in_another_encoding_is_refused_before_anything_is_written(hil: Any, tmp_path: Path) -> None:
     """As an old stick has them: a journal cannot record it, and a sound night would seem damaged."""
-    refused(hil("run", "quick", "--bench", "simulated", "--out", f"{tmp_path}/pr\udcfcf"), "is not UTF-8")
+    refused(hil("run", "quick", "--bench", "simulated", "--out", f"{tmp_path}/pr\udcfcf"), "the name is not UTF-8")
     assert list(tmp_path.iterdir()) == []
 
 
