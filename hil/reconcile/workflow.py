@@ -103,12 +103,12 @@ def _weighed(problem: Problem, scattering: Sequence[VarianceEffect], alpha: floa
     """Weigh and read what may be missing beside the form's values, or beside values that follow temperature.
 
     The more probable of the two is read: a smooth curve with a roughness, of all of the base's values, against as many
-    laws of temperature as the form's own need. Nobody searches where they are next to impossible alone and beside what
-    was found, and a form in which values stand is as much more probable as a value that is one number.
+    laws of temperature as the form's own need. Nobody asks where they explain nothing, and a form in which values stand
+    is as much more probable before the data as a value that is one number.
     """
     plain = weigh(searches(problem, EFFECTS, scattering))
     reading = read(plain, alpha)
-    if not may_be_calibrated(problem) or not values_follow(problem, plain, reading.found.terms):
+    if not may_be_calibrated(problem) or not values_follow(problem, plain.searches, reading.found.terms):
         return plain, reading
     calibrated = weigh(searches(problem, EFFECTS, scattering, calibrated=True))
     stands = plain.log_evidence + np.log(PLAIN) >= calibrated.log_evidence

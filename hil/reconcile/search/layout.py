@@ -11,7 +11,6 @@ from hil.model.effects.prior import MANY
 from hil.reconcile.search.candidates import Candidate, effect_columns
 from hil.reconcile.search.mislabelled import AsSolved, as_told, exchanges
 from hil.reconcile.search.noise import Noise
-from hil.reconcile.search.posterior import WORTH, Posterior
 from hil.reconcile.search.problem import LEAST_FREEDOM, Problem, SensorProblem
 from hil.reconcile.search.sets import BlockSearch, SensorSearch, Set
 from hil.reconcile.search.spoiled import wrong_rows
@@ -85,19 +84,19 @@ def may_be_calibrated(problem: Problem) -> bool:
     return several and not says and not problem.model.terms
 
 
-def values_follow(problem: Problem, plain: Posterior, found: Mapping[int, Set]) -> bool:
-    """Whether values that follow temperature, alone or beside a set, are worth a search beside values that stand."""
-    total = 0.0
-    for number, search in plain.searches.items():
+def values_follow(problem: Problem, searched: Mapping[int, SensorSearch], found: Mapping[int, Set]) -> bool:
+    """Whether values that follow temperature make a sensor's rows likelier in ordinary noise, alone or beside a set."""
+    for number, search in searched.items():
         conditions = problem.sensors[number].collects.conditions
         stated = problem.model.stated_scatter(conditions)
         noises = [Noise(own.block, conditions, (), calibrated=True, stated=stated) for own in search.blocks]
         other = SensorSearch([BlockSearch.of(noise.block, noise) for noise in noises], search.terms)
-        total += max(
-            sum(search.terms[j].log_odds for j in chosen) + sum(float(own[0]) for own in other.evidence(chosen))
-            for chosen in ((), found[number])
-        )
-    return total > plain.log_evidence - WORTH
+        every = range(len(search.blocks))
+        for chosen in {(), found[number]}:
+            ordinary = sum(search.in_block(chosen, b).by_kind(len(search.blocks[b].noise.kinds))[0] for b in every)
+            if sum(other.in_block(chosen, b).by_kind(0)[0] for b in every) > ordinary:
+                return True
+    return False
 
 
 def _between(sensor: SensorProblem, candidate: Candidate) -> Iterator[Candidate]:
