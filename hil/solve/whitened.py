@@ -172,6 +172,7 @@ def _scatter(
     repeated = [[values[run] for run in of if run in values] for _, of in groups]
     degrees = float(sum(max(len(of) - 1, 0) for of in repeated))
     apart = [one - other for of in repeated for lag in _LAGS for one, other in zip(of, of[lag:], strict=False)]
+    typical = np.array([typical_scatter(name, conditions.sensor) for name in names])
     if degrees < _LEAST:
         degC = np.array([at for at, _ in groups], dtype=np.float64)
         met = [k for k, of in enumerate(repeated) if of]
@@ -180,8 +181,8 @@ def _scatter(
         apart = _off_a_line([(degC[k], np.mean(repeated[k], axis=0)) for k in met])
         order, degrees = min(_CURVE, len(met) - 1 - _LEAST), (len(met) - 2) * _LESS
         common = np.vander((degC - degC.mean()) / np.ptp(degC), order + 1).T @ common
+        typical[:] = 0.0  # what is off a curve is also what the curve of a unit is off one of that order
     scatter = np.maximum(_SIGMA * np.quantile(np.abs(np.array(apart)), _SHARE, axis=0, method="lower"), 1.0)
-    typical = np.array([typical_scatter(name, conditions.sensor) for name in names])
     within = scatter * (1.0 + _FEW / degrees)
     return np.where(scatter < typical, np.minimum(within, typical), within), scatter, common
 
