@@ -6,6 +6,7 @@ interlock or device fault with the bench in its safe state, 4 something is incom
 """
 
 import os
+import sys
 
 # Set before numpy is imported, which reads it. The matrices are small: threads would wait more than they compute.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -16,7 +17,7 @@ def main() -> None:
     try:
         from hil.cli.app import main as run
     except KeyboardInterrupt:
-        raise SystemExit(1) from None
+        sys.exit(1)
     run()
 
 
