@@ -16,6 +16,7 @@ import pytest
 
 from hil.analysis.thermal import fit_thermal
 from hil.campaign import Campaign, Collects
+from hil.campaign.reader import read_campaign
 from hil.cli.app import run
 from hil.config import load_bench, load_sweep
 from hil.design.conditions import planned_conditions
@@ -32,7 +33,7 @@ from hil.solve import repeats, solve_campaign
 from hil.solve.both_sensors import common_and_differential
 from procedures.plan import make_plan
 from tests.hil.audit.folders import FOLDERS, written
-from tests.hil.audit.questions import ANSWERS, AT_ONCE, BESIDE, COMMANDS, FIRST, IN_COMMON, MODEL, QUICK, Ask
+from tests.hil.audit.questions import ANSWERS, AT_ONCE, BESIDE, COMMANDS, FIRST, IN_COMMON, MODEL, QUICK, READ, Ask
 from tests.hil.solve.test_neighbours import campaign
 
 
@@ -48,7 +49,7 @@ def ask(request: pytest.FixtureRequest, tmp_path: Path, capsys: pytest.CaptureFi
             capsys.readouterr()
             status = run({**COMMANDS, **BESIDE}[command](folder, MODEL.get(request.param, "matrix-6")))
             assert status in (0, 2, 4), f"{command}: {capsys.readouterr().err}"
-            known[command] = json.loads(capsys.readouterr().out) if status != 2 else None
+            known[command] = READ.get(command, json.loads)(capsys.readouterr().out) if status != 2 else None
         return known[command]
 
     return asked
@@ -89,6 +90,24 @@ def test_the_quick_commands_agree(ask: Ask) -> None:
 def test_all_commands_agree(ask: Ask) -> None:
     """And those that search: what is wrong with rows, and that what is printed is simulated."""
     assert list(disagreements(ask, (*COMMANDS, *BESIDE))) == []
+
+
+def test_what_is_suspicious_is_said_to_people_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Beside the result, by every command that has it in its document."""
+    folder = written("labels exchanged", tmp_path / "campaign")
+    (suspicious,) = read_campaign(folder).warnings
+    for command in ("solve", "thermal", "budget", "visibility", "scatter", "report"):
+        words = {**COMMANDS, **BESIDE}[command](folder, "matrix-6")
+        assert run([word for word in words if word != "--json"]) == 0
+        assert f"warning: {suspicious}" in capsys.readouterr().err, command
+
+
+def test_a_screen_says_which_runs_fail(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It is not green where a run FAILs, whether or not the model lacks anything."""
+    folder, page = written("labels exchanged", tmp_path / "campaign"), tmp_path / "fleet.html"
+    assert run(["fleet", str(folder), "--model", "matrix-6", "--out", str(page)]) == 0
+    assert "FAIL by what was recorded, and screened as filed: made (run 5); hil solve" in capsys.readouterr().out
+    assert '<section class="verdict FAIL"' in page.read_text()
 
 
 @pytest.mark.parametrize("ask", ["two plans"], indirect=True)
