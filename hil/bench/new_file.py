@@ -3,8 +3,10 @@
 text = new_bench("my-bench", Asked("espec", "/dev/ttyUSB1", "-40 to 85 degC", "stim300", "/dev/ttyUSB0", "59.9 deg"))
 """
 
+from __future__ import annotations
+
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from drivers.chambers import CHAMBER_DRIVERS
 from drivers.frames.description import StreamDescription, load_description
@@ -25,6 +27,13 @@ class Asked:
     unit: str
     unit_port: str
     latitude: str
+
+    def with_examples(self) -> Asked:
+        """Return it with an answer that can be read in the place of each that is not given yet."""
+        return replace(_EXAMPLES, **{key: given for key, given in vars(self).items() if given})
+
+
+_EXAMPLES = Asked("espec", "/dev/ttyUSB1", "-40 to 85 degC", "stim300", "/dev/ttyUSB0", "59.9 deg")
 
 
 def new_bench(name: str, asked: Asked) -> str:

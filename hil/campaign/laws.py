@@ -43,7 +43,8 @@ _SAMPLE_RATE, _ERROR = 1.25, 10.0
 class Law:
     """One record of n collects, what it shows, (n,), and the least and the most that the others allow: (n,), or of all.
 
-    NaN where nothing can be said; `by` names the others, `mutual` where they may be what is wrong just as well.
+    NaN where nothing can be said; `by` names the others, `mutual` where they may be what is wrong just as well;
+    `plainly` is what is said of a number that stands in no file.
     """
 
     record: str
@@ -52,6 +53,7 @@ class Law:
     high: FloatArray | float
     by: str
     mutual: bool = False
+    plainly: str = ""
 
     @property
     def excess(self) -> FloatArray:
@@ -67,6 +69,8 @@ class Law:
     @property
     def words(self) -> str:
         """What the worst of them shows, and what belongs there."""
+        if self.plainly:
+            return self.plainly
         i = int(np.argmax(self.excess))
         shown, low, high = (each[i] for each in np.broadcast_arrays(self.shown, self.low, self.high))
         near = min(abs(shown - low), abs(shown - high)) < _NEAR * abs(shown)
@@ -272,8 +276,11 @@ def _from_run_to_run(collects: Collects) -> Iterator[Law]:
         alike = -alike if np.median(alike[whole]) < 0.0 else alike
         noise = _SIGN_SIGMAS * np.nanmax(errors)
         sure = size[whole].min() > max(0.5 * size[whole].max(), noise) and np.abs(alike[whole]).min() > _ALIKE
-        name, shown = f"the likeness of {channel}'s changes between positions", np.where(sure, alike, np.nan)[run]
-        yield Law(name, shown, 0.0, np.inf, "the other runs: its sign is turned, or collects are exchanged")
+        says = (
+            f"{channel} goes up from position to position where it goes down in the other runs: its sign is turned, or "
+            f"collects are exchanged: ask whoever measured, and put the rates of {channel} or the column position right"
+        )
+        yield Law(channel, np.where(sure, alike, np.nan)[run], 0.0, np.inf, "the other runs", plainly=says)
 
 
 def _in_its_run(record: str, c: Conditions, shown: FloatArray, factor: float) -> Law:

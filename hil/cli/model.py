@@ -13,7 +13,7 @@ from rich.progress import Progress
 
 from hil.cli.answer import Answer, told
 from hil.cli.data import Source, read_source
-from hil.cli.output import check_named, check_result_folder, messages
+from hil.cli.output import Aside, check_named, check_result_folder, messages
 
 if TYPE_CHECKING:
     from hil.model import Model
@@ -151,12 +151,16 @@ def visibility(
     from hil.design.visibility.text import visibility_text
     from hil.model import load_model
 
-    chosen = None if model is None else load_model(model)
+    chosen, warned = None if model is None else load_model(model), []
     if Path(source).is_dir():
-        document = campaign_document(read_source(Path(source)), chosen)
+        campaign = read_source(Path(source))
+        document, warned = (
+            campaign_document(campaign, chosen),
+            [Aside(f"warning: {each}") for each in campaign.warnings],
+        )
     else:
         document = sweep_document(load_sweep(source), load_bench(bench), chosen)
-    return Answer(document, lambda: [visibility_text(document)])
+    return Answer(document, lambda: [*warned, visibility_text(document)])
 
 
 def effects() -> Answer:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import sys
 import tempfile
 import webbrowser
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from hil.cli.ask import ask_words
-from hil.cli.output import results
+from hil.cli.output import messages, results
 from hil.errors import InputError
 
 
@@ -35,16 +36,24 @@ def init(
     ports = "/dev/ttyUSB0, COM3, socket://host:port"
     units = sorted(path.stem for folder in config_folders("imus") for path in folder.glob("*.yaml"))
     chambers = ", ".join(f"{name} ({driver.title})" for name, driver in CHAMBER_DRIVERS.items() if name != "box")
-    asked = Asked(
-        chamber or _ask(f"Which controller has the chamber: {chambers}", "--chamber"),
-        chamber_port or _ask(f"At which port is it ({ports})", "--chamber-port"),
-        limits or _ask("Between which temperatures may it be set (-40 to 85 degC)", "--limits"),
-        unit or _ask(f"Which unit: {', '.join(units)}", "--unit"),
-        unit_port or _ask(f"At which port is it ({ports})", "--unit-port"),
-        latitude or _ask("At which latitude does the bench stand (59.9 deg)", "--latitude"),
-    )
-    text = new_bench(out.stem, asked)
-    write_result(out, text)
+    asked = Asked(chamber, chamber_port, limits, unit, unit_port, latitude)
+    new_bench(out.stem, asked.with_examples())  # an option that cannot be is no question
+    for key, question in {
+        "chamber": f"Which controller has the chamber: {chambers}",
+        "chamber_port": f"At which port is it ({ports})",
+        "limits": "Between which temperatures may it be set (-40 to 85 degC)",
+        "unit": f"Which unit: {', '.join(units)}",
+        "unit_port": f"At which port is it ({ports})",
+        "latitude": "At which latitude does the bench stand (59.9 deg)",
+    }.items():
+        while not getattr(asked, key):
+            answered = replace(asked, **{key: _ask(question, f"--{key.replace('_', '-')}")})
+            try:
+                new_bench(out.stem, answered.with_examples())
+                asked = answered
+            except InputError as error:
+                messages().print(str(error))
+    write_result(out, new_bench(out.stem, asked))
     results().print(f"bench: {out}; look at what is marked ASSUMED in it, then: hil check {out}")
 
 

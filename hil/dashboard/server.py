@@ -12,6 +12,7 @@ There is nothing else, and no other method.
 """
 
 import asyncio
+import errno
 import json
 import socket
 from collections.abc import AsyncIterator, Mapping
@@ -117,15 +118,21 @@ def _units(watcher: Watcher, serial: str, asked: Mapping[str, str]) -> str:
         return history_page(history(index, serial, asked.get("model")))
 
 
+_NOT_HERE = {
+    errno.EADDRINUSE: "another program does already, perhaps an earlier hil dashboard",
+    errno.EADDRNOTAVAIL: "this machine has no such address",
+    errno.EACCES: "a port below 1024 is the administrator's",
+}
+
+
 def listen(host: str, port: int) -> socket.socket:
     """Return a socket that listens; raise `InputError` where that is not possible."""
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
         return socket.create_server((host, port), family=family)
     except OSError as error:
-        raise InputError(
-            f"{host}:{port}: cannot be listened at ({error.strerror or error}); choose another --port or --host"
-        ) from error
+        why = _NOT_HERE.get(error.errno or 0, error.strerror or error)
+        raise InputError(f"{host}:{port}: cannot be listened at: {why}; choose another --port or --host") from error
 
 
 def server(app: Guard) -> uvicorn.Server:

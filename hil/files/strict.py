@@ -99,6 +99,9 @@ def find_config(kind: str, name: str | Path, beside: Path | None = None) -> Path
     what ships with hil, then what an installed distribution brings. `kind` is a key of `SINGULAR`. Raises `InputError`
     naming the nearest.
     """
+    what = SINGULAR.get(kind, kind)
+    if not str(name).strip():
+        raise InputError(f"the name of the {what} is empty")
     path = Path(name).expanduser()
     if _is(Path.exists, path) and not path.is_dir():  # whether it is a file is for the door to say
         return path
@@ -112,7 +115,6 @@ def find_config(kind: str, name: str | Path, beside: Path | None = None) -> Path
                 return candidate
     if kind == "imus" and str(name) in brought("hil.frames"):
         return Path(loaded(brought("hil.frames")[str(name)]))
-    what = SINGULAR.get(kind, kind)
     if _is(Path.is_dir, path):
         raise InputError(f"{name}: this is a folder, not the file of {'an' if what[0] in 'AEIOU' else 'a'} {what}")
     shipped = sorted({file.stem for folder in config_folders(kind) for file in folder.glob(f"*{ending}")})

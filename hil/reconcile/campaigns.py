@@ -34,6 +34,7 @@ from hil.reconcile.fleet import NOISY_UNITS, Asked, Screen, SharedFinding, Stood
 from hil.reconcile.proof.places import false_discovery
 from hil.records.export import open_source
 from hil.records.reader import is_night, units_in
+from hil.solve.wrong_rows import failed
 from procedures.stop import end_with_parent
 
 LEVEL = 0.05
@@ -48,19 +49,21 @@ Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
 
 @dataclass(frozen=True)
 class Facts:
-    """Which campaign it is, of whom and when, as far as its records say."""
+    """Which campaign it is, of whom and when, and which runs FAIL, as far as its records say."""
 
     folder: str
     title: str
     serial: str
     date: str
     simulated: bool
+    runs_failed: Sequence[int]
 
     @classmethod
     def of(cls, folder: str, campaign: Campaign) -> Facts:
         """Return what the records of a campaign say."""
         day, serial = day_of(campaign.source), campaign.identity.get("serial", "")
-        return cls(folder, campaign.title, serial, day.isoformat() if day else "", campaign.simulated)
+        bad = sorted(set().union(*(failed(campaign, number) for number in campaign.sensors)))
+        return cls(folder, campaign.title, serial, day.isoformat() if day else "", campaign.simulated, bad)
 
 
 @dataclass(frozen=True)
@@ -156,8 +159,7 @@ def screen_folders(
                 groups.append(group := _Group(read, Stood({n: rows.conditions for n, rows in read.sensors.items()})))
             values = beside_the_earth(read)
             told_apart_by = hashlib.sha256(b"".join(own.tobytes() for own in values.values())).digest()
-            first = known.setdefault(told_apart_by, place)
-            if first != place:
+            if (first := known.setdefault(told_apart_by, place)) != place:
                 told[place] = f"the very rates of {first}: a copy, which counts once"
                 continue
             group.facts.append(Facts.of(place, read))
@@ -251,8 +253,7 @@ def _screen(layout: _Layout) -> Screen:
 
 def _weigh(piece: tuple[_Layout, Sequence[Mapping[int, FloatArray]]]) -> tuple[Asked, FloatArray]:
     """Weigh some units, in whichever process this is, which lays a layout out once."""
-    layout, values = piece
-    screen = _screen(layout)
+    screen, values = _screen(piece[0]), piece[1]
     return screen.asked, screen.weigh([screen.in_blocks(each, "") for each in values])
 
 

@@ -38,6 +38,7 @@ from hil.records.status import night_status
 from hil.records.verify import MISSING, verify_night
 from hil.report.content import ReportContent, gather
 from hil.report.statements import assumed
+from hil.solve.both_sensors import moving_together
 from hil.solve.omissions import in_words, what_is_wrong
 from hil.solve.repeats import SensorRepeats
 from hil.solve.runs import finite
@@ -232,7 +233,7 @@ def _conditions(campaign: Campaign, content: ReportContent) -> Iterator[str]:
     told = ", ".join(
         f"{name.removesuffix('_deg').replace('_', ' ')} {value:.4g}°" for name, value in campaign.site.items()
     )
-    yield from in_words(what_is_wrong(campaign))
+    yield from (*in_words(what_is_wrong(campaign)), *moving_together(campaign))
     yield f"site: {told}; 1 g is the local gravity, and the earth's rotation is taken off"
 
 

@@ -127,6 +127,12 @@ def common_and_differential(campaign: Campaign) -> BothSensors | None:
     return BothSensors(pair, common, differential, degrees, same, _shared(correlation, degrees))
 
 
+def moving_together(campaign: Campaign) -> list[str]:
+    """Say what moves both sensors of a campaign together; nothing where each scatters alone, or nobody can tell."""
+    both = common_and_differential(campaign)
+    return both.sentences() if both is not None and both.shared else []
+
+
 def _correlations(one: FloatArray, two: FloatArray) -> FloatArray:
     """Correlation of every parameter of the one sensor with every one of the other, shape (6, 6)."""
     sizes = np.outer(np.sqrt(np.sum(one**2, axis=0)), np.sqrt(np.sum(two**2, axis=0)))

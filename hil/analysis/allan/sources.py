@@ -15,6 +15,7 @@ from hil.errors import InputError
 from hil.files.columns import Columns, read_columns
 from hil.files.units import RATE, worth
 from hil.records.export import open_source
+from hil.solve.both_sensors import moving_together
 from procedures.words import choice
 
 _TIMES = ("t_s", "time_s")
@@ -60,7 +61,9 @@ def _of_folder(folder: Path, channel: str | None, sensor: int | None, collect: i
             rates = series.rates_deg_per_hr[:, _channels(campaign, number).index(name)]
             pieces += cut(title, rates, interval_s, series.t_s)
     which = "all collects" if collect is None else f"collect {collect}"
-    notes = ("collects at different temperatures are taken together",) if collect is None and len(own) > 1 else ()
+    together = "collects at different temperatures are taken together"
+    notes = (together,) * (collect is None and len(own) > 1)
+    notes += tuple(f"{each}; no collect shows it by itself" for each in moving_together(campaign))
     title = f"{folder.name}, {which}, sensor {number}, {name}"
     return recording(title, pieces, interval_s, simulated=campaign.simulated, notes=notes)
 

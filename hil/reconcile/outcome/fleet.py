@@ -13,7 +13,7 @@ from hil.files.figure import LOOKS, blank
 from hil.files.page import in_style, inline_svg, rendered
 from hil.files.tables import rows_as_csv
 from hil.reconcile.campaigns import LEVEL, Screened, ScreenedUnit
-from procedures.words import counted
+from procedures.words import counted, listed, numbered
 
 _MOST_NAMES = 4  # that have a look of their own in a picture
 _NUMBER = re.compile(r"(\d+)\D*$")
@@ -61,6 +61,7 @@ def fleet_page(found: Screened) -> str:
         "level": LEVEL,
         "sentences": list(fleet_sentences(found)),
         "shared": _shared(found),
+        "failed": any(each.runs_failed for each in found.units),
         "pictures": list(_pictures(found.units, worth)) if worth else [],
     }
     return rendered("hil.reconcile.outcome", "fleet.html.j2", view)
@@ -70,8 +71,8 @@ def fleet_sentences(found: Screened) -> Iterator[str]:
     """Yield what was found in a screenful: how many units, which effects, what many have in common."""
     worth = [each for each in found.units if each.worth]
     yield (
-        f"{len(worth)} of {counted(len(found.units), 'unit')} deserve a full hil reconcile: of those called, at most "
-        f"{LEVEL:.0%} on average lack nothing"
+        f"{len(worth)} of {counted(len(found.units), 'unit')} deserve{'s' * (len(found.units) == 1)} a full "
+        f"hil reconcile: of those called, at most {LEVEL:.0%} on average lack nothing"
     )
     for name, count, _ in _by_effect(worth):
         yield f"{name} leads in {counted(count, 'unit')}"
@@ -80,8 +81,12 @@ def fleet_sentences(found: Screened) -> Iterator[str]:
             f"layout {number}: its units together seem to lack {each.name} (p = {each.p_value:.1g}), most probably "
             f"{each.fraction:.0%} of them; a few of them deserve a full hil reconcile"
         )
-    if worth:
-        yield "a screen asks for what moves averages; a full hil reconcile also asks what only scatters them"
+    if bad := [f"{each.title} ({numbered('run', each.runs_failed)})" for each in found.units if each.runs_failed]:
+        yield f"FAIL by what was recorded, and screened as filed: {listed(bad)}; hil solve says why"
+    yield (
+        "a screen asks for what moves averages; a full hil reconcile also asks what only scatters them, "
+        "hil solve whether runs are good"
+    )
     if found.not_screened:
         yield f"{counted(len(found.not_screened), 'campaign')} could not be screened"
 
@@ -93,7 +98,7 @@ def _shared(found: Screened) -> list[tuple[int, Any]]:
 def _row(each: ScreenedUnit) -> dict[str, Any]:
     of = each.finding
     return {
-        **picked(each, "folder title serial"),
+        **picked(each, "folder title serial runs_failed"),
         "date": each.date or None,
         "simulated": each.simulated,
         "layout_number": each.layout,

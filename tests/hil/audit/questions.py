@@ -31,14 +31,19 @@ COMMANDS: dict[str, Callable[[Path, str], list[str]]] = {
 BESIDE: dict[str, Callable[[Path, str], list[str]]] = {
     "fleet": lambda folder, model: ["fleet", str(folder), "--model", model, "--json"],
     "history": lambda folder, _: ["history", "0042", "--archive", str(folder.parent / "archive"), "--json"],
+    "report": lambda folder, _: ["report", str(folder)],
 }
 """Commands that answer some of the questions, and have no rows."""
+READ: dict[str, Callable[[str], dict[str, Any]]] = {
+    "report": lambda said: {"verdict": next(word for word in said.split(": ") if word in VERDICTS)},
+}
+"""What the lines of those say that print no document."""
 FIRST: dict[str, Callable[[Path], list[str]]] = {
     "history": lambda folder: [
         "archive", str(folder.parent / "archive"), str(folder), "--found", "--serial", "0042", "--date", "2026-03-01",
     ],
 }  # fmt: skip
-QUICK = ("solve", "thermal", "budget", "visibility", "history")
+QUICK = ("solve", "thermal", "budget", "visibility", "history", "report")
 AT_ONCE = (
     "contradicted",
     "dead channel",
@@ -267,6 +272,10 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
         "reconcile": lambda document: _no_pass(_with_those_that_nobody_uses(document)),
         "thermal": lambda document: _no_pass(document["runs_not_solved"]),
     },
+    "which runs FAIL by what was recorded": {
+        "reconcile": lambda document: {"runs": document["contradicted_runs"]},
+        "fleet": lambda document: {"runs": document["units"][0]["runs_failed"]},
+    },
     "how bad the worst is": {
         # A history says of what is not whole that it is INCONCLUSIVE at best, whatever is there.
         "solve": lambda document: {
@@ -279,6 +288,7 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
             )
         },
         "history": lambda document: {"verdict": document["campaigns"][0]["verdict"]},
+        "report": lambda document: document,
     },
     "what is suspicious": dict.fromkeys(
         [name for name in COMMANDS if name != "reconcile"], lambda document: dict.fromkeys(document["warnings"])
@@ -297,7 +307,9 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
     "what two sensors do together": dict.fromkeys(
         ("solve", "scatter", "reconcile"), lambda document: _shared(document["both_sensors"])
     ),
-    "is it simulated": dict.fromkeys((*COMMANDS, *BESIDE), lambda document: {"simulated": document["simulated"]}),
+    "is it simulated": dict.fromkeys(
+        (*COMMANDS, "fleet", "history"), lambda document: {"simulated": document["simulated"]}
+    ),
 }
 
 

@@ -14,8 +14,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hil.analysis.allan.sources import read_recording
 from hil.analysis.thermal import fit_thermal
-from hil.campaign import Campaign, Collects
+from hil.campaign import Campaign, Collects, Series
+from hil.campaign.reader import read_campaign
+from hil.campaign.writer import write_campaign
 from hil.cli.app import run
 from hil.config import load_bench, load_sweep
 from hil.design.conditions import planned_conditions
@@ -32,7 +35,7 @@ from hil.solve import repeats, solve_campaign
 from hil.solve.both_sensors import common_and_differential
 from procedures.plan import make_plan
 from tests.hil.audit.folders import FOLDERS, written
-from tests.hil.audit.questions import ANSWERS, AT_ONCE, BESIDE, COMMANDS, FIRST, IN_COMMON, MODEL, QUICK, Ask
+from tests.hil.audit.questions import ANSWERS, AT_ONCE, BESIDE, COMMANDS, FIRST, IN_COMMON, MODEL, QUICK, READ, Ask
 from tests.hil.solve.test_neighbours import campaign
 
 
@@ -48,7 +51,7 @@ def ask(request: pytest.FixtureRequest, tmp_path: Path, capsys: pytest.CaptureFi
             capsys.readouterr()
             status = run({**COMMANDS, **BESIDE}[command](folder, MODEL.get(request.param, "matrix-6")))
             assert status in (0, 2, 4), f"{command}: {capsys.readouterr().err}"
-            known[command] = json.loads(capsys.readouterr().out) if status != 2 else None
+            known[command] = READ.get(command, json.loads)(capsys.readouterr().out) if status != 2 else None
         return known[command]
 
     return asked
@@ -91,6 +94,24 @@ def test_all_commands_agree(ask: Ask) -> None:
     assert list(disagreements(ask, (*COMMANDS, *BESIDE))) == []
 
 
+def test_what_is_suspicious_is_said_to_people_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Beside the result, by every command that has it in its document."""
+    folder = written("labels exchanged", tmp_path / "campaign")
+    (suspicious,) = read_campaign(folder).warnings
+    for command in ("solve", "thermal", "budget", "visibility", "scatter", "report"):
+        words = {**COMMANDS, **BESIDE}[command](folder, "matrix-6")
+        assert run([word for word in words if word != "--json"]) == 0
+        assert f"warning: {suspicious}" in capsys.readouterr().err, command
+
+
+def test_a_screen_says_which_runs_fail(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It is not green where a run FAILs, whether or not the model lacks anything."""
+    folder, page = written("labels exchanged", tmp_path / "campaign"), tmp_path / "fleet.html"
+    assert run(["fleet", str(folder), "--model", "matrix-6", "--out", str(page)]) == 0
+    assert "FAIL by what was recorded, and screened as filed: made (run 5); hil solve" in capsys.readouterr().out
+    assert '<section class="verdict FAIL"' in page.read_text()
+
+
 @pytest.mark.parametrize("ask", ["two plans"], indirect=True)
 def test_a_sensor_that_cannot_be_fitted_hides_no_other(ask: Ask) -> None:
     """Thermal answers of sensor 2 and says why not of sensor 1; a headline counts each sensor's own."""
@@ -103,7 +124,7 @@ def test_a_sensor_that_cannot_be_fitted_hides_no_other(ask: Ask) -> None:
     assert headline(gather(FOLDERS["clipped"]())).startswith("12 self-calibrations at 4 temperatures, 1 sensor: 7 PASS")
 
 
-def test_what_moves_both_sensors_is_said_wherever_somebody_asks_what_scatters() -> None:
+def test_what_moves_both_sensors_is_said_wherever_somebody_asks_what_scatters(tmp_path: Path) -> None:
     """With what is to be done: by the report's first screen and reconcile's verdict, too; not where each is alone."""
     for name, together in (("both sensors disturbed", True), ("two sensors", False)):
         one = FOLDERS[name]()
@@ -113,6 +134,11 @@ def test_what_moves_both_sensors_is_said_wherever_somebody_asks_what_scatters() 
         said = [" ".join(to_do(gather(one))), what_to_do(reconcile(one, "matrix-6", prove=False))[1]]
         assert ["what moves sensors 1 and 2 together" in each for each in said] == [together, together]
         assert set(both.sentences()) <= set(what_scatters(one).sentences())
+        noise = np.random.default_rng(1).normal(0.0, 1.0, (64, 2))
+        rates = one.sensors[2].rates_deg_per_hr[3] + noise - noise.mean(axis=0)
+        write_campaign(one, folder := tmp_path / name, [(40, Series(np.arange(64.0), rates))])
+        notes = read_recording(folder, channel="RA", sensor=2).notes
+        assert [any(said in note for note in notes) for said in both.sentences()] == [together]
 
 
 def test_the_channel_whose_standard_errors_do_not_hold_is_named() -> None:

@@ -74,6 +74,24 @@ def test_what_is_not_given_is_asked(
     assert "nobody can be asked here; give --latitude" in capsys.readouterr().err
 
 
+def test_an_answer_that_cannot_be_read_is_asked_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """At once, with the reason, and no other answer is lost; an option that cannot be read is no question."""
+    typed = iter(
+        ("Espek", "espec", "COM3", "-40", "-40 to 185 degF", "stim30", "stim300", "tcp://x", "COM4", "52", "52 deg")
+    )
+    monkeypatch.setattr(start, "ask_words", lambda _: next(typed))
+    monkeypatch.setattr(sys.stdin, "isatty", lambda: True, raising=False)
+    assert run(["init", str(tmp_path / "a.yaml")]) == 0
+    assert next(typed, None) is None
+    assert load_bench(tmp_path / "a.yaml").site.latitude_deg == 52.0
+    said = capsys.readouterr().err
+    assert run(["init", str(tmp_path / "b.yaml"), "--chamber", "espex"]) == 2  # and nothing is asked
+    for why in ("'Espek' is no chamber", "'-40' is not a range", "did you mean 'stim300'", "imu.port", "latitude"):
+        assert why in said
+
+
 @pytest.mark.parametrize("chamber", sorted(CHAMBER_DRIVERS))
 def test_every_chamber_is_written(chamber: str) -> None:
     """Each driver of the catalogue but one that needs a description of its own."""

@@ -242,10 +242,12 @@ def test_bad_input_of_the_command_is_a_sentence(tmp_path: Path, capsys: pytest.C
     assert run(["dashboard", str(tmp_path / "none")]) == 2
     assert "there is no such folder" in capsys.readouterr().err
     assert run(["dashboard", str(tmp_path), "--host", "192.0.2.1"]) == 2
-    assert "cannot be listened at" in capsys.readouterr().err
+    assert "cannot be listened at: this machine has no such address" in capsys.readouterr().err
     with listen("127.0.0.1", 0) as listener:
         assert run(["dashboard", str(tmp_path), "--port", str(listener.getsockname()[1])]) == 2
-    assert "choose another --port" in capsys.readouterr().err
+    assert "another program does already, perhaps an earlier hil dashboard; choose another --port" in (
+        capsys.readouterr().err
+    )
 
 
 def _half_sent(port: int) -> socket.socket:

@@ -48,6 +48,7 @@ def test_a_file_beside_the_one_that_names_it_is_found(tmp_path: Path) -> None:
         ("benches", "zzz", "zzz: there is no bench of this name; allowed: "),
         ("sweeps", "./nothing.yaml", "./nothing.yaml: there is no such sweep file"),
         ("sweeps", "/nothing/here.yaml", "/nothing/here.yaml: there is no such sweep file"),
+        ("sweeps", "", "the name of the sweep is empty"),
         ("imus", "/", "/: this is a folder, not the file of an IMU description"),
     ],
 )

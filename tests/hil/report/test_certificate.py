@@ -17,6 +17,7 @@ from hil.records.export import campaign_of_night
 from hil.report.certificate import Asked, Certificate, certificate, refusals
 from hil.solve import repeats, solve_campaign
 from hil.solve.omissions import without
+from tests.hil.audit.folders import FOLDERS
 from tests.hil.cli.test_cli_in_spec import WIDE
 
 TODAY = date(2026, 11, 30)
@@ -136,6 +137,15 @@ def test_a_soak_that_had_not_ended_is_said(night: Path, monkeypatch: pytest.Monk
     said = certificate(night, Asked(), TODAY).document["conditions"]
     assert told
     assert all(any(why in line for line in said) for why in told)
+
+
+def test_what_moves_both_sensors_is_said(night: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Among the conditions; nothing of sensors that scatter each alone."""
+    for name, together in (("both sensors disturbed", True), ("two sensors", False)):
+        measured = FOLDERS[name]()
+        monkeypatch.setattr("hil.report.certificate.campaign_of_night", lambda _, of=measured: of)
+        said = certificate(night, Asked(), TODAY).document["conditions"]
+        assert any("sensors 1 and 2 move together" in line for line in said) is together
 
 
 def test_the_command_refuses_or_drafts(night: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
