@@ -10,7 +10,7 @@ its collects, and the runs of the sensors that rest on them FAIL, wherever they 
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import combinations, product
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -137,16 +137,15 @@ def _tables(campaign: Campaign) -> Iterator[_Found]:
 def _copies(campaign: Campaign) -> Iterator[_Found]:
     """Look for rates that stand in two places: one channel's in another, or one collect's in another."""
     for group in _together(campaign, campaign.sensors.values()):
-        columns = [
-            (each, name, each.rates_deg_per_hr[:, k])
-            for each in group
-            for k, name in enumerate(each.conditions.sensor.channels)
-        ]
-        for (one, name, rates), (other, another, others) in combinations(columns, 2):
-            if len(rates) >= _SAME_ROWS and np.ptp(rates) > 0.0 and np.array_equal(rates, others):
-                numbers = [each.conditions.sensor.number for each in (one, other)]
-                words = f"{name} of sensor {numbers[0]} and {another} of sensor {numbers[1]} show the very same rates"
-                yield list({id(each): each for each in (one, other)}.values()), np.isfinite(rates), words
+        alike: dict[tuple[float, ...], dict[str, Collects]] = {}
+        for each in group:
+            for name, rates in zip(each.conditions.sensor.channels, each.rates_deg_per_hr.T, strict=True):
+                whose = f"{name} of sensor {each.conditions.sensor.number}"
+                if len(rates) >= _SAME_ROWS and np.ptp(rates) > 0.0:
+                    alike.setdefault(tuple(rates.tolist()), {})[whose] = each
+        for column, of in alike.items():
+            if len(of) > 1:
+                yield [*dict.fromkeys(of.values())], np.isfinite(column), f"{listed(of)} show the very same rates"
     for number, collects in () if campaign.rebuilt else campaign.sensors.items():
         rates = collects.rates_deg_per_hr
         if np.isnan(collects.rates_se_deg_per_hr).all():

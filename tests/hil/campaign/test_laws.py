@@ -18,6 +18,8 @@ from hil.campaign.plausibility import clipped, judged_by_its_records, unclipped
 from hil.campaign.reader import read_campaign
 from hil.campaign.writer import write_campaign
 from procedures.verdict import Verdict
+from tests.hil.audit.folders import FOLDERS
+from tests.hil.solve.test_neighbours import with_rates
 
 RUN = np.repeat([1, 2, 3], 3)
 AIR = np.repeat([20.0, 20.0, 60.0], 3)
@@ -212,6 +214,9 @@ def test_rates_that_stand_in_two_places_were_copied(digits: int, said: bool) -> 
     rates[:, 1], rates[7] = rates[:, 0], 1.0
     judged = judged_by_its_records(campaign(rates=rates))
     assert "RA of sensor 2 and RB of sensor 2 show the very same rates" in judged.warnings[0]
+    three = FOLDERS["poses"]()  # of three channels that are one it is said once, not of each pair
+    (said,) = judged_by_its_records(with_rates(three, three.sensors[1].rates_deg_per_hr[:, [1, 1, 1]], 1)).warnings
+    assert "GX of sensor 1, GY of sensor 1 and GZ of sensor 1 show the very same rates" in said
     assert sorted({run for run, _ in judged.contradicted}) == [1, 2, 3]
 
 
