@@ -295,14 +295,14 @@ def test_another_bias_of_which_one_collect_alone_stands_far_out_is_the_whole_run
     """The others are off by the same, a little less: no collect is left out, and from a size on it is told."""
     made = campaign(12, 3, seed=2, scatter=2.0)
     rates, told = made.sensors[2].rates_deg_per_hr.copy(), []
-    for off in np.arange(15.0, 60.0, 1.0):
+    for off in np.arange(15.0, 60.0, 3.0):
         moved = rates.copy()
         moved[12:15] += off
         found = wrong_rows(with_rates(made, moved))[2]
         assert {(row.run, row.collects, row.done) for row in found.rows} <= {(5, (13, 14, 15), USED)}
         told.append(any("its bias was another" in each.reason for each in found.judged.values()))
     assert told == sorted(told)
-    assert 30 < sum(told) < len(told)
+    assert 10 <= sum(told) < len(told)
 
 
 def test_a_life_is_compared_run_by_run() -> None:
