@@ -12,6 +12,7 @@ import io
 import os
 import re
 import select
+import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -127,8 +128,8 @@ class SerialTransport(Transport):
             self._port = serial.serial_for_url(self.name, **settings)
         except (serial.SerialException, OSError, ValueError, TerminalError) as error:
             raise TransportError(_why_not_open(self.name, error)) from error
-        if self._low_latency:
-            with suppress(AttributeError, ValueError, NotImplementedError, OSError):  # pyserial, of a port without
+        if self._low_latency and sys.platform == "linux":  # the one that pyserial can ask
+            with suppress(AttributeError, ValueError, OSError):  # a port that cannot
                 self._port.set_low_latency_mode(True)
 
     def _release(self) -> None:
