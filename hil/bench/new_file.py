@@ -30,10 +30,10 @@ class Asked:
 
     def with_examples(self) -> Asked:
         """Return it with an answer that can be read in the place of each that is not given yet."""
-        return replace(_EXAMPLES, **{key: given for key, given in vars(self).items() if given})
+        return replace(EXAMPLES, **{key: given for key, given in vars(self).items() if given})
 
 
-_EXAMPLES = Asked("espec", "/dev/ttyUSB1", "-40 to 85 degC", "stim300", "/dev/ttyUSB0", "59.9 deg")
+EXAMPLES = Asked("espec", "/dev/ttyUSB1", "-40 to 85 degC", "stim300", "/dev/ttyUSB0", "59.9 deg")
 
 
 def new_bench(name: str, asked: Asked) -> str:

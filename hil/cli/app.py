@@ -114,7 +114,7 @@ def run(arguments: Sequence[str]) -> int:
 
     def carried_out() -> None:
         for each in arguments:
-            if not each.isascii() and each.encode(errors="replace").decode() != each:
+            if each.encode(errors="replace").decode() != each:
                 raise InputError(f"{each}: the name is not UTF-8 text, as records are; give it another")
         _command()(args=list(arguments), prog_name="hil")
 

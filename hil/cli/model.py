@@ -151,15 +151,12 @@ def visibility(
     from hil.design.visibility.text import visibility_text
     from hil.model import load_model
 
-    chosen, warned = None if model is None else load_model(model), []
-    if Path(source).is_dir():
-        campaign = read_source(Path(source))
-        document, warned = (
-            campaign_document(campaign, chosen),
-            [Aside(f"warning: {each}") for each in campaign.warnings],
-        )
-    else:
+    chosen = None if model is None else load_model(model)
+    if not Path(source).is_dir():
         document = sweep_document(load_sweep(source), load_bench(bench), chosen)
+        return Answer(document, lambda: [visibility_text(document)])
+    campaign = read_source(Path(source))
+    document, warned = campaign_document(campaign, chosen), [Aside(f"warning: {each}") for each in campaign.warnings]
     return Answer(document, lambda: [*warned, visibility_text(document)])
 
 

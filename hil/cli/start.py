@@ -27,7 +27,7 @@ def init(
 ) -> None:
     """Write a first bench file from six answers; what is not given is asked. Look it over, then hil check it."""
     from drivers.chambers import CHAMBER_DRIVERS
-    from hil.bench.new_file import Asked, new_bench
+    from hil.bench.new_file import EXAMPLES, Asked, new_bench
     from hil.files.durable import write_result
     from hil.files.strict import config_folders
 
@@ -41,10 +41,10 @@ def init(
     for key, question in {
         "chamber": f"Which controller has the chamber: {chambers}",
         "chamber_port": f"At which port is it ({ports})",
-        "limits": "Between which temperatures may it be set (-40 to 85 degC)",
+        "limits": f"Between which temperatures may it be set ({EXAMPLES.limits})",
         "unit": f"Which unit: {', '.join(units)}",
         "unit_port": f"At which port is it ({ports})",
-        "latitude": "At which latitude does the bench stand (59.9 deg)",
+        "latitude": f"At which latitude does the bench stand ({EXAMPLES.latitude})",
     }.items():
         while not getattr(asked, key):
             answered = replace(asked, **{key: _ask(question, f"--{key.replace('_', '-')}")})

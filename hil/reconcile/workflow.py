@@ -200,7 +200,7 @@ def _result(
     notes += mistakes.mistake_notes(reading, campaign, posterior)
     notes += findings.laws_that_fail(fit, problem.sensors)
     why = [f"what is known taken off: {each}" for each in left.reasons if each not in solved.reasons]
-    notes += both.sentences() if both is not None and both.shared else []
+    notes += [] if both is None else both.together
     notes += [*why[:_FEW], *[f"what is known taken off: {len(why) - _FEW} more such runs"][: len(why) > _FEW]]
     notes += [f"{n.name}: the gap on held-out data did not shrink, so it was not added" for n in reverted]
     notes += [findings.NOT_HELD_OUT] if prove and proof is None and names else []

@@ -75,6 +75,11 @@ class BothSensors:
         return [f"sensors {one} and {two} move together from run to run, {listed(pairs)}: {cause}"]
 
     @property
+    def together(self) -> list[str]:
+        """What moves together, in words; nothing where each scatters alone, or nobody can tell."""
+        return self.sentences() if self.shared else []
+
+    @property
     def look_for(self) -> str:
         """What somebody has to look for; empty where nothing is shared."""
         return f"what moves sensors {listed(self.sensors)} together from run to run" if self.shared else ""
@@ -130,7 +135,7 @@ def common_and_differential(campaign: Campaign) -> BothSensors | None:
 def moving_together(campaign: Campaign) -> list[str]:
     """Say what moves both sensors of a campaign together; nothing where each scatters alone, or nobody can tell."""
     both = common_and_differential(campaign)
-    return both.sentences() if both is not None and both.shared else []
+    return [] if both is None else both.together
 
 
 def _correlations(one: FloatArray, two: FloatArray) -> FloatArray:

@@ -58,9 +58,9 @@ class Whitened:
         own, steady = columns[..., of_run], columns[..., ~of_run]
         seen = np.where(self.known, rates - conditions.w_channels_deg_per_hr, 0.0) * self.weight
         groups = runs_by_temperature(conditions)
-        at = np.array([np.isin(conditions.run, of) for _, of in groups])[..., None, None]
+        at = np.array([np.isin(conditions.run, of) for _, of in groups])
         self._runs = conditions.of_each_run
-        scatter = _scatter(conditions, form.names, columns, seen)
+        scatter = _scatter(conditions, form.names, columns, seen, groups, at)
         self._keeps: dict[int, FloatArray] = {}
         self._own = {run: _flat(own[rows]) for run, rows in self._runs.items()}
         left = {}  # the covariance that is expected of what it keeps
@@ -75,7 +75,7 @@ class Whitened:
                 covariance += usual @ usual.T
             self._keeps[run], left[run] = keeps, keeps @ covariance @ keeps.T
         common = [steady, *([] if scatter is None else own * scatter[2][..., None, None])]
-        changes = [*self._places(), *(steady * at if len(groups) > 1 else [])]
+        changes = [*self._places(), *(steady * at[..., None, None] if len(groups) > 1 else [])]
         white = self._white(np.concatenate([seen[..., None], steady, *common, *changes], axis=2))
         seen, excited = white[..., 0], white[..., 1 : 1 + steady.shape[2]]
         flat = white[..., 1 + steady.shape[2] :]
@@ -153,13 +153,18 @@ def place_in_each_run(conditions: Conditions) -> IntArray:
 
 
 def _scatter(
-    conditions: Conditions, names: Sequence[str], columns: FloatArray, seen: FloatArray
+    conditions: Conditions,
+    names: Sequence[str],
+    columns: FloatArray,
+    seen: FloatArray,
+    groups: Sequence[tuple[float | None, Sequence[int]]],
+    common: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
     """Return what a run's parameters (p,) are known within by those of others; None where too few tell of each other.
 
     That is more than their scatter (p,), for of few nobody knows it well, but no more than is typical at most where it
-    is less; and how they go from row to row by what all have in common, (q, n): by temperature, or, where hardly any
-    run repeats another, along a curve.
+    is less; and how they go from row to row by what all have in common, (q, n): by temperature, which is what those of
+    each of the `groups` have in `common` (g, n), or, where hardly any run repeats another, along a curve.
     """
     values: dict[int, FloatArray] = {}
     for run, rows in conditions.of_each_run.items():
@@ -167,8 +172,6 @@ def _scatter(
         fitted, _, rank, _ = np.linalg.lstsq(design, seen[rows].reshape(-1), rcond=1e-3)
         if rank == design.shape[1]:
             values[run] = np.asarray(fitted)
-    groups = runs_by_temperature(conditions)
-    common = np.array([np.isin(conditions.run, of) for _, of in groups]) * 1.0
     repeated = [[values[run] for run in of if run in values] for _, of in groups]
     degrees = float(sum(max(len(of) - 1, 0) for of in repeated))
     apart = [one - other for of in repeated for lag in _LAGS for one, other in zip(of, of[lag:], strict=False)]

@@ -163,8 +163,8 @@ def _wrong_rows(
     apart = {cause.run for each in found if (cause := each.likeliest) is not None and cause.what == "run"}
     every = {run: combine(several) for run, several in judged.items()}
     # A search meets one thing by itself, with its rivals; two that hide each other it would not.
-    hidden = [[way for way in each.ways if len(way) > 1][:1] for each in found if each.likeliest is None]
-    unsure = {cause.place: cause for ways in hidden for way in ways for cause in way}
+    hidden = [next((way for way in each.ways if len(way) > 1), ()) for each in found if each.likeliest is None]
+    unsure = {cause.place: cause for way in hidden for cause in way}
     likeliest, may_be = collects, []
     for cause in unsure.values():
         may_be.append(_of(filed, cause, _DONE[cause.what][0], cause_in_words(filed, cause)))
