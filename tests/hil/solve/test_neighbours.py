@@ -12,7 +12,8 @@ from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor
 from hil.campaign.plausibility import judged_by_its_records
 from hil.model.earth import Site
 from hil.solve import solve_campaign
-from hil.solve.wrong_rows import USED, wrong_rows
+from hil.solve.whitened import Whitened
+from hil.solve.wrong_rows import LEFT_OUT, USED, wrong_rows
 from procedures.verdict import Verdict
 from procedures.words import numbered
 
@@ -86,6 +87,16 @@ def test_exchanged_collects_are_no_pass(per_temperature: int) -> None:
     assert solved[5].verdict is Verdict.FAIL
     assert "collects 13–14, at positions 1 and 2, look exchanged" in solved[5].reason
     assert all(each.verdict is Verdict.PASS for run, each in solved.items() if run != 5)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_rate_that_is_off_is_left_out_where_each_temperature_was_met_once(seed: int) -> None:
+    """A unit's bias and MU follow temperature: what is off that, and in one collect, is no run's."""
+    made = campaign(9, 1, seed, scatter=1.0)
+    rates = made.sensors[2].rates_deg_per_hr.copy()
+    rates[13, 0] += 40.0
+    found = wrong_rows(with_rates(made, rates))[2].rows
+    assert [(row.run, row.collects, row.channels, row.done) for row in found] == [(5, (14,), ("RA",), LEFT_OUT)]
 
 
 def test_one_collect_far_off_and_turned_signs_are_no_pass() -> None:
@@ -303,6 +314,17 @@ def test_another_bias_of_which_one_collect_alone_stands_far_out_is_the_whole_run
         told.append(any("its bias was another" in each.reason for each in found.judged.values()))
     assert told == sorted(told)
     assert 10 <= sum(told) < len(told)
+
+
+def test_rates_that_one_mistake_moved_are_what_the_next_is_asked_of() -> None:
+    """Beside a change of one run, what a further change adds to the squares is by the same quadratic form."""
+    rates = Whitened(campaign(9, 3, seed=1).sensors[2])
+    change = np.random.default_rng(1).normal(0.0, 5.0, 6)
+    form, score = rates.of(4)
+    after = rates.moved(4, change, rates.squares + 2.0 * change @ score + change @ form @ change)
+    np.testing.assert_allclose(after.of(4)[1], score + form @ change, atol=1e-9)
+    np.testing.assert_allclose(after.of(4)[0], form)
+    assert not np.allclose(after.of(5)[1], rates.of(5)[1])
 
 
 def test_a_life_is_compared_run_by_run() -> None:
