@@ -124,21 +124,26 @@ def test_a_sensor_that_cannot_be_fitted_hides_no_other(ask: Ask) -> None:
     assert headline(gather(FOLDERS["clipped"]())).startswith("12 self-calibrations at 4 temperatures, 1 sensor: 7 PASS")
 
 
-def test_what_moves_both_sensors_is_said_wherever_somebody_asks_what_scatters(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "together"),
+    [("both sensors disturbed", True), pytest.param("two sensors", False, marks=pytest.mark.slow)],
+)
+def test_what_moves_both_sensors_is_said_wherever_somebody_asks_what_scatters(
+    tmp_path: Path, name: str, together: bool
+) -> None:
     """With what is to be done: by the report's first screen and reconcile's verdict, too; not where each is alone."""
-    for name, together in (("both sensors disturbed", True), ("two sensors", False)):
-        one = FOLDERS[name]()
-        both = common_and_differential(one)
-        assert both is not None
-        assert bool(both.look_for) is together
-        said = [" ".join(to_do(gather(one))), what_to_do(reconcile(one, "matrix-6", prove=False))[1]]
-        assert ["what moves sensors 1 and 2 together" in each for each in said] == [together, together]
-        assert set(both.sentences()) <= set(what_scatters(one).sentences())
-        noise = np.random.default_rng(1).normal(0.0, 1.0, (64, 2))
-        rates = one.sensors[2].rates_deg_per_hr[3] + noise - noise.mean(axis=0)
-        write_campaign(one, folder := tmp_path / name, [(40, Series(np.arange(64.0), rates))])
-        notes = read_recording(folder, channel="RA", sensor=2).notes
-        assert [any(said in note for note in notes) for said in both.sentences()] == [together]
+    one = FOLDERS[name]()
+    both = common_and_differential(one)
+    assert both is not None
+    assert bool(both.look_for) is together
+    said = [" ".join(to_do(gather(one))), what_to_do(reconcile(one, "matrix-6", prove=False))[1]]
+    assert ["what moves sensors 1 and 2 together" in each for each in said] == [together, together]
+    assert set(both.sentences()) <= set(what_scatters(one).sentences())
+    noise = np.random.default_rng(1).normal(0.0, 1.0, (64, 2))
+    rates = one.sensors[2].rates_deg_per_hr[3] + noise - noise.mean(axis=0)
+    write_campaign(one, folder := tmp_path / name, [(40, Series(np.arange(64.0), rates))])
+    notes = read_recording(folder, channel="RA", sensor=2).notes
+    assert [any(said in note for note in notes) for said in both.sentences()] == [together]
 
 
 def test_the_channel_whose_standard_errors_do_not_hold_is_named() -> None:

@@ -366,7 +366,7 @@ def test_what_solve_doubts_and_the_search_does_not_is_said_by_its_collects() -> 
     ("wrong", "said", "channels"),
     [
         (lambda rates: rates * [1.0, -1.0], "the sign of RB looks turned", ["RB"]),
-        (lambda rates: -rates, "the signs look turned", ["RA", "RB"]),
+        pytest.param(lambda rates: -rates, "the signs look turned", ["RA", "RB"], marks=pytest.mark.slow),
         (lambda rates: rates[:, ::-1], "RA and RB look exchanged", ["RA", "RB"]),
     ],
 )
