@@ -14,7 +14,7 @@ from hil.model import Model
 from hil.solve.both_sensors import BothSensors
 from hil.solve.repeats import repeats
 from hil.solve.runs import not_passed, reasons, solve_campaign
-from procedures.words import numbered, unit_in_words
+from procedures.words import listed, numbered, unit_in_words
 
 LEFT_OUT = "runs_left_out"
 """What the finding of bad runs has in its shape, and no other: how many they are."""
@@ -139,6 +139,24 @@ def runs_in_words(runs: Iterable[int]) -> str:
 
 
 @dataclass(frozen=True)
+class Shape:
+    """What shape of an effect fits one sensor best, and from where to where each part of it may be."""
+
+    values: Mapping[str, float] = field(default_factory=dict)
+    may_be: Mapping[str, Sequence[float]] = field(default_factory=dict)
+
+    @property
+    def in_words(self) -> str:
+        """From which run a step holds, or what time constant or width fits best; empty where there is none."""
+        run = self.values.get("from_run")
+        if run is not None:
+            return f"in run {run:g} alone" if self.values.get("runs_held") else f"from run {run:g} on"
+        every = {name: text.format(self.values[name]) for name, text in _SHAPES.items() if name in self.values}
+        may_be = {name: " ({:.3g} to {:.3g} is possible)".format(*ends) for name, ends in self.may_be.items()}
+        return ", ".join(text + may_be.get(name, "") for name, text in every.items())
+
+
+@dataclass(frozen=True)
 class FoundEffect:
     """One effect that was added: its name, fitted parameters, stated probability and rivals.
 
@@ -152,30 +170,35 @@ class FoundEffect:
     probability: float
     confusable_with: Sequence[Rival]
     kind: str
-    shape: Mapping[str, float] = field(default_factory=dict)
+    shapes: Mapping[int, Shape] = field(default_factory=dict)
     sensors: Sequence[int] = ()
     physics: str = ""
     experiment: str = ""
     inside_collects: bool = False
     acts_on: str = "mean"
     mends_labels: bool = False
-    shape_range: Mapping[str, Sequence[float]] = field(default_factory=dict)
+
+    @property
+    def shape(self) -> Mapping[str, float]:
+        """That of the first sensor."""
+        return next(iter(self.shapes.values()), Shape()).values
 
     @property
     def shape_in_words(self) -> str:
-        """From which run a step holds, or what time constant or width fits best; empty where there is none."""
-        run = self.shape.get("from_run")
-        if run is not None:
-            return f"in run {run:g} alone" if self.shape.get("runs_held") else f"from run {run:g} on"
-        every = {name: text.format(self.shape[name]) for name, text in _SHAPES.items() if name in self.shape}
-        may_be = {name: " ({:.3g} to {:.3g} is possible)".format(*ends) for name, ends in self.shape_range.items()}
-        return ", ".join(text + may_be.get(name, "") for name, text in every.items())
+        """Say the shape, of each sensor where they differ."""
+        said = {number: shape.in_words for number, shape in self.shapes.items()}
+        if len(set(said.values())) > 1:
+            return listed(f"{words} (sensor {number})" for number, words in said.items() if words)
+        return next(iter(said.values()), "")
 
     def document(self) -> dict[str, Any]:
         """Return the JSON object."""
-        shape = "shape shape_range shape_in_words"
-        as_it_is = f"id title equation parameters {shape} sensors kind inside_collects probability acts_on"
-        return picked(self, as_it_is, confusable_with=[rival.document() for rival in self.confusable_with])
+        first = next(iter(self.shapes.values()), Shape())
+        shape = {"shape": first.values, "shape_range": first.may_be, "shape_in_words": self.shape_in_words}
+        if len({each.in_words for each in self.shapes.values()}) > 1:
+            shape["shape_of_sensor"] = {str(number): each.values for number, each in self.shapes.items()}
+        as_it_is = "id title equation parameters sensors kind inside_collects probability acts_on"
+        return picked(self, as_it_is, confusable_with=[rival.document() for rival in self.confusable_with], **shape)
 
 
 @dataclass(frozen=True)

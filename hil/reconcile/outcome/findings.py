@@ -18,7 +18,7 @@ from hil.reconcile.outcome.improve import described_parameters
 from hil.reconcile.outcome.scatter import FoundScatter
 from hil.reconcile.outcome.values import Values
 from hil.reconcile.proof.held_out import HeldOut
-from hil.reconcile.result import FoundEffect, Gap, Rival
+from hil.reconcile.result import FoundEffect, Gap, Rival, Shape
 from hil.reconcile.search.fitted import Fitted, fitted
 from hil.reconcile.search.noise import FEWEST_RUNS
 from hil.reconcile.search.posterior import Found, Posterior
@@ -125,7 +125,10 @@ def described(
         for f in scatter
     ]
     first = posterior.term(*pairs[0]).candidate if pairs else None
-    shape = dict(first.shape) if first is not None else dict(scatter[0].shape) if scatter else {}
+    shapes = {f.sensor: Shape(dict(f.shape)) for f in reversed(scatter)}
+    for n, j in reversed(pairs):
+        ends = _shape_range(posterior, n, over_shapes[n, j])
+        shapes[n] = Shape(dict(posterior.term(n, j).candidate.shape), ends)
     told = first if first is not None else named.effect
     return FoundEffect(
         id=named.name if first is None or first.tier == 1 else f"empirical: {first.name}",
@@ -137,8 +140,7 @@ def described(
             Rival(r.name, r.probability, r.overlap, r.title, (), r.bayes_factor, r.prior_odds) for r in named.rivals
         ],
         kind=named.kind,
-        shape=shape,
-        shape_range=_shape_range(posterior, pairs[0][0], over_shapes[pairs[0]]) if pairs else {},
+        shapes=dict(sorted(shapes.items())),
         sensors=sorted(named.terms) or sorted({f.sensor for f in scatter}),
         physics=physics(named.effect if named.name != NO_NAME else None),
         experiment=getattr(named.effect, "experiment", "") or "Vary the driver alone.",

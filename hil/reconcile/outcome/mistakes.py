@@ -11,7 +11,7 @@ from hil.campaign.plausibility import clipped
 from hil.model.effects.data import ALL_TURNED, CHANNELS, OTHER_SENSOR, TURNED
 from hil.reconcile.naming import CERTAIN, Reading, classes_of
 from hil.reconcile.outcome.findings import physics, values_of
-from hil.reconcile.result import LEFT_OUT, Disagreement, FoundEffect, runs_in_words, without_collects
+from hil.reconcile.result import LEFT_OUT, Disagreement, FoundEffect, Shape, runs_in_words, without_collects
 from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.fitted import Fitted
 from hil.reconcile.search.posterior import Found, Posterior
@@ -42,7 +42,7 @@ def mistakes_found(reading: Reading, campaign: Campaign, posterior: Posterior) -
                 probability=p,
                 confusable_with=[],
                 kind="named" if sure else "ambiguous",
-                shape=term.candidate.shape,
+                shapes={number: Shape(term.candidate.shape)},
                 sensors=(number,),
                 physics=physics(term.candidate.effect),
                 experiment=getattr(term.candidate.effect, "experiment", ""),
@@ -63,7 +63,7 @@ def mistakes_found(reading: Reading, campaign: Campaign, posterior: Posterior) -
                 probability=1.0 - reading.chance,
                 confusable_with=[],
                 kind="empirical",
-                shape={LEFT_OUT: float(len({(n, run) for n, _, run in runs}))},
+                shapes={runs[0][0]: Shape({LEFT_OUT: float(len({(n, run) for n, _, run in runs}))})},
                 sensors=tuple(sorted({n for n, _, _ in runs})),
                 physics="No effect of the catalogue behaves like this; what is certain is which runs differ, not why.",
                 experiment=f"Look at {numbers}; repeat {'them' if many else 'it'}.",

@@ -10,9 +10,10 @@ import pytest
 from hil.model.effects.dynamics import IndexSettling
 from hil.model.effects.g_squared import SquaredAcceleration
 from hil.reconcile import reconcile
+from hil.reconcile.outcome.sentences import summary
 from hil.reconcile.result import FoundEffect
 from hil.reconcile.search.second_tier import drivers
-from tests.hil.reconcile.hidden_effects import hidden_campaign
+from tests.hil.reconcile.hidden_effects import both, hidden_campaign
 
 TRUE = {"S_A": 90.0, "S_B": -50.0}
 
@@ -33,7 +34,7 @@ def settling(seed: int, tau_s: float) -> FoundEffect:
 def test_a_size_is_no_surer_than_the_time_constant(seed: int) -> None:
     """From 45 s on a fast decay of a large one is a slow decay of a small one."""
     found = settling(seed, 20.0)
-    low, high = found.shape_range["tau_s"]
+    low, high = found.shapes[2].may_be["tau_s"]
     assert low <= 20.0 <= high
     assert "is possible" in found.shape_in_words
     for each in found.parameters:
@@ -66,3 +67,18 @@ def test_an_acceleration_drives_no_coefficient() -> None:
     known = [driver.name for driver in drivers(replace(rows, columns={**rows.columns, **shown}))]
     assert known == [driver.name for driver in drivers(rows)]
     assert "supply_V" in known
+
+
+@pytest.mark.slow
+def test_each_sensor_has_a_shape_of_its_own() -> None:
+    """One name, two steps at different times: what is said is where each is, and so it is written."""
+    first = hidden_campaign(42, lambda r: both(r.run >= 15, 25.0, 20.0), quiet=0.5).sensors[2]
+    night = hidden_campaign(41, lambda r: both(r.run >= 6, 25.0, -22.0), quiet=0.5)
+    result = reconcile(replace(night, sensors={1: first, 2: night.sensors[2]}), "matrix-6-thermal", prove=False)
+    (found,) = result.effects
+    assert found.shape_in_words == "from run 15 on (sensor 1) and from run 6 on (sensor 2)"
+    assert f", {found.shape_in_words}," in " ".join(summary(result))
+    starts = {number: shape["from_run"] for number, shape in found.document()["shape_of_sensor"].items()}
+    assert (
+        starts == {"1": 15, "2": 6} == {str(term.sensor): term.shape["from_run"] for term in result.model_after.terms}
+    )
