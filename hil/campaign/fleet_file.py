@@ -5,8 +5,9 @@
         for folder, campaign in read_piece(Path("fleet.parquet"), piece): ...
 
 A row per collect and sensor with the columns of collects.csv. In front of them stand what the campaign is (`folder`,
-`title`, `source`, `serial`, `simulated`) and its `layout`: campaign.yaml without what is a campaign's own. The rows of
-a campaign stand together and in one row group.
+`title`, `source`, `serial`, `simulated`) and its `layout`: campaign.yaml without what is a campaign's own, but for the
+runs that FAIL, by how they were measured or by what their records contradict of each other. The rows of a campaign
+stand together and in one row group.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -28,6 +29,7 @@ from hil.campaign.reader import IDENTITY, f_columns, rate_columns, se_columns, w
 from hil.campaign.writer import columns_of, header_of
 from hil.errors import InputError
 from hil.files.folder import whole_file
+from procedures.verdict import Verdict
 
 PIECE = 256
 """Campaigns in a row group, which is what is read at once."""
@@ -81,7 +83,9 @@ def write_fleet_file(campaigns: Iterable[tuple[str, Campaign | str]], path: Path
 def _table(folder: str, campaign: Campaign) -> pa.Table:
     columns = columns_of(campaign)
     rows = len(columns["collect"])
-    layout = header_of(replace(campaign, title="-", source="", identity={}, verdicts={}, missing=(), notes=""), 0)
+    recorded = {run: of for run, of in campaign.verdicts.items() if of.verdict is Verdict.FAIL}
+    failed = {run: of for (run, _), of in campaign.contradicted.items()} | recorded
+    layout = header_of(replace(campaign, title="-", source="", identity={}, verdicts=failed, missing=(), notes=""), 0)
     about: dict[str, Any] = {"folder": folder, "title": campaign.title, "source": campaign.source, "layout": layout}
     about |= {"serial": campaign.identity.get("serial", ""), "simulated": campaign.simulated}
     found = {name: pa.array([about[name]] * rows) for name in ABOUT}

@@ -27,9 +27,10 @@ from hil.campaign.writer import write_campaign
 from hil.cli.app import run
 from hil.errors import InputError
 from hil.reconcile import Screen
-from hil.reconcile.campaigns import pieces_in, screen_folders
+from hil.reconcile.campaigns import Facts, pieces_in, screen_folders
 from hil.reconcile.outcome.fleet import fleet_csv, fleet_document, fleet_page
 from hil.reconcile.proof.places import false_discovery
+from procedures.verdict import Judgement, Verdict
 from tests.hil.reconcile.hidden_effects import base_rates, both, campaign_of, lay_out, noise
 
 ROWS = lay_out(np.random.default_rng(0))
@@ -308,6 +309,19 @@ def test_a_file_of_campaigns_is_read_as_it_was_written(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="gone: it cannot be read"):
         write_fleet_file(units[3:], tmp_path / "none.parquet")
     assert [each.name for each in tmp_path.iterdir()] == ["fleet.parquet"]
+
+
+def test_a_file_of_campaigns_knows_which_runs_fail(tmp_path: Path) -> None:
+    """As the folders do, by how a run was measured and by what its records contradict; a MARGINAL run is none."""
+    marks = {1: Judgement(Verdict.MARGINAL, "the soak was short"), 3: Judgement(Verdict.FAIL, "the stream broke off")}
+    bad = replace(unit(1, 5.0), verdicts=marks, contradicted={(5, 2): Judgement(Verdict.FAIL, "it lay otherwise")})
+    file = tmp_path / "fleet.parquet"
+    write_fleet_file([("sound", unit(0, 5.0)), ("bad", bad)], file)
+    failed = {}
+    for place, read in read_piece(file, 0):
+        assert isinstance(read, Campaign)
+        failed[place] = Facts.of(place, read).runs_failed
+    assert failed == {"sound": [], "bad": Facts.of("bad", bad).runs_failed} == {"sound": [], "bad": [3, 5]}
 
 
 @pytest.mark.slow(seconds=10)
