@@ -12,6 +12,7 @@ runs say of its collects, and of whether the standard errors are small enough to
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 
@@ -40,6 +41,8 @@ A thousandth of 1 g is a milliradian: less than that, and the error of the attit
 """
 
 LEAST_SQUARES = "weighted least squares"
+_EXCESS = "the residuals are {} times what the standard errors allow"
+_EXCEEDS = re.compile(_EXCESS.format("([0-9.e+]+)"))
 
 
 @dataclass(frozen=True)
@@ -226,11 +229,21 @@ def runs_in_words(by_verdict: Mapping[str, Sequence[int]]) -> str:
 
 
 def reasons(solutions: Sequence[RunSolution]) -> Iterator[tuple[Verdict, str, str]]:
-    """Yield each reason once, the worst first: verdict, the sensors and runs that it holds for, and its sentences."""
+    """Yield each reason once, the worst first: verdict, the sensors and runs that it holds for, and its sentences.
+
+    Of several runs whose residuals exceed what is allowed it is said from how much to how much.
+    """
     said: dict[tuple[Verdict, str], dict[int, list[int]]] = {}
+    excess: dict[Verdict, dict[str, float]] = {}
     for each in solutions:
         for sentence in dict.fromkeys(each.reason.split("; ")):
-            said.setdefault((each.verdict, sentence), {}).setdefault(each.sensor, []).extend(each.runs)
+            times = _EXCEEDS.match(sentence)
+            if times is not None:
+                excess.setdefault(each.verdict, {})[sentence] = float(times[1])
+            of = said.setdefault((each.verdict, sentence if times is None else _EXCESS), {})
+            of.setdefault(each.sensor, []).extend(each.runs)
+    for verdict, sentences in excess.items():
+        said[verdict, _of_all(sentences)] = said.pop((verdict, _EXCESS))
     together: dict[tuple[Verdict, str], list[str]] = {}
     for (verdict, sentence), of in said.items():
         where = "; ".join(f"sensor {number}, {numbered('run', runs)}" for number, runs in of.items())
@@ -239,6 +252,13 @@ def reasons(solutions: Sequence[RunSolution]) -> Iterator[tuple[Verdict, str, st
         )
     for (verdict, where), several in sorted(together.items(), key=lambda each: -Judgement(each[0][0], "").severity):
         yield verdict, where, "; ".join(several)
+
+
+def _of_all(excess: Mapping[str, float]) -> str:
+    """Say of runs by how many times their residuals exceed what is allowed; the sentence of one as it is."""
+    first, *more = excess
+    meaning = "".join(first.partition(": ")[1:])
+    return _EXCESS.format(f"{min(excess.values()):g} to {max(excess.values()):g}") + meaning if more else first
 
 
 def _described(sensor: int, solved: _Solved, among: int) -> RunSolution:
@@ -341,7 +361,7 @@ def judge(
         chance = "; of so many runs one is so by chance" if probability < PASS_PROBABILITY else ""
         return Judgement(Verdict.PASS, f"the residuals agree with the stated standard errors ({found}{chance})")
     factor = np.sqrt(chi_square / degrees)
-    excess = f"the residuals are {significant(factor)} times what the standard errors allow{where} ({found})"
+    excess = f"{_EXCESS.format(significant(factor))}{where} ({found})"
     if probability >= FAIL_PROBABILITY / among:
         return Judgement(Verdict.MARGINAL, excess)
     return Judgement(

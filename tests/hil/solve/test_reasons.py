@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from hil.solve import RunSolution, solve_campaign
-from hil.solve.runs import not_passed, reasons
+from hil.solve.runs import judge, not_passed, reasons
 from procedures.verdict import Verdict
 from tests.hil.solve.test_neighbours import campaign
 
@@ -35,3 +35,18 @@ def test_a_reason_is_said_once_with_the_runs_that_it_holds_for() -> None:
         (Verdict.MARGINAL, "sensor 2, run 1", "p = 0.01"),
         (Verdict.MARGINAL, "sensor 2, run 2", "p = 0.02"),
     ]
+
+
+def test_runs_whose_residuals_are_too_large_share_a_line() -> None:
+    """Of several from how much to how much, and what it means; of one its own chi-square, as solve states it."""
+    many = [
+        _solved(Verdict.FAIL, judge(chi, 8, 14, True).reason, run) for run, chi in ((4, 40.0), (5, 300.0), (7, 80.0))
+    ]
+    alone = _solved(Verdict.MARGINAL, judge(18.0, 8, 14, True, where=", in RA 2.1 times").reason, 6)
+    lacks = "the model lacks something, or they are too small, and with them the ± of its parameters"
+    between = f"the residuals are 2.2 to 6.1 times what the standard errors allow: {lacks}"
+    assert list(reasons([*many, alone])) == [
+        (Verdict.FAIL, "sensor 2, runs 4–5, 7", between),
+        (Verdict.MARGINAL, "sensor 2, run 6", alone.reason),
+    ]
+    assert [each[2] for each in reasons(many[:1])] == [many[0].reason]
