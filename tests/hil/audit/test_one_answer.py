@@ -36,7 +36,7 @@ from hil.solve.both_sensors import common_and_differential
 from procedures.plan import make_plan
 from tests.hil.audit.folders import FOLDERS, written
 from tests.hil.audit.questions import ANSWERS, AT_ONCE, BESIDE, COMMANDS, FIRST, IN_COMMON, MODEL, QUICK, READ, Ask
-from tests.hil.solve.test_neighbours import campaign
+from tests.hil.solve.test_other_runs import campaign
 
 
 @pytest.fixture

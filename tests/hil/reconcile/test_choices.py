@@ -23,7 +23,7 @@ from hil.reconcile.search.set_in_block import CLOSE, Inner, Sets, instead
 from hil.reconcile.search.tied import tied_gain
 from hil.reconcile.workflow import _kept
 from tests.hil.reconcile.hidden_effects import EIGHT, Rows, both, campaign_of, hidden_campaign, lay_out
-from tests.hil.solve.test_neighbours import campaign, with_rates
+from tests.hil.solve.test_other_runs import campaign, with_rates
 
 
 def turning(seed: int = 3, runs_each: int = 2) -> Campaign:

@@ -17,7 +17,7 @@ from hil.model import load_model
 from hil.reconcile import Reconciliation, Screen, reconcile, write_result
 from hil.reconcile.scattering import what_scatters
 from tests.hil.reconcile.hidden_effects import TRIAD, base_rates, both, campaign_of, hidden_campaign, lay_out, noise
-from tests.hil.solve.test_neighbours import campaign as ordinary
+from tests.hil.solve.test_other_runs import campaign as ordinary
 
 FEW = {"temperatures": (-25.0, 0.0, 25.0, 50.0), "runs_each": 2}
 

@@ -14,7 +14,7 @@ from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.unrecorded import with_stand_ins
 from tests.hil.model.effect_conditions import ROTOR
 from tests.hil.reconcile.hidden_effects import Rows, both, hidden_campaign
-from tests.hil.solve.test_neighbours import campaign as runs_at_their_temperatures
+from tests.hil.solve.test_other_runs import campaign as runs_at_their_temperatures
 
 
 def with_columns(campaign: Campaign, **columns: FloatArray | None) -> Campaign:

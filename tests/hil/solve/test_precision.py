@@ -16,7 +16,7 @@ from hil.errors import InputError
 from hil.solve import solve_campaign
 from hil.solve.precision import usual_size
 from procedures.verdict import Verdict
-from tests.hil.solve.test_neighbours import campaign
+from tests.hil.solve.test_other_runs import campaign
 
 ROTOR = Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"})
 TRIAD = Sensor(1, ("A", "B", "S"), {"RA": "A", "RB": "B", "RS": "S"})

@@ -7,7 +7,7 @@ from dataclasses import replace
 from hil.solve import RunSolution, solve_campaign
 from hil.solve.runs import judge, not_passed, reasons
 from procedures.verdict import Verdict
-from tests.hil.solve.test_neighbours import campaign
+from tests.hil.solve.test_other_runs import campaign
 
 
 def _solved(verdict: Verdict, reason: str, run: int) -> RunSolution:

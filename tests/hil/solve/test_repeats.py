@@ -15,8 +15,8 @@ from hil.solve.omissions import in_words, what_is_wrong
 from hil.solve.spread import Spread
 from procedures.verdict import Judgement, Verdict
 from tests.hil.analysis.thermal.nights import PUBLISHED_DEGC, RUN_TO_RUN, rotor_night, scaled
-from tests.hil.solve.test_neighbours import campaign as runs_at_their_temperatures
-from tests.hil.solve.test_neighbours import repeated, with_rates
+from tests.hil.solve.test_other_runs import campaign as runs_at_their_temperatures
+from tests.hil.solve.test_other_runs import repeated, with_rates
 
 TRUTH = {
     "BA": (20.0, 5.0),

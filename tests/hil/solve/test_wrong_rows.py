@@ -16,7 +16,7 @@ from hil.solve.omissions import in_words, otherwise, what_is_wrong
 from hil.solve.wrong_rows import LEFT_OUT, MENDED, pooled, treated, wrong_rows
 from procedures.verdict import Judgement, Verdict
 from tests.hil.audit.folders import FOLDERS
-from tests.hil.solve.test_neighbours import campaign, with_column, with_rates
+from tests.hil.solve.test_other_runs import campaign, with_column, with_rates
 
 
 def made(name: str) -> Campaign:

@@ -11,7 +11,7 @@ from hil.campaign import Campaign, Collects
 from hil.solve import repeats, solve_campaign
 from hil.solve.wrong_rows import LEFT_OUT, MENDED, USED, wrong_rows
 from procedures.verdict import Verdict
-from tests.hil.solve.test_neighbours import campaign, with_rates
+from tests.hil.solve.test_other_runs import campaign, with_rates
 from tests.hil.solve.test_wrong_rows import made
 
 

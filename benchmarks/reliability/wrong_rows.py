@@ -1,6 +1,6 @@
 """What is said of rows that are wrong, and of rows that are not: how often, and how often rightly.
 
-    python -m benchmarks.reliability.neighbours              # one JSON document, in some minutes
+    python -m benchmarks.reliability.wrong_rows              # one JSON document, in some minutes
 
 Campaigns of a rotor sensor whose bias scatters from run to run by 1 deg/hr and whose rates have 0.7 deg/hr of noise:
 so many runs, at so many temperatures, in an order of positions. One rate of one is off by some deg/hr, or two collects
