@@ -8,11 +8,10 @@ import json
 import os
 import tempfile
 from collections.abc import Callable, Mapping
-from concurrent.futures import ProcessPoolExecutor
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from hashlib import sha256
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +35,7 @@ from hil.reconcile.outcome.improve import improved
 from hil.reconcile.search.problem import fitted_sensors
 from hil.records.export import open_source
 from hil.solve.temperatures import same_temperature
-from procedures.stop import end_with_parent
+from procedures.stop import processes
 
 SCHEMA = "hil.twin/1"
 FEWEST = 3
@@ -95,14 +94,10 @@ def likeness(
     alike = sha256(told.encode()).hexdigest()
     make = partial(_drawn, document, known, source.campaign, form, follows, seed, keep, alike)
     count = min(workers or os.cpu_count() or 1, draws)
-    pool = ProcessPoolExecutor(count, get_context("spawn"), end_with_parent) if count > 1 else None
-    try:
-        for number, night in enumerate((pool.map if pool else map)(make, range(draws))):
+    with processes(count) if count > 1 else nullcontext(map) as mapped:
+        for number, night in enumerate(mapped(make, range(draws))):
             nights.append(night)
             done(number + 1)
-    finally:
-        if pool:
-            pool.shutdown(wait=False, cancel_futures=True)
     head = {"schema": SCHEMA, "campaign": source.campaign.title, "simulated": source.campaign.simulated}
     asked = {"model": model.full_title, "draws": draws, "seed": seed}
     return {**head, **asked, **verdict(nights, _ASSUMED if assumed else 1.0)}

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import hashlib
 import sqlite3
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -35,7 +35,7 @@ from hil.reconcile.proof.places import false_discovery
 from hil.records.export import open_source
 from hil.records.reader import is_night, units_in
 from hil.solve.wrong_rows import failed
-from procedures.stop import end_with_parent
+from procedures.stop import Map, processes
 
 LEVEL = 0.05
 """False discoveries among the units that are called, at most, on average."""
@@ -43,8 +43,6 @@ _MISSING = "rates are missing: a screen needs every row of its layout"
 _PIECE = 256  # units that a process takes at once
 _AT_ONCE = 8  # pieces that are read at once; memory holds two times as many
 _WEIGHED = 64  # that are weighed at once
-
-Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
 
 
 @dataclass(frozen=True)
@@ -287,11 +285,8 @@ def _workers(count: int, cluster: str | None) -> Iterator[tuple[Map, Sequence[st
                 said,
             )
     elif count > 1:
-        from concurrent.futures import ProcessPoolExecutor
-        from multiprocessing import get_context
-
-        with ProcessPoolExecutor(count, get_context("spawn"), end_with_parent) as pool:
-            yield (lambda function, things: pool.map(function, things)), ()
+        with processes(count) as mapped:
+            yield mapped, ()
     else:
         yield map, ()
 

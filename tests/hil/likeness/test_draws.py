@@ -5,35 +5,52 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 _ASKING = """
+import sys
 import time
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
-from hil.likeness.draws import end_with_parent
+from procedures.stop import StopRequest, processes
+
+
+def draw(place):
+    stop = StopRequest()
+    with TemporaryDirectory(dir=place), stop.on_signals():  # as a night does
+        while not stop.requested:
+            time.sleep(0.01)
+
 
 if __name__ == "__main__":
-    pool = ProcessPoolExecutor(1, get_context("spawn"), end_with_parent)
-    drawing = pool.submit(time.sleep, 600.0)
-    while not drawing.running():
-        time.sleep(0.01)
-    print("drawing", flush=True)
-    drawing.result()
+    with processes(2) as mapped:
+        drawing = mapped(draw, [sys.argv[1]] * 4)
+        while len([*Path(sys.argv[1]).iterdir()]) < 2:
+            time.sleep(0.01)
+        print("drawing", flush=True)
+        next(drawing)
 """
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
-def test_who_is_killed_leaves_no_process_behind(how: signal.Signals, tmp_path: object) -> None:
-    """They hold its output open as long as they live: it ends when they have."""
-    script = f"{tmp_path}/asking.py"
-    with open(script, "w", encoding="utf-8") as file:
-        file.write(_ASKING)
-    asking = subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True)
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_who_is_stopped_leaves_no_process_behind(how: signal.Signals, tmp_path: Path) -> None:
+    """They hold its output open as long as they live: it ends when they have. From the keyboard they leave nothing."""
+    script, place = tmp_path / "asking.py", tmp_path / "draws"
+    script.write_text(_ASKING, encoding="utf-8")
+    place.mkdir()
+    asking = subprocess.Popen(
+        [sys.executable, str(script), str(place)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
     assert asking.stdout is not None
     assert asking.stdout.readline() == "drawing\n"
     asking.send_signal(how)
-    assert asking.communicate(timeout=60.0)[0] == ""
+    said, told = asking.communicate(timeout=60.0)
+    assert said == ""
+    if how is signal.SIGINT:
+        assert "KeyboardInterrupt" in told
+        assert "Process" not in told  # none of those that work adds a traceback of its own
+        assert [*place.iterdir()] == []
