@@ -184,3 +184,18 @@ class Frame(Framing):
         if part == "address":
             return self.address.encode("ascii")
         return bytes([CONTROLS[part]]) if part in CONTROLS else b""
+
+
+@dataclass(frozen=True)
+class Framings:
+    """What stands around the texts of questions, of settings and of replies, and in what they are written."""
+
+    asked: Framing
+    told: Framing
+    replied: Framing
+    encoding: str = "ascii"
+
+
+def lines(terminator: bytes, reply_terminator: bytes | None = None, encoding: str = "ascii") -> Framings:
+    """Return the framings of a controller that speaks lines."""
+    return Framings(Line(terminator), Line(terminator), Line(reply_terminator or terminator), encoding)

@@ -53,6 +53,12 @@ _MEANINGS = {
 }
 
 
+def framer_of(framing: Framing, *, of_unit: bool = False) -> FramerBase:
+    """Return what makes and reads frames, on the side of the host or of the unit."""
+    decoder = DecodePDU(of_unit)
+    return FramerRTU(decoder) if framing == "rtu" else FramerSocket(decoder)
+
+
 @dataclass(frozen=True)
 class ModbusTiming:
     """How a controller wants to be spoken to, seconds; `attempts` counts the first asking of a read."""
@@ -76,8 +82,7 @@ class ModbusExchange:
         framing: Framing = "rtu",
         timing: ModbusTiming | None = None,
     ) -> None:
-        decoder = DecodePDU(False)
-        self._framer: FramerBase = FramerRTU(decoder) if framing == "rtu" else FramerSocket(decoder)
+        self._framer = framer_of(framing)
         self._framing = framing
         self._transport = transport
         self._clock = clock

@@ -1,7 +1,7 @@
 """A chamber that is described in a file (`.description`), for which nobody has written a driver.
 
     controller = SetpointBox(transport, clock, load_box("my-box.yaml"))
-    chamber = SupervisedChamber(controller, clock, limits=limits, safe=safe)
+    chamber = SupervisedChamber(controller, clock, Supervision(limits=limits, safe=safe))
 
 What every driver does is done here too: model and unit confirmed before anything is written where the box can tell
 them, limits, read-back, alarms, the safe state. Nothing is verified byte-exact by itself and everything is inferred:
@@ -28,7 +28,7 @@ class SetpointBox(Controller):
         super().__init__(transport, "chamber" if description.modbus else description.name)
         box = self._box = description
         self.resolution_degC = box.resolution_degC
-        self.native_limits = "none" if box.low_limit is None else box.limits_are
+        self.limits_alarm = box.low_limit is not None and box.limits_are == "alarm"
         self.can_stop = bool(box.stop)
         self.sees_programs = any("RUN" in (*each.modes.values(), each.otherwise) for each in box.state)
         self._medium: TextMedium | RegisterMedium = (

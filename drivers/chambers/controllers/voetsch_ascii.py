@@ -1,7 +1,7 @@
 r"""Vötsch and Weiss chambers over ASCII-2 (`$00I`, `$00E`): VT 4002, VT 4004, VT 7004 and their relatives.
 
     controller = VoetschAscii(transport, clock, limits=limits)
-    chamber = SupervisedChamber(controller, clock, limits=limits, safe=safe, celsius_confirmed=True)
+    chamber = SupervisedChamber(controller, clock, Supervision(limits=limits, safe=safe, celsius_confirmed=True))
 
 One request reads everything: pairs of nominal and actual value, then the digital bits; one writes everything: all
 nominal values and all digital bits. What is not ours is written back as it was read. A setpoint works while the start
@@ -29,6 +29,7 @@ from drivers.chambers.setpoints import clamped
 from drivers.clock import Clock
 from drivers.errors import ProtocolError
 from drivers.transports import Transport
+from drivers.transports.framing import lines
 from drivers.transports.lines import LineExchange, LineTiming
 
 
@@ -78,7 +79,7 @@ class VoetschAscii(Controller):
         self._layout = layout or AsciiLayout()
         self._address = f"${address:02d}"
         timing = LineTiming(1.5, pause_after_query_s=0.2, pause_after_command_s=0.2, late_s=3.0)
-        self._exchange = LineExchange(transport, clock, device=self.device, terminator=terminator, timing=timing)
+        self._exchange = LineExchange(transport, clock, device=self.device, framings=lines(terminator), timing=timing)
         self._nominal = [0.0] * self._layout.written
         self._bits = "0" * self._layout.bits
 

@@ -9,7 +9,7 @@ import pytest
 
 from drivers.chambers import ChamberLimits, SafeState
 from drivers.chambers.controller import Controller
-from drivers.chambers.supervised import SupervisedChamber
+from drivers.chambers.supervised import SupervisedChamber, Supervision
 from drivers.clock import VirtualClock
 from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, WrongDevice
 from drivers.simulators.chambers.controller import ChamberFault, ChamberFaultKind
@@ -54,7 +54,7 @@ def _chamber(
 ) -> SupervisedChamber:
     clock = VirtualClock()
     built: Controller = controller(MemoryTransport(device, clock, "sim://chamber"), clock)
-    return SupervisedChamber(built, clock, limits=LIMITS, safe=SafeState("off"), celsius_confirmed=True)
+    return SupervisedChamber(built, clock, Supervision(limits=LIMITS, safe=SafeState("off"), celsius_confirmed=True))
 
 
 def test_f4_sets_a_temperature() -> None:
