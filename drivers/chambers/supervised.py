@@ -24,6 +24,7 @@ from drivers.chambers.reading_watch import ReadingWatch
 from drivers.chambers.setpoints import (
     NativeLimits,
     agrees,
+    check_ramp_rate,
     clamped,
     confirm_settings,
     reads_as_fahrenheit,
@@ -183,8 +184,7 @@ class SupervisedChamber:
 
     def set_ramp_rate(self, degC_per_min: float) -> bool:
         """Let the controller bound its ramp; return False where it cannot and the host must step the setpoint."""
-        if not (math.isfinite(degC_per_min) and degC_per_min > 0.0):
-            raise ValueError(f"a ramp rate is a positive number of °C/min, not {degC_per_min:g}")
+        check_ramp_rate(degC_per_min)
         self._require_identity()
         return self._controller.set_ramp_rate(degC_per_min)
 

@@ -11,10 +11,8 @@ from drivers.frames.description import StreamDescription
 from drivers.frames.families import families_of
 from drivers.frames.joining import SampleJoiner
 from drivers.frames.layout import FrameLayout
-from drivers.frames.packet_scan import PacketScanner
 from drivers.frames.packets import LONGEST
-from drivers.frames.scan import Scanner
-from drivers.frames.scan_result import Group, Scan, Standing
+from drivers.frames.scan import Group, PacketScanner, Scan, Scanner, Standing
 from drivers.frames.sequence import FrameSequence
 
 _FEW = 4096  # bytes below which looking at frames one by one is faster

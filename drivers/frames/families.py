@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.frames.description import StreamDescription
+from drivers.frames.fields import LengthDescription
 from drivers.frames.items import Item, ItemsDescription
 from drivers.frames.layout import FrameLayout, TextLayout
-from drivers.frames.lengths import LengthDescription
 from drivers.frames.text_frames import TextDescription
 from drivers.frames.wire import Rows
 

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.frames.description import StreamDescription
-from drivers.frames.encoder import encode_rows
-from drivers.frames.layout import FrameLayout
+from drivers.frames.layout import FrameLayout, encode_rows
 from drivers.frames.roles import IndexRole
 from drivers.frames.wire import Rows
 from drivers.imu import ImuIdentity

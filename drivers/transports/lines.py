@@ -13,9 +13,8 @@ from dataclasses import KW_ONLY, dataclass
 
 from drivers.clock import Clock
 from drivers.errors import DeviceTimeout, ProtocolError, TransportError
-from drivers.transports.asking import Reply, asked
 from drivers.transports.framing import Framing, Framings
-from drivers.transports.transport import Transport
+from drivers.transports.transport import Reply, Transport, asked
 
 _LONGEST_LINE = 512  # bytes; what is longer is noise
 _SHOWN = 40  # bytes of it in a message

@@ -27,9 +27,9 @@ from drivers.chambers.controllers import espec_replies as replies
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, ProtocolError
 from drivers.transports import Transport
-from drivers.transports.asking import Reply
 from drivers.transports.framing import lines
 from drivers.transports.lines import LineExchange
+from drivers.transports.transport import Reply
 
 _LETTER = {"low": "L", "setpoint": "S", "high": "H"}
 _MODES: dict[str, Mode] = {"OFF": "OFF", "STANDBY": "STANDBY", "CONSTANT": "CONSTANT"}

@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping
 
 from drivers.errors import CommandRefused, ProtocolError
 from drivers.strict_yaml import packaged
-from drivers.transports.asking import Reply
+from drivers.transports.transport import Reply
 
 _ACKNOWLEDGED = re.compile(r"OK\s*:")
 _REFUSED = re.compile(r"NA\s*:?\s*(.*)")
