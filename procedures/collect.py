@@ -255,13 +255,13 @@ def _drift(where: str, average: Average, i: int, settings: CollectSettings) -> I
 # On the bench
 
 
-@dataclass(frozen=True)
+@dataclass
 class Times:
     """When, in campaign seconds, what the collect's conditions count from took place; None where not known."""
 
     power_on_s: float | None
-    setpoint_s: float | None
-    index_s: float | None
+    setpoint_s: float | None = None
+    index_s: float | None = None
 
 
 def take_collects(
@@ -292,9 +292,7 @@ def take_collects(
         "start_s": started_s,
         "chamber_degC": _mean([reading.temperature_degC for reading in readings]),
         "setpoint_degC": readings[-1].setpoint_degC if readings else watch.commanded_degC,
-        "time_since_power_on_s": _since(started_s, times.power_on_s),
-        "time_since_setpoint_s": _since(started_s, times.setpoint_s),
-        "time_since_index_s": _since(started_s, times.index_s),
+        **{f"time_since_{what}": None if s is None else started_s - s for what, s in vars(times).items()},
     }
     for name, devices in units.items():
         if name not in watch.units:
@@ -394,7 +392,3 @@ def _confirmed(position: str, before: str | None, after: str | None) -> Iterable
 
 def _mean(values: Sequence[float]) -> float | None:
     return float(np.mean(values)) if values else None
-
-
-def _since(now_s: float, then_s: float | None) -> float | None:
-    return None if then_s is None else now_s - then_s
