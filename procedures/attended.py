@@ -40,17 +40,11 @@ class Attendant:
         self._watch = watch
 
     def __call__(self, question: str, timeout_s: float) -> bool | None:
-        """Return True where somebody confirms, False where they refuse, None after `timeout_s`. Raises as a poll.
-
-        Raises `ValueError` where no sweep is being watched yet: `attend` comes first.
-        """
+        """Return whether somebody confirms, None after `timeout_s`. Raises as a poll; `ValueError` before `attend`."""
         return self._answer(question, timeout_s, wants_words=False).answer
 
     def words(self, question: str, timeout_s: float) -> tuple[str, str]:
-        """Return what somebody typed, empty where they refuse or nobody does in time, and who.
-
-        Raises `ValueError` and as a poll, as a call does.
-        """
+        """Return what somebody typed, else nothing, and who. Raises `ValueError` and as a poll, as a call does."""
         prompt = self._answer(question, timeout_s, wants_words=True)
         return (prompt.words.strip() if prompt.answer else ""), prompt.who
 

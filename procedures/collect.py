@@ -74,10 +74,7 @@ def _column(block: SampleBlock, name: str) -> FloatArray:
 def reduce_collect(
     samples: SampleBlock, duration_s: float, imu: StreamImu, settings: CollectSettings
 ) -> tuple[dict[str, Any], Judgement]:
-    """Return data and judgement of the samples of one collect that lasted `duration_s`.
-
-    Samples in which a rate is not a finite number are dropped and counted as missing.
-    """
+    """Return data and judgement of a collect's samples; those with a rate that is no finite number are missing."""
     names = [name for channels in imu.sensors.values() for name in channels.rates.values()]
     rates = np.column_stack([_column(samples, name) for name in names]) if names else np.empty((len(samples), 0))
     good = np.isfinite(rates).all(axis=1)

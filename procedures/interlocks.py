@@ -244,10 +244,7 @@ class Interlocks:
         self._suspicions = {key: each for key, each in self._suspicions.items() if key[1] != unit}
 
     def evaluate(self, look: Look, *, chamber: bool = True) -> None:
-        """Judge one look; raise `InterlockTripped` where a condition has lasted its grace.
-
-        The chamber is judged at one look of those that units share.
-        """
+        """Judge one look, and the `chamber` at one of units that share it; raise `InterlockTripped` after the grace."""
         for each in self.interlocks:
             problem = each.problem(look) if each.of_unit or chamber else None
             if problem is None:

@@ -31,10 +31,7 @@ class RequestKind(StrEnum):
 
 @dataclass(frozen=True)
 class Request:
-    """One request. `prompt` is the number of the question that a CONFIRM or REFUSE answers.
-
-    Where the question wants words, `why` of a CONFIRM holds them.
-    """
+    """One request. A CONFIRM or REFUSE answers the question `prompt`; `why` holds the words that one may want."""
 
     number: int
     kind: RequestKind

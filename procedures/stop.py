@@ -64,10 +64,7 @@ class StopRequest:
 
     @contextmanager
     def on_signals(self) -> Iterator[StopRequest]:
-        """Turn SIGINT, SIGQUIT, SIGTERM and SIGHUP into a stop request, and put the former handlers back afterwards.
-
-        Only the main thread can do this (`ValueError` otherwise).
-        """
+        """Turn signals into a stop request, then put the handlers back; in the main thread alone (`ValueError`)."""
         former = {number: signal.getsignal(number) for number in (*_SIGNALS, *_THAT_STOP)}
         for number in _SIGNALS:
             if former[number] is not signal.SIG_IGN:
@@ -86,10 +83,7 @@ class StopRequest:
 
 
 def end_with_parent() -> None:
-    """Let this process end when the one that it works for has, in whatever way: nobody else would tell it.
-
-    What a terminal says to all of them (Ctrl-C) is for that one to hear.
-    """
+    """End this process when the one that it works for has; Ctrl-C is for that one to hear."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if (parent := parent_process()) is not None:
         Thread(target=_outlive, args=(parent,), daemon=True).start()

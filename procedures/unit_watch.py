@@ -60,10 +60,7 @@ class UnitWatch:
         return found
 
     def drain(self, *, resting: bool) -> tuple[SampleBlock, float, str]:
-        """Return what arrived since the last drain, how long after the last frame that was, and what failed.
-
-        Raises `WrongDevice` where the stream was lost and another unit is behind it now.
-        """
+        """Return what arrived, how long after the last frame, and what failed; `WrongDevice` for another unit."""
         error = ""
         try:
             block = self.imu.read_block()

@@ -78,10 +78,7 @@ class RampedChamber:
         return replace(reading, setpoint_degC=self._target)
 
     def set_temperature(self, setpoint_degC: float) -> None:
-        """Begin a ramp to `setpoint_degC` from the air's temperature, with its first step.
-
-        Raises as the chamber does; `SetpointOutOfLimits` for the end of the ramp before anything is sent.
-        """
+        """Begin a ramp from the air's temperature, with its first step; `SetpointOutOfLimits` before that is sent."""
         self._target = None
         if self.native or clamped(setpoint_degC, self.limits) != setpoint_degC:
             self.chamber.set_temperature(setpoint_degC)

@@ -30,10 +30,7 @@ class ReadingWatch:
         self._last = self._jumped_at_s = None
 
     def accept(self, now_s: float, reading_degC: float, *, driven_to_degC: float | None) -> None:
-        """Raise `SensorFault` for a reading that cannot be true.
-
-        `driven_to_degC` is the setpoint while the chamber conditions to it, None otherwise.
-        """
+        """Raise `SensorFault` for what cannot be true; `driven_to_degC` is the setpoint, where it is conditioned to."""
         check_plausible(reading_degC, self.device)
         if self._last is not None:
             self._refuse_jump(now_s, reading_degC, *self._last)

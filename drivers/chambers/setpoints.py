@@ -152,19 +152,13 @@ def _is_possible(degC: float) -> bool:
 
 
 def check_plausible(reading_degC: float, device: str) -> None:
-    """Raise `SensorFault` for a reading that no working sensor can give (a broken one often can).
-
-    Whether it is frozen or jumps shows only over time: that is for the watch of the readings.
-    """
+    """Raise `SensorFault` for a reading that no working sensor can give (a broken one often can)."""
     if not _is_possible(reading_degC):
         raise SensorFault(f"{device} reads {reading_degC:g} °C, as a broken sensor does; check its temperature sensor")
 
 
 def reads_as_fahrenheit(read: float, confirmed_degC: float, resolution_degC: float) -> bool:
-    """Say whether a setpoint that was confirmed in °C now reads as its own value in °F: the panel was switched.
-
-    Near -40, where the two scales meet, it cannot be told and does not matter yet.
-    """
+    """Say whether a setpoint confirmed in °C now reads as its own value in °F; near -40 that cannot be told."""
     if agrees(read, confirmed_degC, resolution_degC):
         return False
     return agrees(read, confirmed_degC * 1.8 + 32.0, resolution_degC)

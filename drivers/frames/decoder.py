@@ -67,10 +67,7 @@ class StreamDecoder:
         return self._decode(data, give_up=False)
 
     def finish(self) -> Decoded:
-        """Return what can still be had at the end of a file: nothing more will arrive.
-
-        What the end cuts off is skipped; it has not timed out, for nobody waited for it.
-        """
+        """Return what can still be had at the end of a file: what it cuts off is skipped, and has not timed out."""
         decoded = self._decode(b"", give_up=True)
         return Decoded(decoded.frames, replace(decoded.counts, timed_out=0))
 

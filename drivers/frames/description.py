@@ -382,8 +382,5 @@ def load_description(
     parameters: Mapping[str, object] | None = None,
     sample_rate_hz: float | None = None,
 ) -> StreamDescription:
-    """Read the description in the file `path`; raise `InputError` where it cannot be used.
-
-    `parameters` and `sample_rate_hz` are those of `parse_description`.
-    """
+    """Read the description in a file as `parse_description` does; raise `InputError` where it cannot be used."""
     return parse_description(read_text(path), str(path), parameters=parameters, sample_rate_hz=sample_rate_hz)

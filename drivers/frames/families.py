@@ -24,10 +24,7 @@ class Flaw(IntEnum):
 
 
 class FrameFamily:
-    """One frame type, whose length is fixed or stands in the frame.
-
-    `delimiter` is what follows each frame beyond what the description counts.
-    """
+    """One frame type, whose length is fixed or stands in the frame; `delimiter` follows each frame besides."""
 
     def __init__(self, description: StreamDescription, name: str, delimiter: bytes = b"") -> None:
         self.name = name

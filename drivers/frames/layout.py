@@ -162,10 +162,7 @@ class FrameLayout:
         return [cell.split(b"\0")[0].decode("ascii", "replace").replace("�", "?").strip() for cell in cells]
 
     def _whole_numbers(self, *names: str) -> tuple[Sequence[str], Sequence[str], FloatArray]:
-        """Return which are native integers that a float holds exactly, the others, and of those what is to be known.
-
-        Offset, factor, least and most are (4, k, 1).
-        """
+        """Return native integers that a float holds, others, and of those offset, factor, least, most: (4, k, 1)."""
         native = {name: self.numeric[name] for name in names if name in self.numeric and name not in self.assembled}
         known = {name: field for name, field in native.items() if field.type[0] in "ui" and field.bits <= 32}
         told = [(field.offset, self.factor(name), *_range(field)) for name, field in known.items()]
@@ -299,10 +296,7 @@ def encode_rows(layout: FrameLayout, columns: Mapping[str, ArrayLike | str], n: 
 
 
 def encode(description: StreamDescription, frame: str, columns: Mapping[str, ArrayLike | str]) -> bytes:
-    """Return the bytes of the frames of type `frame` with the given columns (see `encode_rows`).
-
-    There are as many frames as the longest column has values.
-    """
+    """Return the bytes of frames with these columns (see `encode_rows`), as many as the longest column has values."""
     sizes = {np.size(values) for values in columns.values() if not isinstance(values, str)} | {1}
     n = 0 if 0 in sizes else max(sizes)
     return encode_rows(FrameLayout(description, frame), columns, n).tobytes()

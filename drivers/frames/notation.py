@@ -14,10 +14,7 @@ _TERM = re.compile(rf"\s*([*/]?)\s*([+-]?)({_NUMBER})(?:\s*\^\s*([+-]?{_NUMBER})
 
 
 def parse_factor(value: Any) -> Any:
-    """Return the number that `value` is or spells: a product or quotient of numbers and powers, left to right.
-
-    Raise `ValueError` for anything else, and for a result that is not finite.
-    """
+    """Return the number that `value` spells: products and powers, left to right; `ValueError` where it is none."""
     if isinstance(value, bool) or not isinstance(value, str | int | float):
         raise ValueError("must be a number, or a product of numbers and powers such as 3600*2^-14")
     result = _product(value) if isinstance(value, str) else float(value)

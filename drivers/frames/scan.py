@@ -86,10 +86,7 @@ _TELLING = 64  # frames after which a counter comes round, at least, for it to c
 
 
 class Scanner:
-    """Looks for the frames of one stream, given its sync and its frame types.
-
-    `watch` is an optional delimiter that the unit did not send so far: where it follows a good frame, a scan ends.
-    """
+    """Looks for the frames of one stream. Where the optional delimiter to `watch` for follows one, a scan ends."""
 
     def __init__(self, sync: bytes, families: Sequence[FrameFamily], watch: bytes = b"") -> None:
         self._sync = sync
@@ -214,10 +211,7 @@ class Scanner:
         return result
 
     def scan_clean(self, data: bytes, standing: Standing) -> Scan | None:
-        """Take the frames of one form that follow one another without a flaw from the first byte on, all at once.
-
-        None where not even the first of them is there.
-        """
+        """Take at once frames of one form that follow one another without a flaw from the first byte on, or None."""
         which = self._which(self._known.match(data))
         if which is None:
             return None

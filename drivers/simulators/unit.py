@@ -56,10 +56,7 @@ class SimulatedIndex:
         self.code = settings.positions[settings.first]  # where it is, or where it is going
 
     def command(self, label: str, now_s: float) -> list[tuple[str, float, float]]:
-        """Take the command to go to `label`; return the move (target, begins_s, ends_s) that begins, if one does.
-
-        An index that is stuck says that it moves, and does not; one that slips even says that it has arrived.
-        """
+        """Take the command to go to `label`; return the move (target, begins_s, ends_s) that begins, if one does."""
         if self._faults.active(ImuFault.INDEX_REFUSED, now_s):
             self.failed = True
             return []

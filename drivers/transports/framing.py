@@ -32,10 +32,7 @@ class Framing(ABC):
 
     @abstractmethod
     def received(self, transport: Transport, timeout_s: float, length: int | None = None) -> bytes:
-        """Return the text that comes next, of `length` bytes where nothing else ends it.
-
-        Raises `DeviceTimeout` where it is not whole in time, `ValueError` where its block check is wrong.
-        """
+        """Return the next text (of `length` bytes); `DeviceTimeout` where late, `ValueError` for a wrong check."""
 
     @abstractmethod
     def cut(self, data: bytes) -> tuple[bytes, bytes] | None:

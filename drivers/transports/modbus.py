@@ -220,10 +220,7 @@ def _register(value: int) -> int:
 
 
 def encoded(value: float, kind: NumberType, *, scale: float = 1.0, low_word_first: bool = True) -> tuple[int, ...]:
-    """Return the one or two registers that hold `value` in units of `scale`; `ValueError` where none can.
-
-    Low word first is Watlow's and Binder's factory order.
-    """
+    """Return the one or two registers that hold `value` in units of `scale`; `ValueError` where none can."""
     form = _FORMATS[kind]
     try:
         # int() would make 1000 of 100.1

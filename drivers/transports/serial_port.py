@@ -132,10 +132,7 @@ class SerialTransport(Transport):
 
 
 def open_port(url: str, *, clock: Clock, baudrate: int = 115200, **line: Any) -> SerialTransport:
-    """Open `url` (device path, `socket://host:port`, `rfc2217://host:port`); raise `TransportError` where it cannot.
-
-    `line` is the rest of what `SerialTransport` takes.
-    """
+    """Open a device path, `socket://host:port` or `rfc2217://host:port` as `SerialTransport`; or `TransportError`."""
     return SerialTransport(url, clock=clock, baudrate=baudrate, **line)
 
 

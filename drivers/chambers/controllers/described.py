@@ -103,10 +103,7 @@ class SetpointBox(Controller):
         self._do(self._box.end_program)
 
     def set_ramp_rate(self, degC_per_min: float) -> bool:
-        """Set the ramp, °C/min; False where the description has none or this one refuses it.
-
-        Raises `ProtocolError` where it did not take.
-        """
+        """Set the ramp, °C/min; False where there is none or it refuses; `ProtocolError` where it did not take."""
         try:
             return self._set(self._box.ramp_degC_per_min, degC_per_min)
         except CommandRefused:

@@ -137,10 +137,7 @@ class Requirement(Question):
 
 
 class Identity(Question):
-    """Who answers. `expect` is how the answer must begin, `model` what it is called then (`{value}` is the answer).
-
-    A controller that cannot be asked has a `model` alone.
-    """
+    """Who answers: how that must begin, and the model (`{value}` is the answer), alone where it cannot be asked."""
 
     optional = True
     expect: Word = ""
@@ -369,10 +366,7 @@ class BoxDescription(Entry):
 def load_box(
     path: str | Path, variant: str | None = None, terminator: bytes | None = None, address: int | None = None
 ) -> BoxDescription:
-    """Read a description, or what it is for one of its `variants`, or with a terminator or address not its own.
-
-    Raises `InputError` in one sentence that names the file and the key.
-    """
+    """Read a description, as one of its `variants`, with another terminator or address; `InputError` in a sentence."""
     return parse_box(read_text(path), str(path), variant, terminator, address)
 
 

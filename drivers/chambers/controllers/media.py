@@ -50,10 +50,7 @@ class TextMedium:
         """Ask what must be known before anything else can be understood: nothing."""
 
     def word(self, question: Question, line: str) -> str:
-        """Return what stands in a reply for the answer.
-
-        Raises `CommandRefused` where the box says no, and `ValueError`, which says what it did instead.
-        """
+        """Return what a reply says; `CommandRefused` for a refusal, `ValueError`, which says what it did instead."""
         value = question.value(line)
         if value is None:
             self._refuse(question.ask or "", line)

@@ -35,10 +35,7 @@ from drivers.transports.lines import LineExchange, LineTiming
 
 @dataclass(frozen=True)
 class AsciiLayout:
-    """What the numbers and bits of a chamber mean; bits are counted from 0 on the left. The first pair is the air.
-
-    Raises `ValueError` where it contradicts itself.
-    """
+    """What numbers and bits mean; bits count from 0 on the left, the first pair is the air. Raises `ValueError`."""
 
     pairs: PositiveInt = 5
     nominal_first: bool = True
@@ -57,10 +54,7 @@ class AsciiLayout:
 
 
 class VoetschAscii(Controller):
-    """A `Controller` behind ASCII-2.
-
-    `limits` bound the setpoint that is written back with a stop: somebody may have left one outside.
-    """
+    """A `Controller` behind ASCII-2. `limits` bound the setpoint too that is written back with a stop."""
 
     sees_programs = False
 
@@ -120,10 +114,7 @@ class VoetschAscii(Controller):
         self._exchange.command(f"{self._address}P0000", _acknowledged)
 
     def set_ramp_rate(self, degC_per_min: float) -> bool:
-        """Bound the gradient of the first channel, up and down, in tenths of °C/min; others get none.
-
-        Raises `ProtocolError` where it is not acknowledged.
-        """
+        """Bound the first channel's gradient in tenths of °C/min; `ProtocolError` where that is not acknowledged."""
         rate = max(round(degC_per_min, 1), 0.1)
         numbers = [rate, rate] + [0.0] * (2 * (self._layout.written - 1))
         text = " ".join(f"{number:06.1f}" for number in numbers)

@@ -99,10 +99,7 @@ _Segment = _Leak | _Ramp | _Settled  # a stretch of the history; `elapsed_s` cou
 
 
 class ChamberPlant:
-    """The chamber's air, °C, from `begins_s` on; at first unconditioned and at ambient.
-
-    Rates are °C/min, both positive (else `ValueError`); times are seconds on the caller's clock.
-    """
+    """The air, °C, from `begins_s` on, at ambient. Rates are °C/min, positive (else `ValueError`); times in s."""
 
     def __init__(
         self,
