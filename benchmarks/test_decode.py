@@ -26,7 +26,7 @@ import pytest
 from drivers.frames.counts import StreamCounts
 from drivers.frames.decoder import StreamDecoder
 from drivers.frames.description import StreamDescription, load_description
-from drivers.frames.encoder import encode
+from drivers.frames.layout import encode
 
 _IMUS = Path(__file__).resolve().parents[1] / "configs" / "imus"
 _REVERSED_BITS = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))

@@ -24,7 +24,7 @@ import pytest
 from drivers.clock import SystemClock
 from drivers.frames.counts import StreamCounts
 from drivers.frames.description import load_description
-from drivers.frames.encoder import encode
+from drivers.frames.layout import encode
 from drivers.imu.stream import StreamImu
 from drivers.transports import open_port
 from drivers.transports.live_reader import LiveReader

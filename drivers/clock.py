@@ -56,11 +56,7 @@ class SystemClock:
 
 
 class VirtualClock:
-    """A clock that jumps: sleeping advances it at once.
-
-    `start` is the wall time at which it begins; the default is a fixed instant so that a simulated night is
-    reproducible to the byte.
-    """
+    """A clock that jumps: sleeping advances it at once. `start` is the wall time at which it begins."""
 
     def __init__(self, start: datetime = SIMULATED_EPOCH, now_s: float = 0.0) -> None:
         self._start = start

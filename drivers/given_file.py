@@ -57,10 +57,7 @@ def check_size(path: Path | str, size: int, usual_mb: float, what: str = "it is"
 
 @contextmanager
 def opened(path: Path | str, usual_mb: float | None = None) -> Iterator[BufferedReader]:
-    """Open a regular file to read its bytes, of any length unless `usual_mb` says what is usual.
-
-    Raises `InputError` where it is none, is too large, or cannot be read, also later while it is read.
-    """
+    """Open a regular file to read its bytes; `InputError` where it is none, too large, or not readable, later too."""
     try:
         _check_kind(path, os.stat(path))
         # Without waiting, should it have become a pipe in the meantime.

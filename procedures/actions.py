@@ -4,7 +4,7 @@ Every action leaves a `StepResult` or raises: `DeviceError` for a device that di
 be tried again), `InterlockTripped` and `StopRequested` from the polls inside.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,7 +14,6 @@ from drivers.errors import DeviceError, WrongDevice
 from drivers.imu import ImuIdentity
 from drivers.positioners.positioner import move_all
 from procedures.collect import Collected, Times, WrongPose, take_collects
-from procedures.devices import BenchDevices
 from procedures.interlocks import InterlockTripped
 from procedures.journal_protocol import Outcome, StepResult, of_unit
 from procedures.plan import Step, StepKind
@@ -34,73 +33,63 @@ Results = Mapping[str, StepResult | DeviceError]
 """What came of a stage for each unit by its name, or, given to whoever asked for it, by the step's key."""
 
 
-@dataclass
-class BenchState:
-    """What this run knows about the bench, in campaign seconds. What it does not know is None."""
-
-    power_on_s: float | None = None
-    setpoint_s: float | None = None
-    setpoint_degC: float | None = None
-    index_s: float | None = None
-    soak: Mapping[str, Any] = field(default_factory=dict)  # the restabilisation in effect, as it is recorded
-
-
+@dataclass(eq=False)
 class Actions:
-    """The actions on one bench. `recorded` are the results of steps that were completed before, by key."""
+    """The actions on one bench. `recorded` are the results of steps that were completed before, by key.
 
-    def __init__(
-        self,
-        devices: BenchDevices,
-        watch: Watch,
-        interlocks: InterlockSettings,
-        recorded: Mapping[str, StepResult],
-        power_on_s: float | None,
-    ) -> None:
-        self._devices = devices
-        self._watch = watch
-        self._interlocks = interlocks
-        self._recorded = recorded
-        self._state = BenchState(power_on_s=power_on_s)
-        self._ramp_degC_per_min = 3.0
-        self.chamber_refused = False  # what answers is not the bench's chamber: send it nothing at all
-        self._of_units: Mapping[StepKind, Callable[[Step, Sequence[str]], Results]] = {
-            StepKind.IDENTIFY: self._identify,
-            StepKind.INDEX: self._index,
-            StepKind.COLLECT: self._collect,
-        }
-        self._of_chamber: Mapping[StepKind, Callable[[Step], StepResult]] = {
-            StepKind.SETPOINT: self._setpoint,
-            StepKind.RESTABILISE: self._restabilise,
-            StepKind.SAFE_STATE: self._safe_state,
-        }
+    `times` are when what collects count from took place, as far as this run knows.
+    """
+
+    watch: Watch
+    interlocks: InterlockSettings
+    recorded: Mapping[str, StepResult]
+    times: Times
+    _setpoint_degC: float | None = field(default=None, init=False)
+    _soak: Mapping[str, Any] = field(default_factory=dict, init=False)  # the one in effect, as it is recorded
+    _ramp_degC_per_min = 3.0
+    chamber_refused = False  # what answers is not the bench's chamber: send it nothing at all
+
+    def __post_init__(self) -> None:
+        self.devices = self.watch.devices
 
     def perform(self, steps: Sequence[Step]) -> Results:
         """Do what the steps of one stage say, at once; return what came of each by its key.
 
-        Where one unit's device failed its error stands there; of one that was set aside nothing does.
+        Where one unit's device failed its error stands there; of one that was set aside nothing does. Raises as a poll,
+        and `DeviceError`, `InterlockTripped` or `ValueError` for the chamber.
         """
         first, units = steps[0], {step.unit: step.key for step in steps if step.unit is not None}
-        if not units:
-            return {first.key: self._of_chamber[first.kind](first)}
-        found = self._of_units[first.kind](first, list(units))
+        match first.kind:
+            case StepKind.SETPOINT:
+                return {first.key: self._setpoint(first)}
+            case StepKind.RESTABILISE:
+                return {first.key: self._restabilise(first)}
+            case StepKind.SAFE_STATE:
+                return {first.key: self._safe_state()}
+            case StepKind.IDENTIFY:
+                found = self._identify(first, list(units))
+            case StepKind.INDEX:
+                found = self._index(first, list(units))
+            case StepKind.COLLECT:
+                found = self._collect(first, list(units))
         return {units[name]: each for name, each in found.items()}
 
     def _identify(self, step: Step, units: Sequence[str]) -> Results:
         """Ask the devices who they are; each unit must be the one with which the sweep began."""
         # The chamber first: if the unit is the wrong one, the chamber can still be brought to its safe state.
         try:
-            chamber = self._devices.chamber.identify()
+            chamber = self.devices.chamber.identify()
         except WrongDevice:
             self.chamber_refused = True
             raise
         found: dict[str, StepResult | DeviceError] = {}
         for name in units:
-            recorded, unit = self._recorded.get(step.of(name).key), self._watch.units[name]
+            recorded, unit = self.recorded.get(step.of(name).key), self.watch.units[name]
             if unit.identity is None and recorded and "imu" in recorded.data:
                 unit.identity = ImuIdentity(**recorded.data["imu"])
             try:
                 told = unit.same_unit()
-                self._devices.refuse_undeclared_simulation(*vars(told).values(), chamber.model)
+                self.devices.refuse_undeclared_simulation(*vars(told).values(), chamber.model)
             except DeviceError as error:
                 found[name] = error
             else:
@@ -108,31 +97,33 @@ class Actions:
                 found[name] = StepResult(Outcome.DONE, "devices identified", data)
         known = [name for name, each in found.items() if not isinstance(each, DeviceError)]
         if known:
-            self._devices.chamber.prepare()
-            self._watch.forget_stream(known)
-            self._watch.poll()
+            self.devices.chamber.prepare()
+            self.watch.forget_stream(known)
+            self.watch.poll()
         return found
 
     def _setpoint(self, step: Step) -> StepResult:
         """Command the chamber and wait until its air arrives in the band; a ramp that takes too long is a fault."""
-        target_degC = _needed(step.temperature_degC)
+        target_degC = step.temperature_degC
+        if target_degC is None:
+            raise ValueError("a setpoint step without a temperature is no step")
         from_degC = self._command(step, target_degC)
         self._ramp_degC_per_min = step.parameters["ramp_degC_per_min"]
         expected_s = 60.0 * abs(target_degC - from_degC) / self._ramp_degC_per_min
-        allowed_s = self._interlocks.ramp_factor * expected_s + self._interlocks.ramp_extra_s
-        began_s = self._watch.now_s
-        self._watch.note = f"ramping to {target_degC:.1f} °C"
-        for looks in self._watch.wait(began_s + allowed_s):
+        allowed_s = self.interlocks.ramp_factor * expected_s + self.interlocks.ramp_extra_s
+        began_s = self.watch.now_s
+        self.watch.note = f"ramping to {target_degC:.1f} °C"
+        for looks in self.watch.wait(began_s + allowed_s):
             look = next(iter(looks.values()))
             if look.chamber is None or not look.chamber_fresh:
                 continue
             if abs(look.chamber.temperature_degC - target_degC) <= step.parameters["band_degC"]:
-                self._watch.arrived = True
+                self.watch.arrived = True
                 data = {
                     "setpoint_degC": target_degC,
-                    "commanded_s": self._state.setpoint_s,
+                    "commanded_s": self.times.setpoint_s,
                     "from_degC": from_degC,
-                    "ramp_s": self._watch.now_s - began_s,
+                    "ramp_s": self.watch.now_s - began_s,
                 }
                 return StepResult(Outcome.DONE, f"arrived at {look.chamber.temperature_degC:.1f} °C", data)
         raise InterlockTripped(
@@ -144,36 +135,36 @@ class Actions:
 
         Where it is already there and was told to be, the time since the setpoint counts from the first command.
         """
-        now = self._devices.chamber.read()
-        self._watch.commanded(None)
-        self._devices.chamber.set_temperature(target_degC)
-        self._watch.commanded(target_degC)
-        before = self._recorded.get(step.key)
+        now = self.devices.chamber.read()
+        self.watch.commanded(None)
+        self.devices.chamber.set_temperature(target_degC)
+        self.watch.commanded(target_degC)
+        before = self.recorded.get(step.key)
         held = max(abs(now.setpoint_degC - target_degC), abs(now.temperature_degC - target_degC))
         if before is not None and held <= step.parameters["band_degC"]:
-            self._state.setpoint_s = before.data.get("commanded_s")
-        elif self._state.setpoint_degC != target_degC:
-            self._state.setpoint_s = self._watch.campaign_s()
-        self._state.setpoint_degC = target_degC
+            self.times.setpoint_s = before.data.get("commanded_s")
+        elif self._setpoint_degC != target_degC:
+            self.times.setpoint_s = self.watch.campaign_s()
+        self._setpoint_degC = target_degC
         return now.temperature_degC
 
     def _restabilise(self, step: Step) -> StepResult:
         """Wait for the evidence; at the ceiling go on to an INCONCLUSIVE self-calibration, or give it up."""
         settings = Restabilisation.from_parameters(step.parameters)
-        result = restabilise(self._watch, settings)
-        self._state.soak = result.data
+        result = restabilise(self.watch, settings)
+        self._soak = result.data
         outcome = Outcome.DONE if result.met or settings.collect_at_ceiling else Outcome.TIMEOUT
         return StepResult(outcome, result.reason, {"setpoint_degC": step.temperature_degC, **result.data})
 
     def _index(self, step: Step, units: Sequence[str]) -> Results:
         """Bring the units to their position and see it confirmed."""
         position, timeout_s = step.position or "", step.parameters["index_timeout_s"]
-        began_s = self._watch.now_s
-        self._watch.note = f"moving to position {position}"
-        self._watch.poll()
-        self._watch.alive(timeout_s)
-        positioners = {n: self._devices.units[n].positioner for n in units if n in self._watch.units}
-        failed = move_all(positioners, self._devices.clock, position, timeout_s)
+        began_s = self.watch.now_s
+        self.watch.note = f"moving to position {position}"
+        self.watch.poll()
+        self.watch.alive(timeout_s)
+        positioners = {n: self.devices.units[n].positioner for n in units if n in self.watch.units}
+        failed = move_all(positioners, self.devices.clock, position, timeout_s)
         found: dict[str, StepResult | DeviceError] = dict(failed)
         reached = {name: each.position() for name, each in positioners.items() if name not in failed}
         for name, at in reached.items():
@@ -181,9 +172,9 @@ class Actions:
                 found[name] = DeviceError(f"the unit was sent to position {position} and confirms {at or 'nothing'}")
         if found.keys() >= set(units):
             return found
-        self._watch.forget_stream(reached)
-        self._state.index_s = self._watch.campaign_s()
-        data = {"position": position, "moved_s": self._watch.now_s - began_s}
+        self.watch.forget_stream(reached)
+        self.times.index_s = self.watch.campaign_s()
+        data = {"position": position, "moved_s": self.watch.now_s - began_s}
         return {name: StepResult(Outcome.DONE, f"at position {position}", data) for name in reached} | found
 
     def _collect(self, step: Step, units: Sequence[str]) -> Results:
@@ -193,10 +184,8 @@ class Actions:
         journal. `samples_verdict` is the collect's own.
         """
         settings = CollectSettings.from_parameters(step.parameters)
-        state = self._state
-        times = Times(state.power_on_s, state.setpoint_s, state.index_s)
-        those = {name: self._devices.units[name] for name in units}
-        taken = take_collects(self._watch, those, settings, step.position or "", times)
+        those = {name: self.devices.units[name] for name in units}
+        taken = take_collects(self.watch, those, settings, step.position or "", self.times)
         return {name: self._collected(name, each) for name, each in taken.items()}
 
     def _collected(self, unit: str, taken: Collected | WrongPose) -> StepResult:
@@ -204,17 +193,17 @@ class Actions:
             lies = str(taken)
             return StepResult(Outcome.FAILED, lies, {"verdict": Verdict.FAIL.value, "wrong_pose": lies})
         outcome = Outcome.DONE if taken.usable else Outcome.FAILED
-        own, soak = taken.judgement, of_unit(self._state.soak, unit)
+        own, soak = taken.judgement, of_unit(self._soak, unit)
         soaked = [Judgement(Verdict(soak["verdict"]), soak["reason"])] if soak else []
         whole = combine([own, *soaked], passed=own.reason)
         verdicts = {"verdict": whole.verdict.value, "samples_verdict": own.verdict.value, "reason": whole.reason}
         return StepResult(outcome, whole.reason, {**taken.data, **verdicts}, taken.samples)
 
-    def _safe_state(self, _step: Step) -> StepResult:
+    def _safe_state(self) -> StepResult:
         """Leave the chamber as it may be left."""
-        self._watch.commanded(None)
-        self._state.setpoint_degC = None
-        left = self.watch_air(self._devices.chamber.safe_state())
+        self.watch.commanded(None)
+        self._setpoint_degC = None
+        left = self.watch_air(self.devices.chamber.safe_state())
         if not left.safe:
             raise InterlockTripped("chamber-not-safe", left.reason)
         return StepResult(Outcome.DONE, str(left), {"chamber": left.word.value})
@@ -225,12 +214,12 @@ class Actions:
             why_not = f"what answers is not the bench's chamber, so nothing was sent to it ({cause})"
             return Left(Word.NOT_KNOWN, why_not)
         problem = ""
-        watch, clock = self._watch, self._devices.clock
+        watch, clock = self.watch, self.devices.clock
         give_up_s = clock.now() + watch.polling.safe_state_s
         while True:
             watch.alive(_SAFE_STATE_SILENCE_S)
             try:
-                return self.watch_air(self._devices.chamber.safe_state())
+                return self.watch_air(self.devices.chamber.safe_state())
             except Exception as failure:
                 said, problem = bool(problem), f"the chamber could not be brought to its safe state: {failure}"
                 left = not_commanded(failure, problem)
@@ -240,24 +229,18 @@ class Actions:
             left_s = give_up_s - clock.now()
             if left_s <= 0.0:
                 return left
-            watch.tell("safe-state-retry", f"the chamber is not safe yet, trying again, {left_s:.0f} s left")
+            watch.show("event", "safe-state-retry", f"the chamber is not safe yet, trying again, {left_s:.0f} s left")
             clock.sleep(max(watch.polling.retry_wait_s, _LEAST_WAIT_S))
 
     def watch_air(self, safe: SafeState) -> Left:
         """Look at the air until it shows that the safe state acts; nothing but the chamber can end that."""
-        watch, told = self._watch, list[str]()
+        watch, told = self.watch, list[str]()
 
         def waiting(seen: str) -> None:
             watch.alive(watch.polling.interval_s + _READ_S)
             with suppress(Exception):  # a journal that fails must not end the look at the chamber
-                (watch.tell if told else watch.event)("safe-state-commanded", seen)
+                watch.show("event", "safe-state-commanded", seen) if told else watch.event("safe-state-commanded", seen)
             told.append(seen)
 
-        chamber, clock = self._devices.chamber, self._devices.clock
+        chamber, clock = self.devices.chamber, self.devices.clock
         return watch_air(chamber, clock, safe, watch.polling, waiting, self._ramp_degC_per_min)
-
-
-def _needed(temperature_degC: float | None) -> float:
-    if temperature_degC is None:
-        raise ValueError("a setpoint step without a temperature is no step")
-    return temperature_degC

@@ -8,6 +8,7 @@ question stands in the journal, so that it can be answered from another shell or
 """
 
 from contextlib import suppress
+from dataclasses import dataclass, field
 from typing import Protocol
 
 from procedures.requests import Prompt
@@ -27,29 +28,23 @@ class Terminal(Protocol):
         """Say that the question stands no more: confirmed, refused, no answer, withdrawn."""
 
 
+@dataclass(eq=False)
 class Attendant:
     """Puts questions to people, on a terminal (where there is one) and through the journal."""
 
-    def __init__(self, terminal: Terminal | None = None) -> None:
-        self._terminal = terminal
-        self._watch: Watch | None = None
+    terminal: Terminal | None = None
+    _watch: Watch | None = field(default=None, init=False)
 
     def attend(self, watch: Watch) -> None:
         """Look at the bench through `watch` while a question stands."""
         self._watch = watch
 
     def __call__(self, question: str, timeout_s: float) -> bool | None:
-        """Return True where somebody confirms, False where they refuse, None after `timeout_s`. Raises as a poll.
-
-        Raises `ValueError` where no sweep is being watched yet: `attend` comes first.
-        """
+        """Return whether somebody confirms, None after `timeout_s`. Raises as a poll; `ValueError` before `attend`."""
         return self._answer(question, timeout_s, wants_words=False).answer
 
     def words(self, question: str, timeout_s: float) -> tuple[str, str]:
-        """Return what somebody typed, empty where they refuse or nobody does in time, and who.
-
-        Raises `ValueError` and as a poll, as a call does.
-        """
+        """Return what somebody typed, else nothing, and who. Raises `ValueError` and as a poll, as a call does."""
         prompt = self._answer(question, timeout_s, wants_words=True)
         return (prompt.words.strip() if prompt.answer else ""), prompt.who
 
@@ -76,21 +71,21 @@ class Attendant:
             if how in ("withdrawn", "no answer"):
                 prompt.who = ""
             watch.note = ""
-            if self._terminal is not None:
-                with suppress(Exception):
-                    self._terminal.settle(how)
+            with suppress(Exception):
+                if self.terminal is not None:
+                    self.terminal.settle(how)
             watch.desk.settle(how)
 
     def _show(self, question: str, timeout_s: float, *, wants_words: bool) -> None:
         try:
-            if self._terminal is not None:
-                self._terminal.put(question, timeout_s, wants_words=wants_words)
+            if self.terminal is not None:
+                self.terminal.put(question, timeout_s, wants_words=wants_words)
         except Exception:  # a closed terminal: the question still stands in the journal
-            self._terminal = None
+            self.terminal = None
 
     def _heard(self) -> bool | str | None:
         try:
-            return None if self._terminal is None else self._terminal.answer()
+            return None if self.terminal is None else self.terminal.answer()
         except Exception:
-            self._terminal = None
+            self.terminal = None
             return None

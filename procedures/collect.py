@@ -9,13 +9,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.chambers import ChamberReading
 from drivers.frames.counts import StreamCounts
 from drivers.frames.roles import SensorRole
 from drivers.imu import SampleBlock
-from drivers.imu.samples import FloatArray, rate_fields, rate_means
+from drivers.imu.samples import FloatArray, finite_mean, rate_fields, rate_means
 from drivers.imu.stream import StreamImu
 from procedures.averaging import Average, average_series
 from procedures.devices import BenchDevices
@@ -23,8 +22,6 @@ from procedures.quality import longest_run, missing_in_gaps, moved, not_measured
 from procedures.settings import CollectSettings
 from procedures.verdict import Judgement, Verdict, combine
 from procedures.watch import UNSEEN_S, Watch
-
-BoolArray = NDArray[np.bool_]
 
 _INDEX_FIELD = "index_position"  # where a unit that indexes says in every frame where it stands
 _EDGE_SAMPLES = 2  # a collect's ends may each cut one sample off
@@ -77,41 +74,31 @@ def _column(block: SampleBlock, name: str) -> FloatArray:
 def reduce_collect(
     samples: SampleBlock, duration_s: float, imu: StreamImu, settings: CollectSettings
 ) -> tuple[dict[str, Any], Judgement]:
-    """Return data and judgement of the samples of one collect that lasted `duration_s`.
-
-    Samples in which a rate is not a finite number are dropped and counted as missing.
-    """
+    """Return data and judgement of a collect's samples; those with a rate that is no finite number are missing."""
     names = [name for channels in imu.sensors.values() for name in channels.rates.values()]
     rates = np.column_stack([_column(samples, name) for name in names]) if names else np.empty((len(samples), 0))
-    good: BoolArray = np.asarray(np.isfinite(rates).all(axis=1))
+    good = np.isfinite(rates).all(axis=1)
+    fields = {name: values[good] for name, values in samples.fields.items()}
     average = average_series(samples.time_s[good], rates[good])
-    n, expected = int(good.sum()), round(duration_s * imu.sample_rate_hz)
-    missing = _missing(samples, n, expected, imu.sample_rate_hz)
-    index = dict(zip(names, range(len(names)), strict=True))
-    kept = _Kept(samples, good, imu.sample_rate_hz, settings)
+    kept = _Kept(SampleBlock(samples.time_s[good], fields), imu, settings, average, names)
+    n, expected = len(kept.samples), round(duration_s * imu.sample_rate_hz)
+    # By the unit's own counter, by gaps in time, and by their number.
+    gaps, short = missing_in_gaps(samples.time_s, imu.sample_rate_hz), expected - n if _differs(n, expected) else 0
+    missing = max(samples.counts.lost, gaps, short, len(samples) - n)
     data: dict[str, Any] = {
         "duration_s": duration_s,
         "n_samples": n,
         "n_expected": expected,
         "n_missing": missing,
-        "sensors": {str(number): kept.sensor(channels, average, index) for number, channels in imu.sensors.items()},
-        "conditions": kept.conditions(imu.conditions),
+        "sensors": {str(number): kept.sensor(channels) for number, channels in imu.sensors.items()},
+        "conditions": kept.means(imu.conditions),
         "counts": dict(vars(samples.counts)),
     }
-    number = _enough(samples, n, expected, missing, imu.sample_rate_hz, settings)
-    judgements = [*number, *kept.judge(imu.sensors, average, index)]
+    judgements = [*_enough(samples, n, expected, missing, imu.sample_rate_hz, settings), *kept.judge()]
     if duration_s > settings.duration_s + UNSEEN_S:
         said = f"it lasted {duration_s:.0f} s instead of {settings.duration_s:.0f}: nobody looked meanwhile"
         judgements.append(Judgement(Verdict.INCONCLUSIVE, said))
-    judgement = combine(judgements, passed="complete, stationary, no drift that matters")
-    return data, judgement
-
-
-def _missing(samples: SampleBlock, n: int, expected: int, sample_rate_hz: float) -> int:
-    """Return how many samples are missing: by the unit's own counter, by gaps in time, and by their number."""
-    short = expected - n if _differs(n, expected) else 0
-    not_finite = len(samples) - n
-    return max(samples.counts.lost, missing_in_gaps(samples.time_s, sample_rate_hz), short, not_finite)
+    return data, combine(judgements, passed="complete, stationary, no drift that matters")
 
 
 def _differs(n: int, expected: int) -> bool:
@@ -150,118 +137,94 @@ def _enough(
 
 @dataclass(frozen=True)
 class _Kept:
-    """The good samples of a collect, reduced sensor by sensor."""
+    """The good samples of a collect, reduced sensor by sensor. `rates` names the rates in the order of `average`."""
 
     samples: SampleBlock
-    good: BoolArray
-    sample_rate_hz: float
+    imu: StreamImu
     settings: CollectSettings
+    average: Average
+    rates: Sequence[str]
 
-    def column(self, name: str) -> FloatArray:
-        """Return a field's good samples."""
-        values: FloatArray = _column(self.samples, name)[self.good]
-        return values
-
-    def mean(self, name: str | None) -> float | None:
-        """Return the mean of a field's finite values, or None."""
-        if name is None:
-            return None
-        values = self.column(name)
-        values = values[np.isfinite(values)]
-        return float(values.mean()) if len(values) else None
-
-    def sensor(self, channels: SensorRole, average: Average, index: Mapping[str, int]) -> dict[str, Any]:
+    def sensor(self, channels: SensorRole) -> dict[str, Any]:
         """Return the data of one sensor."""
         temperature, slope = channels.temperature, None
         if temperature is not None:
-            slope = slope_per_min(self.samples.time_s[self.good], self.column(temperature))
+            slope = slope_per_min(self.samples.time_s, _column(self.samples, temperature))
         return {
-            "rates": {channel: _rate(average, index[name]) for channel, name in channels.rates.items()},
-            "accelerations": {axis: self.mean(name) for axis, name in channels.accelerations.items()},
-            "temperature_degC": self.mean(temperature),
+            "rates": {channel: self._rate(self.rates.index(name)) for channel, name in channels.rates.items()},
+            "accelerations": self.means(channels.accelerations),
+            "temperature_degC": self._mean(temperature),
             "dTdt_degC_per_min": slope,
-            "conditions": self.conditions(channels.conditions),
+            "conditions": self.means(channels.conditions),
         }
 
-    def conditions(self, names: Mapping[str, str]) -> dict[str, float | None]:
-        """Return the means of condition columns."""
-        return {column: self.mean(name) for column, name in names.items()}
+    def means(self, fields: Mapping[str, str]) -> dict[str, float | None]:
+        """Return the means of fields by what they are."""
+        return {what: self._mean(name) for what, name in fields.items()}
 
-    def judge(
-        self, sensors: Mapping[int, SensorRole], average: Average, index: Mapping[str, int]
-    ) -> Iterable[Judgement]:
+    def _mean(self, name: str | None) -> float | None:
+        mean, n = finite_mean(_column(self.samples, name)) if name is not None else (0.0, 0)
+        return mean if n else None
+
+    def _rate(self, i: int) -> dict[str, float | None]:
+        """Return one channel's average, as JSON can hold it (None where not known)."""
+        average = self.average
+        values = {
+            "mean_deg_per_hr": average.mean[i],
+            "se_deg_per_hr": average.se[i],
+            "drift_deg_per_hr_per_min": 60.0 * average.slope_per_s[i],
+            "drift_se_deg_per_hr_per_min": 60.0 * average.slope_se_per_s[i],
+            "half_difference_deg_per_hr": average.half_difference[i],
+            "half_difference_se_deg_per_hr": average.half_difference_se[i],
+            "sd_deg_per_hr": average.sd[i],
+            "se_inflation": average.inflation[i],
+        }
+        return {name: float(value) if np.isfinite(value) else None for name, value in values.items()}
+
+    def judge(self) -> Iterable[Judgement]:
         """Judge motion, drift, frozen and clipped values."""
-        yield from self._index_field()
-        rates = {
-            f"sensor {n} {channel}": self.column(name) for n, c in sensors.items() for channel, name in c.rates.items()
-        }
-        for one, other in same_samples(rates):
+        samples, rate_hz, limit_g = self.samples, self.imu.sample_rate_hz, self.settings.motion_limit_g
+        if _INDEX_FIELD in samples.fields and longest_run(samples.fields[_INDEX_FIELD]) < len(samples):
+            yield Judgement(Verdict.FAIL, "the unit left its index position during the collect")
+        sensors = self.imu.sensors.items()
+        rates = {f"sensor {n} {channel}": name for n, each in sensors for channel, name in each.rates.items()}
+        for one, other in same_samples({where: _column(samples, name) for where, name in rates.items()}):
             yield Judgement(Verdict.FAIL, f"{one} and {other} show the very same samples: one of them is not measured")
-        for number, channels in sensors.items():
-            yield from self._motion(number, channels)
+        for number, channels in sensors:
+            if channels.accelerations:
+                table = np.column_stack([_column(samples, name) for name in channels.accelerations.values()])
+                largest_g, too_much = moved(table[np.isfinite(table).all(axis=1)], rate_hz, limit_g)
+                if too_much:
+                    said = f"sensor {number} moved: {largest_g:.4f} g, {limit_g:.4f} g is allowed"
+                    yield Judgement(Verdict.FAIL, said)
             for channel, name in channels.rates.items():
                 where = f"sensor {number} {channel}"
-                yield from self._measuring(where, self.column(name))
-                yield from _drift(where, average, index[name], self.settings)
+                found = not_measured(_column(samples, name), self.settings.frozen_s * rate_hz)
+                if found is not None:
+                    yield Judgement(found.verdict, f"{where} {found.reason}")
+                yield from self._drift(where, self.rates.index(name))
 
-    def _index_field(self) -> Iterable[Judgement]:
-        if _INDEX_FIELD in self.samples.fields and longest_run(self.column(_INDEX_FIELD)) < int(self.good.sum()):
-            yield Judgement(Verdict.FAIL, "the unit left its index position during the collect")
-
-    def _motion(self, number: int, channels: SensorRole) -> Iterable[Judgement]:
-        if not channels.accelerations:
+    def _drift(self, where: str, i: int) -> Iterable[Judgement]:
+        """Judge a channel's slope: it must be significant before its size counts. Half the limit is worth a look."""
+        slope, se = 60.0 * self.average.slope_per_s[i], 60.0 * self.average.slope_se_per_s[i]
+        if not np.isfinite(slope + se) or abs(slope) < self.settings.drift_sigmas * se:
             return
-        table = np.column_stack([self.column(name) for name in channels.accelerations.values()])
-        table = table[np.isfinite(table).all(axis=1)]
-        largest_g, too_much = moved(table, self.sample_rate_hz, self.settings.motion_limit_g)
-        if too_much:
-            limit_g = self.settings.motion_limit_g
-            yield Judgement(Verdict.FAIL, f"sensor {number} moved: {largest_g:.4f} g, {limit_g:.4f} g is allowed")
-
-    def _measuring(self, where: str, values: FloatArray) -> Iterable[Judgement]:
-        found = not_measured(values, self.settings.frozen_s * self.sample_rate_hz)
-        if found is not None:
-            yield Judgement(found.verdict, f"{where} {found.reason}")
-
-
-def _rate(average: Average, i: int) -> dict[str, float | None]:
-    """Return one channel's average, as JSON can hold it (None where not known)."""
-    values = {
-        "mean_deg_per_hr": average.mean[i],
-        "se_deg_per_hr": average.se[i],
-        "drift_deg_per_hr_per_min": 60.0 * average.slope_per_s[i],
-        "drift_se_deg_per_hr_per_min": 60.0 * average.slope_se_per_s[i],
-        "half_difference_deg_per_hr": average.half_difference[i],
-        "half_difference_se_deg_per_hr": average.half_difference_se[i],
-        "sd_deg_per_hr": average.sd[i],
-        "se_inflation": average.inflation[i],
-    }
-    return {name: float(value) if np.isfinite(value) else None for name, value in values.items()}
-
-
-def _drift(where: str, average: Average, i: int, settings: CollectSettings) -> Iterable[Judgement]:
-    """Judge a channel's slope: it must be significant before its size counts. Half the limit is worth a look."""
-    slope, se = 60.0 * average.slope_per_s[i], 60.0 * average.slope_se_per_s[i]
-    if not np.isfinite(slope + se) or abs(slope) < settings.drift_sigmas * se:
-        return
-    limit = settings.drift_limit_deg_per_hr_per_min
-    text = f"{where} drifts by {slope:+.2f} ± {se:.2f} deg/hr per minute, the limit is {limit:g}"
-    if abs(slope) > limit:
-        yield Judgement(Verdict.FAIL, text)
-    elif abs(slope) > 0.5 * limit:
-        yield Judgement(Verdict.MARGINAL, text)
+        limit = self.settings.drift_limit_deg_per_hr_per_min
+        text = f"{where} drifts by {slope:+.2f} ± {se:.2f} deg/hr per minute, the limit is {limit:g}"
+        if abs(slope) > 0.5 * limit:
+            yield Judgement(Verdict.FAIL if abs(slope) > limit else Verdict.MARGINAL, text)
 
 
 # On the bench
 
 
-@dataclass(frozen=True)
+@dataclass
 class Times:
     """When, in campaign seconds, what the collect's conditions count from took place; None where not known."""
 
     power_on_s: float | None
-    setpoint_s: float | None
-    index_s: float | None
+    setpoint_s: float | None = None
+    index_s: float | None = None
 
 
 def take_collects(
@@ -290,11 +253,9 @@ def take_collects(
     of_all = {
         "position": position,
         "start_s": started_s,
-        "chamber_degC": _mean([reading.temperature_degC for reading in readings]),
+        "chamber_degC": float(np.mean([each.temperature_degC for each in readings])) if readings else None,
         "setpoint_degC": readings[-1].setpoint_degC if readings else watch.commanded_degC,
-        "time_since_power_on_s": _since(started_s, times.power_on_s),
-        "time_since_setpoint_s": _since(started_s, times.setpoint_s),
-        "time_since_index_s": _since(started_s, times.index_s),
+        **{f"time_since_{what}": None if s is None else started_s - s for what, s in vars(times).items()},
     }
     for name, devices in units.items():
         if name not in watch.units:
@@ -390,11 +351,3 @@ def _confirmed(position: str, before: str | None, after: str | None) -> Iterable
         if where != position:
             stands = "an unknown position" if where is None else f"position {where}"
             yield Judgement(Verdict.FAIL, f"{when} the collect the unit stood at {stands}, not {position}")
-
-
-def _mean(values: Sequence[float]) -> float | None:
-    return float(np.mean(values)) if values else None
-
-
-def _since(now_s: float, then_s: float | None) -> float | None:
-    return None if then_s is None else now_s - then_s

@@ -5,6 +5,7 @@ sight is an event and holds the sweep (no step begins while something is suspect
 event and costs nothing; one that lasts its grace, and was seen at least twice, trips. One glitch does not end a night.
 """
 
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -18,6 +19,7 @@ from procedures.settings import InterlockSettings
 
 _EXPECTED_FRAMES = 5.0  # an empty drain says nothing before so many frames should have come …
 _SLOWEST_S = 2.0  # … and one of a unit that is set to another rate
+_WINDOW_S = 120.0  # over which a rate is judged: long enough for a thermometer's resolution not to matter
 
 
 @dataclass(frozen=True)
@@ -168,33 +170,73 @@ def _disk_low(settings: InterlockSettings, look: Look) -> str | None:
     return f"the disk is nearly full, {look.disk_free_mb:.0f} MB are free: free some space, then carry on"
 
 
-@dataclass
-class _Suspicion:
-    since_s: float
-    reason: str
+def rate_interlocks(settings: InterlockSettings) -> Sequence[Interlock]:
+    """Return those on how fast temperatures move, with their memory."""
+    chamber, unit = settings.chamber_rate_degC_per_min, settings.unit_rate_degC_per_min
+    return (
+        Interlock("chamber-rate", settings.rate_grace_s, _Rates(chamber, _chamber_air).problem),
+        Interlock("unit-rate", settings.rate_grace_s, _Rates(unit, _unit_sensors).problem, of_unit=True),
+    )
 
 
+class _Rates:
+    """How fast what `values` takes from every look moves: a runaway shows long before it reaches a limit."""
+
+    def __init__(self, limit_degC_per_min: float, values: Callable[[Look], Mapping[str, float]]) -> None:
+        self._limit, self._values = limit_degC_per_min, values
+        self._seen: dict[tuple[str, str], deque[tuple[float, float]]] = {}
+
+    def problem(self, look: Look) -> str | None:
+        """Return what moves too fast, "" where nothing does, None where this look has no news."""
+        said: list[str] = []
+        news = False
+        for what, value in self._values(look).items():
+            seen = self._seen.setdefault((look.unit, what), deque())
+            seen.append((look.time_s, value))
+            while len(seen) > 2 and look.time_s - seen[0][0] > _WINDOW_S:
+                seen.popleft()
+            begin_s, begin = seen[0]
+            if look.time_s - begin_s < _WINDOW_S / 4.0:
+                continue
+            news = True
+            rate = 60.0 * (value - begin) / (look.time_s - begin_s)
+            if abs(rate) > self._limit:
+                said.append(f"{what} moves by {rate:+.1f} °C/min, {self._limit:g} are allowed")
+        return ", ".join(said) if news else None
+
+
+def _chamber_air(look: Look) -> Mapping[str, float]:
+    return {"the chamber": look.chamber.temperature_degC} if look.chamber_fresh and look.chamber is not None else {}
+
+
+def _unit_sensors(look: Look) -> Mapping[str, float]:
+    return {f"sensor {number}": value for number, value in look.unit_degC.items()}
+
+
+@dataclass(eq=False)
 class Interlocks:
     """All interlocks of a bench with their memory. `record(kind, message)` receives what begins and what clears."""
 
-    def __init__(self, interlocks: Sequence[Interlock], record: Callable[[str, str], None]) -> None:
-        self._interlocks = interlocks
-        self._record = record
-        self._suspicions: dict[tuple[str, str], _Suspicion] = {}  # by interlock and unit
+    interlocks: Sequence[Interlock]
+    record: Callable[[str, str], None]
+    # Since when and what, by interlock and unit:
+    _suspicions: dict[tuple[str, str], tuple[float, str]] = field(default_factory=dict, init=False)
 
     @property
     def suspected(self) -> str:
         """What is suspected now, in words; empty where nothing is."""
-        return "; ".join(f"{_named(*key)}: {each.reason}" for key, each in self._suspicions.items())
+        return "; ".join(f"{_named(*key)}: {reason}" for key, (_, reason) in self._suspicions.items())
 
     def countdown(self, time_s: float) -> str:
         """Say what is suspected and when it ends the sweep unless it clears; empty where nothing is."""
-        graces_s = {each.name: each.grace_s for each in self._interlocks}
-        left = {key: max(graces_s[key[0]] - (time_s - each.since_s), 0.0) for key, each in self._suspicions.items()}
+        graces_s = {each.name: each.grace_s for each in self.interlocks}
+        left = [
+            (max(graces_s[name] - (time_s - since_s), 0.0), unit, reason)
+            for (name, unit), (since_s, reason) in self._suspicions.items()
+        ]
         return "; ".join(
-            f"{of_unit(key[1])}{self._suspicions[key].reason}; "
-            f"{'set aside' if key[1] else 'safe state'} in {left_s:.0f} s unless it clears"
-            for key, left_s in sorted(left.items(), key=lambda each: each[1])
+            f"{of_unit(unit)}{reason}; {'set aside' if unit else 'safe state'} in {left_s:.0f} s unless it clears"
+            for left_s, unit, reason in sorted(left, key=lambda each: each[0])
         )
 
     def forget(self, unit: str) -> None:
@@ -202,34 +244,23 @@ class Interlocks:
         self._suspicions = {key: each for key, each in self._suspicions.items() if key[1] != unit}
 
     def evaluate(self, look: Look, *, chamber: bool = True) -> None:
-        """Judge one look; raise `InterlockTripped` where a condition has lasted its grace.
-
-        The chamber is judged at one look of those that units share.
-        """
-        for interlock in self._interlocks:
-            if not (interlock.of_unit or chamber):
-                continue
-            problem = interlock.problem(look)
+        """Judge one look, and the `chamber` at one of units that share it; raise `InterlockTripped` after the grace."""
+        for each in self.interlocks:
+            problem = each.problem(look) if each.of_unit or chamber else None
             if problem is None:
                 continue
-            key = (interlock.name, look.unit if interlock.of_unit else "")
-            if problem:
-                self._sighted(interlock, key, problem, look.time_s)
-            elif key in self._suspicions:
-                lasted_s = look.time_s - self._suspicions.pop(key).since_s
-                self._record("interlock-cleared", f"{_named(*key)} cleared after {lasted_s:.0f} s")
-
-    def _sighted(self, interlock: Interlock, key: tuple[str, str], problem: str, time_s: float) -> None:
-        suspicion = self._suspicions.get(key)
-        if suspicion is None:
-            self._suspicions[key] = _Suspicion(time_s, problem)
-            what = f"sets unit {key[1]} aside" if key[1] else "ends the sweep"
-            self._record("interlock-suspected", f"{_named(*key)}: {problem} ({what} after {interlock.grace_s:g} s)")
-            return
-        suspicion.reason = problem
-        lasted_s = time_s - suspicion.since_s
-        if lasted_s >= interlock.grace_s:
-            raise InterlockTripped(interlock.name, f"{problem}; it lasted {lasted_s:.0f} s", of_unit=interlock.of_unit)
+            key = (each.name, look.unit if each.of_unit else "")
+            since_s, _ = self._suspicions.get(key, (look.time_s, ""))
+            if not problem:
+                if self._suspicions.pop(key, None):
+                    self.record("interlock-cleared", f"{_named(*key)} cleared after {look.time_s - since_s:.0f} s")
+                continue
+            if key not in self._suspicions:
+                what = f"sets unit {key[1]} aside" if key[1] else "ends the sweep"
+                self.record("interlock-suspected", f"{_named(*key)}: {problem} ({what} after {each.grace_s:g} s)")
+            elif (lasted_s := look.time_s - since_s) >= each.grace_s:
+                raise InterlockTripped(each.name, f"{problem}; it lasted {lasted_s:.0f} s", of_unit=each.of_unit)
+            self._suspicions[key] = (since_s, problem)
 
 
 def of_unit(unit: str) -> str:

@@ -5,37 +5,38 @@ or an abort is heard. Afterwards the devices are identified and the unit is posi
 bench. The soak counts on where logged readings prove that the air stayed in its band and the unit kept its power.
 """
 
-from procedures.interlocks import InterlockTripped, Look, of_unit
+from dataclasses import dataclass
+
+from procedures.interlocks import InterlockTripped, of_unit
 from procedures.settings import Restabilisation
 from procedures.watch import Looks, Watch
 
 
+@dataclass(eq=False)
 class HeldBand:
     """Whether the unit's equilibrium outlasts a pause. Neither may fail for longer than the excursion time."""
 
-    def __init__(self, settings: Restabilisation, setpoint_degC: float | None, began_s: float) -> None:
-        self._settings = settings
-        self._setpoint_degC = setpoint_degC
-        self._air_s, self._began_s = began_s, began_s
+    settings: Restabilisation
+    setpoint_degC: float | None
+    began_s: float
+    lost = ""  # why it does not, in words
+
+    def __post_init__(self) -> None:
+        self._air_s = self.began_s
         self._unit_s: dict[str, float] = {}
-        self.lost = ""  # why it does not, in words
 
     def look(self, looks: Looks) -> None:
         """Take one look in."""
         look = next(iter(looks.values()))
-        if self._in_band(look):
+        fresh = look.chamber if look.chamber_fresh else None
+        allowed_s, band = self.settings.excursion_s, self.settings.band_degC
+        if fresh and self.setpoint_degC is not None and abs(fresh.temperature_degC - self.setpoint_degC) <= band:
             self._air_s = look.time_s
         self._unit_s.update((name, each.time_s) for name, each in looks.items() if each.samples)
-        allowed_s, band = self._settings.excursion_s, self._settings.band_degC
         if look.time_s - self._air_s > allowed_s:
             self.lost = f"the air was not shown to stay within {band:g} °C of the setpoint"
-        elif silent := [n for n in looks if look.time_s - self._unit_s.get(n, self._began_s) > allowed_s]:
+        elif silent := [n for n in looks if look.time_s - self._unit_s.get(n, self.began_s) > allowed_s]:
             self.lost = f"{of_unit(silent[0])}the unit was silent and may have been without power"
-
-    def _in_band(self, look: Look) -> bool:
-        if not look.chamber_fresh or look.chamber is None or self._setpoint_degC is None:
-            return False
-        return abs(look.chamber.temperature_degC - self._setpoint_degC) <= self._settings.band_degC
 
 
 def rest(watch: Watch, settings: Restabilisation, longest_s: float, *, soaked: bool) -> str:
@@ -65,12 +66,6 @@ def rest(watch: Watch, settings: Restabilisation, longest_s: float, *, soaked: b
     lost = held.lost if soaked else "it was not finished"
     soak = f"the soak starts over: {lost}" if lost else "the soak still counts: the air stayed in its band"
     by = watch.desk.continued_by
-    watch.event(
-        "continue",
-        f"{by} goes on after {lasted_s / 60.0:.0f} min; {soak}",
-        who=by,
-        paused_s=lasted_s,
-        soak_kept=not lost,
-        reason=lost,
-    )
+    said = f"{by} goes on after {lasted_s / 60.0:.0f} min; {soak}"
+    watch.event("continue", said, who=by, paused_s=lasted_s, soak_kept=not lost, reason=lost)
     return lost

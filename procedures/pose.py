@@ -57,10 +57,7 @@ class PoseTolerance:
 
 @dataclass(frozen=True)
 class Contradiction:
-    """What accelerometers contradict: in which collects, (n,), in words, and of which sensor where not of all.
-
-    `seen` is the position in which the unit lies, where nothing else can be the cause.
-    """
+    """What is contradicted: in which collects, (n,), in words, of which sensor; `seen` is the position where sure."""
 
     collects: BoolArray
     words: str

@@ -9,7 +9,7 @@ controller that it was meant for: accepted, or refused with the reason.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol
 
@@ -31,10 +31,7 @@ class RequestKind(StrEnum):
 
 @dataclass(frozen=True)
 class Request:
-    """One request. `prompt` is the number of the question that a CONFIRM or REFUSE answers.
-
-    Where the question wants words, `why` of a CONFIRM holds them.
-    """
+    """One request. A CONFIRM or REFUSE answers the question `prompt`; `why` holds the words that one may want."""
 
     number: int
     kind: RequestKind
@@ -72,30 +69,30 @@ class Prompt:
     who: str = ""
 
 
+@dataclass(eq=False)
 class Desk:
     """Hears requests and remembers what stands: a pause, a question. An abort becomes a stop request."""
 
-    def __init__(self, control: Control | None, stop: StopRequest, record: Record) -> None:
-        self._control = control
-        self._stop = stop
-        self._record = record
-        self._prompts = 0
-        self.pause: Request | None = None
-        self.continued_by = ""
-        self.prompt: Prompt | None = None
+    control: Control | None
+    stop: StopRequest
+    record: Record
+    pause: Request | None = field(default=None, init=False)
+    prompt: Prompt | None = field(default=None, init=False)
+    continued_by = ""
+    _prompts = 0
 
     def hear(self, takes_effect: str) -> None:
         """Act upon what was asked since the last time; `takes_effect` says when a pause would."""
-        if self._control is None:
+        if self.control is None:
             return
-        for request in self._control.asked():
+        for request in self.control.asked():
             accepted, message = self._act(request, takes_effect)
-            self._control.answer(request, accepted, message)
+            self.control.answer(request, accepted, message)
 
     def _act(self, request: Request, takes_effect: str) -> tuple[bool, str]:
         match request.kind:
             case RequestKind.ABORT:
-                self._stop.request(f"aborted by {request}")
+                self.stop.request(f"aborted by {request}")
                 return True, "the chamber is brought to its safe state"
             case RequestKind.PAUSE:
                 if self.pause is not None:
@@ -118,13 +115,13 @@ class Desk:
         if confirmed and prompt.wants_words and not request.why:
             return False, "that question wants an answer in words (hil confirm --text)"
         prompt.answer, prompt.words, prompt.who = confirmed, request.why, request.who
-        return True, "confirmed" if prompt.answer else "refused"
+        return True, "confirmed" if confirmed else "refused"
 
     def put(self, question: str, timeout_s: float, *, wants_words: bool = False) -> Prompt:
         """Let a question stand, for whoever reads the journal, until `settle` or `withdraw`."""
         self._prompts += 1
         self.prompt = Prompt(self._prompts, question, wants_words)
-        self._record("prompt", question, prompt=self._prompts, timeout_s=timeout_s, wants_words=wants_words)
+        self.record("prompt", question, prompt=self._prompts, timeout_s=timeout_s, wants_words=wants_words)
         return self.prompt
 
     def settle(self, how: str) -> None:
@@ -132,4 +129,4 @@ class Desk:
         prompt, self.prompt = self.prompt, None
         if prompt is not None:
             by = f" by {prompt.who}" if prompt.who else ""
-            self._record("prompt-ended", f"{how}{by}: {prompt.question}", prompt=prompt.number, how=how, who=prompt.who)
+            self.record("prompt-ended", f"{how}{by}: {prompt.question}", prompt=prompt.number, how=how, who=prompt.who)

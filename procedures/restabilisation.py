@@ -9,8 +9,9 @@ all at once, held over the whole window. Leaving the band restarts the window; l
 time restarts the soak too, because the unit has then begun to follow. A ceiling ends the wait whatever the evidence.
 """
 
+import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import InitVar, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -51,23 +52,23 @@ class Decision:
         return max(self.since_s, key=lambda name: self.since_s[name] or 0.0)
 
 
+@dataclass(eq=False)
 class RestabilisationGate:
     """Judges looks at chamber and unit, in order of time. Pure: it neither waits nor reads."""
 
-    def __init__(self, settings: Restabilisation, thermometers: Collection[Sensor]) -> None:
-        self._settings = settings
+    settings: Restabilisation
+    thermometers: InitVar[Collection[Sensor]]
+    decision: Decision = field(default=Decision({"time": None}), init=False)
+    soak_restarts = 0
+    window_restarts = 0
+    # When the present soak and the present stay in the band began, when that was left, and the last look was; or never.
+    _soak_s = _band_s = _left_s = _last_s = math.inf
+    _judged_s = -math.inf
+    _judged_state = (False, False)
+
+    def __post_init__(self, thermometers: Collection[Sensor]) -> None:
         self._air: list[tuple[float, float]] = []  # the window's looks: time, °C
         self._unit: dict[Sensor, list[tuple[float, float]]] = {sensor: [] for sensor in sorted(thermometers)}
-        self._soak_s: float | None = None  # when the present soak began
-        self._band_s: float | None = None  # when the present stay in the band began
-        self._left_s: float | None = None  # when the band was left
-        self._last_s: float | None = None
-        self._judged_s = -np.inf
-        self._judged_state = (False, False)
-        self._since: dict[str, float | None] = {}
-        self.soak_restarts = 0
-        self.window_restarts = 0
-        self.decision = Decision({"time": None})
 
     def forget(self, thermometers: Collection[Sensor]) -> None:
         """Judge these no more: their unit was set aside."""
@@ -75,17 +76,15 @@ class RestabilisationGate:
 
     def look(self, time_s: float, air_degC: float, setpoint_degC: float, unit_degC: Mapping[Sensor, float]) -> Decision:
         """Take one look in and return the decision."""
-        unseen = self._last_s is not None and time_s - self._last_s > max(
-            self._settings.excursion_s, self._settings.window_s / 4.0
-        )
-        if unseen and self._left_s is None:
-            self._leave(self._last_s or time_s)  # nobody knows what the air did meanwhile
+        longest_s = max(self.settings.excursion_s, self.settings.window_s / 4.0)
+        if self._left_s == math.inf and time_s - self._last_s > longest_s:
+            self._leave(self._last_s)  # nobody knows what the air did meanwhile
         self._last_s = time_s
         # Written so that a reading which is not a number lies outside.
-        if abs(air_degC - setpoint_degC) <= self._settings.band_degC:
+        if abs(air_degC - setpoint_degC) <= self.settings.band_degC:
             self._inside(time_s)
             self._air.append((time_s, air_degC))
-        elif self._left_s is None:
+        elif self._left_s == math.inf:
             self._leave(time_s)
         for sensor in self._unit.keys() & unit_degC.keys():
             self._unit[sensor].append((time_s, unit_degC[sensor]))
@@ -94,54 +93,43 @@ class RestabilisationGate:
 
     def _leave(self, time_s: float) -> None:
         """Forget what leaving the band makes worthless."""
-        if self._band_s is not None:
-            self.window_restarts += 1
-        self._left_s, self._band_s = time_s, None
+        self.window_restarts += self._band_s < math.inf
+        self._left_s, self._band_s = time_s, math.inf
 
     def _inside(self, time_s: float) -> None:
         """Begin, or go on with, a stay in the band."""
-        if self._left_s is not None and time_s - self._left_s > self._settings.excursion_s and self._soak_s is not None:
-            self._soak_s = None
+        if time_s - self._left_s > self.settings.excursion_s and self._soak_s < math.inf:
+            self._soak_s = math.inf
             self.soak_restarts += 1
-        self._left_s = None
-        if self._soak_s is None:
-            self._soak_s = time_s
-        if self._band_s is None:
-            self._band_s = time_s
+        self._left_s = math.inf
+        self._soak_s, self._band_s = min(self._soak_s, time_s), min(self._band_s, time_s)
 
     def _judge(self, time_s: float) -> None:
         """Judge the criteria: a few times per window, when the schedule is up, and at once where the band was left."""
-        soaked = self._soak_s is not None and time_s - self._soak_s >= self._settings.at_least_s - _EPSILON_S
-        due = time_s - self._judged_s >= self._settings.window_s / _EVALUATIONS - _EPSILON_S
-        state = (soaked, self._band_s is not None)
+        soaked = time_s - self._soak_s >= self.settings.at_least_s - _EPSILON_S
+        due = time_s - self._judged_s >= self.settings.window_s / _EVALUATIONS - _EPSILON_S
+        state = (soaked, self._band_s < math.inf)
         if not due and state == self._judged_state:
             return
         self._judged_s, self._judged_state = time_s, state
-        begins_s = time_s - self._settings.window_s
+        begins_s = time_s - self.settings.window_s
         self._air = _recent(self._air, begins_s)
         self._unit = {sensor: _recent(looks, begins_s) for sensor, looks in self._unit.items()}
-        held = self._band_s is not None and self._band_s <= begins_s + _EPSILON_S
+        held = self._band_s <= begins_s + _EPSILON_S
         air, unit = _evidence(self._air), {str(sensor): _evidence(looks) for sensor, looks in self._unit.items()}
-        slope = air["slope_degC_per_min"]
-        steady = held and slope is not None and abs(slope) <= self._settings.slope_degC_per_min
-        criteria = {"time": soaked, "band": held, "slope": steady}
+        criteria = {"time": soaked, "band": held, "slope": held and _steady(air, self.settings.slope_degC_per_min)}
         for sensor, looks in self._unit.items():
-            whole = bool(looks) and looks[0][0] <= begins_s + self._settings.window_s / _EVALUATIONS + self._pace(looks)
-            criteria[f"unit band (sensor {sensor})"] = whole and _span(looks) <= self._settings.unit_band_degC
-            slope = unit[str(sensor)]["slope_degC_per_min"]
-            criteria[f"unit slope (sensor {sensor})"] = (
-                whole and slope is not None and abs(slope) <= self._settings.unit_slope_degC_per_min
-            )
-        before = self._since
-        self._since = {
+            pace_s = looks[1][0] - looks[0][0] if len(looks) > 1 else 0.0
+            whole = bool(looks) and looks[0][0] <= begins_s + self.settings.window_s / _EVALUATIONS + pace_s
+            steady = _steady(unit[str(sensor)], self.settings.unit_slope_degC_per_min)
+            criteria[f"unit band (sensor {sensor})"] = whole and _span(looks) <= self.settings.unit_band_degC
+            criteria[f"unit slope (sensor {sensor})"] = whole and steady
+        before = self.decision.since_s
+        since_s = {
             name: (time_s if before.get(name) is None else before[name]) if met else None
             for name, met in criteria.items()
         }
-        self.decision = Decision(self._since, {"chamber": air, "unit": unit})
-
-    @staticmethod
-    def _pace(looks: list[tuple[float, float]]) -> float:
-        return looks[1][0] - looks[0][0] if len(looks) > 1 else 0.0
+        self.decision = Decision(since_s, {"chamber": air, "unit": unit})
 
 
 def _recent(looks: list[tuple[float, float]], begins_s: float) -> list[tuple[float, float]]:
@@ -152,6 +140,11 @@ def _recent(looks: list[tuple[float, float]], begins_s: float) -> list[tuple[flo
 def _span(looks: list[tuple[float, float]]) -> float:
     values = [value for _, value in looks]
     return max(values) - min(values)
+
+
+def _steady(evidence: Mapping[str, float | None], most_degC_per_min: float) -> bool:
+    slope = evidence["slope_degC_per_min"]
+    return slope is not None and abs(slope) <= most_degC_per_min
 
 
 def _evidence(looks: list[tuple[float, float]]) -> dict[str, float | None]:
@@ -183,8 +176,7 @@ def restabilise(watch: Watch, settings: Restabilisation) -> Restabilised:
     began_s = watch.now_s
     _take_in(gate, watch, watch.poll())  # the soak begins with the step, also where no reading of the chamber is due
     for looks in watch.wait(began_s + settings.ceiling_s):
-        if thermometers - _thermometers(watch):
-            gate.forget(thermometers - _thermometers(watch))
+        gate.forget(thermometers - _thermometers(watch))
         if not next(iter(looks.values())).chamber_fresh or watch.commanded_degC is None:
             continue
         _take_in(gate, watch, looks)
@@ -240,14 +232,11 @@ def _judged(
 ) -> tuple[Verdict, str]:
     minutes = waited_s / 60.0
     if decision.met:
-        verdict, reason = Verdict.PASS, f"restabilised after {minutes:.1f} min, decided by {decision.decided_by}"
+        reason = f"restabilised after {minutes:.1f} min, decided by {decision.decided_by}"
     elif waiting:
-        verdict, reason = (
-            Verdict.INCONCLUSIVE,
-            f"not restabilised within {minutes:.0f} min: {', '.join(waiting)}",
-        )
+        reason = f"not restabilised within {minutes:.0f} min: {', '.join(waiting)}"
     else:
-        verdict, reason = Verdict.PASS, f"restabilised within {minutes:.0f} min; other units were not"
+        reason = f"restabilised within {minutes:.0f} min; other units were not"
     if not thermometers:
         reason += "; the unit has no temperature sensor, so only chamber and time were judged"
-    return verdict, reason
+    return Verdict.INCONCLUSIVE if waiting else Verdict.PASS, reason

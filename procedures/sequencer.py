@@ -20,19 +20,20 @@ Only a chamber that is not the one the bench file names is left alone. SIGKILL i
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, field
 from datetime import datetime
 
 from drivers.errors import DeviceError
 from procedures.actions import Actions
 from procedures.attended import Attendant
+from procedures.collect import Times
 from procedures.devices import BenchDevices
-from procedures.interlocks import InterlockTripped, standard_interlocks
+from procedures.interlocks import InterlockTripped, rate_interlocks, standard_interlocks
 from procedures.journal_protocol import Journal, Outcome, StepResult
 from procedures.pause import rest
 from procedures.plan import Plan, Step, StepKind, lasting_s
 from procedures.progress import Progress, Silent
 from procedures.requests import Control, PauseAsked
-from procedures.runaway import rate_interlocks
 from procedures.safe_air import Left
 from procedures.settings import InterlockSettings, Polling, Restabilisation
 from procedures.stop import StopRequest, StopRequested
@@ -59,6 +60,7 @@ _WHY_AGAIN: Mapping[StepKind, str] = {
 _INTERRUPTED_BY_A_PAUSE = (StepKind.SETPOINT, StepKind.RESTABILISE, StepKind.INDEX)
 
 
+@dataclass(eq=False)
 class Sequencer:
     """Runs a plan on a bench. `began` is the UTC instant from which campaign time counts, also across a resume.
 
@@ -68,43 +70,34 @@ class Sequencer:
     how much room the records have. `run` may be called once.
     """
 
-    def __init__(
-        self,
-        plan: Plan,
-        devices: BenchDevices,
-        journal: Journal,
-        stop: StopRequest,
-        *,
-        began: datetime,
-        interlocks: InterlockSettings | None = None,
-        polling: Polling | None = None,
-        progress: Progress | None = None,
-        powered_on: datetime | None = None,
-        control: Control | None = None,
-        attendant: Attendant | None = None,
-        first: Callable[[], None] | None = None,
-        vital: Callable[[float], None] | None = None,
-        disk_free_mb: Callable[[], float] | None = None,
-    ) -> None:
-        self._plan = plan
-        self._devices = devices
-        self._journal = journal
-        self._began = began
-        self._interlocks = interlocks or InterlockSettings()
-        self._polling = polling or Polling()
-        self._power_on_s = None if powered_on is None else (powered_on - began).total_seconds()
-        rules = (*standard_interlocks(self._interlocks, devices.chamber.limits), *rate_interlocks(self._interlocks))
-        onlooker = progress or Silent()
-        self._watch = Watch(devices, journal, stop, rules, self._polling, onlooker, began, control, vital, disk_free_mb)
-        if attendant is not None:
-            attendant.attend(self._watch)
-        self._first = first
+    plan: Plan
+    devices: BenchDevices
+    journal: Journal
+    stop: StopRequest
+    _: KW_ONLY
+    began: datetime
+    interlocks: InterlockSettings = field(default_factory=InterlockSettings)
+    polling: Polling = field(default_factory=Polling)
+    progress: Progress = field(default_factory=Silent)
+    powered_on: datetime | None = None
+    control: Control | None = None
+    attendant: Attendant | None = None
+    first: Callable[[], None] | None = None
+    vital: Callable[[float], None] | None = None
+    disk_free_mb: Callable[[], float] | None = None
+    _touched = False
+    _unsettled = 0
+
+    def __post_init__(self) -> None:
+        rules = (*standard_interlocks(self.interlocks, self.devices.chamber.limits), *rate_interlocks(self.interlocks))
+        told = (self.progress, self.began, self.control, self.vital, self.disk_free_mb)
+        self._watch = Watch(self.devices, self.journal, self.stop, rules, self.polling, *told)
+        if self.attendant is not None:
+            self.attendant.attend(self._watch)
         self._done: set[str] = set()
         self._failed: dict[str, str] = {}  # by step key, why
         self._in_effect: dict[tuple[StepKind, str | None], str] = {}  # the stage, by kind and unit
         self._open: dict[str, tuple[Step, int]] = {}  # begun in the journal, not ended, by key
-        self._touched = False
-        self._unsettled = 0
 
     # The run and its ways out
 
@@ -119,24 +112,25 @@ class Sequencer:
             self._leave(error)
             raise
         left = self._leave(cause)
-        return outcome_of(self._plan, self._done, self._failed, self._watch.aside, cause, left)
+        return outcome_of(self.plan, self._done, self._failed, self._watch.aside, cause, left)
 
     def _sweep(self) -> None:
         """Do every step that is not DONE, restoring first what it stands on."""
-        recorded = dict(self._journal.completed())
-        self._done = {step.key for step in self._plan.steps if step.key in recorded}
-        self._actions = Actions(self._devices, self._watch, self._interlocks, recorded, self._power_on_s)
-        self._watch.sweep_began(self._plan, frozenset(self._done))
-        pending = [step for step in self._plan.steps if step.key not in self._done]
+        recorded = dict(self.journal.completed())
+        self._done = {step.key for step in self.plan.steps if step.key in recorded}
+        power_on_s = None if self.powered_on is None else (self.powered_on - self.began).total_seconds()
+        self._actions = Actions(self._watch, self.interlocks, recorded, Times(power_on_s))
+        self._watch.show("sweep_began", self.plan, frozenset(self._done))
+        pending = [step for step in self.plan.steps if step.key not in self._done]
         if not pending:
             return
-        if self._first is not None:
-            self._first()
+        if self.first is not None:
+            self.first()
         if self._done:
-            done, total = len(self._done), len(self._plan.steps)
+            done, total = len(self._done), len(self.plan.steps)
             message = f"resumed with {done} of {total} steps done, next is {pending[0].key}"
             self._watch.event("resumed", message, next=pending[0].key, done=done)
-        for stage in self._plan.stages:
+        for stage in self.plan.stages:
             steps = [step for step in stage if step.key not in self._done]
             blocked = self._prepare(steps)
             for step in self._going_on(steps) if blocked else ():
@@ -153,9 +147,9 @@ class Sequencer:
 
     def _end_again(self) -> None:
         """Bring the chamber to its final temperature although that step was DONE in an earlier run."""
-        final = self._before(self._plan.steps[-1], StepKind.SETPOINT)
+        final = self._before(self.plan.steps[-1], StepKind.SETPOINT)
         if final and not any(
-            step.kind is StepKind.COLLECT for step in self._plan.steps[final[0].index :]
+            step.kind is StepKind.COLLECT for step in self.plan.steps[final[0].index :]
         ):  # nothing is measured there
             self._restore(final)
 
@@ -208,7 +202,7 @@ class Sequencer:
 
     def _before(self, step: Step, kind: StepKind) -> Sequence[Step]:
         """Return the nearest steps of a kind before `step`: by construction of a plan, those it stands on."""
-        stages = self._plan.stages
+        stages = self.plan.stages
         return next((each for each in reversed(stages) if each[0].index < step.index and each[0].kind is kind), ())
 
     def _restore(self, steps: Sequence[Step]) -> bool:
@@ -234,7 +228,7 @@ class Sequencer:
         results: dict[str, StepResult] = {}
 
         def begin(steps: Sequence[Step]) -> Sequence[int]:
-            attempts = self._journal.begin(*steps)
+            attempts = self.journal.begin(*steps)
             self._open.update((step.key, (step, attempt)) for step, attempt in zip(steps, attempts, strict=True))
             return attempts
 
@@ -250,24 +244,24 @@ class Sequencer:
     def _begin(self, steps: Sequence[Step], begin: Callable[[Sequence[Step]], Sequence[int]]) -> None:
         attempts = begin(steps)
         self._touched = True
-        later = (each for each in self._plan.steps[self._after(steps[0]) :] if each.key not in self._done)
-        total = len(self._plan.steps)
+        later = (each for each in self.plan.steps[self._after(steps[0]) :] if each.key not in self._done)
+        total = len(self.plan.steps)
         here = Position(steps[0], max(attempts), self._watch.now_s, lasting_s(later), len(self._done), total)
         self._watch.stage_began(here, zip(steps, attempts, strict=True))
 
     def _after(self, step: Step) -> int:
         """Return the index of the first step of the next stage."""
-        return next((each.index for each in self._plan.steps[step.index :] if each.stage != step.stage), step.index + 1)
+        return next((each.index for each in self.plan.steps[step.index :] if each.stage != step.stage), step.index + 1)
 
     def _end(self, ended: Ends) -> None:
         if not ended:
             return
-        self._journal.end(*((*self._open[step.key], result) for step, result in ended))
+        self.journal.end(*((*self._open[step.key], result) for step, result in ended))
         for step, result in ended:
             del self._open[step.key]
             if result.outcome is Outcome.DONE:
                 self._done.add(step.key)
-            self._watch.step_ended(step, result)
+            self._watch.show("step_ended", step, result)
 
     def _with_retries(
         self,
@@ -276,7 +270,7 @@ class Sequencer:
         end: Callable[[Ends], None],
     ) -> None:
         """Perform steps until each has a result to keep: device errors and bad collects are tried again, bounded."""
-        tries = Tries(steps, self._polling.device_attempts)
+        tries = Tries(steps, self.polling.device_attempts)
         while steps := self._going_on(steps):
             blocked = self._hold(steps)
             steps = self._going_on(steps)
@@ -320,7 +314,7 @@ class Sequencer:
         """Give devices that failed some time, and bring units back into position whose collects were not good."""
         bad = {step.key: each for step in steps if isinstance(each := results[step.key], StepResult)}
         if len(bad) < len(steps):
-            for _ in self._watch.wait(self._watch.now_s + self._polling.retry_wait_s):
+            for _ in self._watch.wait(self._watch.now_s + self.polling.retry_wait_s):
                 pass  # it is looked at meanwhile
         self._back_in_position([step for step in steps if step.key in bad], bad)
 
@@ -331,7 +325,7 @@ class Sequencer:
             soaks = steps if steps[0].kind is StepKind.RESTABILISE else self._before(steps[0], StepKind.RESTABILISE)
             settings = Restabilisation.from_parameters(soaks[0].parameters) if soaks else Restabilisation()
             soaked = bool(soaks) and self._in_effect.get((StepKind.RESTABILISE, None)) == soaks[0].key
-            lost = rest(self._watch, settings, self._interlocks.pause_s, soaked=soaked)
+            lost = rest(self._watch, settings, self.interlocks.pause_s, soaked=soaked)
             undone = [StepKind.IDENTIFY, StepKind.INDEX, *([StepKind.RESTABILISE] if lost else [])]
             self._in_effect = {of: stage for of, stage in self._in_effect.items() if of[0] not in undone}
             self._watch.hold_until_clear()
@@ -346,7 +340,7 @@ class Sequencer:
         turned = {
             step.unit
             for step in steps
-            if lies[step.unit] or self._devices.units[step.unit or ""].positioner.position() != step.position
+            if lies[step.unit] or self.devices.units[step.unit or ""].positioner.position() != step.position
         }
         index = [each for each in self._before(steps[0], StepKind.INDEX) if each.unit in turned] if steps else []
         if index:
@@ -362,7 +356,7 @@ class Sequencer:
         """
         if step.kind is StepKind.RESTABILISE:
             self._unsettled = 0 if result.outcome is Outcome.DONE else self._unsettled + 1
-            if self._unsettled >= self._interlocks.unsettled_soaks:
+            if self._unsettled >= self.interlocks.unsettled_soaks:
                 raise InterlockTripped("soak-never-settles", f"{self._unsettled} soaks in a row: {result.reason}")
         if result.outcome is not Outcome.DONE:
             self._in_effect.pop((step.kind, step.unit), None)

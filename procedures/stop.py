@@ -72,10 +72,7 @@ class StopRequest:
 
     @contextmanager
     def on_signals(self) -> Iterator[StopRequest]:
-        """Turn SIGINT, SIGQUIT, SIGTERM and SIGHUP into a stop request, and put the former handlers back afterwards.
-
-        Only the main thread can do this (`ValueError` otherwise).
-        """
+        """Turn signals into a stop request, then put the handlers back; in the main thread alone (`ValueError`)."""
         former = {number: signal.getsignal(number) for number in (*_SIGNALS, *_THAT_STOP)}
         for number in _SIGNALS:
             if former[number] is not signal.SIG_IGN:

@@ -30,10 +30,7 @@ class Tries:
     def judge(
         self, steps: Sequence[Step], results: Mapping[str, StepResult | DeviceError], aside: Mapping[str, str]
     ) -> tuple[Ends, Mapping[str, DeviceError], Mapping[str, str]]:
-        """Return how steps ended, the errors of those that are given up, and why others are to be tried again, by key.
-
-        `aside` says by unit why it was set aside meanwhile.
-        """
+        """Return how steps ended, errors of those given up, why others are tried again; `aside` says why by unit."""
         ended, given_up, again = list[tuple[Step, StepResult]](), dict[str, DeviceError](), dict[str, str]()
         for step in steps:
             if step.unit in aside:

@@ -10,11 +10,11 @@ import numpy as np
 
 from drivers.errors import DeviceError, WrongDevice
 from drivers.frames.counts import StreamCounts
+from drivers.frames.roles import SensorRole
 from drivers.imu import ImuIdentity, SampleBlock
 from drivers.imu.samples import finite_mean, rate_fields
 from procedures.devices import BenchDevices
 from procedures.interlocks import Look, of_unit
-from procedures.stuck_rates import Unchanged
 
 
 class UnitWatch:
@@ -60,10 +60,7 @@ class UnitWatch:
         return found
 
     def drain(self, *, resting: bool) -> tuple[SampleBlock, float, str]:
-        """Return what arrived since the last drain, how long after the last frame that was, and what failed.
-
-        Raises `WrongDevice` where the stream was lost and another unit is behind it now.
-        """
+        """Return what arrived, how long after the last frame, and what failed; `WrongDevice` for another unit."""
         error = ""
         try:
             block = self.imu.read_block()
@@ -107,3 +104,25 @@ class UnitWatch:
 def labelled(unit: str, name: object) -> str:
     """Return the name of something of a unit among those of other units: 0042.2, or 2 where none is listed."""
     return f"{unit}.{name}" if unit else str(name)
+
+
+class Unchanged:
+    """The rates of one unit, block by block."""
+
+    def __init__(self, sensors: Mapping[int, SensorRole]) -> None:
+        self._fields = rate_fields(sensors)
+        self._last: dict[str, tuple[float, float]] = {}  # by label: the value, and since when it stands
+
+    def lasting_s(self, block: SampleBlock, time_s: float) -> Mapping[str, float]:
+        """Take in what was drained at `time_s`; return for how long each rate of it has not changed."""
+        lasting: dict[str, float] = {}
+        for label, field in self._fields.items():
+            values = block.fields.get(field)
+            if values is None or not len(values):
+                continue
+            value, since_s = self._last.get(label, (float(values[0]), time_s))
+            if values[-1] != value or np.any(values != value):  # nearly always the newest tells
+                value, since_s = float(values[-1]), time_s
+            self._last[label] = (value, since_s)
+            lasting[label] = time_s - since_s
+        return lasting

@@ -8,12 +8,10 @@ the interlocks are judged, a stop request is heard, the journal gets its sign of
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from typing import Any
-
-import numpy as np
 
 from drivers.chambers import ChamberReading
 from drivers.errors import DeviceError, WrongDevice
@@ -21,8 +19,8 @@ from drivers.imu import SampleBlock
 from drivers.imu.samples import rate_means
 from procedures.devices import BenchDevices
 from procedures.interlocks import Interlock, Interlocks, InterlockTripped, Look
-from procedures.journal_protocol import Journal, StepResult
-from procedures.plan import Plan, Step, StepKind
+from procedures.journal_protocol import Journal
+from procedures.plan import Step, StepKind
 from procedures.progress import Progress, Silent, Snapshot
 from procedures.requests import Control, Desk, PauseAsked
 from procedures.settings import Polling
@@ -53,62 +51,52 @@ class Position:
     steps_total: int
 
 
+@dataclass(eq=False)
 class Watch:
     """Looks at the bench and tells everybody. Campaign time counts from `began`, also across a resume."""
 
-    def __init__(
-        self,
-        devices: BenchDevices,
-        journal: Journal,
-        stop: StopRequest,
-        interlocks: tuple[Interlock, ...],
-        polling: Polling,
-        progress: Progress,
-        began: datetime,
-        control: Control | None = None,
-        vital: Callable[[float], None] | None = None,
-        disk_free_mb: Callable[[], float] | None = None,
-    ) -> None:
-        clock = devices.clock
+    devices: BenchDevices
+    journal: Journal
+    stop: StopRequest
+    interlocks: Sequence[Interlock]
+    polling: Polling
+    progress: Progress
+    began: datetime
+    control: Control | None = None
+    vital: Callable[[float], None] | None = None
+    disk_free_mb: Callable[[], float] | None = None
+    commanded_degC: float | None = field(default=None, init=False)
+    look: Look | None = field(default=None, init=False)
+    _position: Position | None = field(default=None, init=False)
+    arrived = False
+    interruptible = False  # whether a pause ends the present step at once
+    resting = False  # a pause is in effect
+    note = ""
+    remark = ""  # said before the next question to people: why it is asked again
+    _chamber_s = _heartbeat_s = _progress_s = -math.inf
+    _answered_s = -math.inf  # the chamber, for the last time
+    _wall_off_s = 0.0  # as it was last recorded
+
+    def __post_init__(self) -> None:
+        clock = self.devices.clock
         # Within one run time is monotonic, whatever happens to the wall clock; across a resume it is the wall clock's.
-        self._offset_s = (clock.utc() - began).total_seconds() - clock.now()
-        self._began = began
-        self._devices = devices
-        self._journal = journal
-        self._stop = stop
-        self.desk = Desk(control, stop, self.event)
-        self._vital = vital
-        self._disk_free_mb = disk_free_mb
-        self.interruptible = False  # whether a pause ends the present step at once
-        self.resting = False  # a pause is in effect
-        self._interlocks = Interlocks(interlocks, lambda kind, message: self.event(kind, message, **self.evidence()))
-        self.polling = polling
-        self._progress = progress
-        self._position: Position | None = None
-        self._chamber_s = -np.inf
-        self._heartbeat_s = -np.inf
-        self._answered_s = -np.inf  # the chamber, for the last time
-        self._progress_s = -np.inf
+        self._offset_s = (clock.utc() - self.began).total_seconds() - clock.now()
         self._drained_s = clock.now()
-        self._wall_off_s = 0.0  # as it was last recorded
-        self.look: Look | None = None
+        self.desk = Desk(self.control, self.stop, self.event)
+        self._suspects = Interlocks(self.interlocks, lambda *said: self.event(*said, **self.evidence()))
         self.units = {
             name: UnitWatch(name, each, self.event, lambda: self.alive(_IDENTITY_S))
-            for name, each in devices.units.items()
+            for name, each in self.devices.units.items()
         }
         """Those that go on, by name."""
         self.aside: dict[str, str] = {}  # why, by name
-        self.commanded_degC: float | None = None
-        self.arrived = False
-        self.note = ""
-        self.remark = ""  # said before the next question to people: why it is asked again
 
     # Time
 
     @property
     def now_s(self) -> float:
         """The clock's seconds."""
-        return self._devices.clock.now()
+        return self.devices.clock.now()
 
     def campaign_s(self, clock_s: float | None = None) -> float:
         """Return campaign seconds: of now, or of a reading of the clock."""
@@ -118,16 +106,8 @@ class Watch:
 
     def event(self, kind: str, message: str, **evidence: Any) -> None:
         """Record something that happened, and let onlookers see it."""
-        self._journal.event(kind, message, **evidence)
-        self._show("event", kind, message)
-
-    def tell(self, kind: str, message: str) -> None:
-        """Let onlookers see what need not be recorded: that something goes on."""
-        self._show("event", kind, message)
-
-    def sweep_began(self, plan: Plan, done: frozenset[str]) -> None:
-        """Let onlookers see the plan."""
-        self._show("sweep_began", plan, done)
+        self.journal.event(kind, message, **evidence)
+        self.show("event", kind, message)
 
     def stage_began(self, position: Position, steps: Iterable[tuple[Step, int]]) -> None:
         """Polls belong to these steps from now on, each with its attempt."""
@@ -135,20 +115,19 @@ class Watch:
         self.note = ""
         for unit in self.units.values():
             unit.rates_deg_per_hr, unit.rates_se_deg_per_hr = {}, {}
-        self._progress_s = -np.inf  # onlookers see a new step at once; what a move read in between is no rate of theirs
+        self._progress_s = (
+            -math.inf
+        )  # onlookers see a new step at once; what a move read in between is no rate of theirs
         for step, attempt in steps:
-            self._show("step_began", step, attempt)
+            self.show("step_began", step, attempt)
 
-    def step_ended(self, step: Step, result: StepResult) -> None:
-        """Let onlookers see how a step ended."""
-        self._show("step_ended", step, result)
-
-    def _show(self, what: str, *arguments: object) -> None:
+    def show(self, what: str, *arguments: object) -> None:
+        """Let onlookers see what need not be recorded here; `what` is a method of theirs."""
         try:
-            getattr(self._progress, what)(*arguments)
+            getattr(self.progress, what)(*arguments)
         except Exception as error:  # an onlooker, or its closed terminal, must not end a night
-            self._progress = Silent()
-            self._journal.event("onlooker-lost", f"progress is no longer shown: {type(error).__name__}: {error}")
+            self.progress = Silent()
+            self.journal.event("onlooker-lost", f"progress is no longer shown: {type(error).__name__}: {error}")
 
     # Looking
 
@@ -169,8 +148,8 @@ class Watch:
 
     def alive(self, silent_s: float = 0.0) -> None:
         """Tell a watchdog that the controller lives, and for how long it may be silent now. Called at every poll."""
-        if self._vital is not None:
-            self._vital(silent_s)
+        if self.vital is not None:
+            self.vital(silent_s)
 
     def commanded(self, setpoint_degC: float | None) -> None:
         """Tell the interlocks what the chamber was told to hold (None: nothing any more)."""
@@ -180,7 +159,7 @@ class Watch:
         """Throw away what these of the units that go on sent so far."""
         for name in self.units.keys() & set(units):
             self.units[name].forget()
-        self._progress_s = -np.inf
+        self._progress_s = -math.inf
 
     def set_aside(self, unit: str, cause: Exception) -> None:
         """Go on without a unit, with the reason on record; raise the `cause` where no other goes on."""
@@ -191,11 +170,10 @@ class Watch:
         evidence = self.evidence(unit)
         del self.units[unit]
         self.aside[unit] = str(cause)
-        self._interlocks.forget(unit)
+        self._suspects.forget(unit)
         going = counted(len(self.units), "unit")
-        self.event(
-            "unit-set-aside", f"unit {unit} is set aside, {going} on: {cause}", unit=unit, why=str(cause), **evidence
-        )
+        said = f"unit {unit} is set aside, {going} on: {cause}"
+        self.event("unit-set-aside", said, unit=unit, why=str(cause), **evidence)
 
     def wait(self, until_s: float) -> Iterator[Looks]:
         """Yield a look at each unit that goes on, at each poll, until the clock shows `until_s`.
@@ -205,7 +183,7 @@ class Watch:
         """
         while True:
             remaining_s = until_s - self.now_s
-            self._devices.clock.sleep(min(self.polling.read_interval_s, max(remaining_s, 0.0)))
+            self.devices.clock.sleep(min(self.polling.read_interval_s, max(remaining_s, 0.0)))
             yield self.poll()
             if self.now_s >= until_s - _TICK_S:
                 return
@@ -215,14 +193,14 @@ class Watch:
 
         The ceiling is for what neither clears nor trips, because nothing more is heard of it: `InterlockTripped`.
         """
-        if not self._interlocks.suspected:
+        if not self._suspects.suspected:
             return
         give_up_s = self.now_s + _HOLD_CEILING_S
-        self.event("hold", f"holding: {self._interlocks.suspected}")
-        while self._interlocks.suspected:
+        self.event("hold", f"holding: {self._suspects.suspected}")
+        while self._suspects.suspected:
             self.note = "holding"
             if self.now_s >= give_up_s:
-                raise InterlockTripped("held-too-long", self._interlocks.suspected)
+                raise InterlockTripped("held-too-long", self._suspects.suspected)
             self.look_again()
         self.event("hold-ended", "nothing is suspected any more")
         self.note = ""
@@ -236,7 +214,7 @@ class Watch:
         """Drain the streams, read the chamber where it is due, judge, tell. Raises as `wait`, `PauseAsked` too."""
         self.alive(self.polling.read_interval_s)  # a bench may be looked at more seldom than a watchdog is patient
         self.desk.hear(self._when_a_pause_would_begin())
-        self._stop.check()
+        self.stop.check()
         unseen_s = self.now_s - self._drained_s
         if unseen_s > UNSEEN_S + self.polling.read_interval_s:
             said = f"nobody looked for {hours_minutes(unseen_s)}: the computer slept, or the program was stopped"
@@ -245,7 +223,7 @@ class Watch:
         self._drained_s = self.now_s
         fresh, chamber_error = self._read_chamber()
         self._answered_s = self._drained_s if fresh else self._answered_s
-        disk_free_mb = None if self._disk_free_mb is None else self._disk_free_mb()
+        disk_free_mb = None if self.disk_free_mb is None else self.disk_free_mb()
         # Interlocks come before anything that could fail for another reason.
         looks = {
             name: Look(
@@ -273,7 +251,7 @@ class Watch:
         for name, look in looks.items():
             self.look = self.units[name].look = look
             try:
-                self._interlocks.evaluate(look, chamber=name == first)
+                self._suspects.evaluate(look, chamber=name == first)
             except InterlockTripped as tripped:
                 if not tripped.of_unit:
                     raise
@@ -308,7 +286,7 @@ class Watch:
             return None, ""
         self._chamber_s = self.now_s
         try:
-            return self._devices.chamber.read(), ""
+            return self.devices.chamber.read(), ""
         except DeviceError as failure:
             return None, str(failure)
 
@@ -326,12 +304,12 @@ class Watch:
         }
         if look.chamber is not None and look.time_s - self._answered_s <= self.polling.heartbeat_s:
             readings |= {"chamber_degC": look.chamber.temperature_degC, "setpoint_degC": look.chamber.setpoint_degC}
-        self._journal.heartbeat(self._position.step, readings)
+        self.journal.heartbeat(self._position.step, readings)
         self._compare_clocks()
 
     def _compare_clocks(self) -> None:
         """Record each time that somebody set the wall clock; campaign time goes on by the monotonic one."""
-        off_s = (self._devices.clock.utc() - self._began).total_seconds() - self.campaign_s()
+        off_s = (self.devices.clock.utc() - self.began).total_seconds() - self.campaign_s()
         if abs(off_s - self._wall_off_s) > _WALL_JUMP_S:
             self.event("wall-clock-jump", f"the wall clock is off by {off_s:+.0f} s since the start")
             self._wall_off_s = off_s
@@ -344,12 +322,12 @@ class Watch:
         here = self._position
         in_step_s = look.time_s - here.began_s
         remaining_s = max(here.step.duration_s - in_step_s, 0.0)
-        finishing = self._began + timedelta(seconds=self.campaign_s(look.time_s) + remaining_s + here.later_s)
-        note = ", ".join(filter(None, (self.note, self._interlocks.countdown(look.time_s))))
+        finishing = self.began + timedelta(seconds=self.campaign_s(look.time_s) + remaining_s + here.later_s)
+        note = ", ".join(filter(None, (self.note, self._suspects.countdown(look.time_s))))
         for name, each in looks.items():
             unit = self.units[name]
             frames = unit.newly_shown()
-            self._show(
+            self.show(
                 "update",
                 Snapshot(
                     step=here.step.of(name),

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from drivers.chambers.chamber import ChamberLimits, SafeState
 from drivers.chambers.controller import Controller
 from drivers.chambers.controllers.described import SetpointBox
 from drivers.chambers.controllers.description import SerialLine as SerialLine
@@ -20,7 +19,7 @@ from drivers.chambers.controllers.espec import Espec
 from drivers.chambers.controllers.simserv import SimServ
 from drivers.chambers.controllers.voetsch_ascii import AsciiLayout, VoetschAscii
 from drivers.chambers.controllers.watlow_f4t import WatlowF4t
-from drivers.chambers.supervised import SupervisedChamber
+from drivers.chambers.supervised import SupervisedChamber, Supervision
 from drivers.clock import Clock
 from drivers.outside import Catalogue
 from drivers.transports import Transport
@@ -30,29 +29,20 @@ WarningLimits = Literal["SP_03/04", "SP_01/02", "none"]
 
 
 @dataclass(frozen=True)
-class ChamberOptions:
+class ChamberOptions(Supervision):
     """What a bench file says about its chamber. `address` and `terminator` are the driver's own where they are None.
 
-    `celsius_confirmed` says that a person has seen °C on the panel. `expected_model` is how the model must begin.
     `ramp_port` is a second port of the controller, where one is needed to set its ramp.
     `framing` is that of Modbus, the driver's own where it is None.
     `description` is the file that describes a box; `layout` says what an ASCII-2 chamber's values are, `warning_limits`
-    where a Julabo has its own. `dead_man_s`
-    arms the controller's own timer, which it need not have unless `dead_man_asked`.
+    where a Julabo has its own.
     """
 
-    limits: ChamberLimits
-    safe: SafeState
-    expected_model: str | None = None
     address: int | None = None
     terminator: bytes | None = None
-    native_margin_degC: float = 5.0
-    celsius_confirmed: bool = False
     ramp_port: Transport | None = None
     framing: Framing | None = None
     description: Path | None = None
-    dead_man_s: float | None = None
-    dead_man_asked: bool = True
     layout: AsciiLayout | None = None
     warning_limits: WarningLimits | None = None
 
@@ -77,19 +67,8 @@ class ChamberDriver:
     simulator: Callable[..., Any] | None = None
 
 
-def supervised(controller: Controller, clock: Clock, options: ChamberOptions) -> SupervisedChamber:
-    """Put what all drivers do over a controller."""
-    return SupervisedChamber(
-        controller,
-        clock,
-        limits=options.limits,
-        safe=options.safe,
-        expected_model=options.expected_model,
-        native_margin_degC=options.native_margin_degC,
-        celsius_confirmed=options.celsius_confirmed,
-        dead_man_s=options.dead_man_s,
-        dead_man_asked=options.dead_man_asked,
-    )
+supervised = SupervisedChamber
+"""What puts over a controller what all drivers do, as distributions from outside call it."""
 
 
 def _built(kind: Callable[..., Controller], *said: str) -> Build:

@@ -13,7 +13,6 @@ from drivers.transports import Transport
 Mode = Literal["OFF", "STANDBY", "CONSTANT", "RUN"]
 Unit = Literal["degC", "degF"]
 Which = Literal["low", "setpoint", "high"]
-NativeLimits = Literal["none", "setpoint", "alarm"]
 
 
 @dataclass(frozen=True)
@@ -47,12 +46,12 @@ class Controller(ABC):
     """One kind of controller on one port. Reads are retried inside; what is written is written once.
 
     `device` is how messages begin: `chamber on /dev/ttyUSB0`. `resolution_degC` is the step in which it holds a
-    setpoint; `native_limits` says whether it has limits of its own, and whether they bound setpoints or alarm at the
-    air; `can_stop`, whether conditioning can be stopped over the line; `sees_programs`, whether a program that runs
-    shows as mode RUN: where not, the safe state ends one in any case. What is not so of one, its class says.
+    setpoint; `limits_alarm` says whether its own limits alarm at the air and do not only bound setpoints; `can_stop`,
+    whether conditioning can be stopped over the line; `sees_programs`, whether a program that runs shows as mode RUN:
+    where not, the safe state ends one in any case. What is not so of one, its class says.
     """
 
-    native_limits: NativeLimits = "none"
+    limits_alarm = False
     sees_programs = True
     resolution_degC = 0.1
     can_stop = True

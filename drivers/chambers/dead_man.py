@@ -6,6 +6,8 @@ dead_man.renew()        # at every look: arms again when a quarter of the time h
 dead_man.rest()         # from the safe state on nobody renews it
 """
 
+from dataclasses import dataclass, field
+
 from drivers.chambers.controller import Controller
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, ProtocolError
@@ -13,39 +15,38 @@ from drivers.errors import CommandRefused, ProtocolError
 _RENEWED_WITHIN = 0.25  # of its time, so that a renewal which fails can be tried anew
 
 
+@dataclass(eq=False)
 class DeadMan:
     """The timer of one controller; `seconds` None for none at all. What it does raises what the controller raises.
 
     One that nobody asked for (`asked` False) is armed where the controller has one, and otherwise done without.
     """
 
-    def __init__(self, controller: Controller, clock: Clock, seconds: float | None, *, asked: bool = True) -> None:
-        self._asked = asked
-        self._controller = controller
-        self._clock = clock
-        self._seconds = seconds
-        self._armed_at_s: float | None = None
+    controller: Controller
+    clock: Clock
+    seconds: float | None
+    asked: bool = True
+    _armed_at_s: float | None = field(default=None, init=False)
 
     def arm(self) -> None:
         """Begin its time; raise `CommandRefused` where the controller has no timer."""
-        if self._seconds is None:
+        if self.seconds is None:
             return
-        controller = self._controller
+        device = self.controller.device
         try:
-            if not controller.arm_dead_man(self._seconds):
-                missing = f"{controller.device} has no timer of its own"
-                raise CommandRefused(f"{missing}; take dead_man out of the bench file")
+            if not self.controller.arm_dead_man(self.seconds):
+                raise CommandRefused(f"{device} has no timer of its own; take dead_man out of the bench file")
         except (CommandRefused, ProtocolError):
-            if self._asked:
+            if self.asked:
                 raise
             return
-        self._armed_at_s = self._clock.now()
+        self._armed_at_s = self.clock.now()
 
     def renew(self) -> None:
         """Begin its time anew, where it was armed and some of it has passed."""
-        if self._armed_at_s is None or self._seconds is None:
+        if self._armed_at_s is None or self.seconds is None:
             return
-        if self._clock.now() - self._armed_at_s >= _RENEWED_WITHIN * self._seconds:
+        if self.clock.now() - self._armed_at_s >= _RENEWED_WITHIN * self.seconds:
             self.arm()
 
     def rest(self) -> None:

@@ -9,11 +9,10 @@ and nothing is written where nothing changes. If the program dies, the chamber h
 """
 
 import math
-from dataclasses import replace
-from typing import Final
+from dataclasses import KW_ONLY, dataclass, field, replace
 
 from drivers.chambers.chamber import ChamberIdentity, ChamberReading, SafeState
-from drivers.chambers.setpoints import clamped
+from drivers.chambers.setpoints import check_ramp_rate, clamped
 from drivers.chambers.supervised import SupervisedChamber
 from drivers.clock import Clock
 
@@ -28,6 +27,7 @@ def steps_of_a_ramp(span_degC: float, degC_per_min: float) -> int:
     return max(1, math.ceil(abs(span_degC) / per_step_degC) + 1)
 
 
+@dataclass(eq=False)
 class RampedChamber:
     """A `Chamber` whose setpoint moves no faster than `degC_per_min`.
 
@@ -35,17 +35,17 @@ class RampedChamber:
     other setpoint (somebody at the panel) is given as it is. Raises `ValueError` for a rate that is not positive.
     """
 
-    def __init__(self, chamber: SupervisedChamber, clock: Clock, *, degC_per_min: float) -> None:
-        if not (math.isfinite(degC_per_min) and degC_per_min > 0.0):
-            raise ValueError(f"a ramp rate is a positive number of °C/min, not {degC_per_min:g}")
-        self._chamber = chamber
-        self._clock = clock
-        self._rate_per_s = degC_per_min / 60.0
-        self.limits: Final = chamber.limits
-        self.native = False  # whether the controller ramps by itself; known once it is prepared
-        self._target: float | None = None
-        self._begins_degC = self._step = 0.0
-        self._began_s = self._stepped_s = 0.0
+    chamber: SupervisedChamber
+    clock: Clock
+    _: KW_ONLY
+    degC_per_min: float
+    _target: float | None = field(default=None, init=False)
+    native = False  # whether the controller ramps by itself; known once it is prepared
+    _begins_degC = _began_s = _step = _stepped_s = 0.0
+
+    def __post_init__(self) -> None:
+        check_ramp_rate(self.degC_per_min)
+        self.limits = self.chamber.limits
 
     @property
     def ramping(self) -> bool:
@@ -55,21 +55,21 @@ class RampedChamber:
     @property
     def wear_warning(self) -> str | None:
         """What the chamber itself says about the wear of its memory."""
-        return self._chamber.wear_warning
+        return self.chamber.wear_warning
 
     def identify(self) -> ChamberIdentity:
         """Ask who is there."""
-        return self._chamber.identify()
+        return self.chamber.identify()
 
     def prepare(self) -> None:
         """Prepare the chamber, and let it ramp by itself where it can."""
         self._target = None
-        self._chamber.prepare()
-        self.native = self._chamber.set_ramp_rate(self._rate_per_s * 60.0)
+        self.chamber.prepare()
+        self.native = self.chamber.set_ramp_rate(self.degC_per_min)
 
     def read(self) -> ChamberReading:
         """Read, and move a running ramp on where a step is due."""
-        reading = self._chamber.read()
+        reading = self.chamber.read()
         if self._target is None:
             return reading
         if abs(reading.setpoint_degC - self._step) > _SAME_DEGC:
@@ -78,43 +78,38 @@ class RampedChamber:
         return replace(reading, setpoint_degC=self._target)
 
     def set_temperature(self, setpoint_degC: float) -> None:
-        """Begin a ramp to `setpoint_degC` from the air's temperature, with its first step.
-
-        Raises as the chamber does; `SetpointOutOfLimits` for the end of the ramp before anything is sent.
-        """
-        limits = self.limits
-        if self.native or not limits.low_degC <= setpoint_degC <= limits.high_degC:
-            self._target = None
-            self._chamber.set_temperature(setpoint_degC)
-            return
+        """Begin a ramp from the air's temperature, with its first step; `SetpointOutOfLimits` before that is sent."""
         self._target = None
-        self._begins_degC = clamped(self._chamber.read().temperature_degC, limits)
-        self._began_s = self._clock.now()
+        if self.native or clamped(setpoint_degC, self.limits) != setpoint_degC:
+            self.chamber.set_temperature(setpoint_degC)
+            return
+        self._begins_degC = clamped(self.chamber.read().temperature_degC, self.limits)
+        self._began_s = self.clock.now()
         self._write(_towards(self._begins_degC, setpoint_degC, _LEAST_STEP_DEGC))
         self._target = setpoint_degC
 
     def safe_state(self) -> SafeState:
         """End the ramp and bring the chamber to its safe state."""
         self._target = None
-        return self._chamber.safe_state()
+        return self.chamber.safe_state()
 
     def close(self) -> None:
         """Release the port; the chamber goes on as it is."""
-        self._chamber.close()
+        self.chamber.close()
 
     def _advance(self, target_degC: float) -> None:
         """Write the next step where it is far enough from the last one, in °C and in time."""
-        now_s = self._clock.now()
+        now_s = self.clock.now()
         if self._step == target_degC or now_s - self._stepped_s < _LEAST_INTERVAL_S:
             return
         # Counted from the ramp's beginning, so that what a write takes is not lost each time.
-        step = _towards(self._begins_degC, target_degC, self._rate_per_s * (now_s - self._began_s))
+        step = _towards(self._begins_degC, target_degC, self.degC_per_min / 60.0 * (now_s - self._began_s))
         if abs(step - self._step) >= _LEAST_STEP_DEGC or step == target_degC:
             self._write(step)
 
     def _write(self, step_degC: float) -> None:
-        self._stepped_s = self._clock.now()
-        self._chamber.set_temperature(step_degC)
+        self._stepped_s = self.clock.now()
+        self.chamber.set_temperature(step_degC)
         self._step = step_degC
 
 

@@ -8,15 +8,16 @@ beyond its present limits.
     >>> target = representable_setpoint(-29.72, ChamberLimits(-35.0, 65.0), resolution_degC=0.1)
     >>> target
     -29.7
-    >>> [write.which for write in writes_in_order(Settings(-75, 85, 105), Settings(-45, target, 80), 0.1)]
+    >>> [which for which, _ in writes_in_order(Settings(-75, 85, 105), Settings(-45, target, 80), 0.1)]
     ['setpoint', 'high', 'low']
 """
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import NamedTuple
 
 from drivers.chambers.chamber import ChamberLimits
+from drivers.chambers.controller import Controller, ControllerState, Which
 from drivers.errors import ProtocolError, SensorFault, SetpointOutOfLimits, WrongDevice
 
 # Nothing that a test chamber can reach lies outside; broken sensors read -3276.8, 850, 999.9 or 9999.
@@ -28,21 +29,12 @@ _ROOM_IN_DEGF = (50.0, 95.0)
 _HIGHEST_CHAMBER_MAXIMUM_DEGC = 250.0
 
 
-@dataclass(frozen=True)
-class Settings:
+class Settings(NamedTuple):
     """The three temperatures a controller holds, °C: native low limit, setpoint, native high limit."""
 
-    low_degC: float
-    setpoint_degC: float
-    high_degC: float
-
-
-@dataclass(frozen=True)
-class SettingWrite:
-    """One of the three is to be written."""
-
-    which: Literal["low", "setpoint", "high"]
-    value_degC: float
+    low: float
+    setpoint: float
+    high: float
 
 
 def representable_setpoint(wanted_degC: float, limits: ChamberLimits, resolution_degC: float) -> float:
@@ -78,18 +70,43 @@ def clamped(temperature_degC: float, limits: ChamberLimits) -> float:
     return min(max(temperature_degC, limits.low_degC), limits.high_degC)
 
 
-def limits_around(native: ChamberLimits, air_degC: float, margin_degC: float) -> ChamberLimits:
-    """Return the native limits to write while the air is at `air_degC`, in tenths.
+@dataclass(frozen=True)
+class NativeLimits:
+    """A controller's own limits, the second safety layer: `margin_degC` beyond the bench's `limits`, in tenths."""
 
-    A limit that the air is still beyond (a chamber found hot, a bench warmer than the room) would raise an alarm at
-    once: it is kept `margin_degC` beyond the air, and tightened with a later setpoint. A broken sensor widens nothing.
-    """
-    if not math.isfinite(air_degC) or not COLDEST_POSSIBLE_DEGC <= air_degC <= HOTTEST_POSSIBLE_DEGC:
-        return native
-    return ChamberLimits(
-        native.low_degC if air_degC >= native.low_degC else round(air_degC - margin_degC, 1),
-        native.high_degC if air_degC <= native.high_degC else round(air_degC + margin_degC, 1),
-    )
+    controller: Controller
+    limits: ChamberLimits
+    margin_degC: float
+
+    @property
+    def _usual(self) -> tuple[float, float]:
+        limits, margin_degC = self.limits, self.margin_degC
+        return round(limits.low_degC - margin_degC, 1), round(limits.high_degC + margin_degC, 1)
+
+    def around(self, setpoint_degC: float, air_degC: float) -> Settings:
+        """Return what to write with a setpoint while the air is at `air_degC`.
+
+        A limit that raises an alarm, and that the air is still beyond (a chamber found hot, a bench warmer than the
+        room), would do so at once: it is kept `margin_degC` beyond the air, and tightened with a later setpoint. A
+        broken sensor widens nothing.
+        """
+        low, high = self._usual
+        if self.controller.limits_alarm and _is_possible(air_degC):
+            low = low if air_degC >= low else round(air_degC - self.margin_degC, 1)
+            high = high if air_degC <= high else round(air_degC + self.margin_degC, 1)
+        return Settings(low, setpoint_degC, high)
+
+    def held(self, state: ControllerState) -> Settings:
+        """Return what the controller holds; a limit that it does not have is as it should be."""
+        low, high = self._usual
+        low, high = low if state.low is None else state.low, high if state.high is None else state.high
+        return Settings(low, state.setpoint, high)
+
+
+def check_ramp_rate(degC_per_min: float) -> None:
+    """Raise `ValueError` for a rate that is not positive."""
+    if not (math.isfinite(degC_per_min) and degC_per_min > 0.0):
+        raise ValueError(f"a ramp rate is a positive number of °C/min, not {degC_per_min:g}")
 
 
 def agrees(read_degC: float, wanted_degC: float, resolution_degC: float) -> bool:
@@ -99,60 +116,49 @@ def agrees(read_degC: float, wanted_degC: float, resolution_degC: float) -> bool
 
 def confirm_settings(read: Settings, wanted: Settings, resolution_degC: float, device: str) -> None:
     """Raise `ProtocolError` naming each of the three that did not come back as it was set."""
+    names: dict[Which, str] = {"setpoint": "setpoint", "low": "low limit", "high": "high limit"}
     wrong = [
         f"{name} {was:g} °C instead of {should:g} °C"
-        for name, was, should in (
-            ("setpoint", read.setpoint_degC, wanted.setpoint_degC),
-            ("low limit", read.low_degC, wanted.low_degC),
-            ("high limit", read.high_degC, wanted.high_degC),
-        )
-        if not agrees(was, should, resolution_degC)
+        for which, name in names.items()
+        if not agrees(was := getattr(read, which), should := getattr(wanted, which), resolution_degC)
     ]
     if wrong:
         raise ProtocolError(f"{device} reads back {', '.join(wrong)}; check that nobody sets it at its panel")
 
 
-def writes_in_order(present: Settings, wanted: Settings, resolution_degC: float) -> list[SettingWrite]:
+def writes_in_order(present: Settings, wanted: Settings, resolution_degC: float) -> list[tuple[Which, float]]:
     """Return the writes that lead from `present` to `wanted`: widen the limits, set the setpoint, tighten the limits.
 
     Between any two of them the setpoint lies within the limits, if it does at both ends. What already agrees is not
     written: memory in controllers wears. Raises `SetpointOutOfLimits` where `wanted` contradicts itself.
     """
-    if not wanted.low_degC <= wanted.setpoint_degC <= wanted.high_degC:
+    if not wanted.low <= wanted.setpoint <= wanted.high:
         raise SetpointOutOfLimits(
-            f"setpoint {wanted.setpoint_degC:g} °C lies outside the chamber's own limits of {wanted.low_degC:g} to "
-            f"{wanted.high_degC:g} °C; nothing was sent"
+            f"setpoint {wanted.setpoint:g} °C lies outside the chamber's own limits of {wanted.low:g} to "
+            f"{wanted.high:g} °C; nothing was sent"
         )
-    high = SettingWrite("high", wanted.high_degC)
-    low = SettingWrite("low", wanted.low_degC)
-    high_changes = not agrees(present.high_degC, wanted.high_degC, resolution_degC)
-    low_changes = not agrees(present.low_degC, wanted.low_degC, resolution_degC)
-    high_widens = high_changes and wanted.high_degC > present.high_degC
-    low_widens = low_changes and wanted.low_degC < present.low_degC
-    writes = [write for write, now in ((high, high_widens), (low, low_widens)) if now]
-    if not agrees(present.setpoint_degC, wanted.setpoint_degC, resolution_degC):
-        writes.append(SettingWrite("setpoint", wanted.setpoint_degC))
-    writes += [
-        write for write, now in ((high, high_changes and not high_widens), (low, low_changes and not low_widens)) if now
+    tightens = {"high": wanted.high <= present.high, "low": wanted.low >= present.low}
+    widened: list[Which] = [which for which in ("high", "low") if not tightens[which]]
+    tightened: list[Which] = [which for which in ("high", "low") if tightens[which]]
+    return [
+        (which, getattr(wanted, which))
+        for which in (*widened, "setpoint", *tightened)
+        if not agrees(getattr(present, which), getattr(wanted, which), resolution_degC)
     ]
-    return writes
 
 
-def plausible_temperature(reading_degC: float, device: str) -> float:
-    """Return the reading; raise `SensorFault` where no working sensor can give it (a broken one often can).
+def _is_possible(degC: float) -> bool:
+    return COLDEST_POSSIBLE_DEGC <= degC <= HOTTEST_POSSIBLE_DEGC
 
-    Whether a reading is frozen or jumps shows only over time: that is for the procedure that watches it.
-    """
-    if not math.isfinite(reading_degC) or not COLDEST_POSSIBLE_DEGC <= reading_degC <= HOTTEST_POSSIBLE_DEGC:
+
+def check_plausible(reading_degC: float, device: str) -> None:
+    """Raise `SensorFault` for a reading that no working sensor can give (a broken one often can)."""
+    if not _is_possible(reading_degC):
         raise SensorFault(f"{device} reads {reading_degC:g} °C, as a broken sensor does; check its temperature sensor")
-    return reading_degC
 
 
 def reads_as_fahrenheit(read: float, confirmed_degC: float, resolution_degC: float) -> bool:
-    """Say whether a setpoint that was confirmed in °C now reads as its own value in °F: the panel was switched.
-
-    Near -40, where the two scales meet, it cannot be told and does not matter yet.
-    """
+    """Say whether a setpoint confirmed in °C now reads as its own value in °F; near -40 that cannot be told."""
     if agrees(read, confirmed_degC, resolution_degC):
         return False
     return agrees(read, confirmed_degC * 1.8 + 32.0, resolution_degC)

@@ -1,7 +1,7 @@
 """The chamber that procedures see, over any `Controller`: what every driver must do, done once.
 
-    chamber = SupervisedChamber(WatlowF4(transport, clock), clock, limits=ChamberLimits(-35.0, 65.0),
-                                safe=SafeState("hold", 25.0))
+    asks = Supervision(ChamberLimits(-35.0, 65.0), SafeState("hold", 25.0))
+    chamber = SupervisedChamber(Espec(transport, clock), clock, asks)
     chamber.prepare()
     chamber.set_temperature(-29.72)       # -29.7 on the wire, read back and compared
 
@@ -13,16 +13,18 @@ cannot be true are a `SensorFault`. The safe state is confirmed by reading it.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final
 
 from drivers.chambers.chamber import ChamberIdentity, ChamberLimits, ChamberReading, SafeState
 from drivers.chambers.controller import Controller, ControllerState, Which
 from drivers.chambers.dead_man import DeadMan
-from drivers.chambers.native_limits import NativeLimits
 from drivers.chambers.reading_watch import ReadingWatch
 from drivers.chambers.setpoints import (
+    NativeLimits,
     agrees,
+    check_ramp_rate,
     clamped,
     confirm_settings,
     reads_as_fahrenheit,
@@ -48,47 +50,45 @@ _SAFE_STATE_S = 90.0  # after which the safe state is not tried anew: whoever ca
 _MODE_CHANGE_S = 1.0  # between two looks at a mode that has not changed yet
 
 
-class SupervisedChamber:
-    """A `Chamber` over a controller.
+@dataclass(frozen=True)
+class Supervision:
+    """What a bench file asks of its chamber, whatever that speaks.
 
     `limits` bound what is ever sent as a setpoint; native limits are set `native_margin_degC` beyond them. The model
     that answers must begin with `expected_model` (case does not matter; None for any). `celsius_confirmed` says that a
     person has seen °C on the panel, for controllers that cannot tell their unit. `dead_man_s` arms the controller's own
     timer with `prepare`, which stops the chamber when it has been left alone for so long; readings and settings renew
-    it until the safe state is asked for.
+    it until the safe state is asked for. The controller need not have one unless `dead_man_asked`.
+    """
+
+    limits: ChamberLimits
+    safe: SafeState
+    expected_model: str | None = None
+    native_margin_degC: float = 5.0
+    celsius_confirmed: bool = False
+    dead_man_s: float | None = None
+    dead_man_asked: bool = True
+
+
+class SupervisedChamber:
+    """A `Chamber` over a controller. `wear` counts how often setpoint and native limits are written.
 
     Raises `SetpointOutOfLimits` at once where the safe state would hold a temperature outside the limits, and
     `ValueError` where it would stop a controller that cannot be stopped over the line.
     """
 
-    def __init__(
-        self,
-        controller: Controller,
-        clock: Clock,
-        *,
-        limits: ChamberLimits,
-        safe: SafeState,
-        expected_model: str | None = None,
-        native_margin_degC: float = 5.0,
-        celsius_confirmed: bool = False,
-        dead_man_s: float | None = None,
-        dead_man_asked: bool = True,
-    ) -> None:
-        if safe.temperature_degC is not None:
-            representable_setpoint(safe.temperature_degC, limits, controller.resolution_degC)
+    def __init__(self, controller: Controller, clock: Clock, asks: Supervision) -> None:
+        self._controller, self._clock, self._asks = controller, clock, asks
+        self.limits: Final = asks.limits
+        if asks.safe.temperature_degC is not None:
+            self._representable(asks.safe.temperature_degC)
         elif not controller.can_stop:
             raise ValueError("this controller cannot be stopped over the line; give a safe state that holds")
-        self._controller = controller
-        self._clock = clock
-        self._dead_man = DeadMan(controller, clock, dead_man_s, asked=dead_man_asked)
-        self.limits: Final = limits
-        self._native = NativeLimits(controller, limits, native_margin_degC)
-        self._safe = safe
-        self._expected_model = expected_model
-        self._celsius_confirmed = celsius_confirmed
+        self._dead_man = DeadMan(controller, clock, asks.dead_man_s, asks.dead_man_asked)
+        self._native = NativeLimits(controller, asks.limits, asks.native_margin_degC)
         self._device = controller.device
         self._watch = ReadingWatch(self._device)
-        self._wear = WriteWear(clock)
+        self.wear = WriteWear(clock)
         self._latched: tuple[str, ...] = ()
         self._confirmed: float | None = None  # the setpoint last read back
         self._give_up_s = math.inf
@@ -96,14 +96,9 @@ class SupervisedChamber:
         self._identity: ChamberIdentity | None = None
 
     @property
-    def writes(self) -> Mapping[str, int]:
-        """How often setpoint and native limits were written since this chamber was made."""
-        return self._wear.writes
-
-    @property
     def wear_warning(self) -> str | None:
         """Say so where the controller's memory would be worn out within a year at this rate."""
-        return self._wear.warning()
+        return self.wear.warning()
 
     def identify(self) -> ChamberIdentity:
         """Ask model and unit; raise `WrongDevice` for another model, for °F, and for a suspicious unit."""
@@ -113,11 +108,11 @@ class SupervisedChamber:
             found = self._controller.identify()  # on a line without checksums the name may have been damaged
         if not self._is_expected(found.model):
             raise WrongDevice(
-                f"{self._device} says it is {found.model!r}, the bench file expects {self._expected_model!r}; "
+                f"{self._device} says it is {found.model!r}, the bench file expects {self._asks.expected_model!r}; "
                 "check the cable and the port, or correct the bench file"
             )
         self._refuse_unit(found.unit)
-        if found.unit is None and not self._celsius_confirmed:
+        if found.unit is None and not self._asks.celsius_confirmed:
             state = self._controller.state()
             idle = state.mode in ("OFF", "STANDBY")
             refuse_fahrenheit(state.temperature, idle=idle, chamber_maximum=found.maximum, device=self._device)
@@ -145,7 +140,7 @@ class SupervisedChamber:
         keeps = state.mode == "CONSTANT" and self.limits.low_degC <= state.setpoint <= self.limits.high_degC
         start = state.setpoint if keeps else clamped(state.temperature, self.limits)
         self._dead_man.arm()
-        self._settle_on(representable_setpoint(start, self.limits, self._controller.resolution_degC))
+        self._settle_on(self._representable(start))
         if state.mode != "CONSTANT":
             self._controller.start()
         self._confirm_mode("CONSTANT", looks=_ATTEMPTS)
@@ -176,7 +171,7 @@ class SupervisedChamber:
         `CommandRefused` where the controller refuses or does not condition to its setpoint (stopped at its panel,
         power lost, a program running): then `prepare` must come first.
         """
-        wanted = representable_setpoint(setpoint_degC, self.limits, self._controller.resolution_degC)
+        wanted = self._representable(setpoint_degC)
         self._require_identity()
         self._begin()
         self._dead_man.renew()
@@ -189,8 +184,7 @@ class SupervisedChamber:
 
     def set_ramp_rate(self, degC_per_min: float) -> bool:
         """Let the controller bound its ramp; return False where it cannot and the host must step the setpoint."""
-        if not (math.isfinite(degC_per_min) and degC_per_min > 0.0):
-            raise ValueError(f"a ramp rate is a positive number of °C/min, not {degC_per_min:g}")
+        check_ramp_rate(degC_per_min)
         self._require_identity()
         return self._controller.set_ramp_rate(degC_per_min)
 
@@ -209,12 +203,12 @@ class SupervisedChamber:
             attempt += 1
             try:
                 self._reach_safe_state()
-                return self._safe
+                return self._asks.safe
             except DeviceError as error:
                 if attempt == _ATTEMPTS or self._clock.now() >= give_up_s:
-                    tried = "1 attempt" if attempt == 1 else f"{attempt} attempts"
+                    tried = f"{attempt} attempt{'s' * (attempt > 1)}"
                     raise type(error)(
-                        f"the safe state ({self._safe.words}) could not be confirmed in {tried}; go to "
+                        f"the safe state ({self._asks.safe.words}) could not be confirmed in {tried}; go to "
                         f"the chamber and stop it at its panel: {error}"
                     ) from error
                 self._clock.sleep(_MODE_CHANGE_S)
@@ -271,7 +265,7 @@ class SupervisedChamber:
         self._latched += tuple(alarm for alarm in alarms if alarm not in self._latched)
 
     def _is_expected(self, model: str) -> bool:
-        return self._expected_model is None or model.upper().startswith(self._expected_model.upper())
+        return model.upper().startswith((self._asks.expected_model or "").upper())
 
     def _require_identity(self) -> None:
         if self._identity is None:
@@ -280,9 +274,9 @@ class SupervisedChamber:
     def _settle_on(self, setpoint_degC: float, *, looks: int = _ATTEMPTS) -> ControllerState:
         """Write setpoint and native limits in the order that the controller accepts, read back, return the state."""
         present = self._state()
-        wanted = self._native.around(setpoint_degC, present)
+        wanted = self._native.around(setpoint_degC, present.temperature)
         for write in writes_in_order(self._native.held(present), wanted, self._controller.resolution_degC):
-            self._write(write.which, write.value_degC)
+            self._write(*write)
         for look in range(1, looks + 1):
             state = self._state()
             try:
@@ -298,7 +292,7 @@ class SupervisedChamber:
     def _write(self, which: Which, value_degC: float) -> None:
         if which == "setpoint":
             self._confirmed = None
-        self._wear.note(which if which == "setpoint" else f"{which} limit")
+        self.wear.writes[which if which == "setpoint" else f"{which} limit"] += 1
         self._controller.write(which, value_degC)
 
     def _confirm_mode(self, *modes: str, looks: int) -> None:
@@ -333,15 +327,15 @@ class SupervisedChamber:
     def _safe_actions(self, state: ControllerState | None, *, silent: bool) -> list[Callable[[], None]]:
         """Return what leads from `state` (None: it could not be read) to the safe state."""
         controller = self._controller
-        if state is not None and self._unit_of(state) == "degF" and self._safe.action == "hold":
+        if state is not None and self._unit_of(state) == "degF" and self._asks.safe.action == "hold":
             # A number means something else now. Nothing is held: what can be stopped is stopped, and somebody told.
             return [lambda: controller.stop(off=False)] if controller.can_stop else []
         actions: list[Callable[[], None]] = []
         mode = None if state is None else state.mode
         if mode is None or mode == "RUN" or not controller.sees_programs:
             actions.append(controller.end_program)
-        if self._safe.action != "hold":
-            return [*actions, lambda: controller.stop(off=self._safe.action == "off")]
+        if self._asks.safe.action != "hold":
+            return [*actions, lambda: controller.stop(off=self._asks.safe.action == "off")]
         actions.append(lambda: self._set_safe_temperature(silent=silent))
         if mode != "CONSTANT":
             actions.append(controller.start)
@@ -361,19 +355,22 @@ class SupervisedChamber:
         self._write("setpoint", setpoint)
 
     def _safe_setpoint(self) -> float:
-        if self._safe.temperature_degC is None:
+        if self._asks.safe.temperature_degC is None:
             raise ValueError("this safe state holds no temperature")
-        return representable_setpoint(self._safe.temperature_degC, self.limits, self._controller.resolution_degC)
+        return self._representable(self._asks.safe.temperature_degC)
+
+    def _representable(self, setpoint_degC: float) -> float:
+        return representable_setpoint(setpoint_degC, self.limits, self._controller.resolution_degC)
 
     def _unsafe(self, *, looks: int) -> DeviceError | None:
         """Return why the chamber is not in its safe state, or None where it is."""
         try:
-            if self._safe.action == "hold":
+            if self._asks.safe.action == "hold":
                 setpoint = self._state().setpoint
                 if not agrees(setpoint, self._safe_setpoint(), self._controller.resolution_degC):
                     return ProtocolError(f"{self._device} has setpoint {setpoint:g} °C")
                 self._confirm_mode("CONSTANT", looks=looks)
-            elif self._safe.action == "standby":
+            elif self._asks.safe.action == "standby":
                 self._confirm_mode("STANDBY", "OFF", looks=looks)
             else:
                 self._confirm_mode("OFF", looks=looks)

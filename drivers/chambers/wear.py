@@ -14,27 +14,17 @@ _WORTH_SAYING_NIGHTS = 365.0
 
 
 class WriteWear:
-    """Counts what is written, by name, from the moment it is made."""
+    """Counts `writes` by the name of what is written, from the moment it is made."""
 
     def __init__(self, clock: Clock) -> None:
-        self._clock = clock
-        self._began_s = clock.now()
-        self._writes: Counter[str] = Counter()
-
-    def note(self, what: str) -> None:
-        """Count one write of `what`."""
-        self._writes[what] += 1
-
-    @property
-    def writes(self) -> dict[str, int]:
-        """How often each was written."""
-        return dict(self._writes)
+        self._clock, self._began_s = clock, clock.now()
+        self.writes: Counter[str] = Counter()
 
     def warning(self) -> str | None:
         """Say in how many nights the most written memory is worn out, None where that is further off than a year."""
-        if not self._writes:
+        if not self.writes:
             return None
-        what, count = self._writes.most_common(1)[0]
+        what, count = self.writes.most_common(1)[0]
         nights_so_far = max((self._clock.now() - self._began_s) / _NIGHT_S, 1.0)
         nights = ENDURANCE_WRITES / (count / nights_so_far)
         if nights >= _WORTH_SAYING_NIGHTS:

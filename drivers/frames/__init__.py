@@ -2,7 +2,7 @@
 
     >>> from drivers.frames.decoder import StreamDecoder
     >>> from drivers.frames.description import load_description
-    >>> from drivers.frames.encoder import encode
+    >>> from drivers.frames.layout import encode
     >>> description = load_description("configs/imus/mfs.yaml")
     >>> data = encode(description, "sample", {"rate_A1": [22.08, 22.09], "counter": [0, 1]})
     >>> decoded = StreamDecoder(description).feed(data, arrival_s=0.0)

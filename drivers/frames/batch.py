@@ -105,10 +105,7 @@ class VariedBatch(FrameBatch):
         return gathered
 
     def wire(self, field: str) -> NDArray[Any]:
-        """Return a numeric field as it stood on the wire, shape (n,); 0 in frames that do not have it.
-
-        Raises `KeyError` where none has.
-        """
+        """Return a field as on the wire, shape (n,); 0 where a frame does not have it, `KeyError` where none has."""
         wires = [part.wire(field) if field in part.layout.numeric else None for part in self._parts]
         known = [wire for wire in wires if wire is not None]
         if not known:
@@ -159,10 +156,7 @@ class Decoded:
 
 
 def join(groups: Sequence[tuple[FrameLayout, Rows, IntArray]]) -> FrameBatch:
-    """Return the frames of `groups` as one batch in the order of arrival, numbered from 0.
-
-    A group has a layout, the frames' bytes (n, length), and their places (n,).
-    """
+    """Return groups of frames, bytes (n, length) and places (n,), as one batch in order of arrival, numbered from 0."""
     merged: dict[int, tuple[FrameLayout, list[Rows], list[IntArray]]] = {}
     for layout, rows, starts in groups:
         _, all_rows, all_starts = merged.setdefault(id(layout), (layout, [], []))

@@ -81,10 +81,7 @@ class CrcParameters(Described):
 
 
 class CrcKind(_Checksum, CrcParameters):
-    """A cyclic redundancy check.
-
-    `pad_to: 4` computes it as if zeros followed the covered bytes up to the next multiple of 4; they are not sent.
-    """
+    """A cyclic redundancy check, as if zeros that are not sent came up to the next multiple of `pad_to` bytes."""
 
     kind: Literal["crc"]
     pad_to: int = Field(default=1, ge=1, le=64)

@@ -31,10 +31,7 @@ def _xor(rows: Rows) -> NDArray[Any]:
 
 
 class FrameChecksum:
-    """The checksum of frames of one type and length: what it covers, where it stands, and how it is computed.
-
-    `body_end` is where the delimiter begins, if there is one.
-    """
+    """The checksum of frames of one type and length, whose delimiter, if there is one, begins at `body_end`."""
 
     def __init__(self, kind: ChecksumDescription, body_end: int) -> None:
         self._at = kind.position(body_end)

@@ -7,10 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class StreamCounts:
-    """What happened to the bytes. Counts add: `before + after` is the sum over both intervals.
-
-    `overflow_bytes` arrived while nobody read for so long that they could not be kept.
-    """
+    """What happened to the bytes; counts add. `overflow_bytes` could not be kept while nobody read."""
 
     ok: int = 0
     bad_checksum: int = 0

@@ -11,10 +11,8 @@ from drivers.frames.description import StreamDescription
 from drivers.frames.families import families_of
 from drivers.frames.joining import SampleJoiner
 from drivers.frames.layout import FrameLayout
-from drivers.frames.packet_scan import PacketScanner
 from drivers.frames.packets import LONGEST
-from drivers.frames.scan import Scanner
-from drivers.frames.scan_result import Group, Scan, Standing
+from drivers.frames.scan import Group, PacketScanner, Scan, Scanner, Standing
 from drivers.frames.sequence import FrameSequence
 
 _FEW = 4096  # bytes below which looking at frames one by one is faster
@@ -69,10 +67,7 @@ class StreamDecoder:
         return self._decode(data, give_up=False)
 
     def finish(self) -> Decoded:
-        """Return what can still be had at the end of a file: nothing more will arrive.
-
-        What the end cuts off is skipped; it has not timed out, for nobody waited for it.
-        """
+        """Return what can still be had at the end of a file: what it cuts off is skipped, and has not timed out."""
         decoded = self._decode(b"", give_up=True)
         return Decoded(decoded.frames, replace(decoded.counts, timed_out=0))
 

@@ -32,15 +32,22 @@ from pydantic import Discriminator, Field, Tag, ValidationError, field_validator
 
 from drivers.errors import InputError
 from drivers.frames.checksum_kinds import ChecksumDescription, NoChecksum
-from drivers.frames.fields import TOKENS, FieldDescription, Fields, check_places, check_turns, field_offsets
+from drivers.frames.fields import (
+    LONGEST,
+    TOKENS,
+    FieldDescription,
+    Fields,
+    LengthDescription,
+    check_places,
+    check_turns,
+    field_offsets,
+)
 from drivers.frames.items import ItemsDescription
-from drivers.frames.lengths import LONGEST, LengthDescription
 from drivers.frames.notation import ByteOrder, Described, Factor, Header, HexBytes, HexHeader, Name
 from drivers.frames.packets import PacketDescription
 from drivers.frames.parameters import ParameterDescription, put_in, values_of
-from drivers.frames.roles import Roles, check_roles
+from drivers.frames.roles import CounterDescription, Roles, StatusBit, TimeDescription, check_roles
 from drivers.frames.text_frames import TextDescription
-from drivers.frames.told import CounterDescription, StatusBit, TimeDescription
 from drivers.given_file import read_text
 from drivers.strict_yaml import first_mistake, parse_yaml
 
@@ -375,8 +382,5 @@ def load_description(
     parameters: Mapping[str, object] | None = None,
     sample_rate_hz: float | None = None,
 ) -> StreamDescription:
-    """Read the description in the file `path`; raise `InputError` where it cannot be used.
-
-    `parameters` and `sample_rate_hz` are those of `parse_description`.
-    """
+    """Read the description in a file as `parse_description` does; raise `InputError` where it cannot be used."""
     return parse_description(read_text(path), str(path), parameters=parameters, sample_rate_hz=sample_rate_hz)

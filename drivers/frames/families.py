@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.frames.description import StreamDescription
+from drivers.frames.fields import LengthDescription
 from drivers.frames.items import Item, ItemsDescription
 from drivers.frames.layout import FrameLayout, TextLayout
-from drivers.frames.lengths import LengthDescription
 from drivers.frames.text_frames import TextDescription
 from drivers.frames.wire import Rows
 
@@ -24,10 +24,7 @@ class Flaw(IntEnum):
 
 
 class FrameFamily:
-    """One frame type, whose length is fixed or stands in the frame.
-
-    `delimiter` is what follows each frame beyond what the description counts.
-    """
+    """One frame type, whose length is fixed or stands in the frame; `delimiter` follows each frame besides."""
 
     def __init__(self, description: StreamDescription, name: str, delimiter: bytes = b"") -> None:
         self.name = name

@@ -16,7 +16,7 @@ import numpy as np
 from drivers.frames.batch import FrameBatch, VariedBatch, join
 from drivers.frames.description import StreamDescription
 from drivers.frames.layout import FrameLayout
-from drivers.frames.scan_result import Group
+from drivers.frames.scan import Group
 from drivers.frames.sequence import FrameSequence
 
 

@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from drivers.frames.checksums import FrameChecksum
 from drivers.frames.description import StreamDescription
-from drivers.frames.fields import FIXED_POINT, FieldDescription
-from drivers.frames.lengths import LengthDescription
+from drivers.frames.fields import FIXED_POINT, FieldDescription, LengthDescription
 from drivers.frames.notation import ByteOrder
 from drivers.frames.text_frames import LINE_END, numbers
 from drivers.frames.wire import Rows, native_type, read_column, sign_extended, write_column
@@ -163,10 +162,7 @@ class FrameLayout:
         return [cell.split(b"\0")[0].decode("ascii", "replace").replace("�", "?").strip() for cell in cells]
 
     def _whole_numbers(self, *names: str) -> tuple[Sequence[str], Sequence[str], FloatArray]:
-        """Return which are native integers that a float holds exactly, the others, and of those what is to be known.
-
-        Offset, factor, least and most are (4, k, 1).
-        """
+        """Return native integers that a float holds, others, and of those offset, factor, least, most: (4, k, 1)."""
         native = {name: self.numeric[name] for name in names if name in self.numeric and name not in self.assembled}
         known = {name: field for name, field in native.items() if field.type[0] in "ui" and field.bits <= 32}
         told = [(field.offset, self.factor(name), *_range(field)) for name, field in known.items()]
@@ -275,3 +271,32 @@ class TextLayout(FrameLayout):
         if self.fields[field].type == "word":
             return [cells[field].decode("ascii") for cells in self._cells(rows)]
         return [bytes(row).removesuffix(self.delimiter).rstrip(LINE_END).decode("ascii", "replace") for row in rows]
+
+
+def encode_rows(layout: FrameLayout, columns: Mapping[str, ArrayLike | str], n: int) -> Rows:
+    """Return n frames, shape (n, length), with their checksums.
+
+    `columns` holds numeric fields in their units, shape (n,) or one value for all frames, and text fields as text.
+    Fields that are not given are 0. Raise `KeyError` for a field that the frame does not have, `ValueError` for a type
+    of varying length, of items, parts or text, or in packets: what such a frame holds is not told by its description.
+    """
+    fixed = isinstance(layout.description.length, int) and layout.description.items is None
+    if not fixed or layout.in_packets:
+        raise ValueError(
+            f"frames.{layout.name}: frames of varying length, items, parts or text, or in packets, can be read, "
+            "not made; simulate a unit whose frames have a fixed length, such as mfs"
+        )
+    rows = layout.blank(n)
+    layout.store_together(rows, {name: each for name, each in columns.items() if not isinstance(each, str)})
+    for field, values in columns.items():
+        if isinstance(values, str):
+            layout.store_text(rows, field, values)
+    layout.checksum.write(rows)
+    return rows
+
+
+def encode(description: StreamDescription, frame: str, columns: Mapping[str, ArrayLike | str]) -> bytes:
+    """Return the bytes of frames with these columns (see `encode_rows`), as many as the longest column has values."""
+    sizes = {np.size(values) for values in columns.values() if not isinstance(values, str)} | {1}
+    n = 0 if 0 in sizes else max(sizes)
+    return encode_rows(FrameLayout(description, frame), columns, n).tobytes()

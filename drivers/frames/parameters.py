@@ -21,8 +21,7 @@ from typing import Any
 
 from pydantic import model_validator
 
-from drivers.frames.notation import Described, Name
-from drivers.frames.scale_factor import parse_factor
+from drivers.frames.notation import Described, Name, parse_factor
 
 ParameterValue = str | int | float | bool | None
 _USE = re.compile(r"\$\{(\w*)\}")

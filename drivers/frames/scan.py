@@ -11,25 +11,82 @@ for confirmation, a frame that does not follow a good one directly is believed o
 its counter goes on from the last good frame of its type; where neither is there yet, the reader waits.
 """
 
+from __future__ import annotations
+
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from drivers.frames.families import Flaw, FrameFamily
-from drivers.frames.layout import FrameLayout
+from drivers.frames.layout import FrameLayout, IntArray
 from drivers.frames.notation import Header
-from drivers.frames.scan_result import Found, Group, Scan, Standing, grouped
+from drivers.frames.packets import LONGEST, PacketDescription
+from drivers.frames.wire import Rows
+
+Group = tuple[FrameLayout, Rows, IntArray]  # frames of one form: their layout, bytes and places
+Found = dict[int, tuple[FrameLayout, list[bytes], list[int]]]  # the same, one by one
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Where the reader stands: right behind a good frame or not, and how far the last failed candidate reaches."""
+
+    in_step: bool = True
+    claimed: int = 0
+
+    def moved(self, by: int) -> Standing:
+        """Return the same place, seen from `by` bytes further on."""
+        return Standing(self.in_step, max(0, self.claimed - by))
+
+
+@dataclass
+class Scan:
+    """What was found in a piece. Positions count from the piece's first byte.
+
+    `stop` is the first byte that is not decided yet; `waits` says that something may begin there whose end, expected at
+    `waiting_end`, is beyond the piece (otherwise what follows `stop`, if anything, has not been looked at). `found`
+    holds, per frame type, the good frames: bytes (n, length) and places (n,) of each form. `standing` is that of the
+    reader at `stop`. `stuffing` counts bytes around or within good frames that are no part of them. `delimited` says
+    that an optional delimiter follows there that was not expected.
+    """
+
+    stop: int
+    standing: Standing
+    found: list[list[Group]]
+    waits: bool = False
+    waiting_end: int = 0
+    delimited: bool = False
+    bad_checksum: int = 0
+    bad_delimiter: int = 0
+    unknown_id: int = 0
+    stuffing: int = 0
+    resyncs: int = 0
+
+    @property
+    def frames(self) -> int:
+        """How many good frames were found."""
+        return sum(len(starts) for groups in self.found for _, _, starts in groups)
+
+
+def grouped(found: Iterable[Found]) -> list[list[Group]]:
+    """Return frames that were found one by one as groups: bytes (n, length) and places (n,) of each form."""
+    return [
+        [
+            (layout, np.frombuffer(b"".join(frames), np.uint8).reshape(len(frames), -1), np.array(starts, np.int64))
+            for layout, frames, starts in forms.values()
+        ]
+        for forms in found
+    ]
+
 
 _GOES_ON = 8  # frames that may be missing before one that its counter confirms
 _TELLING = 64  # frames after which a counter comes round, at least, for it to confirm anything
 
 
 class Scanner:
-    """Looks for the frames of one stream, given its sync and its frame types.
-
-    `watch` is an optional delimiter that the unit did not send so far: where it follows a good frame, a scan ends.
-    """
+    """Looks for the frames of one stream. Where the optional delimiter to `watch` for follows one, a scan ends."""
 
     def __init__(self, sync: bytes, families: Sequence[FrameFamily], watch: bytes = b"") -> None:
         self._sync = sync
@@ -154,10 +211,7 @@ class Scanner:
         return result
 
     def scan_clean(self, data: bytes, standing: Standing) -> Scan | None:
-        """Take the frames of one form that follow one another without a flaw from the first byte on, all at once.
-
-        None where not even the first of them is there.
-        """
+        """Take at once frames of one form that follow one another without a flaw from the first byte on, or None."""
         which = self._which(self._known.match(data))
         if which is None:
             return None
@@ -182,3 +236,48 @@ class Scanner:
         group = (form, rows[:n], np.arange(n, dtype=np.int64) * length)
         found: list[list[Group]] = [[group] if other is family else [] for other in self._families]
         return Scan(n * length, Standing(), found, resyncs=int(not standing.in_step))
+
+
+class PacketScanner:
+    """Looks for the frames of one stream of packets."""
+
+    def __init__(self, sync: bytes, families: Sequence[FrameFamily], packets: PacketDescription) -> None:
+        headers = [(header, index) for index, family in enumerate(families) for header in family.headers]
+        headers.sort(key=lambda each: -len(each[0]))
+        self._known = re.compile(b"|".join(b"(" + header.pattern + b")" for header, _ in headers), re.DOTALL)
+        self._of_group = [index for _, index in headers]
+        self._sync, self._families, self._packets = sync, families, packets
+
+    def scan(self, data: bytes, standing: Standing, *, last: bool) -> Scan:
+        """Scan the packets that end in `data`; what follows them waits for its end, unless it is too long for one."""
+        found: list[Found] = [{} for _ in self._families]
+        result, in_step = Scan(0, standing, []), standing.in_step
+        for start, result.stop, content in self._packets.split(data):
+            if content == b"":
+                result.stuffing += result.stop - start
+                continue
+            match = None if content is None else self._known.match(content)
+            if content is None or match is None or match.lastindex is None:
+                unknown = content is not None and self._sync and content.startswith(self._sync)
+                result.unknown_id += bool(unknown)
+                result.bad_checksum += not unknown
+                in_step = False
+                continue
+            index = self._of_group[match.lastindex - 1]
+            family = self._families[index]
+            form = family.form(content) if family.length_of(content, 0) == len(content) else Flaw.CHECKSUM
+            if isinstance(form, Flaw):
+                result.bad_checksum += form is Flaw.CHECKSUM
+                result.bad_delimiter += form is Flaw.DELIMITER
+            else:
+                _, frames, starts = found[index].setdefault(id(form), (form, [], []))
+                frames.append(content)
+                starts.append(start)
+                result.stuffing += result.stop - start - len(content)
+                result.resyncs += not in_step
+            in_step = not isinstance(form, Flaw)
+        if last or len(data) - result.stop > 2 * LONGEST:
+            result.stop, in_step = len(data), in_step and result.stop == len(data)
+        result.waits, result.waiting_end = result.stop < len(data), len(data)
+        result.standing, result.found = Standing(in_step), grouped(found)
+        return result

@@ -79,10 +79,7 @@ class TextDescription(Described):
         return self
 
     def length_of(self, data: bytes, start: int, header_size: int, delimiter: bytes) -> int | None:
-        """Return the length of the line at `start`: 0 where it is none, None where its end is not there.
-
-        Without a `delimiter`, it ends with LF or CR LF.
-        """
+        """Return the length of the line at `start`: 0 where it is none, None where its end is not there."""
         match = _PRINTABLE.match(data, start + header_size)
         end = start if match is None else match.end()
         for ending in [delimiter] if delimiter else [b"\n", b"\r\n"]:

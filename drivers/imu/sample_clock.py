@@ -21,10 +21,7 @@ _SILENCE_S = 1.0  # without a counter, frames so late mean that others were lost
 
 
 class SampleClock:
-    """Places the frames of one stream of `rate_hz` in time.
-
-    `turn_frames` is the number of frames in which the counter comes round, None where there is no counter.
-    """
+    """Places frames of one stream in time; `turn_frames` is when the counter comes round, None where there is none."""
 
     def __init__(self, rate_hz: float, turn_frames: int | None) -> None:
         self._period_s = 1.0 / rate_hz

@@ -134,10 +134,7 @@ class StreamImu:
         raise DeviceTimeout(self._no_identity(arrived, counts))
 
     def command_index(self, code: int) -> None:
-        """Send the command to index to the position with number `code`; the stream's status tells what becomes of it.
-
-        Raise `ProtocolError` where the description gives no such command.
-        """
+        """Send the command to index to a position; `ProtocolError` where the description gives no such command."""
         commands = self._description.commands
         if commands is None or commands.index is None or self._roles.index is None:
             raise ProtocolError(f"{self.port}: {self._description.name} has no index command; use an operator")

@@ -13,10 +13,7 @@ _POLL_S = 0.1
 
 
 class BorrowedPositioner:
-    """A `drivers.positioners.positioner.Positioner`: `move` is told an angle of `degrees`, `angle` says where it is.
-
-    `stop` is called where it does not get there in time.
-    """
+    """A `Positioner`: `move` is told an angle, `angle` says where it is, `stop` is called where it is late."""
 
     def __init__(
         self,

@@ -57,10 +57,7 @@ class IndexingPositioner:
             self.clock.sleep(wait_s)
 
     def moving(self, position: str, timeout_s: float) -> Iterator[float]:
-        """Do as `move_to`, and yield how many seconds to wait each time: other units move meanwhile.
-
-        Raises `CommandRefused` and `DeviceTimeout` as that does.
-        """
+        """Do as `move_to` (`CommandRefused`, `DeviceTimeout`), and yield how many seconds to wait each time."""
         if position not in self.positions:
             known = ", ".join(self.positions)
             raise CommandRefused(f"{self.imu.port}: there is no position {position!r}; the bench file gives {known}")

@@ -28,10 +28,7 @@ class BesideOthers(Protocol):
 def move_all(
     positioners: Mapping[str, Positioner], clock: Clock, position: str, timeout_s: float
 ) -> Mapping[str, DeviceError]:
-    """Bring every unit to `position`, at once where that can be; return what failed, by the unit's name.
-
-    Units that one fixture turns have one positioner, which is told once.
-    """
+    """Bring every unit to `position` at once; return what failed, by unit. What turns several is told once."""
     turned: dict[int, list[str]] = {}
     for name, each in positioners.items():
         turned.setdefault(id(each), []).append(name)

@@ -7,10 +7,7 @@ from typing import Protocol
 
 
 class SimulatedDevice(Protocol):
-    """A device at the far end of a transport: in memory, on a pty, or on a TCP port.
-
-    It is lazy: nothing runs between calls. `now_s` is the caller's clock and never goes backwards.
-    """
+    """The far end of a transport: lazy, nothing runs between calls. `now_s` is the caller's clock, never going back."""
 
     def receive(self, data: bytes, now_s: float) -> None:
         """Take bytes that the host sent at `now_s`."""

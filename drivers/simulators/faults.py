@@ -1,7 +1,6 @@
 """What a simulated unit can be told to do wrong, and when."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -43,33 +42,19 @@ class FaultWindow:
     probability: float = 1.0
 
 
-class FaultPlan:
+class FaultPlan(list[FaultWindow]):
     """The faults of one device."""
-
-    def __init__(self, windows: Sequence[FaultWindow]) -> None:
-        self._windows = list(windows)
-
-    def __bool__(self) -> bool:
-        return bool(self._windows)
-
-    def add(self, window: FaultWindow) -> None:
-        """Let one more thing go wrong."""
-        self._windows.append(window)
 
     def active(self, fault: ImuFault, now_s: float) -> bool:
         """Tell whether `fault` is on at `now_s`."""
         return bool(self.during(fault, np.array([now_s]))[0])
 
-    def during(self, fault: ImuFault, times_s: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Tell for each time whether `fault` is on, shape (n,)."""
-        return self.strikes(fault, times_s)
-
-    def strikes(
+    def during(
         self, fault: ImuFault, times_s: NDArray[np.float64], rng: np.random.Generator | None = None
     ) -> NDArray[np.bool_]:
-        """Draw for each time whether `fault` happens to the frame sent then, shape (n,); to all without `rng`."""
+        """Tell for each time whether `fault` is on, shape (n,); with `rng`, whether it strikes the frame sent then."""
         struck = np.zeros(len(times_s), np.bool_)
-        for window in self._windows:
+        for window in self:
             if window.fault == fault:
                 on = (times_s >= window.begins_s) & (times_s < window.ends_s)
                 struck |= on if rng is None else on & (rng.random(len(times_s)) < window.probability)

@@ -23,10 +23,7 @@ class MemoryTransport(Transport):
         self._pulled: list[tuple[float, float]] = []  # when the cable will be pulled, and put back
 
     def unplug_between(self, begins_s: float, ends_s: float) -> None:
-        """Pull the cable at `begins_s` by the clock, and put it back at `ends_s`.
-
-        Every call fails meanwhile, and what the device sends is lost.
-        """
+        """Pull the cable from `begins_s` to `ends_s`: every call fails, and what the device sends is lost."""
         self._pulled.append((begins_s, ends_s))
 
     def write(self, data: bytes) -> None:

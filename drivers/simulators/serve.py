@@ -13,6 +13,7 @@ import socket
 import threading
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Self
 
 from drivers.clock import Clock
@@ -99,16 +100,14 @@ class _TcpLine:
             client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._drop_client()
             self._client = client
-        if self._client is not None:
-            try:
-                received = self._client.recv(_READ_SIZE)
-            except BlockingIOError:
-                return b""
-            except OSError:
-                received = b""
-            if received:
+        try:
+            if self._client is not None and (received := self._client.recv(_READ_SIZE)):
                 return received
-            self._drop_client()
+        except BlockingIOError:
+            return b""
+        except OSError:
+            pass  # the client is gone
+        self._drop_client()
         return b""
 
     def send(self, data: bytes) -> None:
@@ -125,15 +124,16 @@ class _TcpLine:
 
     def _drop_client(self) -> None:
         self._waiting.clear()
-        client, self._client = self._client, None
-        if client is not None:
-            client.close()
+        if self._client is not None:
+            self._client.close()
+        self._client = None
 
     def close(self) -> None:
         self._drop_client()
         self._listener.close()
 
 
+@dataclass(eq=False)
 class DeviceServer:
     """Serves devices by name: on a pseudo-terminal each, or on the TCP port that `tcp_ports` gives (0: any free one).
 
@@ -141,26 +141,23 @@ class DeviceServer:
     a device ends the loop and is raised again by `stop`.
     """
 
-    def __init__(
-        self,
-        devices: Mapping[str, SimulatedDevice],
-        clock: Clock,
-        *,
-        tcp_ports: Mapping[str, int] | None = None,
-        host: str = "127.0.0.1",
-    ) -> None:
-        self._devices = dict(devices)
-        self._clock = clock
+    devices: Mapping[str, SimulatedDevice]
+    clock: Clock
+    _: KW_ONLY
+    tcp_ports: Mapping[str, int] = field(default_factory=dict)
+    host: str = "127.0.0.1"
+    _thread: threading.Thread | None = field(default=None, init=False)
+    _failure: BaseException | None = field(default=None, init=False)
+    _stopping = False
+
+    def __post_init__(self) -> None:
         self._lines: dict[str, _PtyLine | _TcpLine] = {}
-        self._thread: threading.Thread | None = None
-        self._failure: BaseException | None = None
-        self._stopping = False
         self._wake_read, self._wake_write = os.pipe()
         os.set_blocking(self._wake_write, False)
         try:
-            for name in devices:
-                port = (tcp_ports or {}).get(name)
-                self._lines[name] = _PtyLine() if port is None else _TcpLine(host, port)
+            for name in self.devices:
+                port = self.tcp_ports.get(name)
+                self._lines[name] = _PtyLine() if port is None else _TcpLine(self.host, port)
         except OSError:
             self._close()
             raise
@@ -198,11 +195,9 @@ class DeviceServer:
         self.interrupt()
         if self._thread is not None:
             self._thread.join()
-            self._thread = None
-        else:
-            self._close()
-        if self._failure is not None:
-            failure, self._failure = self._failure, None
+        self._close()
+        failure, self._failure = self._failure, None
+        if failure is not None:
             raise failure
 
     def _run_in_thread(self) -> None:
@@ -213,16 +208,14 @@ class DeviceServer:
 
     def _exchange(self) -> None:
         for name, line in self._lines.items():
-            device = self._devices[name]
-            now_s = self._clock.now()
-            received = line.receive(now_s)
-            if received:
+            device, now_s = self.devices[name], self.clock.now()
+            if received := line.receive(now_s):
                 device.receive(received, now_s)
             line.send(device.transmit(now_s))
 
     def _wait(self) -> None:
-        now_s = self._clock.now()
-        due = [device.next_transmission(now_s) for device in self._devices.values()]
+        now_s = self.clock.now()
+        due = [device.next_transmission(now_s) for device in self.devices.values()]
         wait_s = min([_LONGEST_WAIT_S] + [when - now_s for when in due if when is not None])
         descriptors = [fd for line in self._lines.values() for fd in line.readable()]
         select.select([self._wake_read, *descriptors], [], [], max(wait_s, _SHORTEST_WAIT_S))

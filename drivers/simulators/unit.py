@@ -7,20 +7,18 @@ answers to commands, and the faults it can be told to have.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.frames.description import StreamDescription
-from drivers.frames.encoder import encode_rows
-from drivers.frames.layout import FrameLayout
+from drivers.frames.layout import FrameLayout, encode_rows
 from drivers.frames.roles import IndexRole
 from drivers.frames.wire import Rows
 from drivers.imu import ImuIdentity
 from drivers.simulators.faults import FaultPlan, FaultWindow, ImuFault
-from drivers.simulators.index import SimulatedIndex
 
 FloatArray = NDArray[np.float64]
 _COUNTER_AHEAD = 5
@@ -47,10 +45,40 @@ class IndexSettings:
     move_s: float = 10.0
 
 
+class SimulatedIndex:
+    """Moves to commanded positions. A command during a move begins a new one from where it is."""
+
+    failed = False  # the last command
+    _arrives_s = -math.inf
+
+    def __init__(self, settings: IndexSettings, faults: FaultPlan) -> None:
+        self._settings, self._faults = settings, faults
+        self.code = settings.positions[settings.first]  # where it is, or where it is going
+
+    def command(self, label: str, now_s: float) -> list[tuple[str, float, float]]:
+        """Take the command to go to `label`; return the move (target, begins_s, ends_s) that begins, if one does."""
+        if self._faults.active(ImuFault.INDEX_REFUSED, now_s):
+            self.failed = True
+            return []
+        self.failed = False
+        if self._faults.active(ImuFault.INDEX_WRONG_POSITION, now_s):
+            label = next(other for other in self._settings.positions if other != label)
+        stuck = self._faults.active(ImuFault.INDEX_NEVER_FINISHES, now_s)
+        slips = self._faults.active(ImuFault.INDEX_SLIPS, now_s)
+        self.code = self._settings.positions[label]
+        self._arrives_s = math.inf if stuck else now_s + self._settings.move_s
+        return [] if stuck or slips else [(label, now_s, float(self._arrives_s))]
+
+    def moving(self, times_s: FloatArray) -> NDArray[np.bool_]:
+        """Return when it moves of `times_s`, shape (n,), all after the last command and before the next one."""
+        return np.asarray(times_s < self._arrives_s)
+
+
 DEFAULT_INDEX = IndexSettings(positions={"1": 1, "2": 2, "3": 3, "4": 4}, first="1")
 DEFAULT_IDENTITY = ImuIdentity(model="MFS", serial="SIM-0001", firmware="simulated")
 
 
+@dataclass(eq=False)
 class SimulatedImu:
     """A `SimulatedDevice` that streams samples at `rate_hz` from `starts_s` on.
 
@@ -58,56 +86,50 @@ class SimulatedImu:
     without roles.
     """
 
-    def __init__(
-        self,
-        description: StreamDescription,
-        physics: UnitPhysics,
-        *,
-        rate_hz: float | None = None,
-        identity: ImuIdentity = DEFAULT_IDENTITY,
-        index: IndexSettings = DEFAULT_INDEX,
-        faults: Sequence[FaultWindow] = (),
-        starts_s: float = 0.0,
-        seed: int = 0,
-    ) -> None:
-        if description.roles is None:
-            raise ValueError(f"{description.name}: a description without roles cannot be simulated")
-        self._description = description
-        self._roles = description.roles
-        self._physics = physics
-        self._rate_hz = description.sample_rate_hz if rate_hz is None else rate_hz
-        self._identity = identity
-        self._faults = FaultPlan(faults)
-        self._starts_s = starts_s
-        self._rng = np.random.default_rng(seed)
-        self._layout = FrameLayout(description, self._roles.frame)
-        self._index = SimulatedIndex(index.positions, index.first, index.move_s, self._faults)
-        physics.start_move(index.first, starts_s, starts_s)
-        self._next = 0  # number of the next frame
+    description: StreamDescription
+    physics: UnitPhysics
+    _: KW_ONLY
+    rate_hz: float | None = None
+    identity: ImuIdentity = DEFAULT_IDENTITY
+    index: IndexSettings = DEFAULT_INDEX
+    faults: Sequence[FaultWindow] = ()
+    starts_s: float = 0.0
+    seed: int = 0
+    _frozen: dict[str, float] | None = field(default=None, init=False)
+    _next = 0  # number of the next frame
+    _rejected = False
+
+    def __post_init__(self) -> None:
+        roles, starts_s = self.description.roles, self.starts_s
+        if roles is None:
+            raise ValueError(f"{self.description.name}: a description without roles cannot be simulated")
+        self._roles = roles
+        self._rate_hz = self.description.sample_rate_hz if self.rate_hz is None else self.rate_hz
+        self._faults = FaultPlan(self.faults)
+        self._rng = np.random.default_rng(self.seed)
+        self._layout = FrameLayout(self.description, roles.frame)
+        self._index = SimulatedIndex(self.index, self._faults)
+        self.physics.start_move(self.index.first, starts_s, starts_s)
         self._outbox: list[bytes] = []
         self._line = bytearray()
-        self._rejected = False
-        self._frozen: dict[str, float] | None = None
 
     def inject(self, window: FaultWindow) -> None:
         """Let one more thing go wrong."""
-        self._faults.add(window)
+        self._faults.append(window)
 
     def turn_by_hand(self, position: str, now_s: float) -> None:
         """Let somebody lay the unit as in `position`; its index, if it has one, knows nothing of it."""
         self._stream(now_s)
         begins_s = max(now_s, self._time(self._next - 1))
-        self._physics.start_move(position, begins_s, begins_s + self._index.move_s)
+        self.physics.start_move(position, begins_s, begins_s + self.index.move_s)
 
     def receive(self, data: bytes, now_s: float) -> None:
         """Take bytes of command lines; a complete line is carried out at once."""
         self._stream(now_s)
         self._line += data
-        while b"\n" in self._line:
-            end = self._line.index(b"\n") + 1
-            line = bytes(self._line[:end])
-            del self._line[:end]
-            self._rejected = not self._carry_out(line, now_s)
+        *lines, self._line = self._line.split(b"\n")
+        for line in lines:
+            self._rejected = not self._carry_out(bytes(line) + b"\n", now_s)
         if len(self._line) > _LONGEST_LINE:
             self._line.clear()
 
@@ -123,22 +145,22 @@ class SimulatedImu:
         return now_s if self._outbox else max(now_s, self._time(self._next))
 
     def _time(self, number: int) -> float:
-        return self._starts_s + number / self._rate_hz
+        return self.starts_s + number / self._rate_hz
 
     def _carry_out(self, line: bytes, now_s: float) -> bool:
         """Carry out one line; False where it is not a command of this unit, or its checksum is wrong."""
-        commands = self._description.commands
+        commands = self.description.commands
         if commands is None:
             return False
         if commands.identify is not None and line == commands.line(commands.identify):
             if not self._faults.active(ImuFault.SILENT_IDENTITY, now_s):
                 self._outbox.append(self._identity_frame(self._faults.active(ImuFault.EXCHANGED, now_s)))
             return True
-        for label, code in self._index.positions.items():
+        for label, code in self.index.positions.items():
             if commands.index is not None and line == commands.line(commands.index.replace("{code}", str(code))):
                 after_s = max(now_s, self._time(self._next - 1))
                 for target, begins_s, ends_s in self._index.command(label, after_s):
-                    self._physics.start_move(target, begins_s, ends_s)
+                    self.physics.start_move(target, begins_s, ends_s)
                 return True
         return False
 
@@ -146,24 +168,24 @@ class SimulatedImu:
         role = self._roles.identity
         if role is None or role.frame is None:
             return b""
-        texts = {role.model: self._identity.model}
-        texts |= {role.serial: self._identity.serial + "B" * another} if role.serial else {}
-        texts |= {role.firmware: self._identity.firmware} if role.firmware else {}
-        return encode_rows(FrameLayout(self._description, role.frame), texts, 1).tobytes()
+        texts = {role.model: self.identity.model}
+        texts |= {role.serial: self.identity.serial + "B" * another} if role.serial else {}
+        texts |= {role.firmware: self.identity.firmware} if role.firmware else {}
+        return encode_rows(FrameLayout(self.description, role.frame), texts, 1).tobytes()
 
     def _stream(self, now_s: float) -> None:
         """Send the frames that are due up to `now_s`."""
-        due = math.floor((now_s - self._starts_s) * self._rate_hz + 1e-6) + 1
+        due = math.floor((now_s - self.starts_s) * self._rate_hz + 1e-6) + 1
         if due <= self._next:
             return
         numbers = np.arange(self._next, due)
         self._next = due
-        times_s = self._starts_s + numbers / self._rate_hz
+        times_s = self.starts_s + numbers / self._rate_hz
         rows = self._encode(numbers, times_s)
         self._outbox.append(self._spoil(rows, times_s))
 
     def _encode(self, numbers: NDArray[np.int64], times_s: FloatArray) -> Rows:
-        columns: dict[str, FloatArray | NDArray[np.int64]] = dict(self._physics.signals(times_s))
+        columns: dict[str, FloatArray | NDArray[np.int64]] = dict(self.physics.signals(times_s))
         if self._faults:
             self._freeze(columns, times_s)
         counter = self._layout.description.counter
@@ -207,26 +229,26 @@ class SimulatedImu:
             bits[role.rejected] = np.ones(len(times_s), np.bool_)
         if self._faults:
             bits["spin_fault"] = self._faults.during(ImuFault.SPIN_FAULT, times_s)
-        for field, described in self._layout.description.status.items():
+        for word_name, described in self._layout.description.status.items():
             word = np.zeros(len(times_s), np.int64)
             for name, bit in described.items():
                 if name in bits:
                     word |= bits[name].astype(np.int64) << bit.bit
-            columns[field] = word
+            columns[word_name] = word
 
     def _spoil(self, rows: Rows, times_s: FloatArray) -> bytes:
         """Return the bytes of the frames after what the line and the unit do to them."""
         faults, rng = self._faults, self._rng
         if not faults:
             return rows.tobytes()
-        flipped = np.flatnonzero(faults.strikes(ImuFault.FLIPPED_BITS, times_s, rng))
+        flipped = np.flatnonzero(faults.during(ImuFault.FLIPPED_BITS, times_s, rng))
         rows[flipped, rng.integers(0, rows.shape[1], len(flipped))] ^= (1 << rng.integers(0, 8, len(flipped))).astype(
             np.uint8
         )
-        sent = ~faults.strikes(ImuFault.DROPPED_FRAMES, times_s, rng) & ~faults.during(ImuFault.STALL, times_s)
-        repeated = faults.strikes(ImuFault.REPEATED_FRAMES, times_s, rng) & sent
-        garbage = faults.strikes(ImuFault.GARBAGE, times_s, rng)
-        cut = faults.strikes(ImuFault.DROPPED_BYTES, times_s, rng)
+        sent = ~faults.during(ImuFault.DROPPED_FRAMES, times_s, rng) & ~faults.during(ImuFault.STALL, times_s)
+        repeated = faults.during(ImuFault.REPEATED_FRAMES, times_s, rng) & sent
+        garbage = faults.during(ImuFault.GARBAGE, times_s, rng)
+        cut = faults.during(ImuFault.DROPPED_BYTES, times_s, rng)
         if not (garbage | repeated | cut).any():
             return (rows if sent.all() else rows[sent]).tobytes()
         pieces: list[bytes] = []

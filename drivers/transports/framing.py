@@ -32,10 +32,7 @@ class Framing(ABC):
 
     @abstractmethod
     def received(self, transport: Transport, timeout_s: float, length: int | None = None) -> bytes:
-        """Return the text that comes next, of `length` bytes where nothing else ends it.
-
-        Raises `DeviceTimeout` where it is not whole in time, `ValueError` where its block check is wrong.
-        """
+        """Return the next text (of `length` bytes); `DeviceTimeout` where late, `ValueError` for a wrong check."""
 
     @abstractmethod
     def cut(self, data: bytes) -> tuple[bytes, bytes] | None:
@@ -184,3 +181,18 @@ class Frame(Framing):
         if part == "address":
             return self.address.encode("ascii")
         return bytes([CONTROLS[part]]) if part in CONTROLS else b""
+
+
+@dataclass(frozen=True)
+class Framings:
+    """What stands around the texts of questions, of settings and of replies, and in what they are written."""
+
+    asked: Framing
+    told: Framing
+    replied: Framing
+    encoding: str = "ascii"
+
+
+def lines(terminator: bytes, reply_terminator: bytes | None = None, encoding: str = "ascii") -> Framings:
+    """Return the framings of a controller that speaks lines."""
+    return Framings(Line(terminator), Line(terminator), Line(reply_terminator or terminator), encoding)

@@ -6,15 +6,15 @@ request. A read is asked again a bounded number of times. A write is sent once: 
 whether it was carried out, so its sender must read back.
 """
 
+import math
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
 from drivers.clock import Clock
 from drivers.errors import DeviceTimeout, ProtocolError, TransportError
-from drivers.transports.asking import Reply, asked
-from drivers.transports.framing import Framing, Line
-from drivers.transports.transport import Transport
+from drivers.transports.framing import Framing, Framings
+from drivers.transports.transport import Reply, Transport, asked
 
 _LONGEST_LINE = 512  # bytes; what is longer is noise
 _SHOWN = 40  # bytes of it in a message
@@ -35,36 +35,18 @@ class LineTiming:
     late_s: float = 0.0
 
 
+@dataclass(eq=False)
 class LineExchange:
-    """One request and its reply at a time. `device` begins every message: "chamber on /dev/ttyUSB0".
+    """One request and its reply at a time. `device` begins every message: "chamber on /dev/ttyUSB0"."""
 
-    `terminator` ends requests and replies; `framing`, `told_framing` (of commands) and `reply_framing` are what stands
-    around them where that is no terminator. `encoding` is that of the text itself.
-    """
-
-    def __init__(
-        self,
-        transport: Transport,
-        clock: Clock,
-        *,
-        device: str,
-        terminator: bytes = b"",
-        timing: LineTiming | None = None,
-        framing: Framing | None = None,
-        told_framing: Framing | None = None,
-        reply_framing: Framing | None = None,
-        encoding: str = "ascii",
-    ) -> None:
-        self._transport = transport
-        self._clock = clock
-        self._device = device
-        self._framing = framing or Line(terminator)
-        self._told_framing = told_framing or self._framing
-        self._reply_framing = reply_framing or Line(terminator)
-        self._encoding = encoding
-        self._timing = timing or LineTiming()
-        self._ready_at_s = clock.now()
-        self._unanswered = False
+    transport: Transport
+    clock: Clock
+    _: KW_ONLY
+    device: str
+    framings: Framings
+    timing: LineTiming = LineTiming()
+    _ready_at_s = -math.inf
+    _unanswered = False
 
     def query(self, request: str, parse: Callable[[str], Reply], length: int | None = None) -> Reply:
         """Ask until `parse` accepts a reply, at most `attempts` times; raise its last error, or `DeviceTimeout`.
@@ -72,7 +54,7 @@ class LineExchange:
         `parse` gets the line without its terminator and raises `ProtocolError`, `SensorFault` or `CommandRefused`.
         `length` is that of the reply, where nothing ends it.
         """
-        return asked(lambda: self._ask(request, parse, length), self._timing.attempts)
+        return asked(lambda: self._ask(request, parse, length), self.timing.attempts)
 
     def command(self, request: str, accept: Callable[[str], bool], length: int | None = None) -> bool:
         """Send `request` once; return whether it was acknowledged before the deadline, in a reply of this `length`.
@@ -81,9 +63,9 @@ class LineExchange:
         acknowledgement, False for a line that belongs to something else (a late reply to an earlier request, an
         unreadable line), and raises `CommandRefused` for a refusal. `TransportError` where it could not be sent.
         """
-        self._send(request, self._told_framing)
+        self._send(request, self.framings.told)
         try:
-            deadline_s = self._clock.now() + self._timing.timeout_s
+            deadline_s = self.clock.now() + self.timing.timeout_s
             while True:
                 try:
                     line = self._receive(request, deadline_s, length)
@@ -94,51 +76,51 @@ class LineExchange:
                 if accept(line):
                     return True
         finally:
-            self._ready_at_s = self._clock.now() + self._timing.pause_after_command_s
+            self._ready_at_s = self.clock.now() + self.timing.pause_after_command_s
 
     def tell(self, request: str) -> None:
         """Send `request` once, to a controller that answers such requests with nothing: read back."""
-        self._send(request, self._told_framing)
-        self._ready_at_s = self._clock.now() + self._timing.pause_after_command_s
+        self._send(request, self.framings.told)
+        self._ready_at_s = self.clock.now() + self.timing.pause_after_command_s
 
     def _ask(self, request: str, parse: Callable[[str], Reply], length: int | None) -> Reply:
         try:
-            self._send(request, self._framing)
-            return parse(self._receive(request, self._clock.now() + self._timing.timeout_s, length))
+            self._send(request, self.framings.asked)
+            return parse(self._receive(request, self.clock.now() + self.timing.timeout_s, length))
         finally:
-            self._ready_at_s = self._clock.now() + self._timing.pause_after_query_s
+            self._ready_at_s = self.clock.now() + self.timing.pause_after_query_s
 
     def _send(self, request: str, framing: Framing) -> None:
-        self._clock.sleep(self._ready_at_s - self._clock.now())
-        if self._unanswered and self._timing.late_s > 0.0:
+        self.clock.sleep(self._ready_at_s - self.clock.now())
+        if self._unanswered and self.timing.late_s > 0.0:
             with suppress(DeviceTimeout, ValueError):
-                self._reply_framing.received(self._transport, self._timing.late_s)
+                self.framings.replied.received(self.transport, self.timing.late_s)
         self._unanswered = False
-        self._transport.drain()
-        self._transport.write(framing.packed(request.encode(self._encoding)))
+        self.transport.drain()
+        self.transport.write(framing.packed(request.encode(self.framings.encoding)))
 
     def _receive(self, request: str, deadline_s: float, length: int | None) -> str:
         """Return the next line that is not the echo of the request (two-wire adapters hear themselves)."""
         while True:
-            remaining_s = max(0.0, deadline_s - self._clock.now())
+            remaining_s = max(0.0, deadline_s - self.clock.now())
             try:
-                received = self._reply_framing.received(self._transport, remaining_s, length)
+                received = self.framings.replied.received(self.transport, remaining_s, length)
             except ValueError as error:
-                raise ProtocolError(f"{self._device} answered {request!r} with {error}; check the line") from error
+                raise ProtocolError(f"{self.device} answered {request!r} with {error}; check the line") from error
             except DeviceTimeout as error:
                 self._unanswered = True
                 raise DeviceTimeout(
-                    f"{self._device} did not answer {request!r} in {self._timing.timeout_s:g} s; check its power, the "
+                    f"{self.device} did not answer {request!r} in {self.timing.timeout_s:g} s; check its power, the "
                     f"cable, and the line settings and delimiter on its panel ({error})"
                 ) from error
             try:
                 if len(received) > _LONGEST_LINE:
                     raise ValueError("longer than any reply")
-                line = received.decode(self._encoding)
+                line = received.decode(self.framings.encoding)
             except ValueError as error:
-                size = len(self._reply_framing.packed(received))
+                size = len(self.framings.replied.packed(received))
                 raise ProtocolError(
-                    f"{self._device} answered {request!r} with {size} bytes that begin with {received[:_SHOWN]!r}: no "
+                    f"{self.device} answered {request!r} with {size} bytes that begin with {received[:_SHOWN]!r}: no "
                     "text; check baud rate and parity"
                 ) from error
             if line != request:

@@ -1,6 +1,6 @@
 """A thread that only drains a port, so that nothing else the controller does can make the system's buffer run over.
 
-    port = LiveReader(open_port("/dev/ttyUSB0", clock=clock, low_latency=True), clock)
+    port = LiveReader(open_port("/dev/ttyUSB0", clock=clock), clock)
 
 It is a transport like the one it drains, for benches under the system clock; a simulated bench in this process needs
 none and stays in one thread. What was read waits in a bounded queue. Where nobody takes it for too long, the oldest
@@ -62,26 +62,21 @@ class LiveReader(Transport):
         if self._ending.is_set():
             raise TransportError(f"{self.name}: the port is closed")
         with self._lock:
-            while self._queue and not isinstance(self._queue[0], TransportError):
-                self._arrived += self._pop()
+            while self._queue and isinstance(first := self._queue[0], bytes):
+                self._queue.popleft()
+                self._queued -= len(first)
+                self._arrived += first
             if self._arrived:
                 return
             failure = self._queue.popleft() if self._queue else self._down
         if isinstance(failure, TransportError):
             raise TransportError(str(failure)) from failure
 
-    def _pop(self) -> bytes:
-        first = self._queue.popleft()
-        if isinstance(first, TransportError):
-            return b""
-        self._queued -= len(first)
-        return first
-
     def _drain(self) -> None:
         """Read until the end. Nothing else happens here: what takes long would let the port run over."""
         while not self._ending.is_set():
             try:
-                data = self._next()
+                data = self._port.read_available() if self._port.wait(_LOOK_S) else b""
             except TransportError as failure:
                 self._note(failure)
                 self._ending.wait(_REOPEN_S)
@@ -95,19 +90,16 @@ class LiveReader(Transport):
             if 0 < len(data) < _GATHERED:
                 self._ending.wait(_GATHER_S)
 
-    def _next(self) -> bytes:
-        """Return what arrives next, within the time between two looks."""
-        return self._port.read_available() if self._port.wait(_LOOK_S) else b""
-
     def _bound(self) -> None:
         """Drop the oldest bytes that are too many, and no failure among them."""
         failures: list[TransportError] = []
         while self._queued > self._most_bytes:
-            if isinstance(self._queue[0], TransportError):
-                failures += [failure for failure in (self._queue.popleft(),) if isinstance(failure, TransportError)]
+            if isinstance(first := self._queue.popleft(), TransportError):
+                failures = [first]  # of many, the last tells
             else:
-                self._overflow += len(self._pop())
-        self._queue.extendleft(failures[-1:])  # of many, the last tells
+                self._queued -= len(first)
+                self._overflow += len(first)
+        self._queue.extendleft(failures)
 
     def _note(self, failure: TransportError) -> None:
         with self._lock:

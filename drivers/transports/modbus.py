@@ -1,7 +1,7 @@
 """Modbus registers over a `Transport`: pymodbus makes and reads the frames, deadlines and pauses are ours.
 
     exchange = ModbusExchange(transport, clock, device="chamber on /dev/ttyUSB0", unit=1, framing="rtu")
-    exchange.read(100, 1)                 # 01 03 00 64 00 01 C5 D5 -> [253]
+    exchange.query(100, 1, list)          # 01 03 00 64 00 01 C5 D5 -> [253]
 
 pymodbus' own client opens its own port and looks at the computer's clock, so only its framers and PDUs are used: frame
 layout, CRC and transaction numbers are not written a second time. `rtu` is also what a serial device server carries
@@ -12,9 +12,10 @@ shape: after a request without an answer the line is listened to for `late_s` be
 reply up to `timeout_s + late_s` late is never taken for another. Modbus TCP has transaction numbers and needs no wait.
 """
 
+import math
 import struct
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Literal
 
 from pymodbus.exceptions import ModbusException
@@ -30,8 +31,7 @@ from pymodbus.pdu.register_message import (
 
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, TransportError
-from drivers.transports.asking import Reply, asked
-from drivers.transports.transport import Transport
+from drivers.transports.transport import Reply, Transport, asked
 
 Framing = Literal["rtu", "tcp"]
 Table = Literal["holding", "input", "coil", "discrete"]
@@ -53,6 +53,12 @@ _MEANINGS = {
 }
 
 
+def framer_of(framing: Framing, *, of_unit: bool = False) -> FramerBase:
+    """Return what makes and reads frames, on the side of the host or of the unit."""
+    decoder = DecodePDU(of_unit)
+    return FramerRTU(decoder) if framing == "rtu" else FramerSocket(decoder)
+
+
 @dataclass(frozen=True)
 class ModbusTiming:
     """How a controller wants to be spoken to, seconds; `attempts` counts the first asking of a read."""
@@ -63,42 +69,31 @@ class ModbusTiming:
     attempts: int = 3
 
 
+@dataclass(eq=False)
 class ModbusExchange:
     """Reads and writes the registers and coils of one unit. `device` begins every message."""
 
-    def __init__(
-        self,
-        transport: Transport,
-        clock: Clock,
-        *,
-        device: str,
-        unit: int = 1,
-        framing: Framing = "rtu",
-        timing: ModbusTiming | None = None,
-    ) -> None:
-        decoder = DecodePDU(False)
-        self._framer: FramerBase = FramerRTU(decoder) if framing == "rtu" else FramerSocket(decoder)
-        self._framing = framing
-        self._transport = transport
-        self._clock = clock
-        self._device = device
-        self._unit = unit
-        self._timing = timing or ModbusTiming()
-        self._ready_at_s = clock.now()
-        self._unanswered = False
-        self._transaction = 0
+    transport: Transport
+    clock: Clock
+    _: KW_ONLY
+    device: str
+    unit: int = 1
+    framing: Framing = "rtu"
+    timing: ModbusTiming = ModbusTiming()
+    _ready_at_s = -math.inf
+    _unanswered = False
+    _transaction = 0
 
-    def read(self, address: int, count: int, table: Table = "holding") -> list[int]:
-        """Return `count` registers (or coils: 0 or 1) from `address` on, as unsigned numbers.
-
-        Asked at most `attempts` times; raises the last error: `DeviceTimeout`, `ProtocolError`, `CommandRefused` for
-        an exception reply, or `TransportError`.
-        """
-        return self.query(address, count, lambda registers: registers, table)
+    def __post_init__(self) -> None:
+        self._framer = framer_of(self.framing)
 
     def query(self, address: int, count: int, parse: Callable[[list[int]], Reply], table: Table = "holding") -> Reply:
-        """Read registers until `parse` accepts them; raises as `read` does."""
-        return asked(lambda: parse(self._read_once(address, count, table)), self._timing.attempts)
+        """Return what `parse` makes of `count` registers (or coils: 0 or 1) from `address` on, unsigned numbers.
+
+        Asked until it accepts them, at most `attempts` times; raises the last error: `DeviceTimeout`, `ProtocolError`,
+        `CommandRefused` for an exception reply, or `TransportError`.
+        """
+        return asked(lambda: parse(self._read_once(address, count, table)), self.timing.attempts)
 
     def write(self, address: int, value: int) -> bool:
         """Send one register (function 6) once; return whether it was acknowledged.
@@ -107,25 +102,25 @@ class ModbusExchange:
         reply, `TransportError` where it could not be sent, and `ValueError` for what no 16-bit register holds. Negative
         values are two's complement.
         """
-        return self._write(WriteSingleRegisterRequest(address=address, registers=[_register(value)], dev_id=self._unit))
+        return self._write(WriteSingleRegisterRequest(address=address, registers=[_register(value)], dev_id=self.unit))
 
     def write_several(self, address: int, values: Sequence[int]) -> bool:
         """Send several registers (function 16) once; returns and raises (`CommandRefused`, `ValueError`) as `write`."""
         registers = [_register(value) for value in values]
-        return self._write(WriteMultipleRegistersRequest(address=address, registers=registers, dev_id=self._unit))
+        return self._write(WriteMultipleRegistersRequest(address=address, registers=registers, dev_id=self.unit))
 
     def write_coil(self, address: int, *, on: bool) -> bool:
         """Switch one coil (function 5) once; returns and raises (`CommandRefused`) as `write`."""
-        return self._write(WriteSingleCoilRequest(address=address, bits=[on], dev_id=self._unit))
+        return self._write(WriteSingleCoilRequest(address=address, bits=[on], dev_id=self.unit))
 
     def _read_once(self, address: int, count: int, table: Table) -> list[int]:
         bits = table in ("coil", "discrete")
         what = f"{'coils' if bits else 'registers'} {address} to {address + count - 1}"
-        reply = self._exchange(_READS[table](address=address, count=count, dev_id=self._unit), what)
+        reply = self._exchange(_READS[table](address=address, count=count, dev_id=self.unit), what)
         found = [int(bit) for bit in reply.bits] if bits else list(reply.registers)
         if len(found) != (8 * -(-count // 8) if bits else count):  # bits fill their last byte
             raise ProtocolError(
-                f"{self._device} sent {len(found)} where {count} from {address} on were asked for; check that only one "
+                f"{self.device} sent {len(found)} where {count} from {address} on were asked for; check that only one "
                 "program talks to it"
             )
         return found[:count]
@@ -139,64 +134,64 @@ class ModbusExchange:
 
     def _exchange(self, request: ModbusPDU, what: str, *, written: bool = False) -> ModbusPDU:
         """Send one request and return the reply to it, of the same function."""
-        if self._framing == "tcp":
+        if self.framing == "tcp":
             self._transaction = self._transaction % 0xFFFF + 1
         request.transaction_id = self._transaction
         frame = self._framer.buildFrame(request)
         self._wait_for_quiet()
-        self._transport.write(frame)
+        self.transport.write(frame)
         self._unanswered = True
         try:
             reply = self._receive(frame, request, what)
         except TransportError:
             if written:
-                raise DeviceTimeout(f"{self._device}: the port failed after {what} was sent") from None
+                raise DeviceTimeout(f"{self.device}: the port failed after {what} was sent") from None
             raise
         except ProtocolError:
             self._unanswered = False  # damaged, but it was the answer
             raise
         finally:
-            self._ready_at_s = self._clock.now() + self._timing.pause_s
+            self._ready_at_s = self.clock.now() + self.timing.pause_s
         self._unanswered = False
         if reply.isError():
             code = reply.exception_code
             meaning = _MEANINGS.get(code, "look up the code in its manual")
-            raise CommandRefused(f"{self._device} refused {what} with exception {code}: {meaning}")
+            raise CommandRefused(f"{self.device} refused {what} with exception {code}: {meaning}")
         return reply
 
     def _wait_for_quiet(self) -> None:
         """Keep the pause; after a request without an answer, let a late one come and throw it away."""
-        self._clock.sleep(self._ready_at_s - self._clock.now())
-        if self._unanswered and self._framing == "rtu":
-            until_s = self._clock.now() + self._timing.late_s
-            while (left_s := until_s - self._clock.now()) > 0.0:
-                if self._transport.read(1, left_s):
-                    self._clock.sleep(min(self._timing.pause_s, left_s))  # the rest of that reply
+        self.clock.sleep(self._ready_at_s - self.clock.now())
+        if self._unanswered and self.framing == "rtu":
+            until_s = self.clock.now() + self.timing.late_s
+            while (left_s := until_s - self.clock.now()) > 0.0:
+                if self.transport.read(1, left_s):
+                    self.clock.sleep(min(self.timing.pause_s, left_s))  # the rest of that reply
                     break
         self._unanswered = False
-        self._transport.drain()
+        self.transport.drain()
 
     def _receive(self, frame: bytes, request: ModbusPDU, what: str) -> ModbusPDU:
-        deadline_s = self._clock.now() + self._timing.timeout_s
+        deadline_s = self.clock.now() + self.timing.timeout_s
         arrived = b""
         while True:
-            remaining_s = deadline_s - self._clock.now()
-            more = self._transport.read(1, max(remaining_s, 0.0)) + self._transport.read_available()
+            remaining_s = deadline_s - self.clock.now()
+            more = self.transport.read(1, max(remaining_s, 0.0)) + self.transport.read_available()
             if not more:
                 raise DeviceTimeout(
-                    f"{self._device} did not answer {what} in {self._timing.timeout_s:g} s; check its power, the "
-                    f"cable, its address ({self._unit}), baud rate and parity"
+                    f"{self.device} did not answer {what} in {self.timing.timeout_s:g} s; check its power, the "
+                    f"cable, its address ({self.unit}), baud rate and parity"
                     + (f" (what arrived: {arrived.hex(' ')})" if arrived else "")
                 )
             arrived += more
             if len(arrived) > self._framer.MAX_SIZE:
-                raise ProtocolError(f"{self._device} sent noise; check baud rate, parity and the cable")
-            if self._framing == "rtu" and isinstance(request, tuple(_READS.values())) and arrived.startswith(frame):
+                raise ProtocolError(f"{self.device} sent noise; check baud rate, parity and the cable")
+            if self.framing == "rtu" and isinstance(request, tuple(_READS.values())) and arrived.startswith(frame):
                 arrived = arrived[len(frame) :]  # a two-wire adapter hears itself
             try:
                 arrived, reply = self._decode(arrived)
             except (ModbusException, struct.error, IndexError, ValueError) as error:
-                raise ProtocolError(f"{self._device} answered {what} with {arrived.hex(' ')}: {error}") from error
+                raise ProtocolError(f"{self.device} answered {what} with {arrived.hex(' ')}: {error}") from error
             if reply is not None and self._answers(reply, request):
                 return reply
 
@@ -207,7 +202,7 @@ class ModbusExchange:
         used, reply = self._framer.handleFrame(arrived, 0, 0)
         if used and reply is None:
             raise ProtocolError(
-                f"{self._device} sent a frame with a wrong checksum ({arrived.hex(' ')}); check the cable, its shield "
+                f"{self.device} sent a frame with a wrong checksum ({arrived.hex(' ')}); check the cable, its shield "
                 "and the baud rate"
             )
         return arrived[used:], reply
@@ -215,7 +210,7 @@ class ModbusExchange:
     def _answers(self, reply: ModbusPDU, request: ModbusPDU) -> bool:
         """Say whether a frame belongs to our request; another unit's, or an earlier transaction's, is passed over."""
         same_function = reply.function_code & 0x7F == request.function_code
-        return reply.dev_id == self._unit and same_function and reply.transaction_id == request.transaction_id
+        return reply.dev_id == self.unit and same_function and reply.transaction_id == request.transaction_id
 
 
 def _register(value: int) -> int:
@@ -225,10 +220,7 @@ def _register(value: int) -> int:
 
 
 def encoded(value: float, kind: NumberType, *, scale: float = 1.0, low_word_first: bool = True) -> tuple[int, ...]:
-    """Return the one or two registers that hold `value` in units of `scale`; `ValueError` where none can.
-
-    Low word first is Watlow's and Binder's factory order.
-    """
+    """Return the one or two registers that hold `value` in units of `scale`; `ValueError` where none can."""
     form = _FORMATS[kind]
     try:
         # int() would make 1000 of 100.1

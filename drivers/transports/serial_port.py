@@ -42,8 +42,8 @@ _MOST_AT_ONCE = 1 << 24  # bytes in one read_available, so that a port that neve
 class SerialTransport(Transport):
     """A `Transport` over pyserial. Deadlines are the injected clock's.
 
-    The frame format is 8 data bits without parity and one stop bit unless told otherwise (`parity` is N, E or O). With
-    `low_latency`, adapters that can are asked to pass bytes on at once instead of every 16 ms.
+    The frame format is 8 data bits without parity unless told otherwise (`parity` is N, E or O), and one stop bit.
+    Adapters that can are asked to pass bytes on at once instead of every 16 ms.
     Opening happens here; raise `TransportError` where the port cannot be opened, saying why and what to do.
     """
 
@@ -55,21 +55,12 @@ class SerialTransport(Transport):
         clock: Clock,
         bytesize: int = 8,
         parity: str = "N",
-        stopbits: float = 1,
-        low_latency: bool = True,
         on_close: Callable[[], None] = lambda: None,
     ) -> None:
         super().__init__(url, clock)
         self._on_close = on_close
-        self._settings: dict[str, Any] = {
-            "baudrate": baudrate,
-            "bytesize": bytesize,
-            "parity": parity,
-            "stopbits": stopbits,
-            "timeout": 0,
-            "write_timeout": _WRITE_TIMEOUT_S,
-        }
-        self._low_latency = low_latency
+        self._settings: dict[str, Any] = {"baudrate": baudrate, "bytesize": bytesize, "parity": parity}
+        self._settings |= {"stopbits": 1, "timeout": 0, "write_timeout": _WRITE_TIMEOUT_S}
         self._closed = False
         self._port: Any = None
         self._opening = threading.Lock()  # one thread may write while another reads
@@ -128,7 +119,7 @@ class SerialTransport(Transport):
             self._port = serial.serial_for_url(self.name, **settings)
         except (serial.SerialException, OSError, ValueError, TerminalError) as error:
             raise TransportError(_why_not_open(self.name, error)) from error
-        if self._low_latency and sys.platform == "linux":  # the one that pyserial can ask
+        if sys.platform == "linux":  # the one that pyserial can ask
             with suppress(AttributeError, ValueError, OSError):  # a port that cannot
                 self._port.set_low_latency_mode(True)
 
@@ -141,10 +132,7 @@ class SerialTransport(Transport):
 
 
 def open_port(url: str, *, clock: Clock, baudrate: int = 115200, **line: Any) -> SerialTransport:
-    """Open `url` (device path, `socket://host:port`, `rfc2217://host:port`); raise `TransportError` where it cannot.
-
-    `line` is the rest of what `SerialTransport` takes.
-    """
+    """Open a device path, `socket://host:port` or `rfc2217://host:port` as `SerialTransport`; or `TransportError`."""
     return SerialTransport(url, clock=clock, baudrate=baudrate, **line)
 
 
@@ -169,12 +157,11 @@ def existing_ports() -> list[str]:
 
 def _error_number(error: BaseException) -> int | None:
     """Return the operating system's error number; pyserial sometimes only has it in its text."""
-    number = getattr(error, "errno", None)
+    number: int | None = getattr(error, "errno", None)
     if number is None and isinstance(error, TerminalError) and error.args:
         number = error.args[0]
-    if number is None:
-        found = re.search(r"\[Errno (\d+)\]", str(error))
-        number = int(found[1]) if found else None
+    if number is None and (found := re.search(r"\[Errno (\d+)\]", str(error))):
+        number = int(found[1])
     return number
 
 

@@ -5,9 +5,13 @@ in memory are interchangeable.
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import TypeVar
 
 from drivers.clock import Clock
-from drivers.errors import DeviceTimeout, TransportError
+from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, SensorFault, TransportError
+
+Reply = TypeVar("Reply")
 
 _POLL_S = 0.002  # between looks while a read waits
 _SHOWN = 60  # bytes of what arrived in a message
@@ -99,3 +103,19 @@ class OwnPort(Transport):
 
     def _fill(self) -> None:
         """Nothing comes."""
+
+
+def asked(ask: Callable[[], Reply], attempts: int) -> Reply:
+    """Return what `ask` does, tried at most `attempts` times; raise its last error, saying how often it was tried.
+
+    A read may be repeated, because nothing changes by it. A refusal is asked again too: noise on the line turns a good
+    request into an unknown one; and so is a port that failed, because a transport opens it again where it can.
+    """
+    left = attempts
+    while True:
+        left -= 1
+        try:
+            return ask()
+        except (DeviceTimeout, ProtocolError, SensorFault, CommandRefused, TransportError) as error:
+            if left <= 0:
+                raise type(error)(f"{error} (asked {attempts} times)") from error

@@ -18,7 +18,7 @@ from drivers.frames.batch import FrameBatch
 from drivers.frames.counts import StreamCounts
 from drivers.frames.decoder import StreamDecoder
 from drivers.frames.description import FrameDescription, StreamDescription, load_description
-from drivers.frames.told import CounterDescription
+from drivers.frames.roles import CounterDescription
 from drivers.given_file import opened
 from hil.errors import InputError
 from hil.files.strict import config_folders

@@ -10,7 +10,7 @@ from drivers.borrowed import Value, awaited
 from drivers.chambers import ChamberLimits, SafeState
 from drivers.chambers.controllers.borrowed import BorrowedController
 from drivers.chambers.controllers.description import load_box
-from drivers.chambers.supervised import SupervisedChamber
+from drivers.chambers.supervised import SupervisedChamber, Supervision
 from drivers.clock import SystemClock, VirtualClock
 from drivers.errors import DeviceError, DeviceTimeout, ProtocolError, SetpointOutOfLimits, TransportError
 from drivers.positioners.borrowed import BorrowedPositioner
@@ -42,7 +42,9 @@ def test_pymeasures_temptronic_is_a_chamber() -> None:
         OwnPort("own://ats", clock), Value(ats, "temperature"), Value(ats, "temperature_setpoint"), model="ATS545"
     )
     chamber = SupervisedChamber(
-        controller, clock, limits=ChamberLimits(-20.0, 60.0), safe=SafeState("hold", 25.0), celsius_confirmed=True
+        controller,
+        clock,
+        Supervision(limits=ChamberLimits(-20.0, 60.0), safe=SafeState("hold", 25.0), celsius_confirmed=True),
     )
     device.mode = "CONSTANT"
     chamber.prepare()
@@ -79,7 +81,7 @@ def _chamber(device: _Plain) -> SupervisedChamber:
     controller = BorrowedController(
         OwnPort("own://oven", clock), *values, model="Oven", unit="degC", running=Value(device, "running")
     )
-    return SupervisedChamber(controller, clock, limits=ChamberLimits(-20.0, 160.0), safe=SafeState("off"))
+    return SupervisedChamber(controller, clock, Supervision(limits=ChamberLimits(-20.0, 160.0), safe=SafeState("off")))
 
 
 def test_a_borrowed_chamber_is_read_back_and_switched() -> None:

@@ -32,7 +32,7 @@ from drivers.chambers.controllers.description import (
     parse_box,
 )
 from drivers.chambers.controllers.registers import ModbusSection
-from drivers.chambers.supervised import SupervisedChamber
+from drivers.chambers.supervised import SupervisedChamber, Supervision
 from drivers.clock import VirtualClock
 from drivers.simulators.chambers.catalogue import CHAMBER_SIMULATORS
 from drivers.simulators.chambers.controller import ChamberFault, ChamberFaultKind
@@ -225,7 +225,9 @@ def test_a_description_hangs_together(path: Path) -> None:
     clock = VirtualClock()
     safe = SafeState("off") if box.stop else SafeState("hold", 25.0)
     controller = SetpointBox(MemoryTransport(device, clock, "sim://chamber"), clock, box)
-    chamber = SupervisedChamber(controller, clock, limits=ChamberLimits(-35.0, 65.0), safe=safe, celsius_confirmed=True)
+    chamber = SupervisedChamber(
+        controller, clock, Supervision(limits=ChamberLimits(-35.0, 65.0), safe=safe, celsius_confirmed=True)
+    )
     chamber.prepare()
     chamber.set_temperature(-29.7222)
     clock.sleep(3600.0)
@@ -248,7 +250,9 @@ def test_the_how_tos_description_is_one() -> None:
     box = parse_box(re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)[0], "how-to")
     clock, device = VirtualClock(), simulated_box(ChamberPlant(), box)
     controller = SetpointBox(MemoryTransport(device, clock, "sim://chamber"), clock, box)
-    chamber = SupervisedChamber(controller, clock, limits=ChamberLimits(-35.0, 65.0), safe=SafeState("off"))
+    chamber = SupervisedChamber(
+        controller, clock, Supervision(limits=ChamberLimits(-35.0, 65.0), safe=SafeState("off"))
+    )
     chamber.prepare()
     device.alarms = ("50.3",)
     assert chamber.read().alarms == ("door open",)

@@ -11,10 +11,9 @@ from drivers.chambers import ChamberLimits, ChamberReading
 from drivers.frames.counts import StreamCounts
 from drivers.frames.roles import SensorRole
 from drivers.imu import SampleBlock
-from procedures.interlocks import Interlocks, InterlockTripped, Look, standard_interlocks
-from procedures.runaway import rate_interlocks
+from procedures.interlocks import Interlocks, InterlockTripped, Look, rate_interlocks, standard_interlocks
 from procedures.settings import InterlockSettings
-from procedures.stuck_rates import Unchanged
+from procedures.unit_watch import Unchanged
 
 READING = ChamberReading(20.0, 20.0, 80.0, -50.0, "CONSTANT")
 GOOD = Look(

@@ -1,7 +1,7 @@
 """A chamber that is described in a file (`.description`), for which nobody has written a driver.
 
     controller = SetpointBox(transport, clock, load_box("my-box.yaml"))
-    chamber = SupervisedChamber(controller, clock, limits=limits, safe=safe)
+    chamber = SupervisedChamber(controller, clock, Supervision(limits=limits, safe=safe))
 
 What every driver does is done here too: model and unit confirmed before anything is written where the box can tell
 them, limits, read-back, alarms, the safe state. Nothing is verified byte-exact by itself and everything is inferred:
@@ -28,7 +28,7 @@ class SetpointBox(Controller):
         super().__init__(transport, "chamber" if description.modbus else description.name)
         box = self._box = description
         self.resolution_degC = box.resolution_degC
-        self.native_limits = "none" if box.low_limit is None else box.limits_are
+        self.limits_alarm = box.low_limit is not None and box.limits_are == "alarm"
         self.can_stop = bool(box.stop)
         self.sees_programs = any("RUN" in (*each.modes.values(), each.otherwise) for each in box.state)
         self._medium: TextMedium | RegisterMedium = (
@@ -103,10 +103,7 @@ class SetpointBox(Controller):
         self._do(self._box.end_program)
 
     def set_ramp_rate(self, degC_per_min: float) -> bool:
-        """Set the ramp, °C/min; False where the description has none or this one refuses it.
-
-        Raises `ProtocolError` where it did not take.
-        """
+        """Set the ramp, °C/min; False where there is none or it refuses; `ProtocolError` where it did not take."""
         try:
             return self._set(self._box.ramp_degC_per_min, degC_per_min)
         except CommandRefused:

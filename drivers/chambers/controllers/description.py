@@ -33,7 +33,7 @@ from drivers.chambers.controllers.templates import Order, Reply, addressed_to, f
 from drivers.errors import InputError
 from drivers.given_file import read_text
 from drivers.strict_yaml import first_mistake, parse_yaml
-from drivers.transports.framing import Frame, Framing, Line, Silence
+from drivers.transports.framing import Frame, Framings, Silence, lines
 
 _TERMINATORS = {"CR": b"\r", "LF": b"\n", "CR LF": b"\r\n"}
 
@@ -137,10 +137,7 @@ class Requirement(Question):
 
 
 class Identity(Question):
-    """Who answers. `expect` is how the answer must begin, `model` what it is called then (`{value}` is the answer).
-
-    A controller that cannot be asked has a `model` alone.
-    """
+    """Who answers: how that must begin, and the model (`{value}` is the answer), alone where it cannot be asked."""
 
     optional = True
     expect: Word = ""
@@ -297,13 +294,15 @@ class BoxDescription(Entry):
     dead_man_s: Quantity | None = None
 
     @property
-    def framings(self) -> tuple[Framing, Framing, Framing]:
-        """What stands around the texts of questions, of settings and of replies."""
+    def framings(self) -> Framings:
+        """What stands around its texts."""
         if self.frame:
-            return self.frame.of(self.frame.asked), self.frame.of(self.frame.told), self.frame
-        silence = self.silence_s and Silence(self.silence_s)
-        request = silence or Line(_TERMINATORS[self.terminator])
-        return request, request, silence or Line(_TERMINATORS[self.reply_terminator or self.terminator])
+            return Framings(self.frame.of(self.frame.asked), self.frame.of(self.frame.told), self.frame, self.encoding)
+        if self.silence_s:
+            silence = Silence(self.silence_s)
+            return Framings(silence, silence, silence, self.encoding)
+        reply = _TERMINATORS[self.reply_terminator or self.terminator]
+        return lines(_TERMINATORS[self.terminator], reply, self.encoding)
 
     @property
     def looked_at(self) -> list[Question]:
@@ -367,10 +366,7 @@ class BoxDescription(Entry):
 def load_box(
     path: str | Path, variant: str | None = None, terminator: bytes | None = None, address: int | None = None
 ) -> BoxDescription:
-    """Read a description, or what it is for one of its `variants`, or with a terminator or address not its own.
-
-    Raises `InputError` in one sentence that names the file and the key.
-    """
+    """Read a description, as one of its `variants`, with another terminator or address; `InputError` in a sentence."""
     return parse_box(read_text(path), str(path), variant, terminator, address)
 
 

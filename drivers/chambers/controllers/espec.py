@@ -1,7 +1,7 @@
 """ESPEC ASCII controllers: P-300, P-200, SCP-220, GL (RS-232, RS-485, or a TCP port that carries the same lines).
 
     controller = Espec(transport, clock)
-    chamber = SupervisedChamber(controller, clock, limits=ChamberLimits(-35.0, 65.0), safe=SafeState("hold", 25.0))
+    chamber = SupervisedChamber(controller, clock, Supervision(ChamberLimits(-35.0, 65.0), SafeState("off")))
     chamber.prepare()
     chamber.set_temperature(-29.72)       # TEMP,S-29.7 on the wire, read back and compared
 
@@ -22,13 +22,14 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 
-from drivers.chambers.controller import Controller, ControllerIdentity, ControllerState, Mode, NativeLimits, Which
+from drivers.chambers.controller import Controller, ControllerIdentity, ControllerState, Mode, Which
 from drivers.chambers.controllers import espec_replies as replies
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, ProtocolError
 from drivers.transports import Transport
-from drivers.transports.asking import Reply
+from drivers.transports.framing import lines
 from drivers.transports.lines import LineExchange
+from drivers.transports.transport import Reply
 
 _LETTER = {"low": "L", "setpoint": "S", "high": "H"}
 _MODES: dict[str, Mode] = {"OFF": "OFF", "STANDBY": "STANDBY", "CONSTANT": "CONSTANT"}
@@ -37,20 +38,16 @@ _MODES: dict[str, Mode] = {"OFF": "OFF", "STANDBY": "STANDBY", "CONSTANT": "CONS
 class Espec(Controller):
     """A `Controller` of one chamber. `address` is for RS-485 only."""
 
-    native_limits: NativeLimits = "alarm"
+    limits_alarm = True
+
+    _mode: Mode | None = None
 
     def __init__(
-        self,
-        transport: Transport,
-        clock: Clock,
-        *,
-        address: int | None = None,
-        terminator: bytes = b"\r\n",
+        self, transport: Transport, clock: Clock, *, address: int | None = None, terminator: bytes = b"\r\n"
     ) -> None:
         super().__init__(transport)
         self._prefix = "" if address is None else f"{address},"
-        self._exchange = LineExchange(transport, clock, device=self.device, terminator=terminator)
-        self._mode: Mode | None = None
+        self._exchange = LineExchange(transport, clock, device=self.device, framings=lines(terminator))
 
     def identify(self) -> ControllerIdentity:
         """Ask model and highest temperature; the unit cannot be asked."""
@@ -64,19 +61,12 @@ class Espec(Controller):
     def state(self) -> ControllerState:
         """Look at temperature, setpoint, alarm limits and mode, and at the alarms where there are any."""
         self._mode = None
-        temperatures = self._query("TEMP?", replies.temperatures)
-        status = self._query("MON?", replies.status)
-        self._mode = _MODES.get(status.mode, "RUN")  # RUN PAUSE, RMT RUN and the like
-        codes = self._query("ALARM?", replies.alarms) if status.alarms else ()
-        alarms = tuple(f"alarm {code}" for code in codes)
-        return ControllerState(
-            temperature=temperatures.temperature_degC,
-            setpoint=temperatures.setpoint_degC,
-            mode=self._mode,
-            alarms=alarms or (("alarm without a code",) if status.alarms else ()),
-            low=temperatures.low_degC,
-            high=temperatures.high_degC,
-        )
+        air, setpoint, high, low = self._query("TEMP?", replies.temperatures)
+        mode, count = self._query("MON?", replies.status)
+        self._mode = _MODES.get(mode, "RUN")  # RUN PAUSE, RMT RUN and the like
+        codes = self._query("ALARM?", replies.codes) if count else ()
+        alarms = tuple(f"alarm {code}" for code in codes) or ("alarm without a code",) * bool(count)
+        return ControllerState(air, setpoint, self._mode, alarms, low, high)
 
     def write(self, which: Which, value: float) -> None:
         """Send the setpoint or one of the alarm limits."""
@@ -104,7 +94,7 @@ class Espec(Controller):
         """
         minutes = math.ceil(seconds / 60.0)
         try:
-            self._timers()
+            self._query("TIMER ON?", replies.codes)
         except CommandRefused:
             return False
         with suppress(CommandRefused):  # a timer that is not on
@@ -112,15 +102,16 @@ class Espec(Controller):
         self._command(f"TIMER WRITE,NO0,{minutes // 60}:{minutes % 60},STANDBY")
         self._command("TIMER,ON,0")
         mode, left = self._query("TIMER LIST?,0", replies.quick_timer)
-        if mode != "STANDBY" or not minutes - 1 <= left <= minutes or 0 not in self._timers():
+        if (
+            mode != "STANDBY"
+            or not minutes - 1 <= left <= minutes
+            or 0 not in map(int, self._query("TIMER ON?", replies.codes))
+        ):
             raise ProtocolError(
                 f"{self.device} did not take its timer: it leads to {mode} in {left} min and not to STANDBY in "
                 f"{minutes} min, or is not on; look at its panel"
             )
         return True
-
-    def _timers(self) -> tuple[int, ...]:
-        return self._query("TIMER ON?", replies.timers)
 
     def _command(self, command: str) -> None:
         """Send a setting once. A lost acknowledgement is no error: what was set is read back."""

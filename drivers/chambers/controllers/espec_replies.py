@@ -12,11 +12,10 @@ Byte-exact from sources: the data of `TEMP?`, `TYPE?`, `MON?` and `CONSTANT SET?
 import math
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
 from drivers.errors import CommandRefused, ProtocolError
 from drivers.strict_yaml import packaged
-from drivers.transports.asking import Reply
+from drivers.transports.transport import Reply
 
 _ACKNOWLEDGED = re.compile(r"OK\s*:")
 _REFUSED = re.compile(r"NA\s*:?\s*(.*)")
@@ -26,33 +25,12 @@ _QUICK_TIMER = re.compile(r"(?:0,)?(\w+)(?:,R[AO]M:\d+,STEP\d+)?,(\d+):(\d+)")
 _MEANINGS: Mapping[str, str] = packaged("drivers.chambers.controllers", "espec_refusals.yaml")
 
 
-@dataclass(frozen=True)
-class Temperatures:
-    """The reply to `TEMP?`: air, setpoint, high and low alarm, °C."""
-
-    temperature_degC: float
-    setpoint_degC: float
-    high_degC: float
-    low_degC: float
-
-
-@dataclass(frozen=True)
-class Status:
-    """The reply to `MON?` without humidity: air temperature, mode, number of alarms."""
-
-    temperature_degC: float
-    mode: str
-    alarms: int
-
-
 def meaning_of(error_text: str) -> str:
     """Return what the text after `NA:` means and what to do, as a clause."""
     text = " ".join(error_text.upper().split())
-    if text in _MEANINGS:
-        return _MEANINGS[text]
     if written := re.fullmatch(r"PRGM WRITE ERR-(\d+)", text):
         return f"a program could not be written (reason {written[1]} of its manual): end program editing at the panel"
-    return "its manual must say what this means"
+    return _MEANINGS.get(text, "its manual must say what this means")
 
 
 def understood(device: str, request: str, parse: Callable[[str], Reply], line: str) -> Reply:
@@ -83,31 +61,27 @@ def text(line: str) -> str:
     return line
 
 
-def temperatures(line: str) -> Temperatures:
-    """Return `PV,SP,high,low`, as in `26.4,0.0,140.0,-50.0`."""
+def temperatures(line: str) -> tuple[float, float, float, float]:
+    """Return air, setpoint, high and low alarm, °C, as in `26.4,0.0,140.0,-50.0`."""
     air, setpoint, high, low = map(_number, line.split(","))
-    return Temperatures(air, setpoint, high, low)
+    return air, setpoint, high, low
 
 
-def status(line: str) -> Status:
-    """Return `T,humidity or nothing,MODE,number of alarms`, as in `24.1,100,CONSTANT,0`, or `ValueError`."""
+def status(line: str) -> tuple[str, int]:
+    """Return mode and number of alarms, behind temperature and humidity: `24.1,100,CONSTANT,0`; or `ValueError`."""
     temperature, _humidity, mode, count = (field.strip() for field in line.split(","))
     if not _MODE.fullmatch(mode) or not count.isdecimal():
         raise ValueError(line)
-    return Status(_number(temperature), mode, int(count))
+    _number(temperature)
+    return mode, int(count)
 
 
-def alarms(line: str) -> tuple[str, ...]:
-    """Return the codes of `n[,code,…]`; `0` alone says that there is none. `ValueError` for no such line."""
-    count, *codes = (field.strip() for field in line.split(","))
-    if not count.isdecimal() or not all(map(str.isdecimal, codes)) or int(count) != len(codes):
+def codes(line: str) -> tuple[str, ...]:
+    """Return those of `n[,code,…]`, alarms or timers; `0` alone says that there is none. Else `ValueError`."""
+    count, *found = (field.strip() for field in line.split(","))
+    if not count.isdecimal() or not all(map(str.isdecimal, found)) or int(count) != len(found):
         raise ValueError(line)
-    return tuple(codes)
-
-
-def timers(line: str) -> tuple[int, ...]:
-    """Return the numbers of the timers that are on, from `n[,number,…]`."""
-    return tuple(map(int, alarms(line)))
+    return tuple(found)
 
 
 def quick_timer(line: str) -> tuple[str, int]:

@@ -25,18 +25,8 @@ class TextMedium:
     """A box that speaks text."""
 
     def __init__(self, transport: Transport, clock: Clock, box: BoxDescription, device: str) -> None:
-        framing, told_framing, reply_framing = box.framings
         timing = LineTiming(box.timeout_s, box.pause_after_question_s, box.pause_after_setting_s, late_s=box.late_s)
-        self._exchange = LineExchange(
-            transport,
-            clock,
-            device=device,
-            framing=framing,
-            told_framing=told_framing,
-            reply_framing=reply_framing,
-            timing=timing,
-            encoding=box.encoding,
-        )
+        self._exchange = LineExchange(transport, clock, device=device, framings=box.framings, timing=timing)
         self.decimals: int | None = None
         self._device, self._box = device, box
         self._about = {each.ask: (each.length, each.hint) for _, each in box.named if isinstance(each, Question)}
@@ -60,10 +50,7 @@ class TextMedium:
         """Ask what must be known before anything else can be understood: nothing."""
 
     def word(self, question: Question, line: str) -> str:
-        """Return what stands in a reply for the answer.
-
-        Raises `CommandRefused` where the box says no, and `ValueError`, which says what it did instead.
-        """
+        """Return what a reply says; `CommandRefused` for a refusal, `ValueError`, which says what it did instead."""
         value = question.value(line)
         if value is None:
             self._refuse(question.ask or "", line)

@@ -1,7 +1,7 @@
 """What `boxes/simserv.yaml` cannot say of S!MPAC SimServ: alarms are texts in a list of messages, gradients are two.
 
     controller = SimServ(transport, clock, load_box(path))      # transport: open_port("socket://192.0.2.2:2049", ...)
-    chamber = SupervisedChamber(controller, clock, limits=limits, safe=safe)
+    chamber = SupervisedChamber(controller, clock, Supervision(limits=limits, safe=safe))
 
 Computed from the clients that the description names, and inferred as it says. No timer stops a chamber left alone.
 Gradients 0.01 to 5 °C/min up and to 3.5 down; pauses and time-outs are those of the description.

@@ -1,7 +1,7 @@
 r"""Vötsch and Weiss chambers over ASCII-2 (`$00I`, `$00E`): VT 4002, VT 4004, VT 7004 and their relatives.
 
     controller = VoetschAscii(transport, clock, limits=limits)
-    chamber = SupervisedChamber(controller, clock, limits=limits, safe=safe, celsius_confirmed=True)
+    chamber = SupervisedChamber(controller, clock, Supervision(limits=limits, safe=safe, celsius_confirmed=True))
 
 One request reads everything: pairs of nominal and actual value, then the digital bits; one writes everything: all
 nominal values and all digital bits. What is not ours is written back as it was read. A setpoint works while the start
@@ -29,15 +29,13 @@ from drivers.chambers.setpoints import clamped
 from drivers.clock import Clock
 from drivers.errors import ProtocolError
 from drivers.transports import Transport
+from drivers.transports.framing import lines
 from drivers.transports.lines import LineExchange, LineTiming
 
 
 @dataclass(frozen=True)
 class AsciiLayout:
-    """What the numbers and bits of a chamber mean; bits are counted from 0 on the left. The first pair is the air.
-
-    Raises `ValueError` where it contradicts itself.
-    """
+    """What numbers and bits mean; bits count from 0 on the left, the first pair is the air. Raises `ValueError`."""
 
     pairs: PositiveInt = 5
     nominal_first: bool = True
@@ -56,10 +54,7 @@ class AsciiLayout:
 
 
 class VoetschAscii(Controller):
-    """A `Controller` behind ASCII-2.
-
-    `limits` bound the setpoint that is written back with a stop: somebody may have left one outside.
-    """
+    """A `Controller` behind ASCII-2. `limits` bound the setpoint too that is written back with a stop."""
 
     sees_programs = False
 
@@ -78,7 +73,7 @@ class VoetschAscii(Controller):
         self._layout = layout or AsciiLayout()
         self._address = f"${address:02d}"
         timing = LineTiming(1.5, pause_after_query_s=0.2, pause_after_command_s=0.2, late_s=3.0)
-        self._exchange = LineExchange(transport, clock, device=self.device, terminator=terminator, timing=timing)
+        self._exchange = LineExchange(transport, clock, device=self.device, framings=lines(terminator), timing=timing)
         self._nominal = [0.0] * self._layout.written
         self._bits = "0" * self._layout.bits
 
@@ -119,10 +114,7 @@ class VoetschAscii(Controller):
         self._exchange.command(f"{self._address}P0000", _acknowledged)
 
     def set_ramp_rate(self, degC_per_min: float) -> bool:
-        """Bound the gradient of the first channel, up and down, in tenths of °C/min; others get none.
-
-        Raises `ProtocolError` where it is not acknowledged.
-        """
+        """Bound the first channel's gradient in tenths of °C/min; `ProtocolError` where that is not acknowledged."""
         rate = max(round(degC_per_min, 1), 0.1)
         numbers = [rate, rate] + [0.0] * (2 * (self._layout.written - 1))
         text = " ".join(f"{number:06.1f}" for number in numbers)

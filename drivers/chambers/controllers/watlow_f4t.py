@@ -2,7 +2,7 @@
 
     scpi = open_port("socket://192.0.2.5:5025", clock=clock)
     controller = WatlowF4t(transport, clock, load_box(path), ramp_port=scpi)
-    chamber = SupervisedChamber(controller, clock, limits=limits, safe=safe)
+    chamber = SupervisedChamber(controller, clock, Supervision(limits=limits, safe=safe))
 
 SCPI has a unit of its own (`:UNIT:TEMPERATURE?`), which must be °C before a ramp rate is sent. Its mnemonics are those
 of a chamber maker's list and of public clients; Byte-exact is none of its replies, whose formats are inferred. No timer
@@ -16,6 +16,7 @@ from drivers.chambers.controllers.description import BoxDescription
 from drivers.clock import Clock
 from drivers.errors import ProtocolError, WrongDevice
 from drivers.transports import Transport
+from drivers.transports.framing import lines
 from drivers.transports.lines import LineExchange, LineTiming
 
 
@@ -36,7 +37,7 @@ class WatlowF4t(SetpointBox):
         if ramp_port is not None:
             timing = LineTiming(pause_after_query_s=0.05, late_s=3.0)
             device = f"chamber on {ramp_port.name}"
-            self._scpi = LineExchange(ramp_port, clock, device=device, terminator=b"\n", timing=timing)
+            self._scpi = LineExchange(ramp_port, clock, device=device, framings=lines(b"\n"), timing=timing)
 
     def set_ramp_rate(self, degC_per_min: float) -> bool:
         """Bound how fast the setpoint moves, and read the rate back; False without the SCPI port.

@@ -8,7 +8,7 @@ driver.
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from enum import StrEnum
 
 from drivers.chambers import ChamberLimits
@@ -42,17 +42,8 @@ class ChamberFaultKind(StrEnum):
     NOT_CARRIED_OUT = "not_carried_out"  # acknowledges and shows what it is told, and goes on as it was
 
 
-OF_A_REPLY = frozenset(
-    {
-        ChamberFaultKind.DEAF,
-        ChamberFaultKind.SILENCE,
-        ChamberFaultKind.GARBAGE,
-        ChamberFaultKind.TRUNCATED,
-        ChamberFaultKind.CORRUPTED,
-        ChamberFaultKind.LATE,
-        ChamberFaultKind.REFUSED,
-    }
-)
+Kind = ChamberFaultKind
+OF_A_REPLY = {Kind.DEAF, Kind.SILENCE, Kind.GARBAGE, Kind.TRUNCATED, Kind.CORRUPTED, Kind.LATE, Kind.REFUSED}
 
 
 @dataclass(frozen=True)
@@ -79,6 +70,7 @@ class Refusal(Exception):
     """The controller will not; the text is the protocol's own word or number."""
 
 
+@dataclass(eq=False)
 class SimulatedController(ABC):
     """The part of a `SimulatedDevice` that every simulated controller has.
 
@@ -86,47 +78,34 @@ class SimulatedController(ABC):
     request that comes sooner than `pause_s` after the last reply is ignored, and counted.
     """
 
+    plant: ChamberPlant
+    _: KW_ONLY
+    setpoint_degC: float = FACTORY_SETPOINT_DEGC
+    limits: ChamberLimits = ChamberLimits(-75.0, 185.0)  # noqa: RUF009 - frozen
+    mode: str = "OFF"
+    latency_s: float = 0.05
+    pause_s: float = 0.0
+    faults: Iterable[ChamberFault] = ()
+    begins_s: float = 0.0
+    alarms: tuple[str, ...] = field(default=(), init=False)
+    _sensor_degC: float | None = field(default=None, init=False)
     _usual_alarm = "1"  # where a fault names none
     _stopped = "OFF"  # the mode in which an alarm leaves it
+    panel_locked = fahrenheit = False
+    ignored_requests = 0
+    _received = b""
+    _obeyed = True
 
-    def __init__(
-        self,
-        plant: ChamberPlant,
-        *,
-        setpoint_degC: float = FACTORY_SETPOINT_DEGC,
-        limits: ChamberLimits = ChamberLimits(-75.0, 185.0),  # noqa: B008 - frozen
-        mode: str = "OFF",
-        latency_s: float = 0.05,
-        pause_s: float = 0.0,
-        faults: Iterable[ChamberFault] = (),
-        begins_s: float = 0.0,
-    ) -> None:
-        self.mode = mode
-        self.setpoint_degC = setpoint_degC
-        self.limits = limits
-        self.alarms: tuple[str, ...] = ()
-        self.panel_locked = False
-        self.fahrenheit = False
-        self.ignored_requests = 0
-        self._plant = plant
-        self._latency_s = latency_s
-        self._pause_s = pause_s
-        self._faults: list[ChamberFault] = list(faults)
+    def __post_init__(self) -> None:
+        self._faults = list(self.faults)
         self._going_on: list[ChamberFault] = []  # have happened, and will end
-        self._received = b""
         self._pending: list[tuple[float, bytes]] = []
-        self._ready_at_s = begins_s
-        self._sensor_degC: float | None = None
-        self._obeyed = True
-        self._condition(begins_s)
+        self._ready_at_s = self.begins_s
+        self._condition(self.begins_s)
 
     def inject(self, fault: ChamberFault) -> None:
         """Let one more thing go wrong."""
         self._faults.append(fault)
-
-    def acknowledge_alarms(self) -> None:
-        """Do what an operator does at the panel: clear the alarms. The chamber stays stopped."""
-        self.alarms = ()
 
     def receive(self, data: bytes, now_s: float) -> None:
         """Take bytes from the host; every complete request is carried out."""
@@ -173,7 +152,7 @@ class SimulatedController(ABC):
     def _pause_after(self, request: bytes) -> float:
         """Return how long it wants to be left alone after its reply to this request, s."""
         del request
-        return self._pause_s
+        return self.pause_s
 
     def _power_up(self) -> None:  # noqa: B027 - most protocols forget nothing of their own
         """Forget what the protocol's own part forgets with its power."""
@@ -186,14 +165,13 @@ class SimulatedController(ABC):
             self.ignored_requests += 1
             return
         fault = self._strike(self._name(request), now_s)
-        kind = None if fault is None else fault.kind
-        if kind is ChamberFaultKind.DEAF:
+        if fault is not None and fault.kind is Kind.DEAF:
             return
-        due_s = now_s + self._latency_s
+        due_s = now_s + self.latency_s
         pause_s = self._pause_after(request)
         self._ready_at_s = due_s + pause_s if pause_s else now_s
         try:
-            if fault is not None and kind is ChamberFaultKind.REFUSED:
+            if fault is not None and fault.kind is Kind.REFUSED:
                 raise Refusal(self._refusal() if fault.text is None else fault.text)
             reply = self._carry_out(request, now_s)
         except Refusal as refusal:
@@ -206,16 +184,16 @@ class SimulatedController(ABC):
         if not reply:
             return
         match fault.kind if fault else None:
-            case ChamberFaultKind.SILENCE:
+            case Kind.SILENCE:
                 return
-            case ChamberFaultKind.GARBAGE:
+            case Kind.GARBAGE:
                 reply = self._noise()
-            case ChamberFaultKind.TRUNCATED:
+            case Kind.TRUNCATED:
                 reply = reply[: max(1, len(reply) // 2)]
-            case ChamberFaultKind.CORRUPTED:
+            case Kind.CORRUPTED:
                 place = min(3, len(reply) - 1)
                 reply = reply[:place] + bytes([reply[place] ^ 0x40]) + reply[place + 1 :]
-            case ChamberFaultKind.LATE if fault:
+            case Kind.LATE if fault:
                 due_s += fault.delay_s
         self._pending.append((due_s, reply))
 
@@ -239,80 +217,56 @@ class SimulatedController(ABC):
         due = [each for each in self._faults if each.kind not in OF_A_REPLY and each.begins_s <= now_s]
         for fault in sorted(due, key=lambda each: each.begins_s):
             self._faults.remove(fault)
-            self._happen(fault)
-            self._condition(fault.begins_s)
+            self._turn(fault, on=True)
             self._going_on.append(fault)
         for fault in [each for each in self._going_on if each.ends_s <= now_s]:
             self._going_on.remove(fault)
-            self._end(fault)
+            self._turn(fault, on=False)
 
-    def _happen(self, fault: ChamberFault) -> None:
+    def _turn(self, fault: ChamberFault, *, on: bool) -> None:
+        """Let a fault of the chamber begin or be over. What was forgotten stays forgotten."""
+        at_s = fault.begins_s if on else fault.ends_s
         match fault.kind:
-            case ChamberFaultKind.ALARM:
+            case Kind.ALARM if on:
                 self.alarms = (*self.alarms, fault.text or self._usual_alarm)
-                if self.mode != "OFF":
-                    self.mode = self._stopped
-            case ChamberFaultKind.PANEL_LOCK:
-                self.panel_locked = True
-            case ChamberFaultKind.POWER_CYCLE:
+                self.mode = self._stopped if self.mode != "OFF" else "OFF"
+            case Kind.ALARM:
+                self.alarms = ()
+            case Kind.PANEL_LOCK:
+                self.panel_locked = on
+            case Kind.POWER_CYCLE if on:
                 self.mode, self.setpoint_degC, self.alarms = "OFF", FACTORY_SETPOINT_DEGC, ()
                 self._received, self._pending = b"", []
                 self._power_up()
-            case ChamberFaultKind.FAHRENHEIT:
-                self.fahrenheit = True
-            case ChamberFaultKind.PROGRAM:
-                if not self._dark(fault.begins_s):
-                    self.mode = "RUN"
-            case ChamberFaultKind.SENSOR_FROZEN:
-                self._sensor_degC = self._plant.advance(fault.begins_s)
-            case ChamberFaultKind.SENSOR_BROKEN:
-                self._sensor_degC = fault.reading
-            case ChamberFaultKind.RUNAWAY:
-                self._plant.go_astray(fault.astray_degC, fault.begins_s)
-            case ChamberFaultKind.NOT_CARRIED_OUT:
-                self._obeyed = False
-            case _:
-                self._plant.kill(fault.begins_s)
+            case Kind.FAHRENHEIT:
+                self.fahrenheit = on
+            case Kind.PROGRAM if on and not self._dark(at_s):
+                self.mode = "RUN"
+            case Kind.SENSOR_FROZEN:
+                self._sensor_degC = self.plant.advance(at_s) if on else None
+            case Kind.SENSOR_BROKEN:
+                self._sensor_degC = fault.reading if on else None
+            case Kind.RUNAWAY:
+                self.plant.go_astray(fault.astray_degC if on else 0.0, at_s)
+            case Kind.NOT_CARRIED_OUT:
+                self._obeyed = not on
+            case Kind.PLANT_DEAD:
+                self.plant.fail(dead=on, at_s=at_s)
+        self._condition(at_s)
 
     def _dark(self, at_s: float) -> bool:
         """Tell whether its power is gone at that time: nobody starts anything at a panel that is dark."""
-        gone = [each for each in self._going_on if each.kind is ChamberFaultKind.POWER_CYCLE]
+        gone = [each for each in self._going_on if each.kind is Kind.POWER_CYCLE]
         return any(each.begins_s <= at_s < each.ends_s < math.inf for each in gone)
-
-    def _end(self, fault: ChamberFault) -> None:
-        """Let a fault of the chamber be over."""
-        match fault.kind:
-            case ChamberFaultKind.ALARM:
-                self.acknowledge_alarms()
-            case ChamberFaultKind.PANEL_LOCK:
-                self.panel_locked = False
-            case ChamberFaultKind.FAHRENHEIT:
-                self.fahrenheit = False
-            case ChamberFaultKind.SENSOR_FROZEN | ChamberFaultKind.SENSOR_BROKEN:
-                self._sensor_degC = None
-            case ChamberFaultKind.RUNAWAY:
-                self._plant.go_astray(0.0, fault.ends_s)
-            case ChamberFaultKind.PLANT_DEAD:
-                self._plant.revive(fault.ends_s)
-            case ChamberFaultKind.NOT_CARRIED_OUT:
-                self._obeyed = True
-                self._condition(fault.ends_s)
-            case _:
-                pass  # what was forgotten stays forgotten
 
     def _condition(self, at_s: float) -> None:
         """Tell the plant what mode and setpoint mean for it."""
         if self._obeyed:
-            self._plant.command(self.setpoint_degC if self.mode in ("CONSTANT", "RUN") else None, at_s)
-
-    def _bound_ramp(self, up_degC_per_min: float, down_degC_per_min: float) -> None:
-        """Bound how fast the air is moved from the next setpoint on; 0 for not at all."""
-        self._plant.bound_ramp(up_degC_per_min, down_degC_per_min)
+            self.plant.command(self.setpoint_degC if self.mode in ("CONSTANT", "RUN") else None, at_s)
 
     def _air(self, now_s: float) -> float:
         """Return the sensor's temperature in the unit of the panel."""
-        degC = self._plant.advance(now_s) if self._sensor_degC is None else self._sensor_degC
-        return self._shown(degC)
+        return self._shown(self.plant.advance(now_s) if self._sensor_degC is None else self._sensor_degC)
 
     def _shown(self, degC: float) -> float:
         return degC * 1.8 + 32.0 if self.fahrenheit else degC

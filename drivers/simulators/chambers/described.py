@@ -84,7 +84,7 @@ class _Described(SimulatedController, ABC):
                 self.limits = ChamberLimits(self.limits.low_degC, self._rounded(value))
             case "ramp":
                 self.ramp_degC_per_min = value
-                self._bound_ramp(value, value)
+                self.plant.ramp_degC_per_min = (value, value)
             case _:
                 self.dead_man_s = value
 
@@ -106,15 +106,7 @@ class SimulatedSetpointBox(_Described, SimulatedLines):
     def __init__(self, plant: ChamberPlant, description: BoxDescription, **settings: Any) -> None:
         self._box = description
         self._usual_alarm = description.simulated.alarm
-        framing, told_framing, reply_framing = description.framings
-        super().__init__(
-            plant,
-            framing=framing,
-            told_framing=told_framing,
-            reply_framing=reply_framing,
-            encoding=description.encoding,
-            **settings,
-        )
+        super().__init__(plant, description.framings, **settings)
 
     def _respond(self, request: str, now_s: float) -> str | None:
         request = request.upper() if self._box.simulated.any_case else request
@@ -148,8 +140,7 @@ class SimulatedSetpointBox(_Described, SimulatedLines):
     def _written(self, value: float | str) -> str:
         return f"{value:.{self._box.simulated.decimals}f}" if isinstance(value, float) else str(value)
 
-    def _refuse(self, request: str, refusal: Refusal) -> str | None:
-        del request
+    def _refuse(self, refusal: Refusal) -> str | None:
         return self._box.refused and reply_with(self._box.refused, str(refusal) or next(iter(self._box.refusals), "5"))
 
 
@@ -172,14 +163,10 @@ class SimulatedRegisterBox(_Described, SimulatedModbus):
         self._box, self._map, own = description, description.modbus or ModbusSection(), description.simulated
         self.registers = {each: value for (a, b), value in own.registers.items() for each in range(a, b + 1)}
         self._usual_alarm = next((_alarm_id(each) for each in description.alarms), "")
-        usual = {"pause_s": own.pause_s, "silent_refusals": own.silent_refusals}
-        usual["coils"] = any(each.table in ("coil", "discrete") for _, each in description.named)
-        super().__init__(
-            plant,
-            address=self._map.address,
-            framing=framing or self._map.framing,
-            **{**usual, **settings},
-        )
+        self._silent_refusals = own.silent_refusals
+        self._coils = any(each.table in ("coil", "discrete") for _, each in description.named)
+        settings = {"pause_s": own.pause_s, **settings}
+        super().__init__(plant, address=self._map.address, framing=framing or self._map.framing, **settings)
 
     def _register(self, address: int, now_s: float, table: Table) -> int:
         address, table = self._box.simulated.same.get(address, address), self._own(table)

@@ -17,12 +17,13 @@ code 1, and that an alarm limit which would exclude the setpoint is refused.
 
 import re
 from collections.abc import Callable
-from typing import Any, Literal
+from typing import Any
 
 from drivers.chambers import ChamberLimits
 from drivers.simulators.chambers.controller import ChamberFault, ChamberFaultKind, Refusal
 from drivers.simulators.chambers.lines import SimulatedLines
 from drivers.simulators.chambers.plant import ChamberPlant
+from drivers.transports.framing import lines
 
 _PAUSE_AFTER_MONITOR_S = 0.3
 _PAUSE_AFTER_SETTING_S = 0.5
@@ -38,13 +39,18 @@ _PROGRAM_ENDS = {"STANDBY": "STANDBY", "OFF": "OFF", "CONST": "CONSTANT", "HOLD"
 class SimulatedEspec(SimulatedLines):
     """A `SimulatedDevice`: the controller of one chamber.
 
-    `model` is the reply to `ROM?` and says by default that it is simulated; `type_text` the reply to `TYPE?`;
-    `humidity` the reply to `HUMI?`, None for a chamber without. `limits` are the alarm limits as the last user left
-    them; `hardware_limits` bound what they can be set to. `spelling` is the form of `OK`: plain `OK:TEMP,S25`,
-    addressed `OK:1,temp,s25`, manual `OK : 1,TEMP,S25`. A fault's text is what a refusal says after `NA:`, the code of
-    an alarm, or what a broken sensor shows.
+    `limits` are the alarm limits as the last user left them. A fault's text is what a refusal says after `NA:`, the
+    code of an alarm, or what a broken sensor shows.
     """
 
+    model = "P300 SIMULATED 1.00"  # the reply to ROM?
+    type_text = "T,T,P3,180.0"  # to TYPE?
+    humidity: str | None = None  # to HUMI?, of a chamber that has it
+    acknowledgement = "OK:{0}"  # or, with the address and the command, "OK : {1},{2}", as {3} in small letters
+    timer_ends_s: float | None = None
+    _hardware = ChamberLimits(-80.0, 190.0)  # bound what the alarm limits can be set to
+    _timer = ("STANDBY", 0)  # the mode that it leads to, and after how many minutes
+    _shown_instead: str | None = None
     _usual_alarm = "19"
     _stopped = "STANDBY"
 
@@ -52,28 +58,13 @@ class SimulatedEspec(SimulatedLines):
         self,
         plant: ChamberPlant,
         *,
-        model: str = "P300 SIMULATED 1.00",
-        type_text: str = "T,T,P3,180.0",
-        limits: ChamberLimits = ChamberLimits(-75.0, 105.0),  # noqa: B008 - frozen
-        hardware_limits: ChamberLimits = ChamberLimits(-80.0, 190.0),  # noqa: B008 - frozen
-        humidity: str | None = None,
         address: int | None = None,
         terminator: bytes = b"\r\n",
-        spelling: Literal["plain", "addressed", "manual"] = "plain",
         strict: bool = False,
         **settings: Any,
     ) -> None:
-        self._model = model
-        self._type_text = type_text
-        self._hardware = hardware_limits
-        self._humidity = humidity
-        self._address = address
-        self._spelling = spelling
-        self._strict = strict
-        self._shown_instead: str | None = None
-        self._timer = ("STANDBY", 0)  # the mode that it leads to, and after how many minutes
-        self.timer_ends_s: float | None = None
-        super().__init__(plant, limits=limits, terminator=terminator, **settings)
+        self._address, self._strict = address, strict
+        super().__init__(plant, lines(terminator), **{"limits": ChamberLimits(-75.0, 105.0), **settings})
 
     def receive(self, data: bytes, now_s: float) -> None:
         """Take bytes from the host; every complete line is a request."""
@@ -94,9 +85,7 @@ class SimulatedEspec(SimulatedLines):
         if self._address is None:
             return text
         addressed = re.match(r"(\d+)\s*,\s*(.*)", text)
-        if addressed is None or int(addressed[1]) != self._address:
-            return None
-        return addressed[2]
+        return addressed[2] if addressed and int(addressed[1]) == self._address else None
 
     def _name(self, request: bytes) -> str:
         return self._command(request) or ""
@@ -106,11 +95,10 @@ class SimulatedEspec(SimulatedLines):
         return usual if self._strict else 0.0
 
     def _respond(self, request: str, now_s: float) -> str | None:
-        command = self._command(request.encode(self._encoding, errors="replace")) or ""
+        command = self._command(request.encode(errors="replace")) or ""
         return self._monitor(command, now_s) if "?" in command else self._setting(command, request, now_s)
 
-    def _refuse(self, request: str, refusal: Refusal) -> str | None:
-        del request
+    def _refuse(self, refusal: Refusal) -> str:
         return f"NA:{refusal}"
 
     def _refusal(self) -> str:
@@ -118,15 +106,10 @@ class SimulatedEspec(SimulatedLines):
 
     # What happens by itself.
 
-    def _happen(self, fault: ChamberFault) -> None:
-        super()._happen(fault)
+    def _turn(self, fault: ChamberFault, *, on: bool) -> None:
+        super()._turn(fault, on=on)
         if fault.kind is ChamberFaultKind.SENSOR_BROKEN:
-            self._shown_instead = fault.text
-
-    def _end(self, fault: ChamberFault) -> None:
-        super()._end(fault)
-        if fault.kind is ChamberFaultKind.SENSOR_BROKEN:
-            self._shown_instead = None
+            self._shown_instead = fault.text if on else None
 
     def _suffer(self, now_s: float) -> None:
         super()._suffer(now_s)
@@ -139,7 +122,7 @@ class SimulatedEspec(SimulatedLines):
     def _watch_limits(self, now_s: float) -> None:
         """Raise the alarm of an air beyond the alarm limits, as seen whenever the host speaks."""
         if self.mode in ("CONSTANT", "RUN") and _LIMIT_ALARM not in self.alarms:
-            air = self._plant.advance(now_s)
+            air = self.plant.advance(now_s)
             if not self.limits.low_degC <= air <= self.limits.high_degC:
                 self.alarms = (*self.alarms, _LIMIT_ALARM)
                 self.mode = self._stopped
@@ -153,7 +136,7 @@ class SimulatedEspec(SimulatedLines):
     def _monitor(self, command: str, now_s: float) -> str:
         """Return the data that a monitor command asks for."""
         if command in ("MON?,DETAIL", "MODE?,DETAIL"):
-            if not self._model.startswith("P3"):
+            if not self.model.startswith("P3"):
                 raise Refusal("PARA ERR")
             command = command.removesuffix(",DETAIL")
         match command:
@@ -161,7 +144,8 @@ class SimulatedEspec(SimulatedLines):
                 settings = (self.setpoint_degC, self.limits.high_degC, self.limits.low_degC)
                 return ",".join((self._air_text(now_s), *(f"{self._shown(each):.1f}" for each in settings)))
             case "MON?":
-                return f"{self._air_text(now_s)},{self._humidity_now()},{self.mode},{len(self.alarms)}"
+                humidity = (self.humidity or "").partition(",")[0]
+                return f"{self._air_text(now_s)},{humidity},{self.mode},{len(self.alarms)}"
             case "MODE?":
                 return self.mode
             case "ALARM?":
@@ -169,11 +153,13 @@ class SimulatedEspec(SimulatedLines):
             case "CONSTANT SET?,TEMP":
                 return f"{self._shown(self.setpoint_degC):.1f},ON"
             case "ROM?":
-                return self._model
+                return self.model
             case "TYPE?":
-                return self._type_text
+                return self.type_text
             case "HUMI?":
-                return self._humidity_reply()
+                if self.humidity is None:
+                    raise Refusal("INVALID REQ")
+                return self.humidity
             case "TIMER LIST?,0":
                 mode, minutes = self._timer
                 return f"{mode},{minutes // 60}:{minutes % 60}"
@@ -185,21 +171,13 @@ class SimulatedEspec(SimulatedLines):
                 return "ON" if self.panel_locked else "OFF"
             case "%?":
                 dry = f"{50.0 * (self.mode == 'CONSTANT'):.1f}"
-                return f"1,{dry}" if self._humidity is None else f"2,{dry},0.0"
+                return f"1,{dry}" if self.humidity is None else f"2,{dry},0.0"
         if command in _OTHERS:
             return _OTHERS[command]
         raise Refusal("PARA ERR" if command.split(",")[0] in _MONITORS else "CMD ERR")
 
     def _air_text(self, now_s: float) -> str:
         return f"{self._air(now_s):.1f}" if self._shown_instead is None else self._shown_instead
-
-    def _humidity_now(self) -> str:
-        return "" if self._humidity is None else self._humidity.split(",", 1)[0]
-
-    def _humidity_reply(self) -> str:
-        if self._humidity is None:
-            raise Refusal("INVALID REQ")
-        return self._humidity
 
     # What it does.
 
@@ -218,10 +196,7 @@ class SimulatedEspec(SimulatedLines):
             raise Refusal("CMD ERR")
         self._refuse_if_locked()
         settings[head](parameter.strip())
-        address = self._address or 1
-        if self._spelling == "addressed":
-            return f"OK:{address},{command.lower()}"
-        return f"OK : {address},{command}" if self._spelling == "manual" else f"OK:{request}"
+        return self.acknowledgement.format(request, self._address or 1, command, command.lower())
 
     def _set_temperatures(self, parameter: str) -> None:
         """`S25`, `H80.0`, `L-45.0`, or several of them, judged together."""

@@ -5,47 +5,29 @@ from typing import Any
 
 from drivers.simulators.chambers.controller import Refusal, SimulatedController
 from drivers.simulators.chambers.plant import ChamberPlant
-from drivers.transports.framing import Framing, Line
+from drivers.transports.framing import Framings
 
 
 class SimulatedLines(SimulatedController):
-    """A `SimulatedDevice` whose requests end with `terminator` and whose replies end with `reply_terminator`.
+    """A `SimulatedDevice` that answers text with text (`_respond`). Faults know requests by their text."""
 
-    `framing`, `told_framing` (of commands) and `reply_framing` are what stands around them where that is no terminator.
-    A controller answers text with text (`_respond`): None is no reply. Faults know requests by their text.
-    """
-
-    def __init__(
-        self,
-        plant: ChamberPlant,
-        *,
-        terminator: bytes = b"\r",
-        reply_terminator: bytes | None = None,
-        framing: Framing | None = None,
-        told_framing: Framing | None = None,
-        reply_framing: Framing | None = None,
-        encoding: str = "ascii",
-        **settings: Any,
-    ) -> None:
-        self._framing = framing or Line(terminator)
-        self._told_framing = told_framing or self._framing
-        self._reply_framing = reply_framing or Line(reply_terminator or terminator)
-        self._encoding = encoding
+    def __init__(self, plant: ChamberPlant, framings: Framings, **settings: Any) -> None:
+        self._framings = framings
         super().__init__(plant, **settings)
 
     @abstractmethod
     def _respond(self, request: str, now_s: float) -> str | None:
         """Return the reply to a request, None for silence; raise `Refusal`."""
 
-    def _refuse(self, request: str, refusal: Refusal) -> str | None:
+    def _refuse(self, refusal: Refusal) -> str | None:
         """Return the reply to a request that was refused, None for silence."""
-        del request, refusal
+        del refusal
         return None
 
     def _next_request(self) -> bytes | None:
         try:
             # Of what is told and what is asked the first to end; its check may look like the end of a question.
-            both = [each.cut(self._received) for each in (self._told_framing, self._framing)]
+            both = [each.cut(self._received) for each in (self._framings.told, self._framings.asked)]
             found = max((each for each in both if each is not None), key=lambda each: len(each[1]), default=None)
         except ValueError:  # a damaged frame is not answered
             self._received = b""
@@ -56,7 +38,7 @@ class SimulatedLines(SimulatedController):
         return text
 
     def _text(self, request: bytes) -> str:
-        return request.decode(self._encoding, errors="replace")
+        return request.decode(self._framings.encoding, errors="replace")
 
     def _name(self, request: bytes) -> str:
         return self._text(request)
@@ -65,10 +47,11 @@ class SimulatedLines(SimulatedController):
         return self._line(self._respond(self._text(request), now_s))
 
     def _refused(self, request: bytes, refusal: Refusal) -> bytes:
-        return self._line(self._refuse(self._text(request), refusal))
+        del request
+        return self._line(self._refuse(refusal))
 
     def _line(self, reply: str | None) -> bytes:
-        return b"" if reply is None else self._reply_framing.packed(reply.encode(self._encoding))
+        return b"" if reply is None else self._framings.replied.packed(reply.encode(self._framings.encoding))
 
     def _noise(self) -> bytes:
-        return self._reply_framing.packed(super()._noise())
+        return self._framings.replied.packed(super()._noise())

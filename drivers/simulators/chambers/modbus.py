@@ -8,11 +8,11 @@ are minimalmodbus as a client and the published frames, byte for byte.
 import struct
 from abc import abstractmethod
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any
 
 from pymodbus.exceptions import ModbusException
-from pymodbus.framer import FramerBase, FramerRTU, FramerSocket
-from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
+from pymodbus.framer import FramerRTU
+from pymodbus.pdu import ExceptionResponse, ModbusPDU
 from pymodbus.pdu.bit_message import ReadCoilsResponse, ReadDiscreteInputsResponse, WriteSingleCoilResponse
 from pymodbus.pdu.register_message import (
     ReadHoldingRegistersResponse,
@@ -23,7 +23,7 @@ from pymodbus.pdu.register_message import (
 
 from drivers.simulators.chambers.controller import Refusal, SimulatedController
 from drivers.simulators.chambers.plant import ChamberPlant
-from drivers.transports.modbus import Table
+from drivers.transports.modbus import Framing, Table, framer_of
 
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = "1", "2", "3"
 _BY_TABLE: Mapping[Table, tuple[int, ...]] = {"coil": (1, 5), "discrete": (2,), "holding": (3, 6, 16), "input": (4,)}
@@ -40,31 +40,20 @@ class SimulatedModbus(SimulatedController):
     """A `SimulatedDevice` with registers.
 
     A controller says what is in a register (`_register`) and what writing them does (`_set_registers`); both raise
-    `Refusal` with the number of the exception. Faults know requests as `read 100` and `write 300`. `silent_refusals`
-    is for units that answer a bad request with nothing, `coils` for those that have coils.
+    `Refusal` with the number of the exception. Faults know requests as `read 100` and `write 300`.
     """
 
-    def __init__(
-        self,
-        plant: ChamberPlant,
-        *,
-        address: int = 1,
-        framing: Literal["rtu", "tcp"] = "rtu",
-        silent_refusals: bool = False,
-        most_at_once: int = 60,
-        coils: bool = False,
-        **settings: Any,
-    ) -> None:
-        decoder = DecodePDU(True)
-        self._framer: FramerBase = FramerRTU(decoder) if framing == "rtu" else FramerSocket(decoder)
-        self._framing = framing
-        self._address = address
-        self._silent_refusals = silent_refusals
-        self._most_at_once = most_at_once
+    _silent_refusals = False  # a bad request is answered with nothing
+    _coils = False  # it has coils
+    _most_at_once = 60
+
+    def __init__(self, plant: ChamberPlant, *, address: int = 1, framing: Framing = "rtu", **settings: Any) -> None:
+        self._framer = framer_of(framing, of_unit=True)
+        self._framing, self._address = framing, address
         self._functions = {
             function: "read" if function in _RESPONSES else "write"
             for function, table in _TABLES.items()
-            if coils or table in ("holding", "input")
+            if self._coils or table in ("holding", "input")
         }
         super().__init__(plant, **settings)
 
@@ -78,71 +67,57 @@ class SimulatedModbus(SimulatedController):
 
     def _next_request(self) -> bytes | None:
         """Cut one frame off; throw away what cannot be one, as a unit does at the next pause on the line."""
+        data = self._received
         if self._framing == "tcp":
-            if len(self._received) < 6 or len(self._received) < (
-                size := 6 + int.from_bytes(self._received[4:6], "big")
-            ):
-                return None
+            size = 6 + int.from_bytes(data[4:6], "big") if len(data) >= 6 else 0
+        elif len(data) < 4:
+            size = 0
         else:
-            if len(self._received) < 4:
-                return None
-            kind = self._framer.decoder.lookupPduClass(self._received)
-            if kind is None:
-                size = len(self._received)
-            else:
-                size = kind.calculateRtuFrameSize(self._received)
-                if not size or len(self._received) < size:
-                    return None
-        frame, self._received = self._received[:size], self._received[size:]
+            kind = self._framer.decoder.lookupPduClass(data)
+            size = len(data) if kind is None else kind.calculateRtuFrameSize(data)
+        if not size or len(data) < size:
+            return None
+        frame, self._received = data[:size], data[size:]
         return frame
 
+    def _head(self, request: bytes) -> tuple[int, int, int]:
+        """Return unit, function and address."""
+        body = request[6:] if self._framing == "tcp" else request
+        return body[0], body[1], int.from_bytes(body[2:4], "big")
+
+    def _is_mine(self, request: bytes) -> bool:
+        """Tell whether it is undamaged and for this unit."""
+        whole = self._framing == "tcp" or FramerRTU.check_CRC(request[:-2], int.from_bytes(request[-2:], "big"))
+        return whole and self._head(request)[0] == self._address
+
     def _name(self, request: bytes) -> str:
-        function, address = self._head(request)
+        _, function, address = self._head(request)
         return f"{self._functions.get(function, f'function {function}')} {address}"
 
-    def _head(self, request: bytes) -> tuple[int, int]:
-        body = request[6:] if self._framing == "tcp" else request
-        return body[1], int.from_bytes(body[2:4], "big")
-
     def _carry_out(self, request: bytes, now_s: float) -> bytes:
-        asked = self._decode(request)
+        if not self._is_mine(request):
+            return b""
+        if self._head(request)[1] not in self._functions:
+            raise Refusal(ILLEGAL_FUNCTION)
+        try:
+            _, asked = self._framer.handleFrame(request, 0, 0)
+        except (ModbusException, struct.error, ValueError):
+            raise Refusal(ILLEGAL_VALUE) from None
         if asked is None:
             return b""
-        return self._framer.buildFrame(self._reply(asked, now_s))
+        answer = self._answer_to(asked, now_s)
+        answer.dev_id, answer.transaction_id = asked.dev_id, asked.transaction_id
+        return self._framer.buildFrame(answer)
 
     def _refused(self, request: bytes, refusal: Refusal) -> bytes:
-        asked = self._framing == "tcp" or FramerRTU.check_CRC(request[:-2], int.from_bytes(request[-2:], "big"))
-        unit = request[6] if self._framing == "tcp" else request[0]
-        if self._silent_refusals or not asked or unit != self._address:
+        if self._silent_refusals or not self._is_mine(request):
             return b""
         transaction = int.from_bytes(request[:2], "big") if self._framing == "tcp" else 0
-        function, _ = self._head(request)
-        return self._framer.buildFrame(
-            ExceptionResponse(function, int(str(refusal)), device_id=unit, transaction=transaction)
-        )
+        unit, function, _ = self._head(request)
+        return self._framer.buildFrame(ExceptionResponse(function, int(str(refusal)), unit, transaction))
 
     def _refusal(self) -> str:
         return ILLEGAL_VALUE
-
-    def _decode(self, request: bytes) -> ModbusPDU | None:
-        """Return the request, None where it is damaged or for another unit."""
-        function, _ = self._head(request)
-        unit = request[6] if self._framing == "tcp" else request[0]
-        if unit != self._address:
-            return None
-        if function not in self._functions:
-            if self._framing == "rtu" and not FramerRTU.check_CRC(request[:-2], int.from_bytes(request[-2:], "big")):
-                return None
-            raise Refusal(ILLEGAL_FUNCTION)
-        try:
-            return self._framer.handleFrame(request, 0, 0)[1]
-        except (ModbusException, struct.error, ValueError):
-            raise Refusal(ILLEGAL_VALUE) from None
-
-    def _reply(self, asked: ModbusPDU, now_s: float) -> ModbusPDU:
-        answer = self._answer_to(asked, now_s)
-        answer.dev_id, answer.transaction_id = asked.dev_id, asked.transaction_id
-        return answer
 
     def _answer_to(self, asked: ModbusPDU, now_s: float) -> ModbusPDU:
         table, function = _TABLES[asked.function_code], asked.function_code

@@ -99,10 +99,7 @@ _Segment = _Leak | _Ramp | _Settled  # a stretch of the history; `elapsed_s` cou
 
 
 class ChamberPlant:
-    """The chamber's air, °C, from `begins_s` on; at first unconditioned and at ambient.
-
-    Rates are °C/min, both positive (else `ValueError`); times are seconds on the caller's clock.
-    """
+    """The air, °C, from `begins_s` on, at ambient. Rates are °C/min, positive (else `ValueError`); times in s."""
 
     def __init__(
         self,
@@ -122,7 +119,8 @@ class ChamberPlant:
         self.ambient_degC = ambient_degC
         self._heating_per_s = heating_degC_per_min / 60.0
         self._cooling_per_s = cooling_degC_per_min / 60.0
-        self._ramp_per_s = (math.inf, math.inf)
+        # The controller's own ramp up and down, from the next command on; 0 for no bound.
+        self.ramp_degC_per_min: tuple[float, ...] = (0.0, 0.0)
         self._response_s = response_s
         self._settling_s = settling_s
         self._ripple = (ripple_degC, ripple_period_s)
@@ -153,18 +151,9 @@ class ChamberPlant:
         last = np.searchsorted(at_s[1:], times_s, side="right")
         return setpoint[last], times_s - at_s[last]
 
-    def bound_ramp(self, up_degC_per_min: float, down_degC_per_min: float) -> None:
-        """Move no faster than this from the next command on, as a controller's own ramp does; 0 for no bound."""
-        self._ramp_per_s = (up_degC_per_min / 60.0 or math.inf, down_degC_per_min / 60.0 or math.inf)
-
-    def kill(self, at_s: float) -> None:
-        """Let compressor and heater fail: setpoints are taken and not followed until `revive`."""
-        self._dead = True
-        self._restart(at_s)
-
-    def revive(self, at_s: float) -> None:
-        """Let compressor and heater work again, towards the setpoint last commanded."""
-        self._dead = False
+    def fail(self, *, dead: bool, at_s: float) -> None:
+        """Let compressor and heater fail: setpoints are taken and not followed; or let them work again."""
+        self._dead = dead
         self._restart(at_s)
 
     def go_astray(self, by_degC: float, at_s: float) -> None:
@@ -202,7 +191,7 @@ class ChamberPlant:
             return
         target = self.commanded_degC + self._astray_degC
         rises = target > air
-        up_per_s, down_per_s = self._ramp_per_s
+        up_per_s, down_per_s = (each / 60.0 or math.inf for each in self.ramp_degC_per_min)
         limit = min(self._heating_per_s, up_per_s) if rises else -min(self._cooling_per_s, down_per_s)
         ramp = _Ramp(air, limit, rate, self._response_s)
         duration_s = ramp.duration_to(target)

@@ -15,6 +15,7 @@ from typing import Any
 from drivers.simulators.chambers.controller import Refusal
 from drivers.simulators.chambers.lines import SimulatedLines
 from drivers.simulators.chambers.plant import ChamberPlant
+from drivers.transports.framing import lines
 
 _SEPARATOR = "\xb6"
 _UNKNOWN, _WRONG_PARAMETERS, _NO_PRIVILEGE, _NO_CHAMBER = "-5", "-6", "-12", "-4"
@@ -27,25 +28,20 @@ class SimulatedSimServ(SimulatedLines):
 
     def __init__(self, plant: ChamberPlant, *, model: str = "LabEvent T/110/70/3 simulated", **settings: Any) -> None:
         self._model = model
-        self.gradient_degC_per_min = {"up": 0.0, "down": 0.0}
-        super().__init__(plant, terminator=b"\r", reply_terminator=b"\r\n", encoding="latin-1", **settings)
+        self._gradients = {"11068": 0.0, "11072": 0.0}  # up and down, °C/min, by the command that sets them
+        super().__init__(plant, lines(b"\r", b"\r\n", "latin-1"), **settings)
 
     def _respond(self, request: str, now_s: float) -> str | None:
         command, *arguments = request.removeprefix(_SEPARATOR).split(_SEPARATOR)
         if not arguments or arguments[0] != "1":
             raise Refusal(_NO_CHAMBER)
         try:
-            numbers = [float(argument) for argument in arguments[1:]]
-        except ValueError:
-            raise Refusal(_WRONG_PARAMETERS) from None
-        try:
-            reply = self._ask(command, numbers, now_s)
-        except IndexError:
+            reply = self._ask(command, [float(argument) for argument in arguments[1:]], now_s)
+        except (ValueError, IndexError):
             raise Refusal(_WRONG_PARAMETERS) from None
         return "1" if reply is None else f"1{_SEPARATOR}{reply}"
 
-    def _refuse(self, request: str, refusal: Refusal) -> str | None:
-        del request
+    def _refuse(self, refusal: Refusal) -> str:
         return str(refusal)
 
     def _refusal(self) -> str:
@@ -61,8 +57,8 @@ class SimulatedSimServ(SimulatedLines):
             "11023": lambda: "°F" if self.fahrenheit else "°C",
             "10012": lambda: str((3 if self.mode in ("CONSTANT", "RUN") else 1) + (8 if self.alarms else 0)),
             "14003": lambda: str(int(self.mode == "CONSTANT")),
-            "11066": lambda: f"{self.gradient_degC_per_min['up']:g}",
-            "11070": lambda: f"{self.gradient_degC_per_min['down']:g}",
+            "11066": lambda: f"{self._gradients['11068']:g}",
+            "11070": lambda: f"{self._gradients['11072']:g}",
             "17002": lambda: str(len(self.alarms)),
             "17005": lambda: "1",
             "17007": lambda: self.alarms[int(numbers[0]) - 1],
@@ -73,12 +69,17 @@ class SimulatedSimServ(SimulatedLines):
         self._refuse_if_locked()
         match command:
             case "11001":
-                self._set(self._taken(numbers[1]))
+                setpoint_degC = self._taken(numbers[1])
+                if not self.limits.low_degC <= setpoint_degC <= self.limits.high_degC:
+                    raise Refusal(_WRONG_PARAMETERS)
+                self.setpoint_degC = setpoint_degC
+            case "14001" if numbers[1] == 1.0:
+                self.mode = "RUN" if self.mode == "RUN" else "CONSTANT"
             case "14001":
-                self._switch(on=numbers[1] == 1.0)
+                self.mode = "OFF"
             case "11068" | "11072":
-                self.gradient_degC_per_min["up" if command == "11068" else "down"] = numbers[1]
-                self._bound_ramp(self.gradient_degC_per_min["up"], self.gradient_degC_per_min["down"])
+                self._gradients[command] = numbers[1]
+                self.plant.ramp_degC_per_min = tuple(self._gradients.values())
             case "19014":
                 self.mode = "RUN"
             case "19015":
@@ -88,13 +89,3 @@ class SimulatedSimServ(SimulatedLines):
             case _:
                 raise Refusal(_UNKNOWN)
         return None
-
-    def _set(self, setpoint_degC: float) -> None:
-        if not self.limits.low_degC <= setpoint_degC <= self.limits.high_degC:
-            raise Refusal(_WRONG_PARAMETERS)
-        self.setpoint_degC = setpoint_degC
-
-    def _switch(self, *, on: bool) -> None:
-        if self.mode == "RUN" and on:
-            return
-        self.mode = "CONSTANT" if on else "OFF"

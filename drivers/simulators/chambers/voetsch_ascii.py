@@ -17,6 +17,7 @@ from typing import Any
 from drivers.chambers.controllers.voetsch_ascii import AsciiLayout
 from drivers.simulators.chambers.lines import SimulatedLines
 from drivers.simulators.chambers.plant import ChamberPlant
+from drivers.transports.framing import lines
 
 _NUMBER = r"-?\d{3,4}\.\d"
 _TEXTS = {"01": "software test spec.protection.."}  # as the manual prints it
@@ -26,6 +27,7 @@ class SimulatedVoetschAscii(SimulatedLines):
     """A `SimulatedDevice`. `other_bits` are the bits that the layout does not name, all 0 where they are not given."""
 
     _usual_alarm = "02"
+    _temper = False
 
     def __init__(
         self,
@@ -34,7 +36,7 @@ class SimulatedVoetschAscii(SimulatedLines):
         address: int = 0,
         other_bits: str | None = None,
         layout: AsciiLayout | None = None,
-        mode: str = "OFF",
+        terminator: bytes = b"\r",
         **settings: Any,
     ) -> None:
         self._address = f"${address:02d}"
@@ -44,9 +46,7 @@ class SimulatedVoetschAscii(SimulatedLines):
         self._writes = re.compile(rf"((?:{_NUMBER} ){{{layout.written}}})([01]{{{layout.bits - 1},{layout.bits}}})")
         self._gradient = re.compile(rf"{_NUMBER}(?: {_NUMBER}){{{2 * layout.written - 1}}}")
         self._others = other_bits or "0" * layout.bits
-        self._temper = False
-        self.gradient_degC_per_min: tuple[float, float] = (0.0, 0.0)
-        super().__init__(plant, mode=mode, **settings)
+        super().__init__(plant, lines(terminator), **settings)
 
     def _respond(self, request: str, now_s: float) -> str | None:
         if not request.startswith(self._address):
@@ -65,11 +65,9 @@ class SimulatedVoetschAscii(SimulatedLines):
             case "E" if found := self._writes.fullmatch(rest):
                 self._write([float(number) for number in found[1].split()], found[2].rjust(self._layout.bits, "0"))
             case "U" if self._gradient.fullmatch(rest):
-                up, down, *_ = (float(number) for number in rest.split())
-                self.gradient_degC_per_min = (up, down)
-                self._bound_ramp(up, down)
+                self.plant.ramp_degC_per_min = tuple(map(float, rest.split()[:2]))
             case "P" if re.fullmatch(r"\d{4}", rest):
-                self._program(int(rest))
+                self.mode = "RUN" if int(rest) else "OFF" if self.mode == "RUN" else self.mode
             case _:
                 return None
         return "0"
@@ -81,17 +79,13 @@ class SimulatedVoetschAscii(SimulatedLines):
         return " ".join([*pairs, self._digital()])
 
     def _digital(self) -> str:
-        bits, layout = list(self._others), self._layout
-        runs = self.mode in ("CONSTANT", "RUN")
-        named = (
-            (layout.start_bit, runs),
-            (layout.channel_bit, runs or self._temper),
-            (layout.error_bit, bool(self.alarms)),
-        )
-        for place, on in named:
-            if on and place is not None:
-                bits[place] = "1"
-        return "".join(bits)
+        layout, runs = self._layout, self.mode in ("CONSTANT", "RUN")
+        on = {
+            layout.start_bit: runs,
+            layout.channel_bit: runs or self._temper,
+            layout.error_bit: bool(self.alarms),
+        }
+        return "".join("1" if on.get(place) else bit for place, bit in enumerate(self._others))
 
     def _write(self, nominal: list[float], bits: str) -> None:
         self.setpoint_degC = self._taken(nominal[0])
@@ -100,12 +94,6 @@ class SimulatedVoetschAscii(SimulatedLines):
         self._temper = channel is None or bits[channel] == "1"
         if self.mode != "RUN" or not starts:
             self.mode = "CONSTANT" if starts and self._temper else "OFF"
-
-    def _program(self, number: int) -> None:
-        if number:
-            self.mode = "RUN"
-        elif self.mode == "RUN":
-            self.mode = "OFF"
 
     def _power_up(self) -> None:
         self._temper = False

@@ -11,7 +11,7 @@ from typing import Any
 
 from drivers.simulators.chambers.described import SimulatedRegisterBox
 from drivers.simulators.chambers.lines import SimulatedLines
-from drivers.simulators.chambers.plant import ChamberPlant
+from drivers.transports.framing import lines
 
 
 class SimulatedWatlowF4t(SimulatedRegisterBox):
@@ -21,17 +21,12 @@ class SimulatedWatlowF4t(SimulatedRegisterBox):
         self.ramp = {"RSCALE": "HOURS", "RRATE": "0.0", "RACTION": "OFF"}
         super().__init__(*described, **settings)
 
-    @property
-    def plant(self) -> ChamberPlant:
-        """Return the air that it conditions."""
-        return self._plant
-
     def set_ramp(self, name: str, value: str) -> None:
         """Set one of the three things that make a ramp; together they bound the air from the next setpoint on."""
         self.ramp[name] = value
         rate = float(self.ramp["RRATE"]) / (1.0 if self.ramp["RSCALE"] == "MINUTES" else 60.0)
-        works = self.ramp["RACTION"] in ("SETPOINT", "BOTH")
-        self._bound_ramp(rate if works else 0.0, rate if works else 0.0)
+        bound = rate if self.ramp["RACTION"] in ("SETPOINT", "BOTH") else 0.0
+        self.plant.ramp_degC_per_min = (bound, bound)
 
 
 class SimulatedF4tScpi(SimulatedLines):
@@ -40,7 +35,7 @@ class SimulatedF4tScpi(SimulatedLines):
     def __init__(self, device: SimulatedWatlowF4t, *, unit: str = "C") -> None:
         self._device = device
         self._unit = unit
-        super().__init__(device.plant, terminator=b"\n")
+        super().__init__(device.plant, lines(b"\n"))
 
     def _condition(self, at_s: float) -> None:
         """Leave the air to the controller itself."""

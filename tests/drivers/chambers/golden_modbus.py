@@ -85,14 +85,14 @@ def _exchange(use: Callable[[ModbusExchange], object], unit: int = 1, framing: F
 
 def _reads(address: int, *expected: int, unit: int = 1) -> Act:
     def use(exchange: ModbusExchange) -> None:
-        assert exchange.read(address, len(expected)) == list(expected)
+        assert exchange.query(address, len(expected), list) == list(expected)
 
     return _exchange(use, unit)
 
 
 def _reads_float(address: int, expected: float, framing: Framing = "rtu") -> Act:
     def use(exchange: ModbusExchange) -> None:
-        assert decoded(exchange.read(address, 2), "float32") == expected
+        assert decoded(exchange.query(address, 2, list), "float32") == expected
 
     return _exchange(use, framing=framing)
 

@@ -33,13 +33,18 @@ MANUAL_READ = (
 _NEVER_ASKED = "the driver asks for nothing that this tells: "
 
 
-def _espec(air: float = 22.0, **settings: Any) -> Build:
-    return lambda: SimulatedEspec(ChamberPlant(ambient_degC=air), latency_s=0.0, **settings)
+def _espec(air: float = 22.0, has: dict[str, Any] | None = None, **settings: Any) -> Build:
+    def build() -> SimulatedController:
+        device = SimulatedEspec(ChamberPlant(ambient_degC=air), latency_s=0.0, **settings)
+        vars(device).update(has or {})
+        return device
+
+    return build
 
 
 def _sh641(**settings: Any) -> Build:
     limits = ChamberLimits(-50.0, 140.0)
-    return _espec(26.4, limits=limits, setpoint_degC=0.0, type_text="T,T,S2,160.0", **settings)
+    return _espec(26.4, limits=limits, setpoint_degC=0.0, has={"type_text": "T,T,S2,160.0"}, **settings)
 
 
 def _voetsch(**settings: Any) -> Build:
@@ -126,7 +131,10 @@ _ESPEC: dict[str, Vector] = {
     ),
     "type": Vector(b"TYPE?\r\n", b"T,T,S2,160.0\r\n", _sh641(), _is(Espec, "P300 SIMULATED 1.00", 160.0)),
     "humi": Vector(
-        b"HUMI?\r\n", b"25,85,100,0\r\n", _espec(humidity="25,85,100,0"), f"{_NEVER_ASKED}humidity is not controlled"
+        b"HUMI?\r\n",
+        b"25,85,100,0\r\n",
+        _espec(has={"humidity": "25,85,100,0"}),
+        f"{_NEVER_ASKED}humidity is not controlled",
     ),
     "set": Vector(
         b"TEMP,S25\r\n",
@@ -138,18 +146,21 @@ _ESPEC: dict[str, Vector] = {
     "mon_addr": Vector(
         b"1,MON?\r\n",
         b"24.1,100,CONSTANT,0\r\n",
-        _espec(24.1, address=1, humidity="100,100,100,0", mode="CONSTANT", setpoint_degC=24.1),
+        _espec(24.1, {"humidity": "100,100,100,0"}, address=1, mode="CONSTANT", setpoint_degC=24.1),
         _sees(lambda transport, clock: Espec(transport, clock, address=1), mode="CONSTANT", alarms=()),
     ),
     "cmd_err": Vector(b"TENMP?\r\n", b"NA:CMD ERR\r\n", _espec(), "a misspelt command, which no driver sends"),
     "range_err": Vector(b"TEMP,S9999.0\r\n", b"NA:DATA OUT OF RANGE\r\n", _espec(), _is_refused),
     "gl_set": Vector(
-        b"TEMP,S85.0\r\n", b"OK:1,temp,s85.0\r\n", _espec(spelling="addressed"), _does(Espec, _sets(85.0))
+        b"TEMP,S85.0\r\n",
+        b"OK:1,temp,s85.0\r\n",
+        _espec(has={"acknowledgement": "OK:{1},{3}"}),
+        _does(Espec, _sets(85.0)),
     ),
     "gl_mode": Vector(
         b"MODE,CONSTANT\r\n",
         b"OK:1,mode,constant\r\n",
-        _espec(spelling="addressed"),
+        _espec(has={"acknowledgement": "OK:{1},{3}"}),
         _does(Espec, lambda driver: driver.start()),
     ),
     "const": Vector(

@@ -18,7 +18,7 @@ from pymodbus import FramerType
 from drivers.chambers import ChamberLimits, SafeState
 from drivers.chambers.controllers.described import SetpointBox
 from drivers.chambers.controllers.description import BoxDescription, load_box, parse_box
-from drivers.chambers.supervised import SupervisedChamber
+from drivers.chambers.supervised import SupervisedChamber, Supervision
 from drivers.clock import SystemClock, VirtualClock
 from drivers.errors import CommandRefused, InputError, ProtocolError, WrongDevice
 from drivers.simulators.chambers.described import SimulatedRegisterBox, simulated_box
@@ -43,7 +43,7 @@ def _box(name: str) -> BoxDescription:
 def _chamber(box: BoxDescription, device: Any, safe: SafeState = HOLD) -> SupervisedChamber:
     clock = VirtualClock()
     controller = SetpointBox(MemoryTransport(device, clock, "sim://chamber"), clock, box)
-    return SupervisedChamber(controller, clock, limits=LIMITS, safe=safe, celsius_confirmed=True)
+    return SupervisedChamber(controller, clock, Supervision(limits=LIMITS, safe=safe, celsius_confirmed=True))
 
 
 def _transcript(exchanges: Sequence[tuple[bytes | str, bytes | str]]) -> TranscriptDevice:
@@ -211,7 +211,7 @@ def test_a_simulated_plc_keeps_its_tables_apart() -> None:
     device = simulated_box(ChamberPlant(), _plc(), limits=ChamberLimits(-75.0, 185.0))
     clock = VirtualClock()
     controller = SetpointBox(MemoryTransport(device, clock, "sim://plc"), clock, _plc())
-    chamber = SupervisedChamber(controller, clock, limits=LIMITS, safe=OFF)
+    chamber = SupervisedChamber(controller, clock, Supervision(limits=LIMITS, safe=OFF))
     chamber.prepare()
     chamber.set_temperature(-29.7)
     clock.sleep(3600.0)

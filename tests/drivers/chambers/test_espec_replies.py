@@ -7,7 +7,7 @@ import math
 import pytest
 
 from drivers.chambers.controllers import espec_replies as replies
-from drivers.chambers.controllers.espec_replies import Status, Temperatures, meaning_of, understood
+from drivers.chambers.controllers.espec_replies import meaning_of, understood
 from drivers.errors import CommandRefused, ProtocolError
 
 DEVICE = "chamber on /dev/ttyUSB0"
@@ -33,24 +33,30 @@ ERROR_TEXTS = {
 
 def test_temperatures_setpoint_and_alarm_limits() -> None:
     """`TEMP?` of the recorded dialog, and of a GL."""
-    assert understood(DEVICE, "TEMP?", replies.temperatures, "26.4,0.0,140.0,-50.0") == Temperatures(
-        26.4, 0.0, 140.0, -50.0
+    assert understood(DEVICE, "TEMP?", replies.temperatures, "26.4,0.0,140.0,-50.0") == (
+        26.4,
+        0.0,
+        140.0,
+        -50.0,
     )
-    assert understood(DEVICE, "TEMP?", replies.temperatures, "23.0,85.0,105.0,-75.0") == Temperatures(
-        23.0, 85.0, 105.0, -75.0
+    assert understood(DEVICE, "TEMP?", replies.temperatures, "23.0,85.0,105.0,-75.0") == (
+        23.0,
+        85.0,
+        105.0,
+        -75.0,
     )
 
 
 def test_status_with_and_without_humidity() -> None:
     """`MON?` of the EHS manual; a chamber without humidity leaves the field blank."""
-    assert understood(DEVICE, "1,MON?", replies.status, "24.1,100,CONSTANT,0") == Status(24.1, "CONSTANT", 0)
-    assert understood(DEVICE, "MON?", replies.status, "-30.2,,STANDBY,2") == Status(-30.2, "STANDBY", 2)
+    assert understood(DEVICE, "1,MON?", replies.status, "24.1,100,CONSTANT,0") == ("CONSTANT", 0)
+    assert understood(DEVICE, "MON?", replies.status, "-30.2,,STANDBY,2") == ("STANDBY", 2)
 
 
 def test_alarms_may_be_a_single_character() -> None:
     """`0` is the whole reply where there is none."""
-    assert understood(DEVICE, "ALARM?", replies.alarms, "0") == ()
-    assert understood(DEVICE, "ALARM?", replies.alarms, "2,19,40") == ("19", "40")
+    assert understood(DEVICE, "ALARM?", replies.codes, "0") == ()
+    assert understood(DEVICE, "ALARM?", replies.codes, "2,19,40") == ("19", "40")
 
 
 def test_type_names_controller_and_highest_temperature() -> None:
@@ -100,7 +106,7 @@ def test_refusals_are_refusals_for_every_parser() -> None:
         replies.text,
         replies.temperatures,
         replies.status,
-        replies.alarms,
+        replies.codes,
         replies.chamber_type,
         replies.acknowledged,
     ):
@@ -128,7 +134,7 @@ def test_a_status_of_another_shape_is_refused(line: str) -> None:
 def test_alarms_of_another_shape_are_refused(line: str) -> None:
     """The count must agree with the codes: a lost code is a lost byte."""
     with pytest.raises(ProtocolError):
-        understood(DEVICE, "ALARM?", replies.alarms, line)
+        understood(DEVICE, "ALARM?", replies.codes, line)
 
 
 @pytest.mark.parametrize("line", ["", "OK:TEMP,S25", "P3\x07"])
@@ -140,4 +146,4 @@ def test_a_name_that_is_none_is_refused(line: str) -> None:
 
 def test_dashes_for_a_missing_sensor_are_no_number() -> None:
     """They parse as not a number, for the plausibility check to name."""
-    assert math.isnan(understood(DEVICE, "TEMP?", replies.temperatures, "---.-,0.0,140.0,-50.0").temperature_degC)
+    assert math.isnan(understood(DEVICE, "TEMP?", replies.temperatures, "---.-,0.0,140.0,-50.0")[0])

@@ -10,7 +10,7 @@ import pytest
 from drivers.chambers import ChamberLimits, ChamberReading, SafeState
 from drivers.chambers.chamber import ChamberIdentity
 from drivers.chambers.controllers.espec import Espec
-from drivers.chambers.supervised import SupervisedChamber
+from drivers.chambers.supervised import SupervisedChamber, Supervision
 from drivers.clock import VirtualClock
 from drivers.errors import CommandRefused, ProtocolError, SetpointOutOfLimits, WrongDevice
 from drivers.simulators.memory import MemoryTransport
@@ -43,7 +43,7 @@ def _chamber(
     transport = MemoryTransport(device, clock, "sim://chamber")
     controller = Espec(transport, clock, address=address, terminator=terminator.encode())
     settings = {"limits": LIMITS, "safe": SafeState("hold", 25.0)} | settings
-    return SupervisedChamber(controller, clock, **settings), device
+    return SupervisedChamber(controller, clock, Supervision(**settings)), device
 
 
 def test_identify() -> None:

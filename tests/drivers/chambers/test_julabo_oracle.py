@@ -10,7 +10,7 @@ import pytest
 from julabo import simulator
 
 from drivers.chambers import ChamberLimits, SafeState
-from drivers.chambers.supervised import SupervisedChamber
+from drivers.chambers.supervised import SupervisedChamber, Supervision
 from drivers.clock import VirtualClock
 from drivers.errors import DeviceTimeout
 from drivers.simulators.chambers.plant import ChamberPlant
@@ -56,7 +56,7 @@ def _quiet() -> Iterator[None]:
 def _bench(safe: SafeState = SafeState("off")) -> tuple[SupervisedChamber, _Peer]:  # noqa: B008 - frozen
     clock, peer = VirtualClock(), _Peer()
     controller = julabo(MemoryTransport(peer, clock, "sim://bath"), clock)
-    return SupervisedChamber(controller, clock, limits=ChamberLimits(10.0, 80.0), safe=safe), peer
+    return SupervisedChamber(controller, clock, Supervision(limits=ChamberLimits(10.0, 80.0), safe=safe)), peer
 
 
 def test_the_captured_conversations_are_its_own() -> None:

@@ -7,7 +7,7 @@ import pytest
 from pymodbus import FramerType
 
 from drivers.chambers import ChamberLimits, SafeState
-from drivers.chambers.supervised import SupervisedChamber
+from drivers.chambers.supervised import SupervisedChamber, Supervision
 from drivers.clock import SystemClock
 from drivers.errors import CommandRefused, WrongDevice
 from drivers.simulators.chambers.plant import ChamberPlant
@@ -77,7 +77,7 @@ def test_our_f4_driver_works_against_pymodbus_server(framing: str) -> None:
     with modbus_server(F4, framer) as url:
         port = open_port(url, clock=clock)
         controller = watlow_f4(port, clock, framing="rtu" if framing == "rtu" else "tcp", timing=QUICK)
-        chamber = SupervisedChamber(controller, clock, limits=LIMITS, safe=SafeState("off"))
+        chamber = SupervisedChamber(controller, clock, Supervision(limits=LIMITS, safe=SafeState("off")))
         try:
             assert chamber.identify().model == "F4"
             chamber.prepare()

@@ -9,7 +9,7 @@ import pytest
 
 from drivers.chambers import ChamberLimits, SafeState
 from drivers.chambers.controller import Controller
-from drivers.chambers.supervised import SupervisedChamber
+from drivers.chambers.supervised import SupervisedChamber, Supervision
 from drivers.clock import VirtualClock
 from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, WrongDevice
 from drivers.simulators.chambers.controller import ChamberFault, ChamberFaultKind
@@ -54,7 +54,7 @@ def _chamber(
 ) -> SupervisedChamber:
     clock = VirtualClock()
     built: Controller = controller(MemoryTransport(device, clock, "sim://chamber"), clock)
-    return SupervisedChamber(built, clock, limits=LIMITS, safe=SafeState("off"), celsius_confirmed=True)
+    return SupervisedChamber(built, clock, Supervision(limits=LIMITS, safe=SafeState("off"), celsius_confirmed=True))
 
 
 def test_f4_sets_a_temperature() -> None:
@@ -167,14 +167,14 @@ REPLY = "01 03 02 00 fd 79 c5"
 def test_a_read_is_asked_again(bad: str) -> None:
     """After silence, damage, another's reply and a refusal."""
     exchange, device, _ = _exchange([(READ, bad), (READ, REPLY)])
-    assert exchange.read(100, 1) == [253]
+    assert exchange.query(100, 1, list) == [253]
     device.finish()
 
 
 def test_a_two_wire_adapter_hears_itself() -> None:
     """The request stands before the reply."""
     exchange, device, _ = _exchange([(READ, READ + REPLY)])
-    assert exchange.read(100, 1) == [253]
+    assert exchange.query(100, 1, list) == [253]
     device.finish()
 
 
@@ -190,7 +190,7 @@ def test_silence_is_bounded_and_names_what_to_check() -> None:
     """Three times a second, and the wait for late replies in between."""
     exchange, device, clock = _exchange([(READ, "")] * 3)
     with pytest.raises(DeviceTimeout, match=r"did not answer registers 100 to 100 in 1 s; check .* \(asked 3 times\)"):
-        exchange.read(100, 1)
+        exchange.query(100, 1, list)
     device.finish()
     assert clock.now() < 12.0
 
@@ -199,7 +199,7 @@ def test_a_refusal_is_in_words() -> None:
     """Exception 2 three times."""
     exchange, _, _ = _exchange([(READ, "01 83 02 c0 f1")] * 3)
     with pytest.raises(CommandRefused, match="exception 2: it has no such register"):
-        exchange.read(100, 1)
+        exchange.query(100, 1, list)
 
 
 @pytest.mark.parametrize("value", [-32769, 65536, 70000])
@@ -241,7 +241,7 @@ def test_frames_with_wrong_checksums_are_called_that() -> None:
     """And not silence: somebody will look at the cable's shield and not at its plug."""
     exchange, device, clock = _exchange([(READ, "01 03 02 00 fd 79 c4")] * 3)
     with pytest.raises(ProtocolError, match="a frame with a wrong checksum"):
-        exchange.read(100, 1)
+        exchange.query(100, 1, list)
     device.finish()
     assert clock.now() < 1.0
 
@@ -254,9 +254,9 @@ def test_the_late_reply_to_a_question_that_was_given_up_does_not_answer_another(
     clock = VirtualClock()
     exchange = ModbusExchange(MemoryTransport(device, clock, "sim://chamber"), clock, device="chamber")
     with suppress(DeviceTimeout):
-        assert exchange.read(300, 1) == [65236]
-    assert exchange.read(200, 1) == [1]
-    assert exchange.read(300, 1) == [65236]
+        assert exchange.query(300, 1, list) == [65236]
+    assert exchange.query(200, 1, list) == [1]
+    assert exchange.query(300, 1, list) == [65236]
 
 
 def test_modbus_tcp_needs_no_wait_for_late_replies() -> None:
@@ -265,6 +265,6 @@ def test_modbus_tcp_needs_no_wait_for_late_replies() -> None:
     device = simulated_f4(ChamberPlant(), setpoint_degC=-30.0, faults=faults, framing="tcp")
     clock = VirtualClock()
     exchange = ModbusExchange(MemoryTransport(device, clock, "sim://c"), clock, device="chamber", framing="tcp")
-    assert exchange.read(300, 1) == [65236]
-    assert exchange.read(200, 1) == [1]
+    assert exchange.query(300, 1, list) == [65236]
+    assert exchange.query(200, 1, list) == [1]
     assert clock.now() < 2.0

@@ -11,7 +11,7 @@ import yaml
 from drivers.chambers import ChamberLimits, SafeState
 from drivers.chambers.controllers.described import SetpointBox
 from drivers.chambers.controllers.description import BoxDescription, Question, load_box, parse_box
-from drivers.chambers.supervised import SupervisedChamber
+from drivers.chambers.supervised import SupervisedChamber, Supervision
 from drivers.clock import VirtualClock
 from drivers.errors import CommandRefused, InputError, ProtocolError, WrongDevice
 from drivers.simulators.chambers.described import SimulatedSetpointBox
@@ -63,7 +63,7 @@ def _chamber(
         [((ask + "\r").encode(), b"" if reply is None else (reply + "\r\n").encode()) for ask, reply in exchanges]
     )
     controller = SetpointBox(MemoryTransport(device, clock, "sim://chamber"), clock, box)
-    return SupervisedChamber(controller, clock, limits=LIMITS, safe=safe), device
+    return SupervisedChamber(controller, clock, Supervision(limits=LIMITS, safe=safe)), device
 
 
 def _state(setpoint: str, mode: str = "RUN", alarm: str = "NONE", unit: str = "C") -> list[tuple[str, str | None]]:
@@ -161,11 +161,11 @@ def test_its_ramp_and_its_timer_are_read_back() -> None:
     assert chamber.set_ramp_rate(2.5) is False
     clock, simulated = VirtualClock(), SimulatedSetpointBox(ChamberPlant(), load_box(EXAMPLE_BOX))
     controller = SetpointBox(MemoryTransport(simulated, clock, "sim://chamber"), clock, load_box(EXAMPLE_BOX))
-    armed = SupervisedChamber(controller, clock, limits=LIMITS, safe=SafeState("off"), dead_man_s=10800.0)
+    armed = SupervisedChamber(controller, clock, Supervision(limits=LIMITS, safe=SafeState("off"), dead_man_s=10800.0))
     armed.prepare()
     assert simulated.dead_man_s == 10800.0
     none = SetpointBox(MemoryTransport(SimulatedSetpointBox(ChamberPlant(), _full()), clock, "sim://x"), clock, _full())
-    unarmed = SupervisedChamber(none, clock, limits=LIMITS, safe=SafeState("off"), dead_man_s=10800.0)
+    unarmed = SupervisedChamber(none, clock, Supervision(limits=LIMITS, safe=SafeState("off"), dead_man_s=10800.0))
     with pytest.raises(CommandRefused, match="has no timer of its own"):
         unarmed.prepare()
 
@@ -174,7 +174,7 @@ def test_a_full_box_works_against_its_simulator() -> None:
     """A night's work over every text of the description."""
     clock, simulated = VirtualClock(), SimulatedSetpointBox(ChamberPlant(), _full())
     controller = SetpointBox(MemoryTransport(simulated, clock, "sim://chamber"), clock, _full())
-    chamber = SupervisedChamber(controller, clock, limits=LIMITS, safe=SafeState("standby"))
+    chamber = SupervisedChamber(controller, clock, Supervision(limits=LIMITS, safe=SafeState("standby")))
     chamber.prepare()
     chamber.set_temperature(-29.7)
     clock.sleep(3600.0)

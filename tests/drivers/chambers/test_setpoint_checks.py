@@ -9,18 +9,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.chambers import ChamberLimits, SafeState
+from drivers.chambers.controllers.espec import Espec
 from drivers.chambers.setpoints import (
+    NativeLimits,
     Settings,
-    SettingWrite,
+    check_plausible,
     clamped,
     confirm_settings,
-    limits_around,
-    plausible_temperature,
     refuse_fahrenheit,
     representable_setpoint,
     writes_in_order,
 )
+from drivers.clock import VirtualClock
 from drivers.errors import ProtocolError, SensorFault, SetpointOutOfLimits, WrongDevice
+from drivers.transports.transport import OwnPort
 
 LIMITS = ChamberLimits(-35.0, 65.0)
 
@@ -69,7 +71,7 @@ def test_whatever_is_sent_lies_within_the_limits_and_near_what_was_wanted(limits
 def test_limits_are_widened_before_and_tightened_after_the_setpoint() -> None:
     """From a hot test with wide limits to a cold one: high limit last, low limit first."""
     writes = writes_in_order(Settings(0.0, 85.0, 105.0), Settings(-40.0, -29.7, 70.0), 0.1)
-    assert writes == [SettingWrite("low", -40.0), SettingWrite("setpoint", -29.7), SettingWrite("high", 70.0)]
+    assert writes == [("low", -40.0), ("setpoint", -29.7), ("high", 70.0)]
 
 
 def test_what_already_agrees_is_not_written() -> None:
@@ -93,11 +95,11 @@ def _settings() -> st.SearchStrategy[Settings]:
 @given(present=_settings(), wanted=_settings())
 def test_at_no_moment_does_the_setpoint_lie_outside_the_native_limits(present: Settings, wanted: Settings) -> None:
     """Whatever the two states, every intermediate one is legal, and the last is the wanted one."""
-    state = {"low": present.low_degC, "setpoint": present.setpoint_degC, "high": present.high_degC}
-    for write in writes_in_order(present, wanted, 0.1):
-        state[write.which] = write.value_degC
+    state = present._asdict()
+    for which, value in writes_in_order(present, wanted, 0.1):
+        state[which] = value
         assert state["low"] <= state["setpoint"] <= state["high"]
-    assert state == {"low": wanted.low_degC, "setpoint": wanted.setpoint_degC, "high": wanted.high_degC}
+    assert state == wanted._asdict()
 
 
 def test_read_back_must_agree_within_half_a_step() -> None:
@@ -112,25 +114,26 @@ def test_read_back_must_agree_within_half_a_step() -> None:
 
 def test_a_native_limit_is_never_drawn_through_the_air() -> None:
     """It would raise an alarm at once; a sensor that cannot be believed moves no limit."""
-    native = ChamberLimits(25.0, 70.0)
-    assert limits_around(native, 45.0, 5.0) == native
-    assert limits_around(native, 22.04, 5.0) == ChamberLimits(17.0, 70.0)
-    assert limits_around(native, 80.0, 5.0) == ChamberLimits(25.0, 85.0)
+    controller = Espec(OwnPort("own://chamber", VirtualClock()), VirtualClock())
+    native = NativeLimits(controller, ChamberLimits(30.0, 65.0), 5.0)
+    assert native.around(45.0, 45.0) == (25.0, 45.0, 70.0)
+    assert native.around(45.0, 22.04) == (17.0, 45.0, 70.0)
+    assert native.around(45.0, 80.0) == (25.0, 45.0, 85.0)
     for broken in (math.nan, 9999.0, -3276.8):
-        assert limits_around(native, broken, 5.0) == native
+        assert native.around(45.0, broken) == (25.0, 45.0, 70.0)
 
 
 @pytest.mark.parametrize("reading", [math.nan, math.inf, -3276.8, 850.0, 9999.0, -199.9])
 def test_a_reading_of_a_broken_sensor_is_a_sensor_fault(reading: float) -> None:
     """Values that broken sensors and open inputs give."""
     with pytest.raises(SensorFault, match="sensor"):
-        plausible_temperature(reading, "chamber")
+        check_plausible(reading, "chamber")
 
 
 def test_readings_that_a_chamber_can_reach_are_plausible() -> None:
     """Nothing within a chamber's range is called a fault."""
     for reading in (-75.0, 0.0, 185.0):
-        assert plausible_temperature(reading, "chamber") == reading
+        check_plausible(reading, "chamber")
 
 
 def test_an_idle_chamber_that_reads_a_room_in_fahrenheit_is_refused() -> None:

@@ -11,7 +11,7 @@ from drivers.chambers import ChamberLimits, SafeState
 from drivers.chambers.controller import Controller
 from drivers.chambers.controllers.simserv import SimServ
 from drivers.chambers.controllers.voetsch_ascii import AsciiLayout, VoetschAscii
-from drivers.chambers.supervised import SupervisedChamber
+from drivers.chambers.supervised import SupervisedChamber, Supervision
 from drivers.clock import VirtualClock
 from drivers.errors import CommandRefused, ProtocolError
 from drivers.simulators.chambers.plant import ChamberPlant
@@ -38,7 +38,9 @@ def _chamber(
     )
     controller = kind(MemoryTransport(device, clock, "sim://chamber"), clock, **settings)
     chamber = SupervisedChamber(
-        controller, clock, limits=LIMITS, safe=SafeState("off"), native_margin_degC=5.0, celsius_confirmed=True
+        controller,
+        clock,
+        Supervision(limits=LIMITS, safe=SafeState("off"), native_margin_degC=5.0, celsius_confirmed=True),
     )
     return chamber, device
 

@@ -10,7 +10,7 @@ from pymodbus import FramerType
 from drivers.chambers import ChamberLimits, SafeState
 from drivers.chambers.controllers.watlow_f4t import WatlowF4t
 from drivers.chambers.ramp import RampedChamber
-from drivers.chambers.supervised import SupervisedChamber
+from drivers.chambers.supervised import SupervisedChamber, Supervision
 from drivers.clock import SystemClock, VirtualClock
 from drivers.errors import ProtocolError, WrongDevice
 from drivers.simulators.chambers.plant import ChamberPlant
@@ -40,7 +40,7 @@ def test_our_driver_works_against_pymodbus_server() -> None:
     clock = SystemClock()
     with modbus_server(registers, FramerType.SOCKET) as url:
         controller = watlow_f4t(open_port(url, clock=clock), clock, timing=ModbusTiming(2.0, 0.001))
-        chamber = SupervisedChamber(controller, clock, limits=LIMITS, safe=SafeState("hold", 25.0))
+        chamber = SupervisedChamber(controller, clock, Supervision(limits=LIMITS, safe=SafeState("hold", 25.0)))
         try:
             assert chamber.identify().model == "F4T hardware 124"
             chamber.set_temperature(-29.7222)
@@ -58,7 +58,7 @@ def _ramped(unit: str = "C") -> tuple[SupervisedChamber, SimulatedWatlowF4t]:
     clock, device = VirtualClock(), simulated_f4t(ChamberPlant())
     scpi = MemoryTransport(SimulatedF4tScpi(device, unit=unit), clock, "sim://scpi")
     controller = watlow_f4t(MemoryTransport(device, clock, "sim://chamber"), clock, ramp_port=scpi)
-    return SupervisedChamber(controller, clock, limits=LIMITS, safe=SafeState("off")), device
+    return SupervisedChamber(controller, clock, Supervision(limits=LIMITS, safe=SafeState("off"))), device
 
 
 def test_the_ramp_is_set_over_scpi_and_read_back() -> None:
@@ -80,7 +80,7 @@ def test_without_its_scpi_port_there_is_no_native_ramp() -> None:
     """The host steps the setpoint then."""
     clock = VirtualClock()
     port = MemoryTransport(simulated_f4t(ChamberPlant()), clock, "sim://chamber")
-    chamber = SupervisedChamber(watlow_f4t(port, clock), clock, limits=LIMITS, safe=SafeState("off"))
+    chamber = SupervisedChamber(watlow_f4t(port, clock), clock, Supervision(limits=LIMITS, safe=SafeState("off")))
     assert chamber.set_ramp_rate(2.0) is False
 
 
@@ -124,7 +124,7 @@ def test_the_air_moves_no_faster_than_the_ramp() -> None:
     scpi = MemoryTransport(SimulatedF4tScpi(device), clock, "sim://scpi")
     controller = watlow_f4t(MemoryTransport(device, clock, "sim://chamber"), clock, ramp_port=scpi)
     chamber = RampedChamber(
-        SupervisedChamber(controller, clock, limits=LIMITS, safe=SafeState("off")), clock, degC_per_min=0.5
+        SupervisedChamber(controller, clock, Supervision(limits=LIMITS, safe=SafeState("off"))), clock, degC_per_min=0.5
     )
     chamber.prepare()
     assert chamber.native is True

@@ -16,7 +16,7 @@ from drivers.frames import decoder as decoder_module
 from drivers.frames.counts import StreamCounts
 from drivers.frames.decoder import StreamDecoder
 from drivers.frames.description import StreamDescription, parse_description
-from drivers.frames.encoder import encode
+from drivers.frames.layout import encode
 from tests.drivers.frames.test_shipped_descriptions import LAYOUTS, shipped
 from tests.drivers.frames.test_stream_decoder import Outcome, cut
 

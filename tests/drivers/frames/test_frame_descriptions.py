@@ -10,7 +10,7 @@ import yaml
 
 from drivers.errors import InputError
 from drivers.frames.description import load_description, parse_description
-from drivers.frames.scale_factor import parse_factor
+from drivers.frames.notation import parse_factor
 from tests.drivers.frames.streams import KVH, MFS_FILE, STIM300, mfs
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from drivers.frames.decoder import StreamDecoder
 from drivers.frames.description import parse_description
-from drivers.frames.encoder import encode
+from drivers.frames.layout import encode
 from tests.drivers.frames.streams import mfs
 
 BITS = {"u8": 8, "i8": 8, "u16": 16, "i16": 16, "u24": 24, "i24": 24, "u32": 32, "i32": 32, "u64": 64, "i64": 64}

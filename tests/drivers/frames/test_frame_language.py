@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from drivers.errors import InputError
 from drivers.frames.decoder import StreamDecoder
 from drivers.frames.description import load_description, parse_description
-from drivers.frames.encoder import encode
+from drivers.frames.layout import encode
 from tests.drivers.frames.streams import MFS_FILE
 from tests.drivers.frames.test_damaged_streams import WEAK
 

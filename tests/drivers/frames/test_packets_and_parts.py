@@ -11,7 +11,7 @@ from drivers.errors import InputError
 from drivers.frames.counts import StreamCounts
 from drivers.frames.decoder import StreamDecoder
 from drivers.frames.description import StreamDescription, load_description, parse_description, whole_text
-from drivers.frames.encoder import encode
+from drivers.frames.layout import encode
 from drivers.frames.packets import PacketDescription
 from tests.drivers.frames.foreign import FOREIGN
 from tests.drivers.frames.test_shipped_descriptions import IMUS, decode_all

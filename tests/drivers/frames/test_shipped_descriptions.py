@@ -15,8 +15,7 @@ from drivers.frames.batch import FrameBatch
 from drivers.frames.counts import StreamCounts
 from drivers.frames.decoder import StreamDecoder
 from drivers.frames.description import StreamDescription, load_description, parse_description
-from drivers.frames.encoder import encode
-from drivers.frames.layout import FrameLayout
+from drivers.frames.layout import FrameLayout, encode
 from tests.drivers.frames.foreign import FOREIGN, FROM_TABLES
 from tests.drivers.frames.status_bits import bits
 from tests.drivers.frames.streams import MFS_FILE

@@ -14,7 +14,7 @@ from drivers.frames import decoder as decoder_module
 from drivers.frames.counts import StreamCounts
 from drivers.frames.decoder import StreamDecoder
 from drivers.frames.description import StreamDescription, parse_description
-from drivers.frames.encoder import encode
+from drivers.frames.layout import encode
 from tests.drivers.frames.streams import kvh, mfs, stim300
 from tests.drivers.frames.test_frame_checksums import crc_by_definition
 

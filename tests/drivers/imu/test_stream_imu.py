@@ -9,7 +9,7 @@ import pytest
 
 from drivers.clock import VirtualClock
 from drivers.errors import DeviceTimeout, TransportError, WrongDevice
-from drivers.frames.encoder import encode
+from drivers.frames.layout import encode
 from drivers.imu import ImuIdentity
 from drivers.imu.stream import StreamImu
 from drivers.simulators.faults import FaultWindow, ImuFault

@@ -70,11 +70,11 @@ def test_switched_off_it_leaks_to_ambient() -> None:
 def test_a_dead_plant_takes_a_setpoint_and_does_not_follow() -> None:
     """Until it is revived."""
     plant = _plant()
-    plant.kill(0.0)
+    plant.fail(dead=True, at_s=0.0)
     plant.command(60.0, 10.0)
     assert plant.commanded_degC == 60.0
     assert plant.advance(3600.0) == pytest.approx(22.0)
-    plant.revive(3600.0)
+    plant.fail(dead=False, at_s=3600.0)
     assert plant.advance(7200.0) == pytest.approx(60.0, abs=0.1)
 
 

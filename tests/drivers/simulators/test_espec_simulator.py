@@ -60,12 +60,15 @@ def test_other_requests(request_: bytes, reply: bytes) -> None:
 
 def test_detail_is_refused_by_controllers_other_than_the_p300() -> None:
     """An SCP-220 answers PARA ERR."""
-    assert _ask(_device(model="SCP-220 SIMULATED"), b"MODE?,DETAIL\r\n", 0.0) == b"NA:PARA ERR\r\n"
+    device = _device()
+    device.model = "SCP-220 SIMULATED"
+    assert _ask(device, b"MODE?,DETAIL\r\n", 0.0) == b"NA:PARA ERR\r\n"
 
 
 def test_the_manuals_spelling_and_another_terminator() -> None:
     """`OK : address, command`, and a controller set to CR alone."""
-    device = _device(spelling="manual", terminator=b"\r")
+    device = _device(terminator=b"\r")
+    device.acknowledgement = "OK : {1},{2}"
     assert _ask(device, b"TEMP,S25\r", 0.0) == b"OK : 1,TEMP,S25\r"
 
 
@@ -194,7 +197,7 @@ def test_an_alarm_stops_the_chamber_and_stays_until_it_is_acknowledged_at_the_pa
     assert _ask(device, b"MON?\r\n", 0.0) == b"22.0,,CONSTANT,0\r\n"
     assert _ask(device, b"MON?\r\n", 5.0).endswith(b",,STANDBY,1\r\n")
     assert _ask(device, b"ALARM?\r\n", 6.0) == b"1,19\r\n"
-    device.acknowledge_alarms()
+    device.alarms = ()
     assert _ask(device, b"ALARM?\r\n", 7.0) == b"0\r\n"
 
 
@@ -246,7 +249,8 @@ def test_sensors_freeze_and_break_and_the_plant_dies() -> None:
 
 def test_what_public_clients_ask_has_the_form_that_they_parse() -> None:
     """ChamberConnectLibrary (MIT), p300.py: numbered lists, percentages, a date of YY.MM/DD, ON or OFF."""
-    device = _device(humidity="55,60,100,0")
+    device = _device()
+    device.humidity = "55,60,100,0"
     form = {
         b"SET?": rb"REF\d", b"RELAY?": rb"\d+(,\d+)*", b"%?": rb"2,\d+\.\d,\d+\.\d", b"DATE?": rb"\d\d\.\d\d/\d\d",
         b"TIME?": rb"\d\d:\d\d:\d\d", b"TIMER USE?": rb"0", b"KEYPROTECT?": rb"OFF", b"SRQ?": rb"[01]{8}",

@@ -7,6 +7,7 @@ import pytest
 from drivers.clock import VirtualClock
 from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, TransportError
 from drivers.simulators.memory import MemoryTransport
+from drivers.transports.framing import lines
 from drivers.transports.lines import LineExchange, LineTiming
 from tests.drivers.transcript import TranscriptDevice
 
@@ -17,7 +18,7 @@ def _exchange(*exchanges: tuple[bytes, bytes]) -> tuple[LineExchange, Transcript
     clock = VirtualClock()
     device = TranscriptDevice(exchanges)
     transport = MemoryTransport(device, clock, "sim://chamber")
-    return LineExchange(transport, clock, device="chamber", terminator=b"\r\n", timing=TIMING), device, clock
+    return LineExchange(transport, clock, device="chamber", framings=lines(b"\r\n"), timing=TIMING), device, clock
 
 
 def _number(line: str) -> float:
@@ -138,7 +139,7 @@ def _loose(call: str, failures: int, *exchanges: tuple[bytes, bytes]) -> tuple[L
     clock = VirtualClock()
     device = TranscriptDevice(exchanges)
     transport = _LooseCable(device, clock, call, failures)
-    return LineExchange(transport, clock, device="chamber", terminator=b"\r\n", timing=TIMING), device
+    return LineExchange(transport, clock, device="chamber", framings=lines(b"\r\n"), timing=TIMING), device
 
 
 def test_a_read_survives_a_port_that_comes_back() -> None:

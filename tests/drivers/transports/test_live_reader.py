@@ -15,7 +15,7 @@ import pytest
 from drivers.clock import SystemClock
 from drivers.errors import DeviceTimeout, TransportError
 from drivers.frames.counts import StreamCounts
-from drivers.frames.encoder import encode
+from drivers.frames.layout import encode
 from drivers.imu.stream import StreamImu
 from drivers.simulators.serve import DeviceServer
 from drivers.simulators.unit import SimulatedImu
@@ -227,7 +227,7 @@ class Metered:
 def test_a_real_terminal_is_drained_while_nobody_reads() -> None:
     """More than the system would keep arrives during a long pause; nothing is missing afterwards."""
     master, slave = os.openpty()
-    port = Metered(open_port(os.ttyname(slave), clock=SystemClock(), low_latency=True))
+    port = Metered(open_port(os.ttyname(slave), clock=SystemClock()))
     reader = LiveReader(port, SystemClock())  # type: ignore[arg-type]
     sent = encode(mfs(), "sample", {"counter": np.arange(5000)})
     at = 0

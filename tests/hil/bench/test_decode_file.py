@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from drivers.frames.description import StreamDescription, parse_description
-from drivers.frames.encoder import encode
+from drivers.frames.layout import encode
 from hil.bench import decode as decode_module
 from hil.bench.decode import decode_file, load_frames_named
 from hil.bench.frames_check import explain_frames

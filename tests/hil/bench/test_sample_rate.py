@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.frames.encoder import encode
+from drivers.frames.layout import encode
 from drivers.imu import SampleBlock
 from drivers.imu.stream import StreamImu
 from drivers.simulators.unit import SimulatedImu

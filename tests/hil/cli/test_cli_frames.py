@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.frames.encoder import encode
+from drivers.frames.layout import encode
 from hil.bench.decode import load_frames_named
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.frames.encoder import encode
+from drivers.frames.layout import encode
 from hil.bench.decode import load_frames_named
 from hil.campaign.reader import read_campaign
 from tests.hil.analysis.log.simulated import BIAS_DEG_PER_HR, SENSITIVITY, simulate
