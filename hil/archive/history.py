@@ -22,8 +22,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hil.archive.index import ArchivedMean, Entry, Index
-from hil.archive.stations import at_usual_temperatures, differs, shifts_of, stations_of
-from hil.archive.trend import Trend, at_one_temperature, control_half_width, control_limits, predicted, trend
+from hil.archive.trend import (
+    Trend,
+    at_one_temperature,
+    at_usual_temperatures,
+    control_half_width,
+    control_limits,
+    differs,
+    predicted,
+    shifts_of,
+    stations_of,
+    trend,
+)
 from hil.campaign import FloatArray
 from hil.errors import InputError
 from hil.files.document import picked

@@ -5,10 +5,11 @@ Everything here is plain text and numbers; `page.py` turns it into HTML.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from hil.analysis.against import Comparison
 from hil.analysis.in_spec import InSpec
-from hil.analysis.published.reproduction import Reproduction, reproduce
+from hil.analysis.published.reproduction import reproduce
 from hil.campaign import Campaign
 from hil.config.sweep import PUBLISHED
 from hil.errors import InputError
@@ -48,7 +49,7 @@ class SensorContent:
     contractor: Mapping[int | None, RunSolution]
     shown: SensorRepeats
     contractor_shown: SensorRepeats | None = None
-    reproduction: Reproduction | None = None
+    reproduction: Mapping[str, Any] | None = None
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -115,7 +116,9 @@ def gather(
     return ReportContent(campaign, sensors, night, comparison, common_and_differential(campaign))
 
 
-def _reproduced(campaign: Campaign, sensor: int, contractor: Mapping[int | None, RunSolution]) -> Reproduction | None:
+def _reproduced(
+    campaign: Campaign, sensor: int, contractor: Mapping[int | None, RunSolution]
+) -> Mapping[str, Any] | None:
     if not contractor:
         return None
     try:

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from hil.files.page import inline_svg
-from hil.report.figures import draw_night
 from hil.report.night import CollectLine, NightContent
+from hil.report.plots import draw_night
 from procedures.verdict import Verdict
 from procedures.words import counted, listed
 

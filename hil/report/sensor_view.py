@@ -1,16 +1,17 @@
 """One sensor's chapter of the report: its pictures, its means by temperature, every self-calibration, the scatter."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 from typing import Any
 
 import numpy as np
 
-from hil.analysis.published.reproduction import CONTRACTORS, SEVEN, Reproduction
+from hil.analysis.published.printed import SEVEN
+from hil.analysis.published.reproduction import CONTRACTORS
 from hil.files.numbers import WHOSE, decimals_for, degrees, estimate, number
 from hil.files.page import inline_svg
 from hil.report.content import Repeat, SensorContent
-from hil.report.figures import Line, draw_against_temperature
+from hil.report.plots import Line, draw_against_temperature
 from hil.solve import RunSolution
 from hil.solve.repeats import MeanAt
 from hil.solve.temperatures import WIDEST_DEGC
@@ -236,9 +237,9 @@ def _contractors_verdicts(sensor: SensorContent) -> str:
     return f"The contractor's model, MU = 0: {'; '.join(told)}." if told else ""
 
 
-def _worst(found: Reproduction) -> Iterator[tuple[str, str, int, list[float]]]:
+def _worst(found: Mapping[str, Any]) -> Iterator[tuple[str, str, int, list[float]]]:
     """Yield of each of the contractor's four its unit, the run in which it is farthest off, and by how much."""
-    for place, name in enumerate(CONTRACTORS):
-        worst = max(found.contractor_errors, key=lambda each: abs(each.found[place]))
-        values = [float(each[place]) for each in (worst.found, worst.closed_form, worst.g1_only)]
-        yield name, _RATE if name.startswith("B") else _PER_G, worst.run, values
+    for name in CONTRACTORS:
+        worst = max(found["contractor_errors"], key=lambda each: abs(each["found"][name]))
+        values = [worst[by][name] for by in ("found", "closed_form", "g1_only")]
+        yield name, _RATE if name.startswith("B") else _PER_G, worst["run"], values

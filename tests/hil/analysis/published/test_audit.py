@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.analysis.published import Audit, audit_table
+from hil.analysis.published.audit import Audit, audit_table, variants
 from hil.analysis.published.closed_forms import seven_biases
-from hil.analysis.published.lattice import sigma_gap
-from hil.analysis.published.readings import variants
+from hil.analysis.published.identities import sigma_gap
 from hil.cli.app import run
 from hil.errors import InputError
 

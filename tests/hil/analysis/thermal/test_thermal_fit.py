@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from hil.analysis.published.table import read_published_table
-from hil.analysis.thermal import ThermalFit, fit_thermal
 from hil.analysis.thermal.document import thermal_document
-from hil.analysis.thermal.exports import (
+from hil.analysis.thermal.files import (
     ARDUPILOT_REFERENCE_DEGC,
     RAD_PER_S,
     ardupilot_parameters,
     bias_polynomials,
     px4_parameters,
 )
+from hil.analysis.thermal.fit import ThermalFit, fit_thermal
 from hil.bench import build_bench
 from hil.campaign import Campaign, Collects
 from hil.campaign.writer import write_campaign

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 from hil.analysis.published.table import read_published_table
-from hil.analysis.thermal import fit_thermal
 from hil.analysis.thermal.document import first_in_words, parameter_in_words, thermal_document
-from hil.analysis.thermal.exports import ardupilot_parameters, px4_parameters
-from hil.analysis.thermal.fit import SensorFit
+from hil.analysis.thermal.files import ardupilot_parameters, px4_parameters
+from hil.analysis.thermal.fit import SensorFit, fit_thermal
 from hil.campaign import Campaign
 from hil.campaign.writer import write_campaign
 from hil.cli.app import run
