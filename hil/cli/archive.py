@@ -155,20 +155,19 @@ def history(
 
         chosen = load_limits(limits)
     with opened_index(folder) as index:
-        found = became(index, serial, model, chosen)
-    document = found.document()
+        document = became(index, serial, model, chosen)
     if csv_file is not None:
         _write_csv(csv_file, _rows(document))
     if page is not None:
         from hil.archive.page import history_page
         from hil.files.durable import write_result
 
-        write_result(page, history_page(found))
+        write_result(page, history_page(document))
     if out is not None:
         from hil.archive.folder import life
         from hil.campaign.writer import write_campaign
 
-        write_campaign(life(folder, [each.name for each in found.used]), out)
+        write_campaign(life(folder, [each["entry"] for each in document["campaigns"] if each["used"]]), out)
     return Answer(document, told(document, written_to=list(filter(None, (csv_file, page, out)))))
 
 

@@ -41,8 +41,8 @@ class Finding:
     residual: float
     tolerance: float
     verdict: str
-    candidates: Sequence[Reading] = ()
-    demanded: Sequence[Demand] = ()
+    candidates: Sequence[dict[str, Any]] = ()
+    would_close: Sequence[dict[str, Any]] = ()
     note: str = ""
 
     def entry(self) -> dict[str, Any]:
@@ -56,13 +56,8 @@ class Finding:
             "cells": [
                 picked(self.row.cells[role], "cell=what printed=text file_row column") for role in self.identity.roles
             ],
-            "candidates": [
-                picked(
-                    each, "cell=what printed read change", residual=round(each.residual, 6), mends_row=each.mends_row
-                )
-                for each in self.candidates
-            ],
-            "would_close": [picked(each, "cell=what value others_hold") for each in self.demanded],
+            "candidates": [{**each, "residual": round(each["residual"], 6)} for each in self.candidates],
+            "would_close": list(self.would_close),
             "note": self.note,
         }
 
@@ -179,32 +174,6 @@ def _other_lattice(row: PrintedRow, resolution: float, told: int) -> Finding:
     )
 
 
-@dataclass(frozen=True)
-class Reading:
-    """One cell read differently: what changed (a digit, the sign, two digits transposed) and what it leaves.
-
-    `mends_row` says that every identity of the row then holds; otherwise only this one does, beside those that held.
-    """
-
-    role: str
-    what: str
-    printed: str
-    read: str
-    change: str
-    residual: float
-    mends_row: bool
-
-
-@dataclass(frozen=True)
-class Demand:
-    """The value of a cell that would close an identity exactly, and whether all that holds as printed still would."""
-
-    role: str
-    what: str
-    value: float
-    others_hold: bool
-
-
 def variants(text: str) -> Iterator[tuple[str, str]]:
     """Yield every reading with one digit, the sign, or two neighbouring digits changed, and what changed."""
     yield (text[1:], "sign") if text.startswith("-") else (f"-{text.removeprefix('+')}", "sign")
@@ -219,8 +188,11 @@ def variants(text: str) -> Iterator[tuple[str, str]]:
             yield swapped, f"{text[first]} and {text[second]} transposed"
 
 
-def readings(row: PrintedRow, broken: Identity, every: Sequence[Identity]) -> list[Reading]:
-    """Return the readings of one cell that close `broken` while what held still holds, the best first."""
+def readings(row: PrintedRow, broken: Identity, every: Sequence[Identity]) -> list[dict[str, Any]]:
+    """Return the readings of one cell that close `broken` while what held still holds, the best first.
+
+    `mends_row` says that every identity of the row then holds; otherwise only this one does, beside those that held.
+    """
     values = row.values()
     held = [each for each in every if each.holds(values)]
     found = []
@@ -233,12 +205,14 @@ def readings(row: PrintedRow, broken: Identity, every: Sequence[Identity]) -> li
             if role.startswith("sigma") and tried[role] < 0:
                 continue
             if all(each.holds(tried) for each in held):
-                mends = all(each.holds(tried) for each in every)
-                found.append(Reading(role, cell.what, cell.text, text, change, broken.gap(tried), mends))
-    return sorted(found, key=lambda each: (not each.mends_row, round(abs(each.residual), 9), each.role, each.read))
+                mends, left = all(each.holds(tried) for each in every), broken.gap(tried)
+                reading = {"cell": cell.what, "printed": cell.text, "read": text, "change": change}
+                order = (not mends, round(abs(left), 9), role, text)
+                found.append((order, {**reading, "residual": left, "mends_row": mends}))
+    return [reading for _, reading in sorted(found, key=lambda each: each[0])]
 
 
-def demands(row: PrintedRow, broken: Identity, every: Sequence[Identity]) -> list[Demand]:
+def demands(row: PrintedRow, broken: Identity, every: Sequence[Identity]) -> list[dict[str, Any]]:
     """Return for each cell of a linear identity the value that would close it, and whether what held then holds."""
     if not broken.linear:
         return []
@@ -246,13 +220,12 @@ def demands(row: PrintedRow, broken: Identity, every: Sequence[Identity]) -> lis
     held = [each for each in every if each.holds(values)]
     found = []
     for role in broken.roles:
-        value = _closing(broken, values, role)
-        if value is None:
-            continue
-        digits = len(row.cells[role].text.partition(".")[2])
-        rounded = round(value, digits)
-        tried = {**values, role: rounded}
-        found.append(Demand(role, row.cells[role].what, rounded, all(each.holds(tried) for each in held)))
+        if (value := _closing(broken, values, role)) is not None:
+            cell = row.cells[role]
+            rounded = round(value, len(cell.text.partition(".")[2]))
+            tried = {**values, role: rounded}
+            others = all(each.holds(tried) for each in held)
+            found.append({"cell": cell.what, "value": rounded, "others_hold": others})
     return found
 
 
