@@ -8,8 +8,9 @@ how it is shared among the temperatures. The first step, away from the constant,
 sensor: `first_alarm` is smaller, so that a sensor without temperature dependence is called so in 95 of 100 campaigns.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -21,24 +22,15 @@ _DUST = 1e-6
 
 
 @dataclass(frozen=True)
-class Step:
-    """One comparison: the form at hand, its held-out error, the best of the richer ones, and the chance of noise."""
-
-    form: Form
-    error: float
-    best_richer: float
-    chance: float
-
-
-@dataclass(frozen=True)
 class Choice:
     """The chosen form, the comparisons that led to it, and the held-out error (weighted rms) of every candidate.
 
-    `held_out` and `held_out_constant` (S,) are the errors at each temperature, in the parameter's unit.
+    A step has the form at hand, its held-out error, the best of the richer ones, and the chance of noise. `held_out`
+    and `held_out_constant` (S,) are the errors at each temperature, in the parameter's unit.
     """
 
     form: Form
-    steps: Sequence[Step]
+    steps: Sequence[Mapping[str, Any]]
     errors: dict[str, float]
     held_out: FloatArray
     held_out_constant: FloatArray
@@ -47,7 +39,7 @@ class Choice:
     @property
     def chance_of_constant(self) -> float:
         """How often noise alone would make some form beat the constant by as much, were the constant true."""
-        return self.steps[0].chance if self.steps else 1.0
+        return float(self.steps[0]["chance"]) if self.steps else 1.0
 
 
 def choose(
@@ -68,7 +60,7 @@ def choose(
     dust = _DUST * float(np.sqrt(np.mean(np.diagonal(covariance))))
     rng = np.random.default_rng(seed)
     noise = rng.standard_normal((draws, len(values))) @ _root(covariance).T
-    steps: list[Step] = []
+    steps: list[dict[str, Any]] = []
     chosen = forms[0]
     for place, form in enumerate(forms):
         richer = forms[place + 1 :]
@@ -76,8 +68,9 @@ def choose(
         if not richer or form.order is None:
             break
         best = min(errors[each.name] for each in richer)
-        chance = _chance(form, richer, form.fitted(values), noise, weight, _win(errors[form.name], best, dust))
-        steps.append(Step(form, errors[form.name], best, chance))
+        win = float(np.log(np.hypot(errors[form.name], dust)) - np.log(np.hypot(best, dust)))
+        chance = _chance(form, richer, form.fitted(values), noise, weight, win)
+        steps.append({"form": form.name, "error": errors[form.name], "best_richer": best, "chance": chance})
         if chance > (FALSE_ALARM if steps[1:] else first_alarm):
             break
     if chosen.order is None:  # no polynomial will do: of the others the one that predicts better
@@ -111,10 +104,6 @@ def _chance(
     best = np.min([score(each, drawn, weight) for each in richer], axis=0)
     wins = np.count_nonzero(np.log(own) - np.log(best) >= win)
     return float((1 + wins) / (1 + len(noise)))
-
-
-def _win(error: float, best: float, dust: float) -> float:
-    return float(np.log(np.hypot(error, dust)) - np.log(np.hypot(best, dust)))
 
 
 def _root(covariance: FloatArray) -> FloatArray:

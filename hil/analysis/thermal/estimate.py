@@ -75,6 +75,11 @@ class Layout:
         """The temperature of each row, (n,)."""
         return np.asarray(self.collects.conditions.columns["temperature_degC"])
 
+    @property
+    def range_degC(self) -> tuple[float, float]:
+        """The lowest and highest temperature measured."""
+        return float(self.temperature_degC.min()), float(self.temperature_degC.max())
+
     def powers(self, temperature_degC: FloatArray, order: int) -> FloatArray:
         """Powers of the scaled temperature at k temperatures, (k, order + 1)."""
         scaled = (temperature_degC - self.middle_degC) / self.half_degC

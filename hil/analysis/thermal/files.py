@@ -30,7 +30,7 @@ def write_thermal(result: ThermalFit, folder: Path) -> list[str]:
         contents[f"sensor-{fit.number}.svg"] = drawn(draw_fit(fit, result.campaign)).decode()
         if fit.layout.collects.conditions.sensor.is_triad:
             contents[f"sensor-{fit.number}-px4.params"] = px4_parameters(fit)
-            low, high = fit.range_degC
+            low, high = fit.layout.range_degC
             if high - low >= ARDUPILOT_LEAST_RANGE_DEGC:
                 contents[f"sensor-{fit.number}-ardupilot.parm"] = ardupilot_parameters(fit)
     try:
@@ -48,7 +48,7 @@ def draw_fit(fit: SensorFit, campaign: Campaign) -> Figure:
     columns = 2 if len(fit.parameters) < 9 else 3
     rows = -(-len(fit.parameters) // columns)
     figure = Figure(figsize=(4.6 * columns, 2.4 * rows + 0.4), layout="constrained")
-    grid = np.linspace(*fit.range_degC, 200)
+    grid = np.linspace(*fit.layout.range_degC, 200)
     centre = fit.layout.stations.centre_degC
     for place, each in enumerate(fit.parameters.values(), 1):
         axes = figure.add_subplot(rows, columns, place)
@@ -121,7 +121,7 @@ def ardupilot_parameters(fit: SensorFit) -> str:
 
     Raises `InputError` where the range is under 10 °C, which ArduPilot does not accept.
     """
-    low, high = fit.range_degC
+    low, high = fit.layout.range_degC
     if high - low < ARDUPILOT_LEAST_RANGE_DEGC:
         raise InputError(f"the temperatures span {high - low:.1f} °C; ArduPilot's TMAX must be 10 °C above TMIN")
     return _written("ardupilot.parm.j2", fit, ARDUPILOT_REFERENCE_DEGC)
@@ -135,5 +135,5 @@ def _written(template: str, fit: SensorFit, reference: float) -> str:
     sensor = fit.layout.collects.conditions.sensor
     axes = ", ".join(f"{axis} is {letter}" for axis, letter in zip(sensor.axes, "XYZ", strict=True))
     said = f"axes: {axes}, as the unit reports them; acceleration sensitivity is not corrected by these parameters"
-    low, high = fit.range_degC
+    low, high = fit.layout.range_degC
     return filled(__package__, template, low=low, high=high, reference=reference, cubics=about, remarks=[said, *notes])

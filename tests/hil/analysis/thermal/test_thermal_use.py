@@ -82,7 +82,7 @@ def test_the_parameter_files_take_the_bias_off_another_night(triad: SensorFit) -
 
 def test_the_parameter_files_reach_no_further_than_what_was_measured(triad: SensorFit) -> None:
     """Their limits are the lowest and highest temperature; beyond, the autopilots hold the value at the limit."""
-    low, high = triad.range_degC
+    low, high = triad.layout.range_degC
     px4, ardupilot = values(px4_parameters(triad)), values(ardupilot_parameters(triad))
     for name, parameters in (("TC_G0", px4), ("INS_TCAL1", ardupilot)):
         assert parameters[f"{name}_TMIN"] == pytest.approx(low, abs=0.051)
