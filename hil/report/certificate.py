@@ -92,7 +92,8 @@ def certificate(folder: Path, asked: Asked, today: date) -> Certificate:
     content, serial = gather(campaign), campaign.identity.get("serial", "")
     if asked.unit is not None and asked.unit != serial:
         raise InputError(f"{folder}: --unit {asked.unit}: the unit of this night is {serial or 'not known'}")
-    means = _budgets(campaign, bench, content)
+    scenes = measured_scenes(campaign, bench)
+    means = {each.number: list(budgets_of_means(scenes[each.number], each.shown)) for each in content.sensors}
     measured = night_verdict(str(status["state"]), content.solutions)
     limits = own if asked.limits is None else load_limits(asked.limits)
     if limits is not None:
@@ -163,11 +164,6 @@ def refusals(
     for each in bench.equipment:
         if each.due < measured:
             yield f"{each.name} {each.number} was due for calibration on {each.due}, and measured until {measured}"
-
-
-def _budgets(campaign: Campaign, bench: Bench, content: ReportContent) -> dict[int, list[MeanBudget]]:
-    scenes = measured_scenes(campaign, bench)
-    return {each.number: list(budgets_of_means(scenes[each.number], each.shown)) for each in content.sensors}
 
 
 def _with_whole_uncertainty(shown: SensorRepeats, means: Sequence[MeanBudget]) -> SensorRepeats:

@@ -31,11 +31,6 @@ def render(content: ReportContent, *, whole: bool = False) -> str:
     return rendered("hil.report", "report.html.j2", {**_page(content), "whole": whole})
 
 
-def write_page(content: ReportContent, path: Path, *, whole: bool = False) -> None:
-    """Write the report to `path`, whole or not at all; raise `InputError` where it cannot be written."""
-    write_result(path, render(content, whole=whole))
-
-
 def _page(content: ReportContent) -> dict[str, Any]:
     campaign, night = content.campaign, content.night
     verdict, sentence = good(content)
