@@ -204,7 +204,7 @@ def shifts_of(
 
     Each temperature has a value of its own and each calibration a shift: least squares, weighted.
     """
-    names = sorted({name for of in values.values() for name in of}, key=_began)
+    names = sorted({name for of in values.values() for name in of}, key=lambda entry: entry.partition("/")[2])
     rows = [(k, names.index(name), *of[name]) for k, of in enumerate(values.values()) for name in of]
     k, i, y, sd = (np.array(column) for column in zip(*rows, strict=True))
     weight = 1.0 / np.where(np.isfinite(sd) & (sd > 0.0), sd, np.inf)
@@ -222,10 +222,6 @@ def shifts_of(
         offset = found[place] + found[len(values) :].mean()
         left[at] = {name: (value - offset, error) for name, (value, error) in of.items()}
     return names, shifts, errors, left
-
-
-def _began(entry: str) -> str:
-    return entry.partition("/")[2]
 
 
 def differs(left: Values, names: Sequence[str], together: Trend) -> bool:

@@ -39,6 +39,8 @@ class AllanResult:
         """Return what `hil allan --json` prints: finite numbers, null where a thing is not known."""
         found, fit, read = self.recording, self.fit, self.averaging
         deviation = fit.deviation
+        logs = np.log(deviation.deviation), np.log(deviation.tau_s)
+        slope = np.gradient(*logs) if len(deviation.tau_s) > 1 else np.zeros(1)  # in a log-log plot, from neighbours
         return {
             "schema": SCHEMA,
             "source": found.name,
@@ -53,7 +55,7 @@ class AllanResult:
             **picked(deviation, "tau_s deviation low high edf"),
             "noise": (kinds := [NoiseKind(each).name.lower() for each in deviation.kind.tolist()]),
             "noise_kinds": kinds,
-            "slope": local_slopes(deviation.tau_s, deviation.deviation).tolist(),
+            "slope": slope.tolist(),
             "fitted": fit.at(deviation.tau_s).tolist(),
             "fit": {name: _term(name, fit.terms[name]) for name in SLOPES},
             **picked(fit, "fitted_from_s misfit describes model_error"),
@@ -85,13 +87,6 @@ def analyse(found: Recording) -> AllanResult:
     """Compute the deviations of a recording in octaves and fit them."""
     fit = fit_noise(octaves(found.stretches, found.interval_s))
     return AllanResult(found, fit, averaging(fit))
-
-
-def local_slopes(tau_s: np.ndarray, deviation: np.ndarray) -> np.ndarray:
-    """Return the slope of the deviation in a log-log plot at each tau, from its neighbours, shape (k,)."""
-    if len(tau_s) < 2:
-        return np.zeros(len(tau_s))
-    return np.asarray(np.gradient(np.log(deviation), np.log(tau_s)))
 
 
 def _term(name: str, term: Term) -> dict[str, Any]:

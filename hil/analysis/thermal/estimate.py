@@ -7,7 +7,7 @@ middle one, and what is left of the scatter is without it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -152,11 +152,6 @@ def visits(layout: Layout) -> Visits:
     known = bool(np.isfinite(sd[np.isfinite(measured)]).all() and np.all(sd[np.isfinite(measured)] > 0.0))
     sd = sd if known else np.ones_like(sd)
     return Visits(layout, measured, sd, spread, at, station, direction, known)
-
-
-def scaled(own: Visits, factors: FloatArray) -> Visits:
-    """Return visits whose deviations (v, p) are times `factors` (p,)."""
-    return replace(own, sd=own.sd * factors)
 
 
 @dataclass(frozen=True)

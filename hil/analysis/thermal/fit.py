@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import fdtrc, stdtr
 
 from hil.analysis.thermal.choice import FALSE_ALARM, Choice, choose
-from hil.analysis.thermal.estimate import Estimates, Layout, Visits, scaled, visits
+from hil.analysis.thermal.estimate import Estimates, Layout, Visits, visits
 from hil.analysis.thermal.forms import MONOTONE, monotone
 from hil.analysis.thermal.improvement import Improvement, improvement, nested_errors
 from hil.analysis.thermal.layout import layout_of
@@ -154,7 +154,7 @@ def fit_sensor(
     if not seen.known:
         notes.append(f"sensor {number}: neither repeats nor standard errors: what the curves leave is taken for noise")
         left = [_misfit(layout, v, c.form.order or 0)[0] for v, c in zip(free, choices, strict=True)]
-        seen = scaled(seen, np.sqrt(left))
+        seen = replace(seen, sd=seen.sd * np.sqrt(left))
         free = [seen.along(place, None)[0] for place in range(len(layout.form.names))]
     errors = [
         nested_errors(layout.stations.centre_degC, each, choice, order)

@@ -4,7 +4,6 @@ visibility_document(planned_conditions(plan, bench), "RD-GC-86-1, eight temperat
 campaign_document(campaign, model)
 """
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -24,6 +23,7 @@ from hil.model.effects.prior import ALPHA
 from hil.solve import repeats, solve_campaign
 from hil.solve.omissions import what_is_wrong
 from hil.solve.repeats import SensorRepeats
+from hil.solve.runs import finite
 from hil.solve.wrong_rows import treated
 from procedures.plan import make_plan
 
@@ -47,8 +47,10 @@ def visibility_document(
         for n, rows in sensors.items()
     }
     best: dict[str, tuple[int, Sight]] = {}
+    alike: dict[str, set[str]] = {}
     for number, sights in maps.items():
         for sight in sights.effects:
+            alike.setdefault(sight.effect.id, set()).update(sight.members)
             if sight.effect.id not in best or sight.kept > best[sight.effect.id][1].kept:
                 best[sight.effect.id] = (number, sight)
     first = next(iter(maps.values()))
@@ -62,7 +64,7 @@ def visibility_document(
         "noise": vars(first.noise),
         "noise_level": vars(first.noise),
         "effects": [
-            {"sensor": number, **_effect_document(sight, maps[number]), "class": _class_anywhere(sight, maps)}
+            {"sensor": number, **_effect_document(sight, maps[number]), "class": sorted(alike[sight.effect.id])}
             for number, sight in best.values()
         ],
         "sensors": {
@@ -87,11 +89,6 @@ def visibility_document(
     }
 
 
-def _class_anywhere(sight: Sight, maps: Mapping[int, Sights]) -> list[str]:
-    own = [other for sights in maps.values() if (other := sights.sight(sight.effect.id)) is not None]
-    return sorted({member for other in own for member in other.members})
-
-
 def _effect_document(sight: Sight, sights: Sights) -> dict[str, object]:
     best = sight.best
     index = next(i for i, one in enumerate(sights.effects) if one is sight)
@@ -107,21 +104,17 @@ def _effect_document(sight: Sight, sights: Sights) -> dict[str, object]:
         "in_model": sight.effect.id in FORM_EFFECTS.get(sights.form, ()),
         "class": list(sight.members),
         "smallest_visible": {
-            "value": _where_it_occurs(best.value),
+            "value": finite(best.value),
             "unit": best.parameter.unit,
             "probability": PROBABILITY,
             "parameter": best.parameter.name,
             "typical": list(best.parameter.typical),
             "shape": dict(best.shape),
-            "easiest": {"value": _where_it_occurs(best.easiest), "shape": dict(best.easiest_shape)},
+            "easiest": {"value": finite(best.easiest), "shape": dict(best.easiest_shape)},
         },
         "leaks": {name: round(leak, 3) for name, leak in sight.leaks.items() if leak > 1.0},
         "nearest": [{"id": rival, "overlap": round(value, 4)} for value, rival in rivals[:3] if value > 0.3],
     }
-
-
-def _where_it_occurs(size: float) -> float | None:
-    return size if math.isfinite(size) else None
 
 
 def sweep_document(sweep: Sweep, bench: Bench, model: Model | None = None) -> dict[str, object]:
