@@ -124,9 +124,9 @@ class Index:
             (serial,),
         )
         found = []
-        for *of, value, sd, freedom, runs, unit in rows:
+        for entry, sensor, parameter, at, own, value, sd, freedom, runs, unit in rows:
             known = (math.nan if sd is None else sd, math.inf if freedom is None else freedom)
-            found.append(ArchivedMean(*of, value=Uncertain(value, *known, runs, unit)))
+            found.append(ArchivedMean(entry, sensor, parameter, at, own, Uncertain(value, *known, runs, unit)))
         return found
 
     def settings(self, digests: Sequence[str]) -> dict[str, Mapping[str, Any]]:
