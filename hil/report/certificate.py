@@ -25,7 +25,7 @@ from hil.campaign import Campaign, Collects
 from hil.config import Bench
 from hil.config.limits import load_limits
 from hil.config.recorded import bench_of_record, recorded_limits
-from hil.design.budget.means import MeanBudget, budgets_of_means
+from hil.design.budget.budget import MeanBudget, budgets_of_means
 from hil.design.budget.scenes import measured_scenes
 from hil.errors import InputError
 from hil.files.numbers import degrees

@@ -1,4 +1,4 @@
-"""Plots for analysis: the samples of a collect, the temperatures of a night, parameters against temperature.
+"""Plots of the report and for analysis: parameters against temperature, samples of a collect, a night's temperatures.
 
     figure = draw_series(collect_series(Path("night-014"), sensor=2, run=7, position="3"))
 

@@ -3,10 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
-from hil.analysis.thermal.choice import FALSE_ALARM
+from hil.analysis.thermal.choice import FALSE_ALARM, Improvement
 from hil.analysis.thermal.estimate import Estimates
 from hil.analysis.thermal.fit import DESCRIBES, ParameterFit, SensorFit, ThermalFit
-from hil.analysis.thermal.improvement import Improvement
 from hil.files.document import picked, plain
 from hil.solve.omissions import what_is_wrong
 from hil.solve.repeats import CONFIDENCE

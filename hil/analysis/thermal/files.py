@@ -1,4 +1,11 @@
-"""What `hil thermal --out` writes: the document, a model file, plots, and for triads autopilot parameter files."""
+"""What `hil thermal --out` writes: the document, a model file, plots, and for triads autopilot parameter files.
+
+PX4 subtracts offset = X0 + X1 d + X2 d² + X3 d³ with d = T - TREF and T held within TMIN and TMAX, in rad/s.
+ArduPilot subtracts p(T - 35) and adds p(T_cal - 35), with p(d) = (GYR1 d + GYR2 d² + GYR3 d³) 1e-6 rad/s and both
+temperatures held within TMIN and TMAX: the constant part is the gyro offset that its own calibration finds at T_cal.
+Sources: PX4 developer guide, "Thermal Calibration and Compensation", and PX4 Tools/process_sensor_caldata.py;
+ArduPilot libraries/AP_InertialSensor/AP_InertialSensor_tempcal.cpp.
+"""
 
 import json
 from pathlib import Path

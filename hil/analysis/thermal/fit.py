@@ -10,10 +10,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import fdtrc, stdtr
 
-from hil.analysis.thermal.choice import FALSE_ALARM, Choice, choose
+from hil.analysis.thermal.choice import (
+    FALSE_ALARM,
+    MONOTONE,
+    Choice,
+    Improvement,
+    choose,
+    improvement,
+    monotone,
+    nested_errors,
+)
 from hil.analysis.thermal.estimate import Estimates, Layout, Visits, visits
-from hil.analysis.thermal.forms import MONOTONE, monotone
-from hil.analysis.thermal.improvement import Improvement, improvement, nested_errors
 from hil.analysis.thermal.layout import layout_of
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.errors import InputError

@@ -4,8 +4,9 @@ visibility_document(planned_conditions(plan, bench), "RD-GC-86-1, eight temperat
 campaign_document(campaign, model)
 """
 
-from collections.abc import Mapping
-from dataclasses import replace
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,11 +17,11 @@ from hil.config.sweep import Sweep, check_sweep_against_bench
 from hil.design.conditions import planned_conditions
 from hil.design.visibility.map import NoiseLevel, Sight, Sights, visibility
 from hil.design.visibility.promise import PROBABILITY
-from hil.design.visibility.worth import MOST_RUNS, improvements
-from hil.model import Model
+from hil.model import Model, built_in_model
 from hil.model.effects.catalogue import FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS
 from hil.model.effects.prior import ALPHA
 from hil.solve import repeats, solve_campaign
+from hil.solve.changes import CHANGES
 from hil.solve.omissions import what_is_wrong
 from hil.solve.repeats import SensorRepeats
 from hil.solve.runs import finite
@@ -166,3 +167,94 @@ def _seen(shown: SensorRepeats, *, assumed: bool) -> NoiseLevel:
     source += "".join(f"; {each}" for each in shown.noise_in_words)
     size = [float(np.sqrt(np.mean(each))) if each else 0.0 for each in (bias, mu)]
     return NoiseLevel(run_bias_deg_per_hr=size[0], run_mu_deg_per_hr_per_g=size[1], source=source)
+
+
+_CLEAN = 0.1
+"""A leak that falls below this fraction of what it was is counted as gone."""
+
+MOST_RUNS = 384
+"""On so many of a campaign's runs at most, evenly chosen, a change is weighed: before and after alike."""
+
+
+@dataclass(frozen=True)
+class Improvement:
+    """What a change to the sweep would bring: effects in sight, pairs apart, sizes smaller, parameters clean.
+
+    In sight is what no sensor saw; apart, what any sensor could not tell apart.
+    """
+
+    change: str
+    cost: str
+    newly_visible: tuple[str, ...]
+    separated: tuple[tuple[str, str], ...]
+    protected: Mapping[int, tuple[tuple[str, str], ...]]  # sensor: effects, and base parameters they leak into no more
+    size_ratio: float  # median over effects of the smallest visible size, after / before
+
+    @property
+    def worth(self) -> float:
+        """Its rank: in sight, apart and clean count one each, a halved size of everything counts two."""
+        return (
+            len(self.newly_visible)
+            + len(self.separated)
+            + sum(map(len, self.protected.values()))
+            - 2.0 * math.log2(max(self.size_ratio, 1e-3))
+        )
+
+
+def improvements(
+    sensors: Mapping[int, Conditions], model: Model | None = None, noise: Mapping[int, NoiseLevel] | None = None
+) -> tuple[Improvement, ...]:
+    """Return what each change to the sweep would bring to its sensors, the most helpful first.
+
+    Before and after are weighed with the same `noise`: further rows have no standard errors.
+    """
+    noise = noise or {}
+    sensors = {n: _some_runs(rows) for n, rows in sensors.items()}
+    before = {n: visibility(rows, model, noise.get(n)) for n, rows in sensors.items()}
+    found = []
+    for change in CHANGES:
+        changed = {n: new for n, rows in sensors.items() if (new := change.apply(rows)) is not None}
+        after = {
+            n: visibility(rows, model or built_in_model(before[n].form), noise.get(n)) for n, rows in changed.items()
+        }
+        if after:
+            found.append(_improvement(change.name, change.cost, before, after))
+    return tuple(sorted(found, key=lambda one: -one.worth))
+
+
+def _some_runs(conditions: Conditions) -> Conditions:
+    runs = np.unique(conditions.run)
+    if len(runs) <= MOST_RUNS:
+        return conditions
+    chosen = runs[np.linspace(0, len(runs) - 1, MOST_RUNS).round().astype(np.int64)]
+    return conditions.rows(np.isin(conditions.run, chosen))
+
+
+def _improvement(name: str, cost: str, before: Mapping[int, Sights], after: Mapping[int, Sights]) -> Improvement:
+    pairs = {
+        n: [(sight, other) for sight in before[n].effects if (other := after[n].sight(sight.effect.id)) is not None]
+        for n in after
+    }
+    every = [pair for of in pairs.values() for pair in of]
+    seen = {sight.effect.id for sights in before.values() for sight in sights.effects if sight.visible}
+    newly = dict.fromkeys(o.effect.id for s, o in every if o.visible and s.effect.id not in seen)
+    separated = dict.fromkeys(
+        (sight.effect.id, rival)
+        for sight, other in every
+        for rival in sight.members
+        if sight.effect.id < rival and rival not in other.members and other.visible
+    )
+    protected = {n: found for n, of in pairs.items() if (found := tuple(_protected(of)))}
+    ratios = [other.best.value / sight.best.value for sight, other in every if sight.visible and other.visible]
+    finite = [ratio for ratio in ratios if math.isfinite(ratio)]
+    return Improvement(
+        name, cost, tuple(newly), tuple(separated), protected, float(np.median(finite)) if finite else 1.0
+    )
+
+
+def _protected(pairs: Sequence[tuple[Sight, Sight]]) -> Iterator[tuple[str, str]]:
+    """Yield effects with the parameters of one sensor that they moved, and move no more."""
+    for sight, other in pairs:
+        for name, leak in sight.leaks.items() if sight.effect.in_models else ():
+            if leak > 1.0 and other.leaks.get(name, 0.0) < _CLEAN * leak:
+                yield sight.effect.id, name
