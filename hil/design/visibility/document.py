@@ -6,7 +6,8 @@ campaign_document(campaign, model)
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -55,7 +56,6 @@ def visibility_document(
             if sight.effect.id not in best or sight.kept > best[sight.effect.id][1].kept:
                 best[sight.effect.id] = (number, sight)
     first = next(iter(maps.values()))
-    changes = improvements(sensors, model, noise)
     return {
         "schema": "hil.visibility/1",
         "title": title,
@@ -79,14 +79,7 @@ def visibility_document(
         "not_in_averages": sorted({entry.id for entry in (*VARIANCE_EFFECTS, *SERIES_EFFECTS)}),
         "runs": (runs := max(len(np.unique(rows.run)) for rows in sensors.values())),
         "changes_weighed_on_runs": min(MOST_RUNS, runs),
-        "changes": [
-            {
-                **vars(one),
-                "protected": list(dict.fromkeys(pair for of in one.protected.values() for pair in of)),
-                "protected_in": {str(number): pairs for number, pairs in one.protected.items()},
-            }
-            for one in changes
-        ],
+        "changes": improvements(sensors, model, noise),
     }
 
 
@@ -176,35 +169,13 @@ MOST_RUNS = 384
 """On so many of a campaign's runs at most, evenly chosen, a change is weighed: before and after alike."""
 
 
-@dataclass(frozen=True)
-class Improvement:
-    """What a change to the sweep would bring: effects in sight, pairs apart, sizes smaller, parameters clean.
-
-    In sight is what no sensor saw; apart, what any sensor could not tell apart.
-    """
-
-    change: str
-    cost: str
-    newly_visible: tuple[str, ...]
-    separated: tuple[tuple[str, str], ...]
-    protected: Mapping[int, tuple[tuple[str, str], ...]]  # sensor: effects, and base parameters they leak into no more
-    size_ratio: float  # median over effects of the smallest visible size, after / before
-
-    @property
-    def worth(self) -> float:
-        """Its rank: in sight, apart and clean count one each, a halved size of everything counts two."""
-        return (
-            len(self.newly_visible)
-            + len(self.separated)
-            + sum(map(len, self.protected.values()))
-            - 2.0 * math.log2(max(self.size_ratio, 1e-3))
-        )
-
-
 def improvements(
     sensors: Mapping[int, Conditions], model: Model | None = None, noise: Mapping[int, NoiseLevel] | None = None
-) -> tuple[Improvement, ...]:
+) -> list[dict[str, Any]]:
     """Return what each change to the sweep would bring to its sensors, the most helpful first.
+
+    In sight is what no sensor saw; apart, what any sensor could not tell apart; protected are effects with the base
+    parameters that they leak into no more; `size_ratio` is the median of the smallest visible sizes, after by before.
 
     Before and after are weighed with the same `noise`: further rows have no standard errors.
     """
@@ -219,7 +190,14 @@ def improvements(
         }
         if after:
             found.append(_improvement(change.name, change.cost, before, after))
-    return tuple(sorted(found, key=lambda one: -one.worth))
+    return sorted(found, key=_worth, reverse=True)
+
+
+def _worth(one: Mapping[str, Any]) -> float:
+    """Return the rank of a change: in sight, apart and clean count one each, a halved size of everything two."""
+    clean = sum(map(len, one["protected_in"].values()))
+    halved = math.log2(max(one["size_ratio"], 1e-3))
+    return float(len(one["newly_visible"]) + len(one["separated"]) + clean - 2.0 * halved)
 
 
 def _some_runs(conditions: Conditions) -> Conditions:
@@ -230,7 +208,7 @@ def _some_runs(conditions: Conditions) -> Conditions:
     return conditions.rows(np.isin(conditions.run, chosen))
 
 
-def _improvement(name: str, cost: str, before: Mapping[int, Sights], after: Mapping[int, Sights]) -> Improvement:
+def _improvement(name: str, cost: str, before: Mapping[int, Sights], after: Mapping[int, Sights]) -> dict[str, Any]:
     pairs = {
         n: [(sight, other) for sight in before[n].effects if (other := after[n].sight(sight.effect.id)) is not None]
         for n in after
@@ -246,10 +224,16 @@ def _improvement(name: str, cost: str, before: Mapping[int, Sights], after: Mapp
     )
     protected = {n: found for n, of in pairs.items() if (found := tuple(_protected(of)))}
     ratios = [other.best.value / sight.best.value for sight, other in every if sight.visible and other.visible]
-    finite = [ratio for ratio in ratios if math.isfinite(ratio)]
-    return Improvement(
-        name, cost, tuple(newly), tuple(separated), protected, float(np.median(finite)) if finite else 1.0
-    )
+    known = [ratio for ratio in ratios if math.isfinite(ratio)]
+    return {
+        "change": name,
+        "cost": cost,
+        "newly_visible": list(newly),
+        "separated": list(separated),
+        "protected": list(dict.fromkeys(pair for of in protected.values() for pair in of)),
+        "size_ratio": float(np.median(known)) if known else 1.0,
+        "protected_in": {str(number): pairs for number, pairs in protected.items()},
+    }
 
 
 def _protected(pairs: Sequence[tuple[Sight, Sight]]) -> Iterator[tuple[str, str]]:

@@ -124,12 +124,13 @@ def test_changes_are_ranked_by_what_they_bring(published: dict[int, Conditions])
     """For the contractor's form Collect 4 leads; more of the same is the least."""
     model = built_in_model("collins-4")
     found = improvements({2: published[2]}, model)
-    names = [one.change for one in found]
+    names = [one["change"] for one in found]
     assert names[0].startswith("add collect 4")
-    assert ("MU_real", "k2") in found[0].separated
+    assert ("MU_real", "k2") in found[0]["separated"]
     assert names[-1] == "the same sweep twice"
-    order = next(one for one in improvements(published) if one.change == "take collect 3 before collect 2")
-    assert order.protected == {n: (("drift", f"{kind}A"), ("drift", f"{kind}B")) for n, kind in ((2, "MU"), (1, "GS"))}
+    order = next(one for one in improvements(published) if one["change"] == "take collect 3 before collect 2")
+    kept = {n: (("drift", f"{kind}A"), ("drift", f"{kind}B")) for n, kind in (("2", "MU"), ("1", "GS"))}
+    assert order["protected_in"] == kept
 
 
 @pytest.mark.parametrize("change", CHANGES, ids=lambda change: change.name)
