@@ -40,15 +40,14 @@ def certificate(
     from hil.files.strict import NAME, one_line
     from hil.records.reader import units_in
     from hil.records.units import writable
-    from hil.report.certificate import Asked
     from hil.report.certificate import certificate as made
     from hil.report.pdf import find_browser, write_pdf
 
     if pdf:
         find_browser()  # before anything is written
     folder = units_in(folder).get(unit or "", folder)
-    asked = Asked(unit, one_line("--customer", customer), one_line("--number", number, NAME), limits)
-    found = made(folder, asked, SystemClock().utc().date())
+    asked = unit, one_line("--customer", customer), one_line("--number", number, NAME), limits
+    found = made(folder, SystemClock().utc().date(), *asked)
     path = page_file(out or writable(folder) / "certificate.html")
     if found.refused and not draft:
         raise InputError(f"{folder}: no certificate: {'; '.join(found.refused)}. --draft writes a draft that says so")
