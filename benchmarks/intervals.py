@@ -18,8 +18,8 @@ import numpy as np
 from hil.analysis.against import compare
 from hil.analysis.allan.deviation import octaves
 from hil.analysis.allan.fit import fit_noise
-from hil.analysis.thermal import fit_thermal
 from hil.analysis.thermal.document import thermal_document
+from hil.analysis.thermal.fit import fit_thermal
 from hil.campaign import Campaign
 from hil.reconcile import reconcile
 from hil.reconcile.scattering import what_scatters

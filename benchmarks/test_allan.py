@@ -11,7 +11,7 @@ import numpy as np
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from hil.analysis.allan.document import AllanResult, analyse
-from hil.analysis.allan.stretches import recording
+from hil.analysis.allan.sources import recording
 
 SAMPLES = 1_000_000
 

@@ -10,11 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from hil.analysis.thermal import fit_thermal
-from hil.analysis.thermal.choice import choose
+from hil.analysis.thermal.choice import choose, improvement, nested_errors
 from hil.analysis.thermal.estimate import Estimates
-from hil.analysis.thermal.fit import ParameterFit
-from hil.analysis.thermal.improvement import improvement, nested_errors
+from hil.analysis.thermal.fit import ParameterFit, fit_thermal
 from hil.campaign import Campaign
 from tests.hil.analysis.thermal.nights import PUBLISHED_DEGC, Curve, rotor_night, scaled
 

@@ -127,7 +127,8 @@ def compare(campaign: Campaign, earlier: Campaign) -> Comparison:
         for mean in shown.means:
             match = before[sensor].at(mean.temperature_degC)
             if match is None:
-                at = _at(mean.temperature_degC)
+                degC = mean.temperature_degC
+                at = "no stated temperature" if degC is None else f"{degC:.1f} °C"
                 remarks.append(f"Sensor {sensor} at {at}: the earlier campaign has no such temperature.")
                 continue
             both = {name: (one, match.values[name]) for name, one in mean.values.items() if name in match.values}
@@ -208,7 +209,3 @@ def _units(unit: str, earlier_unit: str) -> Iterator[str]:
         yield "That both campaigns are of the same unit is taken on trust: the records do not say."
     elif unit != earlier_unit:
         yield f"These are two units, {unit} now and {earlier_unit} before: what differs may be that."
-
-
-def _at(temperature: float | None) -> str:
-    return "no stated temperature" if temperature is None else f"{temperature:.1f} °C"

@@ -140,10 +140,8 @@ class InSpec:
         """Why, in a sentence."""
         count, out = len(self.characteristics), self.those(Word.OUT)
         if self.measured.verdict in NOT_GOOD:
-            would = (
-                f"; by the runs that are good {len(out)} of {counted(count, 'limit')} would be broken" if out else ""
-            )
-            return f"the measurement is {self.measured.verdict}: {self.measured.reason}{would}"
+            would = f"; by the runs that are good {len(out)} of {counted(count, 'limit')} would be broken"
+            return f"the measurement is {self.measured.verdict}: {self.measured.reason}{would if out else ''}"
         if self.word is Word.IN:
             return f"{counted(count, 'limit')} of {count} kept, by {self.limits.rule}"
         those, what = self.those(self.word), "broken" if self.word is Word.OUT else "cannot be told"
@@ -154,10 +152,8 @@ class InSpec:
     def sentences(self) -> list[str]:
         """Say what the unit is, and each characteristic that is not in spec."""
         said = f"{self.word.upper()}: {self.reason} ({self.limits.title}; {self.limits.source})"
-        return [
-            said,
-            *(f"{each.word}: {each.sentence}" for word in (Word.OUT, Word.UNKNOWN) for each in self.those(word)),
-        ]
+        doubtful = [*self.those(Word.OUT), *self.those(Word.UNKNOWN)]
+        return [said, *(f"{each.word}: {each.sentence}" for each in doubtful)]
 
     def brief(self) -> dict[str, str]:
         """Return what is recorded of a night: the word, why, and by which limits."""
@@ -184,8 +180,9 @@ def judge(
         alone = {run for each in own if not each.compared for run in each.runs}
         for name, each in of.items():
             if number not in shown or name not in shown[number].names:
-                at = Characteristic(number, name, "value", (each.low, each.high), reason="no run could tell it")
-                found.append(at)
+                found.append(
+                    Characteristic(number, name, "value", (each.low, each.high), reason="no run could tell it")
+                )
                 continue
             one = _Judged(limits, number, name, each, shown[number], bad, alone)
             found += [*one.values(), *one.scatter(), *one.span(), *one.change(comparison)]
@@ -236,22 +233,22 @@ class _Judged:
         unit, known = self.shown.units[self._place], (ends[0], ends[1]) if ends and not doubt else None
         return Characteristic(self.sensor, self.name, of, limits, unit, value=value, interval=known, reason=doubt, **at)
 
+    def _told_at(
+        self, at: float | None, of: str, limits: _Ends, doubt: str, value: float | None, means: Sequence[Uncertain]
+    ) -> Characteristic:
+        wide = self._wide(means)
+        ends = () if value is None else (value - wide, value + wide)
+        return self._told(of, limits, doubt, value, *ends, temperature_degC=at)
+
     def values(self) -> Iterator[Characteristic]:
         limits = (self.limits.low, self.limits.high)
         for mean in self.shown.means if limits != (None, None) else ():
-            at, doubt = mean.temperature_degC, self._doubt([mean])
-            if (each := mean.values.get(self.name)) is None:
-                yield self._told("value", limits, doubt, temperature_degC=at)
-            else:
-                wide = self._wide([each])
-                ends = each.value - wide, each.value + wide
-                yield self._told("value", limits, doubt, each.value, *ends, temperature_degC=at)
+            value, known = (each.value, [each]) if (each := mean.values.get(self.name)) else (None, [])
+            yield self._told_at(mean.temperature_degC, "value", limits, self._doubt([mean]), value, known)
 
     def scatter(self) -> Iterator[Characteristic]:
-        limits, doubt = (
-            (None, self.limits.scatter),
-            self._doubt([each for each in self.shown.means if len(each.runs) > 1]),
-        )
+        limits = (None, self.limits.scatter)
+        doubt = self._doubt([each for each in self.shown.means if len(each.runs) > 1])
         doubt = doubt or (_ALONE if not self._degrees else "" if self.shown.told_by else _NO_TEMPERATURE)
         if self.limits.scatter is not None and doubt:
             yield self._told("scatter", limits, doubt)
@@ -267,11 +264,10 @@ class _Judged:
         if self.limits.span is not None and doubt:
             yield self._told("span", limits, doubt)
         elif self.limits.span is not None:
-            pairs = list(combinations([mean.values[self.name] for mean in self.shown.means], 2))
-            sizes, wide = ([of(pair) for pair in pairs] for of in (_apart, self._wide))
-            least = max(size - each for size, each in zip(sizes, wide, strict=True))
-            most = max(size + each for size, each in zip(sizes, wide, strict=True))
-            yield self._told("span", limits, "", max(sizes), max(least, 0.0), most)
+            pairs = combinations([mean.values[self.name] for mean in self.shown.means], 2)
+            apart = [(abs(one.value - other.value), self._wide((one, other))) for one, other in pairs]
+            least, most = max(size - wide for size, wide in apart), max(size + wide for size, wide in apart)
+            yield self._told("span", limits, "", max(apart)[0], max(least, 0.0), most)
 
     def change(self, comparison: Comparison | None) -> Iterator[Characteristic]:
         if self.limits.change is None:
@@ -285,16 +281,10 @@ class _Judged:
         for mean in self.shown.means:
             at, doubt = mean.temperature_degC, whole or self._doubt([mean])
             if (each := found.get((self.sensor, self.name, at))) is None:
-                yield self._told(
-                    "change", limits, doubt or "the earlier campaign has no such mean", temperature_degC=at
-                )
+                doubt = doubt or "the earlier campaign has no such mean"
+                yield self._told_at(at, "change", limits, doubt, None, ())
             else:
-                ends = each.difference - self._wide(each.means), each.difference + self._wide(each.means)
-                yield self._told("change", limits, doubt, each.difference, *ends, temperature_degC=at)
-
-
-def _apart(pair: tuple[Uncertain, Uncertain]) -> float:
-    return abs(pair[0].value - pair[1].value)
+                yield self._told_at(at, "change", limits, doubt, each.difference, each.means)
 
 
 def in_spec_of(

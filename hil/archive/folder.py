@@ -217,8 +217,8 @@ def _together(whole: Campaign, later: Campaign) -> Campaign:
 def _facts(source: Path, campaign: Campaign, day: date | None, state: str | None) -> tuple[dict[str, Any], str | None]:
     """Return what archived.yaml says of a source, and a night's configuration."""
     rows = [each.conditions for each in campaign.sensors.values()]
-    lasted_s = max(float((each.start_s + each.duration_s).max()) for each in rows)
-    facts = {"schema": SCHEMA, "serial": campaign.identity["serial"], "model": campaign.identity.get("model", "")}
+    lasted = timedelta(seconds=max(float((each.start_s + each.duration_s).max()) for each in rows))
+    record, versions, configuration = None, {}, None
     if not is_night(source):
         told = day_of(campaign.source)
         if (on := day or told) is None:
@@ -226,28 +226,27 @@ def _facts(source: Path, campaign: Campaign, day: date | None, state: str | None
         if None not in (day, told) and day != told:
             raise InputError(f"{source}: --date {day}: its records say {told}")
         began = datetime(on.year, on.month, on.day, tzinfo=UTC)
-        ended, state = began + timedelta(seconds=lasted_s), "incomplete" if campaign.missing else "complete"
-        whence = {"began_utc": began.isoformat(), "ended_utc": ended.isoformat(), "state": state}
-        return {**facts, **whence, "from": str(source.resolve()), "night": None, "versions": {}}, None
-    if (state := state or str(night_status(source)["state"])) in _WORKING:
-        raise InputError(f"{source}: is {state}; it is taken up at its end")
-    with reading(source) as journal:
-        night = journal.night
-    head = read_head(source)
-    when = {
-        "began_utc": night.began_utc.isoformat(),
-        "ended_utc": (night.began_utc + timedelta(seconds=lasted_s)).isoformat(),
-    }
-    known = hashlib.sha256(f"{night.began_utc.isoformat()}{night.configuration}".encode()).hexdigest()
-    record = {"id": known, "head_sha256": head[1] if head else None}
-    return {
-        **facts,
-        **when,
+        state = "incomplete" if campaign.missing else "complete"
+    else:
+        if (state := state or str(night_status(source)["state"])) in _WORKING:
+            raise InputError(f"{source}: is {state}; it is taken up at its end")
+        with reading(source) as journal:
+            night = journal.night
+        head, began, configuration = read_head(source), night.began_utc, night.configuration
+        known = hashlib.sha256(f"{began.isoformat()}{configuration}".encode()).hexdigest()
+        record, versions = {"id": known, "head_sha256": head[1] if head else None}, dict(night.versions or {})
+    facts = {
+        "schema": SCHEMA,
+        "serial": campaign.identity["serial"],
+        "model": campaign.identity.get("model", ""),
+        "began_utc": began.isoformat(),
+        "ended_utc": (began + lasted).isoformat(),
         "state": state,
         "from": str(source.resolve()),
         "night": record,
-        "versions": dict(night.versions or {}),
-    }, night.configuration
+        "versions": versions,
+    }
+    return facts, configuration
 
 
 def _rates_digest(campaign: Campaign) -> str:

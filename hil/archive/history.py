@@ -1,7 +1,6 @@
 """A unit's life from the archive: each parameter over calendar time, its drift, its jumps, its own limits, what is due.
 
-    found = history(index, "0042", limits=load_limits("mfs"))
-    found.document()       # hil.history/1
+    history(index, "0042", limits=load_limits("mfs"))     # hil.history/1
 
 What all temperatures have in common is looked at first: a calibration's shift against the others, with the same offset
 of each temperature in all of them. That tells a drift from a jump (`hil.archive.trend`). Values are brought to the
@@ -13,7 +12,6 @@ A calibration that is INCONCLUSIVE or FAIL tells nothing of the unit, as everywh
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import datetime, timedelta
 from itertools import pairwise
 from pathlib import Path
@@ -22,13 +20,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hil.archive.index import ArchivedMean, Entry, Index
-from hil.archive.stations import at_usual_temperatures, differs, shifts_of, stations_of
-from hil.archive.trend import Trend, at_one_temperature, control_half_width, control_limits, predicted, trend
-from hil.campaign import FloatArray
+from hil.archive.trend import (
+    Trend,
+    at_one_temperature,
+    at_usual_temperatures,
+    control_half_width,
+    control_limits,
+    differs,
+    predicted,
+    shifts_of,
+    stations_of,
+    trend,
+)
+from hil.campaign import BoolArray, FloatArray
 from hil.errors import InputError
 from hil.files.document import picked
 from hil.files.strict import near
-from hil.solve.repeats import Uncertain
 from hil.solve.runs import finite
 
 if TYPE_CHECKING:  # where no limits are known, nothing that reads them is loaded
@@ -38,99 +45,7 @@ _MONTH_S = 365.25 / 12.0 * 86400.0
 _AHEAD_MONTHS = np.linspace(0.0, 120.0, 1201)
 
 
-@dataclass(frozen=True)
-class Station:
-    """A parameter at one temperature: its means (n,) in the order of time, the trend, and its control limits.
-
-    `control` is where the newest should be by the earlier ones; `due` when its interval reaches a limit, in months
-    after the newest, None where it does not within ten years, or nobody can tell.
-    """
-
-    temperature_degC: float | None
-    means: Sequence[ArchivedMean]
-    months: FloatArray
-    trend: Trend
-    control: Uncertain | None
-    due: float | None
-
-    @property
-    def outside(self) -> bool:
-        """Whether the newest is outside its control limits."""
-        newest = self.means[-1].value.value
-        return self.control is not None and abs(newest - self.control.value) > control_half_width(self.control)
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """One parameter of a sensor: what all its temperatures did together over `months` (n,), and each of them.
-
-    `differs` says that a jump is not the same at all of them.
-    """
-
-    sensor: int
-    name: str
-    unit: str
-    months: FloatArray
-    entries: Sequence[str]
-    together: Trend
-    differs: bool
-    stations: Sequence[Station]
-
-
-@dataclass(frozen=True)
-class History:
-    """What the archive says of one unit. `used` are the entries that tell something of it; `said` is what to know."""
-
-    serial: str
-    model: str
-    simulated: bool
-    entries: Sequence[Entry]
-    used: Sequence[Entry]
-    changes: Mapping[str, Sequence[str]]
-    parameters: Sequence[Parameter]
-    limits: Limits | None
-    said: Sequence[str]
-
-    def due(self) -> tuple[str | None, str]:
-        """Return the day on which the next calibration is due by drift and limits, and why."""
-        if self.limits is None:
-            return None, "no limits are known: --limits names them"
-        found = [(of.due, p, of) for p in self.parameters for of in p.stations if of.due is not None]
-        if not found:
-            judged = any(of.trend.fit is not None for p in self.parameters for of in p.stations)
-            return None, "no parameter reaches a limit within ten years" if judged else "it takes three calibrations"
-        months, parameter, of = min(found, key=lambda each: each[0])
-        newest = datetime.fromisoformat(self.used[-1].began_utc)
-        day = (newest + timedelta(seconds=months * _MONTH_S)).date().isoformat()
-        at = "" if of.temperature_degC is None else f" at {of.temperature_degC:.1f} °C"
-        why = "may be beyond its limit by then" if months else "is not certainly within its limits even now"
-        return day, f"sensor {parameter.sensor}, {parameter.name}{at} {why}"
-
-    def document(self) -> dict[str, Any]:
-        """Return the document hil.history/1."""
-        day, why = self.due()
-        days = {each.name: each.began_utc[:10] for each in self.entries}
-        return {
-            "schema": "hil.history/1",
-            "serial": self.serial,
-            "model": self.model,
-            "simulated": bool(self.simulated),
-            "campaigns": [
-                {
-                    **picked(each, "entry=name began_utc title verdict reason from=whence"),
-                    "used": each in self.used,
-                    "changed_since_the_last": list(self.changes.get(each.name, ())),
-                }
-                for each in self.entries
-            ],
-            "parameters": [_parameter(each, days) for each in self.parameters],
-            "limits": None if self.limits is None else self.limits.title,
-            "next_calibration": {"due": day, "why": why},
-            "said": list(self.said),
-        }
-
-
-def history(index: Index, serial: str, model: str | None = None, limits: Limits | None = None) -> History:
+def history(index: Index, serial: str, model: str | None = None, limits: Limits | None = None) -> dict[str, Any]:
     """Say what the archive knows of a unit; `model` tells two units with one serial number apart.
 
     Without `limits` the newest calibration's own. Raises `InputError` where there is no such unit, or there are two.
@@ -172,10 +87,45 @@ def history(index: Index, serial: str, model: str | None = None, limits: Limits 
             limits = Limits.parse(text, good[-1].name)
     names = {each.name for each in used}
     means = [each for each in index.means(serial) if each.entry in names]
-    began = {each.name: datetime.fromisoformat(each.began_utc).timestamp() / _MONTH_S for each in used}
-    parameters, kind = list(_parameters(means, began, limits)), good[-1]
+    found = list(_parameters(means, {each.name: each.began_utc for each in used}, limits))
+    parameters, kind, changes = [document for document, _ in found], good[-1], _changes(good, settings)
     said += _not_judged(limits, kind.model, parameters)
-    return History(serial, kind.model, kind.simulated, good, used, _changes(good, settings), parameters, limits, said)
+    day, why = _next(parameters, limits, used[-1].began_utc if used else "", judged=any(told for _, told in found))
+    return {
+        "schema": "hil.history/1",
+        "serial": serial,
+        "model": kind.model,
+        "simulated": bool(kind.simulated),
+        "campaigns": [
+            {
+                **picked(each, "entry=name began_utc title verdict reason from=whence"),
+                "used": each in used,
+                "changed_since_the_last": list(changes.get(each.name, ())),
+            }
+            for each in good
+        ],
+        "parameters": parameters,
+        "limits": None if limits is None else limits.title,
+        "next_calibration": {"due": day, "why": why},
+        "said": said,
+    }
+
+
+def _next(
+    parameters: Sequence[Mapping[str, Any]], limits: Limits | None, newest_utc: str, *, judged: bool
+) -> tuple[str | None, str]:
+    """Return the day on which the next calibration is due by drift and limits, and why."""
+    if limits is None:
+        return None, "no limits are known: --limits names them"
+    found = [(of["due_in_months"], p, of) for p in parameters for of in p["temperatures"]]
+    due = [each for each in found if each[0] is not None]
+    if not due:
+        return None, "no parameter reaches a limit within ten years" if judged else "it takes three calibrations"
+    months, parameter, of = min(due, key=lambda each: each[0])
+    day = (datetime.fromisoformat(newest_utc) + timedelta(seconds=months * _MONTH_S)).date().isoformat()
+    at = "" if of["temperature_degC"] is None else f" at {of['temperature_degC']:.1f} °C"
+    why = "may be beyond its limit by then" if months else "is not certainly within its limits even now"
+    return day, f"sensor {parameter['sensor']}, {parameter['parameter']}{at} {why}"
 
 
 def _told(good: Sequence[Entry]) -> Iterator[str]:
@@ -193,13 +143,13 @@ def _told(good: Sequence[Entry]) -> Iterator[str]:
     )
 
 
-def _not_judged(limits: Limits | None, model: str, parameters: Sequence[Parameter]) -> Iterator[str]:
+def _not_judged(limits: Limits | None, model: str, parameters: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     """Yield of which limits the unit has no parameter; raise `InputError` for limits of another model."""
     if limits is None:
         return
     if limits.unit and model and limits.unit != model:
         raise InputError(f"{limits.source}: unit: these are limits of {limits.unit}, and the unit is {model}")
-    there = {(each.sensor, each.name) for each in parameters}
+    there = {(each["sensor"], each["parameter"]) for each in parameters}
     for sensor, of in limits.sensors.items():
         if lacking := [name for name in of if (sensor, name) not in there]:
             yield f"{limits.source}: sensor {sensor}: no calibration tells {', '.join(lacking)}: not judged"
@@ -216,42 +166,59 @@ def _changes(good: Sequence[Entry], settings: Mapping[str, Mapping[str, Any]]) -
 
 
 def _parameters(
-    means: Sequence[ArchivedMean], began: Mapping[str, float], limits: Limits | None
-) -> Iterator[Parameter]:
+    means: Sequence[ArchivedMean], began_utc: Mapping[str, str], limits: Limits | None
+) -> Iterator[tuple[dict[str, Any], bool]]:
+    """Yield what all temperatures of each parameter did together, and each of them; and whether any has a trend."""
+    began = {name: datetime.fromisoformat(utc).timestamp() / _MONTH_S for name, utc in began_utc.items()}
+    days = {name: utc[:10] for name, utc in began_utc.items()}
     by_parameter: dict[tuple[int, str], list[ArchivedMean]] = {}
     for each in means:
         by_parameter.setdefault((each.sensor, each.parameter), []).append(each)
     for (sensor, name), own in by_parameter.items():
-        stations = stations_of(own)
+        stations, unit = stations_of(own), own[0].value.unit
         values = at_usual_temperatures(stations)
         names, shifts, errors, left = shifts_of(values)
         months = np.array([began[each] for each in names])
         together = trend(months, shifts, errors)
+        since = float(months[together.step]) if together.step else -np.inf
         k = 2.0 if limits is None else limits.k
         asked = None if limits is None else limits.sensors.get(sensor, {}).get(name)
-        of_station = [_station(at, of, values[at], began, together, months, asked, k) for at, of in stations.items()]
-        yield Parameter(
-            sensor, name, own[0].value.unit, months, names, together, differs(left, names, together), of_station
-        )
+        told, of_each = False, []
+        for at, of in stations.items():
+            when = np.array([began[each.entry] for each in of])
+            y, sd = np.array([values[at][each.entry] for each in of]).T
+            found = at_one_temperature(together, since, when, y, sd)
+            told |= found.fit is not None
+            of_each.append(
+                {
+                    "temperature_degC": at,
+                    **_trend(found, [days[each.entry] for each in of], unit),
+                    "control": _control(y, sd, when >= since, of[-1].value.value),
+                    "due_in_months": _due(found, when, asked, k),
+                    "values": [
+                        {"entry": m.entry, "day": days[m.entry], "own_degC": m.own_degC, **m.value.document()}
+                        for m in of
+                    ],
+                }
+            )
+        document = {
+            "sensor": sensor,
+            "parameter": name,
+            "unit": unit,
+            **_trend(together, [days[each] for each in names], unit),
+            "differs_between_temperatures": differs(left, names, together),
+            "temperatures": of_each,
+        }
+        yield document, told
 
 
-def _station(
-    at: float | None,
-    means: Sequence[ArchivedMean],
-    values: Mapping[str, tuple[float, float]],
-    began: Mapping[str, float],
-    together: Trend,
-    all_months: FloatArray,
-    asked: ParameterLimits | None,
-    k: float,
-) -> Station:
-    months = np.array([began[each.entry] for each in means])
-    y, sd = np.array([values[each.entry] for each in means]).T
-    since = float(all_months[together.step]) if together.step else -np.inf
-    found = at_one_temperature(together, since, months, y, sd)
-    before = months[:-1] >= since
-    control = control_limits(y[:-1][before], sd[:-1][before])
-    return Station(at, means, months, found, control, _due(found, months, asked, k))
+def _control(y: FloatArray, sd: FloatArray, since: BoolArray, newest: float) -> dict[str, Any] | None:
+    """Return where the newest should be by the earlier values (n,) `since` the last jump, and whether it is outside."""
+    limits = control_limits(y[:-1][since[:-1]], sd[:-1][since[:-1]])
+    if limits is None:
+        return None
+    half = control_half_width(limits)
+    return {"centre": limits.value, **_ends(limits.value, half), "outside": abs(newest - limits.value) > half}
 
 
 def _due(found: Trend, months: FloatArray, asked: ParameterLimits | None, k: float) -> float | None:
@@ -262,32 +229,6 @@ def _due(found: Trend, months: FloatArray, asked: ParameterLimits | None, k: flo
     low, high = (-np.inf if asked.low is None else asked.low), (np.inf if asked.high is None else asked.high)
     beyond = (value - wide < low) | (value + wide > high)
     return float(_AHEAD_MONTHS[np.argmax(beyond)]) if beyond.any() else None
-
-
-def _parameter(of: Parameter, days: Mapping[str, str]) -> dict[str, Any]:
-    return {
-        **picked(of, "sensor parameter=name unit"),
-        **_trend(of.together, [days[name] for name in of.entries], of.unit),
-        "differs_between_temperatures": of.differs,
-        "temperatures": [
-            {
-                "temperature_degC": station.temperature_degC,
-                **_trend(station.trend, [days[each.entry] for each in station.means], of.unit),
-                "control": station.control
-                and {
-                    "centre": station.control.value,
-                    **_ends(station.control.value, control_half_width(station.control)),
-                    "outside": station.outside,
-                },
-                "due_in_months": station.due,
-                "values": [
-                    {"entry": each.entry, "day": days[each.entry], "own_degC": each.own_degC, **each.value.document()}
-                    for each in station.means
-                ],
-            }
-            for station in of.stations
-        ],
-    }
 
 
 def _trend(found: Trend, days: Sequence[str], unit: str) -> dict[str, Any]:

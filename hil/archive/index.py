@@ -13,6 +13,7 @@ import contextlib
 import json
 import math
 import sqlite3
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -90,15 +91,13 @@ class Index:
         """Return a row for each unit: serial, model, how often calibrated, first and last, newest verdict, troubles."""
         found: dict[tuple[str, str, bool], list[Entry]] = {}
         gone = set(self.gone())
-        broken: dict[str, int] = {}
+        broken: Counter[str] = Counter()
         for each in self.entries():
             if each.trouble or each.name in gone:
-                broken[each.serial] = broken.get(each.serial, 0) + 1
+                broken[each.serial] += 1
             else:
                 found.setdefault((each.serial, each.model, each.simulated), []).append(each)
-        for serial in broken:
-            if all(key[0] != serial for key in found):
-                found[serial, "", False] = []
+        found |= {(serial, "", False): [] for serial in broken.keys() - {serial for serial, _, _ in found}}
         same = [serial for serial, model, _ in found if len({m for s, m, _ in found if s == serial}) > 1]
         return [
             {
@@ -109,7 +108,7 @@ class Index:
                 "first": of[0].began_utc[:10] if of else None,
                 "last": of[-1].began_utc[:10] if of else None,
                 "verdict": of[-1].verdict if of else None,
-                "cannot_be_read": broken.get(serial, 0),
+                "cannot_be_read": broken[serial],
                 "remark": "two units have this serial number" if serial in same else "",
             }
             for (serial, model, simulated), of in sorted(found.items())
@@ -124,17 +123,11 @@ class Index:
             "JOIN entries ON name = entry WHERE serial = ? ORDER BY began_utc, means.rowid",
             (serial,),
         )
-        return [
-            ArchivedMean(
-                entry,
-                sensor,
-                parameter,
-                at,
-                own,
-                Uncertain(value, math.nan if sd is None else sd, math.inf if freedom is None else freedom, runs, unit),
-            )
-            for entry, sensor, parameter, at, own, value, sd, freedom, runs, unit in rows
-        ]
+        found = []
+        for entry, sensor, parameter, at, own, value, sd, freedom, runs, unit in rows:
+            known = (math.nan if sd is None else sd, math.inf if freedom is None else freedom)
+            found.append(ArchivedMean(entry, sensor, parameter, at, own, Uncertain(value, *known, runs, unit)))
+        return found
 
     def settings(self, digests: Sequence[str]) -> dict[str, Mapping[str, Any]]:
         """Return what bench and software were, by digest."""

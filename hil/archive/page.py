@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from datetime import date
 from typing import Any
 
-from hil.archive.history import History, Parameter
 from hil.archive.sentences import sentences
 from hil.files.figure import blank
 from hil.files.page import in_style, inline_svg, rendered
@@ -18,15 +17,14 @@ from hil.files.page import in_style, inline_svg, rendered
 _COLOURS = "viridis"
 
 
-def history_page(found: History) -> str:
-    """Return a unit's life as one HTML document: no scripts, no other files."""
-    document = found.document()
-    title = f"Unit {found.serial}{f', {found.model}' if found.model else ''}"
+def history_page(document: Mapping[str, Any]) -> str:
+    """Return a unit's life, hil.history/1, as one HTML document: no scripts, no other files."""
+    title = ", ".join(filter(None, [f"Unit {document['serial']}", document["model"]]))
     view = {
         **document,
         **_frame(title),
         "sentences": list(sentences(document)),
-        "pictures": [_picture(each, of) for each, of in zip(found.parameters, document["parameters"], strict=True)],
+        "pictures": [_picture(each) for each in document["parameters"]],
     }
     return rendered("hil.archive", "history.html.j2", view)
 
@@ -42,15 +40,15 @@ def _frame(title: str) -> dict[str, Any]:
     return {"title": title, "running_title": in_style(title), "whole": False}
 
 
-def _picture(parameter: Parameter, document: Mapping[str, Any]) -> str:
+def _picture(parameter: Mapping[str, Any]) -> str:
     """Draw one parameter over the calendar, a line for each temperature, the cold ones dark."""
     from matplotlib import colormaps
     from matplotlib.dates import AutoDateLocator
 
     figure, axes = blank(6.4, 2.6)
     figure.subplots_adjust(top=0.86)
-    count = len(document["temperatures"])
-    for place, station in enumerate(document["temperatures"]):
+    count = len(parameter["temperatures"])
+    for place, station in enumerate(parameter["temperatures"]):
         values, at = station["values"], station["temperature_degC"]
         days: Any = [date.fromisoformat(each["day"]) for each in values]
         bars = [0.0 if each["high"] is None else each["high"] - each["value"] for each in values]
@@ -65,13 +63,14 @@ def _picture(parameter: Parameter, document: Mapping[str, Any]) -> str:
             "label": label,
         }
         axes.errorbar(days, [each["value"] for each in values], bars, **drawn)
-    if document["jump"] is not None:
-        jumped: Any = date.fromisoformat(document["jump"]["between"][1])
+    if parameter["jump"] is not None:
+        jumped: Any = date.fromisoformat(parameter["jump"]["between"][1])
         axes.axvline(jumped, color="#D55E00", linestyle=":")
     axes.xaxis.set_major_locator(AutoDateLocator(minticks=2, maxticks=6))  # type: ignore[no-untyped-call]
-    axes.set_ylabel(f"{parameter.name}, {parameter.unit}")
-    axes.set_title(f"sensor {parameter.sensor}, {parameter.name}: {parameter.together.word}", loc="left", fontsize=9)
+    name, finding = parameter["parameter"], parameter["finding"]
+    axes.set_ylabel(f"{name}, {parameter['unit']}")
+    axes.set_title(f"sensor {parameter['sensor']}, {name}: {finding}", loc="left", fontsize=9)
     narrow: Any = {"columnspacing": 0.9, "handlelength": 1.2, "handletextpad": 0.4}
     axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.12), ncols=min(count, 8), frameon=False, fontsize=6, **narrow)
     figure.subplots_adjust(bottom=0.24)
-    return inline_svg(figure, f"Sensor {parameter.sensor}, {parameter.name} over the years: {parameter.together.word}")
+    return inline_svg(figure, f"Sensor {parameter['sensor']}, {name} over the years: {finding}")

@@ -84,10 +84,9 @@ def _read(connection: sqlite3.Connection, archive: Path, name: str, now: str) ->
     try:
         facts, campaign, configuration = read_entry(archive, name)
         solutions = solve_campaign(campaign)
-        entry = _entry(name, now, facts, campaign, solutions)
         means = list(_means(name, repeats(campaign, solutions)))
         text = json.dumps(_settings(facts, configuration), sort_keys=True)
-        entry = entry | {"settings": hashlib.sha256(text.encode()).hexdigest()}
+        entry = vars(_entry(name, now, facts, campaign, solutions, hashlib.sha256(text.encode()).hexdigest()))
     except (InputError, OSError, KeyError, TypeError, ValueError) as error:
         entry, text = vars(Entry(name, now, serial_of(name), str(error) or repr(error))), ""
     with transaction(connection):
@@ -100,10 +99,10 @@ def _read(connection: sqlite3.Connection, archive: Path, name: str, now: str) ->
 
 
 def _entry(
-    name: str, now: str, facts: Mapping[str, Any], campaign: Campaign, solutions: Sequence[RunSolution]
-) -> dict[str, Any]:
+    name: str, now: str, facts: Mapping[str, Any], campaign: Campaign, solutions: Sequence[RunSolution], settings: str
+) -> Entry:
     judged = night_verdict(str(facts["state"]), solutions)
-    found = Entry(
+    return Entry(
         name,
         now,
         serial=str(facts["serial"]),
@@ -118,9 +117,9 @@ def _entry(
         night=str((facts["night"] or {}).get("id", "")),
         collects=sum(map(len, campaign.sensors.values())),
         whence=str(facts["from"]),
+        settings=settings,
         good=judged.verdict not in NOT_GOOD,
     )
-    return dict(vars(found))
 
 
 def _means(name: str, shown: Mapping[int, SensorRepeats]) -> Iterator[tuple[Any, ...]]:

@@ -40,15 +40,14 @@ def certificate(
     from hil.files.strict import NAME, one_line
     from hil.records.reader import units_in
     from hil.records.units import writable
-    from hil.report.certificate import Asked
     from hil.report.certificate import certificate as made
     from hil.report.pdf import find_browser, write_pdf
 
     if pdf:
         find_browser()  # before anything is written
     folder = units_in(folder).get(unit or "", folder)
-    asked = Asked(unit, one_line("--customer", customer), one_line("--number", number, NAME), limits)
-    found = made(folder, asked, SystemClock().utc().date())
+    asked = unit, one_line("--customer", customer), one_line("--number", number, NAME), limits
+    found = made(folder, SystemClock().utc().date(), *asked)
     path = page_file(out or writable(folder) / "certificate.html")
     if found.refused and not draft:
         raise InputError(f"{folder}: no certificate: {'; '.join(found.refused)}. --draft writes a draft that says so")
@@ -155,20 +154,19 @@ def history(
 
         chosen = load_limits(limits)
     with opened_index(folder) as index:
-        found = became(index, serial, model, chosen)
-    document = found.document()
+        document = became(index, serial, model, chosen)
     if csv_file is not None:
         _write_csv(csv_file, _rows(document))
     if page is not None:
         from hil.archive.page import history_page
         from hil.files.durable import write_result
 
-        write_result(page, history_page(found))
+        write_result(page, history_page(document))
     if out is not None:
         from hil.archive.folder import life
         from hil.campaign.writer import write_campaign
 
-        write_campaign(life(folder, [each.name for each in found.used]), out)
+        write_campaign(life(folder, [each["entry"] for each in document["campaigns"] if each["used"]]), out)
     return Answer(document, told(document, written_to=list(filter(None, (csv_file, page, out)))))
 
 

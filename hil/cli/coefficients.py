@@ -63,8 +63,7 @@ def allan(
     """Say what a recording's noise is made of (N, B, K), how long to average, and when longer stops helping."""
     import numpy as np
 
-    from hil.analysis.allan.document import analyse
-    from hil.analysis.allan.figure import draw
+    from hil.analysis.allan.document import analyse, draw
     from hil.analysis.allan.sources import read_recording
     from hil.files.figure import check_name, save_figure
     from hil.files.units import RATE, TIME, to_number
@@ -97,7 +96,7 @@ def audit(
     ],
 ) -> Answer:
     """Check every identity in a published table: what does not close, by how much, which reading would mend it."""
-    from hil.analysis.published import audit_table
+    from hil.analysis.published.audit import audit_table
 
     document = audit_table(name).document()
     return Answer(document, told(document))
@@ -117,9 +116,9 @@ def thermal(
     ] = None,
 ) -> Answer:
     """Fit every parameter against temperature, and say whether modelling it improves the unit."""
-    from hil.analysis.thermal import fit_thermal
     from hil.analysis.thermal.document import first_in_words, thermal_document
     from hil.analysis.thermal.files import write_thermal
+    from hil.analysis.thermal.fit import fit_thermal
     from hil.files.units import DIFFERENCE, to_number
 
     apart_degC = None if apart is None else quantity("--apart", apart, lambda text: to_number(text, DIFFERENCE))
@@ -150,7 +149,7 @@ def reproduce(
     from hil.analysis.published.reproduction import reproduce as give_again
 
     campaign = read_source(source)
-    document = give_again(campaign, sensor).document()
+    document = give_again(campaign, sensor)
     return Answer(document, told(document, campaign=campaign))
 
 

@@ -41,10 +41,10 @@ def report(
     """Write the report: one self-contained HTML file that any browser shows and prints."""
     from hil.files.page import page_file
     from hil.records.reader import units_in
+    from hil.report.page import write_units
     from hil.report.pdf import find_browser, write_pdf
     from hil.report.statements import good
     from hil.report.tables import write_tables
-    from hil.report.units import write_units
 
     if pdf:
         find_browser()  # before anything is written
@@ -95,10 +95,11 @@ def write_report(
     """
     from hil.analysis.against import compare
     from hil.analysis.in_spec import in_spec_of
+    from hil.files.durable import write_result
     from hil.files.page import page_file
     from hil.records.units import writable
     from hil.report.content import gather
-    from hil.report.page import write_page
+    from hil.report.page import render
 
     night = _night(source)
     campaign = _campaign(source, night)
@@ -108,7 +109,7 @@ def write_report(
     content = gather(campaign, night, comparison)
     state = "" if night is None else night.state
     content = replace(content, in_spec=in_spec_of(source, campaign, content.solutions, limits, comparison, state))
-    write_page(content, path, whole=whole)
+    write_result(path, render(content, whole=whole))
     return path, content
 
 

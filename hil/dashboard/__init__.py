@@ -8,10 +8,8 @@ any time.
 
 | file | what it does |
 |---|---|
-| `curve.py` | a curve of bounded size, however long the night |
 | `curves.py` | a night's curves: its temperatures, and the running averages of its newest collect |
-| `results.py` | the self-calibrations so far, with the parameters that `hil solve` gives |
-| `facts.py` | what a night's journal and live files say, as the page shows it |
+| `facts.py` | what a night's journal and live files say, as the page shows it; the self-calibrations so far |
 | `watcher.py` | looks at the nights of a folder once a second and tells every page what changed |
 | `access.py` | who may read, who may ask: hosts, token, headers |
 | `server.py` | the addresses of the page |

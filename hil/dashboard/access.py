@@ -60,20 +60,23 @@ def token_from(path: Path) -> str:
     return token
 
 
+def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+    """Return the IP address that a host is given as; None for a name."""
+    try:
+        return ipaddress.ip_address(host)
+    except ValueError:
+        return None
+
+
 def is_loopback(host: str) -> bool:
     """Tell whether only this machine can reach a server that listens at `host`."""
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
+    return address.is_loopback if (address := _address(host)) else host == "localhost"
 
 
 def url(host: str, port: int) -> str:
     """Return where a browser finds a server that listens at `host`: by this machine's name if that is everywhere."""
-    try:
-        everywhere = ipaddress.ip_address(host).is_unspecified
-    except ValueError:
-        everywhere = False
+    address = _address(host)
+    everywhere = address is not None and address.is_unspecified
     name = socket.gethostname() if everywhere else f"[{host}]" if ":" in host else host
     return f"http://{name}:{port}/"
 
@@ -104,12 +107,8 @@ class Access:
         if parts is None:
             return False
         name = parts["name"].strip("[]")
-        try:
-            ipaddress.ip_address(name)
-        except ValueError:
-            ours = {"localhost"} if is_loopback(self.host) else {"localhost", self.host, socket.gethostname()}
-            return name.lower() in {each.lower() for each in ours}
-        return True
+        ours = {"localhost"} if is_loopback(self.host) else {"localhost", self.host, socket.gethostname()}
+        return _address(name) is not None or name.lower() in {each.lower() for each in ours}
 
 
 class Guard:

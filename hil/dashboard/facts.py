@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from drivers.clock import SystemClock
-from hil.analysis.night_verdict import night_verdict
+from hil.analysis.night_verdict import night_solutions, night_verdict
 from hil.config.recorded import understood
 from hil.dashboard.curves import NightCurves
-from hil.dashboard.results import ResultsSoFar
+from hil.errors import Damaged
 from hil.files.lock import Owner, living_owner
 from hil.records import JournalReader, reading
 from hil.records.heartbeat import read_heartbeat
@@ -29,7 +29,10 @@ from hil.records.rows import Event
 from hil.records.status import night_status, recorded_verdict, without_samples
 from hil.records.troubles import to_do
 from hil.records.units import night_of, unit_folder
-from procedures.plan import Plan, StepKind
+from hil.solve import RunSolution
+from hil.solve.document import solution_document
+from procedures.journal_protocol import StepResult
+from procedures.plan import Plan, Step, StepKind
 from procedures.words import step_in_words
 
 _EVENTS = 80
@@ -237,3 +240,58 @@ def _stamp(path: Path) -> tuple[int, int, int] | None:
 def unreadable(identity: str, error: Exception) -> Part:
     """Return the head of a night that cannot be read."""
     return {"head": {"title": identity, "state": "unreadable", "reason": str(error), "working": False}}
+
+
+_SHOWN = ("sensor", "model", "verdict", "reason", "assumed", "parameters")
+
+
+class ResultsSoFar:
+    """The results of one night, read again when it has got on; solved again when a self-calibration was finished."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self.damage = ""  # which records are not what was written, so that no parameters are shown
+        self._solved: tuple[int, ...] = ()
+        self.solutions: list[RunSolution] = []
+        self._solutions: dict[int, list[dict[str, Any]]] = {}
+
+    def read(self, journal: JournalReader) -> list[dict[str, Any]]:
+        """Return a row for every self-calibration that has begun; solutions only where all of its steps are done."""
+        completed = journal.completed()
+        begun = {
+            number: steps
+            for number, steps in journal.plan.self_calibrations.items()
+            if any(step.key in completed for step in steps)
+        }
+        done = tuple(number for number, steps in begun.items() if all(step.key in completed for step in steps))
+        if done != self._solved:
+            self._solutions, self._solved = self._solve(), done
+        return [
+            {
+                "number": number,
+                "temperature_degC": steps[0].temperature_degC,
+                "done": number in done,
+                "collects": [
+                    _collect(step, completed.get(step.key)) for step in steps if step.kind is StepKind.COLLECT
+                ],
+                "solutions": self._solutions.get(number, []) if number in done else [],
+            }
+            for number, steps in begun.items()
+        ]
+
+    def _solve(self) -> dict[int, list[dict[str, Any]]]:
+        self.damage, self.solutions = "", []
+        try:
+            campaign, self.solutions = night_solutions(self._folder)
+        except Damaged as damage:
+            self.damage = f"ERROR: {damage}"
+            return {}
+        rows: dict[int, list[dict[str, Any]]] = {}
+        for each in () if campaign is None else solution_document(campaign, self.solutions)["solutions"]:
+            rows.setdefault(each["run"] or 0, []).append({key: each[key] for key in _SHOWN})
+        return rows
+
+
+def _collect(step: Step, result: StepResult | None) -> dict[str, Any]:
+    data = result.data if result else {}
+    return {"position": step.position, "verdict": data.get("verdict"), "reason": data.get("reason", "")}

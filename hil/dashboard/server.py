@@ -17,7 +17,6 @@ import json
 import socket
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
-from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any
 
@@ -87,7 +86,7 @@ def create_app(watcher: Watcher, access: Access) -> Guard:
         try:
             asked = _asked(await asyncio.wait_for(_body(request), _PATIENCE_S))
             status = 409  # it is one that cannot be done
-            return JSONResponse(await run_in_threadpool(_ask, watcher, asked))
+            return JSONResponse(await run_in_threadpool(_ask, watcher, *asked))
         except TimeoutError:
             return JSONResponse({"error": "what was sent did not come to its end"}, status_code=408)
         except InputError as error:
@@ -206,19 +205,11 @@ async def _body(request: Request) -> dict[str, Any]:
     return document
 
 
-@dataclass(frozen=True)
-class Asked:
-    """What somebody asks of the controller of a night, with their name."""
+def _asked(document: dict[str, Any]) -> tuple[str, RequestKind, str, str, int | None]:
+    """Return the night, what is asked of its controller, by whom and why, and of which question; checked.
 
-    night: str
-    kind: RequestKind
-    who: str
-    why: str
-    prompt: int | None
-
-
-def _asked(document: dict[str, Any]) -> Asked:
-    """Check what was sent; raise `InputError` naming what is wrong."""
+    Raises `InputError` naming what is wrong.
+    """
     kinds = sorted(each.value for each in RequestKind)
     if document.get("kind") not in kinds:
         raise InputError(f"kind: one of {', '.join(kinds)}")
@@ -231,12 +222,12 @@ def _asked(document: dict[str, Any]) -> Asked:
     if answers and not (type(prompt) is int and 0 <= prompt < 2**63):  # what the journal can hold
         raise InputError("prompt: the number of the question that is answered")
     why = one_line("why", document.get("why", ""))
-    return Asked(str(document.get("night", "")), kind, who, why, prompt if answers else None)
+    return str(document.get("night", "")), kind, who, why, prompt if answers else None
 
 
-def _ask(watcher: Watcher, asked: Asked) -> dict[str, Any]:
+def _ask(watcher: Watcher, night: str, kind: RequestKind, who: str, why: str, prompt: int | None) -> dict[str, Any]:
     """Put the request into the journal, and wait for the answer for a while: `accepted` is null where none came."""
-    folder = watcher.night(asked.night).night
-    number = ask_controller(folder, asked.kind, f"{asked.who} (live page)", asked.why, prompt=asked.prompt)
+    folder = watcher.night(night).night
+    number = ask_controller(folder, kind, f"{who} (live page)", why, prompt=prompt)
     answered = wait_for_answer(folder, number, _ANSWER_S)
     return {"accepted": answered.accepted, "answer": answered.answer}

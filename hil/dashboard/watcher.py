@@ -76,7 +76,8 @@ class Watcher:
         """Give a queue of server-sent events: everything first, then what changes."""
         queue: asyncio.Queue[bytes] = asyncio.Queue(_WAITING)
         self._pages[queue] = True
-        self._want_everything()
+        self._everything_wanted = True
+        self._wake.set()
         try:
             yield queue
         finally:
@@ -128,7 +129,9 @@ class Watcher:
         """Find the nights that are there, and keep those that are shown; raise `InputError` if the folder has gone."""
         if not self._root.is_dir():  # deleted, or on a disk that is not there any more: its nights have not ended
             raise InputError(f"{self._root}: there is no such folder any more")
-        found = {self._name(each): each for path in self.journals() for each in _night_and_units(path.parent)}
+        nights = [path.parent for path in self.journals()]
+        units = {night: sorted((night / UNITS).glob("*")) for night in nights}  # of a night that lists several
+        found = {self._name(each): each for night in nights for each in (night, *units[night])}
         self._found = list(found)
         for identity in set(self._nights) - set(found):
             del self._nights[identity]
@@ -209,12 +212,3 @@ class Watcher:
                 queue.put_nowait(frame)
             self._pages[queue] = True
         self._everything_wanted = True
-
-    def _want_everything(self) -> None:
-        self._everything_wanted = True
-        self._wake.set()
-
-
-def _night_and_units(night: Path) -> list[Path]:
-    """Return a night's folder, and that of each unit where it lists several."""
-    return [night, *sorted((night / UNITS).glob("*"))]

@@ -65,7 +65,11 @@ def _columns(plan: Plan, steps: list[Step]) -> tuple[dict[str, FloatArray], Floa
 def _temperatures(plan: Plan, setpoints: list[Step]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return a time grid with air, case and rotor temperature: ramps at the planned rate, then two first-order lags."""
     times = np.arange(0.0, plan.total_s + _GRID_S, _GRID_S)
-    knots_s, knots_degC = [0.0], [_first_temperature(setpoints)]
+    first = setpoints[0]
+    target = float(first.temperature_degC or 0.0)
+    change = first.duration_s / 60.0 * first.parameters.get("ramp_degC_per_min", 0.0)
+    # The first ramp begins where its duration and rate say.
+    knots_s, knots_degC = [0.0], [target - change if target > 23.0 else target + change]
     for step in setpoints:
         knots_s += [step.starts_s, step.starts_s + step.duration_s]
         knots_degC += [knots_degC[-1], float(step.temperature_degC or 0.0)]
@@ -74,14 +78,6 @@ def _temperatures(plan: Plan, setpoints: list[Step]) -> tuple[FloatArray, FloatA
     # As the twin has it: warmed through, the unit reads the setpoint, at which its parameters are known.
     lacking = SELF_HEATING_DEGC * np.exp(-times / SELF_HEATING_LAG_S)
     return times, air, case, _lagged(case, ROTOR_LAG_S) - lacking
-
-
-def _first_temperature(setpoints: list[Step]) -> float:
-    """Return where the first ramp begins, as its duration and rate say."""
-    first = setpoints[0]
-    target = float(first.temperature_degC or 0.0)
-    change = first.duration_s / 60.0 * first.parameters.get("ramp_degC_per_min", 0.0)
-    return target - change if target > 23.0 else target + change
 
 
 def _lagged(values: FloatArray, lag_s: float) -> FloatArray:

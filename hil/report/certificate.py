@@ -1,6 +1,6 @@
 """The calibration certificate of one unit's night: what ISO/IEC 17025 asks of one, or why there is none.
 
-    found = certificate(Path("night"), Asked(unit="0042"))
+    found = certificate(Path("night"), date(2026, 11, 25), unit="0042")
     found.refused       # in sentences: simulated, incomplete, FAIL, an instrument past its date
     found.document      # hil.certificate/1
     found.page()        # HTML, printed on A4
@@ -25,7 +25,7 @@ from hil.campaign import Campaign, Collects
 from hil.config import Bench
 from hil.config.limits import load_limits
 from hil.config.recorded import bench_of_record, recorded_limits
-from hil.design.budget.means import MeanBudget, budgets_of_means
+from hil.design.budget.budget import MeanBudget, budgets_of_means
 from hil.design.budget.scenes import measured_scenes
 from hil.errors import InputError
 from hil.files.numbers import degrees
@@ -52,16 +52,6 @@ _ONCE = "no temperature was measured twice: what changes from run to run is not 
 
 
 @dataclass(frozen=True)
-class Asked:
-    """Of which `unit` (a serial number, None: the night's), for whom, by which limits; the number that it gets."""
-
-    unit: str | None = None
-    customer: str = ""
-    number: str = ""
-    limits: str | None = None
-
-
-@dataclass(frozen=True)
 class Certificate:
     """A certificate's `document`, and in sentences why it must not be one."""
 
@@ -77,8 +67,10 @@ class Certificate:
         return rendered("hil.report", "certificate.html.j2", {**self.document, **told})
 
 
-def certificate(folder: Path, asked: Asked, today: date) -> Certificate:
-    """Return the certificate of a night's unit, issued `today`.
+def certificate(
+    folder: Path, today: date, unit: str | None = None, customer: str = "", number: str = "", limits: str | None = None
+) -> Certificate:
+    """Return the certificate of a night's `unit` (a serial number, None: the night's), issued `today`, its `number` so.
 
     Raises `InputError` where the folder holds no night, no collect, or another unit; `Damaged` where the journal is.
     """
@@ -90,28 +82,29 @@ def certificate(folder: Path, asked: Asked, today: date) -> Certificate:
         night, blocks = journal.night, len(journal.blocks())
         bench, own = bench_of_record(night.configuration), recorded_limits(night.configuration)
     content, serial = gather(campaign), campaign.identity.get("serial", "")
-    if asked.unit is not None and asked.unit != serial:
-        raise InputError(f"{folder}: --unit {asked.unit}: the unit of this night is {serial or 'not known'}")
-    means = _budgets(campaign, bench, content)
+    if unit not in (None, serial):
+        raise InputError(f"{folder}: --unit {unit}: the unit of this night is {serial or 'not known'}")
+    scenes = measured_scenes(campaign, bench)
+    means = {each.number: list(budgets_of_means(scenes[each.number], each.shown)) for each in content.sensors}
     measured = night_verdict(str(status["state"]), content.solutions)
-    limits = own if asked.limits is None else load_limits(asked.limits)
-    if limits is not None:
+    allowed = own if limits is None else load_limits(limits)
+    if allowed is not None:
         layouts = {number: each.conditions.sensor for number, each in campaign.sensors.items()}
-        limits.check(layouts, campaign.identity.get("model", ""))
+        allowed.check(layouts, campaign.identity.get("model", ""))
     shown = {each.number: _with_whole_uncertainty(each.shown, means[each.number]) for each in content.sensors}
-    in_spec = None if limits is None else judge(limits, shown, content.solutions, measured)
+    in_spec = None if allowed is None else judge(allowed, shown, content.solutions, measured)
     began, ended = (datetime.fromisoformat(status[key]) for key in ("began_utc", "last_utc"))
     bad, head = measured.reason if measured.verdict in NOT_GOOD else "", read_head(folder)
     refused = list(refusals(status, bad, proof, bench, serial, ended.date()))
     document = {
         "schema": SCHEMA,
-        "number": asked.number or f"{serial or 'unknown'}-{began:%Y%m%d-%H%M}",
+        "number": number or f"{serial or 'unknown'}-{began:%Y%m%d-%H%M}",
         "issued": today.isoformat(),
         "simulated": campaign.simulated,
         "draft": bool(refused),
         "refused_because": refused,
         "laboratory": None if bench.laboratory is None else bench.laboratory.model_dump(),
-        "customer": asked.customer,
+        "customer": customer,
         "unit": {name: campaign.identity.get(name, "") for name in ("model", "serial")},
         "measured_from": began.isoformat(),
         "measured_until": ended.isoformat(),
@@ -163,11 +156,6 @@ def refusals(
     for each in bench.equipment:
         if each.due < measured:
             yield f"{each.name} {each.number} was due for calibration on {each.due}, and measured until {measured}"
-
-
-def _budgets(campaign: Campaign, bench: Bench, content: ReportContent) -> dict[int, list[MeanBudget]]:
-    scenes = measured_scenes(campaign, bench)
-    return {each.number: list(budgets_of_means(scenes[each.number], each.shown)) for each in content.sensors}
 
 
 def _with_whole_uncertainty(shown: SensorRepeats, means: Sequence[MeanBudget]) -> SensorRepeats:

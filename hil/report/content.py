@@ -5,10 +5,11 @@ Everything here is plain text and numbers; `page.py` turns it into HTML.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from hil.analysis.against import Comparison
 from hil.analysis.in_spec import InSpec
-from hil.analysis.published.reproduction import Reproduction, reproduce
+from hil.analysis.published.reproduction import reproduce
 from hil.campaign import Campaign
 from hil.config.sweep import PUBLISHED
 from hil.errors import InputError
@@ -21,49 +22,34 @@ from procedures.verdict import Verdict
 
 
 @dataclass(frozen=True)
-class Repeat:
-    """The self-calibrations of one sensor at one temperature, and their means by model; `contractor` may lack."""
-
-    runs: tuple[int, ...]
-    matrix: MeanAt
-    contractor: MeanAt | None
-
-    @property
-    def temperature_degC(self) -> float | None:
-        """What the runs have in common; None where no temperature is known."""
-        return self.matrix.temperature_degC
-
-
-@dataclass(frozen=True)
 class SensorContent:
-    """One sensor: its self-calibrations grouped by temperature, and every single solution.
+    """One sensor: every single solution, and by `shown` its means by temperature with what repeats show.
 
     `contractor` holds the contractor's solution by run; `reproduction` is None where the collects are not the report's
-    three; `shown` says what repeats show of every uncertainty.
+    three.
     """
 
     number: int
-    repeats: Sequence[Repeat]
     solutions: Sequence[RunSolution]
     contractor: Mapping[int | None, RunSolution]
     shown: SensorRepeats
     contractor_shown: SensorRepeats | None = None
-    reproduction: Reproduction | None = None
-
-    @property
-    def parameter_names(self) -> tuple[str, ...]:
-        """Names of all parameters that some run was solved for."""
-        return tuple(dict.fromkeys(name for solution in self.solutions for name in solution.parameters))
+    reproduction: Mapping[str, Any] | None = None
 
     @property
     def is_rotor(self) -> bool:
         """Whether the sensor has the report's six parameters."""
-        return "MUB" in self.parameter_names
+        return any("MUB" in each.parameters for each in self.solutions)
 
     @property
     def has_contractor(self) -> bool:
         """Whether its collects are those from which the contractor's solution is made."""
-        return any(repeat.contractor for repeat in self.repeats)
+        return any(self.contractors(each) for each in self.shown.means)
+
+    def contractors(self, mean: MeanAt) -> MeanAt | None:
+        """Return the contractor's mean of the same runs, where there is one."""
+        means = () if self.contractor_shown is None else self.contractor_shown.means
+        return next((each for each in means if each.runs == mean.runs), None)
 
 
 @dataclass(frozen=True)
@@ -97,27 +83,18 @@ def gather(
     """
     solutions = solve_campaign(campaign)
     published = (vocabulary or (night.vocabulary if night else "")) == PUBLISHED
-    contractor = {
-        (each.run, number): each
-        for number in campaign.sensors
-        if published
-        for each in solutions_of_contractor(campaign, number, solutions)
-    }
-    matrix, beside = repeats(campaign, solutions), repeats(campaign, list(contractor.values()))
-    sensors = []
-    for number, shown in matrix.items():
+    numbers = campaign.sensors if published else ()
+    contractor = [each for number in numbers for each in solutions_of_contractor(campaign, number, solutions)]
+    beside, sensors = repeats(campaign, contractor), []
+    for number, shown in repeats(campaign, solutions).items():
         own = [each for each in solutions if each.sensor == number]
-        others = beside.get(number)
-        means = {} if others is None else {each.runs: each for each in others.means}
-        at = [Repeat(each.runs, each, means.get(each.runs)) for each in shown.means]
-        of_run = {run: each for (run, sensor), each in contractor.items() if sensor == number}
-        sensors.append(SensorContent(number, at, own, of_run, shown, others, _reproduced(campaign, number, of_run)))
+        of_run = {each.run: each for each in contractor if each.sensor == number}
+        found = _reproduced(campaign, number) if of_run else None
+        sensors.append(SensorContent(number, own, of_run, shown, beside.get(number), found))
     return ReportContent(campaign, sensors, night, comparison, common_and_differential(campaign))
 
 
-def _reproduced(campaign: Campaign, sensor: int, contractor: Mapping[int | None, RunSolution]) -> Reproduction | None:
-    if not contractor:
-        return None
+def _reproduced(campaign: Campaign, sensor: int) -> dict[str, Any] | None:
     try:
         return reproduce(campaign, sensor)
     except InputError:  # no single run has all three of the report's collects

@@ -32,9 +32,6 @@ _SECONDS_PER_HOUR = 3600.0
 _SILENT_S, _SILENT_POINTS = 300.0, 5.0
 """A longer gap, and of more times the usual one, breaks the lines of the plot: nobody was measuring."""
 
-RESUMING = ("night-resumed", "resumed", "restoring", "restored", "damage", "lock_taken_over")
-"""The kinds of events by which a resume says what it did and why."""
-
 
 @dataclass(frozen=True)
 class Soak:
@@ -111,11 +108,6 @@ class NightContent:
     vocabulary: str = "plain"
     provenance: Sequence[tuple[str, str]] = ()
     files: Sequence[tuple[str, int, str]] = ()  # path, bytes, SHA-256
-
-    @property
-    def resumes(self) -> Sequence[tuple[str, str, str]]:
-        """The events that say what a resume did and why."""
-        return [event for event in self.events if event[1] in RESUMING]
 
 
 def night_content(folder: Path) -> NightContent:

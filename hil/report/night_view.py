@@ -5,13 +5,16 @@ from collections.abc import Sequence
 from typing import Any
 
 from hil.files.page import inline_svg
-from hil.report.figures import draw_night
 from hil.report.night import CollectLine, NightContent
+from hil.report.plots import draw_night
 from procedures.verdict import Verdict
 from procedures.words import counted, listed
 
 MOST_EVENTS = 500
 """More events than this are not listed: a device that flaps all night must not make a report that nobody can open."""
+
+RESUMING = ("night-resumed", "resumed", "restoring", "restored", "damage", "lock_taken_over")
+"""The kinds of events by which a resume says what it did and why."""
 
 _COUNTS = (
     ("ok", "frames", "ok"),
@@ -27,7 +30,8 @@ _COUNTS = (
 
 def night_view(night: NightContent) -> dict[str, Any]:
     """Return what the template shows of a night: of its lists at most so many, and how many more there are."""
-    lists = {"rejected": night.rejected, "resumes": night.resumes, "events": night.events}
+    resumes = [event for event in night.events if event[1] in RESUMING]
+    lists = {"rejected": night.rejected, "resumes": resumes, "events": night.events}
     troubled = _troubled(night.collects)
     return {
         "svg": _picture(night),

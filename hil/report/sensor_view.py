@@ -1,16 +1,17 @@
 """One sensor's chapter of the report: its pictures, its means by temperature, every self-calibration, the scatter."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 from typing import Any
 
 import numpy as np
 
-from hil.analysis.published.reproduction import CONTRACTORS, SEVEN, Reproduction
+from hil.analysis.published.printed import SEVEN
+from hil.analysis.published.reproduction import CONTRACTORS
 from hil.files.numbers import WHOSE, decimals_for, degrees, estimate, number
 from hil.files.page import inline_svg
-from hil.report.content import Repeat, SensorContent
-from hil.report.figures import Line, draw_against_temperature
+from hil.report.content import SensorContent
+from hil.report.plots import Line, draw_against_temperature
 from hil.solve import RunSolution
 from hil.solve.repeats import MeanAt
 from hil.solve.temperatures import WIDEST_DEGC
@@ -19,6 +20,7 @@ from procedures.words import numbered
 
 _RATE, _PER_G = "deg/hr", "deg/hr/g"
 _ROOM_DEGC = 20.0
+_MOST_SENSORS = 3  # beside each other in one look
 
 # Table 1 of the report has these six rows, in this order; GSA and GSB, which it never gives, follow.
 _TABLE_1 = (
@@ -47,7 +49,7 @@ def sensor_view(sensor: SensorContent, *, published: bool = False) -> dict[str, 
         "number": sensor.number,
         "not_published": published and sensor.is_rotor and not sensor.has_contractor,
         "table": _by_temperature(sensor),
-        "figures": list(_figures(sensor)) if len(sensor.repeats) > 1 else [],
+        "figures": list(_figures(sensor)) if len(sensor.shown.means) > 1 else [],
         "published": sensor.has_contractor,
         "runs": _runs(sensor),
         "contractor": _contractors_verdicts(sensor),
@@ -69,38 +71,35 @@ def in_words(name: str) -> str:
 
 def key_numbers(sensors: Sequence[SensorContent]) -> dict[str, Any]:
     """The numbers in one look: each parameter nearest to room temperature, and between which it lies over all."""
-    shown = [each for each in sensors if each.repeats][:_MOST_SENSORS]
-    nearest = [min(each.repeats, key=_from_room) for each in shown]
+    shown = [each for each in sensors if each.shown.means][:_MOST_SENSORS]
+    nearest = [min(each.shown.means, key=_from_room) for each in shown]
     units = {name: unit for sensor in shown for name, unit in _units(sensor.solutions).items()}
     rows = []
     for name, unit in units.items():
         cells = []
         for sensor, at in zip(shown, nearest, strict=True):
-            one = at.matrix.values.get(name)
+            one = at.values.get(name)
             digits = decimals_for([None if one is None else one.sd])
-            over = [each.matrix.values[name].value for each in sensor.repeats if name in each.matrix.values]
+            over = [each.values[name].value for each in sensor.shown.means if name in each.values]
             span = f"{number(min(over), digits)} … {number(max(over), digits)}" if over else number(None)
             value, error = estimate(one, digits)
-            cells.append((value, f"{error} {unit}", span, len(sensor.repeats) > 1))
+            cells.append((value, f"{error} {unit}", span, len(sensor.shown.means) > 1))
         rows.append((f"{in_words(name)}, {name}", cells))
     heads = [
         (
             s.number,
             ", ".join(filter(None, [degrees(at.temperature_degC, s.shown.told_by), _unit(at)])),
-            len(s.repeats),
+            len(s.shown.means),
             ", ".join(_doubtful(s, at)),
         )
         for s, at in zip(shown, nearest, strict=True)
     ]
-    doubtful = any(_doubtful(sensor, at) for sensor in shown for at in sensor.repeats)
+    doubtful = any(_doubtful(sensor, at) for sensor in shown for at in sensor.shown.means)
     return {"heads": heads, "rows": rows, "left": len(sensors) - len(shown), "doubtful": doubtful}
 
 
-_MOST_SENSORS = 3  # beside each other in one look
-
-
-def _from_room(repeat: Repeat) -> float:
-    return 0.0 if repeat.temperature_degC is None else abs(repeat.temperature_degC - _ROOM_DEGC)
+def _from_room(mean: MeanAt) -> float:
+    return 0.0 if mean.temperature_degC is None else abs(mean.temperature_degC - _ROOM_DEGC)
 
 
 def _by_temperature(sensor: SensorContent) -> dict[str, Any]:
@@ -109,32 +108,32 @@ def _by_temperature(sensor: SensorContent) -> dict[str, Any]:
     if sensor.has_contractor:
         rows = _TABLE_1
     heads = []
-    for repeat in sensor.repeats:
+    for repeat in sensor.shown.means:
         at = repeat.temperature_degC
         fahrenheit = f"{at * 1.8 + 32.0:.1f} °F" if at is not None and sensor.has_contractor else ""
         heads.append((degrees(at), list(filter(None, [fahrenheit, _unit(repeat)]))))
     return {
         "heads": heads,
-        "runs": [(len(repeat.runs), _doubtful(sensor, repeat)) for repeat in sensor.repeats],
+        "runs": [(len(repeat.runs), _doubtful(sensor, repeat)) for repeat in sensor.shown.means],
         "rows": [
-            (label, unit, list(_means([_of(each, model) for each in sensor.repeats], name, sensor.has_contractor)))
+            (label, unit, list(_means(_of(sensor, model), name, sensor.has_contractor)))
             for label, name, model, unit in rows
         ],
     }
 
 
-def _unit(repeat: Repeat) -> str:
+def _unit(repeat: MeanAt) -> str:
     """Say what the unit's own thermometer showed where that was another temperature, or moved by more than one."""
     at_degC = repeat.temperature_degC
-    if at_degC is None or repeat.matrix.unit_degC is None:
+    if at_degC is None or repeat.unit_degC is None:
         return ""
-    low, high = repeat.matrix.unit_degC
+    low, high = repeat.unit_degC
     moved = max(high - at_degC, at_degC - low) > WIDEST_DEGC
     where = f"at {low:.1f} °C" if f"{low:.1f}" == f"{high:.1f}" else f"from {low:.1f} to {high:.1f} °C"
     return f"unit {where}" if moved else ""
 
 
-def _doubtful(sensor: SensorContent, repeat: Repeat) -> list[str]:
+def _doubtful(sensor: SensorContent, repeat: MeanAt) -> list[str]:
     """Say how many runs of a mean must not be relied upon, by verdict."""
     found = [each.verdict for each in sensor.solutions if each.runs[0] in repeat.runs]
     return [f"{found.count(v)} {v}" for v in NOT_GOOD if v in found]
@@ -152,13 +151,13 @@ def _means(at_each: Sequence[MeanAt | None], name: str, with_scatter: bool) -> I
         yield value, told, f"σ {scatter:.{decimals}f}" if np.isfinite(scatter) else ""
 
 
-def _of(repeat: Repeat, model: str) -> MeanAt | None:
-    return repeat.matrix if model == "matrix" else repeat.contractor
+def _of(sensor: SensorContent, model: str) -> list[MeanAt | None]:
+    return [each if model == "matrix" else sensor.contractors(each) for each in sensor.shown.means]
 
 
 def _figures(sensor: SensorContent) -> Iterator[str]:
     """Yield pictures of the means against temperature: one for parameters of a kind, or the published four."""
-    if any(repeat.temperature_degC is None for repeat in sensor.repeats):
+    if any(repeat.temperature_degC is None for repeat in sensor.shown.means):
         return
     if sensor.has_contractor:
         for title, name, unit in _FIGURES:
@@ -193,7 +192,7 @@ def _figure(title: str, unit: str, lines: Sequence[Line], *, fahrenheit: bool = 
 
 
 def _line(label: str, sensor: SensorContent, name: str, model: str, style: str) -> Line:
-    means = [of for repeat in sensor.repeats if (of := _of(repeat, model)) is not None and name in of.values]
+    means = [of for of in _of(sensor, model) if of is not None and name in of.values]
     known = [(of.temperature_degC, of.values[name].value, of.values[name].sd) for of in means]
     points = np.array(known, dtype=np.float64).reshape(-1, 3)
     return Line(label, points[:, 0], points[:, 1], points[:, 2], style)
@@ -201,7 +200,7 @@ def _line(label: str, sensor: SensorContent, name: str, model: str, style: str) 
 
 def _runs(sensor: SensorContent) -> dict[str, Any]:
     """Every self-calibration: each parameter of the matrix solution, then of the contractor's, with its uncertainty."""
-    temperature = {run: degrees(repeat.temperature_degC) for repeat in sensor.repeats for run in repeat.runs}
+    temperature = {run: degrees(repeat.temperature_degC) for repeat in sensor.shown.means for run in repeat.runs}
     heads = [(name, "", unit) for name, unit in _units(sensor.solutions).items()]
     digits = {
         name: decimals_for(each.parameters[name].se for each in sensor.solutions if name in each.parameters)
@@ -236,9 +235,9 @@ def _contractors_verdicts(sensor: SensorContent) -> str:
     return f"The contractor's model, MU = 0: {'; '.join(told)}." if told else ""
 
 
-def _worst(found: Reproduction) -> Iterator[tuple[str, str, int, list[float]]]:
+def _worst(found: Mapping[str, Any]) -> Iterator[tuple[str, str, int, list[float]]]:
     """Yield of each of the contractor's four its unit, the run in which it is farthest off, and by how much."""
-    for place, name in enumerate(CONTRACTORS):
-        worst = max(found.contractor_errors, key=lambda each: abs(each.found[place]))
-        values = [float(each[place]) for each in (worst.found, worst.closed_form, worst.g1_only)]
-        yield name, _RATE if name.startswith("B") else _PER_G, worst.run, values
+    for name in CONTRACTORS:
+        worst = max(found["contractor_errors"], key=lambda each: abs(each["found"][name]))
+        values = [worst[by][name] for by in ("found", "closed_form", "g1_only")]
+        yield name, _RATE if name.startswith("B") else _PER_G, worst["run"], values

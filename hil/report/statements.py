@@ -100,7 +100,7 @@ def largest(content: ReportContent) -> Iterator[str]:
     """Yield of each sensor beside which the contractor's solution stands the largest term that it leaves out."""
     for sensor in (each for each in content.sensors if each.has_contractor):
         names = ("MUA", "MUB")
-        known = [(each.matrix.values, name, each) for each in sensor.repeats for name in names]
+        known = [(each.values, name, each) for each in sensor.shown.means for name in names]
         sizes = [(values[name], name, each) for values, name, each in known if name in values]
         if sizes:
             mean, name, repeat = max(sizes, key=lambda each: abs(each[0].value))
@@ -141,7 +141,7 @@ def cannot_tell(content: ReportContent) -> list[str]:
         told = [*_ALWAYS["three_collects"], *told]
     if solutions and content.comparison is None:
         told += [_ALWAYS["channels"], *_site(content)]
-    if any(len(sensor.repeats) > 1 and _visited_once(sensor) for sensor in content.sensors):
+    if any(len(sensor.shown.means) > 1 and _visited_once(sensor) for sensor in content.sensors):
         told.append(
             "Each temperature was visited once, so temperature cannot be told from elapsed time, history and power "
             "cycle; a second visit from the other direction could."
@@ -169,7 +169,6 @@ def _site(content: ReportContent) -> Iterator[str]:
 
 def _visited_once(sensor: SensorContent) -> bool:
     """Whether no temperature was come back to after another: the runs of each follow one another."""
-    order = sorted(run for repeat in sensor.repeats for run in repeat.runs)
-    return all(
-        order.index(repeat.runs[-1]) - order.index(repeat.runs[0]) < len(repeat.runs) for repeat in sensor.repeats
-    )
+    every = [mean.runs for mean in sensor.shown.means]
+    order = sorted(run for runs in every for run in runs)
+    return all(order.index(runs[-1]) - order.index(runs[0]) < len(runs) for runs in every)

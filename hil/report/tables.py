@@ -21,7 +21,6 @@ from hil.report.content import ReportContent
 
 TableFormat = Literal["csv", "parquet"]
 _SIMULATED = b"simulated"
-_OF_A_DIFFERENCE = ("sensor", "temperature_degC", "parameter", "unit", "now", "earlier", "sigma")
 
 
 def tables_of(content: ReportContent) -> Mapping[str, pa.Table]:
@@ -29,13 +28,19 @@ def tables_of(content: ReportContent) -> Mapping[str, pa.Table]:
     night = content.night
     rows: dict[str, list[dict[str, Any]]] = {
         "parameters": list(_parameters(content)),
-        "collects": [] if night is None else [_collect_row(each) for each in night.collects],
+        "collects": []
+        if night is None
+        else [
+            {name: value for name, value in vars(each).items() if name != "counts"}
+            | {f"frames_{name}": count for name, count in each.counts.items()}
+            for each in night.collects
+        ],
         "soaks": [] if night is None else [vars(each) for each in night.soaks],
         "differences": []
         if content.comparison is None
         else [
             {
-                **{name: getattr(each, name) for name in _OF_A_DIFFERENCE},
+                **picked(each, "sensor temperature_degC parameter unit now earlier sigma"),
                 "runs_now": each.runs[0],
                 "runs_earlier": each.runs[1],
                 "difference": each.difference,
@@ -73,7 +78,7 @@ def write_tables(content: ReportContent, stem: Path, kind: TableFormat) -> list[
 
 def _parameters(content: ReportContent) -> Iterator[dict[str, Any]]:
     for sensor in content.sensors:
-        temperature = {run: repeat.temperature_degC for repeat in sensor.repeats for run in repeat.runs}
+        temperature = {run: repeat.temperature_degC for repeat in sensor.shown.means for run in repeat.runs}
         for solution in [*sensor.solutions, *sensor.contractor.values()]:
             for name, each in solution.parameters.items():
                 yield {
@@ -85,8 +90,3 @@ def _parameters(content: ReportContent) -> Iterator[dict[str, Any]]:
                     **picked(each, "value se unit"),
                     "verdict": str(solution.verdict),
                 }
-
-
-def _collect_row(each: Any) -> dict[str, Any]:
-    facts = {name: value for name, value in vars(each).items() if name != "counts"}
-    return {**facts, **{f"frames_{name}": count for name, count in each.counts.items()}}

@@ -1,16 +1,20 @@
 """The result of `hil allan` as one document (schema hil.allan/1) and as text."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from hil.analysis.allan.averaging import Averaging, averaging, in_words
 from hil.analysis.allan.deviation import CONFIDENCE, NoiseKind, octaves
 from hil.analysis.allan.fit import SLOPES, NoiseFit, Term, fit_noise
-from hil.analysis.allan.stretches import Recording
+from hil.analysis.allan.sources import Recording
+from hil.campaign import FloatArray
 from hil.files.document import picked
+from procedures.words import duration
 
 SCHEMA = "hil.allan/1"
 
@@ -35,6 +39,8 @@ class AllanResult:
         """Return what `hil allan --json` prints: finite numbers, null where a thing is not known."""
         found, fit, read = self.recording, self.fit, self.averaging
         deviation = fit.deviation
+        logs = np.log(deviation.deviation), np.log(deviation.tau_s)
+        slope = np.gradient(*logs) if len(deviation.tau_s) > 1 else np.zeros(1)  # in a log-log plot, from neighbours
         return {
             "schema": SCHEMA,
             "source": found.name,
@@ -49,7 +55,7 @@ class AllanResult:
             **picked(deviation, "tau_s deviation low high edf"),
             "noise": (kinds := [NoiseKind(each).name.lower() for each in deviation.kind.tolist()]),
             "noise_kinds": kinds,
-            "slope": local_slopes(deviation.tau_s, deviation.deviation).tolist(),
+            "slope": slope.tolist(),
             "fitted": fit.at(deviation.tau_s).tolist(),
             "fit": {name: _term(name, fit.terms[name]) for name in SLOPES},
             **picked(fit, "fitted_from_s misfit describes model_error"),
@@ -83,13 +89,6 @@ def analyse(found: Recording) -> AllanResult:
     return AllanResult(found, fit, averaging(fit))
 
 
-def local_slopes(tau_s: np.ndarray, deviation: np.ndarray) -> np.ndarray:
-    """Return the slope of the deviation in a log-log plot at each tau, from its neighbours, shape (k,)."""
-    if len(tau_s) < 2:
-        return np.zeros(len(tau_s))
-    return np.asarray(np.gradient(np.log(deviation), np.log(tau_s)))
-
-
 def _term(name: str, term: Term) -> dict[str, Any]:
     meaning, unit, factor = TERMS[name]
     return {
@@ -101,3 +100,145 @@ def _term(name: str, term: Term) -> dict[str, Any]:
         "slope": SLOPES[name],
         "seen": term.seen,
     }
+
+
+_WORTH = 1.1  # a deviation this close to the lowest is as good as the lowest
+MU_FACTOR = float(np.sqrt(1.5))
+"""MU of one three-collect self-calibration scatters by this many times what one collect does (G1 = 1 g)."""
+
+
+@dataclass(frozen=True)
+class Averaging:
+    """How averages scatter, from the fitted curve between the shortest and the longest tau of the record.
+
+    `lowest_deg_per_hr` is the least that averaging reaches, at `lowest_at_s`; from `enough_s` on it is reached within
+    10 %. `turns` tells whether the curve rises again within the record, so that longer averages are worse. `white` is N
+    in deg/hr·sqrt(s), its upper bound where not `is_white`: averages of T seconds scatter by about N / sqrt(T).
+    `judged` tells whether the record shows any term at all; one that does not cannot say how long to average.
+    """
+
+    lowest_deg_per_hr: float
+    lowest_at_s: float
+    enough_s: float
+    turns: bool
+    longest_s: float
+    white: float
+    is_white: bool
+    judged: bool
+    _tau_s: FloatArray
+    _deviation: FloatArray
+
+    @property
+    def shortest_s(self) -> float:
+        """The shortest averaging time of the record, s."""
+        return float(self._tau_s[0])
+
+    def reach_s(self, deg_per_hr: float) -> float | None:
+        """Return the shortest averaging time that reaches a deviation; None where the record shows none."""
+        below = np.flatnonzero(self._deviation <= deg_per_hr)
+        return float(self._tau_s[below[0]]) if len(below) else None
+
+    def at(self, duration_s: float) -> float | None:
+        """Return how averages of a length scatter, deg/hr; None outside the record."""
+        if not self._tau_s[0] <= duration_s <= self._tau_s[-1]:
+            return None
+        return float(np.exp(np.interp(np.log(duration_s), np.log(self._tau_s), np.log(self._deviation))))
+
+
+def averaging(fit: NoiseFit) -> Averaging:
+    """Read the fitted curve; nothing is said about averages longer than the record can compare."""
+    tau_s = np.geomspace(fit.deviation.tau_s[0], fit.deviation.tau_s[-1], 2000)
+    # A rate random walk that may be nothing must not end the averaging.
+    seen = any(term.seen for term in fit.terms.values())
+    deviation = fit.at(tau_s, only_seen=seen)
+    least = int(np.argmin(deviation))
+    enough = int(np.flatnonzero(deviation <= _WORTH * deviation[least])[0])
+    return Averaging(
+        lowest_deg_per_hr=float(deviation[least]),
+        lowest_at_s=float(tau_s[least]),
+        enough_s=float(tau_s[enough]),
+        turns=bool(deviation[-1] > _WORTH * deviation[least]),
+        longest_s=float(tau_s[-1]),
+        white=fit.terms["N"].value if fit.terms["N"].seen else fit.terms["N"].high,
+        is_white=fit.terms["N"].seen,
+        judged=seen,
+        _tau_s=tau_s,
+        _deviation=deviation,
+    )
+
+
+def in_words(found: Averaging, collect_s: float, wanted_deg_per_hr: float | None) -> list[str]:
+    """Say it in sentences for whoever plans a collect."""
+    said = []
+    scatter = found.at(collect_s)
+    if scatter is None:
+        least = found.white / np.sqrt(collect_s)
+        said.append(
+            f"a collect of {duration(collect_s)} is outside what this record can judge ({duration(found.shortest_s)} "
+            f"to {duration(found.longest_s)}); the white noise in it alone scatters by "
+            f"{'' if found.is_white else 'less than '}{least:.3g} deg/hr"
+        )
+    else:
+        said.append(
+            f"a collect of {duration(collect_s)} scatters by {scatter:.3g} deg/hr, MU of one three-collect "
+            f"self-calibration by {MU_FACTOR * scatter:.3g} deg/hr/g"
+        )
+    if wanted_deg_per_hr is not None:
+        needed = found.reach_s(wanted_deg_per_hr)
+        said.append(
+            f"{wanted_deg_per_hr:g} deg/hr needs {duration(needed)} of averaging"
+            if needed is not None
+            else f"{wanted_deg_per_hr:g} deg/hr is not reached by averages up to {duration(found.longest_s)}; the "
+            f"least is {found.lowest_deg_per_hr:.3g} deg/hr"
+        )
+    if not found.judged:
+        said.append("this record is too short to tell how long to average: it shows none of the terms")
+    elif found.turns:
+        said.append(
+            f"longer stops helping at {duration(found.enough_s)}: from there averages are within 10 % of the least, "
+            f"{found.lowest_deg_per_hr:.3g} deg/hr at {duration(found.lowest_at_s)}; longer ones are worse again"
+        )
+    elif found.enough_s < 0.5 * found.longest_s:
+        said.append(
+            f"longer stops helping at {duration(found.enough_s)}: from there on averages scatter by "
+            f"{found.lowest_deg_per_hr:.3g} deg/hr, within 10 %"
+        )
+    else:
+        said.append(f"longer keeps helping as far as this record can tell ({duration(found.longest_s)})")
+    return said
+
+
+_LOOKS = {"Q": ("#CC79A7", ":"), "N": ("#D55E00", "--"), "B": ("#009E73", "-."), "K": ("#E69F00", (0, (5, 1)))}
+
+
+def draw(result: AllanResult) -> Figure:
+    """Draw deviations with intervals, the fit and its terms."""
+    figure = Figure(figsize=(7.0, 4.6), layout="constrained")
+    axes = figure.add_subplot()
+    found = result.fit.deviation
+    spread = np.stack([found.deviation - found.low, found.high - found.deviation])
+    axes.errorbar(found.tau_s, found.deviation, yerr=spread, fmt="o", color="#0072B2", markersize=4, capsize=2)
+    tau_s = np.geomspace(found.tau_s[0], found.tau_s[-1], 300)
+    fitted = result.fit.at(tau_s)
+    axes.plot(tau_s, fitted, color="black", linewidth=1.2, label="fit")
+    for name, slope in SLOPES.items():
+        term = result.fit.terms[name]
+        if not term.seen:
+            continue
+        _, unit, factor = TERMS[name]
+        unit_size = {"Q": np.sqrt(3.0), "N": 1.0, "B": np.sqrt(2 * np.log(2) / np.pi), "K": 1 / np.sqrt(3.0)}[name]
+        color, style = _LOOKS[name]
+        label = f"{name} = {term.value * factor:.3g} {unit}"
+        axes.plot(
+            tau_s, unit_size * term.value * tau_s**slope, color=color, linestyle=style, linewidth=1.0, label=label
+        )
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_ylim(0.5 * float(np.min(found.low)), 2.0 * float(np.max(found.high)))
+    axes.set_xlabel("averaging time, s")
+    axes.set_ylabel("overlapping Allan deviation, deg/hr")
+    mark = "SIMULATED  " if result.recording.simulated else ""
+    axes.set_title(f"{mark}{result.recording.name}", loc="left", fontsize=10, parse_math=False)
+    axes.grid(visible=True, which="both", color="0.92")
+    axes.legend(frameon=False, fontsize=8)
+    return figure

@@ -1,14 +1,22 @@
 """The audit of a printed table: every identity with its residual, its verdict, and what would mend it."""
 
-from collections.abc import Sequence
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from hil.analysis.published.identities import Identity, identities_of_1, identities_of_a1, tilt_of_a1
-from hil.analysis.published.lattice import run_resolution, runs_told
+from hil.analysis.published.identities import (
+    Identity,
+    identities_of_1,
+    identities_of_a1,
+    run_resolution,
+    runs_told,
+    tilt_of_a1,
+)
 from hil.analysis.published.printed import TABLE_A1, PrintedRow, PrintedTable, read_printed
-from hil.analysis.published.readings import Demand, Reading, demands, readings
 from hil.files.document import picked
 from hil.files.strict import find_config
 
@@ -33,8 +41,8 @@ class Finding:
     residual: float
     tolerance: float
     verdict: str
-    candidates: Sequence[Reading] = ()
-    demanded: Sequence[Demand] = ()
+    candidates: Sequence[dict[str, Any]] = ()
+    would_close: Sequence[dict[str, Any]] = ()
     note: str = ""
 
     def entry(self) -> dict[str, Any]:
@@ -48,13 +56,8 @@ class Finding:
             "cells": [
                 picked(self.row.cells[role], "cell=what printed=text file_row column") for role in self.identity.roles
             ],
-            "candidates": [
-                picked(
-                    each, "cell=what printed read change", residual=round(each.residual, 6), mends_row=each.mends_row
-                )
-                for each in self.candidates
-            ],
-            "would_close": [picked(each, "cell=what value others_hold") for each in self.demanded],
+            "candidates": [{**each, "residual": round(each["residual"], 6)} for each in self.candidates],
+            "would_close": list(self.would_close),
             "note": self.note,
         }
 
@@ -169,3 +172,71 @@ def _other_lattice(row: PrintedRow, resolution: float, told: int) -> Finding:
         "minor",
         note=f"all means of this temperature are multiples of {resolution:g}/{told}: {told} runs, not {row.n_stated}",
     )
+
+
+def variants(text: str) -> Iterator[tuple[str, str]]:
+    """Yield every reading with one digit, the sign, or two neighbouring digits changed, and what changed."""
+    yield (text[1:], "sign") if text.startswith("-") else (f"-{text.removeprefix('+')}", "sign")
+    places = [place for place, character in enumerate(text) if character.isdigit()]
+    for place in places:
+        for digit in "0123456789":
+            if digit != text[place]:
+                yield text[:place] + digit + text[place + 1 :], f"{text[place]} read as {digit}"
+    for first, second in pairwise(places):
+        if text[first] != text[second]:
+            swapped = text[:first] + text[second] + text[first + 1 : second] + text[first] + text[second + 1 :]
+            yield swapped, f"{text[first]} and {text[second]} transposed"
+
+
+def readings(row: PrintedRow, broken: Identity, every: Sequence[Identity]) -> list[dict[str, Any]]:
+    """Return the readings of one cell that close `broken` while what held still holds, the best first.
+
+    `mends_row` says that every identity of the row then holds; otherwise only this one does, beside those that held.
+    """
+    values = row.values()
+    held = [each for each in every if each.holds(values)]
+    found = []
+    for role in broken.roles:
+        cell = row.cells[role]
+        for text, change in variants(cell.text):
+            tried = {**values, role: float(text)}
+            if tried[role] == values[role] or not broken.holds(tried):
+                continue
+            if role.startswith("sigma") and tried[role] < 0:
+                continue
+            if all(each.holds(tried) for each in held):
+                mends, left = all(each.holds(tried) for each in every), broken.gap(tried)
+                reading = {"cell": cell.what, "printed": cell.text, "read": text, "change": change}
+                order = (not mends, round(abs(left), 9), role, text)
+                found.append((order, {**reading, "residual": left, "mends_row": mends}))
+    return [reading for _, reading in sorted(found, key=lambda each: each[0])]
+
+
+def demands(row: PrintedRow, broken: Identity, every: Sequence[Identity]) -> list[dict[str, Any]]:
+    """Return for each cell of a linear identity the value that would close it, and whether what held then holds."""
+    if not broken.linear:
+        return []
+    values = row.values()
+    held = [each for each in every if each.holds(values)]
+    found = []
+    for role in broken.roles:
+        if (value := _closing(broken, values, role)) is not None:
+            cell = row.cells[role]
+            rounded = round(value, len(cell.text.partition(".")[2]))
+            tried = {**values, role: rounded}
+            others = all(each.holds(tried) for each in held)
+            found.append({"cell": cell.what, "value": rounded, "others_hold": others})
+    return found
+
+
+def _closing(broken: Identity, values: dict[str, float], role: str) -> float | None:
+    """Solve the identity for one cell by a few secant steps (it is linear, or nearly so, in each)."""
+    first, second = values[role], values[role] + 0.1
+    for _ in range(30):
+        at_first, at_second = broken.gap({**values, role: first}), broken.gap({**values, role: second})
+        if abs(at_second) < 1e-9:
+            return second
+        if at_second == at_first:
+            return None
+        first, second = second, second - at_second * (second - first) / (at_second - at_first)
+    return None

@@ -2,13 +2,16 @@
 
 Table 1, with G = (1, 0, 0) and the equations of RD-GC-86-1 (5), (6), (9)-(12): the contractor's bias less the matrix
 bias is +MUB*G1 on axis A and -MUA*G1 on axis B, in every run and so in the mean; and the three standard deviations of
-the same runs form a triangle. Table A-1: eqs. (A-27)-(A-33) give one bias seven ways.
+the same runs form a triangle. Table A-1: eqs. (A-27)-(A-33) give one bias seven ways. Single digits are checked, too:
+runs that were written down to 0.01 have a mean that is a multiple of 0.01/n, so the digits tell n; and three such runs
+can have only certain sigmas (with n - 1) beside a given mean.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from hil.analysis.published.lattice import off_lattice, sigma_gap
+import numpy as np
+
 from hil.analysis.published.printed import PrintedRow
 
 DEFAULT_RESOLUTION = 0.01
@@ -19,6 +22,9 @@ G1_UNCERTAINTY = 0.0015
 
 _PRINTED_RUNS = 1.5  # roundings of three single values, each half a digit
 _SLACK = 1e-9  # decimal digits are not exact in binary
+_RESOLUTIONS = (0.1, 0.01, 0.001)
+_MOST_RUNS = 8
+_ENOUGH = 0.85  # of the means must lie on a lattice before one is believed
 
 Values = Mapping[str, float]
 
@@ -153,3 +159,53 @@ def _off_pattern(v: Values) -> float:
         eps = 0.5 * (v["A-28"] - v["A-29"]) - across
         gaps.append(v["A-33"] - (0.5 * (v["A-28"] + v["A-29"]) - eps * across / along))
     return min(gaps, key=abs)
+
+
+def off_lattice(mean: float, half_digit: float, resolution: float, runs: int) -> float:
+    """Return how far a mean lies from the nearest multiple of resolution / runs, beyond its rounding; 0 if on it."""
+    step = resolution / runs
+    return max(abs(mean - step * round(mean / step)) - 1.02 * half_digit, 0.0)
+
+
+def run_resolution(groups: Sequence[Sequence[float]], half_digit: float) -> float | None:
+    """Return what the runs were written down to, judged by all printed means in groups of equal n; None if unknown."""
+    total = sum(len(group) for group in groups)
+    for resolution in _RESOLUTIONS:
+        if resolution / 5 < 8 * half_digit:  # so fine a lattice would hold any number
+            break
+        on = sum(max(_count_on(group, half_digit, resolution, runs) for runs in range(1, 6)) for group in groups)
+        if total >= 6 and on >= _ENOUGH * total:
+            return resolution
+    return None
+
+
+def runs_told(means: Sequence[float], half_digit: float, resolution: float) -> int | None:
+    """Return the smallest number of runs for which every mean lies on the lattice; None where there is none."""
+    for runs in range(1, _MOST_RUNS + 1):
+        if resolution / runs < 8 * half_digit:
+            break
+        if _count_on(means, half_digit, resolution, runs) == len(means):
+            return runs
+    return None
+
+
+def sigma_gap(mean: float, sigma: float, resolution: float) -> float:
+    """Return how far a sigma is from the nearest that three runs at `resolution` with this mean can have (n - 1).
+
+    With deviations a/3, b/3 and -(a+b)/3 of the resolution, 9 sum(d²) = 2 (a² + ab + b²) and a = b = -S modulo 3,
+    S the sum of the three runs: for every a the two nearest b are tried.
+    """
+    total = round(3 * mean / resolution)
+    target = 9.0 * (sigma / resolution) ** 2  # a² + ab + b², which is half of 9 sum(d²) = 9 * 2 sigma²
+    most = int(np.sqrt(4.0 / 3.0 * target)) + 4
+    a = np.arange(-most, most + 1)
+    a = a[(a + total) % 3 == 0].astype(np.float64)
+    root = np.sqrt(np.maximum(target - 0.75 * a**2, 0.0)) - 0.5 * a
+    nearest = 3.0 * np.floor((root + total) / 3.0) - total
+    tried = np.stack([nearest, nearest + 3.0])
+    found = resolution * np.sqrt((a**2 + a * tried + tried**2) / 9.0)
+    return float(np.min(np.abs(found - sigma)))
+
+
+def _count_on(means: Sequence[float], half_digit: float, resolution: float, runs: int) -> int:
+    return sum(off_lattice(mean, half_digit, resolution, runs) == 0.0 for mean in means)

@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
-from hil.analysis.thermal.choice import FALSE_ALARM
+from hil.analysis.thermal.choice import FALSE_ALARM, Improvement
+from hil.analysis.thermal.estimate import Estimates
 from hil.analysis.thermal.fit import DESCRIBES, ParameterFit, SensorFit, ThermalFit
-from hil.analysis.thermal.improvement import Improvement
 from hil.files.document import picked, plain
 from hil.solve.omissions import what_is_wrong
 from hil.solve.repeats import CONFIDENCE
@@ -47,7 +47,7 @@ def _sensor(fit: SensorFit) -> dict[str, Any]:
     return {
         "sensor": fit.number,
         "model": fit.layout.form.name,
-        "range_degC": list(fit.range_degC),
+        "range_degC": list(fit.layout.range_degC),
         "temperatures_degC": stations.centre_degC.tolist(),
         "temperature_of": "temperature_degC",
         "both_directions_degC": stations.centre_degC[stations.both_directions].tolist(),
@@ -70,7 +70,7 @@ def _parameter(each: ParameterFit, fit: SensorFit) -> dict[str, Any]:
         **picked(each, "unit form"),
         "order": choice.form.order,
         "reference_degC": fit.layout.middle_degC if is_polynomial else None,
-        "range_degC": list(fit.range_degC),
+        "range_degC": list(fit.layout.range_degC),
         "coefficients": [
             {
                 "value": value,
@@ -91,15 +91,21 @@ def _parameter(each: ParameterFit, fit: SensorFit) -> dict[str, Any]:
         "leave_one_out_error": choice.errors[each.form],
         "leave_one_out_error_constant": choice.errors["constant"],
         "leave_one_out_errors": dict(choice.errors),
-        "steps": [{"form": step.form.name, **picked(step, "error best_richer chance")} for step in choice.steps],
+        "steps": list(choice.steps),
         **picked(each, "repeatability changes chance_constant chance_form", "largest_linear_change=largest_change"),
-        "hysteresis": hysteresis
-        and {"unit": each.unit, **picked(hysteresis, "from_below_less_from_above=value se low high seen")},
+        "hysteresis": hysteresis and _hysteresis(hysteresis, each.unit),
         "improvement": _improvement(each.improvement),
         **picked(each, "finding confirmed=is_confirmed"),
         "verdict": (words := parameter_in_words(each)),
         "words": words,
     }
+
+
+def _hysteresis(found: Estimates, unit: str) -> dict[str, Any]:
+    value, se, width = map(float, (*found.values, *found.se, *found.half_width))
+    low, high = value - width, value + width
+    told = plain({"from_below_less_from_above": value, "se": se, "low": low, "high": high})
+    return {"unit": unit, **told, "seen": low > 0.0 or high < 0.0}
 
 
 def _improvement(found: Improvement) -> dict[str, Any]:

@@ -1,4 +1,11 @@
-"""What `hil thermal --out` writes: the document, a model file, plots, and for triads autopilot parameter files."""
+"""What `hil thermal --out` writes: the document, a model file, plots, and for triads autopilot parameter files.
+
+PX4 subtracts offset = X0 + X1 d + X2 d² + X3 d³ with d = T - TREF and T held within TMIN and TMAX, in rad/s.
+ArduPilot subtracts p(T - 35) and adds p(T_cal - 35), with p(d) = (GYR1 d + GYR2 d² + GYR3 d³) 1e-6 rad/s and both
+temperatures held within TMIN and TMAX: the constant part is the gyro offset that its own calibration finds at T_cal.
+Sources: PX4 developer guide, "Thermal Calibration and Compensation", and PX4 Tools/process_sensor_caldata.py;
+ArduPilot libraries/AP_InertialSensor/AP_InertialSensor_tempcal.cpp.
+"""
 
 import json
 from pathlib import Path
@@ -7,13 +14,14 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from hil.analysis.thermal.document import thermal_document
-from hil.analysis.thermal.exports import ARDUPILOT_LEAST_RANGE_DEGC, ardupilot_parameters, px4_parameters
-from hil.analysis.thermal.fit import SensorFit, ThermalFit
-from hil.campaign import Campaign
+from hil.analysis.thermal.fit import ParameterFit, SensorFit, ThermalFit
+from hil.campaign import Campaign, FloatArray
 from hil.errors import InputError
 from hil.files.durable import write_result
 from hil.files.figure import drawn
+from hil.files.text import filled
 from hil.model import save_model
+from hil.model.forms import bias_names
 
 
 def write_thermal(result: ThermalFit, folder: Path) -> list[str]:
@@ -29,7 +37,7 @@ def write_thermal(result: ThermalFit, folder: Path) -> list[str]:
         contents[f"sensor-{fit.number}.svg"] = drawn(draw_fit(fit, result.campaign)).decode()
         if fit.layout.collects.conditions.sensor.is_triad:
             contents[f"sensor-{fit.number}-px4.params"] = px4_parameters(fit)
-            low, high = fit.range_degC
+            low, high = fit.layout.range_degC
             if high - low >= ARDUPILOT_LEAST_RANGE_DEGC:
                 contents[f"sensor-{fit.number}-ardupilot.parm"] = ardupilot_parameters(fit)
     try:
@@ -47,7 +55,7 @@ def draw_fit(fit: SensorFit, campaign: Campaign) -> Figure:
     columns = 2 if len(fit.parameters) < 9 else 3
     rows = -(-len(fit.parameters) // columns)
     figure = Figure(figsize=(4.6 * columns, 2.4 * rows + 0.4), layout="constrained")
-    grid = np.linspace(*fit.range_degC, 200)
+    grid = np.linspace(*fit.layout.range_degC, 200)
     centre = fit.layout.stations.centre_degC
     for place, each in enumerate(fit.parameters.values(), 1):
         axes = figure.add_subplot(rows, columns, place)
@@ -61,3 +69,78 @@ def draw_fit(fit: SensorFit, campaign: Campaign) -> Figure:
     title = f"{mark}{campaign.title}, sensor {fit.number}: free values (95 %) and chosen curves"
     figure.suptitle(title, x=0.01, ha="left", fontsize=10, parse_math=False)
     return figure
+
+
+RAD_PER_S = np.pi / 180.0 / 3600.0
+"""One deg/hr in rad/s."""
+
+ARDUPILOT_REFERENCE_DEGC = 35.0
+ARDUPILOT_LEAST_RANGE_DEGC = 10.0
+CUBIC = 3
+
+
+def bias_polynomials(fit: SensorFit) -> tuple[FloatArray, list[str]]:
+    """Return the biases of a triad as cubics in T less the range's middle, (3, 4), rad/s, lowest power first.
+
+    And notes that say where a cubic is not what the data ask for. Raises `InputError` where the sensor is no triad.
+    """
+    sensor = fit.layout.collects.conditions.sensor
+    if not sensor.is_triad:
+        raise InputError(f"sensor {sensor.number}: PX4 and ArduPilot correct three-axis triads, and this is none")
+    by_axis = dict(zip(sensor.channels.values(), bias_names(sensor), strict=True))
+    rows, notes = [], []
+    for axis in sensor.axes:
+        each = fit.parameters[by_axis[axis]]
+        row, name = _cubic_or_lower(each, fit)
+        rows.append(np.pad(row, (0, CUBIC + 1 - len(row))) * RAD_PER_S)
+        if name != each.form:
+            notes.append(
+                f"{each.name}: {each.form} is what the data ask for; the best these files hold is {name}, held-out "
+                f"error {each.choice.errors[name]:.3g} instead of {each.choice.errors[each.form]:.3g} deg/hr"
+            )
+        if each.finding == "undescribed":
+            notes.append(f"{each.name}: differs between temperatures, and no form describes how; {name} is held here")
+        elif each.finding == "modelled" and not each.is_confirmed:
+            notes.append(f"{each.name}: temperatures that did not choose its form do not confirm it")
+    return np.array(rows), notes
+
+
+def _cubic_or_lower(each: ParameterFit, fit: SensorFit) -> tuple[FloatArray, str]:
+    """Return the chosen polynomial, or of those up to a cubic the one that predicts best, fitted to the free values."""
+    order = each.choice.form.order
+    if order is not None and order <= CUBIC:
+        return each.coefficients.values, each.form
+    names = ("constant", "linear", "quadratic", "cubic")
+    tried = [order for order in range(CUBIC + 1) if names[order] in each.choice.errors]
+    best = min(tried, key=lambda order: each.choice.errors[names[order]])
+    centre = fit.layout.stations.centre_degC - fit.layout.middle_degC
+    weight = np.sqrt(each.choice.weight)
+    return np.asarray(np.polynomial.polynomial.polyfit(centre, each.values.values, best, w=weight)), names[best]
+
+
+def px4_parameters(fit: SensorFit) -> str:
+    """Return a QGroundControl parameter file (tab-separated) for PX4's gyro 0."""
+    return _written("px4.params.j2", fit, fit.layout.middle_degC)
+
+
+def ardupilot_parameters(fit: SensorFit) -> str:
+    """Return an ArduPilot parameter file for IMU 1; only what depends on temperature is in it.
+
+    Raises `InputError` where the range is under 10 °C, which ArduPilot does not accept.
+    """
+    low, high = fit.layout.range_degC
+    if high - low < ARDUPILOT_LEAST_RANGE_DEGC:
+        raise InputError(f"the temperatures span {high - low:.1f} °C; ArduPilot's TMAX must be 10 °C above TMIN")
+    return _written("ardupilot.parm.j2", fit, ARDUPILOT_REFERENCE_DEGC)
+
+
+def _written(template: str, fit: SensorFit, reference: float) -> str:
+    """Return the parameters of a file that has cubics in T less `reference`, °C."""
+    cubics, notes = bias_polynomials(fit)
+    shift = np.polynomial.Polynomial([reference - fit.layout.middle_degC, 1.0])
+    about = [[*np.polynomial.Polynomial(row)(shift).coef, *np.zeros(CUBIC)] for row in cubics]
+    sensor = fit.layout.collects.conditions.sensor
+    axes = ", ".join(f"{axis} is {letter}" for axis, letter in zip(sensor.axes, "XYZ", strict=True))
+    said = f"axes: {axes}, as the unit reports them; acceleration sensitivity is not corrected by these parameters"
+    low, high = fit.layout.range_degC
+    return filled(__package__, template, low=low, high=high, reference=reference, cubics=about, remarks=[said, *notes])

@@ -10,10 +10,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import fdtrc, stdtr
 
-from hil.analysis.thermal.choice import FALSE_ALARM, Choice, choose
-from hil.analysis.thermal.estimate import Estimates, Layout, Visits, scaled, visits
-from hil.analysis.thermal.forms import MONOTONE, monotone
-from hil.analysis.thermal.improvement import Improvement, improvement, nested_errors
+from hil.analysis.thermal.choice import (
+    FALSE_ALARM,
+    MONOTONE,
+    Choice,
+    Improvement,
+    choose,
+    improvement,
+    monotone,
+    nested_errors,
+)
+from hil.analysis.thermal.estimate import Estimates, Layout, Visits, visits
 from hil.analysis.thermal.layout import layout_of
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.errors import InputError
@@ -38,21 +45,6 @@ DESCRIBES = 0.01
 
 
 @dataclass(frozen=True)
-class Hysteresis:
-    """Value reached from below less value reached from above, with its standard error and interval."""
-
-    value: float
-    se: float
-    low: float
-    high: float
-
-    @property
-    def seen(self) -> bool:
-        """Whether the interval excludes zero."""
-        return self.low > 0.0 or self.high < 0.0
-
-
-@dataclass(frozen=True)
 class ParameterFit:
     """One parameter against temperature.
 
@@ -60,7 +52,8 @@ class ParameterFit:
     lowest first, for a polynomial; values at the temperatures for a table). `changes` says that they differ between
     temperatures by more than noise, for whatever form. `chance_constant` and `chance_form` are the
     chances of a misfit to noise as large as that of the constant and of the chosen form (None: nothing is left over).
-    `largest_change` bounds the change over the range of a straight line, where no dependence was found.
+    `largest_change` bounds the change over the range of a straight line, where no dependence was found; `hysteresis`
+    (1,) is the value reached from below less that reached from above.
     """
 
     name: str
@@ -75,7 +68,7 @@ class ParameterFit:
     chance_form: float | None
     largest_change: float
     improvement: Improvement
-    hysteresis: Hysteresis | None
+    hysteresis: Estimates | None
 
     @property
     def form(self) -> str:
@@ -105,12 +98,6 @@ class SensorFit:
     improvement: Improvement
     rate_noise_deg_per_hr: float
     notes: Sequence[str] = ()
-
-    @property
-    def range_degC(self) -> tuple[float, float]:
-        """The lowest and highest temperature measured."""
-        temperature = self.layout.temperature_degC
-        return float(temperature.min()), float(temperature.max())
 
 
 @dataclass(frozen=True)
@@ -173,8 +160,8 @@ def fit_sensor(
     choices = _choices(layout, free, seen.known, order)
     if not seen.known:
         notes.append(f"sensor {number}: neither repeats nor standard errors: what the curves leave is taken for noise")
-        left = [_misfit(layout, v, c.form.order or 0).ratio for v, c in zip(free, choices, strict=True)]
-        seen = scaled(seen, np.sqrt(left))
+        left = [_misfit(layout, v, c.form.order or 0)[0] for v, c in zip(free, choices, strict=True)]
+        seen = replace(seen, sd=seen.sd * np.sqrt(left))
         free = [seen.along(place, None)[0] for place in range(len(layout.form.names))]
     errors = [
         nested_errors(layout.stations.centre_degC, each, choice, order)
@@ -224,19 +211,16 @@ def _choices(layout: Layout, values: Sequence[Estimates], noise_known: bool, hig
 def _parameter(seen: Visits, place: int, choice: Choice, values: Estimates, errors: FloatArray) -> ParameterFit:
     layout, order = seen.layout, choice.form.order
     unit = layout.form.units[place]
-    coefficients, change = seen.along(place, order)
+    coefficients, hysteresis = seen.along(place, order)
     if order is not None:
         coefficients = coefficients.scaled(layout.half_degC ** -np.arange(order + 1.0))
     elif choice.form.name == MONOTONE:
         coefficients = replace(coefficients, values=monotone(coefficients.values, choice.weight))
-    hysteresis = None
-    if change is not None:
-        value, width = float(change.values[0]), float(change.half_width[0])
-        hysteresis = Hysteresis(value, float(change.se[0]), value - width, value + width)
-    misfit = None if order is None else _misfit(layout, values, order)
-    if misfit is not None and misfit.chance < DESCRIBES:
+    ratio, chance_form = (1.0, None) if order is None else _misfit(layout, values, order)
+    if chance_form is not None and chance_form < DESCRIBES:
         # What the form does not describe stands in the errors of its coefficients.
-        coefficients = replace(coefficients, covariance=coefficients.covariance * misfit.ratio)
+        coefficients = replace(coefficients, covariance=coefficients.covariance * ratio)
+    line = _line(layout, values)
     return ParameterFit(
         name=layout.form.names[place],
         unit=unit,
@@ -246,9 +230,9 @@ def _parameter(seen: Visits, place: int, choice: Choice, values: Estimates, erro
         values=values,
         repeatability=float(np.sqrt(np.nanmean(seen.sd[:, place] ** 2))),
         changes=seen.known and _changes(layout, values),
-        chance_constant=_misfit(layout, values, 0).chance,
-        chance_form=None if misfit is None else misfit.chance,
-        largest_change=_largest_change(layout, values),
+        chance_constant=_misfit(layout, values, 0)[1],
+        chance_form=chance_form,
+        largest_change=2.0 * float(abs(line.values[1]) + line.half_width[1]),
         improvement=improvement(choice.held_out_constant, errors, choice.weight),
         hysteresis=hysteresis,
     )
@@ -261,25 +245,18 @@ def _changes(layout: Layout, values: Estimates) -> bool:
     """
     line = _line(layout, values)
     slope = 2.0 * float(stdtr(line.freedom, -abs(line.values[1]) / line.se[1]))
-    return min(_misfit(layout, values, 0).chance, slope) < _CHANGED * FALSE_ALARM / len(layout.form.names)
+    return min(_misfit(layout, values, 0)[1], slope) < _CHANGED * FALSE_ALARM / len(layout.form.names)
 
 
-@dataclass(frozen=True)
-class _Misfit:
-    """How far a polynomial is from the free values: chi-square per degree of freedom, and the chance of more."""
-
-    ratio: float
-    chance: float
-
-
-def _misfit(layout: Layout, values: Estimates, order: int) -> _Misfit:
+def _misfit(layout: Layout, values: Estimates, order: int) -> tuple[float, float]:
+    """Return how far a polynomial is from the free values: chi-square per degree of freedom, and the chance of more."""
     basis = layout.powers(layout.stations.centre_degC, order)
     found = solve(basis, values.values, covariance=values.covariance)
     left = int(found.degrees_of_freedom)
     if left == 0:
-        return _Misfit(1.0, 1.0)
+        return 1.0, 1.0
     ratio = float(found.chi_square) / left
-    return _Misfit(ratio, float(fdtrc(left, min(values.freedom, 1e6), ratio)))
+    return ratio, float(fdtrc(left, min(values.freedom, 1e6), ratio))
 
 
 def _line(layout: Layout, values: Estimates) -> Estimates:
@@ -289,23 +266,14 @@ def _line(layout: Layout, values: Estimates) -> Estimates:
     return Estimates(found.values, found.covariance, values.freedom)
 
 
-def _largest_change(layout: Layout, values: Estimates) -> float:
-    """Return the bound, at `CONFIDENCE`, of what a straight line may change over the range."""
-    line = _line(layout, values)
-    return 2.0 * float(abs(line.values[1]) + line.half_width[1])
-
-
 def _curve(layout: Layout, unit: str, order: int | None, coefficients: Estimates) -> Curve:
-    temperature = layout.temperature_degC
-    valid = (float(temperature.min()), float(temperature.max()))
+    valid = layout.range_degC
     values, se = coefficients.values.tolist(), coefficients.se.tolist()
     if order == 0:
         return Constant(unit=unit, value=values[0], se=se[0], valid_degC=valid)
     if order is not None:
-        polynomial, errors = tuple(values), tuple(se)
-        return Polynomial(
-            unit=unit, polynomial=polynomial, reference_degC=layout.middle_degC, se=errors, valid_degC=valid
-        )
+        middle = layout.middle_degC
+        return Polynomial(unit=unit, polynomial=tuple(values), reference_degC=middle, se=tuple(se), valid_degC=valid)
     rows = TableRows(temperature_degC=tuple(layout.stations.centre_degC.tolist()), value=tuple(values), se=tuple(se))
     return Table(unit=unit, table=rows, valid_degC=valid)
 

@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hil.analysis.thermal.estimate import Layout, visits
-from hil.analysis.thermal.stations import Stations, find_stations
+from hil.analysis.thermal.estimate import Layout, Stations, find_stations, visits
 from hil.campaign import Collects
 from hil.errors import InputError
 from hil.model.forms import LinearForm, default_form, named_form

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import FloatArray
-from hil.design.budget.budget import DRAWS, Budget, calculated_budget, error_budget
-from hil.design.budget.means import as_solved, mean_of_repeats
+from hil.design.budget.budget import DRAWS, Budget, as_solved, calculated_budget, error_budget, mean_of_repeats
 from hil.design.budget.scenes import RunScene
 from hil.errors import InputError
 from hil.files.document import picked, plain

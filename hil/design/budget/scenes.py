@@ -61,7 +61,7 @@ class RunScene:
 def planned_scenes(sweep: Sweep, bench: Bench, model: Model | None = None) -> dict[int, list[RunScene]]:
     """Return the runs of each sensor as the files plan them; raises `InputError` where they do not fit together."""
     check_sweep_against_bench(sweep, bench)
-    model = model or _simulated(bench)
+    model = model or (load_model(bench.simulation_model) if bench.simulation_model else None)
     limit = sweep.restabilisation.unit_slope_degC_per_min
     walk = bench.uncertainties.angle_random_walk
     stated = "bench file's" if "angle_random_walk" in bench.uncertainties.model_fields_set else "default"
@@ -137,10 +137,6 @@ def _at(conditions: Conditions, here: BoolArray) -> tuple[float | None, str | No
 def _of(scene: Scene, chosen: np.ndarray) -> Scene:
     base = Base(scene.base.bias[chosen], scene.base.k[chosen], scene.base.rates[chosen])
     return Scene(scene.conditions.rows(chosen), scene.axes[chosen], base, scene.sigma[chosen])
-
-
-def _simulated(bench: Bench) -> Model | None:
-    return None if bench.simulation_model is None else load_model(bench.simulation_model)
 
 
 def _base(conditions: Conditions, model: Model | None) -> tuple[Base, str]:

@@ -5,8 +5,9 @@ campaign_document(campaign, model)
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -17,13 +18,14 @@ from hil.config.sweep import Sweep, check_sweep_against_bench
 from hil.design.conditions import planned_conditions
 from hil.design.visibility.map import NoiseLevel, Sight, Sights, visibility
 from hil.design.visibility.promise import PROBABILITY
-from hil.design.visibility.worth import MOST_RUNS, improvements
-from hil.model import Model
+from hil.model import Model, built_in_model
 from hil.model.effects.catalogue import FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS
 from hil.model.effects.prior import ALPHA
 from hil.solve import repeats, solve_campaign
+from hil.solve.changes import CHANGES
 from hil.solve.omissions import what_is_wrong
 from hil.solve.repeats import SensorRepeats
+from hil.solve.runs import finite
 from hil.solve.wrong_rows import treated
 from procedures.plan import make_plan
 
@@ -47,12 +49,13 @@ def visibility_document(
         for n, rows in sensors.items()
     }
     best: dict[str, tuple[int, Sight]] = {}
+    alike: dict[str, set[str]] = {}
     for number, sights in maps.items():
         for sight in sights.effects:
+            alike.setdefault(sight.effect.id, set()).update(sight.members)
             if sight.effect.id not in best or sight.kept > best[sight.effect.id][1].kept:
                 best[sight.effect.id] = (number, sight)
     first = next(iter(maps.values()))
-    changes = improvements(sensors, model, noise)
     return {
         "schema": "hil.visibility/1",
         "title": title,
@@ -62,7 +65,7 @@ def visibility_document(
         "noise": vars(first.noise),
         "noise_level": vars(first.noise),
         "effects": [
-            {"sensor": number, **_effect_document(sight, maps[number]), "class": _class_anywhere(sight, maps)}
+            {"sensor": number, **_effect_document(sight, maps[number]), "class": sorted(alike[sight.effect.id])}
             for number, sight in best.values()
         ],
         "sensors": {
@@ -76,20 +79,8 @@ def visibility_document(
         "not_in_averages": sorted({entry.id for entry in (*VARIANCE_EFFECTS, *SERIES_EFFECTS)}),
         "runs": (runs := max(len(np.unique(rows.run)) for rows in sensors.values())),
         "changes_weighed_on_runs": min(MOST_RUNS, runs),
-        "changes": [
-            {
-                **vars(one),
-                "protected": list(dict.fromkeys(pair for of in one.protected.values() for pair in of)),
-                "protected_in": {str(number): pairs for number, pairs in one.protected.items()},
-            }
-            for one in changes
-        ],
+        "changes": improvements(sensors, model, noise),
     }
-
-
-def _class_anywhere(sight: Sight, maps: Mapping[int, Sights]) -> list[str]:
-    own = [other for sights in maps.values() if (other := sights.sight(sight.effect.id)) is not None]
-    return sorted({member for other in own for member in other.members})
 
 
 def _effect_document(sight: Sight, sights: Sights) -> dict[str, object]:
@@ -107,21 +98,17 @@ def _effect_document(sight: Sight, sights: Sights) -> dict[str, object]:
         "in_model": sight.effect.id in FORM_EFFECTS.get(sights.form, ()),
         "class": list(sight.members),
         "smallest_visible": {
-            "value": _where_it_occurs(best.value),
+            "value": finite(best.value),
             "unit": best.parameter.unit,
             "probability": PROBABILITY,
             "parameter": best.parameter.name,
             "typical": list(best.parameter.typical),
             "shape": dict(best.shape),
-            "easiest": {"value": _where_it_occurs(best.easiest), "shape": dict(best.easiest_shape)},
+            "easiest": {"value": finite(best.easiest), "shape": dict(best.easiest_shape)},
         },
         "leaks": {name: round(leak, 3) for name, leak in sight.leaks.items() if leak > 1.0},
         "nearest": [{"id": rival, "overlap": round(value, 4)} for value, rival in rivals[:3] if value > 0.3],
     }
-
-
-def _where_it_occurs(size: float) -> float | None:
-    return size if math.isfinite(size) else None
 
 
 def sweep_document(sweep: Sweep, bench: Bench, model: Model | None = None) -> dict[str, object]:
@@ -173,3 +160,85 @@ def _seen(shown: SensorRepeats, *, assumed: bool) -> NoiseLevel:
     source += "".join(f"; {each}" for each in shown.noise_in_words)
     size = [float(np.sqrt(np.mean(each))) if each else 0.0 for each in (bias, mu)]
     return NoiseLevel(run_bias_deg_per_hr=size[0], run_mu_deg_per_hr_per_g=size[1], source=source)
+
+
+_CLEAN = 0.1
+"""A leak that falls below this fraction of what it was is counted as gone."""
+
+MOST_RUNS = 384
+"""On so many of a campaign's runs at most, evenly chosen, a change is weighed: before and after alike."""
+
+
+def improvements(
+    sensors: Mapping[int, Conditions], model: Model | None = None, noise: Mapping[int, NoiseLevel] | None = None
+) -> list[dict[str, Any]]:
+    """Return what each change to the sweep would bring to its sensors, the most helpful first.
+
+    In sight is what no sensor saw; apart, what any sensor could not tell apart; protected are effects with the base
+    parameters that they leak into no more; `size_ratio` is the median of the smallest visible sizes, after by before.
+
+    Before and after are weighed with the same `noise`: further rows have no standard errors.
+    """
+    noise = noise or {}
+    sensors = {n: _some_runs(rows) for n, rows in sensors.items()}
+    before = {n: visibility(rows, model, noise.get(n)) for n, rows in sensors.items()}
+    found = []
+    for change in CHANGES:
+        changed = {n: new for n, rows in sensors.items() if (new := change.apply(rows)) is not None}
+        after = {
+            n: visibility(rows, model or built_in_model(before[n].form), noise.get(n)) for n, rows in changed.items()
+        }
+        if after:
+            found.append(_improvement(change.name, change.cost, before, after))
+    return sorted(found, key=_worth, reverse=True)
+
+
+def _worth(one: Mapping[str, Any]) -> float:
+    """Return the rank of a change: in sight, apart and clean count one each, a halved size of everything two."""
+    clean = sum(map(len, one["protected_in"].values()))
+    halved = math.log2(max(one["size_ratio"], 1e-3))
+    return float(len(one["newly_visible"]) + len(one["separated"]) + clean - 2.0 * halved)
+
+
+def _some_runs(conditions: Conditions) -> Conditions:
+    runs = np.unique(conditions.run)
+    if len(runs) <= MOST_RUNS:
+        return conditions
+    chosen = runs[np.linspace(0, len(runs) - 1, MOST_RUNS).round().astype(np.int64)]
+    return conditions.rows(np.isin(conditions.run, chosen))
+
+
+def _improvement(name: str, cost: str, before: Mapping[int, Sights], after: Mapping[int, Sights]) -> dict[str, Any]:
+    pairs = {
+        n: [(sight, other) for sight in before[n].effects if (other := after[n].sight(sight.effect.id)) is not None]
+        for n in after
+    }
+    every = [pair for of in pairs.values() for pair in of]
+    seen = {sight.effect.id for sights in before.values() for sight in sights.effects if sight.visible}
+    newly = dict.fromkeys(o.effect.id for s, o in every if o.visible and s.effect.id not in seen)
+    separated = dict.fromkeys(
+        (sight.effect.id, rival)
+        for sight, other in every
+        for rival in sight.members
+        if sight.effect.id < rival and rival not in other.members and other.visible
+    )
+    protected = {n: found for n, of in pairs.items() if (found := tuple(_protected(of)))}
+    ratios = [other.best.value / sight.best.value for sight, other in every if sight.visible and other.visible]
+    known = [ratio for ratio in ratios if math.isfinite(ratio)]
+    return {
+        "change": name,
+        "cost": cost,
+        "newly_visible": list(newly),
+        "separated": list(separated),
+        "protected": list(dict.fromkeys(pair for of in protected.values() for pair in of)),
+        "size_ratio": float(np.median(known)) if known else 1.0,
+        "protected_in": {str(number): pairs for number, pairs in protected.items()},
+    }
+
+
+def _protected(pairs: Sequence[tuple[Sight, Sight]]) -> Iterator[tuple[str, str]]:
+    """Yield effects with the parameters of one sensor that they moved, and move no more."""
+    for sight, other in pairs:
+        for name, leak in sight.leaks.items() if sight.effect.in_models else ():
+            if leak > 1.0 and other.leaks.get(name, 0.0) < _CLEAN * leak:
+                yield sight.effect.id, name

@@ -110,7 +110,10 @@ def visibility(
     whitened = whiten @ flattened(fitted.columns(conditions))
     absorbed = orthonormal(whitened)
     tried = {effect.id: shapes_tried(effect, conditions) for effect in asked}
-    shapes = {name: _chosen(every) for name, every in tried.items()}
+    shapes = {}
+    for name, every in tried.items():  # a few from all over the grid
+        picks = np.linspace(0, len(every) - 1, min(len(every), _MOST_SHAPES)).round().astype(int)
+        shapes[name] = [every[i] for i in np.unique(picks)]
     seen: list[list[Visible]] = []
     leaks: list[dict[str, float]] = []
     for effect in asked:
@@ -177,9 +180,3 @@ def _noise(conditions: Conditions, noise: NoiseLevel, sigma: FloatArray | None) 
     if conditions.sensor.is_rotor and noise.run_mu_deg_per_hr_per_g > 0.0:
         scattering.append((mu_columns(conditions), noise.run_mu_deg_per_hr_per_g))
     return whitener(conditions, given, np.full(channels, noise.run_bias_deg_per_hr), scattering)
-
-
-def _chosen(shapes: Sequence[Mapping[str, float]]) -> list[Mapping[str, float]]:
-    """A few shapes from all over the grid."""
-    picks = np.unique(np.linspace(0, len(shapes) - 1, min(len(shapes), _MOST_SHAPES)).round().astype(int))
-    return [shapes[int(index)] for index in picks]

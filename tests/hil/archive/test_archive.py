@@ -145,7 +145,7 @@ def test_what_is_broken_gone_or_new_is_told_and_the_rest_answers(
     (copy / third / ENTRY).write_text("schema: [")
     with opened_index(copy) as index:
         assert [each.partition(":")[0] for each in index.behind("0042")] == [second, first, third]
-        assert len(history(index, "0042").used) == COUNT - 1
+        assert sum(each["used"] for each in history(index, "0042")["campaigns"]) == COUNT - 1
     assert hil(["archive", str(copy)]) == 4
     assert "not what was taken up (another hash)" in (said := capsys.readouterr().err)
     assert f"{second}: is gone" in said
@@ -323,7 +323,7 @@ def test_two_units_with_one_serial_are_told_apart(
     with opened_index(copy) as index:
         with pytest.raises(InputError, match="two units have this serial number: MFS-IMU, STIM300"):
             history(index, "0042")
-        assert len(history(index, "0042", "MFS-IMU").used) == COUNT
+        assert sum(each["used"] for each in history(index, "0042", "MFS-IMU")["campaigns"]) == COUNT
         assert [each["remark"] for each in index.units()] == 2 * ["two units have this serial number"]
 
 

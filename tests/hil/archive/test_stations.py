@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hil.archive.index import ArchivedMean
-from hil.archive.stations import at_usual_temperatures, differs, shifts_of, stations_of
-from hil.archive.trend import Trend, trend
+from hil.archive.trend import Trend, at_usual_temperatures, differs, shifts_of, stations_of, trend
 from hil.solve.repeats import Uncertain
 
 SLOPE, SD, COUNT = 0.5, 0.1, 10

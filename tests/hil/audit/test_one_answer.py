@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from hil.analysis.allan.sources import read_recording
-from hil.analysis.thermal import fit_thermal
+from hil.analysis.thermal.fit import fit_thermal
 from hil.campaign import Campaign, Collects, Series
 from hil.campaign.reader import read_campaign
 from hil.campaign.writer import write_campaign

@@ -14,10 +14,9 @@ from hil.campaign import Campaign, Collects, Conditions, FloatArray
 from hil.config.bench import load_bench
 from hil.config.sweep import load_sweep
 from hil.design.conditions import planned_conditions
-from hil.design.visibility.document import campaign_document, sweep_document, visibility_document
+from hil.design.visibility.document import campaign_document, improvements, sweep_document, visibility_document
 from hil.design.visibility.map import NoiseLevel, Sights, visibility
 from hil.design.visibility.text import visibility_text
-from hil.design.visibility.worth import improvements
 from hil.model import Model, built_in_model, load_model
 from hil.model.effects.catalogue import EFFECTS
 from hil.solve.changes import CHANGES, with_collect_4, with_order_1_3_2, with_second_heading
@@ -125,12 +124,13 @@ def test_changes_are_ranked_by_what_they_bring(published: dict[int, Conditions])
     """For the contractor's form Collect 4 leads; more of the same is the least."""
     model = built_in_model("collins-4")
     found = improvements({2: published[2]}, model)
-    names = [one.change for one in found]
+    names = [one["change"] for one in found]
     assert names[0].startswith("add collect 4")
-    assert ("MU_real", "k2") in found[0].separated
+    assert ("MU_real", "k2") in found[0]["separated"]
     assert names[-1] == "the same sweep twice"
-    order = next(one for one in improvements(published) if one.change == "take collect 3 before collect 2")
-    assert order.protected == {n: (("drift", f"{kind}A"), ("drift", f"{kind}B")) for n, kind in ((2, "MU"), (1, "GS"))}
+    order = next(one for one in improvements(published) if one["change"] == "take collect 3 before collect 2")
+    kept = {n: (("drift", f"{kind}A"), ("drift", f"{kind}B")) for n, kind in (("2", "MU"), ("1", "GS"))}
+    assert order["protected_in"] == kept
 
 
 @pytest.mark.parametrize("change", CHANGES, ids=lambda change: change.name)

@@ -14,7 +14,7 @@ import yaml
 from hil.cli.app import run as hil
 from hil.config import Bench, load_bench, parse_bench
 from hil.records.export import campaign_of_night
-from hil.report.certificate import Asked, Certificate, certificate, refusals
+from hil.report.certificate import Certificate, certificate, refusals
 from hil.solve import repeats, solve_campaign
 from hil.solve.omissions import without
 from tests.hil.audit.folders import FOLDERS
@@ -39,7 +39,7 @@ def bench() -> Bench:
 @pytest.fixture(scope="module")
 def draft(night: Path) -> Certificate:
     """Of a simulated night."""
-    return certificate(night, Asked("SIM-0001"), TODAY)
+    return certificate(night, TODAY, "SIM-0001")
 
 
 def test_every_reason_against_it_is_told_and_without_one_there_is_none(bench: Bench) -> None:
@@ -134,7 +134,7 @@ def test_a_soak_that_had_not_ended_is_said(night: Path, monkeypatch: pytest.Monk
         rows.conditions.columns["temperature_degC"][:1] += 9.0
     told = [each["why"] for each in without(measured)["runs_not_settled"]]
     monkeypatch.setattr("hil.report.certificate.campaign_of_night", lambda _: measured)
-    said = certificate(night, Asked(), TODAY).document["conditions"]
+    said = certificate(night, TODAY).document["conditions"]
     assert told
     assert all(any(why in line for line in said) for why in told)
 
@@ -144,7 +144,7 @@ def test_what_moves_both_sensors_is_said(night: Path, monkeypatch: pytest.Monkey
     for name, together in (("both sensors disturbed", True), ("two sensors", False)):
         measured = FOLDERS[name]()
         monkeypatch.setattr("hil.report.certificate.campaign_of_night", lambda _, of=measured: of)
-        said = certificate(night, Asked(), TODAY).document["conditions"]
+        said = certificate(night, TODAY).document["conditions"]
         assert any("sensors 1 and 2 move together" in line for line in said) is together
 
 

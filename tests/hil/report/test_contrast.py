@@ -14,9 +14,8 @@ import pytest
 from hil.campaign import Series
 from hil.files.figure import LOOKS
 from hil.files.page import inline_svg
-from hil.report.figures import Line, draw_against_temperature, draw_night
 from hil.report.night import NightContent
-from hil.report.plots import CollectSeries, draw_series
+from hil.report.plots import CollectSeries, Line, draw_against_temperature, draw_night, draw_series
 
 CSS = (Path(__file__).parents[3] / "hil/dashboard/static/page.css").read_text()
 TEXT, LINE = 4.5, 3.0

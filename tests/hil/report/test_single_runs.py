@@ -40,7 +40,7 @@ def test_one_run_at_each_temperature_has_its_standard_error_everywhere(folder: P
     """In Table 1, in the figures' bars and their words for ears, and in the sentence on the largest term."""
     content = _without(folder, REPEATED)
     sensor = content.sensors[0]
-    assert [len(each.runs) for each in sensor.repeats] == [1] * 8
+    assert [len(each.runs) for each in sensor.shown.means] == [1] * 8
     page = render(content)
     table = Tables(page).found["means-sensor-2"]
     label = {"BA, matrix": "BA", "MUB, matrix": "MUB", "BB, contractor": "BB"}

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hil.analysis.thermal import fit_thermal
 from hil.analysis.thermal.document import thermal_document
+from hil.analysis.thermal.fit import fit_thermal
 from hil.campaign import Campaign, Collects
 from hil.solve import repeats, solve_campaign
 from hil.solve.omissions import in_words, what_is_wrong

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hil.analysis.thermal import fit_thermal
 from hil.analysis.thermal.document import thermal_document
+from hil.analysis.thermal.fit import fit_thermal
 from hil.campaign import Campaign
 from hil.campaign.plausibility import judged_by_its_records
 from hil.solve import repeats, solve_campaign

@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.analysis.allan.averaging import averaging
 from hil.analysis.allan.deviation import Octaves, octaves
-from hil.analysis.allan.document import analyse
+from hil.analysis.allan.document import analyse, averaging
 from hil.analysis.allan.fit import fit_noise
-from hil.analysis.allan.stretches import cut, recording
+from hil.analysis.allan.sources import cut, recording
 from hil.errors import InputError
 from tests.hil.analysis.allan.noise_series import rates
 

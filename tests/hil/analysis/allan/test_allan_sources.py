@@ -11,8 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from hil.analysis.allan.document import analyse
-from hil.analysis.allan.sources import read_recording
-from hil.analysis.allan.stretches import recording
+from hil.analysis.allan.sources import read_recording, recording
 from hil.cli.app import run
 from hil.errors import InputError
 from tests.hil.analysis.allan.noise_series import rates

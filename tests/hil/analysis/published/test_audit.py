@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.analysis.published import Audit, audit_table
+from hil.analysis.published.audit import Audit, audit_table, variants
 from hil.analysis.published.closed_forms import seven_biases
-from hil.analysis.published.lattice import sigma_gap
-from hil.analysis.published.readings import variants
+from hil.analysis.published.identities import sigma_gap
 from hil.cli.app import run
 from hil.errors import InputError
 
@@ -47,7 +46,7 @@ def test_the_sigmas_of_table_1_contradict_each_other_in_one_cell() -> None:
     audit = audit_table(TABLE_1)
     assert where(audit, "inconsistent", "sigma triangle") == pytest.approx({"6.1 degF, axis A": 0.7232})
     broken = next(each for each in audit.inconsistent if each.identity.kind == "sigma triangle")
-    read = [float(each.read) for each in broken.candidates if each.role == "sigma_contractor"]
+    read = [float(each["read"]) for each in broken.candidates if each["cell"].endswith("collins sigma")]
     assert 2.88 in read
     assert all(0.279 - 0.02 <= value <= 3.157 + 0.02 for value in read)
 
@@ -81,7 +80,7 @@ def test_single_digits_that_would_mend_table_1(row: str, cell: str, read: str) -
         for each in audit_table(TABLE_1).findings
         if each.row.label == row and each.identity.kind == "collins - matrix = MU*G1"
     )
-    assert (cell, read) in {(each.what, each.read) for each in finding.candidates}
+    assert (cell, read) in {(each["cell"], each["read"]) for each in finding.candidates}
 
 
 def test_two_rows_of_table_1_cannot_be_mended_by_a_digit() -> None:
@@ -90,7 +89,7 @@ def test_two_rows_of_table_1_cannot_be_mended_by_a_digit() -> None:
     for row in ("6.1 degF, axis B", "19.7 degF, axis B"):
         finding = next(each for each in audit.inconsistent if each.row.label == row)
         assert not finding.candidates
-        assert finding.demanded
+        assert finding.would_close
 
 
 def test_rows_2_and_9_of_table_a1_are_inconsistent() -> None:
@@ -99,11 +98,11 @@ def test_rows_2_and_9_of_table_a1_are_inconsistent() -> None:
     assert {each.row.label for each in audit.inconsistent} == {2, 9}
     second, ninth = audit.inconsistent
     assert second.identity.name == "A-28 - A-31 = A-32 - A-29"
-    assert [(each.role, each.value) for each in second.demanded if each.others_hold] == [("A-32", 10.4250)]
+    assert [(each["cell"], each["value"]) for each in second.would_close if each["others_hold"]] == [("A-32", 10.4250)]
     assert ninth.residual == pytest.approx(18.6149 - 18.5258, abs=3e-4)
     assert {each.row.label for each in audit.of("minor")} == {1, 4, 5, 7, 8, 10}
     seventh = next(each for each in audit.of("minor") if each.row.label == 7)
-    assert seventh.candidates[0].read == "20.1918"
+    assert seventh.candidates[0]["read"] == "20.1918"
 
 
 def test_the_tilts_of_table_a1_are_those_of_three_set_ups() -> None:
@@ -167,7 +166,7 @@ def test_a_seeded_error_in_a_mean_is_found_with_its_true_reading(tmp_path: Path)
         hit = [each for each in broken if each.identity.kind == "collins - matrix = MU*G1"]
         assert len(hit) == 1
         assert rows[victim]["parameter"] in {cell.what.split()[0] for cell in hit[0].row.cells.values()}
-        assert truth in {each.read for each in hit[0].candidates if each.printed == rows[victim]["mean_printed"]}
+        assert truth in {each["read"] for each in hit[0].candidates if each["printed"] == rows[victim]["mean_printed"]}
 
 
 def test_a_seeded_error_in_table_a1_is_found(tmp_path: Path) -> None:
@@ -187,7 +186,7 @@ def test_a_seeded_error_in_table_a1_is_found(tmp_path: Path) -> None:
         wrong = [text for text, _ in variants(row[victim]) if 0.2 < abs(float(text) - float(row[victim])) < 5.0]
         seeded = audit_table(write(tmp_path / "a.csv", [{**row, victim: str(rng.choice(wrong))}]))
         assert seeded.inconsistent
-        assert any(row[victim] == each.read for found in seeded.inconsistent for each in found.candidates)
+        assert any(row[victim] == each["read"] for found in seeded.inconsistent for each in found.candidates)
 
 
 def test_a_wrong_digit_in_a_sigma_breaks_its_lattice() -> None:
@@ -242,7 +241,7 @@ def test_sigmas_and_the_number_of_runs_may_be_missing(tmp_path: Path) -> None:
     assert [(each.identity.kind, round(each.residual, 6)) for each in audit.inconsistent] == [
         ("collins - matrix = MU*G1", 4.0)
     ]
-    assert [each.read for each in audit.inconsistent[0].candidates if each.change == "sign"] == ["2.00"]
+    assert [each["read"] for each in audit.inconsistent[0].candidates if each["change"] == "sign"] == ["2.00"]
 
 
 def test_an_unknown_table_is_refused_with_those_that_ship() -> None:
@@ -279,6 +278,6 @@ def test_two_faults_in_a_row_do_not_hide_what_would_mend_each(
         for each in audit_table(table).findings
         if each.row.label == row and each.identity.name.startswith(identity)
     )
-    alone = [each for each in finding.demanded if each.others_hold]
-    assert [each.what for each in alone] == [cell]
-    assert alone[0].value == pytest.approx(value, abs=1e-4)
+    alone = [each for each in finding.would_close if each["others_hold"]]
+    assert [each["cell"] for each in alone] == [cell]
+    assert alone[0]["value"] == pytest.approx(value, abs=1e-4)

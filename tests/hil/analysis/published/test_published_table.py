@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.analysis.published import audit_table
+from hil.analysis.published.audit import audit_table
 from hil.analysis.published.table import read_published_table
 from hil.campaign.reader import read_campaign
 from hil.campaign.writer import write_campaign

@@ -9,8 +9,16 @@ import pytest
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import isotonic_regression
 
-from hil.analysis.thermal.choice import FALSE_ALARM, choose
-from hil.analysis.thermal.forms import MONOTONE, TABLE, Form, candidate_forms, monotone, polynomial
+from hil.analysis.thermal.choice import (
+    FALSE_ALARM,
+    MONOTONE,
+    TABLE,
+    Form,
+    candidate_forms,
+    choose,
+    monotone,
+    polynomial,
+)
 from hil.campaign import FloatArray
 from tests.hil.analysis.thermal.nights import PUBLISHED_DEGC, scaled
 

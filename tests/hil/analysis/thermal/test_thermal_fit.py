@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from hil.analysis.published.table import read_published_table
-from hil.analysis.thermal import ThermalFit, fit_thermal
 from hil.analysis.thermal.document import thermal_document
-from hil.analysis.thermal.exports import (
+from hil.analysis.thermal.files import (
     ARDUPILOT_REFERENCE_DEGC,
     RAD_PER_S,
     ardupilot_parameters,
     bias_polynomials,
     px4_parameters,
 )
+from hil.analysis.thermal.fit import ThermalFit, fit_thermal
 from hil.bench import build_bench
 from hil.campaign import Campaign, Collects
 from hil.campaign.writer import write_campaign
@@ -177,15 +177,13 @@ def test_hysteresis_is_estimated_where_temperatures_were_reached_from_both_sides
     night = rotor_night(
         np.random.default_rng(9), curves, temperatures_degC=there_and_back, runs=2, hysteresis={"BA": 8.0}
     )
-    sensor = fit_thermal(night).sensors[2]
-    found = sensor.parameters["BA"].hysteresis
-    assert found is not None
-    assert found.seen
-    assert found.low < 8.0 < found.high
-    assert found.se < 1.5
-    other = sensor.parameters["MUA"].hysteresis
-    assert other is not None
-    assert not other.seen
+    fit = fit_thermal(night)
+    sensor, (document,) = fit.sensors[2], thermal_document(fit)["sensors"]
+    found, other = (document["parameters"][name]["hysteresis"] for name in ("BA", "MUA"))
+    assert found["seen"]
+    assert found["low"] < 8.0 < found["high"]
+    assert found["se"] < 1.5
+    assert not other["seen"]
     assert sensor.parameters["BA"].form == "linear"
     assert any("values are the middle between both directions" in note for note in sensor.notes)
 
@@ -203,7 +201,7 @@ def test_a_temperature_without_every_position_is_left_out_and_named() -> None:
     temperature = collects.conditions.columns["temperature_degC"]
     keep = ~((temperature < -25) & (collects.conditions.position == "3"))
     sensor = fit_thermal(replace(night, sensors={2: collects.rows(keep)})).sensors[2]
-    assert sensor.range_degC[0] > -20
+    assert sensor.layout.range_degC[0] > -20
     assert any("-29.7 °C; left out" in note for note in sensor.notes)
 
 
@@ -211,7 +209,7 @@ def test_one_missing_collect_costs_its_run_and_not_its_temperature() -> None:
     """All positions and temperatures are one system: the other two collects of the run still count."""
     night = rotor_night(np.random.default_rng(11), {"BA": lambda t: 15.0 * scaled(t)})
     kept = replace(night, sensors={2: night.sensors[2].rows(np.arange(72) != 2)})
-    assert fit_thermal(kept).sensors[2].range_degC[0] < -29
+    assert fit_thermal(kept).sensors[2].layout.range_degC[0] < -29
 
 
 def test_without_repeats_and_standard_errors_the_misfit_is_the_noise() -> None:

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 from hil.analysis.published.table import read_published_table
-from hil.analysis.thermal import fit_thermal
 from hil.analysis.thermal.document import first_in_words, parameter_in_words, thermal_document
-from hil.analysis.thermal.exports import ardupilot_parameters, px4_parameters
-from hil.analysis.thermal.fit import SensorFit
+from hil.analysis.thermal.files import ardupilot_parameters, px4_parameters
+from hil.analysis.thermal.fit import SensorFit, fit_thermal
 from hil.campaign import Campaign
 from hil.campaign.writer import write_campaign
 from hil.cli.app import run
@@ -83,7 +82,7 @@ def test_the_parameter_files_take_the_bias_off_another_night(triad: SensorFit) -
 
 def test_the_parameter_files_reach_no_further_than_what_was_measured(triad: SensorFit) -> None:
     """Their limits are the lowest and highest temperature; beyond, the autopilots hold the value at the limit."""
-    low, high = triad.range_degC
+    low, high = triad.layout.range_degC
     px4, ardupilot = values(px4_parameters(triad)), values(ardupilot_parameters(triad))
     for name, parameters in (("TC_G0", px4), ("INS_TCAL1", ardupilot)):
         assert parameters[f"{name}_TMIN"] == pytest.approx(low, abs=0.051)
