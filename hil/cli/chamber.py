@@ -1,6 +1,6 @@
-"""The chamber of a bench by itself: `hil chamber BENCH read`, `set TEMPERATURE`, `stop`.
+"""The devices of a bench by themselves: `hil chamber BENCH read`, `set TEMPERATURE`, `stop`, and `hil simulate`.
 
-Only the chamber's port is opened. A night that runs on the bench holds that port, so this command is refused then.
+Only the chamber's port is opened. A night that runs on the bench holds that port, so `hil chamber` is refused then.
 """
 
 from __future__ import annotations
@@ -164,3 +164,19 @@ def _show(bench: Bench, action: Action, identity: ChamberIdentity, reading: Cham
         **picked(reading, "temperature_degC setpoint_degC mode low_limit_degC high_limit_degC alarms"),
     }
     Answer(document, told(document)).show(as_json=as_json)
+
+
+def simulate(
+    bench: Annotated[
+        str, typer.Argument(help="A bench file with a simulation section, or the name of one that ships.")
+    ] = "simulated",
+    tcp: Annotated[bool, typer.Option("--tcp", help="TCP ports on this machine instead of pseudo-terminals.")] = False,
+) -> None:
+    """Serve a bench's simulated unit and chamber to any client, in real time, until Ctrl-C.
+
+    One JSON line on standard output says where they are.
+    """
+    from hil.config import load_bench
+    from hil.twin.serve import serve_bench
+
+    serve_bench(load_bench(bench), lambda line: print(line, flush=True), tcp=tcp)  # noqa: T201 - for programs
