@@ -1,8 +1,9 @@
-"""What to do about what is wrong with a bench: for the technician who stands in front of it, one sentence or two.
+"""What looking at a bench finds, and what to do about what is wrong: for the technician who stands in front of it.
 
 advice_for(error, bench, "chamber")
 """
 
+from dataclasses import dataclass
 from typing import Literal
 
 from drivers.errors import DeviceError, DeviceTimeout, TransportError, WrongDevice
@@ -14,6 +15,19 @@ Device = Literal["unit", "chamber"]
 _GUIDES: dict[Device, str] = {"unit": "hil docs wire-an-imu", "chamber": "hil docs wire-a-chamber"}
 _ADVICE = packaged("hil.bench", "advice.yaml")
 _PARITY = {"N": "none", "E": "even", "O": "odd"}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was looked at. `good` is False where a night must not begin like this.
+
+    `advice` says what to do about what is wrong, or about what is worth knowing; empty where there is nothing to do.
+    """
+
+    subject: str
+    good: bool
+    message: str
+    advice: str = ""
 
 
 def line_words(bench: Bench, device: Device, baud: int) -> str:

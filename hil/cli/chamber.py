@@ -119,10 +119,10 @@ def _warn_of_others(bench: Bench) -> None:
 
 
 def _logged(live: LiveChamber) -> Any:
-    from hil.night.log import StreamLog, logged
+    from hil.night.log import lines_to, logged
     from hil.records.requests import user
 
-    return logged(live.chamber, StreamLog(sys.stderr, live.clock, user()))
+    return logged(live.chamber, lines_to(sys.stderr, live.clock, user()))
 
 
 def _set(live: LiveChamber, target_degC: float) -> None:
