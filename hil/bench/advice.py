@@ -13,7 +13,7 @@ from hil.config import Bench
 Device = Literal["unit", "chamber"]
 
 _GUIDES: dict[Device, str] = {"unit": "hil docs wire-an-imu", "chamber": "hil docs wire-a-chamber"}
-_ADVICE = packaged("hil.bench", "advice.yaml")
+ADVICE = packaged("hil.bench", "advice.yaml")
 _PARITY = {"N": "none", "E": "even", "O": "odd"}
 
 
@@ -43,9 +43,9 @@ def line_words(bench: Bench, device: Device, baud: int) -> str:
 
 def advice_for(error: DeviceError, bench: Bench, device: Device) -> str:
     """Return what to do about `error`, which came from `device`."""
-    section, said, words = bench.chamber, _ADVICE[device], str(error)
+    section, said, words = bench.chamber, ADVICE[device], str(error)
     if "no simulation section" in words:
-        return str(_ADVICE["simulated"])
+        return str(ADVICE["simulated"])
     kinds = [kind.__name__ for kind in type(error).__mro__]
     if device == "chamber" and isinstance(error, TransportError):
         advice = closed_port_advice(section.port)
@@ -60,7 +60,7 @@ def advice_for(error: DeviceError, bench: Bench, device: Device) -> str:
 
 def closed_port_advice(port: str) -> str:
     """Return what to do about a port that does not open."""
-    return str(_ADVICE["closed_port"][_way(port)])
+    return str(ADVICE["closed_port"][_way(port)])
 
 
 def _way(port: str) -> str:

@@ -20,7 +20,7 @@ from drivers.chambers.wear import ENDURANCE_WRITES
 from drivers.clock import SystemClock
 from drivers.errors import DeviceError
 from drivers.imu import SampleBlock
-from hil.bench.advice import Device, Finding, advice_for, closed_port_advice, line_words
+from hil.bench.advice import ADVICE, Device, Finding, advice_for, closed_port_advice, line_words
 from hil.bench.assemble import LiveBench, build_bench, ports_of
 from hil.bench.at_rest import at_rest
 from hil.bench.decode_advice import wrong_counter
@@ -170,24 +170,12 @@ def _stream(live: LiveBench) -> Iterator[Finding]:
     rate = f"{rate_hz:.1f} Hz, {imu.sample_rate_hz:g} expected"
     told = f"{samples} samples in {listened_s:.0f} s ({rate}), {bad} bad or lost"
     miscounted = "; ".join(wrong_counter(live.description, heard.raw, rate_hz)) if samples else ""
-    yield Finding("stream", enough and not bad, told, miscounted or _stream_advice(samples, bad, enough=enough))
+    wrong = "silent" if not samples else "damaged" if bad else "" if enough else "other rate"
+    yield Finding("stream", enough and not bad, told, miscounted or ADVICE["stream"].get(wrong, ""))
     if samples:
         yield from at_rest(live, heard)
         yield from _unit_temperature(live, heard)
     yield from _index(live)
-
-
-def _stream_advice(samples: int, bad: int, *, enough: bool) -> str:
-    if not samples:
-        return "see the finding about the unit; where it answers but does not stream, set it to stream by itself"
-    if bad:
-        return (
-            "see that the cable is shielded and its ground connected, away from the chamber's power, that the adapter "
-            "keeps up at this baud rate (latency timer 1 ms), and that imu.baud is the unit's to the digit"
-        )
-    if not enough:
-        return "write the rate that the unit is set to under imu.rate, or set the unit to the rate that stands there"
-    return ""
 
 
 def _unit_temperature(live: LiveBench, block: SampleBlock) -> Iterator[Finding]:

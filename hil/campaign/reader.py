@@ -232,7 +232,7 @@ def _collects_of(
     cells |= {name: table.numbers(name)[chosen] for name in plain}
     for name in names["rate"]:
         if np.all(np.isnan(cells[name])):
-            rows = rows_in_words([table.rows[int(i)] for i in chosen])
+            rows = rows_in_words(np.take(table.rows, chosen))
             raise InputError(
                 f"{table.path}, {rows}, column {name}: no cell is filled for sensor {sensor.number}; "
                 f"leave the channel out of {HEADER_FILE} where it was not measured"

@@ -15,14 +15,7 @@ import numpy as np
 import yaml
 
 from hil.campaign.data import SCHEMA, Campaign, Collects, Sensor, Series
-from hil.campaign.reader import (
-    COLLECTS_FILE,
-    HEADER_FILE,
-    IDENTITY,
-    SERIES_FOLDER,
-    STANDARD_CONDITIONS,
-    columns_for,
-)
+from hil.campaign.reader import COLLECTS_FILE, HEADER_FILE, IDENTITY, SERIES_FOLDER, STANDARD_CONDITIONS, columns_for
 from hil.errors import InputError
 from hil.files.durable import RealDisk
 from hil.files.folder import is_new, whole_or_nothing

@@ -44,11 +44,7 @@ def sample_rate_hz(text: str | None) -> float | None:
 
 def allan(
     source: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FILE",
-            help="A table (.parquet, .csv, .txt, .npz), a night or a campaign folder.",
-        ),
+        Path, typer.Argument(metavar="FILE", help="A table (.parquet, .csv, .txt, .npz), a night or a campaign folder.")
     ],
     channel: Annotated[str | None, typer.Option(help="Which channel or column.")] = None,
     sensor: Annotated[int | None, typer.Option(help="Of a folder: which sensor.")] = None,

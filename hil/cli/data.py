@@ -81,7 +81,7 @@ def export(
     folder: Annotated[
         Path,
         typer.Argument(
-            help="A night's folder; with --format also a campaign's; with --fleet one of them, or of folders of them.",
+            help="A night's folder; with --format also a campaign's; with --fleet one of them, or of folders of them."
         ),
     ],
     out: Annotated[Path, typer.Argument(help="The campaign folder, or with --format or --fleet the file, to make.")],

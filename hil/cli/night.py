@@ -74,7 +74,7 @@ def run(
         str,
         typer.Option(
             help="The night's folder; must not exist yet. {date} stands for today's (UTC), {serial} for the unit's, "
-            "which is asked where nobody gave it.",
+            "which is asked where nobody gave it."
         ),
     ] = "night-{serial}-{date}",
     serial: Serial = None,
@@ -242,10 +242,7 @@ def verify(
     return Answer(document, said, status=Exit.DONE if whole else Exit.INCOMPLETE)
 
 
-def repair(
-    folder: Folder,
-    out: Annotated[Path, typer.Option(help="The new folder to make.")],
-) -> Answer:
+def repair(folder: Folder, out: Annotated[Path, typer.Option(help="The new folder to make.")]) -> Answer:
     """Bring what is proven of a damaged night into a new folder, and say what is lost. The old one is not touched."""
     from hil.night.repair import repair_night
     from hil.records.requests import who_asks

@@ -25,9 +25,7 @@ def report(
     out: Annotated[Path | None, typer.Option(help="Where to write it; default: report.html in the folder.")] = None,
     against: Annotated[
         Path | None,
-        typer.Option(
-            help="An earlier night or campaign of the same unit: what changed, flagged beyond 3 sigma.",
-        ),
+        typer.Option(help="An earlier night or campaign of the same unit: what changed, flagged beyond 3 sigma."),
     ] = None,
     limits: Limits = None,
     strict: Strict = False,

@@ -41,16 +41,11 @@ def send(address: str, title: str, text: str) -> None:
     """
     messenger = messenger_of(address)
     if messenger is None:
-        _post(address, title, text)
+        body = json.dumps({"title": title, "text": text}).encode()
+        asked = urllib.request.Request(address, body, {"Content-Type": "application/json"})  # noqa: S310 - http(s), see messenger_of
+        urllib.request.urlopen(asked, timeout=_TIMEOUT_S).close()  # noqa: S310
     elif not messenger.notify(title=title, body=text):
         raise InputError("apprise could not deliver it")
-
-
-def _post(address: str, title: str, text: str) -> None:
-    body = json.dumps({"title": title, "text": text}).encode()
-    asked = urllib.request.Request(address, body, {"Content-Type": "application/json"})  # noqa: S310 - http(s), see messenger_of
-    with urllib.request.urlopen(asked, timeout=_TIMEOUT_S):  # noqa: S310
-        return
 
 
 class Notifier:

@@ -104,13 +104,7 @@ class SqliteJournal(JournalReader):
 
     @classmethod
     def open(
-        cls,
-        folder: Path,
-        *,
-        clock: Clock,
-        who: str = "",
-        keep_raw: bool = True,
-        lock: FolderLock | None = None,
+        cls, folder: Path, *, clock: Clock, who: str = "", keep_raw: bool = True, lock: FolderLock | None = None
     ) -> SqliteJournal:
         """Open a night to carry it on, as its only controller; `keep_raw` keeps the bytes beside the samples.
 
