@@ -1,8 +1,9 @@
-"""What to do about what is wrong with a bench: for the technician who stands in front of it, one sentence or two.
+"""What looking at a bench finds, and what to do about what is wrong: for the technician who stands in front of it.
 
 advice_for(error, bench, "chamber")
 """
 
+from dataclasses import dataclass
 from typing import Literal
 
 from drivers.errors import DeviceError, DeviceTimeout, TransportError, WrongDevice
@@ -12,8 +13,21 @@ from hil.config import Bench
 Device = Literal["unit", "chamber"]
 
 _GUIDES: dict[Device, str] = {"unit": "hil docs wire-an-imu", "chamber": "hil docs wire-a-chamber"}
-_ADVICE = packaged("hil.bench", "advice.yaml")
+ADVICE = packaged("hil.bench", "advice.yaml")
 _PARITY = {"N": "none", "E": "even", "O": "odd"}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was looked at. `good` is False where a night must not begin like this.
+
+    `advice` says what to do about what is wrong, or about what is worth knowing; empty where there is nothing to do.
+    """
+
+    subject: str
+    good: bool
+    message: str
+    advice: str = ""
 
 
 def line_words(bench: Bench, device: Device, baud: int) -> str:
@@ -29,9 +43,9 @@ def line_words(bench: Bench, device: Device, baud: int) -> str:
 
 def advice_for(error: DeviceError, bench: Bench, device: Device) -> str:
     """Return what to do about `error`, which came from `device`."""
-    section, said, words = bench.chamber, _ADVICE[device], str(error)
+    section, said, words = bench.chamber, ADVICE[device], str(error)
     if "no simulation section" in words:
-        return str(_ADVICE["simulated"])
+        return str(ADVICE["simulated"])
     kinds = [kind.__name__ for kind in type(error).__mro__]
     if device == "chamber" and isinstance(error, TransportError):
         advice = closed_port_advice(section.port)
@@ -46,7 +60,7 @@ def advice_for(error: DeviceError, bench: Bench, device: Device) -> str:
 
 def closed_port_advice(port: str) -> str:
     """Return what to do about a port that does not open."""
-    return str(_ADVICE["closed_port"][_way(port)])
+    return str(ADVICE["closed_port"][_way(port)])
 
 
 def _way(port: str) -> str:

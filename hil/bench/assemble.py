@@ -7,8 +7,8 @@ This is the only place that knows that `sim://` ports are simulated devices in t
 devices and cannot tell.
 """
 
-from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import cache
@@ -160,16 +160,10 @@ class LiveChamber:
     clock: Clock
     chamber: Chamber
 
-    def __enter__(self) -> Self:
-        return self
 
-    def __exit__(self, *_: object) -> None:
-        with suppress(DeviceError):
-            self.chamber.close()
-
-
-def open_chamber(bench: Bench) -> LiveChamber:
-    """Open the chamber of a bench alone; raise `InputError` and `DeviceError` as `build_bench` does."""
+@contextmanager
+def open_chamber(bench: Bench) -> Iterator[LiveChamber]:
+    """Give the chamber of a bench alone, and close it; raise `InputError` and `DeviceError` as `build_bench` does."""
     _check_port(bench, "chamber.port", bench.chamber.port)
     clock = clock_of(bench)
 
@@ -182,7 +176,11 @@ def open_chamber(bench: Bench) -> LiveChamber:
     with ExitStack() as opened:
         chamber = _chamber(bench, _Ports(bench, clock, opened, None), clock, simulated, night=False)
         opened.pop_all()
-    return LiveChamber(bench, clock, chamber)
+    try:
+        yield LiveChamber(bench, clock, chamber)
+    finally:
+        with suppress(DeviceError):
+            chamber.close()
 
 
 def check_ports(bench: Bench) -> None:
@@ -323,12 +321,14 @@ def _imu(
 ) -> StreamImu:
     """Open one unit; `bench` is as that unit has it."""
     line = SerialLine(bench.imu.baud or description.baudrate)
+    # Nothing is expected where the unit says no serial number, or nobody knows yet which.
+    serial = bench.unit.serial if tells_serial(description) and bench.unit.serial != ASK else ""
     return StreamImu(
         ports.open_stream(unit_port(name), bench.imu.port, line, lambda: simulated().imus[name]),
         description,
         clock,
         sample_rate_hz=bench.imu.rate,
-        expected=ImuIdentity(bench.unit.model, _expected_serial(bench, description)),
+        expected=ImuIdentity(bench.unit.model, serial),
     )
 
 
@@ -359,11 +359,6 @@ def _fixture(bench: Bench, clock: Clock, faults: FaultInjector, ask: AskOperator
         )
         return made
     return None
-
-
-def _expected_serial(bench: Bench, description: StreamDescription) -> str:
-    """Return what the unit must say; nothing where it says none, or nobody knows yet what."""
-    return bench.unit.serial if tells_serial(description) and bench.unit.serial != ASK else ""
 
 
 def _refuse_an_index_that_cannot_be_told(bench: Bench, description: StreamDescription) -> None:

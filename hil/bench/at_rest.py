@@ -15,8 +15,8 @@ import numpy as np
 from drivers.frames.roles import AtRest, SensorRole
 from drivers.imu import SampleBlock
 from drivers.imu.samples import FloatArray
+from hil.bench.advice import Finding
 from hil.bench.assemble import LiveBench
-from hil.bench.finding import Finding
 from hil.campaign.data import EARTH_RATE_DEG_PER_HR
 from procedures.quality import same_samples
 from procedures.words import listed

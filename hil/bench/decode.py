@@ -1,7 +1,8 @@
-"""Decode a file of raw bytes with a frame description: what is in it, and its frames as a table.
+"""A frame description: said in words, and put to a file of raw bytes: what is in it, and its frames as a table.
 
     document = decode_file(Path("night.bin"), load_frames_named("stim300"), out=Path("night.parquet"))
     document["ok"], document["lost"], document["first"]
+    print(explain_frames(load_frames_named("stim300")))
 
 The file is read in chunks, so that memory does not grow with it; with `out` it is read twice, the first time to know
 which fields occur. Columns are those of the description, in its units: the time, place in the file and number of each
@@ -20,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drivers.frames.batch import Decoded, FrameBatch
+from drivers.frames.checksum_kinds import CrcKind, NoChecksum
 from drivers.frames.counts import StreamCounts
 from drivers.frames.decoder import StreamDecoder
 from drivers.frames.description import StreamDescription, load_description
@@ -30,6 +32,7 @@ from hil.bench.decode_advice import CounterHabit, misfit
 from hil.errors import InputError
 from hil.files.durable import PARTIAL, RealDisk
 from hil.files.strict import find_config
+from hil.files.text import filled
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -39,6 +42,15 @@ _CHUNK = 1 << 22  # bytes
 _SUFFIXES = (".parquet", ".csv")
 _PLACES = 6  # decimals up to which rounding a 32-bit count times its scale gives the nearest float
 _PLACE = ("frame", "position", "sequence")  # the columns before the fields
+_NAMES = {
+    (32, 0x04C11DB7, 0xFFFFFFFF, False, False, 0): "CRC-32/MPEG-2",
+    (32, 0x04C11DB7, 0xFFFFFFFF, True, True, 0xFFFFFFFF): "CRC-32/ISO-HDLC",
+    (16, 0x1021, 0, False, False, 0): "CRC-16/XMODEM",
+    (16, 0x1021, 0x1D0F, False, False, 0): "CRC-16/SPI-FUJITSU",
+    (16, 0x1021, 0xFFFF, False, False, 0): "CRC-16/IBM-3740",
+}
+_TYPES = {"fp12.20": "12.20 fixed point", "fp16.32": "16.32 fixed point", "item": "in the item's number format"}
+_TYPES |= {"f16": "half precision", "f32": "single precision", "f64": "double precision"}
 
 
 def load_frames_named(
@@ -217,3 +229,30 @@ def _table(decoded: Decoded, schema: pa.Schema, *, for_reading: bool) -> pa.Tabl
     if len(parts) == 1:
         return table
     return table.take(pa.array(np.argsort(table["position"].to_numpy(), kind="stable")))
+
+
+def explain_frames(description: StreamDescription) -> str:
+    """Return the description in words: the stream, each frame with its fields, what they are for, and what is weak."""
+    told = {"names": _NAMES, "types": _TYPES, "warnings": list(_warnings(description))}
+    return filled("hil.bench", "frames_check.txt.j2", r=description, **told).rstrip("\n") + "\n"
+
+
+def _warnings(description: StreamDescription) -> Iterator[str]:
+    for name, frame in description.frames.items():
+        kind = frame.checksum
+        if frame.parts:
+            continue
+        if isinstance(kind, NoChecksum) and (frame.text is None or not frame.text.checksums):
+            yield f"{name} has no checksum: damage in it goes unnoticed"
+        elif frame.text is None and not isinstance(kind, CrcKind) and not kind.confirm:
+            yield f"{name}: so weak a checksum matches by chance; with checksum.confirm, the next frame is asked too"
+        if frame.counter is not None:
+            frames = frame.counter.modulus // frame.counter.step
+            seconds = frames / description.sample_rate_hz
+            if frames <= 256:
+                yield f"{name}: the counter comes round in {seconds:.3g} s; longer outages are told by the clock alone"
+    roles = description.roles
+    if roles is not None:
+        frame = description.frames[roles.frame]
+        if frame.counter is None and frame.time is None:
+            yield f"{roles.frame} has neither counter nor time: a lost frame shows only in when the others arrive"

@@ -4,11 +4,13 @@ Nothing is written to a device except questions. The chamber is read, never set;
 indexed. A device that fails is a finding, and the others are still looked at.
 """
 
+import ctypes
 import math
 import shutil
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +20,10 @@ from drivers.chambers.wear import ENDURANCE_WRITES
 from drivers.clock import SystemClock
 from drivers.errors import DeviceError
 from drivers.imu import SampleBlock
-from hil.bench.advice import Device, advice_for, closed_port_advice, line_words
+from hil.bench.advice import ADVICE, Device, Finding, advice_for, closed_port_advice, line_words
 from hil.bench.assemble import LiveBench, build_bench, ports_of
 from hil.bench.at_rest import at_rest
-from hil.bench.clock_check import EARLIEST, synchronised
 from hil.bench.decode_advice import wrong_counter
-from hil.bench.finding import Finding
 from hil.config import Bench, Sweep, planned
 from hil.config.notify import addresses_of, messenger_of
 from hil.config.ports import SIMULATED_SCHEME, unit_port
@@ -39,6 +39,11 @@ _SPARE_BYTES = 200e6
 _MOST_OFF_RATE = 0.05
 _UNKNOWN_NIGHT_S = 24 * 3600.0  # of samples without a pause, where no sweep says how long
 _NIGHTS_PER_YEAR = 365.0
+_EARLIEST = datetime(2024, 1, 1, tzinfo=UTC)
+"""No night is recorded before this: a clock that says so has lost its battery."""
+
+_TIME_ERROR = 5  # adjtimex(2): the clock is not synchronised to a reliable server
+_TIMEX_BYTES = 512  # struct timex is 208 bytes on 64-bit Linux; zeros ask and change nothing
 
 
 @dataclass(frozen=True)
@@ -88,7 +93,8 @@ def look_at_devices(live: LiveBench, closed: Collection[str] = ()) -> Iterator[F
     for name, each in live.each.items():
         if unit_port(name) not in closed:
             whose = f" of {name}" if name else ""
-            yield from (replace(found, subject=f"{found.subject}{whose}") for found in _unit_and_stream(each))
+            looked = chain(_guarded(each, "unit", _unit), _guarded(each, "unit", _stream, "stream"))
+            yield from (replace(found, subject=f"{found.subject}{whose}") for found in looked)
     if not {"chamber.port", "chamber.ramp_port"} & set(closed):
         yield from _guarded(live, "chamber", _chamber)
 
@@ -107,12 +113,14 @@ def _nobody(question: str, timeout_s: float) -> None:
     """Nobody is asked: nothing moves here."""
 
 
-def _guarded(live: LiveBench, subject: Device, look: Callable[[LiveBench], Iterator[Finding]]) -> Iterator[Finding]:
+def _guarded(
+    live: LiveBench, device: Device, look: Callable[[LiveBench], Iterator[Finding]], subject: str = ""
+) -> Iterator[Finding]:
     """Turn a device's failure into a finding, so that the other devices are still looked at."""
     try:
         yield from look(live)
     except DeviceError as error:
-        yield Finding(subject, False, str(error), advice_for(error, live.bench, subject))
+        yield Finding(subject or device, False, str(error), advice_for(error, live.bench, device))
 
 
 def _ports(live: LiveBench, closed: dict[str, DeviceError]) -> Iterator[Finding]:
@@ -129,14 +137,6 @@ def _ports(live: LiveBench, closed: dict[str, DeviceError]) -> Iterator[Finding]
             baud = of.bench.imu.baud or of.description.baudrate
             line = line_words(of.bench, "chamber" if unit is None else "unit", baud)
             yield Finding(key, True, f"{line}: opened")
-
-
-def _unit_and_stream(live: LiveBench) -> Iterator[Finding]:
-    yield from _guarded(live, "unit", _unit)
-    try:
-        yield from _stream(live)
-    except DeviceError as error:
-        yield Finding("stream", False, str(error), advice_for(error, live.bench, "unit"))
 
 
 def _unit(live: LiveBench) -> Iterator[Finding]:
@@ -170,24 +170,12 @@ def _stream(live: LiveBench) -> Iterator[Finding]:
     rate = f"{rate_hz:.1f} Hz, {imu.sample_rate_hz:g} expected"
     told = f"{samples} samples in {listened_s:.0f} s ({rate}), {bad} bad or lost"
     miscounted = "; ".join(wrong_counter(live.description, heard.raw, rate_hz)) if samples else ""
-    yield Finding("stream", enough and not bad, told, miscounted or _stream_advice(samples, bad, enough=enough))
+    wrong = "silent" if not samples else "damaged" if bad else "" if enough else "other rate"
+    yield Finding("stream", enough and not bad, told, miscounted or ADVICE["stream"].get(wrong, ""))
     if samples:
         yield from at_rest(live, heard)
         yield from _unit_temperature(live, heard)
     yield from _index(live)
-
-
-def _stream_advice(samples: int, bad: int, *, enough: bool) -> str:
-    if not samples:
-        return "see the finding about the unit; where it answers but does not stream, set it to stream by itself"
-    if bad:
-        return (
-            "see that the cable is shielded and its ground connected, away from the chamber's power, that the adapter "
-            "keeps up at this baud rate (latency timer 1 ms), and that imu.baud is the unit's to the digit"
-        )
-    if not enough:
-        return "write the rate that the unit is set to under imu.rate, or set the unit to the rate that stands there"
-    return ""
 
 
 def _unit_temperature(live: LiveBench, block: SampleBlock) -> Iterator[Finding]:
@@ -334,7 +322,7 @@ def _clock(live: LiveBench) -> Finding:
     if live.bench.clock == "virtual":
         return Finding("clock", True, f"virtual, begins {now:%Y-%m-%d %H:%M} UTC")
     told = f"{now:%Y-%m-%d %H:%M:%S} UTC"
-    if now < EARLIEST:
+    if now < _EARLIEST:
         return Finding("clock", False, f"{told}, which cannot be", "set the computer's date and time (timedatectl)")
     known = synchronised()
     if known is None:
@@ -343,6 +331,15 @@ def _clock(live: LiveBench) -> Finding:
         return Finding("clock", True, f"{told}, synchronised")
     advice = "records carry this time: compare it with a watch, or switch synchronisation on (timedatectl set-ntp true)"
     return Finding("clock", True, f"{told}, not synchronised", advice)
+
+
+def synchronised() -> bool | None:
+    """Return whether the kernel counts its clock as synchronised, None where it cannot be asked. Changes nothing."""
+    try:
+        state = ctypes.CDLL(None).adjtimex(ctypes.create_string_buffer(_TIMEX_BYTES))
+    except (OSError, AttributeError):  # no such call: not Linux
+        return None
+    return None if state < 0 else state != _TIME_ERROR
 
 
 def _notified(bench: Bench) -> Iterator[Finding]:

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import lru_cache
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +23,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from drivers.given_file import opened
-from hil.campaign.data import Campaign, Collects, Conditions, FloatArray, Sensor
+from hil.campaign.data import Campaign, Collects, FloatArray, Sensor
 from hil.campaign.header import Header, parse_header
-from hil.campaign.reader import IDENTITY, f_columns, rate_columns, se_columns, w_columns
+from hil.campaign.reader import IDENTITY, NUMBERED, collects_from, columns_for
 from hil.campaign.writer import columns_of, header_of
 from hil.errors import InputError
 from hil.files.folder import whole_file
@@ -35,7 +35,6 @@ PIECE = 256
 """Campaigns in a row group, which is what is read at once."""
 ABOUT = {"folder": "", "title": "", "source": "", "serial": "", "simulated": False, "layout": ""}
 """What stands in every row of a campaign, with a value of its type."""
-_NUMBERED = ("collect", "run", "sensor")
 _TEXTS = tuple(name for name, value in ABOUT.items() if value == "")
 
 
@@ -90,7 +89,7 @@ def _table(folder: str, campaign: Campaign) -> pa.Table:
     about |= {"serial": campaign.identity.get("serial", ""), "simulated": campaign.simulated}
     found = {name: pa.array([about[name]] * rows) for name in ABOUT}
     for name, values in columns.items():
-        kind = pa.string() if name == "position" else pa.int64() if name in _NUMBERED else pa.float64()
+        kind = pa.string() if name == "position" else pa.int64() if name in NUMBERED else pa.float64()
         found[name] = pa.array(values, kind, from_pandas=True)
     return pa.table(found)
 
@@ -158,36 +157,20 @@ def _campaign(path: Path, what: Mapping[str, Any], numbers: Mapping[str, FloatAr
             position[mine],
         )
     named = {"serial": what["serial"]} if what["serial"] else {}
-    return replace(
-        header.campaign,
-        title=what["title"],
-        source=what["source"],
-        simulated=what["simulated"],
-        identity=named,
-        sensors=sensors,
-    )
+    said = {name: what[name] for name in ("title", "source", "simulated")}
+    return replace(header.campaign, **said, identity=named, sensors=sensors)
 
 
 def _collects(where: str, sensor: Sensor, numbers: Mapping[str, FloatArray], position: Any) -> Collects:
-    own = {name: of(sensor) for name, of in (("f", f_columns), ("w", w_columns), ("rate", rate_columns))}
-    needed = [*_NUMBERED, "start_s", "duration_s", *own["f"], *own["w"]]
+    own = columns_for(sensor)
+    needed = [*NUMBERED, "start_s", "duration_s", *own["f"], *own["w"]]
     for name in (*needed, *own["rate"]):
         if name not in numbers or (name in needed and not np.all(np.isfinite(numbers[name]))):
             raise InputError(f"{where}, column {name}: a number is missing")
-    errors = [numbers.get(name, np.full(len(position), np.nan)) for name in se_columns(sensor)]
-    known = {*IDENTITY, *(name for names in own.values() for name in names), *se_columns(sensor)}
-    conditions = Conditions(
-        sensor,
-        numbers["collect"].astype(np.int64),
-        numbers["run"].astype(np.int64),
-        position,
-        numbers["start_s"],
-        numbers["duration_s"],
-        np.stack([numbers[name] for name in own["f"]], -1),
-        np.stack([numbers[name] for name in own["w"]], -1),
-        {name: values for name, values in numbers.items() if name not in known and not np.all(np.isnan(values))},
-    )
-    return Collects(conditions, np.stack([numbers[name] for name in own["rate"]], -1), np.stack(errors, -1))
+    errors = {name: numbers.get(name, np.full(len(position), np.nan)) for name in own["se"]}
+    known = {*IDENTITY, *chain.from_iterable(own.values())}
+    others = {name: values for name, values in numbers.items() if name not in known and not np.all(np.isnan(values))}
+    return collects_from(sensor, position, {**numbers, **errors}, others)
 
 
 @contextmanager

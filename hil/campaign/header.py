@@ -3,7 +3,7 @@
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from datetime import date
 from pathlib import Path
 from typing import Annotated, Self
@@ -125,24 +125,18 @@ def parse_header(text: str, path: Path) -> Header:
         said = _Keys.model_validate(known)
     except ValidationError as error:
         raise InputError(f"{path}, key {first_mistake(error, known)}") from None
-    campaign = Campaign(
-        title=said.title or path.parent.name,
-        source=said.source,
-        sensors={},
-        condition_units=said.conditions,
-        simulated=said.simulated or said.notes.startswith("SIMULATED"),
-        site=said.site,
-        centrifuge=said.centrifuge,
-        folder=path.parent,
-        notes=said.notes,
-        rebuilt=said.rebuilt,
-        series_block_s=said.series.block_s,
-        verdicts={run: each.judgement for run, each in said.verdicts.items()},
-        missing=said.missing,
-        identity=said.identity,
-        pose=said.pose,
-        largest_se=said.largest_standard_error_deg_per_hr,
-    )
+    as_said = {field.name: getattr(said, field.name) for field in fields(Campaign) if hasattr(said, field.name)}
+    otherwise = {
+        "title": said.title or path.parent.name,
+        "sensors": {},
+        "condition_units": said.conditions,
+        "simulated": said.simulated or said.notes.startswith("SIMULATED"),
+        "folder": path.parent,
+        "series_block_s": said.series.block_s,
+        "verdicts": {run: each.judgement for run, each in said.verdicts.items()},
+        "largest_se": said.largest_standard_error_deg_per_hr,
+    }
+    campaign = Campaign(**(as_said | otherwise))
     sensors = {number: layout.sensor(number) for number, layout in said.sensors.items()}
     return Header(campaign, sensors, extra, said.series.collects)
 

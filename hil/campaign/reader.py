@@ -10,20 +10,21 @@ Bad input is refused whole, with one sentence that names file, row and column: n
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 
 from drivers.given_file import RECORDING_MB, check_folder, opened
-from hil.campaign.data import Campaign, Collects, Conditions, FloatArray, Sensor, Series
+from hil.campaign.data import Campaign, Collects, Conditions, FloatArray, Sensor, Series, TextArray
 from hil.campaign.header import Header, read_header
 from hil.campaign.laws import average
 from hil.campaign.plausibility import accelerometer_columns, judged_by_its_records
 from hil.campaign.table import LARGEST, Table, rows_in_words
 from hil.campaign.warnings import F_LIMITS_G, suspicions
 from hil.errors import InputError
-from hil.files.tables import read_csv, read_parquet
+from hil.files.columns import read_csv, read_parquet
 from procedures.verdict import Judgement, Verdict, combine
 from procedures.words import numbered
 
@@ -32,7 +33,8 @@ COLLECTS_FILE = "collects.csv"
 SERIES_FOLDER = "series"
 _LEAST_SE = 1e-12  # deg/hr: less is a slip, and its weight is beyond arithmetic
 
-IDENTITY = ("collect", "run", "sensor", "position", "start_s", "duration_s")
+NUMBERED = ("collect", "run", "sensor")
+IDENTITY = (*NUMBERED, "position", "start_s", "duration_s")
 
 STANDARD_CONDITIONS = (
     "n_samples",
@@ -48,24 +50,25 @@ STANDARD_CONDITIONS = (
 """Condition columns whose meaning and unit the format itself gives."""
 
 
-def f_columns(sensor: Sensor) -> list[str]:
-    """Names of the three columns of f, g."""
-    return [f"f_{axis}_g" for axis in sensor.axes]
+def columns_for(sensor: Sensor) -> dict[str, list[str]]:
+    """Names of a sensor's own columns: `f`, g, and `w`, deg/hr, by axis; `rate` and its `se`, deg/hr, by channel."""
+    return {
+        "f": [f"f_{axis}_g" for axis in sensor.axes],
+        "w": [f"w_{axis}_deg_per_hr" for axis in sensor.axes],
+        "rate": [f"{channel}_deg_per_hr" for channel in sensor.channels],
+        "se": [f"{channel}_se_deg_per_hr" for channel in sensor.channels],
+    }
 
 
-def w_columns(sensor: Sensor) -> list[str]:
-    """Names of the three columns of the earth rate, deg/hr."""
-    return [f"w_{axis}_deg_per_hr" for axis in sensor.axes]
-
-
-def rate_columns(sensor: Sensor) -> list[str]:
-    """Names of the channels' rate columns, deg/hr."""
-    return [f"{channel}_deg_per_hr" for channel in sensor.channels]
-
-
-def se_columns(sensor: Sensor) -> list[str]:
-    """Names of the columns of the rates' standard errors, deg/hr."""
-    return [f"{channel}_se_deg_per_hr" for channel in sensor.channels]
+def collects_from(
+    sensor: Sensor, position: TextArray, cells: Mapping[str, FloatArray], columns: Mapping[str, FloatArray]
+) -> Collects:
+    """Return a sensor's n collects by the columns of collects.csv, (n,) each; `columns` are what it does not need."""
+    own = {kind: np.stack([cells[name] for name in names], -1) for kind, names in columns_for(sensor).items()}
+    collect, run = (cells[name].astype(np.int64) for name in ("collect", "run"))
+    times = cells["start_s"], cells["duration_s"]
+    conditions = Conditions(sensor, collect, run, position, *times, own["f"], own["w"], columns)
+    return Collects(conditions, own["rate"], own["se"])
 
 
 def read_campaign(folder: Path | str) -> Campaign:
@@ -79,7 +82,12 @@ def read_campaign(folder: Path | str) -> Campaign:
         raise InputError(f"{table.path}, row 2: there is no collect; at least one row is needed")
     used = _used_sensors(table, header)
     own = {name for sensor in header.sensors.values() for name in _own_columns(sensor)}
-    table.require([*IDENTITY, *(name for sensor in used.values() for name in _needed_columns(sensor))])
+    table.require(
+        [
+            *IDENTITY,
+            *(name for sensor in used.values() for kind in ("f", "w", "rate") for name in columns_for(sensor)[kind]),
+        ]
+    )
     collects = table.integers("collect")
     _check_identity(table)
     shown = {name for sensor in header.sensors.values() for name in accelerometer_columns(sensor)}
@@ -144,7 +152,7 @@ def read_series(campaign: Campaign, collect: int) -> Series | None:
         rows.conditions.sensor for rows in campaign.sensors.values() if np.any(rows.conditions.collect == collect)
     )
     columns = _finite(path, read_parquet(path)) if path.suffix == ".parquet" else _csv_columns(path)
-    rates = rate_columns(sensor)
+    rates = columns_for(sensor)["rate"]
     missing = [name for name in ["t_s", *rates] if name not in columns]
     if missing:
         raise InputError(f"{path}, row 1: column {missing[0]} is missing; a series has t_s and {', '.join(rates)}")
@@ -162,11 +170,7 @@ def read_series(campaign: Campaign, collect: int) -> Series | None:
 
 
 def _own_columns(sensor: Sensor) -> list[str]:
-    return [*f_columns(sensor), *w_columns(sensor), *rate_columns(sensor), *se_columns(sensor)]
-
-
-def _needed_columns(sensor: Sensor) -> list[str]:
-    return [*f_columns(sensor), *w_columns(sensor), *rate_columns(sensor)]
+    return [*chain.from_iterable(columns_for(sensor).values())]
 
 
 def _check_names(path: Path, header: Header) -> None:
@@ -214,40 +218,29 @@ def _collects_of(
     table: Table, sensor: Sensor, chosen: np.ndarray, columns: Mapping[str, FloatArray], centrifuge: bool
 ) -> Collects:
     """Gather one sensor's lines, `chosen` (n,), and check what is special to them."""
-    f_g = np.stack([_filled(table, name, chosen) for name in f_columns(sensor)], -1)
-    w = np.stack([_filled(table, name, chosen) for name in w_columns(sensor)], -1)
-    size = np.linalg.norm(f_g, axis=-1)
+    names = columns_for(sensor)
+    cells = {name: _filled(table, name, chosen) for name in (*names["f"], *names["w"])}
+    size = np.linalg.norm(np.stack([cells[name] for name in names["f"]], -1), axis=-1)
     low, high = F_LIMITS_G
     for i in [] if centrifuge else np.flatnonzero((size < low) | (size > high)):
         raise table.complaint(
             int(chosen[i]),
-            ", ".join(f_columns(sensor)),
+            ", ".join(names["f"]),
             f"|f| is {size[i]:.3f} g, outside {low:g} to {high:g} g (`centrifuge: true` in {HEADER_FILE} allows it)",
         )
-    rates = np.stack([table.numbers(name)[chosen] for name in rate_columns(sensor)], -1)
-    for name, values in zip(rate_columns(sensor), rates.T, strict=True):
-        if np.all(np.isnan(values)):
-            rows = rows_in_words([table.rows[int(i)] for i in chosen])
+    plain = ("collect", "run", "start_s", "duration_s", *names["rate"])
+    cells |= {name: table.numbers(name)[chosen] for name in plain}
+    for name in names["rate"]:
+        if np.all(np.isnan(cells[name])):
+            rows = rows_in_words(np.take(table.rows, chosen))
             raise InputError(
                 f"{table.path}, {rows}, column {name}: no cell is filled for sensor {sensor.number}; "
                 f"leave the channel out of {HEADER_FILE} where it was not measured"
             )
-    return Collects(
-        Conditions(
-            sensor,
-            table.integers("collect")[chosen],
-            table.integers("run")[chosen],
-            np.array(table.texts("position"), dtype=np.str_)[chosen],
-            table.numbers("start_s")[chosen],
-            table.numbers("duration_s")[chosen],
-            f_g,
-            w,
-            # A column that is empty in all of a sensor's rows is one that its data lacks.
-            {name: values[chosen] for name, values in columns.items() if not np.all(np.isnan(values[chosen]))},
-        ),
-        rates,
-        np.stack([_errors(table, name, chosen) for name in se_columns(sensor)], -1),
-    )
+    cells |= {name: _errors(table, name, chosen) for name in names["se"]}
+    # A column that is empty in all of a sensor's rows is one that its data lacks.
+    known = {name: values[chosen] for name, values in columns.items() if not np.all(np.isnan(values[chosen]))}
+    return collects_from(sensor, np.array(table.texts("position"), dtype=np.str_)[chosen], cells, known)
 
 
 def _filled(table: Table, column: str, chosen: np.ndarray) -> FloatArray:

@@ -7,6 +7,7 @@ import csv
 import io
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import SupportsInt
 
 import numpy as np
 
@@ -155,10 +156,10 @@ def _records(path: Path) -> list[tuple[int, list[str]]]:
     return [(row, cells) for row, cells in enumerate(records, start=1) if any(cell.strip() for cell in cells)]
 
 
-def rows_in_words(rows: Iterable[int]) -> str:
+def rows_in_words(rows: Iterable[SupportsInt]) -> str:
     """Write row numbers as people do.
 
     >>> rows_in_words([7]), rows_in_words([2, 5, 9, 10, 11, 12])
     ('row 7', 'rows 2, 5, 9-12')
     """
-    return numbered("row", rows, to="-")
+    return numbered("row", map(int, rows), to="-")

@@ -41,7 +41,7 @@ def suspicions(
     ]
     backwards = np.flatnonzero(np.diff(table.numbers("start_s")) < 0.0) + 1
     if len(backwards):
-        rows = rows_in_words([table.rows[int(i)] for i in backwards])
+        rows = rows_in_words(np.take(table.rows, backwards))
         found.append(f"{table.path}, {rows}, column start_s: earlier than the row before; rows should be chronological")
     for number, collects in sensors.items():
         found += _of_sensor(
@@ -52,17 +52,20 @@ def suspicions(
 
 
 def _of_sensor(where: str, collects: Collects, rows: np.ndarray, centrifuge: bool) -> list[str]:
+    def at(chosen: np.ndarray) -> str:
+        return f"{where}, {rows_in_words(rows[chosen])}"
+
     found = []
     conditions, rates = collects.conditions, collects.rates_deg_per_hr
     measured = ~np.isnan(rates)
     zeros = np.any(measured, axis=-1) & np.all(np.where(measured, rates == 0.0, True), axis=-1)
     if np.any(zeros):
-        found.append(f"{where}, {_words(rows[zeros])}: every rate is exactly 0; a missing collect is an empty cell")
+        found.append(f"{at(zeros)}: every rate is exactly 0; a missing collect is an empty cell")
     size = np.linalg.norm(conditions.f_g, axis=-1)
     off = np.abs(size - 1.0) > F_SUSPICIOUS
     if np.any(off) and not centrifuge:
         worst = size[np.argmax(np.abs(size - 1.0))]
-        found.append(f"{where}, {_words(rows[off])}: |f| is off 1 g by more than 2 % (the worst is {worst:.3f} g)")
+        found.append(f"{at(off)}: |f| is off 1 g by more than 2 % (the worst is {worst:.3f} g)")
     runs, told = len(np.unique(conditions.run)), {*TELL_TEMPERATURE} & {*conditions.columns}
     if runs > 1 and not any(np.isfinite(conditions.columns[name]).any() for name in told):
         found.append(
@@ -73,7 +76,7 @@ def _of_sensor(where: str, collects: Collects, rows: np.ndarray, centrifuge: boo
         low, high = _USUAL_DEGC
         if name.endswith("_degC") and np.any(odd := (values < low) | (values > high)):
             worst = values[odd][np.argmax(np.abs(values[odd]))]
-            found.append(f"{where}, {_words(rows[odd])}, column {name}: {worst:.4g} °C; is that column in °C?")
+            found.append(f"{at(odd)}, column {name}: {worst:.4g} °C; is that column in °C?")
     if other := instead_of_temperature(conditions):
         found.append(not_recorded(conditions, "temperature_degC", other))
     if not conditions.w_deg_per_hr.any() and not centrifuge:
@@ -115,13 +118,7 @@ def _zero_errors(table: Table, sensors: Mapping[int, Collects]) -> list[str]:
             (empty, "no standard error is stated"),
         ):
             if rows.any():
-                where = (
-                    f"{table.path}, {rows_in_words([table.rows[int(i)] for i in np.flatnonzero(rows)])}, column {name}"
-                )
+                where = f"{table.path}, {rows_in_words(np.take(table.rows, np.flatnonzero(rows)))}, column {name}"
                 instead = "; the largest of the others stands for it" if np.any(error > 0.0) else ""
                 found.append(f"{where}: {what}{instead}")
     return found
-
-
-def _words(rows: np.ndarray) -> str:
-    return rows_in_words([int(row) for row in rows])

@@ -14,18 +14,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from hil.campaign.data import SCHEMA, Campaign, Collects, FloatArray, Sensor, Series
-from hil.campaign.reader import (
-    COLLECTS_FILE,
-    HEADER_FILE,
-    IDENTITY,
-    SERIES_FOLDER,
-    STANDARD_CONDITIONS,
-    f_columns,
-    rate_columns,
-    se_columns,
-    w_columns,
-)
+from hil.campaign.data import SCHEMA, Campaign, Collects, Sensor, Series
+from hil.campaign.reader import COLLECTS_FILE, HEADER_FILE, IDENTITY, SERIES_FOLDER, STANDARD_CONDITIONS, columns_for
 from hil.errors import InputError
 from hil.files.durable import RealDisk
 from hil.files.folder import is_new, whole_or_nothing
@@ -94,38 +84,23 @@ def columns_of(campaign: Campaign) -> dict[str, list[Any]]:
     lines = [line for rows in campaign.sensors.values() for line in _lines(rows)]
     lines.sort(key=lambda line: (line["start_s"], line["collect"]))
     present = {name for line in lines for name in line}
-    layouts = [rows.conditions.sensor for rows in campaign.sensors.values()]
-    order = [*IDENTITY]
-    for group in (f_columns, w_columns, rate_columns, se_columns):
-        order += [name for sensor in layouts for name in group(sensor)]
+    own = [columns_for(rows.conditions.sensor) for rows in campaign.sensors.values()]
+    order = [*IDENTITY, *(name for kind in ("f", "w", "rate", "se") for names in own for name in names[kind])]
     order += [*STANDARD_CONDITIONS, *campaign.condition_units, *sorted(present)]
     return {name: [line.get(name) for line in lines] for name in dict.fromkeys(order) if name in present}
 
 
 def _lines(rows: Collects) -> list[dict[str, Any]]:
-    conditions = rows.conditions
-    sensor: Sensor = conditions.sensor
-    numeric: dict[str, FloatArray] = {"start_s": conditions.start_s, "duration_s": conditions.duration_s}
-    blocks = [
-        (f_columns(sensor), conditions.f_g),
-        (w_columns(sensor), conditions.w_deg_per_hr),
-        (rate_columns(sensor), rows.rates_deg_per_hr),
-    ]
-    if not np.all(np.isnan(rows.rates_se_deg_per_hr)):
-        blocks.append((se_columns(sensor), rows.rates_se_deg_per_hr))
-    for names, values in blocks:
-        numeric |= {name: values[:, j] for j, name in enumerate(names)}
-    numeric |= conditions.columns
-    lines: list[dict[str, Any]] = []
-    for i in range(len(conditions)):
-        identity = {
-            "collect": int(conditions.collect[i]),
-            "run": int(conditions.run[i]),
-            "sensor": sensor.number,
-            "position": str(conditions.position[i]),
-        }
-        lines.append(identity | {name: float(values[i]) for name, values in numeric.items()})
-    return lines
+    c = rows.conditions
+    columns: dict[str, Any] = {"collect": c.collect, "run": c.run, "sensor": np.full(len(c), c.sensor.number)}
+    columns |= {"position": c.position, "start_s": c.start_s, "duration_s": c.duration_s}
+    stated = [] if np.all(np.isnan(rows.rates_se_deg_per_hr)) else [rows.rates_se_deg_per_hr]
+    blocks = (c.f_g, c.w_deg_per_hr, rows.rates_deg_per_hr, *stated)
+    for names, values in zip(columns_for(c.sensor).values(), blocks, strict=False):
+        columns |= zip(names, values.T, strict=True)
+    columns |= c.columns
+    cells = zip(*(values.tolist() for values in columns.values()), strict=True)
+    return [dict(zip(columns, line, strict=True)) for line in cells]
 
 
 def _cell(value: float | int | str | None) -> str:
@@ -157,7 +132,7 @@ def _write_series(disk: RealDisk, campaign: Campaign, folder: Path, series: Iter
 def columns_of_series(samples: Series, sensor: Sensor) -> dict[str, list[float]]:
     """Return the columns of a file of the series folder, those that are known."""
     columns = {"t_s": samples.t_s}
-    columns |= {name: samples.rates_deg_per_hr[:, j] for j, name in enumerate(rate_columns(sensor))}
+    columns |= {name: samples.rates_deg_per_hr[:, j] for j, name in enumerate(columns_for(sensor)["rate"])}
     optional = {"temperature_degC": samples.temperature_degC, "n_samples": samples.n_samples}
     columns |= {name: values for name, values in optional.items() if values is not None}
     return {name: values.tolist() for name, values in columns.items()}

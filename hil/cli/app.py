@@ -8,25 +8,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from hil.cli import (
-    archive,
-    chamber,
-    coefficients,
-    dashboard,
-    data,
-    design,
-    frames,
-    imports,
-    model,
-    night,
-    notify,
-    plot,
-    report,
-    start,
-    watchdog,
-)
-from hil.cli import requests as control
-from hil.cli import simulate as device
+from hil.cli import archive, chamber, coefficients, data, design, frames, imports, model, night, report, start, watchdog
+from hil.cli import requests as beside
 from hil.cli.exit_status import run_to_exit, with_status
 from hil.cli.output import always_writable
 from hil.errors import InputError
@@ -76,18 +59,17 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-_ROOMS = (night, data, report, archive, model, frames, device, control, notify, watchdog)
-for room in (*_ROOMS, coefficients, design, start):
+for room in (night, data, report, archive, model, frames, beside, watchdog, coefficients, design, start):
     for command in room.COMMANDS:
         app.command()(with_status(command))
-app.command("continue")(with_status(control.go_on))
-app.command()(with_status(dashboard.dashboard))
+app.command("continue")(with_status(beside.go_on))
+app.command()(with_status(chamber.simulate))
 # An argument such as -20 is a temperature, not an option that nobody knows.
 app.command(context_settings={"ignore_unknown_options": True})(with_status(chamber.chamber))
 for below, commands in (
     (frames.frames_app, (frames.check, frames.guess)),
     (imports.import_app, imports.COMMANDS),
-    (plot.plot_app, plot.COMMANDS),
+    (data.plot_app, data.PLOTS),
 ):
     for command in commands:
         below.command()(with_status(command))

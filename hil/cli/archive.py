@@ -185,8 +185,8 @@ def _named(archive: Path | None) -> Path:
 
 
 def _write_csv(path: Path, rows: Iterable[Mapping[str, Any]]) -> None:
+    from hil.files.columns import rows_as_csv
     from hil.files.durable import write_result
-    from hil.files.tables import rows_as_csv
 
     check_named(path, ".csv")
     write_result(path, rows_as_csv(list(rows)))

@@ -1,6 +1,6 @@
-"""The chamber of a bench by itself: `hil chamber BENCH read`, `set TEMPERATURE`, `stop`.
+"""The devices of a bench by themselves: `hil chamber BENCH read`, `set TEMPERATURE`, `stop`, and `hil simulate`.
 
-Only the chamber's port is opened. A night that runs on the bench holds that port, so this command is refused then.
+Only the chamber's port is opened. A night that runs on the bench holds that port, so `hil chamber` is refused then.
 """
 
 from __future__ import annotations
@@ -119,10 +119,10 @@ def _warn_of_others(bench: Bench) -> None:
 
 
 def _logged(live: LiveChamber) -> Any:
-    from hil.night.log import StreamLog, logged
+    from hil.night.log import lines_to, logged
     from hil.records.requests import user
 
-    return logged(live.chamber, StreamLog(sys.stderr, live.clock, user()))
+    return logged(live.chamber, lines_to(sys.stderr, live.clock, user()))
 
 
 def _set(live: LiveChamber, target_degC: float) -> None:
@@ -164,3 +164,19 @@ def _show(bench: Bench, action: Action, identity: ChamberIdentity, reading: Cham
         **picked(reading, "temperature_degC setpoint_degC mode low_limit_degC high_limit_degC alarms"),
     }
     Answer(document, told(document)).show(as_json=as_json)
+
+
+def simulate(
+    bench: Annotated[
+        str, typer.Argument(help="A bench file with a simulation section, or the name of one that ships.")
+    ] = "simulated",
+    tcp: Annotated[bool, typer.Option("--tcp", help="TCP ports on this machine instead of pseudo-terminals.")] = False,
+) -> None:
+    """Serve a bench's simulated unit and chamber to any client, in real time, until Ctrl-C.
+
+    One JSON line on standard output says where they are.
+    """
+    from hil.config import load_bench
+    from hil.twin.serve import serve_bench
+
+    serve_bench(load_bench(bench), lambda line: print(line, flush=True), tcp=tcp)  # noqa: T201 - for programs

@@ -16,7 +16,7 @@ from hil.cli.output import JsonFlag, messages, printed, results, warn
 from hil.errors import InputError
 
 if TYPE_CHECKING:
-    from hil.bench.finding import Finding
+    from hil.bench.advice import Finding
     from hil.bench.preflight import Preflight
     from hil.config import Bench, Sweep
 
@@ -80,7 +80,7 @@ def _look(sweep: Sweep | None, bench: Bench, folder: Path, done: Collection[str]
 def _archive(archive: Path | None) -> Iterator[Finding]:
     """Say whether the night can be taken up at its end into the archive that the bench file names."""
     from hil.archive.places import check_usable
-    from hil.bench.finding import Finding
+    from hil.bench.advice import Finding
 
     if archive is not None:
         try:

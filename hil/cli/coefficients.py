@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,11 +16,15 @@ from hil.errors import InputError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from hil.files.units import Kind
 
-def quantity(option: str, text: str, convert: Callable[[str], float]) -> float:
-    """Return what an option says, by `convert`; raise `InputError` where that raises `ValueError`."""
+
+def quantity(option: str, text: str, kind: Kind) -> float:
+    """Return what an option says, in the unit of its kind; raise `InputError` where it is none."""
+    from hil.files.units import to_number
+
     try:
-        return convert(text)
+        return to_number(text, kind)
     except ValueError as error:
         raise InputError(f"{option}: {error}") from None
 
@@ -29,11 +32,11 @@ def quantity(option: str, text: str, convert: Callable[[str], float]) -> float:
 def sample_rate_hz(text: str | None) -> float | None:
     """Return what --rate says, where it is given; raise `InputError` where it is no rate."""
     from hil.files.columns import is_number
-    from hil.files.units import FREQUENCY, to_number
+    from hil.files.units import FREQUENCY
 
     if text is None:
         return None
-    rate_hz = quantity("--rate", f"{text} Hz" if is_number(text) else text, lambda given: to_number(given, FREQUENCY))
+    rate_hz = quantity("--rate", f"{text} Hz" if is_number(text) else text, FREQUENCY)
     if rate_hz == 0.0:
         raise InputError("--rate: the sample rate must be more than 0 Hz")
     return rate_hz
@@ -41,11 +44,7 @@ def sample_rate_hz(text: str | None) -> float | None:
 
 def allan(
     source: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FILE",
-            help="A table (.parquet, .csv, .txt, .npz), a night or a campaign folder.",
-        ),
+        Path, typer.Argument(metavar="FILE", help="A table (.parquet, .csv, .txt, .npz), a night or a campaign folder.")
     ],
     channel: Annotated[str | None, typer.Option(help="Which channel or column.")] = None,
     sensor: Annotated[int | None, typer.Option(help="Of a folder: which sensor.")] = None,
@@ -66,14 +65,14 @@ def allan(
     from hil.analysis.allan.document import analyse, draw
     from hil.analysis.allan.sources import read_recording
     from hil.files.figure import check_name, save_figure
-    from hil.files.units import RATE, TIME, to_number
+    from hil.files.units import RATE, TIME
 
     if out is not None:
         check_name(out)
-    wanted = None if reach is None else quantity("--reach", reach, lambda text: to_number(text, RATE))
+    wanted = None if reach is None else quantity("--reach", reach, RATE)
     collect_s = 60.0
     if collect_time is not None:
-        collect_s = quantity("--collect-time", collect_time, lambda text: to_number(text, TIME))
+        collect_s = quantity("--collect-time", collect_time, TIME)
     elif source.is_dir():
         rows = read_source(source).sensors.values()
         collect_s = float(np.median(np.concatenate([each.conditions.duration_s for each in rows])))
@@ -119,9 +118,9 @@ def thermal(
     from hil.analysis.thermal.document import first_in_words, thermal_document
     from hil.analysis.thermal.files import write_thermal
     from hil.analysis.thermal.fit import fit_thermal
-    from hil.files.units import DIFFERENCE, to_number
+    from hil.files.units import DIFFERENCE
 
-    apart_degC = None if apart is None else quantity("--apart", apart, lambda text: to_number(text, DIFFERENCE))
+    apart_degC = None if apart is None else quantity("--apart", apart, DIFFERENCE)
     if apart_degC == 0.0:
         raise InputError("--apart: two temperatures must be more than 0 °C apart")
     if out is not None:

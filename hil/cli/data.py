@@ -1,7 +1,8 @@
-"""Commands that work on measured data: solve, export, replay."""
+"""Commands that work on measured data: solve, export, replay, plot."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -9,7 +10,7 @@ import typer
 
 from hil.cli.answer import Answer, told
 from hil.cli.exit_status import Exit, Limits, Strict, of_unit
-from hil.cli.output import Folder, check_named, messages, results
+from hil.cli.output import Folder, check_named, messages, results, warn
 from hil.errors import InputError
 
 if TYPE_CHECKING:  # `hil --help` loads no arithmetic
@@ -80,7 +81,7 @@ def export(
     folder: Annotated[
         Path,
         typer.Argument(
-            help="A night's folder; with --format also a campaign's; with --fleet one of them, or of folders of them.",
+            help="A night's folder; with --format also a campaign's; with --fleet one of them, or of folders of them."
         ),
     ],
     out: Annotated[Path, typer.Argument(help="The campaign folder, or with --format or --fleet the file, to make.")],
@@ -125,4 +126,56 @@ def replay(folder: Folder) -> Answer:
     return Answer(document, said, status=Exit.DONE if document["identical"] else Exit.INCOMPLETE)
 
 
+plot_app = typer.Typer(
+    name="plot",
+    help="Draw a collect, a night or parameters against temperature, as SVG or PNG.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+_Out = Annotated[Path, typer.Option("--out", help="The file to write; .svg or .png says which.")]
+_OfSensor = Annotated[int | None, typer.Option("--sensor", help="Which sensor, where there are several.")]
+
+
+def _plot(out: Path, draw: Callable[[], Figure]) -> None:
+    from hil.files.figure import check_name, save_figure
+
+    check_name(out)
+    save_figure(draw(), out)
+    results().print(f"plot: {out}")
+
+
+def series(
+    source: Source,
+    out: _Out,
+    sensor: _OfSensor = None,
+    collect: Annotated[int | None, typer.Option(help="Its number, as in collects.csv.")] = None,
+    run: Annotated[int | None, typer.Option(help="Or its self-calibration, with --position.")] = None,
+    position: Annotated[str | None, typer.Option(help="Its position: 1, 2, 3, …")] = None,
+) -> None:
+    """Draw the samples of one collect, their short means, and the average that was taken of them."""
+    from hil.report.plots import collect_series, draw_series
+
+    _plot(out, lambda: draw_series(collect_series(source, sensor=sensor, collect=collect, run=run, position=position)))
+
+
+def temperatures(folder: Folder, out: _Out) -> None:
+    """Draw chamber and unit temperature through a night, with soaks, collects and events."""
+    from hil.report.plots import draw_temperatures
+
+    _plot(out, lambda: draw_temperatures(folder))
+
+
+def parameters(source: Source, out: _Out, sensor: _OfSensor = None) -> None:
+    """Draw every parameter of a sensor against temperature, with the curves that `hil thermal` fits."""
+    from hil.report.plots import draw_parameters
+
+    def drawn() -> Figure:
+        campaign = read_source(source)
+        warn(tuple(campaign.warnings))
+        return draw_parameters(source, campaign, sensor)
+
+    _plot(out, drawn)
+
+
 COMMANDS = (solve, export, replay)
+PLOTS = (series, temperatures, parameters)

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from hil.cli.answer import Answer, told
+from hil.cli.coefficients import quantity
 from hil.cli.data import Source, read_source
 from hil.errors import InputError
 
@@ -96,15 +97,12 @@ def design(
     from hil.config import load_bench, load_sweep
     from hil.design.sequence.proposal import check_new, design_document, write_sweep
     from hil.design.sequence.search import Goal, parse_target, propose
-    from hil.files.units import TIME, to_number
+    from hil.files.units import TIME
 
     base, its_bench = load_sweep(sweep), load_bench(bench)
     if out is not None:
         check_new(out)
-    try:
-        time_s = None if within is None else to_number(within, TIME)
-    except ValueError as error:
-        raise InputError(f"--within: {error}") from error
+    time_s = None if within is None else quantity("--within", within, TIME)
     showing = scatter_of_unit or ()
     asked = Goal(
         dict(parse_target(text) for text in goal or ()),

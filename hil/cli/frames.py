@@ -36,8 +36,7 @@ def check(
     settings: Settings = None,
 ) -> None:
     """Check a frame description and say in words what it means."""
-    from hil.bench.decode import load_frames_named
-    from hil.bench.frames_check import explain_frames
+    from hil.bench.decode import explain_frames, load_frames_named
 
     results().print(explain_frames(load_frames_named(description, parameters=frame_parameters(settings))))
 

@@ -66,17 +66,17 @@ def log(
     from hil.analysis.log.static import StaticTest
     from hil.bench.decode import load_frames_named
     from hil.files.columns import read_columns
-    from hil.files.units import ACCELERATION, ANGLE, RATE, TIME, to_number
+    from hil.files.units import ACCELERATION, ANGLE, RATE, TIME
 
     rate_hz = sample_rate_hz(rate)
-    latitude_deg = None if latitude is None else quantity("--latitude", latitude, lambda text: to_number(text, ANGLE))
+    latitude_deg = None if latitude is None else quantity("--latitude", latitude, ANGLE)
     if latitude_deg is not None and abs(latitude_deg) > 90.0:
         raise InputError(f"--latitude {latitude}: it must be from -90 to +90 deg")
     test = StaticTest(
-        quantity("--window", window, lambda text: to_number(text, TIME)),
+        quantity("--window", window, TIME),
         times,
-        quantity("--shortest", shortest, lambda text: to_number(text, TIME)),
-        quantity("--moved", moved, lambda text: to_number(text, ANGLE)),
+        quantity("--shortest", shortest, TIME),
+        quantity("--moved", moved, ANGLE),
     )
     if frames is not None:
         description = load_frames_named(frames, parameters=frame_parameters(settings))

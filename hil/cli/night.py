@@ -51,13 +51,19 @@ Despite = Annotated[str, typer.Option("--despite", help="Why to go on although h
 def plan(sweep: SweepName, bench: BenchName) -> Answer:
     """Show every step and when it would happen. Nothing moves."""
     from hil.config import cautions, check_sweep_against_bench, load_bench, load_sweep, planned
-    from hil.night.plan_document import plan_document
 
     asked, on = load_sweep(sweep), load_bench(bench)
     check_sweep_against_bench(asked, on)
     warn(cautions(asked, on))
-    steps = planned(asked, on)
-    document, words = plan_document(steps, simulated=on.simulated), (hours_minutes, step_in_words)
+    steps, words = planned(asked, on), (hours_minutes, step_in_words)
+    document = {
+        "schema": "hil.plan/1",
+        "title": steps.title,
+        "simulated": on.simulated,
+        "total_s": steps.total_s,
+        "self_calibrations": len(steps.self_calibrations),
+        "steps": [{**vars(step), "kind": step.kind.value, "parameters": dict(step.parameters)} for step in steps.steps],
+    }
     return Answer(document, told(document, bench=on.name, steps=steps.steps, **{each.__name__: each for each in words}))
 
 
@@ -68,7 +74,7 @@ def run(
         str,
         typer.Option(
             help="The night's folder; must not exist yet. {date} stands for today's (UTC), {serial} for the unit's, "
-            "which is asked where nobody gave it.",
+            "which is asked where nobody gave it."
         ),
     ] = "night-{serial}-{date}",
     serial: Serial = None,
@@ -236,10 +242,7 @@ def verify(
     return Answer(document, said, status=Exit.DONE if whole else Exit.INCOMPLETE)
 
 
-def repair(
-    folder: Folder,
-    out: Annotated[Path, typer.Option(help="The new folder to make.")],
-) -> Answer:
+def repair(folder: Folder, out: Annotated[Path, typer.Option(help="The new folder to make.")]) -> Answer:
     """Bring what is proven of a damaged night into a new folder, and say what is lost. The old one is not touched."""
     from hil.night.repair import repair_night
     from hil.records.requests import who_asks

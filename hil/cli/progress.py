@@ -1,20 +1,27 @@
 """A running sweep on the terminal, or as plain lines with times where nobody looks at a terminal.
 
-Both go to standard error: standard output belongs to results.
+Both go to standard error: standard output belongs to results. The panel shows the same facts as the live page, down to
+40 columns.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from datetime import timedelta
 
-from rich.console import Console
+from rich.console import Console, Group
 from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
 
-from hil.cli.panel import Panel
 from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Plan, Step, StepKind
 from procedures.progress import Progress, Silent, Snapshot
-from procedures.words import hours_minutes, step_in_words
+from procedures.words import harmless, hours_minutes, step_in_words
+
+_WIDEST_BAR = 40
+_OLD_S = 45.0  # a chamber is asked more often
 
 
 def onlooker(console: Console, *, quiet: bool, simulated: bool) -> TerminalProgress | LineProgress | Silent:
@@ -63,7 +70,7 @@ class LineProgress(Progress):
 
 
 class TerminalProgress(Progress):
-    """A few lines that stay in place: see `hil.cli.panel`."""
+    """A few lines that stay in place: a `Panel`."""
 
     def __init__(self, console: Console, *, simulated: bool) -> None:
         self._simulated = simulated
@@ -100,3 +107,77 @@ class TerminalProgress(Progress):
 
     def _render(self) -> Panel:
         return Panel(self._title or "beginning …", self._snapshot, simulated=self._simulated)
+
+
+class Panel:
+    """What there is to see at one moment: `headline` (title, state), `trouble` in words, then what goes on `now`."""
+
+    def __init__(self, headline: str, now: Snapshot | None, trouble: str = "", *, simulated: bool) -> None:
+        self._headline = headline
+        self._now = now
+        self._trouble = trouble
+        self._simulated = simulated
+
+    def __rich__(self) -> Group:
+        """Return what is to be drawn, in whatever width."""
+        head = Text(harmless(self._headline), style="bold")
+        if self._simulated:
+            head.append("  SIMULATED", style="bold magenta")
+        parts: list[Text | Table] = [head]
+        if self._trouble:
+            parts.append(Text(harmless(self._trouble), style="bold red"))
+        if self._now is not None:
+            parts.append(_table(self._now))
+        return Group(*parts)
+
+
+def _table(now: Snapshot) -> Table:
+    table = Table.grid(padding=(0, 2), pad_edge=False)
+    table.add_column(style="dim", no_wrap=True)
+    table.add_column(overflow="fold")
+    table.add_row("done", ProgressBar(total=max(now.steps_total, 1), completed=now.steps_done, width=_WIDEST_BAR))
+    table.add_row("", f"{now.steps_done} of {now.steps_total} steps")
+    for label, text in rows(now):
+        table.add_row(label, Text(harmless(text)))
+    return table
+
+
+def rows(now: Snapshot) -> Iterator[tuple[str, str]]:
+    """Yield the name and the words of everything that a night shows at one moment."""
+    again = f" (attempt {now.attempt})" if now.attempt > 1 else ""
+    yield "now", f"{step_in_words(now.step)}{again}{', ' + now.note if now.note else ''}"
+    left = f"{hours_minutes(now.step_remaining_s)} to go" if now.step_remaining_s > 0.0 else "longer than planned"
+    yield "step", f"{hours_minutes(now.step_elapsed_s)} gone, {left}"
+    yield "end", f"{now.finishing_utc.astimezone():%a %d %b %H:%M}"
+    yield "°C", _temperatures(now)
+    rates = now.rates_deg_per_hr or now.rates_now_deg_per_hr
+    if rates:
+        yield "deg/hr", ", ".join(_rate(label, mean, now) for label, mean in rates.items())
+    yield "stream", _stream(now)
+
+
+def _temperatures(now: Snapshot) -> str:
+    parts = []
+    if now.chamber_degC is not None:
+        target = "" if now.setpoint_degC is None else f" (setpoint {now.setpoint_degC:.1f})"
+        old = now.chamber_age_s or 0.0
+        late = f", {hours_minutes(old)} old" if old > _OLD_S else ""
+        parts.append(f"chamber {now.chamber_degC:.1f}{target}{late}")
+    parts += [f"sensor {number} {value:.1f}" for number, value in now.unit_degC.items()]
+    return ", ".join(parts) or "not read yet"
+
+
+def _rate(label: str, mean: float, now: Snapshot) -> str:
+    """Return a running mean with its error so far, or what the channel shows at this moment."""
+    error = now.rates_se_deg_per_hr.get(label) if now.rates_deg_per_hr else None
+    # The space within one rate must not break, or the error stands alone on the next line.
+    return f"{label}\u00a0{mean:+.2f}" + ("" if error is None else f"\u00a0±\u00a0{error:.2f}")
+
+
+def _stream(now: Snapshot) -> str:
+    counts = now.stream
+    damaged = counts.bad_checksum + counts.bad_delimiter + counts.unknown_id
+    if counts.lost + damaged + counts.overflow_bytes == 0:
+        return f"every frame arrived ({counts.ok})"
+    unread = f", {counts.overflow_bytes} bytes unread" if counts.overflow_bytes else ""
+    return f"{counts.ok} good, {counts.lost} lost, {damaged} damaged{unread}"

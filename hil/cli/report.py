@@ -25,9 +25,7 @@ def report(
     out: Annotated[Path | None, typer.Option(help="Where to write it; default: report.html in the folder.")] = None,
     against: Annotated[
         Path | None,
-        typer.Option(
-            help="An earlier night or campaign of the same unit: what changed, flagged beyond 3 sigma.",
-        ),
+        typer.Option(help="An earlier night or campaign of the same unit: what changed, flagged beyond 3 sigma."),
     ] = None,
     limits: Limits = None,
     strict: Strict = False,
@@ -97,11 +95,13 @@ def write_report(
     from hil.analysis.in_spec import in_spec_of
     from hil.files.durable import write_result
     from hil.files.page import page_file
+    from hil.records.reader import is_night
     from hil.records.units import writable
     from hil.report.content import gather
+    from hil.report.night import night_content
     from hil.report.page import render
 
-    night = _night(source)
+    night = night_content(source) if is_night(source) else None
     campaign = _campaign(source, night)
     path = page_file(out or writable(source) / "report.html")
     warn(tuple(campaign.warnings))
@@ -121,13 +121,6 @@ def _campaign(source: Path, night: NightContent | None) -> Campaign:
         source_words = "recorded by hil; no collect was completed"
         return Campaign(night.title, source_words, {}, simulated=night.simulated, identity=night.identity)
     return read_source(source)
-
-
-def _night(source: Path) -> NightContent | None:
-    from hil.records.reader import is_night
-    from hil.report.night import night_content
-
-    return night_content(source) if is_night(source) else None
 
 
 COMMANDS = (report,)

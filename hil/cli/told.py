@@ -10,12 +10,13 @@ from collections.abc import Collection, Iterator, Mapping
 from functools import cache
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment
 from rich.table import Table
 
 from hil.archive.sentences import sentences, some
 from hil.cli.output import Aside, listing
 from hil.files.numbers import WHOSE
+from hil.files.text import templates
 from hil.solve.omissions import in_words
 from procedures.words import counted, harmless
 
@@ -52,23 +53,12 @@ def lines_of(document: Mapping[str, Any], beside: Mapping[str, Any]) -> Iterator
 
 @cache
 def _environment() -> Environment:
-    environment = Environment(  # noqa: S701 - no page: what steers a terminal is taken out instead
-        loader=PackageLoader("hil.cli", "answers"),
-        extensions=["jinja2.ext.do"],
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        finalize=lambda value: value if isinstance(value, _Marked) else harmless(str(value)),
+    environment = templates(
+        "hil.cli", "answers", finalize=lambda value: value if isinstance(value, _Marked) else harmless(str(value))
     )
     environment.filters |= {"written": _written, "chance": _chance}
-    environment.globals |= {
-        "counted": counted,
-        "in_words": in_words,
-        "sentences": sentences,
-        "some": some,
-        "zip": zip,
-        "whose": WHOSE,
-    }
+    known = (counted, in_words, sentences, some, zip)
+    environment.globals |= {each.__name__: each for each in known} | {"whose": WHOSE}
     return environment
 
 

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.live import Live
 
 from drivers.clock import Clock, SystemClock
-from hil.cli.panel import Panel, rows
+from hil.cli.progress import Panel, rows
 from hil.errors import Damaged
 from hil.records import reading
 from hil.records.damage import refuse_damaged_samples

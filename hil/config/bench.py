@@ -34,8 +34,7 @@ from hil.config.orientation import build_orientations
 from hil.config.ports import SIMULATED_SCHEME, ImuPort
 from hil.config.sections import settings_of
 from hil.config.simulation import SimulationSection
-from hil.config.site import site_of
-from hil.config.uncertainty import UncertaintySection
+from hil.config.site import UncertaintySection, site_of
 from hil.errors import InputError
 from hil.files.strict import NAME, Section, WholeFile, find_config, near, parse_yaml, read_text
 from hil.files.units import DegreesPerHour, Hertz, Seconds

@@ -128,7 +128,7 @@ class ChamberSection(Section):
         return None if self.terminator is None else {"CR": b"\r", "LF": b"\n", "CR LF": b"\r\n"}[self.terminator]
 
     @model_validator(mode="after")
-    def _only_a_box_is_described(self) -> ChamberSection:
+    def _hangs_together(self) -> ChamberSection:
         if (self.driver == "box") != (self.description is not None):
             raise ValueError("description: a box needs the file that describes it, other drivers have none")
         if self.dead_man is not None and not CHAMBER_DRIVERS[self.driver].dead_man:
@@ -137,17 +137,9 @@ class ChamberSection(Section):
         for key, (driver, why) in _OF_ONE_DRIVER.items():
             if getattr(self, key) is not None and self.driver != driver:
                 raise ValueError(f"{key}: only {driver} {why}; leave it out")
-        return self
-
-    @model_validator(mode="after")
-    def _a_ramp_port_goes_with_its_chamber(self) -> ChamberSection:
         simulated = self.port.startswith(SIMULATED_SCHEME)
         if self.ramp_port is not None and self.ramp_port.startswith(SIMULATED_SCHEME) != simulated:
             raise ValueError("ramp_port: simulated with the chamber, or neither; the simulated one is sim://ramp")
-        return self
-
-    @model_validator(mode="after")
-    def _safe_is_within_limits(self) -> ChamberSection:
         held = self.safe_state.temperature_degC
         if held is not None and not self.limits.low <= held <= self.limits.high:
             raise ValueError(

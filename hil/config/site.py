@@ -1,11 +1,13 @@
-"""Where a bench stands, and how level it is, as its file says it."""
+"""Where a bench stands, how level it is, and how well it is known, as its file says it."""
 
 from __future__ import annotations
 
-from pydantic import model_validator
+from typing import Annotated
+
+from pydantic import Field, model_validator
 
 from hil.files.strict import Section, validated_inside
-from hil.files.units import Degrees, Gravities
+from hil.files.units import BiasPerDegree, Degrees, DegreesPerHour, DegreesPerHourPerMinute, Gravities, RandomWalk
 from hil.model.earth import Site
 
 
@@ -40,3 +42,29 @@ class SiteSection(Section):
 def site_of(given: object) -> Site:
     """Return the site that a file's section describes; raise `ValueError` with the place of what is wrong."""
     return validated_inside(SiteSection, given).site()
+
+
+class UncertaintySection(Section):
+    """What the error budget reckons with: one standard deviation each, by default that of a well set up bench.
+
+    `angle_random_walk` is the noise of the rates (0.12 deg/sqrt(hr) is 0.93 deg/hr over 60 s, Table 1's quiet cells),
+    `bias_instability` the part of it that longer averaging does not take away (0.664 of it stays in every average);
+    `tilt` how far the bench's level may have moved since it was measured; `accelerometer` the error with which G2 and
+    G3 were measured; `heading`, `latitude` and `earth_rate` (each component, beyond those two) what is wrong with W;
+    `index` the error of each move of the unit; `drift` a steady drift of each rate during a self-calibration (0.05
+    deg/hr/min is a rate random walk of 1 deg/hr/sqrt(hr) over seven minutes); `bias_slope` by how much the biases
+    change with temperature (BB at Table 1's cold end: 1.6 deg/hr/degC); `gravity` the local gravity's departure from
+    the g in which coefficients are stated.
+    """
+
+    angle_random_walk: Annotated[RandomWalk, Field(gt=0.0)] = 0.12
+    bias_instability: Annotated[DegreesPerHour, Field(ge=0.0)] = 0.5
+    tilt: Annotated[Degrees, Field(ge=0.0)] = 0.0115  # 0.2 mrad
+    accelerometer: Annotated[Gravities, Field(ge=0.0)] = 1e-4
+    heading: Annotated[Degrees, Field(ge=0.0)] = 0.5
+    latitude: Annotated[Degrees, Field(ge=0.0)] = 0.01
+    earth_rate: Annotated[DegreesPerHour, Field(ge=0.0)] = 0.01
+    index: Annotated[Degrees, Field(ge=0.0)] = 0.0172  # 0.3 mrad
+    drift: Annotated[DegreesPerHourPerMinute, Field(ge=0.0)] = 0.05
+    bias_slope: Annotated[BiasPerDegree, Field(ge=0.0)] = 1.6
+    gravity: Annotated[Gravities, Field(ge=0.0)] = 5e-4

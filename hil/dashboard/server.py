@@ -33,8 +33,9 @@ from hil.dashboard.access import Access, Guard
 from hil.dashboard.watcher import Watcher
 from hil.errors import InputError
 from hil.files.strict import NAME, one_line
-from hil.records.requests import RequestKind, wait_for_answer
 from hil.records.requests import request as ask_controller
+from hil.records.requests import wait_for_answer
+from procedures.requests import RequestKind
 
 _STATIC = str(files("hil.dashboard") / "static")
 _UNBUFFERED = {"x-accel-buffering": "no"}  # what tells a reverse proxy to pass on every line at once

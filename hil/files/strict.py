@@ -75,7 +75,11 @@ class WholeFile(Section):
     @classmethod
     def parse(cls, text: str, source: str) -> Self:
         """Read from YAML text; `source` names it in messages. Raises `InputError` in one sentence."""
-        found = validated(cls, parse_yaml(text, source), source)
+        document = parse_yaml(text, source)
+        try:
+            found = cls.model_validate(document)
+        except ValidationError as error:
+            raise InputError(f"{source}: {first_mistake(error, document)}") from error
         found._text, found._source = text, source
         return found
 
@@ -132,14 +136,6 @@ def _is(what: Callable[[Path], bool], path: Path) -> bool:
 
 
 ModelT = TypeVar("ModelT", bound=BaseModel)
-
-
-def validated(model: type[ModelT], document: dict[str, Any], source: str) -> ModelT:
-    """Return `document` as a `model`; raise `InputError` with one sentence about the first thing that is wrong."""
-    try:
-        return model.model_validate(document)
-    except ValidationError as error:
-        raise InputError(f"{source}: {first_mistake(error, document)}") from error
 
 
 def validated_inside(model: type[ModelT], given: object) -> ModelT:

@@ -5,11 +5,12 @@ who and when, before it is sent. Times are the campaign's wall time in UTC.
 """
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from inspect import signature
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Any, Protocol, TextIO, TypeVar, cast
+from typing import Any, TextIO, TypeVar, cast
 
 import structlog
 
@@ -27,36 +28,23 @@ _COMMANDS = {
 }
 
 
-class Log(Protocol):
-    """Takes what is said: a night's file, or a stream."""
-
-    def say(self, what: str, facts: Mapping[str, Any]) -> None:
-        """Write one line."""
+Say = Callable[[str, Mapping[str, Any]], None]
+"""Writes one line: what is said, and the facts."""
 
 
-def _lines_to(stream: TextIO, clock: Clock, who: str) -> Any:
-    """Return a logger that writes one JSON object per line, with who and when."""
+def lines_to(stream: TextIO, clock: Clock, who: str) -> Say:
+    """Return what writes one JSON object per line, with who and when, to a stream that somebody else closes."""
 
     def stamp(logger: object, method: str, facts: Any) -> Any:  # noqa: ARG001 - the signature of a processor
         return {"utc": clock.utc().isoformat(), **facts}
 
-    return structlog.wrap_logger(
+    logger = structlog.wrap_logger(
         structlog.WriteLogger(stream),
         processors=[stamp, structlog.processors.JSONRenderer(ensure_ascii=False, default=str)],
         wrapper_class=structlog.BoundLogger,
         who=who,
     )
-
-
-class StreamLog:
-    """The log of a single command, on a stream that somebody else closes."""
-
-    def __init__(self, stream: TextIO, clock: Clock, who: str) -> None:
-        self._logger = _lines_to(stream, clock, who)
-
-    def say(self, what: str, facts: Mapping[str, Any]) -> None:
-        """Write one line."""
-        self._logger.info(what, **facts)
+    return lambda what, facts: logger.info(what, **facts)
 
 
 class NightLog:
@@ -76,7 +64,7 @@ class NightLog:
     def _open(self) -> None:
         # Line buffered: a line is in the operating system's hands, and so survives the death of the process.
         self._file: TextIOWrapper = self._path.open("a", encoding="utf-8", buffering=1)
-        self._logger = _lines_to(self._file, self._clock, self._who)
+        self._write = lines_to(self._file, self._clock, self._who)
         self._named = False  # as far as a power failure knows
 
     def say(self, what: str, facts: Mapping[str, Any]) -> None:
@@ -84,7 +72,7 @@ class NightLog:
         try:
             if self._file.tell() >= self._largest:
                 self._rotate()
-            self._logger.info(what, **facts)
+            self._write(what, facts)
             if "digest" in facts:  # the end of an attempt, which the journal says as durably
                 os.fsync(self._file.fileno())
                 if not self._named:
@@ -103,20 +91,18 @@ class NightLog:
 
     def close(self) -> None:
         """Close the file."""
-        try:
+        with suppress(OSError):
             self._file.close()
-        except OSError:
-            return
 
 
-def logged(device: Device, log: Log) -> Device:
+def logged(device: Device, say: Say) -> Device:
     """Return a chamber or a positioner whose commands are logged, with what they are given, before they are sent."""
-    return cast(Device, _Logged(device, log))
+    return cast(Device, _Logged(device, say))
 
 
 class _Logged:
-    def __init__(self, device: object, log: Log) -> None:
-        self._device, self._log = device, log
+    def __init__(self, device: object, say: Say) -> None:
+        self._device, self._say = device, say
 
     def __getattr__(self, name: str) -> Any:
         method = getattr(self._device, name)
@@ -124,7 +110,7 @@ class _Logged:
             return method
 
         def sent(*given: object, **named: object) -> Any:
-            self._log.say(_COMMANDS[name], signature(method).bind(*given, **named).arguments)
+            self._say(_COMMANDS[name], signature(method).bind(*given, **named).arguments)
             return method(*given, **named)
 
         return sent

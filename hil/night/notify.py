@@ -1,4 +1,4 @@
-"""Telling somebody: a night has started, needs you, has a fault, has finished.
+"""Telling somebody who is not there: a night has started, needs you, has a fault, has finished, with the numbers.
 
     notifier = Notifier(bench.notify, "night on lab-3", failed=lambda what: journal.event("notification-failed", what))
     notifier.tell("fault", "the chamber does not answer")
@@ -10,15 +10,21 @@ records: what is recorded of a failure is the reference and the kind of error, n
 address. Sending is the work of one thread. Whatever becomes of it, the night goes on.
 """
 
+import contextlib
 import json
 import queue
+import sqlite3
 import threading
 import urllib.request
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from hil.config import Bench
 from hil.config.notify import NotifySection, addresses_of, messenger_of
 from hil.errors import InputError
+from hil.records import SqliteJournal
+from hil.records.status import recorded_end
+from procedures.plan import lasting_s
 
 _TIMEOUT_S = 10.0
 LAST_WORDS_S = 30.0
@@ -35,16 +41,11 @@ def send(address: str, title: str, text: str) -> None:
     """
     messenger = messenger_of(address)
     if messenger is None:
-        _post(address, title, text)
+        body = json.dumps({"title": title, "text": text}).encode()
+        asked = urllib.request.Request(address, body, {"Content-Type": "application/json"})  # noqa: S310 - http(s), see messenger_of
+        urllib.request.urlopen(asked, timeout=_TIMEOUT_S).close()  # noqa: S310
     elif not messenger.notify(title=title, body=text):
         raise InputError("apprise could not deliver it")
-
-
-def _post(address: str, title: str, text: str) -> None:
-    body = json.dumps({"title": title, "text": text}).encode()
-    asked = urllib.request.Request(address, body, {"Content-Type": "application/json"})  # noqa: S310 - http(s), see messenger_of
-    with urllib.request.urlopen(asked, timeout=_TIMEOUT_S):  # noqa: S310
-        return
 
 
 class Notifier:
@@ -141,3 +142,33 @@ _TOPICS = {
     "safe-state-not-reached": "fault",
     "watchdog": "fault",
 }
+
+
+def notifier_of(bench: Bench, journal: SqliteJournal) -> Notifier:
+    """Return who tells of this night; what could not be sent becomes an event in its journal."""
+
+    def failed(what: str) -> None:
+        with contextlib.suppress(sqlite3.Error, OSError):  # telling somebody must never harm the night
+            journal.event("notification-failed", what)
+
+    mark = " SIMULATED" if bench.simulated else ""
+    return Notifier(bench.notify, f"{bench.name}{mark}, {journal.folder.name}", failed)
+
+
+def in_words_at_the_beginning(journal: SqliteJournal, who: str) -> str:
+    """Say who began or carried on what, and when it will be done if it takes as long as planned."""
+    done, planned = journal.completed(), journal.plan.steps
+    rest_s = lasting_s(step for step in planned if step.key not in done)
+    ends = journal.night.utc(journal.now_s() + rest_s)
+    steps = f"{len(done)} of {len(planned)} steps done before" if done else f"{len(planned)} steps"
+    return f"{journal.plan.title}: {steps}, by {who}; expected end {ends:%Y-%m-%d %H:%M} UTC"
+
+
+def in_words_at_the_end(journal: SqliteJournal, how: str) -> str:
+    """Say how it ended, whether it is good, with the reason and the numbers."""
+    done, asked = journal.completed(), journal.plan.self_calibrations
+    end = recorded_end(journal)
+    unit = f"; {in_spec['verdict'].upper()}: {in_spec['reason']}" if (in_spec := end.get("in_spec")) else ""
+    runs = sum(all(step.key in done for step in steps) for steps in asked.values())
+    counts = f"{end.get('verdict', 'not judged')}{unit}; {runs} of {len(asked)} self-calibrations"
+    return f"{how}; {counts}; {len(done)} of {len(journal.plan.steps)} steps; {journal.folder}"

@@ -37,8 +37,7 @@ from hil.files.folder import whole_or_nothing
 from hil.files.lock import FolderLock
 from hil.files.strict import NAME, one_line
 from hil.night.log import NightLog, logged
-from hil.night.notices import in_words_at_the_beginning, in_words_at_the_end, notifier_of
-from hil.night.notify import LAST_WORDS_S
+from hil.night.notify import LAST_WORDS_S, in_words_at_the_beginning, in_words_at_the_end, notifier_of
 from hil.night.remarks import Remarks, ask_serial
 from hil.records import SqliteJournal, reading
 from hil.records.blocks import FieldMeaning
@@ -245,7 +244,7 @@ def _carry_out(
             journal.write_blocks_to(live.faults.disk)
         sequencer = Sequencer(
             journal.plan,
-            live.devices.with_all(lambda chamber: logged(chamber, log), lambda positioner: logged(positioner, log)),
+            live.devices.with_all(lambda one: logged(one, log.say), lambda one: logged(one, log.say)),
             journal,
             stop,
             began=journal.began_utc,

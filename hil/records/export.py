@@ -315,11 +315,7 @@ def _meanings(bench: Bench) -> dict[str, str]:
 
 
 def _notes(
-    journal: JournalReader,
-    bench: Bench,
-    rows: Sequence[_Row],
-    done: Collection[str],
-    verdicts: Mapping[int, Judgement],
+    journal: JournalReader, bench: Bench, rows: Sequence[_Row], done: Collection[str], verdicts: Mapping[int, Judgement]
 ) -> Iterator[str]:
     """Yield what a reader of the campaign must know, one sentence per line."""
     if journal.night.simulated:

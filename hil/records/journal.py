@@ -54,15 +54,7 @@ class SqliteJournal(JournalReader):
     """A journal that is written: `procedures`' `Journal`, durable. Belongs to one thread of one controller."""
 
     def __init__(
-        self,
-        folder: Path,
-        connection: sqlite3.Connection,
-        lock: FolderLock,
-        *,
-        clock: Clock,
-        who: str,
-        keep_raw: bool,
-        disk: RealDisk,
+        self, folder: Path, connection: sqlite3.Connection, lock: FolderLock, clock: Clock, who: str, keep_raw: bool
     ) -> None:
         super().__init__(folder, connection)
         self._ledger = Ledger(connection, folder)
@@ -71,7 +63,7 @@ class SqliteJournal(JournalReader):
         self._system = SystemClock()
         self._listeners: list[Listener] = []
         self._others_commits = -1
-        self._blocks = BlockWriter(folder, simulated=self.night.simulated, keep_raw=keep_raw, disk=disk)
+        self._blocks = BlockWriter(folder, simulated=self.night.simulated, keep_raw=keep_raw)
         # The clock may count from anywhere; the campaign counts from the beginning of the night, across a resume.
         self._offset_s = (clock.utc() - self.night.began_utc).total_seconds() - clock.now()
         last_s = max((controller.seen_s for controller in self.controllers()), default=0.0)
@@ -112,14 +104,7 @@ class SqliteJournal(JournalReader):
 
     @classmethod
     def open(
-        cls,
-        folder: Path,
-        *,
-        clock: Clock,
-        who: str = "",
-        keep_raw: bool = True,
-        disk: RealDisk | None = None,
-        lock: FolderLock | None = None,
+        cls, folder: Path, *, clock: Clock, who: str = "", keep_raw: bool = True, lock: FolderLock | None = None
     ) -> SqliteJournal:
         """Open a night to carry it on, as its only controller; `keep_raw` keeps the bytes beside the samples.
 
@@ -136,9 +121,7 @@ class SqliteJournal(JournalReader):
                 pass  # it is what was written
             connection = _connect(path)
             try:
-                journal = cls(
-                    folder, connection, lock, clock=clock, who=who, keep_raw=keep_raw, disk=disk or RealDisk()
-                )
+                journal = cls(folder, connection, lock, clock, who, keep_raw)
             except BaseException:
                 connection.close()
                 raise

@@ -192,12 +192,11 @@ class JournalReader:
     def requests(self) -> tuple[RequestRow, ...]:
         """Return what was asked of the controllers of this night, in order, with what they answered."""
         rows = self._connection.execute(
-            "SELECT id, controller, kind, who, why, prompt, asked_utc, answered_s, accepted, coalesce(answer, '') "
+            "SELECT id, controller, kind, who, why, prompt, answered_s, accepted, coalesce(answer, '') "
             "FROM requests ORDER BY id"
         )
         return tuple(
-            RequestRow(*(*row, datetime.fromisoformat(utc), at_s, None if yes is None else bool(yes), answer))
-            for *row, utc, at_s, yes, answer in rows
+            RequestRow(*(*row, None if accepted is None else bool(accepted), answer)) for *row, accepted, answer in rows
         )
 
     def standing(self, begins: str, ends: str) -> Event | None:

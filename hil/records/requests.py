@@ -26,8 +26,6 @@ from hil.records.rows import Event, RequestRow
 from hil.records.troubles import made_safe
 from procedures.requests import RequestKind
 
-__all__ = ["RequestKind", "request", "standing_prompt", "user", "wait_for_answer", "who_asks"]
-
 _BUSY_S = 10.0
 _LOOK_S = 0.1
 

@@ -84,7 +84,6 @@ class RequestRow:
     who: str
     why: str
     prompt: int | None
-    asked_utc: datetime
     answered_s: float | None
     accepted: bool | None
     answer: str

@@ -159,20 +159,12 @@ def without_samples(status: dict[str, Any]) -> dict[str, Any]:
     return status | {"in_spec": None} | (damaged if status["state"] == "complete" else {})
 
 
-def recorded_end(journal: JournalReader) -> Mapping[str, Any]:
+def recorded_end(journal: JournalReader, unit: str | None = None) -> Mapping[str, Any]:
     """Return what the newest controller recorded at its end: `verdict`, `reason`, `in_spec`, `trace`; empty if not.
 
-    It is that of the unit that was named, or the night's.
+    It is that of `unit`, by default of the one by which the journal was named, or the night's.
     """
-    return _recorded_end(journal, journal.unit)
-
-
-def recorded_ends(journal: JournalReader) -> Mapping[str, Mapping[str, Any]]:
-    """Return what `recorded_end` does of each unit, by its name."""
-    return {unit: _recorded_end(journal, unit) for unit in journal.plan.units}
-
-
-def _recorded_end(journal: JournalReader, unit: str) -> Mapping[str, Any]:
+    unit = journal.unit if unit is None else unit
     newest = max((controller.number for controller in journal.controllers()), default=0)
     ends = (e.evidence for e in reversed(journal.events()) if e.kind == VERDICT and e.controller == newest)
     return next((each for each in ends if each.get("unit", "") == unit), {})
@@ -312,9 +304,7 @@ def _units(facts: _Facts, state: str, reason: str) -> list[dict[str, Any]]:
                 "set_aside": unit in aside and not whole,
                 "self_calibrations_done": done,
                 "self_calibrations_total": len(runs),
-                **{
-                    key: _recorded_end(facts.journal, unit).get(key) if over else None for key in ("verdict", "in_spec")
-                },
+                **{key: recorded_end(facts.journal, unit).get(key) if over else None for key in ("verdict", "in_spec")},
             }
         )
     return told

@@ -24,7 +24,7 @@ from hil.records.damage import lost_blocks
 from hil.records.ledger import HEAD_NAME, read_key, signed
 from hil.records.reader import reading
 from hil.records.rows import Attempt, BlockRow
-from hil.records.status import missing_in_words, recorded_ends, recorded_verdict
+from hil.records.status import missing_in_words, recorded_end, recorded_verdict
 from hil.records.units import night_of, unit_folder
 
 MISSING = "missing: "
@@ -62,8 +62,9 @@ def verify_night(folder: Path | str, key: Path | None = None) -> dict[str, Any]:
             problems += [each.what for each in lost_blocks(journal, read=False) if "no samples" in each.what]
             if not problems:  # what is damaged cannot say what stood beside it
                 problems += [*journal.log_damage(), *lost_files(journal.night.configuration, folder / CONFIGURATION)]
-                for unit, end in recorded_ends(journal).items():
-                    problems += trace_damage(unit_folder(journal.folder, unit), end.get("trace", {}))
+                for unit in journal.plan.units:
+                    trace = recorded_end(journal, unit).get("trace", {})
+                    problems += trace_damage(unit_folder(journal.folder, unit), trace)
                 signature, wrong = _signature(folder, key or key_file(journal.night.configuration))
                 problems += [f"{HEAD_NAME}: {signature}"] if wrong else []
             notes += [

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from hil.campaign import Conditions, FloatArray
-from hil.config.uncertainty import UncertaintySection
+from hil.config.site import UncertaintySection
 from hil.model.effects.base import Base
 from hil.model.equation import pickoff_rates
 

@@ -8,10 +8,10 @@ from collections.abc import Iterator, Sequence
 from datetime import date
 from typing import Any
 
+from hil.files.columns import rows_as_csv
 from hil.files.document import picked
 from hil.files.figure import LOOKS, blank
 from hil.files.page import in_style, inline_svg, rendered
-from hil.files.tables import rows_as_csv
 from hil.reconcile.campaigns import LEVEL, Screened, ScreenedUnit
 from procedures.words import counted, listed, numbered
 

@@ -8,8 +8,8 @@ import pytest
 
 from drivers.imu.samples import FloatArray
 from hil.bench import build_bench
+from hil.bench.advice import Finding
 from hil.bench.at_rest import at_rest
-from hil.bench.finding import Finding
 from hil.config import load_bench, parse_bench
 from hil.errors import InputError
 from procedures.collect import join

@@ -13,8 +13,7 @@ import pytest
 from drivers.frames.description import StreamDescription, parse_description
 from drivers.frames.layout import encode
 from hil.bench import decode as decode_module
-from hil.bench.decode import decode_file, load_frames_named
-from hil.bench.frames_check import explain_frames
+from hil.bench.decode import decode_file, explain_frames, load_frames_named
 from hil.errors import InputError
 from hil.files.strict import config_folders
 

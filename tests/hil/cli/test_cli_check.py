@@ -14,7 +14,6 @@ from typing import Any
 import pytest
 import yaml
 
-import hil.bench.clock_check
 import hil.bench.preflight
 from hil.config import load_bench, load_sweep, parse_bench
 from hil.twin.serve import client_bench, served
@@ -277,4 +276,4 @@ def test_the_clock_is_judged(
 
 def test_the_kernel_is_asked_and_nothing_is_set() -> None:
     """Whatever this machine answers, it is one of the three."""
-    assert hil.bench.clock_check.synchronised() in (True, False, None)
+    assert hil.bench.preflight.synchronised() in (True, False, None)

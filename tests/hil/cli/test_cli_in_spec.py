@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from hil.dashboard.facts import NightFacts
-from hil.night.notices import in_words_at_the_end
+from hil.night.notify import in_words_at_the_end
 from hil.records import open_readonly
 from tests.hil.cli.conftest import SHORT_SWEEP, Run
 

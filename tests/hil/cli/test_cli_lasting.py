@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from hil.cli.output import Lasting, listing
-from hil.cli.panel import Panel
+from hil.cli.progress import Panel
 from hil.records.verify import verify_night
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from hil.campaign import Conditions, Sensor
 from hil.campaign.data import EARTH_RATE_DEG_PER_HR
-from hil.config.uncertainty import UncertaintySection
+from hil.config.site import UncertaintySection
 from hil.design.budget.budget import error_budget, response
 from hil.design.budget.sources import (
     Accelerometer,

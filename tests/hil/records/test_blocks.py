@@ -147,7 +147,8 @@ def test_a_full_disk_leaves_the_journal_consistent(
     """The collect has not happened; when there is space again it is done, and the night is complete and sound."""
     disk = RecordingDisk(full_at=operation)
     first = next(step.index for step in plan.steps if step.kind is StepKind.COLLECT)
-    with SqliteJournal.open(new_night, clock=clock, disk=disk) as journal:
+    with SqliteJournal.open(new_night, clock=clock) as journal:
+        journal.write_blocks_to(disk)
         for step in plan.steps[:first]:
             do(journal, step, clock)
         with pytest.raises(OSError, match="No space left"):
