@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,7 @@ import yaml
 
 ROOT = Path(__file__).resolve().parents[3]
 HOW_TO = (ROOT / "docs" / "how-to" / "bring-your-own.md").read_text(encoding="utf-8")
-PYTHON = re.findall(r"```python\n(.*?)```", HOW_TO, re.DOTALL)
+PYTHON, TOML = (re.findall(rf"```{kind}\n(.*?)```", HOW_TO, re.DOTALL) for kind in ("python", "toml"))
 
 _KILN = """
 class Kiln:
@@ -27,19 +29,18 @@ open_kiln = Kiln
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Lay the how-to's package where it can be found, with the metadata that pip would write."""
-    site = tmp_path_factory.mktemp("site")
-    package, info = site / "acme_bench", site / "acme_bench-1.0.dist-info"
+    """Build the how-to's package by its own pyproject.toml, and lay what it builds where it can be found."""
+    source, site = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("site")
+    package = source / "acme_bench"
     package.mkdir()
-    info.mkdir()
+    (source / "pyproject.toml").write_text(TOML[0], encoding="utf-8")
     (package / "__init__.py").write_text("\n\n".join([*PYTHON, _KILN]), encoding="utf-8")
-    oven = (ROOT / "configs/chambers/binder-mk53.yaml").read_text(encoding="utf-8")
-    (package / "oven.yaml").write_text(oven, encoding="utf-8")
-    (package / "imu.yaml").write_text((ROOT / "configs/imus/mfs.yaml").read_text(encoding="utf-8"), encoding="utf-8")
-    points = "".join(re.findall(r'(?:\[project\.entry-points\.".*"\]\n(?:\w.*\n)+\n?)+', HOW_TO))
-    groups = re.sub(r'\[project\.entry-points\."(.*)"\]', r"[\1]", points)
-    (info / "entry_points.txt").write_text(groups.replace('"', ""), encoding="utf-8")
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: acme-bench\nVersion: 1.0\n", encoding="utf-8")
+    shutil.copy(ROOT / "configs/chambers/binder-mk53.yaml", package / "oven.yaml")
+    shutil.copy(ROOT / "configs/imus/mfs.yaml", package / "imu.yaml")
+    backend = tomllib.loads(TOML[0])["build-system"]["build-backend"]
+    build = [sys.executable, "-c", f"import {backend} as backend; backend.build_wheel('.')"]
+    subprocess.run(build, check=True, cwd=source, timeout=60)
+    shutil.unpack_archive(next(source.glob("*.whl")), site, "zip")
     return site
 
 
