@@ -230,14 +230,12 @@ class Sequencer:
         if recorded:
             self._open.update((step.key, (step, attempt)) for step, attempt in zip(steps, attempts, strict=True))
         self._touched = True
-        later = (each for each in self.plan.steps[self._after(steps[0]) :] if each.key not in self._done)
+        # What is planned from the next stage on; `steps` may be some of theirs.
+        behind = (each for each in self.plan.steps[steps[0].index :] if each.stage != steps[0].stage)
+        later = (each for each in behind if each.key not in self._done)
         total = len(self.plan.steps)
         here = Position(steps[0], max(attempts), self._watch.now_s, lasting_s(later), len(self._done), total)
         self._watch.stage_began(here, zip(steps, attempts, strict=True))
-
-    def _after(self, step: Step) -> int:
-        """Return the index of the first step of the next stage."""
-        return next((each.index for each in self.plan.steps[step.index :] if each.stage != step.stage), step.index + 1)
 
     def _end(self, ended: Ends) -> None:
         if not ended:

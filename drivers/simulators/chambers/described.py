@@ -19,8 +19,7 @@ from drivers.chambers import ChamberLimits
 from drivers.chambers.controllers.description import AlarmQuestion, BoxDescription, Command, Quantity, Question
 from drivers.chambers.controllers.registers import ModbusSection
 from drivers.chambers.controllers.templates import filled, reply_with, taken_from
-from drivers.simulators.chambers.controller import Refusal, SimulatedController
-from drivers.simulators.chambers.lines import SimulatedLines
+from drivers.simulators.chambers.controller import Refusal, SimulatedController, SimulatedLines
 from drivers.simulators.chambers.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, SimulatedModbus
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.transports.modbus import Table
