@@ -103,10 +103,7 @@ class StreamImu:
         return SampleBlock(times_s, batch.columns, counts, raw, arrival_s)
 
     def discard(self) -> StreamCounts:
-        """Throw away what has arrived, the unfinished frame at its end included; return what that was.
-
-        The next block begins with the first whole frame after this; what was thrown away does not count as lost.
-        """
+        """Throw away what has arrived, an unfinished frame too; return what that was. It does not count as lost."""
         counts = self.read_block().counts
         self._decoder.reset()
         self._interrupted = True

@@ -34,11 +34,7 @@ class OperatorPositioner:
     _position: str | None = field(default=None, init=False)
 
     def move_to(self, position: str, timeout_s: float) -> None:
-        """Ask for `position` and return once it is confirmed.
-
-        Raises `CommandRefused` where the operator refuses, `DeviceTimeout` where no confirmation came within
-        `timeout_s` seconds, and `DeviceError` for a position that the bench does not have.
-        """
+        """Ask for `position`; `CommandRefused`, `DeviceTimeout` where nobody answers, `DeviceError` where unknown."""
         if self.instructions and position not in self.instructions:
             known = ", ".join(sorted(self.instructions))
             raise DeviceError(f"the bench has no position {position}; its operator knows {known}")

@@ -138,45 +138,29 @@ class SimulatedEspec(SimulatedLines):
             if not self.model.startswith("P3"):
                 raise Refusal("PARA ERR")
             command = command.removesuffix(",DETAIL")
-        match command:
-            case "TEMP?":
-                settings = (self.setpoint_degC, self.limits.high_degC, self.limits.low_degC)
-                return ",".join((self._air_text(now_s), *(f"{self._shown(each):.1f}" for each in settings)))
-            case "MON?":
-                humidity = (self.humidity or "").partition(",")[0]
-                return f"{self._air_text(now_s)},{humidity},{self.mode},{len(self.alarms)}"
-            case "MODE?":
-                return self.mode
-            case "ALARM?":
-                return ",".join((str(len(self.alarms)), *self.alarms))
-            case "CONSTANT SET?,TEMP":
-                return f"{self._shown(self.setpoint_degC):.1f},ON"
-            case "ROM?":
-                return self.model
-            case "TYPE?":
-                return self.type_text
-            case "HUMI?":
-                if self.humidity is None:
-                    raise Refusal("INVALID REQ")
-                return self.humidity
-            case "TIMER LIST?,0":
-                mode, minutes = self._timer
-                return f"{mode},{minutes // 60}:{minutes % 60}"
-            case "TIMER ON?":
-                return "0" if self.timer_ends_s is None else "1,0"
-            case "TIMER USE?":
-                return "1,0" if self._timer[1] else "0"
-            case "KEYPROTECT?":
-                return "ON" if self.panel_locked else "OFF"
-            case "%?":
-                dry = f"{50.0 * (self.mode == 'CONSTANT'):.1f}"
-                return f"1,{dry}" if self.humidity is None else f"2,{dry},0.0"
-        if command in _OTHERS:
-            return _OTHERS[command]
+        if command == "HUMI?" and self.humidity is None:
+            raise Refusal("INVALID REQ")
+        held = (self.setpoint_degC, self.limits.high_degC, self.limits.low_degC)
+        air = f"{self._air(now_s):.1f}" if self._shown_instead is None else self._shown_instead
+        (after, minutes), conditions = self._timer, f"{50.0 * (self.mode == 'CONSTANT'):.1f}"
+        said = _OTHERS | {
+            "TEMP?": ",".join((air, *(f"{self._shown(each):.1f}" for each in held))),
+            "MON?": f"{air},{(self.humidity or '').partition(',')[0]},{self.mode},{len(self.alarms)}",
+            "MODE?": self.mode,
+            "ALARM?": ",".join((str(len(self.alarms)), *self.alarms)),
+            "CONSTANT SET?,TEMP": f"{self._shown(self.setpoint_degC):.1f},ON",
+            "ROM?": self.model,
+            "TYPE?": self.type_text,
+            "HUMI?": self.humidity or "",
+            "TIMER LIST?,0": f"{after},{minutes // 60}:{minutes % 60}",
+            "TIMER ON?": "0" if self.timer_ends_s is None else "1,0",
+            "TIMER USE?": "1,0" if minutes else "0",
+            "KEYPROTECT?": "ON" if self.panel_locked else "OFF",
+            "%?": f"1,{conditions}" if self.humidity is None else f"2,{conditions},0.0",
+        }
+        if command in said:
+            return said[command]
         raise Refusal("PARA ERR" if command.split(",")[0] in _MONITORS else "CMD ERR")
-
-    def _air_text(self, now_s: float) -> str:
-        return f"{self._air(now_s):.1f}" if self._shown_instead is None else self._shown_instead
 
     # What it does.
 
