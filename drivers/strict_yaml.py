@@ -39,12 +39,19 @@ _KINDS = {
     "list": "a list, such as [a, b]",
     "tuple": "a list, such as [a, b]",
 }
-_BOUNDS = {
-    "greater_than": ("gt", "more than"),
-    "greater_than_equal": ("ge", "at least"),
-    "less_than": ("lt", "less than"),
-    "less_than_equal": ("le", "at most"),
-    "multiple_of": ("multiple_of", "a multiple of"),
+_SENTENCES = {
+    "extra_forbidden": "there is no such key here; check its spelling",
+    "unexpected_keyword_argument": "there is no such key here; check its spelling",
+    "union_tag_not_found": "this key is missing",
+    "union_tag_invalid": "{tag!r} is not allowed; allowed: {expected_tags}",
+    "literal_error": "{given} is not allowed; allowed: {expected}",
+    "enum": "{given} is not allowed; allowed: {expected}",
+    "greater_than": "must be more than {gt:g}, not {given}",
+    "greater_than_equal": "must be at least {ge:g}, not {given}",
+    "less_than": "must be less than {lt:g}, not {given}",
+    "less_than_equal": "must be at most {le:g}, not {given}",
+    "multiple_of": "must be a multiple of {multiple_of:g}, not {given}",
+    "finite_number": "must be a finite number, not {given}",
 }
 
 
@@ -176,15 +183,13 @@ def _key_in(here: object, part: int | str) -> int | str | None:
     """Return the key under which `here` has `part`, None where it has none."""
     if isinstance(here, Mapping):
         return next((key for key in here if str(key) == str(part)), None)
-    if isinstance(here, list | tuple) and str(part).isdigit() and int(part) < len(here):
-        return int(part)
-    return None
+    is_place = isinstance(here, list | tuple) and str(part).isdigit() and int(part) < len(here)
+    return int(part) if is_place else None
 
 
 def _array_in(here: object, element: str) -> str | None:
-    if not isinstance(here, Mapping):
-        return None
-    arrays = [str(key) for key, value in here.items() if isinstance(value, Mapping) and {"names", "count"} & set(value)]
+    pairs = here.items() if isinstance(here, Mapping) else ()
+    arrays = [str(key) for key, value in pairs if isinstance(value, Mapping) and {"names", "count"} & set(value)]
     return next((array for array in arrays if element.startswith(f"{array}_")), None)
 
 
@@ -197,23 +202,13 @@ def plain_words(problem: Any) -> str:
     if kind == "missing":
         in_list = isinstance(problem["loc"][-1], int)
         return "this value of the list is missing" if in_list else "this key is missing"
-    if kind in ("extra_forbidden", "unexpected_keyword_argument"):
-        return "there is no such key here; check its spelling"
-    if kind == "union_tag_not_found":
-        return "this key is missing"
-    if kind in ("literal_error", "enum"):
-        return f"{given} is not allowed; allowed: {context['expected']}"
-    if kind == "union_tag_invalid":
-        return f"{context['tag']!r} is not allowed; allowed: {context['expected_tags']}"
-    if kind in _BOUNDS:
-        bound, words = _BOUNDS[kind]
-        return f"must be {words} {context[bound]:g}, not {given}"
+    if kind in _SENTENCES:
+        return _SENTENCES[kind].format(given=given, **context)
     if kind in ("too_short", "string_too_short"):
         return f"must have at least {_entries(kind, context['min_length'])}"
     if kind in ("too_long", "string_too_long"):
         return f"must have at most {_entries(kind, context['max_length'])}"
-    wanted = "a finite number" if kind == "finite_number" else _KINDS.get(kind.split("_")[0])
-    if wanted is not None:
+    if wanted := _KINDS.get(kind.split("_")[0]):
         return f"must be {wanted}, not {given}"
     return f"{problem['msg'][0].lower()}{problem['msg'][1:]}, not {given}"
 

@@ -42,9 +42,8 @@ class HeldBand:
 def rest(watch: Watch, settings: Restabilisation, longest_s: float, *, soaked: bool) -> str:
     """Hold the bench until the pause ends; return why the soak must start over, or nothing.
 
-    `soaked` says that the soak of the present self-calibration was finished before the pause.
-
-    Raises what a poll raises, and `InterlockTripped` where nobody came back within `longest_s`.
+    `soaked` says that the soak of the present self-calibration was finished before. Raises what a poll raises, and
+    `InterlockTripped` where nobody came back within `longest_s`.
     """
     asked = watch.desk.pause
     if asked is None:

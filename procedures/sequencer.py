@@ -207,16 +207,11 @@ class Sequencer:
 
     def _restore(self, steps: Sequence[Step]) -> bool:
         """Do steps again that are DONE in the journal, as events; return whether they are in effect now."""
-        results: dict[str, StepResult] = {}
-
-        def again(ended: Ends) -> None:
-            results.update((step.key, result) for step, result in ended)
-
         steps = self._going_on(steps)
         for step in steps:
             message = f"doing {step.key} again, because {_WHY_AGAIN[step.kind]}"
             self._watch.event("restoring", message, step=step.key)
-        self._with_retries(steps, _unrecorded, again)
+        results = self._with_retries(steps, recorded=False)
         steps = self._going_on(steps)
         for step in steps:
             result = results[step.key]
@@ -225,33 +220,22 @@ class Sequencer:
 
     def _do(self, steps: Sequence[Step]) -> None:
         """Do the steps of a stage and commit their results."""
-        results: dict[str, StepResult] = {}
-
-        def begin(steps: Sequence[Step]) -> Sequence[int]:
-            attempts = self.journal.begin(*steps)
-            self._open.update((step.key, (step, attempt)) for step, attempt in zip(steps, attempts, strict=True))
-            return attempts
-
-        def end(ended: Ends) -> None:
-            self._end(ended)
-            results.update((step.key, result) for step, result in ended)
-
-        self._with_retries(steps, begin, end)
+        results = self._with_retries(steps, recorded=True)
         for step in self._going_on(steps):
             if not self._now_in_effect(step, results[step.key]):
                 self._failed[step.key] = results[step.key].reason
 
-    def _begin(self, steps: Sequence[Step], begin: Callable[[Sequence[Step]], Sequence[int]]) -> None:
-        attempts = begin(steps)
+    def _begin(self, steps: Sequence[Step], *, recorded: bool) -> None:
+        attempts = self.journal.begin(*steps) if recorded else [0] * len(steps)
+        if recorded:
+            self._open.update((step.key, (step, attempt)) for step, attempt in zip(steps, attempts, strict=True))
         self._touched = True
-        later = (each for each in self.plan.steps[self._after(steps[0]) :] if each.key not in self._done)
+        # What is planned from the next stage on; `steps` may be some of theirs.
+        behind = (each for each in self.plan.steps[steps[0].index :] if each.stage != steps[0].stage)
+        later = (each for each in behind if each.key not in self._done)
         total = len(self.plan.steps)
         here = Position(steps[0], max(attempts), self._watch.now_s, lasting_s(later), len(self._done), total)
         self._watch.stage_began(here, zip(steps, attempts, strict=True))
-
-    def _after(self, step: Step) -> int:
-        """Return the index of the first step of the next stage."""
-        return next((each.index for each in self.plan.steps[step.index :] if each.stage != step.stage), step.index + 1)
 
     def _end(self, ended: Ends) -> None:
         if not ended:
@@ -263,24 +247,29 @@ class Sequencer:
                 self._done.add(step.key)
             self._watch.show("step_ended", step, result)
 
-    def _with_retries(
-        self,
-        steps: Sequence[Step],
-        begin: Callable[[Sequence[Step]], Sequence[int]],
-        end: Callable[[Ends], None],
-    ) -> None:
-        """Perform steps until each has a result to keep: device errors and bad collects are tried again, bounded."""
+    def _with_retries(self, steps: Sequence[Step], *, recorded: bool) -> Mapping[str, StepResult]:
+        """Perform steps until each has a result to keep: device errors and bad collects are tried again, bounded.
+
+        Return the results by key. What is done again has one in the journal, and is not `recorded` a second time.
+        """
+        kept: dict[str, StepResult] = {}
+
+        def end(ended: Ends) -> None:
+            if recorded:
+                self._end(ended)
+            kept.update((step.key, result) for step, result in ended)
+
         tries = Tries(steps, self.polling.device_attempts)
         while steps := self._going_on(steps):
             blocked = self._hold(steps)
             steps = self._going_on(steps)
             if steps:
-                self._begin(steps, begin)
+                self._begin(steps, recorded=recorded)
             if blocked:
                 lost = StepResult(Outcome.FAILED, f"{blocked} could not be restored after the pause")
                 end([(step, lost) for step in steps])
             if blocked or not steps:
-                return
+                break
             try:
                 self._watch.interruptible = steps[0].kind in _INTERRUPTED_BY_A_PAUSE
                 results = self._actions.perform(steps)
@@ -301,6 +290,7 @@ class Sequencer:
                     self._watch.event("retry", again[step.key], step=step.key)
             steps = [step for step in steps if step.key in again]
             self._before_trying_again(steps, results)
+        return kept
 
     def _give_up(self, step: Step, error: DeviceError) -> None:
         """Set the unit aside that its device failed; raise where it is the last, or the chamber's device did."""
@@ -363,8 +353,3 @@ class Sequencer:
             return False
         self._in_effect[step.kind, step.unit] = step.stage
         return True
-
-
-def _unrecorded(steps: Sequence[Step]) -> Sequence[int]:
-    """Begin no attempt: the steps have results, and are done again."""
-    return [0] * len(steps)

@@ -47,28 +47,21 @@ class StopRequested(Exception):
 class StopRequest:
     """A flag that is set once and stays set. The first reason is kept."""
 
-    def __init__(self) -> None:
-        self._reason: str | None = None
+    reason = ""  # who asked
 
     @property
     def requested(self) -> bool:
         """True once somebody asked."""
-        return self._reason is not None
-
-    @property
-    def reason(self) -> str:
-        """Who asked; empty where nobody did."""
-        return self._reason or ""
+        return bool(self.reason)
 
     def request(self, reason: str) -> None:
         """Ask for the end of the sweep."""
-        if self._reason is None:
-            self._reason = reason
+        self.reason = self.reason or reason
 
     def check(self) -> None:
         """Raise `StopRequested` where somebody asked."""
-        if self._reason is not None:
-            raise StopRequested(self._reason)
+        if self.requested:
+            raise StopRequested(self.reason)
 
     @contextmanager
     def on_signals(self) -> Iterator[StopRequest]:

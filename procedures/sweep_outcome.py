@@ -73,7 +73,9 @@ def outcome_of(
     elif not left.safe:
         state, reason = SweepState.FAILED, left.reason
     elif missing and {step.unit for step in lacking} <= aside.keys():
-        state, reason = SweepState.INCOMPLETE, _complete_for(plan, aside)
+        whole = f"{COMPLETE_FOR}{len(plan.units) - len(aside)} of {counted(len(plan.units), 'unit')}"
+        so = "; ".join(f"{unit} ({why_so})" for unit, why_so in aside.items())
+        state, reason = SweepState.INCOMPLETE, f"{whole}; set aside: {so}"
     elif missing:
         because = f": {failed[missing[0]]}" if missing[0] in failed else ""
         state = SweepState.INCOMPLETE
@@ -86,8 +88,3 @@ def outcome_of(
 
 COMPLETE_FOR = "complete for "
 """How the reason begins where nothing is missing but of units that were set aside."""
-
-
-def _complete_for(plan: Plan, aside: Mapping[str, str]) -> str:
-    whole = f"{COMPLETE_FOR}{len(plan.units) - len(aside)} of {counted(len(plan.units), 'unit')}"
-    return f"{whole}; set aside: {'; '.join(f'{unit} ({why_so})' for unit, why_so in aside.items())}"

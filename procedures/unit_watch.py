@@ -5,6 +5,7 @@ block, span_s, error = unit.drain(resting=False)     # raises WrongDevice
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,24 +18,26 @@ from procedures.devices import BenchDevices
 from procedures.interlocks import Look, of_unit
 
 
+@dataclass(eq=False)
 class UnitWatch:
     """The stream of one unit. `event` records what happened; `alive` is called before it is asked who it is."""
 
-    def __init__(
-        self, name: str, devices: BenchDevices, event: Callable[[str, str], None], alive: Callable[[], None]
-    ) -> None:
-        self.name = name
-        self.imu, self._clock = devices.imu, devices.clock
-        self._event, self._alive = event, alive
-        self.unchanged = Unchanged(devices.imu.sensors)
-        self._last_frame_s = devices.clock.now()
-        self.look: Look | None = None
-        self.identity: ImuIdentity | None = None  # who it said it was
-        self.rate_fields = rate_fields(devices.imu.sensors)
-        self.rates_deg_per_hr: Mapping[str, float] = {}  # running means, for onlookers
-        self.rates_se_deg_per_hr: Mapping[str, float] = {}
-        self.stream = StreamCounts()
-        self._shown_ok = 0
+    name: str
+    devices: BenchDevices
+    event: Callable[[str, str], None]
+    alive: Callable[[], None]
+    look: Look | None = field(default=None, init=False)
+    identity: ImuIdentity | None = field(default=None, init=False)  # who it said it was
+    rates_deg_per_hr: Mapping[str, float] = field(default_factory=dict, init=False)  # running means, for onlookers
+    rates_se_deg_per_hr: Mapping[str, float] = field(default_factory=dict, init=False)
+    stream = StreamCounts()
+    _shown_ok = 0
+
+    def __post_init__(self) -> None:
+        self.imu, self._clock = self.devices.imu, self.devices.clock
+        self.unchanged = Unchanged(self.imu.sensors)
+        self.rate_fields = rate_fields(self.imu.sensors)
+        self._last_frame_s = self._clock.now()
 
     def forget(self) -> None:
         """Throw away what it sent so far."""
@@ -48,7 +51,7 @@ class UnitWatch:
 
     def same_unit(self) -> ImuIdentity:
         """Ask the unit who it is; raise `WrongDevice` where it is not the one with which the night began."""
-        self._alive()
+        self.alive()
         imu, began = self.imu, self.identity
         try:
             self.identity = found = imu.identify()
@@ -86,7 +89,7 @@ class UnitWatch:
             raise
         except DeviceError as failure:
             return f"it was lost and is back, and the unit does not say who it is: {failure}"
-        self._event("unit-back", f"{whose}the unit's stream was lost and is back; it is {told}, as before")
+        self.event("unit-back", f"{whose}the unit's stream was lost and is back; it is {told}, as before")
         return ""
 
     def temperatures(self, block: SampleBlock) -> Mapping[int, float]:
@@ -116,8 +119,8 @@ class Unchanged:
     def lasting_s(self, block: SampleBlock, time_s: float) -> Mapping[str, float]:
         """Take in what was drained at `time_s`; return for how long each rate of it has not changed."""
         lasting: dict[str, float] = {}
-        for label, field in self._fields.items():
-            values = block.fields.get(field)
+        for label, name in self._fields.items():
+            values = block.fields.get(name)
             if values is None or not len(values):
                 continue
             value, since_s = self._last.get(label, (float(values[0]), time_s))

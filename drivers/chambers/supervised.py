@@ -19,8 +19,7 @@ from typing import Final
 
 from drivers.chambers.chamber import ChamberIdentity, ChamberLimits, ChamberReading, SafeState
 from drivers.chambers.controller import Controller, ControllerState, Which
-from drivers.chambers.dead_man import DeadMan
-from drivers.chambers.reading_watch import ReadingWatch
+from drivers.chambers.guards import DeadMan, ReadingWatch, WriteWear
 from drivers.chambers.setpoints import (
     NativeLimits,
     agrees,
@@ -32,7 +31,6 @@ from drivers.chambers.setpoints import (
     representable_setpoint,
     writes_in_order,
 )
-from drivers.chambers.wear import WriteWear
 from drivers.clock import Clock
 from drivers.errors import (
     CommandRefused,

@@ -16,6 +16,7 @@ from drivers.frames.layout import FloatArray, FrameLayout, IntArray
 from drivers.frames.wire import Rows
 
 
+@dataclass(eq=False)
 class FrameBatch:
     """n good frames of one type, in the order of their arrival. Columns are converted when they are asked for.
 
@@ -24,18 +25,13 @@ class FrameBatch:
     (without a counter it counts the frames that arrived).
     """
 
-    def __init__(self, layout: FrameLayout, rows: Rows, starts: IntArray, sequence: IntArray) -> None:
-        self.layout = layout
-        self.rows = rows
-        self.starts = starts
-        self.sequence = sequence
+    layout: FrameLayout
+    rows: Rows
+    starts: IntArray
+    sequence: IntArray
 
     def __len__(self) -> int:
         return len(self.starts)
-
-    def frames(self) -> list[bytes]:
-        """Return the bytes of every frame."""
-        return [row.tobytes() for row in self.rows]
 
     def wire(self, field: str) -> NDArray[Any]:
         """Return a numeric field as it stood on the wire (integers where it is an integer), shape (n,)."""
@@ -90,55 +86,46 @@ class VariedBatch(FrameBatch):
         self._lacking = [] if layout is None else layout.absent
         layout = layout or parts[0].layout
         super().__init__(layout, np.empty((0, layout.length), np.uint8), starts, sequence)
-        self._parts = parts
-        self._places = places
-
-    def frames(self) -> list[bytes]:
-        """Return the bytes of every frame."""
-        return self._gathered(b"", [part.frames() for part in self._parts])
-
-    def _gathered(self, nothing: Any, given: Sequence[Sequence[Any]]) -> list[Any]:
-        gathered: list[Any] = [nothing] * len(self)
-        for place, part in zip(self._places, given, strict=True):
-            for at, value in zip(place.tolist(), part, strict=False):
-                gathered[at] += value
-        return gathered
+        self.parts, self.places = parts, places
 
     def wire(self, field: str) -> NDArray[Any]:
         """Return a field as on the wire, shape (n,); 0 where a frame does not have it, `KeyError` where none has."""
-        wires = [part.wire(field) if field in part.layout.numeric else None for part in self._parts]
-        known = [wire for wire in wires if wire is not None]
+        pairs = zip(self.places, self.parts, strict=True)
+        known = [(place, part.wire(field)) for place, part in pairs if field in part.layout.numeric]
         if not known:
             raise KeyError(field)
-        values = np.zeros(len(self), np.result_type(*known))
-        for place, wire in zip(self._places, wires, strict=True):
-            if wire is not None:
-                values[place] = wire
+        values = np.zeros(len(self), np.result_type(*[wire for _, wire in known]))
+        for place, wire in known:
+            values[place] = wire
         return values
 
     def present(self, field: str) -> NDArray[np.bool_]:
         """Return in which frames a numeric field is there, shape (n,)."""
         there = np.zeros(len(self), np.bool_)
-        for place, part in zip(self._places, self._parts, strict=True):
+        for place, part in zip(self.places, self.parts, strict=True):
             there[place] |= part.told(field)
         return there
 
     def text(self, field: str) -> list[str]:
         """Return a text field of every frame; empty where a frame does not have it."""
-        return self._gathered("", [part.text(field) if field in part.layout.fields else [] for part in self._parts])
+        texts = [""] * len(self)
+        for place, part in zip(self.places, self.parts, strict=True):
+            for at, text in zip(place.tolist(), part.text(field) if field in part.layout.fields else [], strict=False):
+                texts[at] += text
+        return texts
 
     def select(self, keep: NDArray[np.bool_], sequence: IntArray) -> FrameBatch:
         """Return the frames to keep, shape (n,) of bool, with their `sequence`, shape (kept,)."""
         renumbered = np.cumsum(keep) - 1
-        parts = [part.select(keep[place], part.sequence) for part, place in zip(self._parts, self._places, strict=True)]
-        places = [renumbered[place[keep[place]]] for place in self._places]
+        parts = [part.select(keep[place], part.sequence) for part, place in zip(self.parts, self.places, strict=True)]
+        places = [renumbered[place[keep[place]]] for place in self.places]
         return VariedBatch(parts, places, sequence, self.layout)
 
     @cached_property
     def columns(self) -> Mapping[str, FloatArray]:
         """All numeric fields in their units, each of shape (n,); NaN where a frame does not have the field."""
         columns: dict[str, FloatArray] = {name: np.full(len(self), np.nan) for name in self._lacking}
-        for place, part in zip(self._places, self._parts, strict=True):
+        for place, part in zip(self.places, self.parts, strict=True):
             for name, values in part.columns.items():
                 columns.setdefault(name, np.full(len(self), np.nan))[place] = values
         return columns

@@ -1,16 +1,136 @@
 """The checksum of a frame: verify it, in one frame or in thousands at once, and write it."""
 
+import zlib
+from binascii import crc_hqx
 from collections.abc import Callable
-from functools import partial
+from functools import cached_property, lru_cache, partial
 from operator import itemgetter
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.frames.checksum_kinds import ChecksumDescription, CrcKind, FletcherKind, SumKind
-from drivers.frames.crc import Crc
+from drivers.frames.checksum_kinds import ChecksumDescription, CrcKind, CrcParameters, FletcherKind, SumKind
 from drivers.frames.wire import Rows, read_column, write_column
+
+_IEEE = 0x04C11DB7
+_CCITT = 0x1021
+_REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+
+_FEW = 8  # messages below which one by one is faster than the tables
+_POLL = 768  # messages of which all bytes are looked up at once: their places stay in the processor's cache
+
+Words = NDArray[np.uint64]
+
+
+def _reflect(value: int, width: int) -> int:
+    return int(f"{value:0{width}b}"[::-1], 2)
+
+
+def _zero_byte(register: Words, kind: CrcParameters) -> Words:
+    """Return the registers after one further zero byte, bit by bit (the CRC's definition)."""
+    one, poly = np.uint64(1), np.uint64(_reflect(kind.poly, kind.width))
+    for _ in range(8):
+        register = (register >> one) ^ np.where(register & one, poly, np.uint64(0))
+    return register
+
+
+def _byte_table(kind: CrcParameters) -> Words:
+    """Return the register that each byte leaves in a register of zeros, shape (256,)."""
+    return _zero_byte(np.arange(256, dtype=np.uint64), kind)
+
+
+def _output(register: int, kind: CrcParameters) -> int:
+    return (register if kind.refout else _reflect(register, kind.width)) ^ kind.xorout
+
+
+class Crc:
+    """The CRC of messages of `length` bytes (those it covers, without padding), in two speeds with one meaning.
+
+    A CRC is affine over GF(2): for messages of one length, crc = C ⊕ T₀[b₀] ⊕ T₁[b₁] ⊕ …, where Tᵢ is the register
+    left by byte i followed by zeros, and C the CRC of the all-zero message. One table per position turns the check of n
+    frames into one gather per byte over all frames, and of the few that a poll brings into one gather of all their
+    bytes. Zero padding (STIM300) and unequal reflection of input and output are linear too, so that they fold into the
+    tables. Registers are kept with their lowest bit first, whatever the CRC's own order is: where its input is not
+    reflected, the bytes are.
+    """
+
+    def __init__(self, kind: CrcKind, length: int) -> None:
+        self._kind = kind
+        self._length = length
+        self._padding = bytes(-length % kind.pad_to)
+        self._register = _register(kind)
+
+    @cached_property
+    def _affine(self) -> tuple[NDArray[Any], NDArray[np.intp], Any]:
+        """All tables one behind another, where that of each position begins, shape (length, 1), and the constant."""
+        total = self._length + len(self._padding)
+        tables = _tables_by_distance(self._kind, -(-total // 64) * 64).ravel()
+        begins = 256 * np.arange(total - 1, len(self._padding) - 1, -1, dtype=np.intp)[:, None]
+        return tables, begins, tables.dtype.type(_output(self._register(bytes(total)), self._kind))
+
+    def of_bytes(self, message: bytes) -> int:
+        """Return the CRC of one message."""
+        return _output(self._register(message + self._padding), self._kind)
+
+    def of_rows(self, rows: Rows) -> NDArray[Any]:
+        """Return the CRCs of n messages, shape (n,), given as `rows` of shape (n, length)."""
+        if len(rows) < _FEW:
+            return np.fromiter(map(self.of_bytes, map(bytes, rows)), np.uint64, len(rows))
+        tables, begins, constant = self._affine
+        if len(rows) <= _POLL:
+            return np.asarray(np.bitwise_xor.reduce(tables.take(rows.T + begins, mode="clip"), axis=0) ^ constant)
+        crc = np.full(len(rows), constant)
+        part = np.empty_like(crc)
+        for begin, column in zip(begins[:, 0].tolist(), np.ascontiguousarray(rows.T), strict=True):
+            tables[begin : begin + 256].take(column, mode="clip", out=part)
+            crc ^= part
+        return crc
+
+
+def message_crc(kind: CrcParameters, message: bytes) -> int:
+    """Return the CRC of one message of any length."""
+    return _output(_register(kind)(message), kind)
+
+
+@lru_cache(maxsize=16)
+def _tables_by_distance(kind: CrcKind, count: int) -> NDArray[Any]:
+    """Return what each byte leaves with 0, 1, 2 … bytes of zeros behind it, shape (count, 256).
+
+    Frames of every length share them: the table of a position is that of its distance from the end.
+    """
+    table = _byte_table(kind) if kind.refin else _byte_table(kind)[list(_REVERSED)]
+    tables = np.empty((count, 256), np.uint64)
+    for distance in range(count):
+        tables[distance] = table
+        table = _zero_byte(table, kind)
+    if not kind.refout:
+        bits = np.arange(kind.width, dtype=np.uint64)
+        tables = sum(
+            (((tables >> bit) & np.uint64(1)) << (np.uint64(kind.width - 1) - bit) for bit in bits),
+            start=np.zeros_like(tables),
+        )
+    return tables.astype(np.uint32 if kind.width <= 32 else np.uint64)
+
+
+@lru_cache(maxsize=64)
+def _register(kind: CrcParameters) -> Callable[[bytes], int]:
+    """Return what gives the final register of a message: where there is one, a loop of the standard library."""
+    start, ones = _reflect(kind.init, kind.width), 0xFFFFFFFF
+    reflected = None if kind.refin else _REVERSED
+    if (kind.width, kind.poly) == (32, _IEEE):
+        return lambda message: zlib.crc32(message.translate(reflected), start ^ ones) ^ ones
+    if (kind.width, kind.poly, kind.refin) == (16, _CCITT, False):
+        return lambda message: _reflect(crc_hqx(message, kind.init), 16)
+    table = _byte_table(kind).tolist()
+
+    def looped(message: bytes) -> int:
+        register = start
+        for byte in message.translate(reflected):
+            register = (register >> 8) ^ table[(register ^ byte) & 0xFF]
+        return register
+
+    return looped
 
 
 def _sum(kind: SumKind, rows: Rows) -> NDArray[Any]:

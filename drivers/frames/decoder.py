@@ -50,7 +50,7 @@ class StreamDecoder:
         self._taken = {part for each in self._joined for part in each.parts}
         longest = max(family.longest for family in plain)
         self._piece_bytes = max(_PIECE * min(longest, _USUAL_LENGTH), 4 * (longest + len(self._delimiter)), 4 * LONGEST)
-        self._few_bytes, self._least_bytes = _FEW, max(_FEW, 4 * (longest + len(self._delimiter)))
+        self._least_bytes = max(_FEW, 4 * (longest + len(self._delimiter)))
         self._run_bytes = self._piece_bytes  # of the last frames without a flaw; the next ones probably go on as long
         self._runs, self._stretch_bytes = True, self._least_bytes  # whether, else how far not, runs are looked for
         self._rest = b""
@@ -129,9 +129,9 @@ class StreamDecoder:
         else:
             scanner = self._delimited_scanner if self._delimited else self._scanner
             clean = None
-            if self._runs and end - at >= self._few_bytes:
+            if self._runs and end - at >= _FEW:
                 clean = scanner.scan_clean(buffer[at : min(end, at + 2 * self._run_bytes)], self._standing)
-            self._runs = clean is None or clean.stop >= self._few_bytes
+            self._runs = clean is None or clean.stop >= _FEW
             if clean is not None:
                 # Where runs are short, looking for them costs more than looking at frames one by one.
                 longer = min(2 * self._stretch_bytes, self._piece_bytes)

@@ -177,13 +177,10 @@ class StreamDescription(Described):
             except ValueError as error:
                 raise ValueError(f"frames.{name}.{error}") from None
         if self.roles is not None:
-            check_roles(
-                self.roles, {name: frame.all_fields for name, frame in self.frames.items()}, self._status_bits()
-            )
+            frames = self.frames.items()
+            bits = {name: {bit for bits in frame.status.values() for bit in bits} for name, frame in frames}
+            check_roles(self.roles, {name: frame.all_fields for name, frame in frames}, bits)
         return self
-
-    def _status_bits(self) -> dict[str, set[str]]:
-        return {name: {bit for bits in frame.status.values() for bit in bits} for name, frame in self.frames.items()}
 
     def headers(self, name: str) -> list[Header]:
         """Return all the bytes with which frame `name` may begin; the first of them is what is written."""

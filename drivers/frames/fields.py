@@ -1,4 +1,4 @@
-"""Fields as they are written in a description: type, place, scale; arrays, bit fields and fields that take turns."""
+"""Fields as they are written in a description: type, place, scale; arrays, bit fields, turns; and lengths."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A frame type made ready for work: where its fields lie, and frames of that type as columns."""
+"""A frame type made ready for work: where its fields lie, frames as columns, and frames made from columns."""
 
 import re
 from collections.abc import Mapping, Sequence

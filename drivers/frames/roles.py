@@ -1,4 +1,4 @@
-"""What the fields are for: which is the rate of which sensor's channel, which the temperature, which the position.
+"""What the fields are for: which is the rate of which sensor, which the temperature, and which tell of the stream.
 
 The rest of the project asks for rates in deg/hr, accelerations in g and temperatures in °C. A description gives them so
 (`scale: 3600*2^-14, unit: deg/hr`), and a field with another unit in such a role is refused: nothing is converted

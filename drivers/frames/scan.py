@@ -1,4 +1,4 @@
-"""Finding the good frames in a piece of a stream: two ways to look, one meaning.
+"""Finding the good frames in a piece of a stream, or in its packets: two ways to look at it, one meaning.
 
 The meaning is that of a reader who stands at one byte at a time. Where a header begins and the whole frame is there,
 its checksum and delimiter are verified: a good frame is taken and the reader goes on behind it; otherwise he goes on

@@ -18,7 +18,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from drivers.frames.checksum_kinds import CrcParameters
-from drivers.frames.crc import message_crc
+from drivers.frames.checksums import message_crc
 from drivers.frames.fields import FieldDescription
 from drivers.frames.notation import Described
 

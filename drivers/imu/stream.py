@@ -95,13 +95,15 @@ class StreamImu:
         except DeviceError:
             self.unsure = True
             raise
-        return self._block(raw, self._clock.now())
+        arrival_s = self._clock.now()
+        decoded, times_s = self._take(raw, arrival_s)
+        counts, batch = decoded.counts, decoded[self._roles.frame]
+        if isinstance(self._transport, LiveReader) and (overflow := self._transport.take_overflow()):
+            counts += StreamCounts(overflow_bytes=overflow)
+        return SampleBlock(times_s, batch.columns, counts, raw, arrival_s)
 
     def discard(self) -> StreamCounts:
-        """Throw away what has arrived, the unfinished frame at its end included; return what that was.
-
-        The next block begins with the first whole frame after this; what was thrown away does not count as lost.
-        """
+        """Throw away what has arrived, an unfinished frame too; return what that was. It does not count as lost."""
         counts = self.read_block().counts
         self._decoder.reset()
         self._interrupted = True
@@ -117,9 +119,11 @@ class StreamImu:
         begins_s = self._clock.now()
         deadline_s = begins_s + _IDENTITY_S
         asked, arrived, counts = 0, 0, StreamCounts()
+        commands = self._description.commands
         while (now_s := self._clock.now()) < deadline_s:
             if now_s >= begins_s + asked * _IDENTITY_S / _ASK_AGAIN:
-                self._ask_identity()
+                if commands is not None and commands.identify is not None:
+                    self._transport.write(commands.line(commands.identify))
                 asked += 1
             raw = self._transport.read(1, min(deadline_s - now_s, 2.0 / self.sample_rate_hz))
             raw += self._transport.read_available()
@@ -143,13 +147,6 @@ class StreamImu:
     def close(self) -> None:
         """Release the port."""
         self._transport.close()
-
-    def _block(self, raw: bytes, arrival_s: float) -> SampleBlock:
-        decoded, times_s = self._take(raw, arrival_s)
-        counts, batch = decoded.counts, decoded[self._roles.frame]
-        if isinstance(self._transport, LiveReader) and (overflow := self._transport.take_overflow()):
-            counts += StreamCounts(overflow_bytes=overflow)
-        return SampleBlock(times_s, batch.columns, counts, raw, arrival_s)
 
     def _take(self, raw: bytes, arrival_s: float) -> tuple[Decoded, FloatArray]:
         """Decode, place the samples in time and remember what the newest one says about the index."""
@@ -190,11 +187,6 @@ class StreamImu:
         fault, rejected = role.fault in on, role.rejected in on
         return IndexStatus(float(times_s[-1]), since_s, code, moving, in_position, fault, rejected)
 
-    def _ask_identity(self) -> None:
-        commands = self._description.commands
-        if commands is not None and commands.identify is not None:
-            self._transport.write(commands.line(commands.identify))
-
     def _identity_in(self, decoded: Decoded) -> ImuIdentity | None:
         role = self._roles.identity
         if role is None or role.frame is None:
@@ -207,10 +199,8 @@ class StreamImu:
         return ImuIdentity(batch.text(role.model)[-1], serial, firmware)
 
     def _refuse_wrong(self, found: ImuIdentity) -> None:
-        if self._expected is None:
-            return
         for what in ("model", "serial"):
-            wanted, given = getattr(self._expected, what), getattr(found, what)
+            wanted, given = getattr(self._expected, what, ""), getattr(found, what)
             if wanted and wanted != given:
                 raise WrongDevice(
                     f"{self.port}: the unit says {what} {given!r}, {wanted!r} is what the bench file says or "

@@ -48,11 +48,7 @@ class IndexingPositioner:
         return self._labels.get(status.code)
 
     def move_to(self, position: str, timeout_s: float) -> None:
-        """Go to `position` and return once the stream confirms it.
-
-        Raise `CommandRefused` where the position is unknown or the unit refuses, `DeviceTimeout` where it does not
-        arrive within `timeout_s`; the message says what the stream said last.
-        """
+        """Go to `position` and return once the stream confirms it; `CommandRefused`, or `DeviceTimeout` where late."""
         for wait_s in self.moving(position, timeout_s):
             self.clock.sleep(wait_s)
 

@@ -34,11 +34,7 @@ class OperatorPositioner:
     _position: str | None = field(default=None, init=False)
 
     def move_to(self, position: str, timeout_s: float) -> None:
-        """Ask for `position` and return once it is confirmed.
-
-        Raises `CommandRefused` where the operator refuses, `DeviceTimeout` where no confirmation came within
-        `timeout_s` seconds, and `DeviceError` for a position that the bench does not have.
-        """
+        """Ask for `position`; `CommandRefused`, `DeviceTimeout` where nobody answers, `DeviceError` where unknown."""
         if self.instructions and position not in self.instructions:
             known = ", ".join(sorted(self.instructions))
             raise DeviceError(f"the bench has no position {position}; its operator knows {known}")
@@ -46,7 +42,9 @@ class OperatorPositioner:
         asked_s = self.clock.now()
         if self.hands is not None:
             self.hands(position)
-        answer = self.ask(self._question(position), timeout_s)
+        how = f" ({lies})" if (lies := self.instructions.get(position)) else ""
+        question = f"Bring the unit to position {position}{how} and confirm when it lies still."
+        answer = self.ask(question, timeout_s)
         waited_s = self.clock.now() - asked_s
         if answer is None or waited_s > timeout_s:
             raise DeviceTimeout(
@@ -60,7 +58,3 @@ class OperatorPositioner:
     def position(self) -> str | None:
         """Return the position last confirmed, or None where the unit may lie anywhere."""
         return self._position
-
-    def _question(self, position: str) -> str:
-        how = self.instructions.get(position, "")
-        return f"Bring the unit to position {position}{f' ({how})' if how else ''} and confirm when it lies still."

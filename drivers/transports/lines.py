@@ -96,7 +96,7 @@ class LineExchange:
             with suppress(DeviceTimeout, ValueError):
                 self.framings.replied.received(self.transport, self.timing.late_s)
         self._unanswered = False
-        self.transport.drain()
+        self.transport.read_available()  # so that a late reply answers nothing else
         self.transport.write(framing.packed(request.encode(self.framings.encoding)))
 
     def _receive(self, request: str, deadline_s: float, length: int | None) -> str:

@@ -169,7 +169,7 @@ class ModbusExchange:
                     self.clock.sleep(min(self.timing.pause_s, left_s))  # the rest of that reply
                     break
         self._unanswered = False
-        self.transport.drain()
+        self.transport.read_available()
 
     def _receive(self, frame: bytes, request: ModbusPDU, what: str) -> ModbusPDU:
         deadline_s = self.clock.now() + self.timing.timeout_s

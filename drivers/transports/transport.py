@@ -71,10 +71,6 @@ class Transport(ABC):
                 )
         return self._take(self._arrived.index(terminator) + len(terminator))
 
-    def drain(self) -> bytes:
-        """Throw away and return what has arrived, so that a late reply cannot answer the next request."""
-        return self.read_available()
-
     def _take(self, size: int) -> bytes:
         data = bytes(self._arrived[:size])
         del self._arrived[:size]

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from drivers.chambers import CHAMBER_DRIVERS, ChamberReading
+from drivers.chambers.guards import ENDURANCE_WRITES
 from drivers.chambers.ramp import steps_of_a_ramp
-from drivers.chambers.wear import ENDURANCE_WRITES
 from drivers.clock import SystemClock
 from drivers.errors import DeviceError
 from drivers.imu import SampleBlock

@@ -7,12 +7,8 @@ from typing import Any
 from drivers.frames.description import StreamDescription
 from drivers.imu import ImuIdentity
 from drivers.simulators import SimulatedDevice
-from drivers.simulators.chambers.catalogue import (
-    CHAMBER_SIMULATORS,
-    SimulatedChamberController,
-    SimulatorOptions,
-    ramp_port_of,
-)
+from drivers.simulators.chambers.catalogue import CHAMBER_SIMULATORS, SimulatorOptions, ramp_port_of
+from drivers.simulators.chambers.controller import SimulatedController
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.unit import IndexSettings, SimulatedImu
 from hil.config.bench import ASK, Bench
@@ -30,7 +26,7 @@ class SimulatedBench:
     """
 
     imus: Mapping[str, SimulatedImu]
-    chamber: SimulatedChamberController
+    chamber: SimulatedController
     units: Mapping[str, SimulatedUnit]
     plant: ChamberPlant
     ramp: SimulatedDevice | None = None

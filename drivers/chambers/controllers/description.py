@@ -1,10 +1,8 @@
 """A chamber described in a file: what is sent and what comes back, or which registers it has.
 
     >>> box = load_box("configs/chambers/temptronic-ats.yaml")
-    >>> box.setpoint.taken("SETP 25.0")
-    25.0
-    >>> box.temperature.value("23.4")
-    '23.4'
+    >>> box.setpoint.send
+    'SETP {value:.1f}'
 
 A box speaks text, or Modbus where its description has a section `modbus`. What text is made of is in `templates`. A
 register's number is a word as a reply is: what a word means stands with the question.
@@ -29,7 +27,7 @@ from drivers.chambers.controllers.registers import (
     Word,
     off_is_a_word,
 )
-from drivers.chambers.controllers.templates import Order, Reply, addressed_to, found_in, reply_with, taken_from
+from drivers.chambers.controllers.templates import Order, Reply, addressed_to
 from drivers.errors import InputError
 from drivers.given_file import read_text
 from drivers.strict_yaml import first_mistake, parse_yaml
@@ -55,14 +53,6 @@ class Question(InRegister):
         if (self.ask is None) == (self.address is None) and not (self.optional and self.ask is None):
             raise ValueError("say how it is asked: ask and reply, or register")
         return self
-
-    def value(self, line: str) -> str | None:
-        """Return what stands for the value in a line, None where the line is no such reply."""
-        return found_in(self.reply, line)
-
-    def answer(self, value: str) -> str:
-        """Return the line that says `value`, as a simulator sends it."""
-        return reply_with(self.reply, value)
 
     def meaning(self, word: str) -> Any:
         """Return what a word means; raise `ValueError`, which says what the box does, where it can mean nothing."""
@@ -115,11 +105,6 @@ class Quantity(Number):
     def written_to(self) -> tuple[int, ...]:
         """The registers it is written to."""
         return self.write or (() if self.address is None else (self.address,))
-
-    def taken(self, request: str) -> float | None:
-        """Return the number in a request of this form, None where it is another: for simulators."""
-        found = taken_from(self.send or "", request)
-        return None if found is None else float(found["value"])
 
 
 class Requirement(Question):

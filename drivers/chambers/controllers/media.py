@@ -51,7 +51,7 @@ class TextMedium:
 
     def word(self, question: Question, line: str) -> str:
         """Return what a reply says; `CommandRefused` for a refusal, `ValueError`, which says what it did instead."""
-        value = question.value(line)
+        value = found_in(question.reply, line)
         if value is None:
             self._refuse(question.ask or "", line)
             raise ValueError(f"answered {question.ask!r} with {line!r}, its description expects {question.reply!r}")

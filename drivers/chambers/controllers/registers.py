@@ -81,12 +81,14 @@ class ModbusSection(Entry):
 
     def number(self, entry: InRegister, registers: Sequence[int], decimals: int | None = None) -> float:
         """Return what an entry's registers hold, where the controller shows `decimals`: whole where nothing scales."""
-        return decoded(registers, self._type(entry), scale=self.step(entry, decimals), low_word_first=self._low_first)
+        return decoded(
+            registers, self._type(entry), scale=self.step(entry, decimals), low_word_first=self.words == "low first"
+        )
 
     def registers(self, entry: InRegister, value: float, decimals: int | None = None) -> tuple[int, ...]:
         """Return the registers that hold `value`; raise `ValueError` where none can."""
         step = self.step(entry, decimals)
-        return encoded(value, self._type(entry), scale=step, low_word_first=self._low_first)
+        return encoded(value, self._type(entry), scale=step, low_word_first=self.words == "low first")
 
     def step(self, entry: InRegister, decimals: int | None) -> float:
         """Return the step in which an entry is counted."""
@@ -96,7 +98,3 @@ class ModbusSection(Entry):
 
     def _type(self, entry: InRegister) -> NumberType:
         return entry.type or (self.type if entry.numeric else "uint16")
-
-    @property
-    def _low_first(self) -> bool:
-        return self.words == "low first"

@@ -87,12 +87,8 @@ class VoetschAscii(Controller):
         temperature, setpoint = self._look()
         runs = all(self._bits[bit] == "1" for bit in self._run_bits())
         failed = self._bits[self._layout.error_bit] == "1"
-        return ControllerState(
-            temperature=temperature,
-            setpoint=setpoint,
-            mode="CONSTANT" if runs else "OFF",
-            alarms=(self._exchange.query(f"{self._address}F", self._error),) if failed else (),
-        )
+        alarms = (self._exchange.query(f"{self._address}F", self._error),) if failed else ()
+        return ControllerState(temperature, setpoint, "CONSTANT" if runs else "OFF", alarms)
 
     def write(self, which: Which, value: float) -> None:
         """Send the setpoint, everything else as it was."""
@@ -140,8 +136,9 @@ class VoetschAscii(Controller):
     def _look(self) -> tuple[float, float]:
         """Return the air's actual and nominal value, and keep what the next write must write back."""
         numbers, self._bits = self._exchange.query(f"{self._address}I", self._values)
-        nominal = numbers[0::2] if self._layout.nominal_first else numbers[1::2]
-        actual = numbers[1::2] if self._layout.nominal_first else numbers[0::2]
+        nominal, actual = numbers[0::2], numbers[1::2]
+        if not self._layout.nominal_first:
+            nominal, actual = actual, nominal
         self._nominal = nominal[: self._layout.written]
         return actual[0], nominal[0]
 

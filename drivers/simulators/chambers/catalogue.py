@@ -3,14 +3,14 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal
 
 from drivers.chambers.catalogue import SHIPPED, ChamberDriver, WarningLimits
 from drivers.chambers.controllers.description import load_box
 from drivers.chambers.controllers.voetsch_ascii import AsciiLayout
 from drivers.outside import Catalogue
 from drivers.simulators import SimulatedDevice
-from drivers.simulators.chambers.controller import ChamberFault
+from drivers.simulators.chambers.controller import ChamberFault, SimulatedController
 from drivers.simulators.chambers.described import simulated_box
 from drivers.simulators.chambers.espec import SimulatedEspec
 from drivers.simulators.chambers.plant import ChamberPlant
@@ -34,40 +34,28 @@ class SimulatorOptions:
     begins_s: float = 0.0
 
 
-class SimulatedChamberController(SimulatedDevice, Protocol):
-    """A simulated controller whose state tests and twins look at."""
-
-    mode: str
-    setpoint_degC: float
-    alarms: tuple[str, ...]
-    ignored_requests: int
-
-    def inject(self, fault: ChamberFault) -> None:
-        """Let one more thing go wrong."""
-
-
 def ramp_port_of(chamber: object) -> SimulatedDevice | None:
     """Return the simulated second port on which a controller takes its ramp, None where it has none."""
     return SimulatedF4tScpi(chamber) if isinstance(chamber, SimulatedWatlowF4t) else None
 
 
-Build = Callable[[ChamberPlant, SimulatorOptions], SimulatedChamberController]
+Build = Callable[[ChamberPlant, SimulatorOptions], SimulatedController]
 
 
-def _built(kind: Callable[..., SimulatedChamberController], *said: str) -> Build:
+def _built(kind: Callable[..., SimulatedController], *said: str) -> Build:
     """Return what makes such a controller of what the bench file may say of it, the options `said`."""
 
-    def build(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
+    def build(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedController:
         given = {name: getattr(options, name) for name in said if getattr(options, name) is not None}
         return kind(plant, faults=options.faults, begins_s=options.begins_s, **given)
 
     return build
 
 
-def _box(description: Path | None, kind: Callable[..., SimulatedChamberController] = simulated_box) -> Build:
+def _box(description: Path | None, kind: Callable[..., SimulatedController] = simulated_box) -> Build:
     """Return what makes the box of a description, the bench file's own where it has one."""
 
-    def build(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedChamberController:
+    def build(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedController:
         path = options.description or description
         if path is None:
             raise ValueError("it has no description, and no simulator of its own")

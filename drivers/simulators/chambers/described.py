@@ -19,8 +19,7 @@ from drivers.chambers import ChamberLimits
 from drivers.chambers.controllers.description import AlarmQuestion, BoxDescription, Command, Quantity, Question
 from drivers.chambers.controllers.registers import ModbusSection
 from drivers.chambers.controllers.templates import filled, reply_with, taken_from
-from drivers.simulators.chambers.controller import Refusal, SimulatedController
-from drivers.simulators.chambers.lines import SimulatedLines
+from drivers.simulators.chambers.controller import Refusal, SimulatedController, SimulatedLines
 from drivers.simulators.chambers.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, SimulatedModbus
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.transports.modbus import Table
@@ -121,8 +120,8 @@ class SimulatedSetpointBox(_Described, SimulatedLines):
                     self._switch(mode)
                     return command.confirm[0] if command.confirm else None
         for name, quantity in self._quantities:
-            if (value := quantity.taken(request)) is not None:
-                self._adopt(name, value)
+            if (found := taken_from(quantity.send or "", request)) is not None:
+                self._adopt(name, value := float(found["value"]))
                 return filled(quantity.confirm[0], value=value) if quantity.confirm else None
         raise Refusal(self._refusal())
 
@@ -132,7 +131,9 @@ class SimulatedSetpointBox(_Described, SimulatedLines):
             (each, value) for each, value in self._answers(now_s) if each and each.ask == request and value is not None
         ]
         bits = sum(int(value) << each.bit for each, value in answered if each.bit is not None)
-        lines = [each.answer(self._written(bits if each.bit is not None else value)) for each, value in answered]
+        lines = [
+            reply_with(each.reply, self._written(bits if each.bit is not None else value)) for each, value in answered
+        ]
         if not lines:
             return self._box.simulated.answers.get(request)
         return "".join(max(column) for column in zip_longest(*lines, fillvalue=" "))

@@ -16,12 +16,10 @@ code 1, and that an alarm limit which would exclude the setpoint is refused.
 """
 
 import re
-from collections.abc import Callable
 from typing import Any
 
 from drivers.chambers import ChamberLimits
-from drivers.simulators.chambers.controller import ChamberFault, ChamberFaultKind, Refusal
-from drivers.simulators.chambers.lines import SimulatedLines
+from drivers.simulators.chambers.controller import ChamberFault, ChamberFaultKind, Refusal, SimulatedLines
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.transports.framing import lines
 
@@ -31,6 +29,7 @@ _LIMIT_ALARM = "1"
 _OTHERS = {"SET?": "REF9", "RELAY?": "0", "REF?": "1,OFF1", "DATE?": "26.01/01", "TIME?": "00:00:00"}
 _OTHERS |= {"SRQ?": "00000000", "MASK?": "00000000"}
 _MONITORS = ("TEMP?", "MON?", "MODE?", "ALARM?", "CONSTANT SET?", "ROM?", "TYPE?", "HUMI?", "TIMER LIST?", "TIMER ON?")
+_SETTINGS = ("TEMP", "MODE", "POWER", "PRGM", "TIMER WRITE", "TIMER")
 _TARGETS = re.compile(r"(?:[SHL]-?\d+(?:\.\d+)?(?:\s+|$))+")
 _TARGET = re.compile(r"([SHL])(-?\d+(?:\.\d+)?)")
 _PROGRAM_ENDS = {"STANDBY": "STANDBY", "OFF": "OFF", "CONST": "CONSTANT", "HOLD": "RUN"}
@@ -139,63 +138,57 @@ class SimulatedEspec(SimulatedLines):
             if not self.model.startswith("P3"):
                 raise Refusal("PARA ERR")
             command = command.removesuffix(",DETAIL")
-        match command:
-            case "TEMP?":
-                settings = (self.setpoint_degC, self.limits.high_degC, self.limits.low_degC)
-                return ",".join((self._air_text(now_s), *(f"{self._shown(each):.1f}" for each in settings)))
-            case "MON?":
-                humidity = (self.humidity or "").partition(",")[0]
-                return f"{self._air_text(now_s)},{humidity},{self.mode},{len(self.alarms)}"
-            case "MODE?":
-                return self.mode
-            case "ALARM?":
-                return ",".join((str(len(self.alarms)), *self.alarms))
-            case "CONSTANT SET?,TEMP":
-                return f"{self._shown(self.setpoint_degC):.1f},ON"
-            case "ROM?":
-                return self.model
-            case "TYPE?":
-                return self.type_text
-            case "HUMI?":
-                if self.humidity is None:
-                    raise Refusal("INVALID REQ")
-                return self.humidity
-            case "TIMER LIST?,0":
-                mode, minutes = self._timer
-                return f"{mode},{minutes // 60}:{minutes % 60}"
-            case "TIMER ON?":
-                return "0" if self.timer_ends_s is None else "1,0"
-            case "TIMER USE?":
-                return "1,0" if self._timer[1] else "0"
-            case "KEYPROTECT?":
-                return "ON" if self.panel_locked else "OFF"
-            case "%?":
-                dry = f"{50.0 * (self.mode == 'CONSTANT'):.1f}"
-                return f"1,{dry}" if self.humidity is None else f"2,{dry},0.0"
-        if command in _OTHERS:
-            return _OTHERS[command]
+        if command == "HUMI?" and self.humidity is None:
+            raise Refusal("INVALID REQ")
+        held = (self.setpoint_degC, self.limits.high_degC, self.limits.low_degC)
+        air = f"{self._air(now_s):.1f}" if self._shown_instead is None else self._shown_instead
+        (after, minutes), conditions = self._timer, f"{50.0 * (self.mode == 'CONSTANT'):.1f}"
+        said = _OTHERS | {
+            "TEMP?": ",".join((air, *(f"{self._shown(each):.1f}" for each in held))),
+            "MON?": f"{air},{(self.humidity or '').partition(',')[0]},{self.mode},{len(self.alarms)}",
+            "MODE?": self.mode,
+            "ALARM?": ",".join((str(len(self.alarms)), *self.alarms)),
+            "CONSTANT SET?,TEMP": f"{self._shown(self.setpoint_degC):.1f},ON",
+            "ROM?": self.model,
+            "TYPE?": self.type_text,
+            "HUMI?": self.humidity or "",
+            "TIMER LIST?,0": f"{after},{minutes // 60}:{minutes % 60}",
+            "TIMER ON?": "0" if self.timer_ends_s is None else "1,0",
+            "TIMER USE?": "1,0" if minutes else "0",
+            "KEYPROTECT?": "ON" if self.panel_locked else "OFF",
+            "%?": f"1,{conditions}" if self.humidity is None else f"2,{conditions},0.0",
+        }
+        if command in said:
+            return said[command]
         raise Refusal("PARA ERR" if command.split(",")[0] in _MONITORS else "CMD ERR")
-
-    def _air_text(self, now_s: float) -> str:
-        return f"{self._air(now_s):.1f}" if self._shown_instead is None else self._shown_instead
 
     # What it does.
 
     def _setting(self, command: str, request: str, now_s: float) -> str:
         """Carry out a setting and return its acknowledgement."""
-        head, _, parameter = command.partition(",")
-        settings: dict[str, Callable[[str], None]] = {
-            "TEMP": self._set_temperatures,
-            "MODE": self._set_mode,
-            "POWER": self._set_power,
-            "PRGM": self._set_program,
-            "TIMER WRITE": self._set_timer,
-            "TIMER": lambda switch: self._switch_timer(switch, now_s),
-        }
-        if head not in settings:
+        head, _, parameter = (part.strip() for part in command.partition(","))
+        if head not in _SETTINGS:
             raise Refusal("CMD ERR")
         self._refuse_if_locked()
-        settings[head](parameter.strip())
+        match head, parameter:
+            case "TEMP", _:
+                self._set_temperatures(parameter)
+            case "MODE", "OFF" | "STANDBY" | "CONSTANT":
+                self.mode = parameter
+            case "POWER", "OFF":
+                self.mode = "OFF"
+            case "POWER", "ON":
+                self.mode = "STANDBY" if self.mode == "OFF" else self.mode
+            case "PRGM", _:
+                self._set_program(parameter)
+            case "TIMER WRITE", _ if written := re.fullmatch(r"NO0,(\d+):([0-5]?\d),(STANDBY|OFF)", parameter):
+                self._timer = (written[3], 60 * int(written[1]) + int(written[2]))  # the quick timer, number 0
+            case "TIMER", "ON,0":
+                self.timer_ends_s = now_s + 60.0 * self._timer[1]
+            case "TIMER", "OFF,0":
+                self.timer_ends_s = None
+            case _:
+                raise Refusal("PARA ERR")
         return self.acknowledgement.format(request, self._address or 1, command, command.lower())
 
     def _set_temperatures(self, parameter: str) -> None:
@@ -210,19 +203,6 @@ class SimulatedEspec(SimulatedLines):
             raise Refusal("DATA OUT OF RANGE")
         self.setpoint_degC, self.limits = setpoint, limits
 
-    def _set_mode(self, parameter: str) -> None:
-        if parameter not in ("OFF", "STANDBY", "CONSTANT"):
-            raise Refusal("PARA ERR")
-        self.mode = parameter
-
-    def _set_power(self, parameter: str) -> None:
-        if parameter not in ("ON", "OFF"):
-            raise Refusal("PARA ERR")
-        if parameter == "OFF":
-            self.mode = "OFF"
-        elif self.mode == "OFF":
-            self.mode = "STANDBY"
-
     def _set_program(self, parameter: str) -> None:
         """Start or end a program; it holds the present setpoint, which is enough to be in its way."""
         if re.fullmatch(r"RUN,(RAM|ROM):\d+,STEP\d+", parameter):
@@ -234,15 +214,3 @@ class SimulatedEspec(SimulatedLines):
         if self.mode != "RUN":
             raise Refusal("CONT NOT READY-2")
         self.mode = _PROGRAM_ENDS[ended[1]]
-
-    def _set_timer(self, parameter: str) -> None:
-        """`NO0,3:0,STANDBY`: the quick timer, which is number 0."""
-        written = re.fullmatch(r"NO0,(\d+):(\d+),(STANDBY|OFF)", parameter)
-        if written is None or int(written[2]) > 59:
-            raise Refusal("PARA ERR")
-        self._timer = (written[3], 60 * int(written[1]) + int(written[2]))
-
-    def _switch_timer(self, parameter: str, now_s: float) -> None:
-        if parameter not in ("ON,0", "OFF,0"):
-            raise Refusal("PARA ERR")
-        self.timer_ends_s = now_s + 60.0 * self._timer[1] if parameter == "ON,0" else None

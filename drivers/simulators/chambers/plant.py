@@ -183,36 +183,23 @@ class ChamberPlant:
     def _restart(self, at_s: float) -> None:
         """Begin a new stretch of history from the present temperature and rate."""
         at_s = max(at_s, self._now_s)
-        self._drop_after(at_s)
-        air = self.advance(at_s)
-        rate = self._segments[-1].slope_per_s(max(at_s - self._begins[-1], 0.0))
-        if self.commanded_degC is None or self._dead:
-            self._append(at_s, _Leak(air, self.ambient_degC, self._leak_s))
-            return
-        target = self.commanded_degC + self._astray_degC
-        rises = target > air
-        up_per_s, down_per_s = (each / 60.0 or math.inf for each in self.ramp_degC_per_min)
-        limit = min(self._heating_per_s, up_per_s) if rises else -min(self._cooling_per_s, down_per_s)
-        ramp = _Ramp(air, limit, rate, self._response_s)
-        duration_s = ramp.duration_to(target)
-        self._append(at_s, ramp)
-        arrives = ramp.slope_per_s(duration_s)
-        settling_s = self._settling_for(abs(target - air), abs(arrives))
-        self._append(at_s + duration_s, _Settled(target, arrives, settling_s, *self._ripple))
-
-    def _settling_for(self, step_degC: float, arrives_per_s: float) -> float:
-        """Return the settling time with which a small step overshoots by at most a share of itself."""
-        if arrives_per_s == 0.0:
-            return self._settling_s
-        allowed_s = _OVERSHOOT_OF_A_STEP * step_degC * math.e / arrives_per_s
-        return min(self._settling_s, max(allowed_s, _FASTEST_SETTLING_S))
-
-    def _append(self, begins_s: float, segment: _Segment) -> None:
-        self._begins.append(begins_s)
-        self._segments.append(segment)
-
-    def _drop_after(self, at_s: float) -> None:
-        """Forget what was to come: the settling that a new command overtakes."""
-        while len(self._begins) > 1 and self._begins[-1] > at_s:
+        while len(self._begins) > 1 and self._begins[-1] > at_s:  # the settling that a new command overtakes
             self._begins.pop()
             self._segments.pop()
+        air = self.advance(at_s)
+        rate = self._segments[-1].slope_per_s(max(at_s - self._begins[-1], 0.0))
+        self._begins.append(at_s)
+        if self.commanded_degC is None or self._dead:
+            self._segments.append(_Leak(air, self.ambient_degC, self._leak_s))
+            return
+        target = self.commanded_degC + self._astray_degC
+        up_per_s, down_per_s = (each / 60.0 or math.inf for each in self.ramp_degC_per_min)
+        limit = min(self._heating_per_s, up_per_s) if target > air else -min(self._cooling_per_s, down_per_s)
+        ramp = _Ramp(air, limit, rate, self._response_s)
+        duration_s = ramp.duration_to(target)
+        arrives, settling_s = ramp.slope_per_s(duration_s), self._settling_s
+        if arrives != 0.0:  # a small step overshoots by at most a share of itself
+            allowed_s = _OVERSHOOT_OF_A_STEP * abs(target - air) * math.e / abs(arrives)
+            settling_s = min(settling_s, max(allowed_s, _FASTEST_SETTLING_S))
+        self._begins.append(at_s + duration_s)
+        self._segments += [ramp, _Settled(target, arrives, settling_s, *self._ripple)]

@@ -12,8 +12,7 @@ sends, is tolerated. A setpoint beyond its limits is error -6, a locked panel -1
 from collections.abc import Callable
 from typing import Any
 
-from drivers.simulators.chambers.controller import Refusal
-from drivers.simulators.chambers.lines import SimulatedLines
+from drivers.simulators.chambers.controller import Refusal, SimulatedLines
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.transports.framing import lines
 

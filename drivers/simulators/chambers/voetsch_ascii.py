@@ -15,7 +15,7 @@ import re
 from typing import Any
 
 from drivers.chambers.controllers.voetsch_ascii import AsciiLayout
-from drivers.simulators.chambers.lines import SimulatedLines
+from drivers.simulators.chambers.controller import SimulatedLines
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.transports.framing import lines
 

@@ -9,8 +9,8 @@ SCPI settings are not answered, questions are (formats inferred).
 
 from typing import Any
 
+from drivers.simulators.chambers.controller import SimulatedLines
 from drivers.simulators.chambers.described import SimulatedRegisterBox
-from drivers.simulators.chambers.lines import SimulatedLines
 from drivers.transports.framing import lines
 
 

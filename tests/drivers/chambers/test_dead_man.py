@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.chambers.dead_man import DeadMan
+from drivers.chambers.guards import DeadMan
 from drivers.clock import VirtualClock
 from drivers.errors import CommandRefused, DeviceTimeout
 

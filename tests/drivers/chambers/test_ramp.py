@@ -8,10 +8,9 @@ from typing import Any
 import pytest
 
 from drivers.chambers import SafeState
+from drivers.chambers.guards import ReadingWatch, WriteWear
 from drivers.chambers.ramp import RampedChamber, steps_of_a_ramp
-from drivers.chambers.reading_watch import ReadingWatch
 from drivers.chambers.supervised import SupervisedChamber
-from drivers.chambers.wear import WriteWear
 from drivers.clock import VirtualClock
 from drivers.errors import SensorFault, SetpointOutOfLimits
 from drivers.simulators.chambers.controller import ChamberFaultKind

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.frames.batch import FrameBatch, VariedBatch
 from drivers.frames.description import StreamDescription, load_description, parse_description
 
 FloatArray = NDArray[np.float64]
@@ -117,3 +118,14 @@ class SteadyPhysics:
         self.latest_s = float(times_s[-1])
         constants = {"rate_A1": -7.5, "accel_A1": -0.25, "case_degC": -29.72, "supply_V": 28.0, "spin_period_1_us": 4e3}
         return {"rate_A2": times_s} | {name: np.full(len(times_s), value) for name, value in constants.items()}
+
+
+def frames_of(batch: FrameBatch) -> list[bytes]:
+    """Return the bytes of every frame of a batch; of a sample, those of its parts."""
+    if not isinstance(batch, VariedBatch):
+        return [row.tobytes() for row in batch.rows]
+    found = [b""] * len(batch)
+    for place, part in zip(batch.places, batch.parts, strict=True):
+        for at, frame in zip(place.tolist(), frames_of(part), strict=True):
+            found[at] += frame
+    return found

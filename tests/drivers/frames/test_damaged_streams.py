@@ -17,6 +17,7 @@ from drivers.frames.counts import StreamCounts
 from drivers.frames.decoder import StreamDecoder
 from drivers.frames.description import StreamDescription, parse_description
 from drivers.frames.layout import encode
+from tests.drivers.frames.streams import frames_of
 from tests.drivers.frames.test_shipped_descriptions import LAYOUTS, shipped
 from tests.drivers.frames.test_stream_decoder import Outcome, cut
 
@@ -29,7 +30,7 @@ def decode(description: StreamDescription, pieces: list[bytes]) -> Outcome:
     for decoded in [*(decoder.feed(piece) for piece in pieces), decoder.finish()]:
         outcome.counts += decoded.counts
         for name, batch in decoded.frames.items():
-            outcome.frames.setdefault(name, []).extend(batch.frames())
+            outcome.frames.setdefault(name, []).extend(frames_of(batch))
             outcome.starts.setdefault(name, []).extend(batch.starts.tolist())
             outcome.sequence.setdefault(name, []).extend(batch.sequence.tolist())
     return outcome

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.frames.checksum_kinds import CrcKind, FletcherKind, SumKind, XorKind
-from drivers.frames.checksums import FrameChecksum
-from drivers.frames.crc import Crc
+from drivers.frames.checksums import Crc, FrameChecksum
 
 # Catalogue of parametrised CRC algorithms (reveng): name, width, poly, init, refin, refout, xorout, CRC of "123456789".
 CATALOGUE = [

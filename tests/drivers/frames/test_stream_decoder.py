@@ -15,7 +15,7 @@ from drivers.frames.counts import StreamCounts
 from drivers.frames.decoder import StreamDecoder
 from drivers.frames.description import StreamDescription, parse_description
 from drivers.frames.layout import encode
-from tests.drivers.frames.streams import kvh, mfs, stim300
+from tests.drivers.frames.streams import frames_of, kvh, mfs, stim300
 from tests.drivers.frames.test_frame_checksums import crc_by_definition
 
 SPEEDS = {"frame by frame": 10**9, "many at once": 0}
@@ -334,4 +334,4 @@ def test_a_frame_that_tells_another_length_is_none_of_the_run_before_it() -> Non
     )
     short, long = bytes.fromhex("FE 81 00 11"), bytes.fromhex("FE 81 04 22 FE 81 00 33")
     decoded = StreamDecoder(description).feed(short * 3 + long * 3)
-    assert decoded["sample"].frames() == [short] * 3 + [long] * 3
+    assert frames_of(decoded["sample"]) == [short] * 3 + [long] * 3

@@ -19,6 +19,7 @@ from drivers.frames.batch import Decoded
 from drivers.frames.counts import StreamCounts
 from drivers.frames.decoder import StreamDecoder
 from drivers.frames.description import parse_description
+from tests.drivers.frames.streams import frames_of
 
 KESTREL = """
 schema: hil.frames/1
@@ -108,7 +109,7 @@ def fed(pieces: list[bytes]) -> tuple[StreamCounts, dict[str, list[bytes]], list
     for decoded in given:
         counts = counts + decoded.counts
         for name, batch in decoded.frames.items():
-            found[name] += batch.frames()
+            found[name] += frames_of(batch)
     return counts, found, given
 
 

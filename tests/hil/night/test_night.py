@@ -311,7 +311,7 @@ def test_an_alarm_ends_a_night_with_status_three_and_the_chamber_safe(tmp_path: 
 
 def test_a_night_that_wears_its_chamber_out_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A setpoint that was written too often is among the night's events, for the report; a plain night has none."""
-    monkeypatch.setattr("drivers.chambers.wear._WORTH_SAYING_NIGHTS", 1e9)
+    monkeypatch.setattr("drivers.chambers.guards._WORTH_SAYING_NIGHTS", 1e9)
     start_night(tmp_path / "worn", SHORT, load_bench("simulated"))
     kinds = [(kind, message) for _, kind, message in night_content(tmp_path / "worn").events]
     assert [message for kind, message in kinds if kind == "wear" and "is worn out in" in message]
