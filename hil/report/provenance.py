@@ -2,7 +2,6 @@
 
 import hashlib
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 from drivers.given_file import opened
@@ -48,14 +47,10 @@ def campaign_files(campaign: Campaign) -> list[tuple[str, int, str]]:
     if campaign.folder is None:
         return []
     folder = campaign.folder
-    paths = [folder / HEADER_FILE, folder / COLLECTS_FILE, *campaign.series_files.values()]
-    return [(_name(path, folder), path.stat().st_size, _sha256(path)) for path in paths if path.is_file()]
-
-
-def _name(path: Path, folder: Path) -> str:
-    return str(path.relative_to(folder)) if path.is_relative_to(folder) else path.name
-
-
-def _sha256(path: Path) -> str:
-    with opened(path) as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    files = []
+    for path in (folder / HEADER_FILE, folder / COLLECTS_FILE, *campaign.series_files.values()):
+        if path.is_file():
+            name = str(path.relative_to(folder)) if path.is_relative_to(folder) else path.name
+            with opened(path) as file:
+                files.append((name, path.stat().st_size, hashlib.file_digest(file, "sha256").hexdigest()))
+    return files
