@@ -4,6 +4,7 @@ Everything here is plain text and numbers; `page.py` turns it into HTML.
 """
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -89,16 +90,11 @@ def gather(
     for number, shown in repeats(campaign, solutions).items():
         own = [each for each in solutions if each.sensor == number]
         of_run = {each.run: each for each in contractor if each.sensor == number}
-        found = _reproduced(campaign, number) if of_run else None
+        found = None
+        with suppress(InputError):  # where no single run has all three of the report's collects
+            found = reproduce(campaign, number) if of_run else None
         sensors.append(SensorContent(number, own, of_run, shown, beside.get(number), found))
     return ReportContent(campaign, sensors, night, comparison, common_and_differential(campaign))
-
-
-def _reproduced(campaign: Campaign, sensor: int) -> dict[str, Any] | None:
-    try:
-        return reproduce(campaign, sensor)
-    except InputError:  # no single run has all three of the report's collects
-        return None
 
 
 def solutions_of_contractor(campaign: Campaign, sensor: int, solutions: Sequence[RunSolution]) -> Sequence[RunSolution]:

@@ -22,17 +22,13 @@ def night_provenance(journal: JournalReader, identity: Mapping[str, Mapping[str,
         ("began (UTC)", f"{night.began_utc:%Y-%m-%d %H:%M:%S}" + " (simulated time)" * (clock == "virtual")),
         ("began by", night.who),
         ("carried on by", ", ".join(each.who for each in controllers[1:])),
-        *((device, _identity(said)) for device, said in identity.items()),
+        *((device, ", ".join(f"{k} {v}" for k, v in said.items() if v)) for device, said in identity.items()),
         ("seed of the simulation", "" if night.seed is None else str(night.seed)),
         ("configuration, SHA-256", hashlib.sha256(night.configuration.encode()).hexdigest()),
         ("plan and configuration, digest in the journal", night.digest(journal.plan)),
         *((f"version of {name}", version) for name, version in first.items()),
     ]
     return [(name, value) for name, value in told if value]
-
-
-def _identity(said: Mapping[str, Any]) -> str:
-    return ", ".join(f"{name} {value}" for name, value in said.items() if value)
 
 
 def campaign_provenance(campaign: Campaign) -> list[tuple[str, str]]:

@@ -8,7 +8,6 @@ from drivers.strict_yaml import packaged
 from hil.analysis.night_verdict import night_verdict
 from hil.files.numbers import decimals_for, degrees
 from hil.report.content import ReportContent, SensorContent
-from hil.report.night import NightContent
 from hil.solve.site import smallest_seen_deg
 from hil.solve.temperatures import how_many
 from procedures.verdict import NOT_GOOD, Verdict
@@ -26,13 +25,11 @@ def headline(content: ReportContent) -> str:
     counts = content.verdict_counts()
     verdicts = ", ".join(f"{number} {verdict}" for verdict, number in counts.items())
     night = content.night
-    state = "" if night is None or night.state == "complete" else f" The night {_ended(night)}."
+    state = ""
+    if night is not None and night.state != "complete":
+        how = {"failed": "failed", "aborted": "was aborted"}.get(night.state, f"is {night.state}")
+        state = f" The night {': '.join(filter(None, [how, night.reason]))}."
     return f"{what}: {verdicts}.{state}" if verdicts else f"nothing solved.{state}"
-
-
-def _ended(night: NightContent) -> str:
-    how = {"failed": "failed", "aborted": "was aborted"}.get(night.state, f"is {night.state}")
-    return f"{how}: {night.reason}" if night.reason else how
 
 
 def good(content: ReportContent) -> tuple[str, str]:

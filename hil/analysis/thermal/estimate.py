@@ -188,16 +188,9 @@ def find_stations(conditions: Conditions, apart_degC: float | None = None) -> St
     centre = np.array([np.mean(temperature[number == place]) for place in range(number.max() + 1)])
     rising = np.argsort(centre, kind="stable")
     number = np.argsort(rising)[number]
-    return Stations(number, centre[rising], _directions(conditions, number))
-
-
-def _directions(conditions: Conditions, number: IntArray) -> FloatArray:
-    """Return the side from which each row's station was entered, in the order in which the rows were taken."""
-    direction = np.zeros(len(number))
-    came = 0.0
-    order = np.argsort(conditions.start_s, kind="stable")
-    for before, here in pairwise(order.tolist()):
+    direction, came = np.zeros(len(number)), 0.0
+    for before, here in pairwise(np.argsort(conditions.start_s, kind="stable").tolist()):
         if number[here] != number[before]:
             came = float(np.sign(number[here] - number[before]))
         direction[here] = came
-    return direction
+    return Stations(number, centre[rising], direction)
