@@ -36,8 +36,7 @@ from hil.records.ledger import read_head
 from hil.records.reader import is_night
 from hil.records.status import night_status
 from hil.records.verify import MISSING, verify_night
-from hil.report.content import ReportContent, gather
-from hil.report.statements import assumed
+from hil.report.content import ReportContent, assumed, gather
 from hil.solve.both_sensors import moving_together
 from hil.solve.omissions import in_words, what_is_wrong
 from hil.solve.runs import finite
