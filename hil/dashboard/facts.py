@@ -114,11 +114,6 @@ class NightFacts:
         """True while a controller is at work."""
         return self._owner is not None
 
-    @property
-    def began_utc(self) -> str:
-        """When the night began, as text that sorts."""
-        return str(self._status.get("began_utc", ""))
-
     def _read_journal(self) -> Part:
         self._status = night_status(self.folder)
         with reading(self.folder) as journal:
