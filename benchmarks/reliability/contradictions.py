@@ -31,8 +31,7 @@ from hil.errors import InputError
 from hil.night import start_night
 from hil.records import open_readonly
 from hil.records.export import campaign_of_night, export_campaign
-from hil.report.content import gather
-from hil.report.statements import good
+from hil.report.content import gather, good
 from procedures.attended import Terminal
 from procedures.collect import join
 from procedures.verdict import Verdict

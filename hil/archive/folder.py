@@ -170,45 +170,31 @@ def life(archive: Path, names: list[str]) -> Campaign:
         layouts = [{n: of.conditions.sensor for n, of in each.sensors.items()} for each in (whole, campaign)]
         if layouts[0] != layouts[1]:
             raise InputError(f"{archive}: from {facts['began_utc'][:10]} on its sensors are others: no one campaign")
-        whole = _together(whole, _numbered_on(whole, campaign, since_s))
+        whole = _together(whole, campaign, since_s)
     return replace(whole, title=f"{whole.identity['serial']}, {len(parts)} campaigns", notes="", missing=())
 
 
-def _numbered_on(whole: Campaign, campaign: Campaign, since_s: float) -> Campaign:
+def _together(whole: Campaign, later: Campaign, since_s: float) -> Campaign:
+    """Return both as one: the later one's runs and collects are numbered on, its times are `since_s` behind."""
     runs = max(int(of.conditions.run.max()) for of in whole.sensors.values())
     collects = max(int(of.conditions.collect.max()) for of in whole.sensors.values())
-    sensors = {
-        number: replace(
+    sensors = {}
+    for number, of in whole.sensors.items():
+        other = later.sensors[number]
+        own = other.conditions
+        on = replace(own, run=own.run + runs, collect=own.collect + collects, start_s=own.start_s + since_s)
+        sensors[number] = replace(
             of,
-            conditions=replace(
-                of.conditions,
-                run=of.conditions.run + runs,
-                collect=of.conditions.collect + collects,
-                start_s=of.conditions.start_s + since_s,
-            ),
+            conditions=joined(of.conditions, on),
+            rates_deg_per_hr=np.concatenate([of.rates_deg_per_hr, other.rates_deg_per_hr]),
+            rates_se_deg_per_hr=np.concatenate([of.rates_se_deg_per_hr, other.rates_se_deg_per_hr]),
         )
-        for number, of in campaign.sensors.items()
-    }
-    verdicts = {run + runs: each for run, each in campaign.verdicts.items()}
-    contradicted = {(run + runs, number): each for (run, number), each in campaign.contradicted.items()}
-    return replace(campaign, sensors=sensors, verdicts=verdicts, contradicted=contradicted)
-
-
-def _together(whole: Campaign, later: Campaign) -> Campaign:
-    sensors = {
-        number: replace(
-            of,
-            conditions=joined(of.conditions, later.sensors[number].conditions),
-            rates_deg_per_hr=np.concatenate([of.rates_deg_per_hr, later.sensors[number].rates_deg_per_hr]),
-            rates_se_deg_per_hr=np.concatenate([of.rates_se_deg_per_hr, later.sensors[number].rates_se_deg_per_hr]),
-        )
-        for number, of in whole.sensors.items()
-    }
+    contradicted = {(run + runs, number): each for (run, number), each in later.contradicted.items()}
     return replace(
         whole,
         sensors=sensors,
-        verdicts={**whole.verdicts, **later.verdicts},
-        contradicted={**whole.contradicted, **later.contradicted},
+        verdicts={**whole.verdicts, **{run + runs: each for run, each in later.verdicts.items()}},
+        contradicted={**whole.contradicted, **contradicted},
         simulated=whole.simulated or later.simulated,
         condition_units={**later.condition_units, **whole.condition_units},
     )

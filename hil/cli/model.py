@@ -147,8 +147,7 @@ def visibility(
     From the size that is said on, hil reconcile finds an effect in nine nights of ten.
     """
     from hil.config import load_bench, load_sweep
-    from hil.design.visibility.document import campaign_document, sweep_document
-    from hil.design.visibility.text import visibility_text
+    from hil.design.visibility.document import campaign_document, sweep_document, visibility_text
     from hil.model import load_model
 
     chosen = None if model is None else load_model(model)

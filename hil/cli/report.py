@@ -39,9 +39,9 @@ def report(
     """Write the report: one self-contained HTML file that any browser shows and prints."""
     from hil.files.page import page_file
     from hil.records.reader import units_in
+    from hil.report.content import good
     from hil.report.page import write_units
     from hil.report.pdf import find_browser, write_pdf
-    from hil.report.statements import good
     from hil.report.tables import write_tables
 
     if pdf:

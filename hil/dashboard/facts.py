@@ -110,19 +110,9 @@ class NightFacts:
         return vars(night_verdict(self._status["state"], self._results.solutions))
 
     @property
-    def _on(self) -> list[Part]:
-        """The units that go on, where the night lists several."""
-        return [each for each in self._status["units"] if not each["set_aside"]]
-
-    @property
     def working(self) -> bool:
         """True while a controller is at work."""
         return self._owner is not None
-
-    @property
-    def began_utc(self) -> str:
-        """When the night began, as text that sorts."""
-        return str(self._status.get("began_utc", ""))
 
     def _read_journal(self) -> Part:
         self._status = night_status(self.folder)
@@ -132,7 +122,8 @@ class NightFacts:
                 self._bench = str(bench.get("name", "")) if isinstance(bench, dict) else ""
                 self._steps = {step.key: step_in_words(step) for step in journal.plan.steps}
             self._recorded = recorded_verdict(journal)
-            self._shows = unit_folder(self.night, next(iter(each["unit"] for each in self._on), journal.plan.units[0]))
+            on = [each["unit"] for each in self._status["units"] if not each["set_aside"]]
+            self._shows = unit_folder(self.night, on[0] if on else journal.plan.units[0])
             controllers = journal.controllers()
             self._status["seen_utc"] = controllers[-1].seen_utc.isoformat() if controllers else None
             self._status["pausing"] = _pausing(journal) if self._status["state"] == "running" else None

@@ -21,7 +21,7 @@ from typing import Any
 
 from hil.analysis.in_spec import InSpec, judge
 from hil.analysis.night_verdict import night_verdict
-from hil.campaign import Campaign, Collects
+from hil.campaign import Campaign
 from hil.config import Bench
 from hil.config.limits import load_limits
 from hil.config.recorded import bench_of_record, recorded_limits
@@ -36,11 +36,9 @@ from hil.records.ledger import read_head
 from hil.records.reader import is_night
 from hil.records.status import night_status
 from hil.records.verify import MISSING, verify_night
-from hil.report.content import ReportContent, gather
-from hil.report.statements import assumed
+from hil.report.content import ReportContent, assumed, gather
 from hil.solve.both_sensors import moving_together
 from hil.solve.omissions import in_words, what_is_wrong
-from hil.solve.repeats import SensorRepeats
 from hil.solve.runs import finite
 from hil.solve.temperatures import how_many
 from procedures.verdict import NOT_GOOD
@@ -91,7 +89,11 @@ def certificate(
     if allowed is not None:
         layouts = {number: each.conditions.sensor for number, each in campaign.sensors.items()}
         allowed.check(layouts, campaign.identity.get("model", ""))
-    shown = {each.number: _with_whole_uncertainty(each.shown, means[each.number]) for each in content.sensors}
+    shown = {}  # what repeats show with each mean's whole uncertainty; a mean without a budget tells nothing
+    for each in content.sensors:
+        known = {of.mean.runs: of.values for of in means[each.number]}
+        whole = [replace(mean, values=known.get(mean.runs, {})) for mean in each.shown.means]
+        shown[each.number] = replace(each.shown, means=whole)
     in_spec = None if allowed is None else judge(allowed, shown, content.solutions, measured)
     began, ended = (datetime.fromisoformat(status[key]) for key in ("began_utc", "last_utc"))
     bad, head = measured.reason if measured.verdict in NOT_GOOD else "", read_head(folder)
@@ -158,16 +160,12 @@ def refusals(
             yield f"{each.name} {each.number} was due for calibration on {each.due}, and measured until {measured}"
 
 
-def _with_whole_uncertainty(shown: SensorRepeats, means: Sequence[MeanBudget]) -> SensorRepeats:
-    """Return what repeats show with each mean's whole uncertainty; a mean without a budget tells nothing."""
-    known = {each.mean.runs: each.values for each in means}
-    return replace(shown, means=[replace(mean, values=known.get(mean.runs, {})) for mean in shown.means])
-
-
 def _results(where: Mapping[str, Any], sensor: int, each: MeanBudget) -> Iterator[dict[str, Any]]:
     """Yield the parameters' means at one temperature with their expanded uncertainties."""
     for name, value in each.values.items():
         expanded = value.expanded(K)
+        # Two digits of an expanded uncertainty are left (GUM 7.2.6).
+        decimals = max(0, 1 - math.floor(math.log10(expanded))) if 0.0 < expanded < math.inf else 2
         yield {
             "sensor": sensor,
             **where,
@@ -180,13 +178,8 @@ def _results(where: Mapping[str, Any], sensor: int, each: MeanBudget) -> Iterato
             "degrees_of_freedom": finite(value.freedom),
             "k": finite(expanded / value.sd) if value.sd > 0.0 else None,
             "expanded_uncertainty": finite(expanded),
-            "decimals": _decimals(expanded),
+            "decimals": decimals,
         }
-
-
-def _decimals(expanded: float) -> int:
-    """Return how many decimals leave two digits of an expanded uncertainty (GUM 7.2.6)."""
-    return max(0, 1 - math.floor(math.log10(expanded))) if 0.0 < expanded < math.inf else 2
 
 
 def _annex(where: Mapping[str, Any], sensor: int, each: MeanBudget) -> dict[str, Any]:
@@ -212,9 +205,11 @@ def _conditions(campaign: Campaign, content: ReportContent) -> Iterator[str]:
     for each in content.sensors:
         rows, shown = campaign.sensors[each.number], each.shown
         own = [degC for mean in shown.means for degC in mean.unit_degC or ()]
+        chamber = rows.conditions.columns.get("chamber_degC")
+        air = "" if chamber is None else f", the chamber at {min(chamber):.1f} … {max(chamber):.1f} °C"
         inside = f"; inside the unit {min(own):.1f} … {max(own):.1f} °C" if own else ""
         yield (
-            f"sensor {each.number}: {how_many(rows.conditions)}{_air(rows)}{inside}; collects of "
+            f"sensor {each.number}: {how_many(rows.conditions)}{air}{inside}; collects of "
             f"{listed(f'{s:g} s' for s in sorted({float(s) for s in rows.conditions.duration_s}))} at positions "
             f"{listed(sorted({str(label) for label in rows.conditions.position}))}, after restabilisation"
         )
@@ -223,11 +218,6 @@ def _conditions(campaign: Campaign, content: ReportContent) -> Iterator[str]:
     )
     yield from (*in_words(what_is_wrong(campaign)), *moving_together(campaign))
     yield f"site: {told}; 1 g is the local gravity, and the earth's rotation is taken off"
-
-
-def _air(rows: Collects) -> str:
-    air = rows.conditions.columns.get("chamber_degC")
-    return "" if air is None else f", the chamber at {min(air):.1f} … {max(air):.1f} °C"
 
 
 def _assumed(campaign: Campaign, content: ReportContent, means: Mapping[int, Sequence[MeanBudget]]) -> Iterator[str]:

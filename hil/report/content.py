@@ -3,22 +3,31 @@
 Everything here is plain text and numbers; `page.py` turns it into HTML.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from drivers.strict_yaml import packaged
 from hil.analysis.against import Comparison
 from hil.analysis.in_spec import InSpec
+from hil.analysis.night_verdict import night_verdict
 from hil.analysis.published.reproduction import reproduce
 from hil.campaign import Campaign
 from hil.config.sweep import PUBLISHED
 from hil.errors import InputError
+from hil.files.numbers import decimals_for, degrees
 from hil.report.night import NightContent
 from hil.solve import RunSolution, repeats, solve_campaign
 from hil.solve.both_sensors import BothSensors, common_and_differential
 from hil.solve.contractor import METHOD
 from hil.solve.repeats import MeanAt, SensorRepeats
-from procedures.verdict import Verdict
+from hil.solve.site import smallest_seen_deg
+from hil.solve.temperatures import how_many
+from procedures.verdict import NOT_GOOD, Verdict
+from procedures.words import counted, listed, numbered
 
 
 @dataclass(frozen=True)
@@ -89,16 +98,11 @@ def gather(
     for number, shown in repeats(campaign, solutions).items():
         own = [each for each in solutions if each.sensor == number]
         of_run = {each.run: each for each in contractor if each.sensor == number}
-        found = _reproduced(campaign, number) if of_run else None
+        found = None
+        with suppress(InputError):  # where no single run has all three of the report's collects
+            found = reproduce(campaign, number) if of_run else None
         sensors.append(SensorContent(number, own, of_run, shown, beside.get(number), found))
     return ReportContent(campaign, sensors, night, comparison, common_and_differential(campaign))
-
-
-def _reproduced(campaign: Campaign, sensor: int) -> dict[str, Any] | None:
-    try:
-        return reproduce(campaign, sensor)
-    except InputError:  # no single run has all three of the report's collects
-        return None
 
 
 def solutions_of_contractor(campaign: Campaign, sensor: int, solutions: Sequence[RunSolution]) -> Sequence[RunSolution]:
@@ -107,3 +111,161 @@ def solutions_of_contractor(campaign: Campaign, sensor: int, solutions: Sequence
         return ()
     one = Campaign(campaign.title, campaign.source, {sensor: campaign.sensors[sensor]})
     return [each for each in solve_campaign(one, "collins-4") if each.method == METHOD]
+
+
+_ALWAYS = packaged("hil.report", "statements.yaml")
+_UNSEEN_DEG = 5.0  # an error of the site that nobody makes who has looked at a map or a compass
+
+
+def headline(content: ReportContent) -> str:
+    """Say in one sentence what was done and whether it is good."""
+    made = {number: how_many(rows.conditions) for number, rows in content.campaign.sensors.items()}
+    of_all = [f"{next(iter(made.values()))}, {counted(len(made), 'sensor')}"] if len(set(made.values())) == 1 else []
+    what = "; ".join(of_all or [f"sensor {number}: {each}" for number, each in made.items()])
+    counts = content.verdict_counts()
+    verdicts = ", ".join(f"{number} {verdict}" for verdict, number in counts.items())
+    night = content.night
+    state = ""
+    if night is not None and night.state != "complete":
+        how = {"failed": "failed", "aborted": "was aborted"}.get(night.state, f"is {night.state}")
+        state = f" The night {': '.join(filter(None, [how, night.reason]))}."
+    return f"{what}: {verdicts}.{state}" if verdicts else f"nothing solved.{state}"
+
+
+def good(content: ReportContent) -> tuple[str, str]:
+    """Say whether it is good, by a verdict and a sentence."""
+    found = content.solutions
+    state = ("incomplete" if content.campaign.missing else "complete") if content.night is None else content.night.state
+    judged = night_verdict(state, found).verdict
+    if state != "complete":
+        worst = night_verdict("complete", found).verdict
+        there = "what is there is measured well" if worst is Verdict.PASS else f"some of what is there is {worst}"
+        return str(judged), f"Not whole: {_missing(content)}; {there if found else 'nothing was solved'}."
+    if not found:
+        return str(judged), "Nothing was solved."
+    if judged is Verdict.PASS and content.comparison is not None and content.comparison.doubts:
+        return str(Verdict.MARGINAL), f"An earlier campaign contradicts this one. {content.comparison.doubts[0]}"
+    whole_of = "that was asked for is there, and" if content.night is not None else "that is here is"
+    words = {
+        Verdict.PASS: f"Measured well: everything {whole_of} as a measurement must be.",
+        Verdict.MARGINAL: "Usable, but something deserves a look; the reasons are below.",
+        Verdict.INCONCLUSIVE: "Not conclusive: for some of it the evidence does not suffice; the reasons are below.",
+        Verdict.FAIL: "Not good: some of it must not be used; the reasons are below.",
+    }
+    return str(judged), words[judged]
+
+
+def _missing(content: ReportContent) -> str:
+    """Say how much of a night is missing: self-calibrations, or else why it is not called complete."""
+    if content.night is None:
+        return f"missing are {'; '.join(content.campaign.missing)}"
+    done, asked = content.night.self_calibrations
+    return f"{asked - done} of {asked} self-calibrations are missing" if done < asked else content.night.reason
+
+
+_DO = {
+    Verdict.FAIL: "Do not use",
+    Verdict.INCONCLUSIVE: "Do not rely on",
+    Verdict.MARGINAL: "Look at the reasons before using",
+}
+
+
+def to_do(content: ReportContent) -> Iterator[str]:
+    """Yield what somebody has to do now: with a night that is not whole, with runs that are not good."""
+    night = content.night
+    if night is not None and night.to_do:
+        yield f"{night.to_do}; what is missing is listed below."
+    for verdict, do in _DO.items():
+        alike: dict[str, list[int]] = {}
+        for sensor in content.sensors:
+            if found := [run for e in sensor.solutions if e.verdict is verdict for run in e.runs]:
+                alike.setdefault(numbered("run", found), []).append(sensor.number)
+        for runs, sensors in alike.items():
+            yield f"{do} {runs} of {numbered('sensor', sensors)} ({verdict})."
+    if set(NOT_GOOD) & set(content.verdict_counts()):
+        yield "Mend what is said under Why; then measure again."
+    if content.both is not None and content.both.look_for:
+        yield f"Look for {content.both.look_for}; below."
+    compared = content.comparison
+    if compared is not None and compared.doubts:
+        yield "Find out which of the two campaigns is wrong before using either."
+    elif compared is not None and compared.flagged:
+        yield f"{counted(len(compared.flagged), 'number')} changed since the earlier campaign: find out why, below."
+
+
+def largest(content: ReportContent) -> Iterator[str]:
+    """Yield of each sensor beside which the contractor's solution stands the largest term that it leaves out."""
+    for sensor in (each for each in content.sensors if each.has_contractor):
+        names = ("MUA", "MUB")
+        known = [(each.values, name, each) for each in sensor.shown.means for name in names]
+        sizes = [(values[name], name, each) for values, name, each in known if name in values]
+        if sizes:
+            mean, name, repeat = max(sizes, key=lambda each: abs(each[0].value))
+            digits = decimals_for([mean.sd]) - 1
+            sigma = f" ±{mean.sd:.{digits}f}" if np.isfinite(mean.sd) else ""
+            yield (
+                f"Sensor {sensor.number}: the largest term that the contractor's model leaves out is {name} = "
+                f"{mean.value:.{digits}f}{sigma} deg/hr/g at {degrees(repeat.temperature_degC, sensor.shown.told_by)}; "
+                f"taking it for zero moves {'BB' if name == 'MUA' else 'BA'} by as much, in deg/hr."
+            )
+
+
+def assumed(content: ReportContent) -> list[str]:
+    """Return what every number rests upon."""
+    found = [text for sensor in content.sensors for each in sensor.solutions for text in each.assumed]
+    if not found:
+        return ["nothing: no collect was solved"]
+    site = content.campaign.site
+    told = [f"site: {', '.join(_with_unit(name, value) for name, value in site.items())}"] if site else []
+    return list(dict.fromkeys([*told, *found, _ALWAYS["wander"]]))
+
+
+def _with_unit(name: str, value: float) -> str:
+    """Write `latitude_deg` as people do: latitude 34.6 deg."""
+    words, _, unit = name.rpartition("_")
+    return f"{words.replace('_', ' ')} {value:.4g} {unit}" if words else f"{name} {value:g}"
+
+
+def cannot_tell(content: ReportContent) -> list[str]:
+    """Return what these collects leave open, each thing once."""
+    solutions = [each for sensor in content.sensors for each in sensor.solutions]
+    open_things: dict[tuple[int, str], list[int]] = {}
+    for each in solutions:
+        for text in each.unobservable:
+            open_things.setdefault((each.sensor, text), []).extend(each.runs)
+    told = [f"sensor {sensor}, {numbered('run', runs)}: {text}" for (sensor, text), runs in open_things.items()]
+    if any(sensor.is_rotor for sensor in content.sensors) and all(each.degrees_of_freedom == 0 for each in solutions):
+        told = [*_ALWAYS["three_collects"], *told]
+    if solutions and content.comparison is None:
+        told += [_ALWAYS["channels"], *_site(content)]
+    if any(len(sensor.shown.means) > 1 and _visited_once(sensor) for sensor in content.sensors):
+        told.append(
+            "Each temperature was visited once, so temperature cannot be told from elapsed time, history and power "
+            "cycle; a second visit from the other direction could."
+        )
+    open_end = (
+        "nothing that the model asks for is left open by these collects" if solutions else "no collect was solved"
+    )
+    return told or [open_end]
+
+
+def _site(content: ReportContent) -> Iterator[str]:
+    """Say how wrong the site may be without showing in these collects."""
+    unseen = {name: least for name, least in smallest_seen_deg(content.campaign).items() if least > _UNSEEN_DEG}
+    if unseen:
+        below = [
+            f"of {name}, {f'below {least:.0f} deg' if least < 90.0 else 'of any size'}"
+            for name, least in unseen.items()
+        ]
+        yield (
+            f"An error of the site ({listed(below)}) shows in no residual of these collects: it looks like bias and "
+            "acceleration sensitivity. What shows it: the same collects at a second heading of the bench (turned about "
+            "the vertical, gravity stays and the earth rate turns), or the last campaign (hil report --against)."
+        )
+
+
+def _visited_once(sensor: SensorContent) -> bool:
+    """Whether no temperature was come back to after another: the runs of each follow one another."""
+    every = [mean.runs for mean in sensor.shown.means]
+    order = sorted(run for runs in every for run in runs)
+    return all(order.index(runs[-1]) - order.index(runs[0]) < len(runs) for runs in every)

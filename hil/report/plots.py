@@ -128,9 +128,10 @@ def draw_series(collect: CollectSeries) -> Figure:
     every = figure.subplots(panels, 1, sharex=True, squeeze=False)[:, 0]
     for k, (axes, (name, (mean, se)), color) in enumerate(zip(every, collect.means.items(), _COLORS, strict=False)):
         rates = series.rates_deg_per_hr[:, k]
+        average = f"average {mean:.2f} ±{se:.2f} deg/hr".replace("-", "\N{MINUS SIGN}")
         axes.plot(series.t_s, rates, ".", color="0.7", markersize=2, label="sample", rasterized=len(rates) > 5000)
         axes.plot(*blocked(series, k), "o-", color=color, markersize=3, linewidth=1.0, label="short means")
-        axes.axhline(mean, color="black", linewidth=1.0, linestyle="--", label=_average(mean, se))
+        axes.axhline(mean, color="black", linewidth=1.0, linestyle="--", label=average)
         if np.isfinite(se):
             axes.axhspan(mean - se, mean + se, color="0.85", zorder=0)
         axes.set_ylabel(f"{name}, deg/hr", parse_math=False)
@@ -143,10 +144,6 @@ def draw_series(collect: CollectSeries) -> Figure:
     for axes in every:
         axes.grid(visible=True, color="0.92")
     return figure
-
-
-def _average(mean: float, se: float) -> str:
-    return f"average {mean:.2f} ±{se:.2f} deg/hr".replace("-", "\N{MINUS SIGN}")
 
 
 def draw_temperatures(folder: Path) -> Figure:

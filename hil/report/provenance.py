@@ -2,7 +2,6 @@
 
 import hashlib
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 from drivers.given_file import opened
@@ -23,17 +22,13 @@ def night_provenance(journal: JournalReader, identity: Mapping[str, Mapping[str,
         ("began (UTC)", f"{night.began_utc:%Y-%m-%d %H:%M:%S}" + " (simulated time)" * (clock == "virtual")),
         ("began by", night.who),
         ("carried on by", ", ".join(each.who for each in controllers[1:])),
-        *((device, _identity(said)) for device, said in identity.items()),
+        *((device, ", ".join(f"{k} {v}" for k, v in said.items() if v)) for device, said in identity.items()),
         ("seed of the simulation", "" if night.seed is None else str(night.seed)),
         ("configuration, SHA-256", hashlib.sha256(night.configuration.encode()).hexdigest()),
         ("plan and configuration, digest in the journal", night.digest(journal.plan)),
         *((f"version of {name}", version) for name, version in first.items()),
     ]
     return [(name, value) for name, value in told if value]
-
-
-def _identity(said: Mapping[str, Any]) -> str:
-    return ", ".join(f"{name} {value}" for name, value in said.items() if value)
 
 
 def campaign_provenance(campaign: Campaign) -> list[tuple[str, str]]:
@@ -48,14 +43,10 @@ def campaign_files(campaign: Campaign) -> list[tuple[str, int, str]]:
     if campaign.folder is None:
         return []
     folder = campaign.folder
-    paths = [folder / HEADER_FILE, folder / COLLECTS_FILE, *campaign.series_files.values()]
-    return [(_name(path, folder), path.stat().st_size, _sha256(path)) for path in paths if path.is_file()]
-
-
-def _name(path: Path, folder: Path) -> str:
-    return str(path.relative_to(folder)) if path.is_relative_to(folder) else path.name
-
-
-def _sha256(path: Path) -> str:
-    with opened(path) as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    files = []
+    for path in (folder / HEADER_FILE, folder / COLLECTS_FILE, *campaign.series_files.values()):
+        if path.is_file():
+            name = str(path.relative_to(folder)) if path.is_relative_to(folder) else path.name
+            with opened(path) as file:
+                files.append((name, path.stat().st_size, hashlib.file_digest(file, "sha256").hexdigest()))
+    return files

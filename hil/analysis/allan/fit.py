@@ -176,7 +176,9 @@ class _Fitted:
         is possible: one with less than nothing in it would call that fit itself unlikely.
         """
         others, own = np.delete(self.columns, place, axis=1), self.columns[:, place]
-        limit = self.deviance + _SEEN * self._widened(place)
+        row = np.linalg.pinv(self._weighed)[place]
+        # By so much is the variance of a term larger than if the octaves were independent.
+        limit = self.deviance + _SEEN * float(row @ self.shared @ row / (row @ row))
 
         def excess(value: float) -> float:
             given = own * value**2
@@ -189,11 +191,6 @@ class _Fitted:
         low = 0.0 if excess(0.0) <= 0.0 else float(brentq(excess, 0.0, best, rtol=1e-3))
         high = float(brentq(excess, best, most, rtol=1e-3)) if excess(most) > 0.0 else most
         return best, min(low, best), max(high, best)
-
-    def _widened(self, place: int) -> float:
-        """Return by what the variance of a term is larger than if the octaves were independent."""
-        row = np.linalg.pinv(self._weighed)[place]
-        return float(row @ self.shared @ row / (row @ row))
 
 
 def _shared(measured: Octaves, squares: FloatArray) -> FloatArray:

@@ -94,9 +94,10 @@ class Audit:
         if self.table.layout == TABLE_A1:
             document["rows"] = [{"row": row.label, **tilt_of_a1(row.values())} for row in self.table.rows]
         else:
+            stated = {row.group: row.n_stated for row in reversed(self.table.rows)}  # by the first of each group
             document["resolution"] = self.resolution
             document["runs"] = [
-                {"group": group, "stated": _stated(self.table, group), "told_by_digits": told}
+                {"group": group, "stated": stated[group], "told_by_digits": told}
                 for group, told in self.runs_told.items()
             ]
         return document
@@ -132,20 +133,13 @@ def audit_table(name: str | Path) -> Audit:
     findings = []
     for row in table.rows:
         # The digits of a temperature may all lie on another lattice than the stated one: then that is the finding.
-        believed = told[row.group] if _contradicts(told[row.group], row.n_stated) else row.n_stated
-        findings += _judge_row(row, list(identities_of_1(row, resolution, believed or told[row.group])))
+        # (1, 2 or a divisor of the stated number tell nothing.)
+        digits = told[row.group]
+        believed = digits if digits and row.n_stated and row.n_stated % digits else row.n_stated
+        findings += _judge_row(row, list(identities_of_1(row, resolution, believed or digits)))
         if resolution and believed != row.n_stated and row.n_stated:
             findings.append(_other_lattice(row, resolution, believed or 0))
     return Audit(table, findings, resolution, told)
-
-
-def _contradicts(told: int | None, stated: int | None) -> bool:
-    """Whether the digits tell a number of runs that the stated one cannot give (1, 2 or a divisor tell nothing)."""
-    return told is not None and stated is not None and stated % told != 0
-
-
-def _stated(table: PrintedTable, group: str) -> int | None:
-    return next((row.n_stated for row in table.rows if row.group == group), None)
 
 
 def _judge_row(row: PrintedRow, every: Sequence[Identity]) -> list[Finding]:

@@ -20,8 +20,7 @@ from hil.analysis.thermal.choice import (
     monotone,
     nested_errors,
 )
-from hil.analysis.thermal.estimate import Estimates, Layout, Visits, visits
-from hil.analysis.thermal.layout import layout_of
+from hil.analysis.thermal.estimate import Estimates, Layout, Visits, layout_of, visits
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.errors import InputError
 from hil.model import Model

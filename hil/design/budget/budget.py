@@ -106,21 +106,14 @@ def analytic_share(source: Source, scene: Scene, to_parameters: FloatArray) -> F
 def error_budget(scene: Scene, given: Sequence[Source], form: LinearForm, draws: int = DRAWS, seed: int = 0) -> Budget:
     """Return the budget of one self-calibration, for the parameters of `form`.
 
-    `draws` is for each source. Parameters that the collects cannot know are NaN. The same seed gives the same numbers.
+    `draws` is for each source; of none what is simulated is NaN. Parameters that the collects cannot know are NaN. The
+    same seed gives the same numbers.
     """
     squares = np.zeros((len(given) + 1, len(form.names)))
     rng = np.random.default_rng(seed)
     for begin in range(0, draws, _CHUNK):
         squares += _simulate(scene, given, form, min(_CHUNK, draws - begin), rng)
-    return _budget(scene, given, form, np.sqrt(squares / draws), draws)
-
-
-def calculated_budget(scene: Scene, given: Sequence[Source], form: LinearForm) -> Budget:
-    """Return the budget of one self-calibration without draws: what is simulated is NaN."""
-    return _budget(scene, given, form, np.full((len(given) + 1, len(form.names)), np.nan), 0)
-
-
-def _budget(scene: Scene, given: Sequence[Source], form: LinearForm, spread: FloatArray, draws: int) -> Budget:
+    spread = np.sqrt(squares / draws) if draws else np.full_like(squares, np.nan)
     to_parameters = response(scene, form)
     shares = tuple(
         Share(source, analytic_share(source, scene, to_parameters), spread[i]) for i, source in enumerate(given)
@@ -204,7 +197,7 @@ def budgets_of_means(runs: Sequence[RunScene], observed: SensorRepeats) -> Itera
     """Yield the budget of each mean of a sensor, by that of its run whose total is worst."""
     for mean in observed.means:
         own = [each for each in runs if each.run in mean.runs]
-        both = [(each, calculated_budget(each.scene, each.sources, each.form)) for each in own]
+        both = [(each, error_budget(each.scene, each.sources, each.form, 0)) for each in own]
         if both:
             scene, budget = max(both, key=lambda each: float(np.nansum(each[1].total() ** 2)))
             standard = mean_of_repeats(budget, len(mean.runs), as_solved(budget, scene.run, observed), mean)

@@ -103,30 +103,29 @@ class Noise(Source):
 
     id, title, unit, varies = "noise", "noise of the averages", "standard errors", "run"
 
-    def columns(self, scene: Scene) -> FloatArray:
-        """Return each average's own standard error."""
-        n, c = scene.sigma.shape
-        return np.asarray(np.diag(np.nan_to_num(scene.sigma).ravel()).reshape(n, c, n * c))
-
-    def changes(self, scene: Scene, draws: FloatArray) -> FloatArray:
-        """Return the draws in deg/hr."""
-        return np.asarray(draws.reshape(-1, *scene.sigma.shape) * np.nan_to_num(scene.sigma))
-
-
-class Instability(Source):
-    """What longer averaging does not take away: flicker, independent in every average, 0.664 B in size."""
-
-    id, title, unit, varies = "instability", "bias instability", "deg/hr", "run"
-    per_unit = 0.664  # the floor of the Allan deviation: sqrt(2 ln 2 / pi)
+    def each(self, scene: Scene) -> FloatArray:
+        """Return the size of each average's own component, (n, c), deg/hr."""
+        return np.nan_to_num(scene.sigma)
 
     def columns(self, scene: Scene) -> FloatArray:
         """Return one component for each average."""
         n, c = scene.sigma.shape
-        return np.asarray(self.per_unit * np.eye(n * c).reshape(n, c, n * c))
+        return np.asarray(np.diag(self.each(scene).ravel()).reshape(n, c, n * c))
 
     def changes(self, scene: Scene, draws: FloatArray) -> FloatArray:
-        """Return the draws as they stand."""
-        return np.asarray(self.per_unit * draws.reshape(-1, *scene.sigma.shape))
+        """Return the draws in deg/hr."""
+        return np.asarray(draws.reshape(-1, *scene.sigma.shape) * self.each(scene))
+
+
+class Instability(Noise):
+    """What longer averaging does not take away: flicker, independent in every average, 0.664 B in size."""
+
+    id, title, unit = "instability", "bias instability", "deg/hr"
+    per_unit = 0.664  # the floor of the Allan deviation: sqrt(2 ln 2 / pi)
+
+    def each(self, scene: Scene) -> FloatArray:
+        """Return the floor, alike in every average."""
+        return np.full_like(scene.sigma, self.per_unit)
 
 
 class _Turn(Source):

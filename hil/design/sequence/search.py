@@ -11,7 +11,7 @@ the shortest night wins, then the most certain one. The soak is the base sweep's
 """
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -118,9 +118,8 @@ def propose(sweep: Sweep, bench: Bench, goal: Goal) -> Proposal:
     for number in sensors:
         if number not in bench.sensors:
             raise InputError(f"bench {bench.name} has no sensor {number}; it has {', '.join(map(str, bench.sensors))}")
-    known = [name for number in sensors for name in _form(bench, number, sweep).names]
-    targets = spelled_out(goal.targets, dict.fromkeys(known))
     weigher = _Weigher(sweep, bench, goal, sensors)
+    targets = spelled_out(goal.targets, dict.fromkeys(name for form in weigher.forms.values() for name in form.names))
     if goal.time_s is not None and weigher.shortest_s() > goal.time_s:
         raise _too_little_time(sweep, goal, weigher.shortest_s())
     arranged = dict.fromkeys([*sequences(bench.positions), sweep.positions, *palindromes(sweep.positions)])
@@ -130,7 +129,9 @@ def propose(sweep: Sweep, bench: Bench, goal: Goal) -> Proposal:
             f"bench {bench.name}: neither the sweep's positions nor three or four of the bench's let every parameter "
             "be known; give it positions that point gravity along more axes"
         )
-    every = [candidate for kind in kinds for candidate in weigher.candidates(kind)]
+    durations_s = sorted({*DURATIONS_S, sweep.collect.duration_s})
+    counts = range(weigher.least, max(weigher.least, MOST_REPEATS) + 1)
+    every = [weigher.weigh(kind, seconds, count) for kind in kinds for seconds in durations_s for count in counts]
     weighed = [(_lacks(candidate, goal, targets), candidate) for candidate in every]
     found = [each for each in weighed if goal.time_s is None or each[1].time_s <= goal.time_s]
     if not found:
@@ -174,20 +175,22 @@ class _Weigher:
         self._temperature = float(np.median(sweep.temperatures))
         slope = sweep.restabilisation.unit_slope_degC_per_min * _UNIFORM
         self._sources = sources(bench.uncertainties, bench.name, slope, "", "")
-        self._forms = {number: _form(bench, number, sweep) for number in sensors}
+        # What each sensor is solved for, where all of the bench's positions are there.
+        all_of_them = {number: scene_of(bench, number, bench.positions, sweep.collect) for number in sensors}
+        self.forms = {number: default_form(scene.conditions) for number, scene in all_of_them.items()}
+        self.least = goal.repeats or sweep.self_calibrations_per_temperature
         self._times_s: dict[tuple[int, float, int], float] = {}
 
     def shortest_s(self) -> float:
         """Return how long the shortest night takes: three short collects, repeated as often as must be."""
-        least = self._goal.repeats or self._sweep.self_calibrations_per_temperature
-        return self._time_s(_FEWEST, min(*DURATIONS_S, self._sweep.collect.duration_s), least)
+        return self._time_s(_FEWEST, min(*DURATIONS_S, self._sweep.collect.duration_s), self.least)
 
     def kind(self, positions: tuple[str, ...]) -> _Kind | None:
         """Return a sequence's worth, None where some sensor's parameters cannot be known from it."""
         worth, variances = {}, {}
         for number in self._sensors:
             scene = scene_of(self._bench, number, positions, self._sweep.collect, self._temperature, self._model)
-            form = self._forms[number]
+            form = self.forms[number]
             one = sequence_worth(scene, form)
             if one is None:
                 return None
@@ -204,13 +207,6 @@ class _Weigher:
         own = spelled_out({**of_sensor, **self._goal.scatter}, form.names)
         parts["run"] += np.array([own.get(name, 0.0) ** 2 for name in form.names])
         return parts
-
-    def candidates(self, kind: _Kind) -> Iterator[Candidate]:
-        """Yield a sequence at every duration and number of repeats."""
-        least = self._goal.repeats or self._sweep.self_calibrations_per_temperature
-        for duration_s in sorted({*DURATIONS_S, self._sweep.collect.duration_s}):
-            for repeats in range(least, max(least, MOST_REPEATS) + 1):
-                yield self.weigh(kind, duration_s, repeats)
 
     def weigh(self, kind: _Kind, duration_s: float, repeats: int) -> Candidate:
         """Return a candidate with the standard deviations of its means."""
@@ -240,11 +236,6 @@ class _Weigher:
         return self._times_s[key]
 
 
-def _form(bench: Bench, sensor: int, sweep: Sweep) -> LinearForm:
-    """Return what a sensor is solved for, where all of the bench's positions are there."""
-    return default_form(scene_of(bench, sensor, bench.positions, sweep.collect).conditions)
-
-
 def _variants(sweep: Sweep, bench: Bench) -> list[tuple[str, ...]]:
     """Return the base sweep's sequence, the last two exchanged, a fourth position added, and their palindromes."""
     own = sweep.positions
@@ -252,8 +243,7 @@ def _variants(sweep: Sweep, bench: Bench) -> list[tuple[str, ...]]:
     if len(own) == len(set(own)) == _FEWEST:
         swapped = (own[0], own[2], own[1])
         found += [swapped, *palindromes(swapped)]
-        others = [label for label in bench.positions if label not in own]
-        for fourth in others[:1]:
+        if fourth := next((label for label in bench.positions if label not in own), None):
             four = (*own, fourth)
             found += [four, *palindromes(four)]
     return found

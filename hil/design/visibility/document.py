@@ -18,16 +18,18 @@ from hil.config.sweep import Sweep, check_sweep_against_bench
 from hil.design.conditions import planned_conditions
 from hil.design.visibility.map import NoiseLevel, Sight, Sights, visibility
 from hil.design.visibility.promise import PROBABILITY
+from hil.files.text import filled
 from hil.model import Model, built_in_model
 from hil.model.effects.catalogue import FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS
 from hil.model.effects.prior import ALPHA
 from hil.solve import repeats, solve_campaign
 from hil.solve.changes import CHANGES
-from hil.solve.omissions import what_is_wrong
+from hil.solve.omissions import in_words, what_is_wrong
 from hil.solve.repeats import SensorRepeats
 from hil.solve.runs import finite
 from hil.solve.wrong_rows import treated
 from procedures.plan import make_plan
+from procedures.words import unit_in_words
 
 
 def visibility_document(
@@ -242,3 +244,40 @@ def _protected(pairs: Sequence[tuple[Sight, Sight]]) -> Iterator[tuple[str, str]
         for name, leak in sight.leaks.items() if sight.effect.in_models else ():
             if leak > 1.0 and other.leaks.get(name, 0.0) < _CLEAN * leak:
                 yield sight.effect.id, name
+
+
+_WORTH = 0.95  # of the size at which effects are seen without a change
+
+
+def visibility_text(document: Mapping[str, Any]) -> str:
+    """Return a screenful of plain lines from the document hil.visibility/1."""
+    seen = [effect for effect in document["effects"] if effect["visible"]]
+    asked = {effect["id"] for effect in document["effects"]}
+    reasons = {
+        name: why
+        for sensor in document["sensors"].values()
+        for name, why in sensor["cannot_be_asked"].items()
+        if name not in asked and "cannot" in why
+    }
+    helps = ("newly_visible", "separated", "protected")
+    return filled(
+        "hil.design.visibility",
+        "text.txt.j2",
+        r=document,
+        wrong=list(in_words(document)),
+        seen=sorted(seen, key=_against_typical),
+        alike=sorted({tuple(effect["class"]) for effect in seen if len(effect["class"]) > 1}),
+        needing={name: why.removeprefix("cannot be asked: ") for name, why in reasons.items()},
+        changes=[
+            each for each in document["changes"] if any(each[key] for key in helps) or each["size_ratio"] < _WORTH
+        ],
+        worth=_WORTH,
+        unit_in_words=unit_in_words,
+    ).rstrip("\n")
+
+
+def _against_typical(effect: Mapping[str, Any]) -> float:
+    smallest = effect["smallest_visible"]
+    sizes = [each or float("inf") for each in (smallest["value"], smallest["easiest"]["value"])]
+    least = sizes[0] if sizes[0] <= smallest["typical"][1] else sizes[1]
+    return float(least / max(smallest["typical"][1], 1e-300))

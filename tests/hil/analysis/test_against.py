@@ -14,9 +14,8 @@ from hil.analysis.against import Comparison, compare
 from hil.campaign import Campaign, Collects
 from hil.campaign.reader import read_campaign
 from hil.cli.app import run as hil
-from hil.report.content import gather
+from hil.report.content import gather, good
 from hil.report.page import render
-from hil.report.statements import good
 
 
 @pytest.fixture(scope="module")

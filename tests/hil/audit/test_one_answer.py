@@ -29,8 +29,7 @@ from hil.model.forms import default_form
 from hil.reconcile import reconcile
 from hil.reconcile.outcome.sentences import scatter_in_words, what_to_do
 from hil.reconcile.scattering import what_scatters
-from hil.report.content import gather
-from hil.report.statements import headline, to_do
+from hil.report.content import gather, headline, to_do
 from hil.solve import repeats, solve_campaign
 from hil.solve.both_sensors import common_and_differential
 from procedures.plan import make_plan

@@ -22,7 +22,7 @@ from hil.night import start_night
 from hil.night.replay import replay_night
 from hil.records import open_readonly
 from hil.report.night import night_content
-from hil.report.night_view import stream_in_words
+from hil.report.page import stream_in_words
 from hil.twin import devices
 from tests.hil.short_sweeps import short_sweep
 

@@ -14,9 +14,14 @@ from hil.campaign import Campaign, Collects, Conditions, FloatArray
 from hil.config.bench import load_bench
 from hil.config.sweep import load_sweep
 from hil.design.conditions import planned_conditions
-from hil.design.visibility.document import campaign_document, improvements, sweep_document, visibility_document
+from hil.design.visibility.document import (
+    campaign_document,
+    improvements,
+    sweep_document,
+    visibility_document,
+    visibility_text,
+)
 from hil.design.visibility.map import NoiseLevel, Sights, visibility
-from hil.design.visibility.text import visibility_text
 from hil.model import Model, built_in_model, load_model
 from hil.model.effects.catalogue import EFFECTS
 from hil.solve.changes import CHANGES, with_collect_4, with_order_1_3_2, with_second_heading

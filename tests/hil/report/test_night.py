@@ -170,8 +170,7 @@ def test_a_night_that_lost_half_of_itself_is_never_called_usable(night: Path, pa
     from dataclasses import replace
 
     from hil.records.export import campaign_of_night
-    from hil.report.content import gather
-    from hil.report.statements import good, headline
+    from hil.report.content import gather, good, headline
 
     content = gather(campaign_of_night(night), night_content(night))
     worst = max(content.verdict_counts(), key=lambda verdict: Judgement(verdict, "").severity)
@@ -216,7 +215,7 @@ def test_a_hundred_per_cent_are_all_of_them(night: Path) -> None:
     """One sample of a million that is missing is not rounded away."""
     from dataclasses import replace
 
-    from hil.report.night_view import stream_in_words
+    from hil.report.page import stream_in_words
 
     one = replace(night_content(night).collects[0], n_samples=999_999, n_expected=1_000_000)
     assert "(99.99 %)" in stream_in_words([one])
@@ -227,7 +226,7 @@ def test_collects_that_lost_frames_are_counted(night: Path) -> None:
     """Counts are those of the decoder, collect by collect; the sentence adds them up."""
     from dataclasses import replace
 
-    from hil.report.night_view import night_view, stream_in_words
+    from hil.report.page import night_view, stream_in_words
 
     collects = list(night_content(night).collects)
     hurt = replace(
@@ -311,7 +310,7 @@ def test_a_device_that_flaps_all_night_makes_no_report_that_cannot_be_opened(nig
     """Thousands of events and attempts: the first are listed, the page says how many are not."""
     from dataclasses import replace
 
-    from hil.report.night_view import MOST_EVENTS, night_view
+    from hil.report.page import MOST_EVENTS, night_view
 
     many = [("1985-10-01 17:00:00", "retry", "the chamber did not answer")] * (MOST_EVENTS + 700)
     content = replace(night_content(night), events=many, event_hours=np.linspace(0, 1, len(many)), rejected=many)

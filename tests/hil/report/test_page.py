@@ -13,9 +13,8 @@ from benchmarks.blind.cases import Case, make_case, write_case
 from benchmarks.blind.night import Design
 from hil.campaign.reader import read_campaign
 from hil.config.sweep import PUBLISHED
-from hil.report.content import gather
+from hil.report.content import gather, headline
 from hil.report.page import render
-from hil.report.statements import headline
 from hil.solve.temperatures import runs_by_temperature
 
 

@@ -10,10 +10,9 @@ import pytest
 from benchmarks.blind.cases import make_case, write_case
 from hil.campaign.reader import read_campaign
 from hil.config.sweep import PUBLISHED
-from hil.report.content import ReportContent, gather
+from hil.report.content import ReportContent, gather, largest
 from hil.report.page import render
 from hil.report.sensor_view import sensor_view
-from hil.report.statements import largest
 from tests.hil.report.report_pages import Tables
 
 

@@ -11,8 +11,7 @@ from hil.analysis.against import compare
 from hil.campaign import Campaign, Collects, Conditions
 from hil.config import load_bench
 from hil.model.earth import Site
-from hil.report.content import gather
-from hil.report.statements import cannot_tell
+from hil.report.content import cannot_tell, gather
 from hil.solve import solve_campaign
 from hil.solve.site import smallest_seen_deg
 from procedures.verdict import Verdict

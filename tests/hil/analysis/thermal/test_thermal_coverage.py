@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hil.analysis.thermal.estimate import visits
-from hil.analysis.thermal.layout import layout_of
+from hil.analysis.thermal.estimate import layout_of, visits
 from hil.campaign import Collects
 from tests.hil.analysis.thermal.nights import RUN_TO_RUN, WHITE, rotor_night, scaled
 
