@@ -23,7 +23,7 @@ from drivers.errors import TransportError
 from hil.config import Bench
 from hil.config.ports import COM_PORT, SIMULATED_SCHEME
 from hil.errors import InputError
-from hil.files.lock import LockFile, Owner, refuse_without_locks
+from hil.files.lock import LockFile, refuse_without_locks
 
 _RUNTIME = Path("/run/lock")
 
@@ -93,10 +93,6 @@ def _machine(address: str) -> str:
 
 def _lock(kind: str, name: str, words: tuple[str, str], what: str = "") -> LockFile:
     """Take a lock of a port; `words` refuse it, before and after who has it."""
-
-    def refuse(owner: Owner | None) -> str:
-        return f"{words[0]}{owner or 'owner unknown'}{words[1]}"
-
     digest = hashlib.sha256(name.encode()).hexdigest()[:16]
     folder = _RUNTIME if os.access(_RUNTIME, os.W_OK) else Path(tempfile.gettempdir())
-    return LockFile(folder / f"hil-{kind}-{digest}.lock", refuse, what=what, shared=True).acquire()
+    return LockFile(folder / f"hil-{kind}-{digest}.lock", words, what=what, shared=True).acquire()

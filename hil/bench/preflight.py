@@ -8,11 +8,10 @@ import ctypes
 import math
 import shutil
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 from drivers.chambers import CHAMBER_DRIVERS, ChamberReading
 from drivers.chambers.guards import ENDURANCE_WRITES
@@ -46,24 +45,7 @@ _TIME_ERROR = 5  # adjtimex(2): the clock is not synchronised to a reliable serv
 _TIMEX_BYTES = 512  # struct timex is 208 bytes on 64-bit Linux; zeros ask and change nothing
 
 
-@dataclass(frozen=True)
-class Preflight:
-    """What was found."""
-
-    findings: Sequence[Finding]
-
-    @property
-    def wrong(self) -> Sequence[Finding]:
-        """What a night must not begin with."""
-        return [finding for finding in self.findings if not finding.good]
-
-    @property
-    def good(self) -> bool:
-        """True where a night may begin."""
-        return not self.wrong
-
-
-def preflight(sweep: Sweep | None, bench: Bench, folder: Path, done: Collection[str] = ()) -> Preflight:
+def preflight(sweep: Sweep | None, bench: Bench, folder: Path, done: Collection[str] = ()) -> list[Finding]:
     """Look at everything that can be looked at; `folder` is where the night is, or would be, written.
 
     Without a sweep, what depends on one (its temperatures, how long it takes) is left out; `done` are the keys of the
@@ -74,7 +56,7 @@ def preflight(sweep: Sweep | None, bench: Bench, folder: Path, done: Collection[
     closed: dict[str, DeviceError] = {}
     ask = None if bench.imu.positioner == "indexing" else _nobody
     with build_bench(bench, ask=ask, unopened=closed.__setitem__) as live:
-        findings = [
+        return [
             *_ports(live, closed),
             *look_at_devices(live, closed),
             _limits(sweep, live),
@@ -85,7 +67,6 @@ def preflight(sweep: Sweep | None, bench: Bench, folder: Path, done: Collection[
             _duration(left, live),
             *([Finding("end", True, end)] if sweep and (end := left_hot_or_cold(sweep, bench)) else []),
         ]
-    return Preflight(findings)
 
 
 def look_at_devices(live: LiveBench, closed: Collection[str] = ()) -> Iterator[Finding]:
@@ -97,16 +78,6 @@ def look_at_devices(live: LiveBench, closed: Collection[str] = ()) -> Iterator[F
             yield from (replace(found, subject=f"{found.subject}{whose}") for found in looked)
     if not {"chamber.port", "chamber.ramp_port"} & set(closed):
         yield from _guarded(live, "chamber", _chamber)
-
-
-def check_document(found: Preflight, *, simulated: bool) -> dict[str, Any]:
-    """Return the findings as `hil check --json` prints them (schema hil.check/1)."""
-    return {
-        "schema": "hil.check/1",
-        "good": found.good,
-        "simulated": simulated,
-        "findings": [asdict(finding) for finding in found.findings],
-    }
 
 
 def _nobody(question: str, timeout_s: float) -> None:

@@ -10,7 +10,6 @@ from typing import Annotated, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StrictBool, ValidationError, model_validator
 
-from drivers.given_file import read_text
 from drivers.strict_yaml import first_mistake, parse_yaml
 from hil.campaign.data import SCHEMA, Campaign, Sensor, Technology
 from hil.errors import InputError
@@ -105,11 +104,6 @@ class Header:
     sensors: Mapping[int, Sensor]
     extra: tuple[str, ...]
     series: float
-
-
-def read_header(path: Path) -> Header:
-    """Read and check campaign.yaml; raise InputError with the file and the key."""
-    return parse_header(read_text(path), path)
 
 
 def parse_header(text: str, path: Path) -> Header:

@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from drivers.given_file import RECORDING_MB, check_folder, opened
+from drivers.given_file import RECORDING_MB, check_folder, opened, read_text
 from hil.campaign.data import Campaign, Collects, Conditions, FloatArray, Sensor, Series, TextArray
-from hil.campaign.header import Header, read_header
+from hil.campaign.header import Header, parse_header
 from hil.campaign.laws import average
 from hil.campaign.plausibility import accelerometer_columns, judged_by_its_records
 from hil.campaign.table import LARGEST, Table, rows_in_words
@@ -75,7 +75,7 @@ def read_campaign(folder: Path | str) -> Campaign:
     """Read and check a campaign folder; raise InputError for anything that campaign.md says must be refused."""
     root = Path(folder)
     check_folder(root)
-    header = read_header(root / HEADER_FILE)
+    header = parse_header(read_text(root / HEADER_FILE), root / HEADER_FILE)
     _check_names(root / HEADER_FILE, header)
     table = Table(root / COLLECTS_FILE)
     if not len(table):

@@ -1,7 +1,5 @@
 """Commands about a unit: its certificate, the archive, its life: certificate, archive, units, history."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from datetime import date
 from pathlib import Path

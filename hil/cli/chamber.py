@@ -59,7 +59,9 @@ def chamber(
     elif temperature is not None:
         raise InputError(f"{action.value} takes no temperature, and {temperature!r} was given")
     if action is not Action.READ:
-        _warn_of_others(on)
+        port = on.chamber.port
+        if port.startswith(("socket://", "rfc2217://")):  # programs on this machine are kept off an open port
+            warn([f"{port}: another computer may be using this chamber, and that cannot be told from here"])
     left = Left()
     with open_chamber(on) as live:
         if action is Action.SET:
@@ -110,12 +112,6 @@ def _ask(bench: Bench, target_degC: float, *, yes: bool) -> None:
     stays = "stay there" if dead_man is None else f"stay there for {dead_man / 60.0:g} min (dead_man)"
     messages().print(f"{bench.name}: the chamber on {bench.chamber.port} will go to {target_degC:.2f} °C and {stays}.")
     must_agree("Set it?", "not set")
-
-
-def _warn_of_others(bench: Bench) -> None:
-    """Programs on this machine are kept off an open port; on a network nobody can tell for other machines."""
-    if bench.chamber.port.startswith(("socket://", "rfc2217://")):
-        warn([f"{bench.chamber.port}: another computer may be using this chamber, and that cannot be told from here"])
 
 
 def _logged(live: LiveChamber) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,7 +17,6 @@ from hil.errors import InputError
 
 if TYPE_CHECKING:
     from hil.bench.advice import Finding
-    from hil.bench.preflight import Preflight
     from hil.config import Bench, Sweep
 
 
@@ -32,15 +31,16 @@ def check(
     `hil check BENCH`, `hil check BENCH --sweep SWEEP` and `hil check SWEEP --bench BENCH` are the three forms.
     """
     from hil.bench.assemble import check_ports
-    from hil.bench.preflight import check_document
 
     asked, on = _bench_and_sweep(target, bench, sweep)
     found = _look(asked, on, Path.cwd())
-    if not printed(check_document(found, simulated=on.simulated), as_json):
+    good, findings = all(each.good for each in found), [asdict(each) for each in found]
+    document = {"schema": "hil.check/1", "good": good, "simulated": on.simulated, "findings": findings}
+    if not printed(document, as_json):
         results().print(f"{on.name}{'  SIMULATED' if on.simulated else ''}")
-        _show(results(), found.findings)
+        _show(results(), found)
     check_ports(on)  # one that is not there is bad input
-    return Exit.DONE if found.good else Exit.STOPPED_SAFE
+    return Exit.DONE if good else Exit.STOPPED_SAFE
 
 
 def look_first(sweep: Sweep, bench: Bench, folder: Path, despite: str, done: Collection[str] = ()) -> list[str]:
@@ -51,18 +51,18 @@ def look_first(sweep: Sweep, bench: Bench, folder: Path, despite: str, done: Col
     from hil.bench.assemble import check_ports
 
     check_ports(bench)
-    found = _look(sweep, bench, folder, done)
-    _show(messages(), found.wrong)
-    if found.wrong and not despite:
-        subjects = ", ".join(finding.subject for finding in found.wrong)
+    wrong = [each for each in _look(sweep, bench, folder, done) if not each.good]
+    _show(messages(), wrong)
+    if wrong and not despite:
+        subjects = ", ".join(finding.subject for finding in wrong)
         raise DeviceError(
             f"not begun, and nothing was moved or set, because hil check says NOT: {subjects}; put that right, or give "
             'a reason for the record: --despite "…"'
         )
-    return [f"{finding.subject}: {finding.message}" for finding in found.wrong]
+    return [f"{finding.subject}: {finding.message}" for finding in wrong]
 
 
-def _look(sweep: Sweep | None, bench: Bench, folder: Path, done: Collection[str] = ()) -> Preflight:
+def _look(sweep: Sweep | None, bench: Bench, folder: Path, done: Collection[str] = ()) -> list[Finding]:
     from hil.bench.lock import bench_lock
     from hil.bench.preflight import preflight
     from hil.config import cautions, check_sweep_against_bench, limits_of
@@ -73,8 +73,7 @@ def _look(sweep: Sweep | None, bench: Bench, folder: Path, done: Collection[str]
         warn(cautions(sweep, bench))
     there = next(above for above in (folder.absolute(), *folder.absolute().parents) if above.is_dir())
     with bench_lock(bench, folder):
-        found = preflight(sweep, bench, there, done)
-    return replace(found, findings=[*found.findings, *_archive(bench.archive)])
+        return [*preflight(sweep, bench, there, done), *_archive(bench.archive)]
 
 
 def _archive(archive: Path | None) -> Iterator[Finding]:

@@ -1,7 +1,5 @@
 """Data from elsewhere as campaign folders: `hil import table`, `hil import log`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any
 

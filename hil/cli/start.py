@@ -1,7 +1,5 @@
 """Commands to begin with: a bench file from six answers, and the documentation that came with the program."""
 
-from __future__ import annotations
-
 import inspect
 import re
 import sys

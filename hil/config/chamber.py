@@ -1,9 +1,7 @@
 """The chamber's section of a bench file: its port, its controller, its limits and its safe state."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, NonNegativeInt, PositiveInt, model_validator
 
@@ -47,7 +45,7 @@ class LimitsSection(Section):
     high: Celsius
 
     @model_validator(mode="after")
-    def _ordered(self) -> LimitsSection:
+    def _ordered(self) -> Self:
         if self.low >= self.high:
             raise ValueError(f"low ({self.low:g} °C) must be below high ({self.high:g} °C)")
         for name, value in (("low", self.low), ("high", self.high)):
@@ -128,7 +126,7 @@ class ChamberSection(Section):
         return None if self.terminator is None else {"CR": b"\r", "LF": b"\n", "CR LF": b"\r\n"}[self.terminator]
 
     @model_validator(mode="after")
-    def _hangs_together(self) -> ChamberSection:
+    def _hangs_together(self) -> Self:
         if (self.driver == "box") != (self.description is not None):
             raise ValueError("description: a box needs the file that describes it, other drivers have none")
         if self.dead_man is not None and not CHAMBER_DRIVERS[self.driver].dead_man:

@@ -8,12 +8,10 @@
 `CATALOGUE` says what there is. `hil.twin.faults` makes it happen.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import BeforeValidator, model_validator
 
@@ -68,7 +66,7 @@ class Fault(Section):
     unit: Annotated[str, BeforeValidator(str)] = ""
 
     @model_validator(mode="after")
-    def _makes_sense(self) -> Fault:
+    def _makes_sense(self) -> Self:
         kinds = CATALOGUE[self.device]
         if self.kind not in kinds:
             raise ValueError(f"kind: {self.kind!r} is nothing that happens to {self.device}{near(self.kind, [*kinds])}")

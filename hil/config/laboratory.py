@@ -5,8 +5,6 @@ equipment:
   - {name: chamber thermometer, number: KA-0012, certificate: D-K-15070 2025-11, traceable_to: PTB, due: 2026-11-30}
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from datetime import date
 from typing import Annotated

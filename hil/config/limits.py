@@ -9,8 +9,6 @@
 means over the temperatures. Biases are in deg/hr, sensitivities in deg/hr/g. `hil.analysis.in_spec` judges by it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self

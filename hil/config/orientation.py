@@ -12,18 +12,7 @@ from hil.model.equation import Orientation
 _FORMS = "{A: -1, B: +2, S: +3}, {from: '3', rotate: -90 deg, about: 2} or {matrix: [[…], […], […]]}"
 
 
-class Orientations(dict[str, Orientation]):
-    """Orientations by position, equal to others where every number is."""
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Orientations) or list(self) != list(other):
-            return False
-        return all(np.array_equal(self[label].axes, other[label].axes) for label in self)
-
-    __hash__ = None  # as of every dict
-
-
-def build_orientations(given: Mapping[str, Any], axes: tuple[str, str, str]) -> Orientations:
+def build_orientations(given: Mapping[str, Any], axes: tuple[str, str, str]) -> dict[str, Orientation]:
     """Return the orientation at each position; raise `ValueError` naming the position that cannot be understood."""
     built: dict[str, Orientation] = {}
     for label, entry in given.items():
@@ -32,7 +21,7 @@ def build_orientations(given: Mapping[str, Any], axes: tuple[str, str, str]) -> 
     for label, entry in given.items():
         if label not in built:
             built[label] = _rotated(label, entry, built)
-    return Orientations({label: built[label] for label in given})
+    return {label: built[label] for label in given}
 
 
 def _absolute(label: str, entry: object, axes: tuple[str, str, str]) -> Orientation:

@@ -1,8 +1,6 @@
 """Where a bench stands, how level it is, and how well it is known, as its file says it."""
 
-from __future__ import annotations
-
-from typing import Annotated
+from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
@@ -22,7 +20,7 @@ class SiteSection(Section):
     axis_3_elevation: Degrees | None = None
 
     @model_validator(mode="after")
-    def _one_description_of_level(self) -> SiteSection:
+    def _one_description_of_level(self) -> Self:
         by_gravity = self.G2 is not None or self.G3 is not None
         by_angle = self.axis_2_elevation is not None or self.axis_3_elevation is not None
         if by_gravity and by_angle:

@@ -11,7 +11,6 @@ import contextlib
 import json
 import os
 import socket
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Self
@@ -73,15 +72,13 @@ def refuse_without_locks() -> None:
 class LockFile:
     """A lock that is held by at most one process at a time, and by one object within a process.
 
-    `refuse` says in one sentence why it cannot be had, given its owner (None where that is not known); `shared` lets
-    every user of the machine take it.
+    `refusal` says in one sentence why it cannot be had: what stands before and after its owner; `shared` lets every
+    user of the machine take it.
     """
 
-    def __init__(
-        self, path: Path, refuse: Callable[[Owner | None], str], *, what: str = "", shared: bool = False
-    ) -> None:
+    def __init__(self, path: Path, refusal: tuple[str, str], *, what: str = "", shared: bool = False) -> None:
         self._path = path
-        self._refuse = refuse
+        self._refusal = refusal
         self._what = what
         self._mode = 0o666 if shared else 0o644
         self._descriptor: int | None = None
@@ -122,7 +119,8 @@ class LockFile:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 return
             SystemClock().sleep(_PAUSE_S)
-        raise InputError(self._refuse(read_owner(self._path)))
+        before, after = self._refusal
+        raise InputError(f"{before}{read_owner(self._path) or 'owner unknown'}{after}")
 
     def _write_text(self, text: str) -> None:
         if self._descriptor is not None:
@@ -149,13 +147,8 @@ class FolderLock(LockFile):
     """The right to write in a folder."""
 
     def __init__(self, folder: Path) -> None:
-        super().__init__(
-            folder / LOCK_NAME,
-            lambda owner: (
-                f"{folder}: another controller is at work here ({owner or 'owner unknown'}); "
-                "wait until it has ended, or abort it first"
-            ),
-        )
+        refusal = f"{folder}: another controller is at work here (", "); wait until it has ended, or abort it first"
+        super().__init__(folder / LOCK_NAME, refusal)
 
 
 def living_owner(folder: Path) -> Owner | None:

@@ -81,7 +81,8 @@ def to_number(value: object, kind: Kind) -> float:
     if not math.isfinite(converted):
         raise ValueError(f"{value!r} is too large a number; write {kind.name} like {kind.example}")
     if converted < kind.zero:
-        raise ValueError(f"{value!r} cannot be: {kind.name} is at least {kind.zero:g} {_symbol(kind)}")
+        symbol = f"{_registry().parse_units(kind.unit):~P}".replace("Δ", "")
+        raise ValueError(f"{value!r} cannot be: {kind.name} is at least {kind.zero:g} {symbol}")
     return converted
 
 
@@ -117,10 +118,6 @@ def _spell_out(unit_text: str, kind: Kind) -> str:
     """Turn a bench engineer's spelling into pint's: `sqrt(hr)`, and `g` for gravity where it cannot be a gram."""
     text = _SQUARE_ROOT.sub(r"\1**0.5", unit_text)
     return _GRAVITY.sub(r"\1gee", text) if "standard_gravity" in kind.unit else text
-
-
-def _symbol(kind: Kind) -> str:
-    return f"{_registry().parse_units(kind.unit):~P}".replace("Δ", "")
 
 
 def _of(kind: Kind) -> BeforeValidator:

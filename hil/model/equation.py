@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike
 from hil.campaign import FloatArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Orientation:
     """One collect position: the sensor's axes in the bench frame 1-2-3, one row per sensor axis, shape (3, 3).
 

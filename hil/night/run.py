@@ -51,7 +51,7 @@ from hil.records.requests import user
 from hil.records.rows import Night
 from hil.records.status import VERDICT
 from hil.records.units import refuse_unit, unit_folder
-from hil.records.witnesses import seal, sealed_log
+from hil.records.witnesses import LOG_NAME, seal
 from procedures.attended import Attendant, Terminal
 from procedures.plan import StepKind
 from procedures.progress import Audience, Progress
@@ -302,9 +302,9 @@ def judge(journal: SqliteJournal, state: str) -> None:
     for unit, (verdict, in_spec) in ends.items():
         whose, said = ({"unit": unit}, f"unit {unit}: ") if unit else ({}, "")
         trace = {"trace": seal(unit_folder(journal.folder, unit) / TRACE_NAME)} if unit in judged else {}
-        seals = {**trace, "log": sealed_log(journal.folder)}
+        log = [seal(path) for path in sorted(journal.folder.glob(f"{LOG_NAME}*"))]
         told = f"{said}{verdict.verdict}: {verdict.reason}"
-        journal.event(VERDICT, told, **vars(verdict), **seals, in_spec=in_spec, **whose)
+        journal.event(VERDICT, told, **vars(verdict), **trace, log=log, in_spec=in_spec, **whose)
 
 
 def _judged(

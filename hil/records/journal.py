@@ -14,8 +14,6 @@ Heartbeats are the one exception to durability: they survive the death of the pr
 with the power. They are the only thing that is written while nothing happens, and an fsync a minute buys nothing.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os
@@ -25,7 +23,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, astuple
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from drivers.clock import Clock, SystemClock
 from hil.errors import InputError
@@ -105,7 +103,7 @@ class SqliteJournal(JournalReader):
     @classmethod
     def open(
         cls, folder: Path, *, clock: Clock, who: str = "", keep_raw: bool = True, lock: FolderLock | None = None
-    ) -> SqliteJournal:
+    ) -> Self:
         """Open a night to carry it on, as its only controller; `keep_raw` keeps the bytes beside the samples.
 
         `lock` is the folder's where the caller holds it already: it then belongs to the journal, also on failure.

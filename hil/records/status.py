@@ -7,8 +7,6 @@ process that owns its lock lives and has shown a sign of life lately; a controll
 is incomplete, whatever was going on.
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,7 +14,7 @@ from dataclasses import dataclass
 from datetime import timedelta
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from drivers.clock import SystemClock
 from hil.files.lock import Owner
@@ -73,7 +71,7 @@ class _Facts:
     events: Sequence[Event]
 
     @classmethod
-    def of(cls, journal: JournalReader) -> _Facts:
+    def of(cls, journal: JournalReader) -> Self:
         controllers = journal.controllers()
         newest = controllers[-1] if controllers else None
         attempts = journal.attempts()

@@ -6,8 +6,6 @@
 One flipped bit in SQLite's write-ahead log makes every later commit in it vanish without a word. These still know.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import sqlite3
@@ -15,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from drivers.given_file import opened
 from hil.errors import InputError
@@ -40,7 +38,7 @@ class Witnesses:
     blocks: Sequence[str]  # names of whole block files
 
     @classmethod
-    def of(cls, folder: Path) -> Witnesses:
+    def of(cls, folder: Path) -> Self:
         """Look at the folder of a night."""
         head, ended = read_head(folder), {}
         for path in folder.glob(f"{LOG_NAME}*"):  # rotated parts too
@@ -69,11 +67,6 @@ def seal(path: Path, size: int | None = None) -> dict[str, Any]:
     """Return size and SHA-256 of a file, or of its first `size` bytes; nothing where there is none."""
     data = _bytes(path)[:size]
     return {"size": len(data), "sha256": hashlib.sha256(data).hexdigest()} if data else {}
-
-
-def sealed_log(folder: Path) -> list[dict[str, Any]]:
-    """Return the seals of a log's parts: what a verdict records."""
-    return [seal(path) for path in sorted(folder.glob(f"{LOG_NAME}*"))]
 
 
 def forgotten(connection: sqlite3.Connection, folder: Path) -> Iterator[str]:

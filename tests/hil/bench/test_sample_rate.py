@@ -111,7 +111,7 @@ def stream_found(folder: Path, monkeypatch: pytest.MonkeyPatch, *, true: str, sa
     real, truth = assemble.simulate_devices, load_frames_named(described(folder, "true", true))
     monkeypatch.setattr(assemble, "simulate_devices", lambda bench, _said, **more: real(bench, {"": truth}, **more))
     bench = bench_at(description=described(folder, "said", said))
-    return next(each for each in preflight(None, bench, folder).findings if each.subject == "stream")
+    return next(each for each in preflight(None, bench, folder) if each.subject == "stream")
 
 
 def test_a_computer_that_looks_late_has_no_unit_at_a_wrong_rate(
@@ -124,7 +124,7 @@ def test_a_computer_that_looks_late_has_no_unit_at_a_wrong_rate(
         return imu._block(b"", 0.0) if 12 < next(looks) <= 24 else read(imu)
 
     monkeypatch.setattr(StreamImu, "read_block", late)
-    found = next(each for each in preflight(None, bench_at(), tmp_path).findings if each.subject == "stream")
+    found = next(each for each in preflight(None, bench_at(), tmp_path) if each.subject == "stream")
     assert found.good, found.message
     assert "samples in 4 s (20." in found.message
 

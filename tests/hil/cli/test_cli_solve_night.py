@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from hil.campaign.header import read_header
+from hil.campaign.header import parse_header
 from hil.campaign.reader import read_campaign
 from hil.errors import InputError
 from hil.report.content import gather
@@ -55,4 +55,4 @@ def test_a_verdict_that_cannot_be_understood_is_refused(tmp_path: Path, verdicts
     header = {"schema": "hil.campaign/1", "sensors": {2: {"axes": ["A", "B", "S"], "channels": {"RA": "A"}}}}
     (tmp_path / "campaign.yaml").write_text(yaml.safe_dump({**header, "verdicts": verdicts}))
     with pytest.raises(InputError, match=re.escape(words)):
-        read_header(tmp_path / "campaign.yaml")
+        parse_header((tmp_path / "campaign.yaml").read_text(), tmp_path / "campaign.yaml")
