@@ -14,7 +14,7 @@ from drivers.chambers import ChamberReading
 from drivers.frames.counts import StreamCounts
 from drivers.frames.roles import SensorRole
 from drivers.imu import SampleBlock
-from drivers.imu.samples import FloatArray, finite_mean, rate_fields, rate_means
+from drivers.imu.samples import FloatArray, finite_mean, means, rate_fields
 from drivers.imu.stream import StreamImu
 from procedures.averaging import Average, average_series
 from procedures.devices import BenchDevices
@@ -331,7 +331,7 @@ class _Running:
 
     def add(self, block: SampleBlock) -> tuple[Mapping[str, float], Mapping[str, float]]:
         """Take a block in and return the means so far, and their standard errors from the third batch on."""
-        for label, mean, n in rate_means(block, self._fields):
+        for label, mean, n in means(block, self._fields):
             self._sums[label] += (1, n, n * mean, n * n, n * n * mean, n * n * mean * mean)
         return self._results()
 

@@ -13,7 +13,7 @@ from drivers.errors import DeviceError, WrongDevice
 from drivers.frames.counts import StreamCounts
 from drivers.frames.roles import SensorRole
 from drivers.imu import ImuIdentity, SampleBlock
-from drivers.imu.samples import finite_mean, rate_fields
+from drivers.imu.samples import means, rate_fields
 from procedures.devices import BenchDevices
 from procedures.interlocks import Look, of_unit
 
@@ -94,14 +94,8 @@ class UnitWatch:
 
     def temperatures(self, block: SampleBlock) -> Mapping[int, float]:
         """Return the mean temperature of each sensor that has a thermometer, °C, from what was drained."""
-        temperatures: dict[int, float] = {}
-        for number, channels in self.imu.sensors.items():
-            if channels.temperature is None or channels.temperature not in block.fields:
-                continue
-            mean, n = finite_mean(block.fields[channels.temperature])
-            if n:
-                temperatures[number] = mean
-        return temperatures
+        fields = {number: each.temperature for number, each in self.imu.sensors.items() if each.temperature is not None}
+        return {number: mean for number, mean, _ in means(block, fields)}
 
 
 def labelled(unit: str, name: object) -> str:

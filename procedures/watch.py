@@ -16,7 +16,7 @@ from typing import Any
 from drivers.chambers import ChamberReading
 from drivers.errors import DeviceError, WrongDevice
 from drivers.imu import SampleBlock
-from drivers.imu.samples import rate_means
+from drivers.imu.samples import means
 from procedures.devices import BenchDevices
 from procedures.interlocks import Interlock, Interlocks, InterlockTripped, Look
 from procedures.journal_protocol import Journal
@@ -115,9 +115,8 @@ class Watch:
         self.note = ""
         for unit in self.units.values():
             unit.rates_deg_per_hr, unit.rates_se_deg_per_hr = {}, {}
-        self._progress_s = (
-            -math.inf
-        )  # onlookers see a new step at once; what a move read in between is no rate of theirs
+        # Onlookers see a new step at once; what a move read in between is no rate of theirs.
+        self._progress_s = -math.inf
         for step, attempt in steps:
             self.show("step_began", step, attempt)
 
@@ -343,7 +342,7 @@ class Watch:
                     unit_degC=each.unit_degC,
                     rates_deg_per_hr=unit.rates_deg_per_hr,
                     rates_se_deg_per_hr=unit.rates_se_deg_per_hr,
-                    rates_now_deg_per_hr={k: mean for k, mean, _ in rate_means(each.block, unit.rate_fields)},
+                    rates_now_deg_per_hr={k: mean for k, mean, _ in means(each.block, unit.rate_fields)},
                     stream=unit.stream,
                     stream_hz=frames / since_s if math.isfinite(since_s) else None,
                     stream_nominal_hz=each.sample_rate_hz,

@@ -41,8 +41,8 @@ from drivers.errors import (
     TransportError,
     WrongDevice,
 )
+from drivers.transports.transport import ATTEMPTS
 
-_ATTEMPTS = 3
 _OPERATION_S = 90.0  # of looking, one look more at most
 _SAFE_STATE_S = 90.0  # after which the safe state is not tried anew: whoever called must hear of it
 _MODE_CHANGE_S = 1.0  # between two looks at a mode that has not changed yet
@@ -141,7 +141,7 @@ class SupervisedChamber:
         self._settle_on(self._representable(start))
         if state.mode != "CONSTANT":
             self._controller.start()
-        self._confirm_mode("CONSTANT", looks=_ATTEMPTS)
+        self._confirm_mode("CONSTANT", looks=ATTEMPTS)
         self._latched = ()
 
     def read(self) -> ChamberReading:
@@ -203,7 +203,7 @@ class SupervisedChamber:
                 self._reach_safe_state()
                 return self._asks.safe
             except DeviceError as error:
-                if attempt == _ATTEMPTS or self._clock.now() >= give_up_s:
+                if attempt == ATTEMPTS or self._clock.now() >= give_up_s:
                     tried = f"{attempt} attempt{'s' * (attempt > 1)}"
                     raise type(error)(
                         f"the safe state ({self._asks.safe.words}) could not be confirmed in {tried}; go to "
@@ -217,7 +217,7 @@ class SupervisedChamber:
 
     def _believable(self) -> ControllerState:
         """Look until the temperature can be true, a bounded number of times: one glitch must not end a night."""
-        left = _ATTEMPTS
+        left = ATTEMPTS
         while True:
             left -= 1
             state = self._state()
@@ -269,7 +269,7 @@ class SupervisedChamber:
         if self._identity is None:
             self.identify()
 
-    def _settle_on(self, setpoint_degC: float, *, looks: int = _ATTEMPTS) -> ControllerState:
+    def _settle_on(self, setpoint_degC: float, *, looks: int = ATTEMPTS) -> ControllerState:
         """Write setpoint and native limits in the order that the controller accepts, read back, return the state."""
         present = self._state()
         wanted = self._native.around(setpoint_degC, present.temperature)
@@ -318,7 +318,7 @@ class SupervisedChamber:
                 raise
             except DeviceError as error:
                 refused.append(error)
-        problem = self._unsafe(looks=_ATTEMPTS)
+        problem = self._unsafe(looks=ATTEMPTS)
         if problem is not None:
             raise (refused or [problem])[0]
 

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from drivers.frames.counts import StreamCounts
 from drivers.frames.roles import SensorRole
 
 FloatArray = NDArray[np.float64]
+Label = TypeVar("Label")
 
 
 @dataclass(frozen=True)
@@ -58,8 +60,8 @@ def finite_mean(values: FloatArray) -> tuple[float, int]:
     return total / len(values) if len(values) else math.nan, len(values)
 
 
-def rate_means(block: SampleBlock, fields: Mapping[str, str]) -> Iterator[tuple[str, float, int]]:
-    """Yield label, mean and number of a block's finite values for every rate of which it holds any."""
+def means(block: SampleBlock, fields: Mapping[Label, str]) -> Iterator[tuple[Label, float, int]]:
+    """Yield label, mean and number of a block's finite values for every field of which it holds any."""
     for label, name in fields.items():
         if name in block.fields:
             mean, n = finite_mean(block.fields[name])

@@ -32,34 +32,28 @@ def move_all(
     turned: dict[int, list[str]] = {}
     for name, each in positioners.items():
         turned.setdefault(id(each), []).append(name)
-    failed: dict[str, DeviceError] = {}
-    waits_s: dict[str, float] = {}
-    moves: dict[str, Iterator[float]] = {}
-
-    def go_on(names: list[str]) -> None:
-        first = names[0]
-        try:
-            if first in moves:
-                waits_s[first] = next(moves[first])
-            elif isinstance(each := positioners[first], BesideOthers):
-                moves[first] = each.moving(position, timeout_s)
-                waits_s[first] = 0.0
-            else:
-                each.move_to(position, timeout_s)
-        except StopIteration:
-            del waits_s[first]
-        except DeviceError as error:
-            waits_s.pop(first, None)
-            failed.update(dict.fromkeys(names, error))
-
-    for names in turned.values():
-        go_on(names)
+    # What waits for nobody comes first: nothing else moves meanwhile.
+    in_order = sorted(turned.values(), key=lambda names: isinstance(positioners[names[0]], BesideOthers))
+    moves = {tuple(names): _moving(positioners[names[0]], position, timeout_s) for names in in_order}
+    waits_s, failed = dict.fromkeys(moves, 0.0), dict[str, DeviceError]()
     while waits_s:
-        for names in turned.values():
-            if waits_s.get(names[0], 1.0) <= 0.0:
-                go_on(names)
+        for names in [names for names, left_s in waits_s.items() if left_s <= 0.0]:
+            try:
+                waits_s[names] = next(moves[names])
+            except StopIteration:
+                del waits_s[names]
+            except DeviceError as error:
+                del waits_s[names]
+                failed.update(dict.fromkeys(names, error))
         if waits_s:
             wait_s = min(waits_s.values())
             clock.sleep(wait_s)
-            waits_s = {name: left_s - wait_s for name, left_s in waits_s.items()}
+            waits_s = {names: left_s - wait_s for names, left_s in waits_s.items()}
     return failed
+
+
+def _moving(positioner: Positioner, position: str, timeout_s: float) -> Iterator[float]:
+    if isinstance(positioner, BesideOthers):
+        yield from positioner.moving(position, timeout_s)
+    else:
+        positioner.move_to(position, timeout_s)

@@ -22,7 +22,7 @@ _SHOWN = 40  # bytes of it in a message
 
 @dataclass(frozen=True)
 class LineTiming:
-    """How a controller wants to be spoken to, seconds; `attempts` counts the first asking of a read.
+    """How a controller wants to be spoken to, seconds.
 
     `late_s` is for replies that do not show which request they answer (a bare number): after a request without an
     answer the line is listened to for so long, so that a late reply is not taken for the next one's.
@@ -31,7 +31,6 @@ class LineTiming:
     timeout_s: float = 2.0
     pause_after_query_s: float = 0.3
     pause_after_command_s: float = 0.5
-    attempts: int = 3
     late_s: float = 0.0
 
 
@@ -49,12 +48,12 @@ class LineExchange:
     _unanswered = False
 
     def query(self, request: str, parse: Callable[[str], Reply], length: int | None = None) -> Reply:
-        """Ask until `parse` accepts a reply, at most `attempts` times; raise its last error, or `DeviceTimeout`.
+        """Ask until `parse` accepts a reply, at most `ATTEMPTS` times; raise its last error, or `DeviceTimeout`.
 
         `parse` gets the line without its terminator and raises `ProtocolError`, `SensorFault` or `CommandRefused`.
         `length` is that of the reply, where nothing ends it.
         """
-        return asked(lambda: self._ask(request, parse, length), self.timing.attempts)
+        return asked(lambda: self._ask(request, parse, length))
 
     def command(self, request: str, accept: Callable[[str], bool], length: int | None = None) -> bool:
         """Send `request` once; return whether it was acknowledged before the deadline, in a reply of this `length`.

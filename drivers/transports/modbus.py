@@ -61,12 +61,11 @@ def framer_of(framing: Framing, *, of_unit: bool = False) -> FramerBase:
 
 @dataclass(frozen=True)
 class ModbusTiming:
-    """How a controller wants to be spoken to, seconds; `attempts` counts the first asking of a read."""
+    """How a controller wants to be spoken to, seconds."""
 
     timeout_s: float = 1.0
     pause_s: float = 0.03  # after every exchange
     late_s: float = 4.0
-    attempts: int = 3
 
 
 @dataclass(eq=False)
@@ -90,10 +89,10 @@ class ModbusExchange:
     def query(self, address: int, count: int, parse: Callable[[list[int]], Reply], table: Table = "holding") -> Reply:
         """Return what `parse` makes of `count` registers (or coils: 0 or 1) from `address` on, unsigned numbers.
 
-        Asked until it accepts them, at most `attempts` times; raises the last error: `DeviceTimeout`, `ProtocolError`,
+        Asked until it accepts them, at most `ATTEMPTS` times; raises the last error: `DeviceTimeout`, `ProtocolError`,
         `CommandRefused` for an exception reply, or `TransportError`.
         """
-        return asked(lambda: parse(self._read_once(address, count, table)), self.timing.attempts)
+        return asked(lambda: parse(self._read_once(address, count, table)))
 
     def write(self, address: int, value: int) -> bool:
         """Send one register (function 6) once; return whether it was acknowledged.

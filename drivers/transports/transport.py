@@ -13,6 +13,9 @@ from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, SensorF
 
 Reply = TypeVar("Reply")
 
+ATTEMPTS = 3
+"""How often something is tried at a device: one glitch must not end a night."""
+
 _POLL_S = 0.002  # between looks while a read waits
 _SHOWN = 60  # bytes of what arrived in a message
 
@@ -101,17 +104,17 @@ class OwnPort(Transport):
         """Nothing comes."""
 
 
-def asked(ask: Callable[[], Reply], attempts: int) -> Reply:
-    """Return what `ask` does, tried at most `attempts` times; raise its last error, saying how often it was tried.
+def asked(ask: Callable[[], Reply]) -> Reply:
+    """Return what `ask` does, tried at most `ATTEMPTS` times; raise its last error, saying how often it was tried.
 
     A read may be repeated, because nothing changes by it. A refusal is asked again too: noise on the line turns a good
     request into an unknown one; and so is a port that failed, because a transport opens it again where it can.
     """
-    left = attempts
+    left = ATTEMPTS
     while True:
         left -= 1
         try:
             return ask()
         except (DeviceTimeout, ProtocolError, SensorFault, CommandRefused, TransportError) as error:
             if left <= 0:
-                raise type(error)(f"{error} (asked {attempts} times)") from error
+                raise type(error)(f"{error} (asked {ATTEMPTS} times)") from error

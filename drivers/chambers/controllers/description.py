@@ -16,6 +16,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, PositiveFloat, PositiveInt, ValidationError, model_validator
 
+from drivers.chambers.controller import Mode
 from drivers.chambers.controllers.registers import (
     Address,
     Entry,
@@ -35,8 +36,6 @@ from drivers.transports.framing import Frame, Framings, Silence, lines
 
 _TERMINATORS = {"CR": b"\r", "LF": b"\n", "CR LF": b"\r\n"}
 
-
-Mode = Literal["OFF", "STANDBY", "CONSTANT", "RUN"]
 Looked = Literal["alarms", "temperature", "setpoint", "state", "low_limit", "high_limit", "unit"]
 
 

@@ -11,6 +11,7 @@ import yaml
 from drivers.chambers import ChamberLimits, SafeState
 from drivers.chambers.controllers.described import SetpointBox
 from drivers.chambers.controllers.description import BoxDescription, Question, load_box, parse_box
+from drivers.chambers.controllers.templates import found_in
 from drivers.chambers.supervised import SupervisedChamber, Supervision
 from drivers.clock import VirtualClock
 from drivers.errors import CommandRefused, InputError, ProtocolError, WrongDevice
@@ -106,7 +107,7 @@ def test_it_sets_a_temperature_as_its_file_says() -> None:
 )
 def test_a_value_is_found_where_the_template_says(template: str, line: str, value: str | None) -> None:
     """All of it, and not its first character; what is no placeholder is taken literally."""
-    assert Question(ask="?", reply=template).value(line) == value
+    assert found_in(Question(ask="?", reply=template).reply, line) == value
 
 
 def test_it_refuses_another_box_and_another_unit() -> None:

@@ -11,7 +11,7 @@ from drivers.transports.framing import lines
 from drivers.transports.lines import LineExchange, LineTiming
 from tests.drivers.transcript import TranscriptDevice
 
-TIMING = LineTiming(timeout_s=2.0, pause_after_query_s=0.3, pause_after_command_s=0.5, attempts=3)
+TIMING = LineTiming(timeout_s=2.0, pause_after_query_s=0.3, pause_after_command_s=0.5)
 
 
 def _exchange(*exchanges: tuple[bytes, bytes]) -> tuple[LineExchange, TranscriptDevice, VirtualClock]:
