@@ -119,13 +119,9 @@ def write_units(
         reason = each["reason"] if page and each["set_aside"] else why
         units.append({**each, "page": page, "verdict": judged, "in_spec": brief, "why": reason})
     document = {
-        "title": status["title"],
+        **{name: status[name] for name in ("title", "identity", "simulated", "state", "reason")},
         "running_title": in_style(status["title"]),
-        "identity": status["identity"],
-        "simulated": status["simulated"],
         "verdict": verdict["verdict"] if verdict else "INCONCLUSIVE",
-        "state": status["state"],
-        "reason": status["reason"],
         "to_do": to_do_now(Path(source.name), {**status, "verdict": verdict}),
         "units": units,
         "soaks": soaks,
