@@ -34,45 +34,6 @@ _SILENT_S, _SILENT_POINTS = 300.0, 5.0
 
 
 @dataclass(frozen=True)
-class Soak:
-    """One restabilisation that ended: when, how long it waited, and which criterion was the last to be met."""
-
-    run: int
-    temperature_degC: float
-    began_h: float
-    ended_h: float
-    waited_s: float
-    decided_by: str
-    reason: str
-    verdict: str
-    soak_restarts: int
-    window_restarts: int
-
-
-@dataclass(frozen=True)
-class CollectLine:
-    """One collect that counts: when, where, and what the stream brought. `counts` are the decoder's."""
-
-    run: int
-    temperature_degC: float
-    position: str
-    began_h: float
-    ended_h: float
-    utc: str
-    duration_s: float
-    n_samples: int
-    n_expected: int
-    counts: Mapping[str, int]
-    verdict: str
-    reason: str
-
-    @property
-    def bad(self) -> int:
-        """Frames whose checksum or delimiter was wrong."""
-        return self.counts.get("bad_checksum", 0) + self.counts.get("bad_delimiter", 0)
-
-
-@dataclass(frozen=True)
 class Margin:
     """How near a night came to one of its limits: what, where, how large it was, the limit, and their ratio."""
 
@@ -85,7 +46,11 @@ class Margin:
 
 @dataclass(frozen=True)
 class NightContent:
-    """What only a journal knows. `events` are (UTC, kind, message), `event_hours` (e,) when they were."""
+    """What only a journal knows. `events` are (UTC, kind, message), `event_hours` (e,) when they were.
+
+    `soaks` are the restabilisations that ended: when, how long each waited, and which criterion was the last to be met;
+    `collects` those that count: when, where, and what the stream brought, with the decoder's `counts`.
+    """
 
     state: str
     title: str = ""
@@ -101,8 +66,8 @@ class NightContent:
     event_hours: FloatArray = field(default_factory=lambda: np.empty(0))
     hours: FloatArray = field(default_factory=lambda: np.empty(0))
     temperatures: Mapping[str, FloatArray] = field(default_factory=dict)
-    soaks: Sequence[Soak] = ()
-    collects: Sequence[CollectLine] = ()
+    soaks: Sequence[dict[str, Any]] = ()
+    collects: Sequence[dict[str, Any]] = ()
     rejected: Sequence[tuple[str, str, str]] = ()  # UTC, what, why
     margins: Sequence[Margin] = ()  # the smallest first
     vocabulary: str = "plain"
@@ -182,40 +147,42 @@ def _done(journal: JournalReader, status: Mapping[str, object]) -> str:
     )
 
 
-def _soak(step: Step, attempt: Attempt) -> Soak:
+def _soak(step: Step, attempt: Attempt) -> dict[str, Any]:
     data = attempt.data
-    return Soak(
-        step.self_calibration or 0,
-        step.temperature_degC if step.temperature_degC is not None else float("nan"),
-        attempt.began_s / _SECONDS_PER_HOUR,
-        (attempt.ended_s or attempt.began_s) / _SECONDS_PER_HOUR,
-        float(data.get("waited_s") or 0.0),
-        str(data.get("decided_by") or "–"),
-        attempt.reason,
-        str(data.get("verdict") or ""),
-        int(data.get("soak_restarts") or 0),
-        int(data.get("window_restarts") or 0),
-    )
+    return {
+        **_where(step),
+        "began_h": attempt.began_s / _SECONDS_PER_HOUR,
+        "ended_h": (attempt.ended_s or attempt.began_s) / _SECONDS_PER_HOUR,
+        "waited_s": float(data.get("waited_s") or 0.0),
+        "decided_by": str(data.get("decided_by") or "–"),
+        "reason": attempt.reason,
+        "verdict": str(data.get("verdict") or ""),
+        "soak_restarts": int(data.get("soak_restarts") or 0),
+        "window_restarts": int(data.get("window_restarts") or 0),
+    }
 
 
-def _collect(journal: JournalReader, step: Step, attempt: Attempt) -> CollectLine:
+def _collect(journal: JournalReader, step: Step, attempt: Attempt) -> dict[str, Any]:
     data = attempt.data
-    start_s = float(data.get("start_s", attempt.began_s))
-    duration_s = float(data.get("duration_s") or 0.0)
-    return CollectLine(
-        run=step.self_calibration or 0,
-        temperature_degC=step.temperature_degC if step.temperature_degC is not None else float("nan"),
-        position=str(data.get("position", step.position)),
-        began_h=start_s / _SECONDS_PER_HOUR,
-        ended_h=(start_s + duration_s) / _SECONDS_PER_HOUR,
-        utc=_utc(journal, start_s),
-        duration_s=duration_s,
-        n_samples=int(data.get("n_samples") or 0),
-        n_expected=int(data.get("n_expected") or 0),
-        counts={name: int(count) for name, count in (data.get("counts") or {}).items()},
-        verdict=str(data.get("verdict") or ""),
-        reason=str(data.get("reason") or attempt.reason),
-    )
+    start_s, duration_s = float(data.get("start_s", attempt.began_s)), float(data.get("duration_s") or 0.0)
+    return {
+        **_where(step),
+        "position": str(data.get("position", step.position)),
+        "began_h": start_s / _SECONDS_PER_HOUR,
+        "ended_h": (start_s + duration_s) / _SECONDS_PER_HOUR,
+        "utc": _utc(journal, start_s),
+        "duration_s": duration_s,
+        "n_samples": int(data.get("n_samples") or 0),
+        "n_expected": int(data.get("n_expected") or 0),
+        "counts": {name: int(count) for name, count in (data.get("counts") or {}).items()},
+        "verdict": str(data.get("verdict") or ""),
+        "reason": str(data.get("reason") or attempt.reason),
+    }
+
+
+def _where(step: Step) -> dict[str, Any]:
+    at = step.temperature_degC
+    return {"run": step.self_calibration or 0, "temperature_degC": math.nan if at is None else at}
 
 
 def _margins(ended: Sequence[tuple[Step, Attempt]]) -> Iterator[Margin]:

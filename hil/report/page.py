@@ -15,7 +15,7 @@ from hil.records.reader import JournalReader
 from hil.records.status import in_brief, night_status, recorded_verdict
 from hil.records.troubles import to_do as to_do_now
 from hil.report.content import ReportContent, assumed, cannot_tell, good, headline, largest, to_do
-from hil.report.night import CollectLine, NightContent
+from hil.report.night import NightContent
 from hil.report.plots import draw_night
 from hil.report.provenance import campaign_files, campaign_provenance
 from hil.report.sensor_view import key_numbers, sensor_view
@@ -175,12 +175,12 @@ def night_view(night: NightContent) -> dict[str, Any]:
     }
 
 
-def stream_in_words(collects: Sequence[CollectLine]) -> str:
+def stream_in_words(collects: Sequence[Mapping[str, Any]]) -> str:
     """Say of all collects together what the stream brought, in one sentence."""
     if not collects:
         return ""
     total = {name: sum(_count(each, name) for each in collects) for _, _, name in _COUNTS}
-    used, expected = sum(each.n_samples for each in collects), sum(each.n_expected for each in collects)
+    used, expected = (sum(each[n] for each in collects) for n in ("n_samples", "n_expected"))
     bad = [
         f"{counted(total[name], below.removesuffix('s') or 'resync')} {what if below else ''}".rstrip()
         for what, below, name in _COUNTS[1:]
@@ -198,19 +198,20 @@ def stream_in_words(collects: Sequence[CollectLine]) -> str:
     )
 
 
-def _troubled(collects: Sequence[CollectLine]) -> list[CollectLine]:
+def _troubled(collects: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     """Return the collects in which anything but good frames came, samples lacked, or the verdict is not PASS."""
     return [
         each
         for each in collects
-        if each.verdict != Verdict.PASS
+        if each["verdict"] != Verdict.PASS
         or any(_count(each, name) for _, _, name in _COUNTS[1:])
-        or each.n_samples < each.n_expected - 1
+        or each["n_samples"] < each["n_expected"] - 1
     ]
 
 
-def _count(each: CollectLine, name: str) -> int:
-    return each.bad if name == "bad" else each.counts.get(name, 0)
+def _count(each: Mapping[str, Any], name: str) -> int:
+    names = ("bad_checksum", "bad_delimiter") if name == "bad" else (name,)
+    return sum(each["counts"].get(one, 0) for one in names)
 
 
 def _picture(night: NightContent) -> str:
