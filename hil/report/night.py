@@ -8,6 +8,7 @@
 Times are hours since the night began, temperatures °C.
 """
 
+import hashlib
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,14 +17,15 @@ from typing import Any
 
 import numpy as np
 
-from hil.campaign import FloatArray
+from drivers.given_file import opened
+from hil.campaign import Campaign, FloatArray
+from hil.campaign.reader import COLLECTS_FILE, HEADER_FILE
 from hil.config.recorded import understood
 from hil.records import JournalReader, reading
 from hil.records.curve import temperatures
 from hil.records.rows import Attempt
 from hil.records.status import night_status, recorded_end
 from hil.records.troubles import to_do
-from hil.report.provenance import night_provenance
 from procedures.journal_protocol import Outcome
 from procedures.plan import Plan, Step, StepKind
 from procedures.words import counted, hours_minutes, step_in_words
@@ -257,3 +259,44 @@ def _utc(journal: JournalReader, at_s: float) -> str:
 def _local(journal: JournalReader, at_s: float) -> str:
     """Write a time by the clock of this computer, with its zone."""
     return f"{journal.night.utc(at_s).astimezone():%Y-%m-%d %H:%M %Z}"
+
+
+def night_provenance(journal: JournalReader, identity: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str]]:
+    """Return names and values for a night; `identity` is what the devices said of themselves."""
+    night = journal.night
+    controllers = journal.controllers()
+    first = night.versions or {}
+    clock = understood(night.configuration).get("bench", {}).get("clock")
+    told = [
+        ("folder", journal.folder.resolve().name),
+        ("began (UTC)", f"{night.began_utc:%Y-%m-%d %H:%M:%S}" + " (simulated time)" * (clock == "virtual")),
+        ("began by", night.who),
+        ("carried on by", ", ".join(each.who for each in controllers[1:])),
+        *((device, ", ".join(f"{k} {v}" for k, v in said.items() if v)) for device, said in identity.items()),
+        ("seed of the simulation", "" if night.seed is None else str(night.seed)),
+        ("configuration, SHA-256", hashlib.sha256(night.configuration.encode()).hexdigest()),
+        ("plan and configuration, digest in the journal", night.digest(journal.plan)),
+        *((f"version of {name}", version) for name, version in first.items()),
+    ]
+    return [(name, value) for name, value in told if value]
+
+
+def campaign_provenance(campaign: Campaign) -> list[tuple[str, str]]:
+    """Return names and values for a campaign folder."""
+    folder = campaign.folder
+    told = [("campaign", folder.resolve().name if folder else campaign.title), ("source", campaign.source)]
+    return [(name, value) for name, value in told if value]
+
+
+def campaign_files(campaign: Campaign) -> list[tuple[str, int, str]]:
+    """Return path, size in bytes and SHA-256 of the files that a campaign folder was read from."""
+    if campaign.folder is None:
+        return []
+    folder = campaign.folder
+    files = []
+    for path in (folder / HEADER_FILE, folder / COLLECTS_FILE, *campaign.series_files.values()):
+        if path.is_file():
+            name = str(path.relative_to(folder)) if path.is_relative_to(folder) else path.name
+            with opened(path) as file:
+                files.append((name, path.stat().st_size, hashlib.file_digest(file, "sha256").hexdigest()))
+    return files

@@ -15,9 +15,8 @@ from hil.records.reader import JournalReader
 from hil.records.status import in_brief, night_status, recorded_verdict
 from hil.records.troubles import to_do as to_do_now
 from hil.report.content import ReportContent, assumed, cannot_tell, good, headline, largest, to_do
-from hil.report.night import NightContent
+from hil.report.night import NightContent, campaign_files, campaign_provenance
 from hil.report.plots import draw_night
-from hil.report.provenance import campaign_files, campaign_provenance
 from hil.report.sensor_view import key_numbers, sensor_view
 from hil.solve.omissions import in_words, what_is_wrong
 from hil.solve.runs import reasons
