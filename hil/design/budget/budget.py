@@ -147,7 +147,7 @@ def _solved(scene: Scene, form: LinearForm, observed: FloatArray) -> FloatArray:
     return np.asarray(solve(columns.reshape(there.size, -1), rates, sigma, rank_tolerance=OBSERVABLE).values)
 
 
-_SIGMAS = 2.0
+_EXPANDED = 2.0
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ class MeanBudget:
                 sd = float(self.standard[place])
                 joint = shown.freedom * (sd / shown.sd) ** 4 if shown.sd > 0.0 else np.inf
                 by = (Uncertain(shown.value, sd, freedom, shown.runs, shown.unit) for freedom in (joint, shown.freedom))
-                found[name] = next(each for each in by if not each.expanded(_SIGMAS) < shown.expanded(_SIGMAS))
+                found[name] = next(each for each in by if not each.expanded(_EXPANDED) < shown.expanded(_EXPANDED))
         return found
 
 
