@@ -16,7 +16,6 @@ from hil.analysis.thermal.choice import (
     Choice,
     Improvement,
     choose,
-    improvement,
     monotone,
     nested_errors,
 )
@@ -232,7 +231,7 @@ def _parameter(seen: Visits, place: int, choice: Choice, values: Estimates, erro
         chance_constant=_misfit(layout, values, 0)[1],
         chance_form=chance_form,
         largest_change=2.0 * float(abs(line.values[1]) + line.half_width[1]),
-        improvement=improvement(choice.held_out_constant, errors, choice.weight),
+        improvement=Improvement(choice.held_out_constant, errors, choice.weight),
         hysteresis=hysteresis,
     )
 
@@ -289,4 +288,4 @@ def _rate_improvement(layout: Layout, choices: Sequence[Choice], errors: Sequenc
     def per_station(rates: FloatArray) -> FloatArray:
         return np.asarray(np.sqrt(np.bincount(number, weights=np.mean(rates**2, axis=1)) / counts))
 
-    return improvement(per_station(before), per_station(after), counts / counts.sum())
+    return Improvement(per_station(before), per_station(after), counts / counts.sum())

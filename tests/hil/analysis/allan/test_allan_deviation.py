@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hil.analysis.allan.deviation import Octaves, octaves
-from hil.analysis.allan.document import analyse, averaging
+from hil.analysis.allan.document import Averaging, analyse
 from hil.analysis.allan.fit import fit_noise
 from hil.analysis.allan.sources import cut, recording
 from hil.errors import InputError
@@ -122,7 +122,7 @@ def test_a_rate_that_never_changes_is_refused_and_a_stuck_stretch_is_named() -> 
 def test_longer_averages_stop_helping_where_the_random_walk_takes_over() -> None:
     """With N = 1 and K = 0.01 the curve is lowest at sqrt(3) N/K = 173 s, and rises after it."""
     fit = fit_noise(octaves([rates(np.random.default_rng(4), 1 << 17, n=1.0, k=0.01)], 1.0))
-    read = averaging(fit)
+    read = Averaging(fit)
     assert read.lowest_at_s == pytest.approx(np.sqrt(3.0) / 0.01, rel=0.2)
     assert read.turns
     assert read.reach_s(0.2) == pytest.approx(25.0, rel=0.1)
