@@ -19,7 +19,7 @@ from hil.analysis.thermal.choice import (
     monotone,
     nested_errors,
 )
-from hil.analysis.thermal.estimate import Estimates, Layout, Visits, layout_of, visits
+from hil.analysis.thermal.estimate import Estimates, Layout, Visits, layout_of
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.errors import InputError
 from hil.model import Model
@@ -153,13 +153,13 @@ def fit_sensor(
     number = collects.conditions.sensor.number
     factor_of = dict(zip(shown.names, shown.spread.factor.tolist(), strict=True))
     layout, notes = layout_of(number, collects, model, apart_degC, factor_of)
-    seen = visits(layout)
+    seen = Visits(layout)
     free = [seen.along(place, None)[0] for place in range(len(layout.form.names))]
     choices = _choices(layout, free, seen.known, order)
     if not seen.known:
         notes.append(f"sensor {number}: neither repeats nor standard errors: what the curves leave is taken for noise")
         left = [_misfit(layout, v, c.form.order or 0)[0] for v, c in zip(free, choices, strict=True)]
-        seen = replace(seen, sd=seen.sd * np.sqrt(left))
+        seen.sd = seen.sd * np.sqrt(left)
         free = [seen.along(place, None)[0] for place in range(len(layout.form.names))]
     errors = [
         nested_errors(layout.stations.centre_degC, each, choice, order)
