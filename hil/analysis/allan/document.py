@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from hil.analysis.allan.deviation import CONFIDENCE, NoiseKind, octaves
-from hil.analysis.allan.fit import SLOPES, NoiseFit, Term, fit_noise
+from hil.analysis.allan.fit import SLOPES, NoiseFit, Term
 from hil.analysis.allan.sources import Recording
 from hil.files.document import picked
 from procedures.words import duration
@@ -84,7 +84,7 @@ class AllanResult:
 
 def analyse(found: Recording) -> AllanResult:
     """Compute the deviations of a recording in octaves and fit them."""
-    fit = fit_noise(octaves(found.stretches, found.interval_s))
+    fit = NoiseFit(octaves(found.stretches, found.interval_s))
     return AllanResult(found, fit, Averaging(fit))
 
 
