@@ -17,7 +17,7 @@ import numpy as np
 
 from hil.analysis.against import compare
 from hil.analysis.allan.deviation import octaves
-from hil.analysis.allan.fit import fit_noise
+from hil.analysis.allan.fit import NoiseFit
 from hil.analysis.thermal.document import thermal_document
 from hil.analysis.thermal.fit import fit_thermal
 from hil.campaign import Campaign
@@ -128,7 +128,7 @@ def missing(seed: int) -> Held:
 def allan(seed: int) -> Held:
     """N, B and K of a record of 4096 samples."""
     series = rates(np.random.default_rng(seed), 1 << 12, n=NOISE["N"], b=NOISE["B"], k=NOISE["K"])
-    fit = fit_noise(octaves([series], 1.0))
+    fit = NoiseFit(octaves([series], 1.0))
     for name, value in NOISE.items():
         yield name, fit.terms[name].low <= value <= fit.terms[name].high
 

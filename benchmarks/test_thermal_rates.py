@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hil.analysis.thermal.choice import choose, improvement, nested_errors
+from hil.analysis.thermal.choice import Improvement, choose, nested_errors
 from hil.analysis.thermal.estimate import Estimates
 from hil.analysis.thermal.fit import ParameterFit, fit_thermal
 from hil.campaign import Campaign
@@ -118,7 +118,7 @@ def test_improvement_is_claimed_where_there_is_some_and_its_range_is_no_interval
             own = Estimates(values, np.eye(8), 16.0)
             choice = choose(degC, values, np.eye(8), highest_order=5)
             errors = nested_errors(degC, own, choice, 5, 0)
-            found.append(improvement(choice.held_out_constant, errors, choice.weight))
+            found.append(Improvement(choice.held_out_constant, errors, choice.weight))
             before.append(float(choice.weight @ choice.held_out_constant**2))
             after.append(float(choice.weight @ errors**2))
         truth = 1.0 - np.sqrt(np.mean(after) / np.mean(before))

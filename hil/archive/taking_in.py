@@ -18,7 +18,7 @@ from typing import Any
 
 from hil.analysis.night_verdict import night_verdict
 from hil.archive.folder import read_entry
-from hil.archive.index import Entry, connected, transaction
+from hil.archive.index import Entry, connected
 from hil.archive.places import INDEX_NAME, check_archive, found, interrupted, serial_of, stamp
 from hil.campaign import Campaign
 from hil.errors import InputError
@@ -89,7 +89,8 @@ def _read(connection: sqlite3.Connection, archive: Path, name: str, now: str) ->
         entry = vars(_entry(name, now, facts, campaign, solutions, hashlib.sha256(text.encode()).hexdigest()))
     except (InputError, OSError, KeyError, TypeError, ValueError) as error:
         entry, text = vars(Entry(name, now, serial_of(name), str(error) or repr(error))), ""
-    with transaction(connection):
+    with connection:  # all of it, or nothing
+        connection.execute("BEGIN IMMEDIATE")
         connection.execute("DELETE FROM entries WHERE name = ?", (name,))
         marks = ", ".join(f":{each}" for each in entry)
         connection.execute(f"INSERT INTO entries ({', '.join(entry)}) VALUES ({marks})", entry)  # noqa: S608

@@ -23,7 +23,11 @@ _GRID_S = 10.0
 def planned_conditions(plan: Plan, bench: Bench) -> dict[int, Conditions]:
     """Return the conditions of every planned collect, by sensor of the bench."""
     steps = [step for step in plan.steps if step.kind is StepKind.COLLECT]
-    columns, start_s, duration_s = _columns(plan, steps)
+    settle_s = np.array([step.parameters.get("settle_s", 0.0) for step in steps])
+    duration_s = np.array([step.parameters.get("duration_s", step.duration_s) for step in steps])
+    start_s = np.array([step.starts_s for step in steps]) + settle_s
+    columns = _columns(plan, start_s, start_s + 0.5 * duration_s)
+    columns |= {"time_since_power_on_s": start_s, "time_since_index_s": settle_s}
     position = np.array([str(step.position) for step in steps])
     return {
         number: Conditions(
@@ -40,26 +44,19 @@ def planned_conditions(plan: Plan, bench: Bench) -> dict[int, Conditions]:
     }
 
 
-def _columns(plan: Plan, steps: list[Step]) -> tuple[dict[str, FloatArray], FloatArray, FloatArray]:
-    settle_s = np.array([step.parameters.get("settle_s", 0.0) for step in steps])
-    duration_s = np.array([step.parameters.get("duration_s", step.duration_s) for step in steps])
-    start_s = np.array([step.starts_s for step in steps]) + settle_s
+def _columns(plan: Plan, start_s: FloatArray, middle: FloatArray) -> dict[str, FloatArray]:
     setpoints = [step for step in plan.steps if step.kind is StepKind.SETPOINT]
     times, air, case, rotor = _temperatures(plan, setpoints)
-    middle = start_s + 0.5 * duration_s
     commanded = np.array([step.starts_s for step in setpoints])
     latest = np.searchsorted(commanded, start_s, side="right") - 1
-    columns = {
+    return {
         "temperature_degC": np.interp(middle, times, rotor),
         "dTdt_degC_per_min": 60.0 * np.interp(middle, times, np.gradient(rotor, _GRID_S)),
         "case_degC": np.interp(middle, times, case),
         "chamber_degC": np.interp(middle, times, air),
         "setpoint_degC": np.array([setpoints[index].temperature_degC for index in latest], dtype=np.float64),
         "time_since_setpoint_s": start_s - commanded[latest],
-        "time_since_power_on_s": start_s,
-        "time_since_index_s": settle_s,
     }
-    return columns, start_s, duration_s
 
 
 def _temperatures(plan: Plan, setpoints: list[Step]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

@@ -8,6 +8,7 @@
 Times are hours since the night began, temperatures °C.
 """
 
+import hashlib
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,14 +17,15 @@ from typing import Any
 
 import numpy as np
 
-from hil.campaign import FloatArray
+from drivers.given_file import opened
+from hil.campaign import Campaign, FloatArray
+from hil.campaign.reader import COLLECTS_FILE, HEADER_FILE
 from hil.config.recorded import understood
 from hil.records import JournalReader, reading
 from hil.records.curve import temperatures
 from hil.records.rows import Attempt
 from hil.records.status import night_status, recorded_end
 from hil.records.troubles import to_do
-from hil.report.provenance import night_provenance
 from procedures.journal_protocol import Outcome
 from procedures.plan import Plan, Step, StepKind
 from procedures.words import counted, hours_minutes, step_in_words
@@ -31,45 +33,6 @@ from procedures.words import counted, hours_minutes, step_in_words
 _SECONDS_PER_HOUR = 3600.0
 _SILENT_S, _SILENT_POINTS = 300.0, 5.0
 """A longer gap, and of more times the usual one, breaks the lines of the plot: nobody was measuring."""
-
-
-@dataclass(frozen=True)
-class Soak:
-    """One restabilisation that ended: when, how long it waited, and which criterion was the last to be met."""
-
-    run: int
-    temperature_degC: float
-    began_h: float
-    ended_h: float
-    waited_s: float
-    decided_by: str
-    reason: str
-    verdict: str
-    soak_restarts: int
-    window_restarts: int
-
-
-@dataclass(frozen=True)
-class CollectLine:
-    """One collect that counts: when, where, and what the stream brought. `counts` are the decoder's."""
-
-    run: int
-    temperature_degC: float
-    position: str
-    began_h: float
-    ended_h: float
-    utc: str
-    duration_s: float
-    n_samples: int
-    n_expected: int
-    counts: Mapping[str, int]
-    verdict: str
-    reason: str
-
-    @property
-    def bad(self) -> int:
-        """Frames whose checksum or delimiter was wrong."""
-        return self.counts.get("bad_checksum", 0) + self.counts.get("bad_delimiter", 0)
 
 
 @dataclass(frozen=True)
@@ -85,7 +48,11 @@ class Margin:
 
 @dataclass(frozen=True)
 class NightContent:
-    """What only a journal knows. `events` are (UTC, kind, message), `event_hours` (e,) when they were."""
+    """What only a journal knows. `events` are (UTC, kind, message), `event_hours` (e,) when they were.
+
+    `soaks` are the restabilisations that ended: when, how long each waited, and which criterion was the last to be met;
+    `collects` those that count: when, where, and what the stream brought, with the decoder's `counts`.
+    """
 
     state: str
     title: str = ""
@@ -101,8 +68,8 @@ class NightContent:
     event_hours: FloatArray = field(default_factory=lambda: np.empty(0))
     hours: FloatArray = field(default_factory=lambda: np.empty(0))
     temperatures: Mapping[str, FloatArray] = field(default_factory=dict)
-    soaks: Sequence[Soak] = ()
-    collects: Sequence[CollectLine] = ()
+    soaks: Sequence[dict[str, Any]] = ()
+    collects: Sequence[dict[str, Any]] = ()
     rejected: Sequence[tuple[str, str, str]] = ()  # UTC, what, why
     margins: Sequence[Margin] = ()  # the smallest first
     vocabulary: str = "plain"
@@ -182,40 +149,42 @@ def _done(journal: JournalReader, status: Mapping[str, object]) -> str:
     )
 
 
-def _soak(step: Step, attempt: Attempt) -> Soak:
+def _soak(step: Step, attempt: Attempt) -> dict[str, Any]:
     data = attempt.data
-    return Soak(
-        step.self_calibration or 0,
-        step.temperature_degC if step.temperature_degC is not None else float("nan"),
-        attempt.began_s / _SECONDS_PER_HOUR,
-        (attempt.ended_s or attempt.began_s) / _SECONDS_PER_HOUR,
-        float(data.get("waited_s") or 0.0),
-        str(data.get("decided_by") or "–"),
-        attempt.reason,
-        str(data.get("verdict") or ""),
-        int(data.get("soak_restarts") or 0),
-        int(data.get("window_restarts") or 0),
-    )
+    return {
+        **_where(step),
+        "began_h": attempt.began_s / _SECONDS_PER_HOUR,
+        "ended_h": (attempt.ended_s or attempt.began_s) / _SECONDS_PER_HOUR,
+        "waited_s": float(data.get("waited_s") or 0.0),
+        "decided_by": str(data.get("decided_by") or "–"),
+        "reason": attempt.reason,
+        "verdict": str(data.get("verdict") or ""),
+        "soak_restarts": int(data.get("soak_restarts") or 0),
+        "window_restarts": int(data.get("window_restarts") or 0),
+    }
 
 
-def _collect(journal: JournalReader, step: Step, attempt: Attempt) -> CollectLine:
+def _collect(journal: JournalReader, step: Step, attempt: Attempt) -> dict[str, Any]:
     data = attempt.data
-    start_s = float(data.get("start_s", attempt.began_s))
-    duration_s = float(data.get("duration_s") or 0.0)
-    return CollectLine(
-        run=step.self_calibration or 0,
-        temperature_degC=step.temperature_degC if step.temperature_degC is not None else float("nan"),
-        position=str(data.get("position", step.position)),
-        began_h=start_s / _SECONDS_PER_HOUR,
-        ended_h=(start_s + duration_s) / _SECONDS_PER_HOUR,
-        utc=_utc(journal, start_s),
-        duration_s=duration_s,
-        n_samples=int(data.get("n_samples") or 0),
-        n_expected=int(data.get("n_expected") or 0),
-        counts={name: int(count) for name, count in (data.get("counts") or {}).items()},
-        verdict=str(data.get("verdict") or ""),
-        reason=str(data.get("reason") or attempt.reason),
-    )
+    start_s, duration_s = float(data.get("start_s", attempt.began_s)), float(data.get("duration_s") or 0.0)
+    return {
+        **_where(step),
+        "position": str(data.get("position", step.position)),
+        "began_h": start_s / _SECONDS_PER_HOUR,
+        "ended_h": (start_s + duration_s) / _SECONDS_PER_HOUR,
+        "utc": _utc(journal, start_s),
+        "duration_s": duration_s,
+        "n_samples": int(data.get("n_samples") or 0),
+        "n_expected": int(data.get("n_expected") or 0),
+        "counts": {name: int(count) for name, count in (data.get("counts") or {}).items()},
+        "verdict": str(data.get("verdict") or ""),
+        "reason": str(data.get("reason") or attempt.reason),
+    }
+
+
+def _where(step: Step) -> dict[str, Any]:
+    at = step.temperature_degC
+    return {"run": step.self_calibration or 0, "temperature_degC": math.nan if at is None else at}
 
 
 def _margins(ended: Sequence[tuple[Step, Attempt]]) -> Iterator[Margin]:
@@ -290,3 +259,44 @@ def _utc(journal: JournalReader, at_s: float) -> str:
 def _local(journal: JournalReader, at_s: float) -> str:
     """Write a time by the clock of this computer, with its zone."""
     return f"{journal.night.utc(at_s).astimezone():%Y-%m-%d %H:%M %Z}"
+
+
+def night_provenance(journal: JournalReader, identity: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str]]:
+    """Return names and values for a night; `identity` is what the devices said of themselves."""
+    night = journal.night
+    controllers = journal.controllers()
+    first = night.versions or {}
+    clock = understood(night.configuration).get("bench", {}).get("clock")
+    told = [
+        ("folder", journal.folder.resolve().name),
+        ("began (UTC)", f"{night.began_utc:%Y-%m-%d %H:%M:%S}" + " (simulated time)" * (clock == "virtual")),
+        ("began by", night.who),
+        ("carried on by", ", ".join(each.who for each in controllers[1:])),
+        *((device, ", ".join(f"{k} {v}" for k, v in said.items() if v)) for device, said in identity.items()),
+        ("seed of the simulation", "" if night.seed is None else str(night.seed)),
+        ("configuration, SHA-256", hashlib.sha256(night.configuration.encode()).hexdigest()),
+        ("plan and configuration, digest in the journal", night.digest(journal.plan)),
+        *((f"version of {name}", version) for name, version in first.items()),
+    ]
+    return [(name, value) for name, value in told if value]
+
+
+def campaign_provenance(campaign: Campaign) -> list[tuple[str, str]]:
+    """Return names and values for a campaign folder."""
+    folder = campaign.folder
+    told = [("campaign", folder.resolve().name if folder else campaign.title), ("source", campaign.source)]
+    return [(name, value) for name, value in told if value]
+
+
+def campaign_files(campaign: Campaign) -> list[tuple[str, int, str]]:
+    """Return path, size in bytes and SHA-256 of the files that a campaign folder was read from."""
+    if campaign.folder is None:
+        return []
+    folder = campaign.folder
+    files = []
+    for path in (folder / HEADER_FILE, folder / COLLECTS_FILE, *campaign.series_files.values()):
+        if path.is_file():
+            name = str(path.relative_to(folder)) if path.is_relative_to(folder) else path.name
+            with opened(path) as file:
+                files.append((name, path.stat().st_size, hashlib.file_digest(file, "sha256").hexdigest()))
+    return files

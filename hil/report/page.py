@@ -15,9 +15,8 @@ from hil.records.reader import JournalReader
 from hil.records.status import in_brief, night_status, recorded_verdict
 from hil.records.troubles import to_do as to_do_now
 from hil.report.content import ReportContent, assumed, cannot_tell, good, headline, largest, to_do
-from hil.report.night import CollectLine, NightContent
+from hil.report.night import NightContent, campaign_files, campaign_provenance
 from hil.report.plots import draw_night
-from hil.report.provenance import campaign_files, campaign_provenance
 from hil.report.sensor_view import key_numbers, sensor_view
 from hil.solve.omissions import in_words, what_is_wrong
 from hil.solve.runs import reasons
@@ -119,13 +118,9 @@ def write_units(
         reason = each["reason"] if page and each["set_aside"] else why
         units.append({**each, "page": page, "verdict": judged, "in_spec": brief, "why": reason})
     document = {
-        "title": status["title"],
+        **{name: status[name] for name in ("title", "identity", "simulated", "state", "reason")},
         "running_title": in_style(status["title"]),
-        "identity": status["identity"],
-        "simulated": status["simulated"],
         "verdict": verdict["verdict"] if verdict else "INCONCLUSIVE",
-        "state": status["state"],
-        "reason": status["reason"],
         "to_do": to_do_now(Path(source.name), {**status, "verdict": verdict}),
         "units": units,
         "soaks": soaks,
@@ -179,12 +174,12 @@ def night_view(night: NightContent) -> dict[str, Any]:
     }
 
 
-def stream_in_words(collects: Sequence[CollectLine]) -> str:
+def stream_in_words(collects: Sequence[Mapping[str, Any]]) -> str:
     """Say of all collects together what the stream brought, in one sentence."""
     if not collects:
         return ""
     total = {name: sum(_count(each, name) for each in collects) for _, _, name in _COUNTS}
-    used, expected = sum(each.n_samples for each in collects), sum(each.n_expected for each in collects)
+    used, expected = (sum(each[n] for each in collects) for n in ("n_samples", "n_expected"))
     bad = [
         f"{counted(total[name], below.removesuffix('s') or 'resync')} {what if below else ''}".rstrip()
         for what, below, name in _COUNTS[1:]
@@ -202,19 +197,20 @@ def stream_in_words(collects: Sequence[CollectLine]) -> str:
     )
 
 
-def _troubled(collects: Sequence[CollectLine]) -> list[CollectLine]:
+def _troubled(collects: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     """Return the collects in which anything but good frames came, samples lacked, or the verdict is not PASS."""
     return [
         each
         for each in collects
-        if each.verdict != Verdict.PASS
+        if each["verdict"] != Verdict.PASS
         or any(_count(each, name) for _, _, name in _COUNTS[1:])
-        or each.n_samples < each.n_expected - 1
+        or each["n_samples"] < each["n_expected"] - 1
     ]
 
 
-def _count(each: CollectLine, name: str) -> int:
-    return each.bad if name == "bad" else each.counts.get(name, 0)
+def _count(each: Mapping[str, Any], name: str) -> int:
+    names = ("bad_checksum", "bad_delimiter") if name == "bad" else (name,)
+    return sum(each["counts"].get(one, 0) for one in names)
 
 
 def _picture(night: NightContent) -> str:

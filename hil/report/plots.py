@@ -242,9 +242,9 @@ def draw_night(night: NightContent) -> Figure:
         axes.plot(night.hours, values, label=label, **look)
     for place, soak in enumerate(night.soaks):
         label = "_" if place else "restabilising"
-        axes.axvspan(soak.began_h, soak.ended_h, color="0.9", linewidth=0.0, zorder=0, label=label)
+        axes.axvspan(soak["began_h"], soak["ended_h"], color="0.9", linewidth=0.0, zorder=0, label=label)
     along, floor, top = axes.get_xaxis_transform(), 0.03, 1.02
-    began = [each.began_h for each in night.collects]
+    began = [each["began_h"] for each in night.collects]
     if began:
         axes.plot(began, [floor] * len(began), "|", transform=along, color="black", markersize=9, label="collect")
     if len(night.event_hours):

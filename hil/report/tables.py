@@ -31,11 +31,11 @@ def tables_of(content: ReportContent) -> Mapping[str, pa.Table]:
         "collects": []
         if night is None
         else [
-            {name: value for name, value in vars(each).items() if name != "counts"}
-            | {f"frames_{name}": count for name, count in each.counts.items()}
+            {name: value for name, value in each.items() if name != "counts"}
+            | {f"frames_{name}": count for name, count in each["counts"].items()}
             for each in night.collects
         ],
-        "soaks": [] if night is None else [vars(each) for each in night.soaks],
+        "soaks": [] if night is None else list(night.soaks),
         "differences": []
         if content.comparison is None
         else [

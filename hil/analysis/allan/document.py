@@ -10,9 +10,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from hil.analysis.allan.deviation import CONFIDENCE, NoiseKind, octaves
-from hil.analysis.allan.fit import SLOPES, NoiseFit, Term, fit_noise
+from hil.analysis.allan.fit import SLOPES, NoiseFit, Term
 from hil.analysis.allan.sources import Recording
-from hil.campaign import FloatArray
 from hil.files.document import picked
 from procedures.words import duration
 
@@ -85,8 +84,8 @@ class AllanResult:
 
 def analyse(found: Recording) -> AllanResult:
     """Compute the deviations of a recording in octaves and fit them."""
-    fit = fit_noise(octaves(found.stretches, found.interval_s))
-    return AllanResult(found, fit, averaging(fit))
+    fit = NoiseFit(octaves(found.stretches, found.interval_s))
+    return AllanResult(found, fit, Averaging(fit))
 
 
 def _term(name: str, term: Term) -> dict[str, Any]:
@@ -107,7 +106,6 @@ MU_FACTOR = float(np.sqrt(1.5))
 """MU of one three-collect self-calibration scatters by this many times what one collect does (G1 = 1 g)."""
 
 
-@dataclass(frozen=True)
 class Averaging:
     """How averages scatter, from the fitted curve between the shortest and the longest tau of the record.
 
@@ -117,21 +115,18 @@ class Averaging:
     `judged` tells whether the record shows any term at all; one that does not cannot say how long to average.
     """
 
-    lowest_deg_per_hr: float
-    lowest_at_s: float
-    enough_s: float
-    turns: bool
-    longest_s: float
-    white: float
-    is_white: bool
-    judged: bool
-    _tau_s: FloatArray
-    _deviation: FloatArray
-
-    @property
-    def shortest_s(self) -> float:
-        """The shortest averaging time of the record, s."""
-        return float(self._tau_s[0])
+    def __init__(self, fit: NoiseFit) -> None:
+        self._tau_s = tau_s = np.geomspace(fit.deviation.tau_s[0], fit.deviation.tau_s[-1], 2000)
+        self.shortest_s, self.longest_s = float(tau_s[0]), float(tau_s[-1])
+        # A rate random walk that may be nothing must not end the averaging.
+        self.judged = any(term.seen for term in fit.terms.values())
+        self._deviation = deviation = fit.at(tau_s, only_seen=self.judged)
+        least = int(np.argmin(deviation))
+        self.lowest_deg_per_hr, self.lowest_at_s = float(deviation[least]), float(tau_s[least])
+        self.enough_s = float(tau_s[np.flatnonzero(deviation <= _WORTH * deviation[least])[0]])
+        self.turns = bool(deviation[-1] > _WORTH * deviation[least])
+        self.is_white = fit.terms["N"].seen
+        self.white = fit.terms["N"].value if self.is_white else fit.terms["N"].high
 
     def reach_s(self, deg_per_hr: float) -> float | None:
         """Return the shortest averaging time that reaches a deviation; None where the record shows none."""
@@ -140,31 +135,9 @@ class Averaging:
 
     def at(self, duration_s: float) -> float | None:
         """Return how averages of a length scatter, deg/hr; None outside the record."""
-        if not self._tau_s[0] <= duration_s <= self._tau_s[-1]:
+        if not self.shortest_s <= duration_s <= self.longest_s:
             return None
         return float(np.exp(np.interp(np.log(duration_s), np.log(self._tau_s), np.log(self._deviation))))
-
-
-def averaging(fit: NoiseFit) -> Averaging:
-    """Read the fitted curve; nothing is said about averages longer than the record can compare."""
-    tau_s = np.geomspace(fit.deviation.tau_s[0], fit.deviation.tau_s[-1], 2000)
-    # A rate random walk that may be nothing must not end the averaging.
-    seen = any(term.seen for term in fit.terms.values())
-    deviation = fit.at(tau_s, only_seen=seen)
-    least = int(np.argmin(deviation))
-    enough = int(np.flatnonzero(deviation <= _WORTH * deviation[least])[0])
-    return Averaging(
-        lowest_deg_per_hr=float(deviation[least]),
-        lowest_at_s=float(tau_s[least]),
-        enough_s=float(tau_s[enough]),
-        turns=bool(deviation[-1] > _WORTH * deviation[least]),
-        longest_s=float(tau_s[-1]),
-        white=fit.terms["N"].value if fit.terms["N"].seen else fit.terms["N"].high,
-        is_white=fit.terms["N"].seen,
-        judged=seen,
-        _tau_s=tau_s,
-        _deviation=deviation,
-    )
 
 
 def in_words(found: Averaging, collect_s: float, wanted_deg_per_hr: float | None) -> list[str]:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq, nnls
 from scipy.special import chdtrc, chdtri
 
-from hil.analysis.allan.deviation import CONFIDENCE, Deviation, NoiseKind, Octaves
+from hil.analysis.allan.deviation import CONFIDENCE, NoiseKind, Octaves
 from hil.campaign import FloatArray, IntArray
 
 SLOPES: Mapping[str, float] = {"Q": -1.0, "N": -0.5, "B": 0.0, "K": 0.5}
@@ -53,7 +53,6 @@ class Term:
         return self.low > 0.0
 
 
-@dataclass(frozen=True)
 class NoiseFit:
     """The terms Q, N, B, K in the data's unit and seconds, and how well they describe the deviations.
 
@@ -63,33 +62,25 @@ class NoiseFit:
     deviations that had to be allowed for; the intervals include it.
     """
 
-    terms: Mapping[str, Term]
-    deviation: Deviation
-    fitted_from_s: float
-    misfit: float
-    describes: bool
-    model_error: float
+    def __init__(self, measured: Octaves) -> None:
+        chosen = np.ones(len(measured.multiple), dtype=bool)
+        fitted = _Fitted.to(measured, chosen)
+        self.misfit, self.describes = fitted.deviance / max(fitted.freedom, 1), fitted.chance >= _LEAST_CHANCE
+        if not self.describes:
+            longer = measured.multiple >= _FILTERED
+            chosen = longer if np.count_nonzero(longer) > len(SLOPES) else chosen
+            fitted = _Fitted.to(measured, chosen).levelled()
+        self.terms = {name: Term(*fitted.interval(place)) for place, name in enumerate(SLOPES)}
+        # Which noise dominates at each tau is decided by the fit itself.
+        self.deviation = measured.with_noise(_dominant(_columns(measured.tau_s), fitted.squares))
+        self.fitted_from_s = float(measured.interval_s * measured.multiple[chosen][0])
+        self.model_error = fitted.model_error
 
     def at(self, tau_s: FloatArray, *, only_seen: bool = False) -> FloatArray:
         """Return the fitted deviation at `tau_s`, shape (k,); `only_seen` leaves out terms that may be nothing."""
         used = [term.value if term.seen or not only_seen else 0.0 for term in self.terms.values()]
         squares = np.square(used)
         return np.asarray(np.sqrt(_columns(np.asarray(tau_s, dtype=np.float64)) @ squares))
-
-
-def fit_noise(measured: Octaves) -> NoiseFit:
-    """Fit the four terms; which noise dominates at each tau is decided by the fit itself."""
-    chosen = np.ones(len(measured.multiple), dtype=bool)
-    fitted = _Fitted.to(measured, chosen)
-    misfit, describes = fitted.deviance / max(fitted.freedom, 1), fitted.chance >= _LEAST_CHANCE
-    if not describes:
-        longer = measured.multiple >= _FILTERED
-        chosen = longer if np.count_nonzero(longer) > len(SLOPES) else chosen
-        fitted = _Fitted.to(measured, chosen).levelled()
-    terms = {name: Term(*fitted.interval(place)) for place, name in enumerate(SLOPES)}
-    kind = _dominant(_columns(measured.tau_s), fitted.squares)
-    first_s = float(measured.interval_s * measured.multiple[chosen][0])
-    return NoiseFit(terms, measured.with_noise(kind), first_s, misfit, describes, fitted.model_error)
 
 
 @dataclass(frozen=True)

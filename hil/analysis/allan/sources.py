@@ -9,7 +9,6 @@ Rates become deg/hr. Tables that this project wrote say their unit and their tim
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -69,7 +68,7 @@ def _of_folder(folder: Path, channel: str | None, sensor: int | None, collect: i
     notes = (together,) * (collect is None and len(own) > 1)
     notes += tuple(f"{each}; no collect shows it by itself" for each in moving_together(campaign))
     title = f"{folder.name}, {which}, sensor {number}, {name}"
-    return recording(title, pieces, interval_s, simulated=campaign.simulated, notes=notes)
+    return Recording(title, pieces, interval_s, simulated=campaign.simulated, notes=notes)
 
 
 def _choose_channel(folder: Path, campaign: Campaign, channel: str | None, sensor: int | None) -> tuple[int, str]:
@@ -113,7 +112,7 @@ def _of_table(table: Columns, channel: str | None, rate_hz: float | None, unit: 
     if times is None:
         if rate_hz is None:
             raise InputError(f"{table.path}: it has no column {' or '.join(_TIMES)}; give the sample rate with --rate")
-        return recording(title, cut(title, values, 1.0 / rate_hz), 1.0 / rate_hz, simulated=table.simulated)
+        return Recording(title, cut(title, values, 1.0 / rate_hz), 1.0 / rate_hz, simulated=table.simulated)
     time_s = table.values[times]
     interval_s = sampling_interval(title, time_s)
     if rate_hz is not None and abs(rate_hz * interval_s - 1.0) > 0.01:
@@ -121,7 +120,7 @@ def _of_table(table: Columns, channel: str | None, rate_hz: float | None, unit: 
             f"{table.path}: its times are {interval_s:g} s apart ({1 / interval_s:.6g} Hz), --rate says "
             f"{rate_hz:g} Hz; leave --rate out or correct it"
         )
-    return recording(title, cut(title, values, interval_s, time_s), interval_s, simulated=table.simulated)
+    return Recording(title, cut(title, values, interval_s, time_s), interval_s, simulated=table.simulated)
 
 
 def _factor(where: str, given: str | None, stated: str | None) -> float:
@@ -145,18 +144,43 @@ _JUMP = 20.0  # times the usual step from sample to sample
 _POSSIBLE_DEG_PER_HR = 1e10  # three million degrees per second
 
 
-@dataclass(frozen=True)
 class Recording:
     """One channel's rates, deg/hr, in gap-free `stretches`, (n,) each, of samples `interval_s` apart.
 
-    `notes` say what a reader of the result must know: gaps, what was left out, what looks wrong.
+    `notes` say what a reader of the result must know: gaps, what was left out, what looks wrong. Raises `InputError`
+    where none of the `pieces` is long enough, the rate never changes, or is larger than any rate can be.
     """
 
-    name: str
-    interval_s: float
-    stretches: tuple[FloatArray, ...]
-    simulated: bool = False
-    notes: tuple[str, ...] = ()
+    def __init__(
+        self,
+        name: str,
+        pieces: list[FloatArray],
+        interval_s: float,
+        *,
+        simulated: bool = False,
+        notes: Sequence[str] = (),
+    ) -> None:
+        usable = [piece for piece in pieces if len(piece) >= 4]
+        if not usable:
+            longest = max((len(piece) for piece in pieces), default=0)
+            raise InputError(f"{name}: the longest stretch without a gap has {longest} samples; at least 4 are needed")
+        said = list(notes)
+        if len(pieces) > 1:
+            said.append(f"{len(pieces)} stretches without a gap; differences are taken within each, never across a gap")
+        if len(usable) > _MOST:
+            usable = sorted(usable, key=len, reverse=True)[:_MOST]
+            said.append(f"only the {_MOST} longest stretches are used")
+        if all(np.ptp(piece) == 0.0 for piece in usable):
+            raise InputError(f"{name}: the rate never changes; this is no measurement of noise")
+        largest = max(float(np.abs(piece).max()) for piece in usable)
+        if largest > _POSSIBLE_DEG_PER_HR:
+            raise InputError(f"{name}: rates up to {largest:.3g} deg/hr; is the unit (--unit) or the column right?")
+        said += _jumps(usable, interval_s)
+        same = max(_longest_run(piece) for piece in usable)
+        if same >= _STUCK:
+            said.append(f"{same} samples in a row are exactly equal: was the stream stuck, or the file padded?")
+        self.name, self.interval_s, self.simulated = name, interval_s, simulated
+        self.stretches, self.notes = tuple(usable), tuple(said)
 
     @property
     def samples(self) -> int:
@@ -197,35 +221,6 @@ def sampling_interval(name: str, time_s: FloatArray) -> float:
     if len(time_s) < 3:
         raise InputError(f"{name}: {len(time_s)} samples; an Allan deviation needs more")
     return float(np.median(np.diff(time_s)))
-
-
-def recording(
-    name: str, pieces: list[FloatArray], interval_s: float, *, simulated: bool = False, notes: tuple[str, ...] = ()
-) -> Recording:
-    """Gather stretches, (n,) each in deg/hr, as a recording, with notes about gaps and about what looks wrong.
-
-    Raises `InputError` where no stretch is long enough, the rate never changes, or is larger than any rate can be.
-    """
-    usable = [piece for piece in pieces if len(piece) >= 4]
-    if not usable:
-        longest = max((len(piece) for piece in pieces), default=0)
-        raise InputError(f"{name}: the longest stretch without a gap has {longest} samples; at least 4 are needed")
-    said = list(notes)
-    if len(pieces) > 1:
-        said.append(f"{len(pieces)} stretches without a gap; differences are taken within each, never across a gap")
-    if len(usable) > _MOST:
-        usable = sorted(usable, key=len, reverse=True)[:_MOST]
-        said.append(f"only the {_MOST} longest stretches are used")
-    if all(np.ptp(piece) == 0.0 for piece in usable):
-        raise InputError(f"{name}: the rate never changes; this is no measurement of noise")
-    largest = max(float(np.abs(piece).max()) for piece in usable)
-    if largest > _POSSIBLE_DEG_PER_HR:
-        raise InputError(f"{name}: rates up to {largest:.3g} deg/hr; is the unit (--unit) or the column right?")
-    said += _jumps(usable, interval_s)
-    same = max(_longest_run(piece) for piece in usable)
-    if same >= _STUCK:
-        said.append(f"{same} samples in a row are exactly equal: was the stream stuck, or the file padded?")
-    return Recording(name, interval_s, tuple(usable), simulated, tuple(said))
 
 
 def _jumps(pieces: list[FloatArray], interval_s: float) -> list[str]:

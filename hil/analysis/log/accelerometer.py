@@ -1,6 +1,6 @@
 """Bias, scale factor and misalignment of three accelerometers from poses at rest: in each of them |f| is 1 g.
 
-    fitted = fit_accelerometers(mean_g, se_g)      # (n, 3) each, or (…, n, 3): many units at once
+    fitted = Accelerometers(mean_g, se_g)      # (n, 3) each, or (…, n, 3): many units at once
     fitted.f_g(mean_g)                             # (n, 3): along which the acceleration reaction lies
     fitted.rows()                                  # the nine parameters with 95 % intervals
 
@@ -19,7 +19,6 @@ what they do not tell stays at it, and is said.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -40,30 +39,31 @@ _CERTAIN = 1e6  # degrees of freedom of who knows the noise
 LEVEL = 0.975
 
 
-@dataclass(frozen=True)
 class Accelerometers:
     """Nine parameters `values` (…, 9), their `covariance` (…, 9, 9), and the residuals |f| − 1, g, of the poses (…, n).
 
-    `inflation` (…) is by how much standard errors of the poses were enlarged because |f| scatters beyond them, 1 where
-    it does not; `freedom` (…) is how many residuals are left.
+    They are fitted to the means (…, n, 3) of n poses at rest with their standard errors, both in g. `inflation` (…) is
+    by how much standard errors of the poses were enlarged because |f| scatters beyond them, 1 where it does not;
+    `freedom` (…) is how many residuals are left. `sd` (…, 9) is one standard deviation, `half_width` (…, 9) half the
+    95 % interval: Student's where the residuals themselves told the noise.
     """
 
-    values: FloatArray
-    covariance: FloatArray
-    residuals_g: FloatArray
-    inflation: FloatArray
-    freedom: FloatArray
-
-    @property
-    def sd(self) -> FloatArray:
-        """One standard deviation of each parameter, (…, 9)."""
-        return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1)))
-
-    @property
-    def half_width(self) -> FloatArray:
-        """Half the 95 % interval, (…, 9): Student's where the residuals themselves told the noise."""
-        freedom = np.where(self.inflation > 1.0, np.maximum(self.freedom, 1.0), _CERTAIN)
-        return np.asarray(self.sd * stdtrit(freedom, LEVEL)[..., None])
+    def __init__(self, mean_g: FloatArray, se_g: FloatArray) -> None:
+        sigma = np.maximum(se_g, np.finfo(float).eps)
+        start = np.zeros((*mean_g.shape[:-2], len(NAMES)))
+        start[..., 3:6] = 1.0
+        found = _fitted(mean_g, sigma, start)
+        freedom, chi_square = np.maximum(mean_g.shape[-2] - found[-1], 0.0), found[-2]
+        # Noise that was stated too small shows in |f|: enlarged, once, and what the prior holds is weighed anew.
+        poor = (freedom >= TOLD) & (chdtrc(np.maximum(freedom, 1.0), chi_square) < _IMPROBABLE)
+        self.inflation = np.where(poor, np.sqrt(chi_square / np.maximum(freedom, 1.0)), 1.0)
+        if poor.any():
+            found = _fitted(mean_g, sigma * self.inflation[..., None, None], found[0])
+        self.values, self.covariance, self.residuals_g, _, told = found
+        self.freedom = np.maximum(mean_g.shape[-2] - told, 0.0)
+        self.sd = np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1))
+        known = np.where(self.inflation > 1.0, np.maximum(self.freedom, 1.0), _CERTAIN)
+        self.half_width = self.sd * stdtrit(known, LEVEL)[..., None]
 
     def f_g(self, mean_g: FloatArray) -> FloatArray:
         """Return f, g, of what the accelerometers show, both (…, n, 3); of what length it comes out."""
@@ -97,21 +97,6 @@ def parameters_told(
         }
         for p, name in enumerate(names)
     }
-
-
-def fit_accelerometers(mean_g: FloatArray, se_g: FloatArray) -> Accelerometers:
-    """Fit to the means (…, n, 3) of n poses at rest with their standard errors, both in g."""
-    sigma = np.maximum(se_g, np.finfo(float).eps)
-    start = np.zeros((*mean_g.shape[:-2], len(NAMES)))
-    start[..., 3:6] = 1.0
-    values, covariance, residuals, chi_square, told = _fitted(mean_g, sigma, start)
-    freedom = np.maximum(mean_g.shape[-2] - told, 0.0)
-    # Noise that was stated too small shows in |f|: enlarged, once, and what the prior holds is weighed anew.
-    poor = (freedom >= TOLD) & (chdtrc(np.maximum(freedom, 1.0), chi_square) < _IMPROBABLE)
-    inflation = np.where(poor, np.sqrt(chi_square / np.maximum(freedom, 1.0)), 1.0)
-    if poor.any():
-        values, covariance, residuals, _, told = _fitted(mean_g, sigma * inflation[..., None, None], values)
-    return Accelerometers(values, covariance, residuals, inflation, np.maximum(mean_g.shape[-2] - told, 0.0))
 
 
 def _fitted(

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from hil.analysis.log.accelerometer import NAMES, Accelerometers, fit_accelerometers
+from hil.analysis.log.accelerometer import NAMES, Accelerometers
 from hil.analysis.log.reading import AXES, CHANNELS, Log
 from hil.analysis.log.static import StaticTest, Stretch, static_stretches
 from hil.analysis.log.turns import fit_turns
@@ -55,7 +55,7 @@ def campaign_of_log(log: Log, test: StaticTest, *, latitude_deg: float | None = 
     averages = [average_series(log.time_s[each.rows], log.values[each.rows]) for each in stretches]
     mean, se = np.array([each.mean for each in averages]), np.array([each.se for each in averages])
     _check_size(log, mean[:, 3:])
-    fitted = fit_accelerometers(mean[:, 3:], se[:, 3:])
+    fitted = Accelerometers(mean[:, 3:], se[:, 3:])
     calibrated = fitted.f_g(mean[:, 3:])
     f_g = calibrated / np.linalg.norm(calibrated, axis=1, keepdims=True)
     positions, contradicted = _positions(log, stretches, f_g)

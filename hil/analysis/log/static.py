@@ -50,18 +50,22 @@ class Stretch:
     ends: str
 
 
-@dataclass(frozen=True)
 class _Windows:
     """k windows of n samples: the `first` sample of each (k,), means and variances (k, 6).
 
-    `frozen` (k,) is where a stream stands still: all channels show one value, as no measurement does.
+    None goes across a gap; what is left before a gap is in none. `frozen` (k,) is where a stream stands still: all
+    channels show one value, as no measurement does.
     """
 
-    n: int
-    first: IntArray
-    mean: FloatArray
-    variance: FloatArray
-    frozen: BoolArray
+    def __init__(self, log: Log, test: StaticTest) -> None:
+        self.n = n = max(_FEWEST, round(test.window_s / log.interval_s))
+        edges = [*np.flatnonzero(log.begins).tolist(), len(log.row)]
+        self.first = np.concatenate([np.arange(a, b - n + 1, n) for a, b in pairwise(edges)])
+        if not len(self.first):
+            raise InputError(f"{log.path}: no {n} samples follow each other without a gap; --window changes how many")
+        values = log.values[self.first[:, None] + np.arange(n)]
+        self.frozen = ~np.ptp(values, axis=1).any(axis=1)
+        self.mean, self.variance = values.mean(axis=1), values.var(axis=1, ddof=1)
 
 
 def static_stretches(log: Log, test: StaticTest) -> tuple[list[Stretch], list[str]]:
@@ -71,7 +75,7 @@ def static_stretches(log: Log, test: StaticTest) -> tuple[list[Stretch], list[st
     """
     if not (test.times > 1.0 and min(test.window_s, test.shortest_s, test.moved_deg) > 0.0):
         raise InputError("--times must be more than 1, --window, --shortest and --moved more than 0")
-    windows = _windows(log, test)
+    windows = _Windows(log, test)
     m, reference = _quietest(log, windows)
     ratio = windows.variance / reference
     quiet: BoolArray = np.asarray((ratio.max(axis=1) <= test.times) & ~windows.frozen)
@@ -108,18 +112,6 @@ def static_stretches(log: Log, test: StaticTest) -> tuple[list[Stretch], list[st
             "--times, --window and --shortest change the test"
         )
     return stretches, said
-
-
-def _windows(log: Log, test: StaticTest) -> _Windows:
-    """Cut the log into windows, none across a gap; what is left before a gap is in none."""
-    n = max(_FEWEST, round(test.window_s / log.interval_s))
-    edges = [*np.flatnonzero(log.begins).tolist(), len(log.row)]
-    first = np.concatenate([np.arange(a, b - n + 1, n) for a, b in pairwise(edges)])
-    if not len(first):
-        raise InputError(f"{log.path}: no {n} samples follow each other without a gap; --window changes how many")
-    values = log.values[first[:, None] + np.arange(n)]
-    frozen = ~np.ptp(values, axis=1).any(axis=1)
-    return _Windows(n, first, values.mean(axis=1), values.var(axis=1, ddof=1), frozen)
 
 
 def _quietest(log: Log, windows: _Windows) -> tuple[int, FloatArray]:

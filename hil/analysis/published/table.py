@@ -8,7 +8,6 @@ these are the rates that Collects 1 and 2 have in common and the rate of Collect
 (GSA, GSB, earth rate) is taken as zero and said so. Printed digits are kept; flagged cells become warnings.
 """
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -55,7 +54,10 @@ def read_published_table(table: Path) -> Campaign:
     rates, errors, warnings = [], [], []
     for temperature in temperatures:
         for label in _COLLECT_F:
-            found = [_bias(cells, path, temperature, names, label) for names in _BIASES.values()]
+            names = [both[label == "3"] for both in _BIASES.values()]
+            if lacking := [name for name in names if (temperature, name) not in cells]:
+                raise InputError(f"{path}: the table has no {lacking[0]} at {temperature:g} °C")
+            found = [cells[temperature, name] for name in names]
             rates.append([cell.mean for cell in found])
             # Collects 1 and 2 share one mean: each is less certain than their mean by root two.
             spread = 1.0 if label == "3" else np.sqrt(2.0)
@@ -65,9 +67,7 @@ def read_published_table(table: Path) -> Campaign:
             warnings.append(f"{path.name}: {parameter} at {temperature:g} °C is flagged {cell.flag}; kept as printed")
     repeat = len(_COLLECT_F)
     n = repeat * len(temperatures)
-    start_s = np.repeat(np.arange(len(temperatures)) * _REPEAT_S, repeat) + np.tile(
-        np.arange(repeat) * 300.0, n // repeat
-    )
+    start_s = (np.arange(len(temperatures))[:, None] * _REPEAT_S + np.arange(repeat) * 300.0).ravel()
     conditions = Conditions(
         sensor=_SENSOR,
         collect=np.arange(1, n + 1),
@@ -87,16 +87,6 @@ def read_published_table(table: Path) -> Campaign:
         notes=_NOTE,
         rebuilt=True,
     )
-
-
-def _bias(
-    cells: Mapping[tuple[float, str], _Cell], path: Path, temperature: float, names: Sequence[str], label: str
-) -> _Cell:
-    name = names[1] if label == "3" else names[0]
-    try:
-        return cells[temperature, name]
-    except KeyError:
-        raise InputError(f"{path}: the table has no {name} at {temperature:g} °C") from None
 
 
 def _read(path: Path) -> dict[tuple[float, str], _Cell]:

@@ -218,7 +218,6 @@ _DRAWS = 199
 _LEAST_TO_CHOOSE = 4
 
 
-@dataclass(frozen=True)
 class Improvement:
     """Held-out rms error with a constant and with the curve, and the share of it that modelling takes away.
 
@@ -230,42 +229,26 @@ class Improvement:
     of 100 where nothing depends on temperature.
     """
 
-    constant: float
-    modelled: float
-    share: float
-    low: float
-    high: float
-    confidence: float
-    chosen_anew: bool
+    def __init__(self, constant: FloatArray, modelled: FloatArray, weight: FloatArray) -> None:
+        """Compare held-out errors (S,) of constant and model, weighted."""
+        drawn = np.random.default_rng(0).integers(len(weight), size=(_RESAMPLES, len(weight)))
+        before, after = weight * constant**2, weight * modelled**2
+
+        def share(places: IntArray | slice) -> FloatArray:
+            first, second = before[places].sum(axis=-1), after[places].sum(axis=-1)
+            return np.asarray(np.where(first > 0.0, 1.0 - np.sqrt(second / np.maximum(first, 1e-300)), 0.0))
+
+        resampled, tail = share(drawn), 0.5 * (1.0 - CONFIDENCE)
+        self.low, self.high = np.quantile(resampled, [tail, 1.0 - tail]).tolist()
+        self.constant, self.modelled = float(np.sqrt(before.sum())), float(np.sqrt(after.sum()))
+        self.share = float(share(slice(None)))
+        self.confidence = float(np.mean(resampled > 0.0))
+        self.chosen_anew = len(weight) > _LEAST_TO_CHOOSE
 
     @property
     def is_certain(self) -> bool:
         """Whether modelling helps whichever of the temperatures are drawn."""
-        return self.low > 0.0
-
-
-def improvement(constant: FloatArray, modelled: FloatArray, weight: FloatArray) -> Improvement:
-    """Compare held-out errors (S,) of constant and model, weighted."""
-    rng = np.random.default_rng(0)
-    drawn = rng.integers(len(weight), size=(_RESAMPLES, len(weight)))
-    before, after = weight * constant**2, weight * modelled**2
-
-    def share(places: IntArray | slice) -> FloatArray:
-        first, second = before[places].sum(axis=-1), after[places].sum(axis=-1)
-        return np.asarray(np.where(first > 0.0, 1.0 - np.sqrt(second / np.maximum(first, 1e-300)), 0.0))
-
-    resampled = share(drawn)
-    tail = 0.5 * (1.0 - CONFIDENCE)
-    low, high = np.quantile(resampled, [tail, 1.0 - tail])
-    return Improvement(
-        constant=float(np.sqrt(before.sum())),
-        modelled=float(np.sqrt(after.sum())),
-        share=float(share(slice(None))),
-        low=float(low),
-        high=float(high),
-        confidence=float(np.mean(resampled > 0.0)),
-        chosen_anew=len(weight) > _LEAST_TO_CHOOSE,
-    )
+        return bool(self.low > 0.0)
 
 
 def nested_errors(temperature_degC: FloatArray, values: Estimates, choice: Choice, highest_order: int) -> FloatArray:

@@ -89,21 +89,32 @@ class Layout:
         return np.asarray(np.polynomial.polynomial.polyvander(scaled, order))
 
 
-@dataclass(frozen=True)
 class Visits:
-    """The v visits of one sensor: parameters (v, p), NaN where not told, and one standard deviation of each.
+    """The v visits of one sensor, solved for the layout's form: parameters (v, p), NaN where not told, with their `sd`.
 
     `temperature_degC`, `station` and `direction` are (v,); `known` says that anything tells how large a deviation is.
     """
 
-    layout: Layout
-    values: FloatArray
-    sd: FloatArray
-    spread: Spread
-    temperature_degC: FloatArray
-    station: IntArray
-    direction: FloatArray
-    known: bool
+    def __init__(self, layout: Layout) -> None:
+        conditions, sigma = layout.collects.conditions, stated_noise(layout.collects)
+        label = np.unique(conditions.run, return_inverse=True)[1]
+        rates = layout.collects.rates_deg_per_hr - conditions.w_channels_deg_per_hr
+        rows, found = [np.flatnonzero(label == k) for k in range(label.max() + 1)], []
+        for here in rows:
+            design = layout.columns[here].reshape(-1, len(layout.form.names))
+            noise = None if sigma is None else sigma[here].reshape(-1)
+            found.append(solve(design, rates[here].reshape(-1), noise, rank_tolerance=OBSERVABLE))
+        self.layout = layout
+        self.values, stated = np.array([each.values for each in found]), np.array([each.se for each in found])
+        first = [here[0] for here in rows]
+        self.station, self.direction = layout.stations.number[first], layout.stations.direction[first]
+        self.temperature_degC = np.array([layout.temperature_degC[here].mean() for here in rows])
+        place = np.unique(np.stack([self.station, self.direction.astype(np.int64)]), axis=1, return_inverse=True)[1]
+        self.spread = layout.spread or Spread.of(self.values, stated, place.reshape(-1), layout.factor)
+        sd = self.spread.sd(stated)
+        told = sd[np.isfinite(self.values)]
+        self.known = bool(np.isfinite(told).all() and np.all(told > 0.0))
+        self.sd = sd if self.known else np.ones_like(sd)
 
     def along(self, place: int, order: int | None) -> tuple[Estimates, Estimates | None]:
         """Fit one parameter freely at each temperature (order None) or along powers; hysteresis apart."""
@@ -128,33 +139,6 @@ class Visits:
         sums, count = (np.bincount(self.station[here], weights=w) for w in (variance[here], np.ones(here.sum())))
         mean = np.divide(sums, count, out=np.ones_like(sums), where=count > 0)
         return np.asarray(np.sqrt(mean[np.minimum(self.station, len(mean) - 1)]))
-
-
-def visits(layout: Layout) -> Visits:
-    """Solve every visit of a sensor for the layout's form."""
-    conditions, sigma = layout.collects.conditions, stated_noise(layout.collects)
-    label = np.unique(conditions.run, return_inverse=True)[1]
-    rates = layout.collects.rates_deg_per_hr - conditions.w_channels_deg_per_hr
-    values, errors, rows = [], [], []
-    for k in range(label.max() + 1):
-        here = np.flatnonzero(label == k)
-        design = layout.columns[here].reshape(-1, len(layout.form.names))
-        noise = None if sigma is None else sigma[here].reshape(-1)
-        found = solve(design, rates[here].reshape(-1), noise, rank_tolerance=OBSERVABLE)
-        values.append(found.values)
-        errors.append(found.se)
-        rows.append(here)
-    station, direction = (
-        np.array([of[r[0]] for r in rows]) for of in (layout.stations.number, layout.stations.direction)
-    )
-    at = np.array([layout.temperature_degC[r].mean() for r in rows])
-    measured, stated = np.array(values), np.array(errors)
-    place = np.unique(np.stack([station, direction.astype(np.int64)]), axis=1, return_inverse=True)[1].reshape(-1)
-    spread = Spread.of(measured, stated, place, layout.factor) if layout.spread is None else layout.spread
-    sd = spread.sd(stated)
-    known = bool(np.isfinite(sd[np.isfinite(measured)]).all() and np.all(sd[np.isfinite(measured)] > 0.0))
-    sd = sd if known else np.ones_like(sd)
-    return Visits(layout, measured, sd, spread, at, station, direction, known)
 
 
 @dataclass(frozen=True)
@@ -223,7 +207,7 @@ def layout_of(
         left = ", ".join(f"{each:.1f} °C" for each in stations.centre_degC[~whole])
         notes.append(f"sensor {number}: no run tells every parameter at {left}; left out")
         columns = form.columns(collects.conditions)
-        spread = visits(Layout(collects, form, columns, stations, 0.0, 1.0, False, factor)).spread
+        spread = Visits(Layout(collects, form, columns, stations, 0.0, 1.0, False, factor)).spread
         keep = whole[stations.number]
         collects = collects.rows(keep)
         number_of = np.cumsum(whole) - 1

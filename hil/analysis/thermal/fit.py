@@ -16,11 +16,10 @@ from hil.analysis.thermal.choice import (
     Choice,
     Improvement,
     choose,
-    improvement,
     monotone,
     nested_errors,
 )
-from hil.analysis.thermal.estimate import Estimates, Layout, Visits, layout_of, visits
+from hil.analysis.thermal.estimate import Estimates, Layout, Visits, layout_of
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.errors import InputError
 from hil.model import Model
@@ -154,13 +153,13 @@ def fit_sensor(
     number = collects.conditions.sensor.number
     factor_of = dict(zip(shown.names, shown.spread.factor.tolist(), strict=True))
     layout, notes = layout_of(number, collects, model, apart_degC, factor_of)
-    seen = visits(layout)
+    seen = Visits(layout)
     free = [seen.along(place, None)[0] for place in range(len(layout.form.names))]
     choices = _choices(layout, free, seen.known, order)
     if not seen.known:
         notes.append(f"sensor {number}: neither repeats nor standard errors: what the curves leave is taken for noise")
         left = [_misfit(layout, v, c.form.order or 0)[0] for v, c in zip(free, choices, strict=True)]
-        seen = replace(seen, sd=seen.sd * np.sqrt(left))
+        seen.sd = seen.sd * np.sqrt(left)
         free = [seen.along(place, None)[0] for place in range(len(layout.form.names))]
     errors = [
         nested_errors(layout.stations.centre_degC, each, choice, order)
@@ -232,7 +231,7 @@ def _parameter(seen: Visits, place: int, choice: Choice, values: Estimates, erro
         chance_constant=_misfit(layout, values, 0)[1],
         chance_form=chance_form,
         largest_change=2.0 * float(abs(line.values[1]) + line.half_width[1]),
-        improvement=improvement(choice.held_out_constant, errors, choice.weight),
+        improvement=Improvement(choice.held_out_constant, errors, choice.weight),
         hysteresis=hysteresis,
     )
 
@@ -289,4 +288,4 @@ def _rate_improvement(layout: Layout, choices: Sequence[Choice], errors: Sequenc
     def per_station(rates: FloatArray) -> FloatArray:
         return np.asarray(np.sqrt(np.bincount(number, weights=np.mean(rates**2, axis=1)) / counts))
 
-    return improvement(per_station(before), per_station(after), counts / counts.sum())
+    return Improvement(per_station(before), per_station(after), counts / counts.sum())

@@ -1,6 +1,6 @@
 """The error budget of a self-calibration: what each source contributes to each parameter, two ways.
 
-    budget = error_budget(scene, sources(...), form)
+    budget = Budget(scene, sources(...), form)
     budget.shares[0].analytic     # (p,) one standard deviation, by the solver's response to small errors
     budget.shares[0].simulated    # (p,) the same from draws that went through the solver
     budget.total(repeats=3)           # of the mean of three runs: what varies from run to run is averaged
@@ -47,15 +47,25 @@ class Share:
     simulated: FloatArray
 
 
-@dataclass(frozen=True)
 class Budget:
-    """The budget of one run. `everything`, (p,), is what all sources together give in the draws (drawn at once)."""
+    """The budget of one run, for the parameters of `form`; NaN for those that the collects cannot know.
 
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    shares: tuple[Share, ...]
-    everything: FloatArray
-    draws: int
+    `draws` is for each source; of none what is simulated is NaN. The same seed gives the same numbers. `everything`,
+    (p,), is what all sources together give in the draws (drawn at once).
+    """
+
+    def __init__(
+        self, scene: Scene, given: Sequence[Source], form: LinearForm, draws: int = DRAWS, seed: int = 0
+    ) -> None:
+        squares = np.zeros((len(given) + 1, len(form.names)))
+        rng = np.random.default_rng(seed)
+        for begin in range(0, draws, _CHUNK):
+            squares += _simulate(scene, given, form, min(_CHUNK, draws - begin), rng)
+        spread = np.sqrt(squares / draws) if draws else np.full_like(squares, np.nan)
+        to_parameters = response(scene, form)
+        self.names, self.units, self.draws, self.everything = form.names, form.units, draws, spread[-1]
+        each = zip(given, spread[:-1], strict=True)
+        self.shares = tuple(Share(one, analytic_share(one, scene, to_parameters), of) for one, of in each)
 
     def total(self, repeats: int = 1) -> FloatArray:
         """Return the standard deviation (p,) of the mean of `repeats` runs."""
@@ -103,24 +113,6 @@ def analytic_share(source: Source, scene: Scene, to_parameters: FloatArray) -> F
     return np.asarray(source.size * np.linalg.norm(to_parameters @ columns.reshape(-1, columns.shape[-1]), axis=1))
 
 
-def error_budget(scene: Scene, given: Sequence[Source], form: LinearForm, draws: int = DRAWS, seed: int = 0) -> Budget:
-    """Return the budget of one self-calibration, for the parameters of `form`.
-
-    `draws` is for each source; of none what is simulated is NaN. Parameters that the collects cannot know are NaN. The
-    same seed gives the same numbers.
-    """
-    squares = np.zeros((len(given) + 1, len(form.names)))
-    rng = np.random.default_rng(seed)
-    for begin in range(0, draws, _CHUNK):
-        squares += _simulate(scene, given, form, min(_CHUNK, draws - begin), rng)
-    spread = np.sqrt(squares / draws) if draws else np.full_like(squares, np.nan)
-    to_parameters = response(scene, form)
-    shares = tuple(
-        Share(source, analytic_share(source, scene, to_parameters), spread[i]) for i, source in enumerate(given)
-    )
-    return Budget(form.names, form.units, shares, spread[-1], draws)
-
-
 def _simulate(
     scene: Scene, given: Sequence[Source], form: LinearForm, draws: int, rng: np.random.Generator
 ) -> FloatArray:
@@ -147,7 +139,7 @@ def _solved(scene: Scene, form: LinearForm, observed: FloatArray) -> FloatArray:
     return np.asarray(solve(columns.reshape(there.size, -1), rates, sigma, rank_tolerance=OBSERVABLE).values)
 
 
-_SIGMAS = 2.0
+_EXPANDED = 2.0
 
 
 @dataclass(frozen=True)
@@ -189,7 +181,7 @@ class MeanBudget:
                 sd = float(self.standard[place])
                 joint = shown.freedom * (sd / shown.sd) ** 4 if shown.sd > 0.0 else np.inf
                 by = (Uncertain(shown.value, sd, freedom, shown.runs, shown.unit) for freedom in (joint, shown.freedom))
-                found[name] = next(each for each in by if not each.expanded(_SIGMAS) < shown.expanded(_SIGMAS))
+                found[name] = next(each for each in by if not each.expanded(_EXPANDED) < shown.expanded(_EXPANDED))
         return found
 
 
@@ -197,7 +189,7 @@ def budgets_of_means(runs: Sequence[RunScene], observed: SensorRepeats) -> Itera
     """Yield the budget of each mean of a sensor, by that of its run whose total is worst."""
     for mean in observed.means:
         own = [each for each in runs if each.run in mean.runs]
-        both = [(each, error_budget(each.scene, each.sources, each.form, 0)) for each in own]
+        both = [(each, Budget(each.scene, each.sources, each.form, 0)) for each in own]
         if both:
             scene, budget = max(both, key=lambda each: float(np.nansum(each[1].total() ** 2)))
             standard = mean_of_repeats(budget, len(mean.runs), as_solved(budget, scene.run, observed), mean)

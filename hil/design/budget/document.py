@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import FloatArray
-from hil.design.budget.budget import DRAWS, Budget, as_solved, error_budget, mean_of_repeats
+from hil.design.budget.budget import DRAWS, Budget, as_solved, mean_of_repeats
 from hil.design.budget.scenes import RunScene
 from hil.errors import InputError
 from hil.files.document import picked, plain
@@ -68,13 +68,13 @@ def budget_document(
 
 
 def _sensor(number: int, runs: Sequence[RunScene], asked: Asked, observed: SensorRepeats | None) -> dict[str, Any]:
-    totals = {each.run: error_budget(each.scene, each.sources, each.form, 0).total() for each in runs}
+    totals = {each.run: Budget(each.scene, each.sources, each.form, 0).total() for each in runs}
     if asked.run is not None and asked.run not in totals:
         raise InputError(
             f"sensor {number}: there is no run {asked.run}, or it FAILed; there are {', '.join(map(str, totals))}"
         )
     chosen = max(runs, key=lambda each: (each.run == asked.run, float(np.nansum(totals[each.run] ** 2))))
-    budget = error_budget(chosen.scene, chosen.sources, chosen.form, asked.draws, asked.seed)
+    budget = Budget(chosen.scene, chosen.sources, chosen.form, asked.draws, asked.seed)
     one = as_solved(budget, chosen.run, observed)
     mean = None if observed is None else next((each for each in observed.means if chosen.run in each.runs), None)
     repeats = asked.repeats or (1 if mean is None else len(mean.runs))

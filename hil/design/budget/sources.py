@@ -282,6 +282,10 @@ class Soak(Source):
         return np.repeat(self.bias_slope * warmer[..., None], scene.channels, axis=-1)
 
 
+_STATED = (Tilt, Accelerometer, Heading, Latitude, EarthRate, Gravity, Index, Drift)
+"""Those whose size the bench file's `uncertainties` have under the source's own id."""
+
+
 def sources(
     known: UncertaintySection, where: str, slope_degC_per_min: float, slope_origin: str, noise_origin: str
 ) -> tuple[Source, ...]:
@@ -296,14 +300,7 @@ def sources(
     return (
         Noise(1.0, noise_origin),
         Instability(known.bias_instability, origin("bias_instability")),
-        Tilt(known.tilt, origin("tilt")),
-        Accelerometer(known.accelerometer, origin("accelerometer")),
-        Heading(known.heading, origin("heading")),
-        Latitude(known.latitude, origin("latitude")),
-        EarthRate(known.earth_rate, origin("earth_rate")),
-        Gravity(known.gravity, origin("gravity")),
-        Index(known.index, origin("index")),
-        Drift(known.drift, origin("drift")),
+        *(kind(getattr(known, kind.id), origin(kind.id)) for kind in _STATED),
         Soak(slope_degC_per_min, f"{slope_origin}; {origin('bias_slope')}", known.bias_slope),
     )
 

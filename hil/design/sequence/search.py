@@ -93,17 +93,13 @@ class Proposal:
 def parse_target(text: str) -> tuple[str, float]:
     """Read a target such as "MU 0.5 deg/hr" or "GSA 0.3 deg/hr/g"; raise `InputError` where it is none."""
     name, _, quantity = text.strip().partition(" ")
+    wrong = f"{text!r} is no target; write a parameter and"
     try:
         value = to_number(re.sub(r"/\s*g\s*$", "", quantity), RATE)
     except ValueError as error:
-        raise InputError(
-            f"{text!r} is no target; write a parameter and its uncertainty, 'MU 0.5 deg/hr' ({error})"
-        ) from error
+        raise InputError(f"{wrong} its uncertainty, 'MU 0.5 deg/hr' ({error})") from error
     if not name or not _LEAST_TARGET <= value < np.inf:
-        raise InputError(
-            f"{text!r} is no target; write a parameter and an uncertainty of {_LEAST_TARGET:g} deg/hr or more, "
-            "'MU 0.5 deg/hr'"
-        )
+        raise InputError(f"{wrong} an uncertainty of {_LEAST_TARGET:g} deg/hr or more, 'MU 0.5 deg/hr'")
     return name, value
 
 

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from hil.campaign import Conditions, FloatArray, IntArray
+from hil.campaign import Conditions, FloatArray
 from hil.model.effects.base import Effect, Parameter
 from hil.model.effects.prior import ALPHA, HOLDS, UNSEEN, ladder, middle
 from hil.solve.identifiability import Visible, Whitener
@@ -39,7 +39,6 @@ class Smallest:
     easiest_shape: Mapping[str, float]
 
 
-@dataclass(frozen=True)
 class Rows:
     """Rows as they are whitened, run by run, and an orthonormal `base` (N, b).
 
@@ -47,18 +46,12 @@ class Rows:
     what moves a channel alike.
     """
 
-    starts: IntArray
-    channel: FloatArray
-    alike: FloatArray
-    base: FloatArray
-
-    @classmethod
-    def of(cls, whiten: Whitener, base: FloatArray, channels: int) -> "Rows":
-        """Lay out the rows of a sensor."""
+    def __init__(self, whiten: Whitener, base: FloatArray, channels: int) -> None:
         rows = np.concatenate([np.zeros(0, dtype=np.int64), *(own.ravel() for own, _ in whiten.blocks)])
         sizes = np.array([size for own, _ in whiten.blocks for size in [own.shape[1]] * len(own)], dtype=np.int64)
-        alike = whiten @ np.tile(np.eye(channels), (rows.max(initial=-1) // channels + 1, 1))
-        return cls(np.cumsum(sizes) - sizes, np.eye(channels)[rows % channels], alike, base)
+        self.starts, self.channel = np.cumsum(sizes) - sizes, np.eye(channels)[rows % channels]
+        self.alike = whiten @ np.tile(np.eye(channels), (rows.max(initial=-1) // channels + 1, 1))
+        self.base = base
 
     def squares(self, white: FloatArray) -> FloatArray:
         """Return the squares (2c, p) of columns (N, p) by channel: of what a whole run has in common, then the rest."""

@@ -12,7 +12,7 @@ import pytest
 from hil.campaign import Conditions, Sensor
 from hil.campaign.data import EARTH_RATE_DEG_PER_HR
 from hil.config.site import UncertaintySection
-from hil.design.budget.budget import error_budget, response
+from hil.design.budget.budget import Budget, response
 from hil.design.budget.sources import (
     Accelerometer,
     Drift,
@@ -83,7 +83,7 @@ def errors(source: Source, of: Scene) -> np.ndarray:
 @pytest.mark.parametrize("gravity", [LEVEL, np.array([0.9, 0.3, -0.3])], ids=["level", "leaning"])
 def test_calculation_and_draws_agree_for_every_source_and_parameter(order: str, gravity: np.ndarray) -> None:
     """Within the draws' own error, every source alone and all of them together."""
-    budget = error_budget(scene(order, gravity), every_source(), matrix_6_form(SENSOR), draws=20_000)
+    budget = Budget(scene(order, gravity), every_source(), matrix_6_form(SENSOR), draws=20_000)
     assert [each.source.id for each in budget.shares] == [
         "noise", "instability", "tilt", "accelerometer", "heading", "latitude", "earth_rate", "gravity", "index",
         "drift", "soak",
@@ -96,7 +96,7 @@ def test_calculation_and_draws_agree_for_every_source_and_parameter(order: str, 
 
 def test_a_size_that_is_not_small_is_said_not_to_agree() -> None:
     """A bench that leans by 20 degrees is no small error: the linear column is wrong there, and it is noticed."""
-    leaning = error_budget(scene(), [Tilt(20.0, "test")], matrix_6_form(SENSOR), draws=20_000)
+    leaning = Budget(scene(), [Tilt(20.0, "test")], matrix_6_form(SENSOR), draws=20_000)
     assert not leaning.agrees
     assert set(leaning.too_large) == {"tilt"}
 
@@ -112,14 +112,14 @@ def test_the_exact_change_begins_as_the_calculated_one_does(source: Source) -> N
 
 def test_a_bias_instability_leaves_two_thirds_of_itself_in_every_average() -> None:
     """0.664 B, the floor of the Allan deviation: of 0.5 deg/hr 0.332, and 0.235 in a bias."""
-    shares = error_budget(scene(), every_source(), matrix_6_form(SENSOR), draws=100).shares
+    shares = Budget(scene(), every_source(), matrix_6_form(SENSOR), draws=100).shares
     found = next(each for each in shares if each.source.id == "instability")
     np.testing.assert_allclose(found.analytic[:2], 0.332 / np.sqrt(2.0))
 
 
 def test_noise_gives_the_covariance_of_the_solver() -> None:
     """sqrt(1/2), sqrt(1/2) and sqrt(3/2) of a collect's noise in bias, GS and MU (§B.2)."""
-    share = error_budget(scene(), [Noise(1.0, "test")], matrix_6_form(SENSOR), draws=100).shares[0]
+    share = Budget(scene(), [Noise(1.0, "test")], matrix_6_form(SENSOR), draws=100).shares[0]
     np.testing.assert_allclose(share.analytic, 0.93 * np.sqrt([0.5, 0.5, 0.5, 0.5, 1.5, 1.5]))
 
 
@@ -230,14 +230,14 @@ def test_a_gravity_that_is_larger_scales_gs_and_mu() -> None:
 def test_repeats_average_what_varies_from_run_to_run_only() -> None:
     """Of nine runs, noise is a third; the heading is what it was."""
     given = [Noise(1.0, "test"), Heading(1.0, "test")]
-    budget = error_budget(scene(), given, matrix_6_form(SENSOR), draws=100)
+    budget = Budget(scene(), given, matrix_6_form(SENSOR), draws=100)
     noise, heading = (each.analytic for each in budget.shares)
     np.testing.assert_allclose(budget.total(9), np.sqrt(noise**2 / 9 + heading**2))
 
 
 def test_collects_that_cannot_know_a_parameter_give_no_number_for_it() -> None:
     """Two positions: MU and GS are not separately known, so their budget is not a number, and nothing is invented."""
-    budget = error_budget(scene("12"), every_source(), matrix_6_form(SENSOR), draws=200)
+    budget = Budget(scene("12"), every_source(), matrix_6_form(SENSOR), draws=200)
     assert np.all(np.isnan(budget.total()[4:]))
     assert np.all(np.isfinite(budget.total()[2:4]))
     assert budget.agrees  # in what is known; what is not known contradicts nothing
@@ -246,8 +246,7 @@ def test_collects_that_cannot_know_a_parameter_give_no_number_for_it() -> None:
 def test_the_same_seed_gives_the_same_numbers() -> None:
     """And another one others."""
     one, same, other = (
-        error_budget(scene(), every_source(), matrix_6_form(SENSOR), draws=500, seed=seed).everything
-        for seed in (1, 1, 2)
+        Budget(scene(), every_source(), matrix_6_form(SENSOR), draws=500, seed=seed).everything for seed in (1, 1, 2)
     )
     np.testing.assert_array_equal(one, same)
     assert not np.array_equal(one, other)

@@ -14,7 +14,7 @@ import yaml
 
 from hil.config import load_bench, load_sweep, parse_bench
 from hil.config.sweep import parse_sweep
-from hil.design.budget.budget import analytic_share, error_budget, response
+from hil.design.budget.budget import Budget, analytic_share, response
 from hil.design.budget.scenes import RunScene, planned_scenes
 from hil.model import Model, load_model
 from hil.model.curve import Constant
@@ -137,7 +137,7 @@ def test_every_source_is_what_the_reports_equations_make_of_it(scene: RunScene) 
 
 def test_the_draws_agree_with_it(scene: RunScene) -> None:
     """And the simulated column, whose errors are not small here, is the same within its own error."""
-    assert error_budget(scene.scene, scene.sources, scene.form, draws=20_000, seed=4).agrees
+    assert Budget(scene.scene, scene.sources, scene.form, draws=20_000, seed=4).agrees
 
 
 def test_errors_of_attitude_act_on_the_parameters_of_that_temperature(scene: RunScene, reference: Path) -> None:

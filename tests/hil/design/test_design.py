@@ -16,7 +16,7 @@ from hil.campaign.writer import write_campaign
 from hil.cli.app import run
 from hil.config import load_bench, load_sweep, parse_bench
 from hil.config.bench import Bench
-from hil.design.budget.budget import error_budget
+from hil.design.budget.budget import Budget
 from hil.design.budget.sources import sources
 from hil.design.sequence.proposal import design_document, sweep_text
 from hil.design.sequence.search import Goal, Proposal, _Weigher, parse_target, propose
@@ -198,7 +198,7 @@ def test_longer_collects_and_repeats_are_weighed_as_the_whole_budget_would(sweep
     scene = scene_of(bench, 2, best.positions, collect, float(np.median(sweep.temperatures)), model)
     slope = sweep.restabilisation.unit_slope_degC_per_min / np.sqrt(3.0)
     given = sources(bench.uncertainties, "", slope, "", "")
-    total = error_budget(scene, given, default_form(scene.conditions), draws=100).total(best.repeats)
+    total = Budget(scene, given, default_form(scene.conditions), draws=100).total(best.repeats)
     np.testing.assert_allclose(list(best.total[2].values()), total, rtol=1e-9)
 
 

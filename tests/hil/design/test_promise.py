@@ -62,7 +62,7 @@ WHITEN = whitener(ROWS, np.full((len(ROWS), 2), NOISE.collect_deg_per_hr), np.fu
 def test_a_size_that_is_promised_in_any_shape_is_found_in_so_many_of_them() -> None:
     """Of two shapes one shows a third of the other; where more than a tenth of them never show, no size is promised."""
     base = orthonormal(WHITEN @ flattened(named_form("matrix-6", ROWS).columns(ROWS)))
-    effect, rows = effect_by_id("hyst"), Rows.of(WHITEN, base, 2)
+    effect, rows = effect_by_id("hyst"), Rows(WHITEN, base, 2)
     columns = WHITEN @ flattened(effect.columns(ROWS, None, {"half_width_degC": 20.0, "from_degC": 20.0}))
 
     def shown(*weights: float) -> list[Visible]:
@@ -81,7 +81,7 @@ def test_a_size_that_is_promised_in_any_shape_is_found_in_so_many_of_them() -> N
 
 def test_what_a_whole_run_has_in_common_is_apart_from_the_rest() -> None:
     """By channel: a bias of each run in the one, and what adds up to nothing in a run in the other; nothing is lost."""
-    rows = Rows.of(WHITEN, np.zeros((2 * len(ROWS), 0)), 2)
+    rows = Rows(WHITEN, np.zeros((2 * len(ROWS), 0)), 2)
     rng, runs = np.random.default_rng(5), ROWS.run - ROWS.run.min()
     of_runs = rng.standard_normal(runs.max() + 1)[runs, None] * [1.0, 0.0]
     shared, _, rest, other = rows.squares(WHITEN @ of_runs.reshape(-1, 1))[:, 0]
@@ -114,7 +114,7 @@ def test_what_one_sensor_of_two_has_is_asked_for_more() -> None:
 
 def test_one_value_of_both_channels_is_seen_in_both() -> None:
     """A lag acts on both: what they show together counts, and the price of its size is paid once."""
-    rows, effect = Rows.of(WHITEN, np.zeros((2 * len(ROWS), 0)), 2), effect_by_id("T_lag")
+    rows, effect = Rows(WHITEN, np.zeros((2 * len(ROWS), 0)), 2), effect_by_id("T_lag")
     both = np.where(np.arange(2 * len(ROWS)) % 6 < 2, 1.0, -0.5)[:, None]  # nothing that a run has in common
     alone = both * rows.channel[:, :1]
     seen = [visible(own, np.zeros((len(both), 0)), np.ones(1)) for own in (both, alone)]

@@ -213,13 +213,11 @@ def test_a_mean_says_which_of_its_runs_must_not_be_relied_upon(night: Path) -> N
 
 def test_a_hundred_per_cent_are_all_of_them(night: Path) -> None:
     """One sample of a million that is missing is not rounded away."""
-    from dataclasses import replace
-
     from hil.report.page import stream_in_words
 
-    one = replace(night_content(night).collects[0], n_samples=999_999, n_expected=1_000_000)
+    one = {**night_content(night).collects[0], "n_samples": 999_999, "n_expected": 1_000_000}
     assert "(99.99 %)" in stream_in_words([one])
-    assert "(100.00 %)" in stream_in_words([replace(one, n_samples=1_000_000)])
+    assert "(100.00 %)" in stream_in_words([{**one, "n_samples": 1_000_000}])
 
 
 def test_collects_that_lost_frames_are_counted(night: Path) -> None:
@@ -229,9 +227,8 @@ def test_collects_that_lost_frames_are_counted(night: Path) -> None:
     from hil.report.page import night_view, stream_in_words
 
     collects = list(night_content(night).collects)
-    hurt = replace(
-        collects[3], counts={**collects[3].counts, "bad_checksum": 2, "lost": 5, "resyncs": 1}, n_samples=393
-    )
+    counts = {**collects[3]["counts"], "bad_checksum": 2, "lost": 5, "resyncs": 1}
+    hurt = {**collects[3], "counts": counts, "n_samples": 393}
     one = replace(night_content(night), collects=[*collects[:3], hurt, *collects[4:]])
     view = night_view(one)
     ((_, counts),) = view["troubled"]  # zeros are in no row and in no column

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from hil.analysis.allan.deviation import Octaves, octaves
-from hil.analysis.allan.document import analyse, averaging
-from hil.analysis.allan.fit import fit_noise
-from hil.analysis.allan.sources import cut, recording
+from hil.analysis.allan.document import Averaging, analyse
+from hil.analysis.allan.fit import NoiseFit
+from hil.analysis.allan.sources import Recording, cut
 from hil.errors import InputError
 from tests.hil.analysis.allan.noise_series import rates
 
@@ -32,7 +32,7 @@ def test_the_real_recording_does_not_follow_the_four_terms_and_the_result_says_s
     """Its filter shapes the shortest averages: they are left out, and N is that of the -1/2 stretch."""
     stored = np.load(reference_data / "static" / "adis16405-run1-gyro.npz")
     x = stored["counts"][:, 0] * float(stored["lsb_deg_per_s"]) * 3600.0
-    result = analyse(recording("gx", [x], 0.01))
+    result = analyse(Recording("gx", [x], 0.01))
     n = result.document(60.0)["fit"]["N"]
     assert not result.fit.describes
     assert result.fit.fitted_from_s == pytest.approx(0.08)
@@ -44,7 +44,7 @@ def test_the_real_recording_does_not_follow_the_four_terms_and_the_result_says_s
 
 def test_white_noise_gives_n_and_no_more() -> None:
     """B, K and Q are not seen, and their bounds are small."""
-    fit = fit_noise(octaves([rates(np.random.default_rng(3), 1 << 16, n=2.0)], 1.0))
+    fit = NoiseFit(octaves([rates(np.random.default_rng(3), 1 << 16, n=2.0)], 1.0))
     assert fit.terms["N"].value == pytest.approx(2.0, rel=0.02)
     assert not any(fit.terms[name].seen for name in "QBK")
     assert fit.terms["B"].high < 0.1
@@ -57,7 +57,7 @@ def test_of_few_octaves_the_best_fit_is_a_possible_one() -> None:
     Measured from that, the best fit that is possible was unlikely, and intervals were those of what cannot be.
     """
     deviations = np.array([8.025, 5.576, 4.164, 3.199, 2.256])
-    terms = fit_noise(Octaves(1.0, 2 ** np.arange(5), deviations**2, (60,) * 36)).terms
+    terms = NoiseFit(Octaves(1.0, 2 ** np.arange(5), deviations**2, (60,) * 36)).terms
     assert not terms["Q"].seen
     assert terms["N"].low < 8.06 < terms["N"].high
     assert terms["B"].low < 0.1 * terms["B"].value
@@ -65,7 +65,7 @@ def test_of_few_octaves_the_best_fit_is_a_possible_one() -> None:
 
 def test_flicker_and_random_walk_are_told_apart() -> None:
     """A long record with all three terms shows each, about as large as it is."""
-    fit = fit_noise(octaves([rates(np.random.default_rng(8), 1 << 18, n=1.0, b=0.1, k=0.002)], 1.0))
+    fit = NoiseFit(octaves([rates(np.random.default_rng(8), 1 << 18, n=1.0, b=0.1, k=0.002)], 1.0))
     for name, truth in {"N": 1.0, "B": 0.1, "K": 0.002}.items():
         assert fit.terms[name].seen, name
         assert fit.terms[name].value == pytest.approx(truth, rel=0.4), name
@@ -79,7 +79,7 @@ def test_the_intervals_of_n_b_and_k_cover() -> None:
     truth = {"N": 1.0, "B": 0.1, "K": 0.003}
     held = dict.fromkeys(truth, 0)
     for _ in range(30):
-        fit = fit_noise(octaves([rates(rng, 1 << 12, n=1.0, b=0.1, k=0.003)], 1.0))
+        fit = NoiseFit(octaves([rates(rng, 1 << 12, n=1.0, b=0.1, k=0.003)], 1.0))
         for name, value in truth.items():
             held[name] += fit.terms[name].low <= value <= fit.terms[name].high
     assert all(count >= 26 for count in held.values()), held
@@ -114,15 +114,15 @@ def test_uneven_samples_are_refused() -> None:
 def test_a_rate_that_never_changes_is_refused_and_a_stuck_stretch_is_named() -> None:
     """Zero noise is a dead channel; a run of equal samples is a padded file."""
     with pytest.raises(InputError, match="never changes"):
-        recording("here", [np.zeros(100)], 1.0)
+        Recording("here", [np.zeros(100)], 1.0)
     padded = np.concatenate([rates(np.random.default_rng(1), 500), np.zeros(200)])
-    assert any("200 samples in a row" in note for note in recording("here", [padded], 1.0).notes)
+    assert any("200 samples in a row" in note for note in Recording("here", [padded], 1.0).notes)
 
 
 def test_longer_averages_stop_helping_where_the_random_walk_takes_over() -> None:
     """With N = 1 and K = 0.01 the curve is lowest at sqrt(3) N/K = 173 s, and rises after it."""
-    fit = fit_noise(octaves([rates(np.random.default_rng(4), 1 << 17, n=1.0, k=0.01)], 1.0))
-    read = averaging(fit)
+    fit = NoiseFit(octaves([rates(np.random.default_rng(4), 1 << 17, n=1.0, k=0.01)], 1.0))
+    read = Averaging(fit)
     assert read.lowest_at_s == pytest.approx(np.sqrt(3.0) / 0.01, rel=0.2)
     assert read.turns
     assert read.reach_s(0.2) == pytest.approx(25.0, rel=0.1)
@@ -131,6 +131,6 @@ def test_longer_averages_stop_helping_where_the_random_walk_takes_over() -> None
 
 def test_white_noise_alone_keeps_averaging_down() -> None:
     """An unseen random walk does not end the averaging."""
-    result = analyse(recording("here", [rates(np.random.default_rng(9), 1 << 14)], 1.0))
+    result = analyse(Recording("here", [rates(np.random.default_rng(9), 1 << 14)], 1.0))
     assert not result.averaging.turns
     assert "longer keeps helping" in " ".join(result.document(60.0)["summary"])

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from hil.analysis.allan.document import analyse
-from hil.analysis.allan.sources import read_recording, recording
+from hil.analysis.allan.sources import Recording, read_recording
 from hil.cli.app import run
 from hil.errors import InputError
 from tests.hil.analysis.allan.noise_series import rates
@@ -163,16 +163,16 @@ def test_complex_numbers_are_no_rates(tmp_path: Path) -> None:
 def test_a_spike_is_named_and_noise_has_none() -> None:
     """One sample far off: two steps, with the time of the first; a million ordinary samples give no word."""
     noise = np.random.default_rng(2).normal(0.0, 10.0, 1_000_000)
-    assert recording("r", [noise], 0.01).notes == ()
+    assert Recording("r", [noise], 0.01).notes == ()
     noise[500] = 1e4
-    (note,) = recording("r", [noise], 0.01).notes
+    (note,) = Recording("r", [noise], 0.01).notes
     assert note.startswith("2 steps from one sample to the next")
     assert "5 s into" in note
 
 
 def test_ten_samples_do_not_say_how_long_to_average(tmp_path: Path) -> None:
     """They show no term: no claim about when longer stops helping, and a bound instead of no noise."""
-    found = analyse(recording("r", [np.random.default_rng(0).normal(0.0, 10.0, 10)], 0.01)).document(60.0)
+    found = analyse(Recording("r", [np.random.default_rng(0).normal(0.0, 10.0, 10)], 0.01)).document(60.0)
     assert not any(term["seen"] for term in found["fit"].values())
     said = " ".join(found["summary"])
     assert "too short to tell how long to average" in said

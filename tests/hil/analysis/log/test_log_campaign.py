@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.analysis.log.accelerometer import NAMES, fit_accelerometers
+from hil.analysis.log.accelerometer import NAMES, Accelerometers
 from hil.analysis.log.poses import LogCampaign, campaign_of_log, write_log_campaign
 from hil.analysis.log.reading import read_log
 from hil.analysis.log.static import StaticTest
@@ -95,7 +95,7 @@ def test_stated_intervals_hold_over_many_logs() -> None:
     rng = np.random.default_rng(7)
     se_g, se = F_NOISE / np.sqrt(samples), RATE_NOISE / np.sqrt(samples)
     mean_g = shown_g(f_g) + se_g * rng.normal(size=f_g.shape)
-    fitted = fit_accelerometers(mean_g, np.full(mean_g.shape, se_g))
+    fitted = Accelerometers(mean_g, np.full(mean_g.shape, se_g))
     inside = np.abs(fitted.values - ACCELEROMETER) <= fitted.half_width
     assert 0.93 <= inside.mean() <= 0.97
     found_g = fitted.f_g(mean_g)
@@ -329,7 +329,7 @@ def test_six_poses_say_that_they_do_not_tell_misalignment() -> None:
     """Bias and scale factor yes; the leans stay nominal, with what it takes."""
     f_g = poses(6)
     mean_g = f_g * [1.01, 0.97, 1.02] + [0.05, -0.03, 0.02]
-    fitted = fit_accelerometers(mean_g, np.full((6, 3), 1e-4))
+    fitted = Accelerometers(mean_g, np.full((6, 3), 1e-4))
     assert fitted.not_told == ["a_YX", "a_ZX", "a_ZY"]
     assert fitted.values[:6] == pytest.approx([0.05, -0.03, 0.02, 1.01, 0.97, 1.02], abs=1e-4)
 
@@ -346,7 +346,7 @@ def test_scatter_of_f_beyond_noise_enlarges_the_uncertainties() -> None:
     f_g = poses(30)
     rng = np.random.default_rng(5)
     mean_g = shown_g(f_g) + 1e-3 * rng.normal(size=f_g.shape)
-    fitted = fit_accelerometers(mean_g, np.full(f_g.shape, 1e-4))
+    fitted = Accelerometers(mean_g, np.full(f_g.shape, 1e-4))
     assert 6.0 < fitted.inflation < 15.0
     assert np.all(np.abs(fitted.values - ACCELEROMETER) < 4.0 * fitted.sd)
 

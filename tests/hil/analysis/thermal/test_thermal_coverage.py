@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hil.analysis.thermal.estimate import layout_of, visits
+from hil.analysis.thermal.estimate import Visits, layout_of
 from hil.campaign import Collects
 from tests.hil.analysis.thermal.nights import RUN_TO_RUN, WHITE, rotor_night, scaled
 
@@ -45,7 +45,7 @@ def test_coefficients_are_covered_as_stated(
     held = np.zeros(len(truth))
     for draw in range(draws):
         drawn = replace(layout, collects=Collects(night.conditions, rates[draw], night.rates_se_deg_per_hr))
-        seen = visits(drawn)
+        seen = Visits(drawn)
         found = [seen.along(place, len(own) - 1)[0] for place, own in enumerate(CURVES.values())]
         off = np.concatenate([each.values for each in found]) - truth
         held += np.abs(off) <= np.concatenate([each.half_width for each in found])
