@@ -54,7 +54,7 @@ def preflight(sweep: Sweep | None, bench: Bench, folder: Path, done: Collection[
     plan = None if sweep is None else planned(sweep, bench)
     left = None if plan is None else [step for step in plan.steps if step.key not in done]
     closed: dict[str, DeviceError] = {}
-    ask = None if bench.imu.positioner == "indexing" else _nobody
+    ask = None if bench.imu.positioner == "indexing" else lambda *_: None  # nobody is asked: nothing moves here
     with build_bench(bench, ask=ask, unopened=closed.__setitem__) as live:
         return [
             *_ports(live, closed),
@@ -78,10 +78,6 @@ def look_at_devices(live: LiveBench, closed: Collection[str] = ()) -> Iterator[F
             yield from (replace(found, subject=f"{found.subject}{whose}") for found in looked)
     if not {"chamber.port", "chamber.ramp_port"} & set(closed):
         yield from _guarded(live, "chamber", _chamber)
-
-
-def _nobody(question: str, timeout_s: float) -> None:
-    """Nobody is asked: nothing moves here."""
 
 
 def _guarded(

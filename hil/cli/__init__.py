@@ -1,9 +1,4 @@
-"""The command line: `hil`, its commands, and how they end.
-
-Exit status: 0 done (whatever the finding), 1 the work failed or was aborted, 2 bad input or usage, 3 stopped by an
-interlock or device fault with the bench in its safe state, 4 something is incomplete (status, verify),
-5 the chamber is NOT SAFE, 6 whether it is safe is NOT KNOWN.
-"""
+"""The command line: `hil`, its commands, and how they end."""
 
 import os
 import sys

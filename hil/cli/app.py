@@ -6,6 +6,7 @@ from functools import cache
 from typing import Annotated, Any
 
 import typer
+from typer import Option
 from typer.core import TyperGroup
 
 from hil.cli import archive, chamber, coefficients, data, design, frames, imports, model, night, report, start, watchdog
@@ -79,7 +80,7 @@ for below, commands in (
 @app.callback()
 def _options(
     asked: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Say which version this is.")
+        bool, Option("--version", callback=_version, is_eager=True, help="Say which version this is.")
     ] = False,
 ) -> None:
     pass

@@ -5,7 +5,7 @@ from datetime import date
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 from drivers.clock import SystemClock
 from hil.cli.answer import Answer, told
@@ -14,21 +14,19 @@ from hil.cli.output import Folder, check_named, messages
 from hil.errors import InputError
 from hil.files.document import picked
 
-_Archive = Annotated[Path | None, typer.Option("--archive", envvar="HIL_ARCHIVE", help="The archive's folder.")]
+_Archive = Annotated[Path | None, Option("--archive", envvar="HIL_ARCHIVE", help="The archive's folder.")]
 
 
 def certificate(
     folder: Folder,
-    unit: Annotated[str | None, typer.Option(help="The unit's serial number; default: the night's.")] = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Where to write it; default: certificate.html in the folder.")
-    ] = None,
-    pdf: Annotated[bool, typer.Option("--pdf", help="Beside it as PDF on A4; the browser here prints it.")] = False,
+    unit: Annotated[str | None, Option(help="The unit's serial number; default: the night's.")] = None,
+    out: Annotated[Path | None, Option(help="Where to write it; default: certificate.html in the folder.")] = None,
+    pdf: Annotated[bool, Option("--pdf", help="Beside it as PDF on A4; the browser here prints it.")] = False,
     draft: Annotated[
-        bool, typer.Option("--draft", help="Where there can be none, write a draft, which every page says.")
+        bool, Option("--draft", help="Where there can be none, write a draft, which every page says.")
     ] = False,
-    customer: Annotated[str, typer.Option(help="For whom.")] = "",
-    number: Annotated[str, typer.Option(help="The certificate's own number; default: from serial and time.")] = "",
+    customer: Annotated[str, Option(help="For whom.")] = "",
+    number: Annotated[str, Option(help="The certificate's own number; default: from serial and time.")] = "",
     limits: Limits = None,
     strict: Strict = False,
 ) -> Answer:
@@ -59,15 +57,13 @@ def certificate(
 
 
 def archive(
-    folder: Annotated[Path, typer.Argument(metavar="ARCHIVE", help="The archive's folder.")],
-    sources: Annotated[
-        list[Path] | None, typer.Argument(metavar="[NIGHT_OR_CAMPAIGN]...", help="What to take up.")
-    ] = None,
-    serial: Annotated[str | None, typer.Option(help="Of which unit, where the records do not say.")] = None,
-    day: Annotated[str | None, typer.Option("--date", help="When, where they do not say: 2026-03-01.")] = None,
-    rebuild: Annotated[bool, typer.Option("--rebuild", help="Make the index anew from the folders.")] = False,
+    folder: Annotated[Path, Argument(metavar="ARCHIVE", help="The archive's folder.")],
+    sources: Annotated[list[Path] | None, Argument(metavar="[NIGHT_OR_CAMPAIGN]...", help="What to take up.")] = None,
+    serial: Annotated[str | None, Option(help="Of which unit, where the records do not say.")] = None,
+    day: Annotated[str | None, Option("--date", help="When, where they do not say: 2026-03-01.")] = None,
+    rebuild: Annotated[bool, Option("--rebuild", help="Make the index anew from the folders.")] = False,
     found: Annotated[
-        bool, typer.Option("--found", help="Make a new archive, or again one that lost its archive.yaml.")
+        bool, Option("--found", help="Make a new archive, or again one that lost its archive.yaml.")
     ] = False,
 ) -> Answer:
     """Take nights and campaigns up into the laboratory's archive, and bring its index to what is in the folders."""
@@ -105,7 +101,7 @@ def archive(
 
 def units(
     archive: _Archive = None,
-    csv_file: Annotated[Path | None, typer.Option("--csv", help="Write the units here, .csv.")] = None,
+    csv_file: Annotated[Path | None, Option("--csv", help="Write the units here, .csv.")] = None,
 ) -> Answer:
     """List the units of the archive: how often each was calibrated, when last, and how that was."""
     from hil.archive.index import opened_index
@@ -124,18 +120,14 @@ def units(
 
 
 def history(
-    serial: Annotated[str, typer.Argument(metavar="SERIAL", help="The unit's serial number.")],
+    serial: Annotated[str, Argument(metavar="SERIAL", help="The unit's serial number.")],
     archive: _Archive = None,
-    model: Annotated[
-        str | None, typer.Option("--unit-model", help="Of two units with one serial number, which.")
-    ] = None,
-    limits: Annotated[
-        str | None, typer.Option(help="What the unit must be; default: the newest calibration's own.")
-    ] = None,
-    csv_file: Annotated[Path | None, typer.Option("--csv", help="Write every value here, .csv.")] = None,
-    page: Annotated[Path | None, typer.Option(help="Write it as a page with pictures here, .html.")] = None,
+    model: Annotated[str | None, Option("--unit-model", help="Of two units with one serial number, which.")] = None,
+    limits: Annotated[str | None, Option(help="What the unit must be; default: the newest calibration's own.")] = None,
+    csv_file: Annotated[Path | None, Option("--csv", help="Write every value here, .csv.")] = None,
+    page: Annotated[Path | None, Option(help="Write it as a page with pictures here, .html.")] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Write its life as one campaign folder, for reconcile, thermal, visibility.")
+        Path | None, Option(help="Write its life as one campaign folder, for reconcile, thermal, visibility.")
     ] = None,
 ) -> Answer:
     """Say what became of a unit through the years: drift, jumps, control limits, when the next calibration is due."""

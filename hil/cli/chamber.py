@@ -10,7 +10,7 @@ import sys
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 from hil.cli.answer import Answer, told
 from hil.cli.ask import must_agree
@@ -36,10 +36,10 @@ class Action(StrEnum):
 
 
 def chamber(
-    bench: Annotated[str, typer.Argument(help="A bench file, or the name of one that ships.")],
-    action: Annotated[Action, typer.Argument(help="What to do.")],
-    temperature: Annotated[str | None, typer.Argument(help="For set: -20 degC, 68 degF; a bare number is °C.")] = None,
-    yes: Annotated[bool, typer.Option("--yes", help="Do not ask before the chamber is set.")] = False,
+    bench: Annotated[str, Argument(help="A bench file, or the name of one that ships.")],
+    action: Annotated[Action, Argument(help="What to do.")],
+    temperature: Annotated[str | None, Argument(help="For set: -20 degC, 68 degF; a bare number is °C.")] = None,
+    yes: Annotated[bool, Option("--yes", help="Do not ask before the chamber is set.")] = False,
     as_json: JsonFlag = False,
 ) -> int:
     """Read a bench's chamber, set its temperature, or bring it to its safe state; the unit is left alone.
@@ -164,9 +164,9 @@ def _show(bench: Bench, action: Action, identity: ChamberIdentity, reading: Cham
 
 def simulate(
     bench: Annotated[
-        str, typer.Argument(help="A bench file with a simulation section, or the name of one that ships.")
+        str, Argument(help="A bench file with a simulation section, or the name of one that ships.")
     ] = "simulated",
-    tcp: Annotated[bool, typer.Option("--tcp", help="TCP ports on this machine instead of pseudo-terminals.")] = False,
+    tcp: Annotated[bool, Option("--tcp", help="TCP ports on this machine instead of pseudo-terminals.")] = False,
 ) -> None:
     """Serve a bench's simulated unit and chamber to any client, in real time, until Ctrl-C.
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
 from rich.console import Console
+from typer import Argument, Option
 
 from drivers.errors import DeviceError
 from hil.cli.exit_status import Exit
@@ -21,9 +22,9 @@ if TYPE_CHECKING:
 
 
 def check(
-    target: Annotated[str, typer.Argument(metavar="BENCH", help="A bench; with --bench, the sweep.")],
-    bench: Annotated[str | None, typer.Option(help="The bench, where the argument is the sweep.")] = None,
-    sweep: Annotated[str | None, typer.Option(help="What is to be run: a sweep file, or a name.")] = None,
+    target: Annotated[str, Argument(metavar="BENCH", help="A bench; with --bench, the sweep.")],
+    bench: Annotated[str | None, Option(help="The bench, where the argument is the sweep.")] = None,
+    sweep: Annotated[str | None, Option(help="What is to be run: a sweep file, or a name.")] = None,
     as_json: JsonFlag = False,
 ) -> int:
     """Look before anything moves: ports, identity, frames, chamber, limits, disk, clock, end; and what to do.
@@ -111,20 +112,12 @@ def _bench_and_sweep(target: str, bench: str | None, sweep: str | None) -> tuple
     try:
         on = load_bench(target)
     except InputError as error:
-        if not _is_sweep(target):
-            raise
-        raise InputError(
-            f"{target} is a sweep, not a bench; write hil check BENCH --sweep {target}, or hil check {target} "
-            "--bench BENCH"
-        ) from error
+        wrong = error
+        with suppress(InputError):
+            load_sweep(target)
+            wrong = InputError(
+                f"{target} is a sweep, not a bench; write hil check BENCH --sweep {target}, or hil check {target} "
+                "--bench BENCH"
+            )
+        raise wrong from None
     return (None if sweep is None else load_sweep(sweep)), on
-
-
-def _is_sweep(name: str) -> bool:
-    from hil.config import load_sweep
-
-    try:
-        load_sweep(name)
-    except InputError:
-        return False
-    return True

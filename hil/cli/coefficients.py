@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option
 
 from hil.cli.answer import Answer, told
 from hil.cli.data import Source, read_source
@@ -44,20 +44,20 @@ def sample_rate_hz(text: str | None) -> float | None:
 
 def allan(
     source: Annotated[
-        Path, typer.Argument(metavar="FILE", help="A table (.parquet, .csv, .txt, .npz), a night or a campaign folder.")
+        Path, Argument(metavar="FILE", help="A table (.parquet, .csv, .txt, .npz), a night or a campaign folder.")
     ],
-    channel: Annotated[str | None, typer.Option(help="Which channel or column.")] = None,
-    sensor: Annotated[int | None, typer.Option(help="Of a folder: which sensor.")] = None,
-    collect: Annotated[int | None, typer.Option(help="Of a folder: one collect; default: all of them.")] = None,
-    rate: Annotated[str | None, typer.Option(help="Sample rate where the file has no times, such as '100 Hz'.")] = None,
+    channel: Annotated[str | None, Option(help="Which channel or column.")] = None,
+    sensor: Annotated[int | None, Option(help="Of a folder: which sensor.")] = None,
+    collect: Annotated[int | None, Option(help="Of a folder: one collect; default: all of them.")] = None,
+    rate: Annotated[str | None, Option(help="Sample rate where the file has no times, such as '100 Hz'.")] = None,
     unit: Annotated[
-        str | None, typer.Option(help="The column's unit, with a factor for counts: rad/s, '0.05 deg/s'.")
+        str | None, Option(help="The column's unit, with a factor for counts: rad/s, '0.05 deg/s'.")
     ] = None,
-    reach: Annotated[str | None, typer.Option(help="How long to average to reach this, such as '0.5 deg/hr'.")] = None,
+    reach: Annotated[str | None, Option(help="How long to average to reach this, such as '0.5 deg/hr'.")] = None,
     collect_time: Annotated[
-        str | None, typer.Option(help="How long a collect is; default: a folder's own, else 60 s.")
+        str | None, Option(help="How long a collect is; default: a folder's own, else 60 s.")
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="Write the plot here, .svg or .png.")] = None,
+    out: Annotated[Path | None, Option(help="Write the plot here, .svg or .png.")] = None,
 ) -> Answer:
     """Say what a recording's noise is made of (N, B, K), how long to average, and when longer stops helping."""
     import numpy as np
@@ -88,7 +88,7 @@ def allan(
 def audit(
     name: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             metavar="TABLE",
             help="A CSV in the layout of Table 1 or Table A-1, or rd-gc-86-1-table-1, rd-gc-86-1-table-a1.",
         ),
@@ -103,15 +103,13 @@ def audit(
 
 def thermal(
     source: Source,
-    model: Annotated[
-        str | None, typer.Option(help="matrix-6, collins-4, constant or triad-12; default: what fits.")
-    ] = None,
-    highest_order: Annotated[int, typer.Option(min=0, max=8, help="The highest polynomial that is tried.")] = 5,
+    model: Annotated[str | None, Option(help="matrix-6, collins-4, constant or triad-12; default: what fits.")] = None,
+    highest_order: Annotated[int, Option(min=0, max=8, help="The highest polynomial that is tried.")] = 5,
     apart: Annotated[
-        str | None, typer.Option(help="How far apart two temperatures are, to count as two; default: the data tell.")
+        str | None, Option(help="How far apart two temperatures are, to count as two; default: the data tell.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Write model.yaml, thermal.json and, for triads, PX4 and ArduPilot files here.")
+        Path | None, Option(help="Write model.yaml, thermal.json and, for triads, PX4 and ArduPilot files here.")
     ] = None,
 ) -> Answer:
     """Fit every parameter against temperature, and say whether modelling it improves the unit."""
@@ -141,8 +139,7 @@ def thermal(
 
 
 def reproduce(
-    source: Source,
-    sensor: Annotated[int, typer.Option(help="Which sensor; the report's tables are sensor 2's.")] = 2,
+    source: Source, sensor: Annotated[int, Option(help="Which sensor; the report's tables are sensor 2's.")] = 2
 ) -> Answer:
     """Give RD-GC-86-1's Table 1, Figures 2-5 and Table A-1 again from a night, beside the printed values."""
     from hil.analysis.published.reproduction import reproduce as give_again

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
+from typer import Argument, Option
 
 from hil.cli.answer import Answer, told
 from hil.cli.exit_status import Exit, Limits, Strict, of_unit
@@ -19,7 +20,7 @@ if TYPE_CHECKING:  # `hil --help` loads no arithmetic
     from hil.campaign import Campaign
 
 Format = Literal["hdf5", "netcdf", "mat", "documents"]
-Source = Annotated[Path, typer.Argument(help="A campaign folder, or a night's folder.")]
+Source = Annotated[Path, Argument(help="A campaign folder, or a night's folder.")]
 
 
 def read_source(source: Path) -> Campaign:
@@ -33,12 +34,10 @@ def solve(
     source: Source,
     model: Annotated[
         str | None,
-        typer.Option(
-            help="matrix-6, collins-4, matrix-6-thermal, constant, triad-12 or a model file; default: what fits."
-        ),
+        Option(help="matrix-6, collins-4, matrix-6-thermal, constant, triad-12 or a model file; default: what fits."),
     ] = None,
     limits: Limits = None,
-    against: Annotated[Path | None, typer.Option(help="An earlier campaign: limits of changes are since then.")] = None,
+    against: Annotated[Path | None, Option(help="An earlier campaign: limits of changes are since then.")] = None,
     strict: Strict = False,
 ) -> Answer:
     """Solve every self-calibration for bias and acceleration-sensitive drift, with uncertainties."""
@@ -80,13 +79,13 @@ def solve(
 def export(
     folder: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             help="A night's folder; with --format also a campaign's; with --fleet one of them, or of folders of them."
         ),
     ],
-    out: Annotated[Path, typer.Argument(help="The campaign folder, or with --format or --fleet the file, to make.")],
-    form: Annotated[Format | None, typer.Option("--format", help="One file instead of a folder of CSV.")] = None,
-    fleet: Annotated[bool, typer.Option("--fleet", help="One Parquet file of many campaigns, for hil fleet.")] = False,
+    out: Annotated[Path, Argument(help="The campaign folder, or with --format or --fleet the file, to make.")],
+    form: Annotated[Format | None, Option("--format", help="One file instead of a folder of CSV.")] = None,
+    fleet: Annotated[bool, Option("--fleet", help="One Parquet file of many campaigns, for hil fleet.")] = False,
 ) -> None:
     """Write the night as a campaign folder: CSV that a spreadsheet reads; or as HDF5, NetCDF or MATLAB's format.
 
@@ -132,8 +131,8 @@ plot_app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
 )
-_Out = Annotated[Path, typer.Option("--out", help="The file to write; .svg or .png says which.")]
-_OfSensor = Annotated[int | None, typer.Option("--sensor", help="Which sensor, where there are several.")]
+_Out = Annotated[Path, Option("--out", help="The file to write; .svg or .png says which.")]
+_OfSensor = Annotated[int | None, Option("--sensor", help="Which sensor, where there are several.")]
 
 
 def _plot(out: Path, draw: Callable[[], Figure]) -> None:
@@ -148,9 +147,9 @@ def series(
     source: Source,
     out: _Out,
     sensor: _OfSensor = None,
-    collect: Annotated[int | None, typer.Option(help="Its number, as in collects.csv.")] = None,
-    run: Annotated[int | None, typer.Option(help="Or its self-calibration, with --position.")] = None,
-    position: Annotated[str | None, typer.Option(help="Its position: 1, 2, 3, …")] = None,
+    collect: Annotated[int | None, Option(help="Its number, as in collects.csv.")] = None,
+    run: Annotated[int | None, Option(help="Or its self-calibration, with --position.")] = None,
+    position: Annotated[str | None, Option(help="Its position: 1, 2, 3, …")] = None,
 ) -> None:
     """Draw the samples of one collect, their short means, and the average that was taken of them."""
     from hil.report.plots import collect_series, draw_series

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 from hil.cli.answer import Answer, told
 from hil.cli.coefficients import quantity
@@ -14,15 +14,15 @@ from hil.errors import InputError
 
 
 def budget(
-    source: Annotated[str, typer.Argument(help="A sweep file (or its name), a campaign folder, or a night.")],
-    bench: Annotated[str | None, typer.Option(help="The bench; default: the night's own, else simulated.")] = None,
+    source: Annotated[str, Argument(help="A sweep file (or its name), a campaign folder, or a night.")],
+    bench: Annotated[str | None, Option(help="The bench; default: the night's own, else simulated.")] = None,
     model: Annotated[
-        str | None, typer.Option(help="Take GS and MU, on which errors of attitude act, from this model file.")
+        str | None, Option(help="Take GS and MU, on which errors of attitude act, from this model file.")
     ] = None,
-    run: Annotated[int | None, typer.Option(help="Which self-calibration; default: the worst.")] = None,
-    repeats: Annotated[int | None, typer.Option(min=1, help="Repeats averaged; default: as many as were made.")] = None,
-    draws: Annotated[int, typer.Option(min=100, max=10_000_000, help="Monte Carlo draws per source.")] = 100_000,
-    seed: Annotated[int, typer.Option(min=0, help="Of the draws.")] = 0,
+    run: Annotated[int | None, Option(help="Which self-calibration; default: the worst.")] = None,
+    repeats: Annotated[int | None, Option(min=1, help="Repeats averaged; default: as many as were made.")] = None,
+    draws: Annotated[int, Option(min=100, max=10_000_000, help="Monte Carlo draws per source.")] = 100_000,
+    seed: Annotated[int, Option(min=0, help="Of the draws.")] = 0,
 ) -> Answer:
     """Say what each source of error contributes to each parameter, calculated and by Monte Carlo."""
     from hil.config import load_bench, load_sweep
@@ -70,28 +70,26 @@ def _bench_of(folder: Path) -> Any:
 
 
 def design(
-    sweep: Annotated[str, typer.Argument(help="The sweep whose temperatures and soaks to keep.")] = "rd-gc-86-1",
-    bench: Annotated[str, typer.Option(help="The bench that would run it.")] = "simulated",
+    sweep: Annotated[str, Argument(help="The sweep whose temperatures and soaks to keep.")] = "rd-gc-86-1",
+    bench: Annotated[str, Option(help="The bench that would run it.")] = "simulated",
     goal: Annotated[
         list[str] | None,
-        typer.Option(help="Uncertainty of the mean at a temperature: 'MU 0.5 deg/hr', 'BA 0.3 deg/hr'; repeatable."),
+        Option(help="Uncertainty of the mean at a temperature: 'MU 0.5 deg/hr', 'BA 0.3 deg/hr'; repeatable."),
     ] = None,
-    drift_immune: Annotated[bool, typer.Option("--drift-immune", help="Keep a steady drift out.")] = False,
-    residuals: Annotated[int, typer.Option(min=0, help="Residuals left in each self-calibration.")] = 0,
-    even_terms: Annotated[bool, typer.Option("--even-terms", help="Tell MU from terms in g squared.")] = False,
-    within: Annotated[str | None, typer.Option(help="The whole night's time: '24 h'.")] = None,
-    repeats: Annotated[
-        int | None, typer.Option(min=1, max=1000, help="Repeats at least; default: the sweep's.")
-    ] = None,
+    drift_immune: Annotated[bool, Option("--drift-immune", help="Keep a steady drift out.")] = False,
+    residuals: Annotated[int, Option(min=0, help="Residuals left in each self-calibration.")] = 0,
+    even_terms: Annotated[bool, Option("--even-terms", help="Tell MU from terms in g squared.")] = False,
+    within: Annotated[str | None, Option(help="The whole night's time: '24 h'.")] = None,
+    repeats: Annotated[int | None, Option(min=1, max=1000, help="Repeats at least; default: the sweep's.")] = None,
     scatter_of_unit: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             "--scatter",
             help="How the unit scatters from run to run: 'MU 4 deg/hr', or a night that tells it; repeatable.",
         ),
     ] = None,
-    sensor: Annotated[list[int] | None, typer.Option(help="Only these sensors; repeatable. Default: all.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Write the proposal as this sweep file.")] = None,
+    sensor: Annotated[list[int] | None, Option(help="Only these sensors; repeatable. Default: all.")] = None,
+    out: Annotated[Path | None, Option(help="Write the proposal as this sweep file.")] = None,
 ) -> Answer:
     """Propose the sequence of collects for a goal and a time, beside the usual ones; --out writes it as a sweep."""
     from hil.config import load_bench, load_sweep

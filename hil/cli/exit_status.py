@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Option
 
 from drivers.errors import DeviceError
 from hil.cli.answer import Answer
@@ -42,11 +43,10 @@ class Exit(IntEnum):
 
 
 Strict = Annotated[
-    bool, typer.Option("--strict", help="Exit status 7 where the unit is out of spec, 8 where nobody can tell.")
+    bool, Option("--strict", help="Exit status 7 where the unit is out of spec, 8 where nobody can tell.")
 ]
 Limits = Annotated[
-    str | None,
-    typer.Option("--limits", help="What the unit must be: a limits file, or a name; default: the night's own."),
+    str | None, Option("--limits", help="What the unit must be: a limits file, or a name; default: the night's own.")
 ]
 
 

@@ -4,24 +4,25 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from hil.cli.answer import Answer, told
 from hil.cli.exit_status import Exit
 from hil.cli.output import results
 from hil.errors import InputError
 
-Description = Annotated[str, typer.Option("--frames", help="A frame description, or the name of one that ships.")]
+Description = Annotated[str, Option("--frames", help="A frame description, or the name of one that ships.")]
 Settings = Annotated[
-    list[str] | None, typer.Option("--set", help="A parameter of the description, NAME=VALUE; may be repeated.")
+    list[str] | None, Option("--set", help="A parameter of the description, NAME=VALUE; may be repeated.")
 ]
 
 
 def decode(
-    file: Annotated[Path, typer.Argument(help="Raw bytes as they came down the wire.")],
+    file: Annotated[Path, Argument(help="Raw bytes as they came down the wire.")],
     frames: Description,
     settings: Settings = None,
-    rate: Annotated[float | None, typer.Option(help="Samples per second, where it is not the description's.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Write the frames as a table: X.parquet or X.csv.")] = None,
+    rate: Annotated[float | None, Option(help="Samples per second, where it is not the description's.")] = None,
+    out: Annotated[Path | None, Option(help="Write the frames as a table: X.parquet or X.csv.")] = None,
 ) -> Answer:
     """Decode a file of raw bytes and account for every one of them; status 4 where no frame is found."""
     from hil.bench.decode import decode_file, load_frames_named
@@ -32,7 +33,7 @@ def decode(
 
 
 def check(
-    description: Annotated[str, typer.Argument(help="A frame description, or the name of one that ships.")],
+    description: Annotated[str, Argument(help="A frame description, or the name of one that ships.")],
     settings: Settings = None,
 ) -> None:
     """Check a frame description and say in words what it means."""
@@ -42,8 +43,8 @@ def check(
 
 
 def guess(
-    capture: Annotated[Path, typer.Argument(help="Raw bytes as they came down the wire.")],
-    out: Annotated[Path | None, typer.Option(help="Write the first description here, to be edited.")] = None,
+    capture: Annotated[Path, Argument(help="Raw bytes as they came down the wire.")],
+    out: Annotated[Path | None, Option(help="Write the first description here, to be edited.")] = None,
 ) -> Answer:
     """Look at the bytes of an unknown unit: which descriptions read them, where frames begin, what they carry."""
     from hil.bench.guess import guess_file

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer import Argument, Option
 from typer.core import TyperGroup
 
 from hil.cli.answer import Answer, told
@@ -12,7 +13,7 @@ from hil.cli.frames import Settings, frame_parameters
 from hil.cli.output import messages, results, warn
 from hil.errors import InputError
 
-Out = Annotated[Path, typer.Argument(help="The campaign folder to make.")]
+Out = Annotated[Path, Argument(help="The campaign folder to make.")]
 
 
 class TableUnlessSaid(TyperGroup):
@@ -23,10 +24,7 @@ class TableUnlessSaid(TyperGroup):
         return super().resolve_command(ctx, args if args[0] in self.commands else ["table", *args])
 
 
-def table(
-    table: Annotated[Path, typer.Argument(help="A published table, CSV in the layout of Table 1.")],
-    out: Out,
-) -> None:
+def table(table: Annotated[Path, Argument(help="A published table, CSV in the layout of Table 1.")], out: Out) -> None:
     """Make a campaign folder from a published table of parameters, as printed, flags kept."""
     from hil.analysis.published.table import read_published_table
     from hil.campaign.writer import write_campaign
@@ -40,23 +38,23 @@ def table(
 
 
 def log(
-    log: Annotated[Path, typer.Argument(help="A log: CSV, Parquet, columns of text, .npz; with --frames bytes.")],
+    log: Annotated[Path, Argument(help="A log: CSV, Parquet, columns of text, .npz; with --frames bytes.")],
     out: Out,
-    frames: Annotated[str | None, typer.Option(help="What the bytes mean: a frame description.")] = None,
+    frames: Annotated[str | None, Option(help="What the bytes mean: a frame description.")] = None,
     settings: Settings = None,
-    gyro: Annotated[str | None, typer.Option(help="Columns of the rates: X,Y,Z.")] = None,
-    gyro_scale: Annotated[str | None, typer.Option(help="Their unit: rad/s, or of counts '0.0076 deg/s'.")] = None,
-    accelerometer: Annotated[str | None, typer.Option(help="Columns of the accelerations: X,Y,Z.")] = None,
-    accelerometer_scale: Annotated[str | None, typer.Option(help="Their unit: m/s^2, or of counts '0.122 mg'.")] = None,
-    time: Annotated[str | None, typer.Option(help="The column of the times.")] = None,
-    time_scale: Annotated[str | None, typer.Option(help="Its unit: s, ms, '25 us'.")] = None,
-    rate: Annotated[str | None, typer.Option(help="Samples per second, where no times are to be used.")] = None,
-    labels: Annotated[str | None, typer.Option(help="The column that labels positions.")] = None,
-    latitude: Annotated[str | None, typer.Option(help="Where it was recorded: '48.1 deg'.")] = None,
-    window: Annotated[str, typer.Option(help="Of the test of rest: over how long variances are taken.")] = "0.5 s",
-    times: Annotated[float, typer.Option(help="Variances up to so many times the quietest tenth's are rest.")] = 4.0,
-    shortest: Annotated[str, typer.Option(help="How long a unit must be at rest.")] = "1 s",
-    moved: Annotated[str, typer.Option(help="How far it may turn within a stretch.")] = "0.5 deg",
+    gyro: Annotated[str | None, Option(help="Columns of the rates: X,Y,Z.")] = None,
+    gyro_scale: Annotated[str | None, Option(help="Their unit: rad/s, or of counts '0.0076 deg/s'.")] = None,
+    accelerometer: Annotated[str | None, Option(help="Columns of the accelerations: X,Y,Z.")] = None,
+    accelerometer_scale: Annotated[str | None, Option(help="Their unit: m/s^2, or of counts '0.122 mg'.")] = None,
+    time: Annotated[str | None, Option(help="The column of the times.")] = None,
+    time_scale: Annotated[str | None, Option(help="Its unit: s, ms, '25 us'.")] = None,
+    rate: Annotated[str | None, Option(help="Samples per second, where no times are to be used.")] = None,
+    labels: Annotated[str | None, Option(help="The column that labels positions.")] = None,
+    latitude: Annotated[str | None, Option(help="Where it was recorded: '48.1 deg'.")] = None,
+    window: Annotated[str, Option(help="Of the test of rest: over how long variances are taken.")] = "0.5 s",
+    times: Annotated[float, Option(help="Variances up to so many times the quietest tenth's are rest.")] = 4.0,
+    shortest: Annotated[str, Option(help="How long a unit must be at rest.")] = "1 s",
+    moved: Annotated[str, Option(help="How far it may turn within a stretch.")] = "0.5 deg",
 ) -> Answer:
     """Make a campaign folder from a log of a unit that was put down in many poses by hand."""
     from hil.analysis.log.poses import campaign_of_log, write_log_campaign

@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
 from rich.progress import Progress
+from typer import Argument, Option
 
 from hil.cli.answer import Answer, told
 from hil.cli.data import Source, read_source
@@ -19,19 +19,17 @@ if TYPE_CHECKING:
     from hil.model import Model
 
 _LEVEL = 0.05
-_ModelName = Annotated[str, typer.Option("--model", help="A model file, or the name of a built-in.")]
-_Draws = Annotated[int, typer.Option(help="How many nights are simulated; 20 tell at a level of 5 %.")]
-_Seed = Annotated[int, typer.Option(min=0, help="Of the simulated nights.")]
+_ModelName = Annotated[str, Option("--model", help="A model file, or the name of a built-in.")]
+_Draws = Annotated[int, Option(help="How many nights are simulated; 20 tell at a level of 5 %.")]
+_Seed = Annotated[int, Option(min=0, help="Of the simulated nights.")]
 
 
 def reconcile(
     campaign: Source,
     model: _ModelName,
-    out: Annotated[Path | None, typer.Option(help="The folder for the result.")],
-    alpha: Annotated[float, typer.Option(help="How often the search may find something where nothing is.")] = 0.05,
-    with_twin: Annotated[
-        bool, typer.Option("--twin", help="Also simulate nights before and after, as hil twin.")
-    ] = False,
+    out: Annotated[Path | None, Option(help="The folder for the result.")],
+    alpha: Annotated[float, Option(help="How often the search may find something where nothing is.")] = 0.05,
+    with_twin: Annotated[bool, Option("--twin", help="Also simulate nights before and after, as hil twin.")] = False,
     draws: _Draws = 20,
     seed: _Seed = 1,
 ) -> Answer:
@@ -68,12 +66,12 @@ def reconcile(
 
 
 def fleet(
-    folders: Annotated[list[Path], typer.Argument(metavar="FOLDER...", help="Campaigns, nights, or folders of them.")],
+    folders: Annotated[list[Path], Argument(metavar="FOLDER...", help="Campaigns, nights, or folders of them.")],
     model: _ModelName,
-    workers: Annotated[int, typer.Option(min=1, help="Processes that share the work.")] = 1,
-    cluster: Annotated[str | None, typer.Option(help="A Dask scheduler, such as tcp://host:8786, instead.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Write the page here, .html.")] = None,
-    csv: Annotated[Path | None, typer.Option(help="Write the units here, .csv.")] = None,
+    workers: Annotated[int, Option(min=1, help="Processes that share the work.")] = 1,
+    cluster: Annotated[str | None, Option(help="A Dask scheduler, such as tcp://host:8786, instead.")] = None,
+    out: Annotated[Path | None, Option(help="Write the page here, .html.")] = None,
+    csv: Annotated[Path | None, Option(help="Write the units here, .csv.")] = None,
 ) -> Answer:
     """Screen many units that were measured in the same way: which deserve a full reconcile, what many lack."""
     from hil.files.durable import write_result
@@ -107,7 +105,7 @@ def twin(
     model: _ModelName,
     draws: _Draws = 20,
     seed: _Seed = 1,
-    out: Annotated[Path | None, typer.Option(help="Keeps what was simulated; default: NIGHT-twin, beside it.")] = None,
+    out: Annotated[Path | None, Option(help="Keeps what was simulated; default: NIGHT-twin, beside it.")] = None,
 ) -> Answer:
     """Simulate the same night with a model, many times, through bytes; say whether the measured one can be told."""
     from hil.model import load_model
@@ -138,9 +136,9 @@ def _bar(draws: int) -> Iterator[Callable[[int], None]]:
 
 
 def visibility(
-    source: Annotated[str, typer.Argument(help="A sweep file (or its name), or a campaign folder.")],
-    bench: Annotated[str, typer.Option(help="For a sweep: the bench that would run it.")] = "simulated",
-    model: Annotated[str | None, typer.Option(help="A model file, or the name of a built-in.")] = None,
+    source: Annotated[str, Argument(help="A sweep file (or its name), or a campaign folder.")],
+    bench: Annotated[str, Option(help="For a sweep: the bench that would run it.")] = "simulated",
+    model: Annotated[str | None, Option(help="A model file, or the name of a built-in.")] = None,
 ) -> Answer:
     """Before a night is spent: say which effects these collects can see, and which look alike.
 

@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 from drivers.clock import SystemClock
 from drivers.given_file import check_folder
@@ -35,17 +35,17 @@ _DEMO = "hil demo"  # who carried a night out that another demo may replace
 _OF_A_DEMO = ("journal", "blocks", "configuration", "controller", "heartbeat", "live", "log", "report")
 """What stands in a demo's folder, by the beginning of its name: the night's own files and the page."""
 _LONGEST_SERIALS = 60  # characters of a folder's name
-SweepName = Annotated[str, typer.Argument(help="A sweep file, or the name of one that ships.")]
-BenchName = Annotated[str, typer.Option("--bench", help="A bench file, or the name of one that ships.")]
-Speed = Annotated[float | None, typer.Option("--speed", help="Simulation only: so many times real time, to watch it.")]
+SweepName = Annotated[str, Argument(help="A sweep file, or the name of one that ships.")]
+BenchName = Annotated[str, Option("--bench", help="A bench file, or the name of one that ships.")]
+Speed = Annotated[float | None, Option("--speed", help="Simulation only: so many times real time, to watch it.")]
 WithWatchdog = Annotated[
-    bool, typer.Option(help="A second process that makes a real chamber safe if this one dies.", show_default=True)
+    bool, Option(help="A second process that makes a real chamber safe if this one dies.", show_default=True)
 ]
-Quiet = Annotated[bool, typer.Option("--quiet", help="No progress; only how it ended.")]
-Operator = Annotated[str, typer.Option("--operator", help="Who carries it out, for the record.", show_default="you")]
-Note = Annotated[str, typer.Option("--note", help="A remark, for the record.")]
-Serial = Annotated[str | None, typer.Option("--serial", help="The unit's serial number, typed or scanned.")]
-Despite = Annotated[str, typer.Option("--despite", help="Why to go on although hil check says NOT; recorded.")]
+Quiet = Annotated[bool, Option("--quiet", help="No progress; only how it ended.")]
+Operator = Annotated[str, Option("--operator", help="Who carries it out, for the record.", show_default="you")]
+Note = Annotated[str, Option("--note", help="A remark, for the record.")]
+Serial = Annotated[str | None, Option("--serial", help="The unit's serial number, typed or scanned.")]
+Despite = Annotated[str, Option("--despite", help="Why to go on although hil check says NOT; recorded.")]
 
 
 def plan(sweep: SweepName, bench: BenchName) -> Answer:
@@ -72,7 +72,7 @@ def run(
     bench: BenchName,
     out: Annotated[
         str,
-        typer.Option(
+        Option(
             help="The night's folder; must not exist yet. {date} stands for today's (UTC), {serial} for the unit's, "
             "which is asked where nobody gave it."
         ),
@@ -81,7 +81,7 @@ def run(
     operator: Operator = "",
     note: Note = "",
     despite: Despite = "",
-    yes: Annotated[bool, typer.Option("--yes", help="Do not ask before hardware moves.")] = False,
+    yes: Annotated[bool, Option("--yes", help="Do not ask before hardware moves.")] = False,
     quiet: Quiet = False,
     speed: Speed = None,
     watchdog: WithWatchdog = True,
@@ -207,7 +207,7 @@ def _passed_on(error: Exception) -> None:
 def status(
     folder: Folder,
     as_json: JsonFlag = False,
-    watch: Annotated[bool, typer.Option("--watch", help="Keep looking, until the night ends or Ctrl-C.")] = False,
+    watch: Annotated[bool, Option("--watch", help="Keep looking, until the night ends or Ctrl-C.")] = False,
     strict: Strict = False,
 ) -> int:
     """Say what a night is doing, or what became of it; also while it runs, from another shell."""
@@ -228,7 +228,7 @@ def status(
 
 def verify(
     folder: Folder,
-    key: Annotated[Path | None, typer.Option(help="The file of the bench's key, where it is elsewhere now.")] = None,
+    key: Annotated[Path | None, Option(help="The file of the bench's key, where it is elsewhere now.")] = None,
 ) -> Answer:
     """Check a night's records: every step, every block, every hash."""
     from hil.records.status import in_brief
@@ -242,7 +242,7 @@ def verify(
     return Answer(document, said, status=Exit.DONE if whole else Exit.INCOMPLETE)
 
 
-def repair(folder: Folder, out: Annotated[Path, typer.Option(help="The new folder to make.")]) -> Answer:
+def repair(folder: Folder, out: Annotated[Path, Option(help="The new folder to make.")]) -> Answer:
     """Bring what is proven of a damaged night into a new folder, and say what is lost. The old one is not touched."""
     from hil.night.repair import repair_night
     from hil.records.requests import who_asks
@@ -252,7 +252,7 @@ def repair(folder: Folder, out: Annotated[Path, typer.Option(help="The new folde
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help="The night's folder; an earlier demo there is replaced.")] = Path("demo"),
+    out: Annotated[Path, Option(help="The night's folder; an earlier demo there is replaced.")] = Path("demo"),
     quiet: Quiet = False,
 ) -> int:
     """Carry out the published sweep of RD-GC-86-1 on the simulated bench, to a report."""

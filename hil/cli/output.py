@@ -7,18 +7,18 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
 from rich.console import Console
 from rich.measure import Measurement
 from rich.table import Table
+from typer import Argument, Option
 
 from hil.errors import InputError
 from procedures.words import harmless
 
 _ANY_WIDTH = 10_000
 
-JsonFlag = Annotated[bool, typer.Option("--json", help="One JSON document on standard output, nothing else there.")]
-Folder = Annotated[Path, typer.Argument(help="A night's folder.")]
+JsonFlag = Annotated[bool, Option("--json", help="One JSON document on standard output, nothing else there.")]
+Folder = Annotated[Path, Argument(help="A night's folder.")]
 
 
 class Aside(str):

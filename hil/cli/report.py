@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Option
 
 from hil.cli.data import Source, read_source
 from hil.cli.exit_status import Exit, Limits, Strict, of_unit
@@ -22,19 +22,18 @@ if TYPE_CHECKING:
 
 def report(
     source: Source,
-    out: Annotated[Path | None, typer.Option(help="Where to write it; default: report.html in the folder.")] = None,
+    out: Annotated[Path | None, Option(help="Where to write it; default: report.html in the folder.")] = None,
     against: Annotated[
-        Path | None,
-        typer.Option(help="An earlier night or campaign of the same unit: what changed, flagged beyond 3 sigma."),
+        Path | None, Option(help="An earlier night or campaign of the same unit: what changed, flagged beyond 3 sigma.")
     ] = None,
     limits: Limits = None,
     strict: Strict = False,
     whole: Annotated[
-        bool, typer.Option("--whole", help="Nothing folded, and all of it printed; by default the evidence is.")
+        bool, Option("--whole", help="Nothing folded, and all of it printed; by default the evidence is.")
     ] = False,
-    pdf: Annotated[bool, typer.Option("--pdf", help="Beside it as PDF too; the browser here prints it.")] = False,
-    csv: Annotated[bool, typer.Option("--csv", help="Beside it its tables, for a spreadsheet.")] = False,
-    parquet: Annotated[bool, typer.Option("--parquet", help="Beside it its tables, for a program.")] = False,
+    pdf: Annotated[bool, Option("--pdf", help="Beside it as PDF too; the browser here prints it.")] = False,
+    csv: Annotated[bool, Option("--csv", help="Beside it its tables, for a spreadsheet.")] = False,
+    parquet: Annotated[bool, Option("--parquet", help="Beside it its tables, for a program.")] = False,
 ) -> int:
     """Write the report: one self-contained HTML file that any browser shows and prints."""
     from hil.files.page import page_file

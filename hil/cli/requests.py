@@ -4,7 +4,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from drivers.given_file import check_folder
 from hil.cli.answer import Answer
@@ -13,8 +13,8 @@ from hil.cli.output import Folder, messages, results
 from hil.errors import InputError
 from procedures.requests import RequestKind
 
-Why = Annotated[str, typer.Option("--why", help="The reason, for the record.")]
-Wait = Annotated[float, typer.Option("--wait", help="Seconds to wait for the controller's answer.", min=0.0)]
+Why = Annotated[str, Option("--why", help="The reason, for the record.")]
+Wait = Annotated[float, Option("--wait", help="Seconds to wait for the controller's answer.", min=0.0)]
 _WAIT_S = 20.0
 
 
@@ -35,8 +35,8 @@ def abort(folder: Folder, why: Why, wait: Wait = _WAIT_S) -> Answer:
 
 def confirm(
     folder: Folder,
-    no: Annotated[bool, typer.Option("--no", help="Refuse instead.")] = False,
-    text: Annotated[str, typer.Option(help="The answer, where words are asked for.")] = "",
+    no: Annotated[bool, Option("--no", help="Refuse instead.")] = False,
+    text: Annotated[str, Option(help="The answer, where words are asked for.")] = "",
     why: Why = "",
     wait: Wait = _WAIT_S,
 ) -> Answer:
@@ -71,15 +71,14 @@ def _ask(
 
 def dashboard(
     folder: Annotated[
-        Path,
-        typer.Argument(metavar="DIR_OR_FOLDER", help="A night's folder, or a folder of such folders: all are shown."),
+        Path, Argument(metavar="DIR_OR_FOLDER", help="A night's folder, or a folder of such folders: all are shown.")
     ],
     host: Annotated[
-        str, typer.Option(help="Where to listen. Beyond this machine, reading takes the token too.")
+        str, Option(help="Where to listen. Beyond this machine, reading takes the token too.")
     ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(min=0, max=65535, help="0 takes a free one.")] = 8765,
-    token_file: Annotated[Path | None, typer.Option(help="Keeps the token from one start to the next.")] = None,
-    archive: Annotated[Path | None, typer.Option(envvar="HIL_ARCHIVE", help="Show its units, too.")] = None,
+    port: Annotated[int, Option(min=0, max=65535, help="0 takes a free one.")] = 8765,
+    token_file: Annotated[Path | None, Option(help="Keeps the token from one start to the next.")] = None,
+    archive: Annotated[Path | None, Option(envvar="HIL_ARCHIVE", help="Show its units, too.")] = None,
 ) -> None:
     """Show running and finished nights on a live page in the browser, until Ctrl-C. Nights go on without it."""
     from hil.dashboard.access import Access, is_loopback, new_token, token_from, url
@@ -105,8 +104,8 @@ def dashboard(
 
 
 def notify(
-    bench: Annotated[str, typer.Argument(help="A bench file, or the name of one that ships.")],
-    text: Annotated[str, typer.Option(help="What to say.")] = "a trial message; nothing has happened",
+    bench: Annotated[str, Argument(help="A bench file, or the name of one that ships.")],
+    text: Annotated[str, Option(help="What to say.")] = "a trial message; nothing has happened",
 ) -> int:
     """Send a trial message to everybody whom the nights of a bench would tell; say who could not be reached."""
     from hil.config import load_bench

@@ -11,7 +11,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 from hil.cli.ask import ask_words
 from hil.cli.output import messages, results
@@ -31,13 +31,13 @@ _FACES = {
 
 
 def init(
-    out: Annotated[Path, typer.Argument(help="The bench file to write; must not exist yet.")] = Path("my-bench.yaml"),
-    chamber: Annotated[str, typer.Option(help="Its controller, such as espec.")] = "",
-    chamber_port: Annotated[str, typer.Option(help="/dev/ttyUSB1, COM3, socket://host:port.")] = "",
-    limits: Annotated[str, typer.Option(help="What it may be set to: '-40 to 85 degC'.")] = "",
-    unit: Annotated[str, typer.Option(help="The unit's frame description, such as stim300.")] = "",
-    unit_port: Annotated[str, typer.Option(help="As --chamber-port.")] = "",
-    latitude: Annotated[str, typer.Option(help="Of the bench: '59.9 deg'.")] = "",
+    out: Annotated[Path, Argument(help="The bench file to write; must not exist yet.")] = Path("my-bench.yaml"),
+    chamber: Annotated[str, Option(help="Its controller, such as espec.")] = "",
+    chamber_port: Annotated[str, Option(help="/dev/ttyUSB1, COM3, socket://host:port.")] = "",
+    limits: Annotated[str, Option(help="What it may be set to: '-40 to 85 degC'.")] = "",
+    unit: Annotated[str, Option(help="The unit's frame description, such as stim300.")] = "",
+    unit_port: Annotated[str, Option(help="As --chamber-port.")] = "",
+    latitude: Annotated[str, Option(help="Of the bench: '59.9 deg'.")] = "",
 ) -> None:
     """Write a first bench file from six answers; what is not given is asked. Look it over, then hil check it."""
     from drivers.chambers import CHAMBER_DRIVERS
@@ -78,9 +78,9 @@ def _ask(question: str, option: str) -> str:
 
 
 def docs(
-    topic: Annotated[str, typer.Argument(help="A page's name, such as wire-a-chamber; index lists them.")] = "index",
-    site: Annotated[Path | None, typer.Option(help="Write all pages as HTML below this folder.")] = None,
-    show: Annotated[bool, typer.Option("--open", help="Show it in the browser.")] = False,
+    topic: Annotated[str, Argument(help="A page's name, such as wire-a-chamber; index lists them.")] = "index",
+    site: Annotated[Path | None, Option(help="Write all pages as HTML below this folder.")] = None,
+    show: Annotated[bool, Option("--open", help="Show it in the browser.")] = False,
 ) -> None:
     """Print a page of the documentation that came with the program; no network is needed."""
     from rich.markdown import Markdown

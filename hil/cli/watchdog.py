@@ -10,7 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Option
 
 from drivers.clock import Clock, SystemClock
 from hil.cli.exit_status import Exit
@@ -31,12 +31,10 @@ _ANEW_S = 5.0  # between two starts: one that cannot start costs little
 
 def watchdog(
     folder: Folder,
-    bench: Annotated[
-        str | None, typer.Option(help="Another way to the chamber than the night's own bench file.")
-    ] = None,
-    timeout: Annotated[float, typer.Option(help="Seconds of silence that are borne.", min=2.0)] = 60.0,
-    kill: Annotated[bool, typer.Option(help="Kill a controller that lives and is silent.")] = True,
-    nights: Annotated[bool, typer.Option("--nights", help="DIR holds nights: wait for one to begin there.")] = False,
+    bench: Annotated[str | None, Option(help="Another way to the chamber than the night's own bench file.")] = None,
+    timeout: Annotated[float, Option(help="Seconds of silence that are borne.", min=2.0)] = 60.0,
+    kill: Annotated[bool, Option(help="Kill a controller that lives and is silent.")] = True,
+    nights: Annotated[bool, Option("--nights", help="DIR holds nights: wait for one to begin there.")] = False,
 ) -> int:
     """Watch a night from another process; bring its chamber to the safe state when its controller dies or hangs.
 

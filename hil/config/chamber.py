@@ -18,10 +18,6 @@ from procedures.words import listed
 _USUAL_DEAD_MAN_S = 3 * 3600.0
 
 
-def _off_is_a_word(value: object) -> object:
-    return "off" if value is False else value  # YAML 1.1 reads an unquoted off as false
-
-
 _PARITIES: Mapping[str, Literal["N", "E", "O"]] = {"none": "N", "even": "E", "odd": "O"}
 
 
@@ -60,7 +56,8 @@ class LimitsSection(Section):
 class SafeStateSection(Section):
     """How the chamber may be left alone: it holds a temperature, or stands by, or is switched off."""
 
-    action: Annotated[Literal["hold", "standby", "off"], BeforeValidator(_off_is_a_word)]
+    # YAML 1.1 reads an unquoted off as false.
+    action: Annotated[Literal["hold", "standby", "off"], BeforeValidator(lambda it: "off" if it is False else it)]
     temperature: Celsius | None = None
 
 

@@ -11,6 +11,7 @@ without a driver of its own, which the bench file only names.
 import tempfile
 from collections.abc import Iterator, Mapping
 from functools import lru_cache, reduce
+from operator import getitem
 from pathlib import Path
 from typing import Any
 
@@ -82,16 +83,12 @@ def configuration_text(bench: Bench, sweep: Sweep, seed: int | None = None) -> s
     return yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120)
 
 
-def _getitem(within: Any, key: str | int) -> Any:
-    return within[key]
-
-
 def configuration_of(text: str, folder: Path) -> tuple[Bench, Sweep]:
     """Return bench and sweep from a journal's text; the files that they name are written into `folder`.
 
     Raises `InputError` where the text is not a configuration that this version understands.
     """
-    document = parse_yaml(text, "the night's configuration")
+    document: Any = parse_yaml(text, "the night's configuration")
     if document.get("schema") != SCHEMA:
         raise InputError(f"the night's configuration is {document.get('schema')!r}; this program reads {SCHEMA}")
     bench: dict[str, Any] = document["bench"]
@@ -100,7 +97,7 @@ def configuration_of(text: str, folder: Path) -> tuple[Bench, Sweep]:
     for name, (*sections, key) in _files(document).items():
         if name in document:
             write_durably(RealDisk(), folder / f"{name}.yaml", document[name].encode())
-            reduce(_getitem, sections, document)[str(key)] = str(folder / f"{name}.yaml")
+            reduce(getitem, sections, document)[str(key)] = str(folder / f"{name}.yaml")
     return (
         parse_bench(yaml.safe_dump(bench, sort_keys=False, allow_unicode=True), document["bench_file"]),
         parse_sweep(yaml.safe_dump(document["sweep"], sort_keys=False, allow_unicode=True), document["sweep_file"]),

@@ -1,7 +1,9 @@
 """Documents that commands print: keys that are attributes of an object."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from pathlib import Path
 from typing import Any
 
 
@@ -18,10 +20,20 @@ def picked(of: object, *names: str, **more: Any) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """Return a value as JSON has it: numbers, text, lists and mappings; null for a number that is not finite."""
+    """Return a value as JSON has it: numbers, text, lists and mappings; null for a number that is not finite.
+
+    What JSON has not is its text: evidence is written when something has gone wrong, and better so than not at all.
+    """
+    if value is None or isinstance(value, str | int):
+        return value
+    if hasattr(value, "tolist"):
+        return plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
     if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    value = value.tolist() if hasattr(value, "tolist") else value
-    if isinstance(value, list | tuple):
+        return {str(plain(key)): plain(item) for key, item in value.items()}
+    if isinstance(value, Sequence | set | frozenset):
         return [plain(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    if isinstance(value, datetime):
+        return value.isoformat()
+    return str(value) if isinstance(value, Path | BaseException) else repr(value)

@@ -102,9 +102,12 @@ def _convert(number: float, unit_text: str, kind: Kind) -> float:
     from pint import PintError
 
     known = _registry()
+    # A bench engineer's spelling in pint's: sqrt(hr), and g for gravity where it cannot be a gram.
+    spelt = _SQUARE_ROOT.sub(r"\1**0.5", unit_text)
+    spelt = _GRAVITY.sub(r"\1gee", spelt) if "standard_gravity" in kind.unit else spelt
     wrong = f"'{number:g} {unit_text}' is not {kind.name}; write it like {kind.example}"
     try:
-        unit = str(known.parse_units(_spell_out(unit_text, kind)))
+        unit = str(known.parse_units(spelt))
     except Exception as error:  # pint raises whatever its tokeniser meets: all of it means "not a unit"
         raise ValueError(f"{wrong} ({unit_text!r} is not a unit that is known here)") from error
     try:
@@ -112,12 +115,6 @@ def _convert(number: float, unit_text: str, kind: Kind) -> float:
     except PintError as error:
         raise ValueError(wrong) from error
     return float(converted.magnitude)
-
-
-def _spell_out(unit_text: str, kind: Kind) -> str:
-    """Turn a bench engineer's spelling into pint's: `sqrt(hr)`, and `g` for gravity where it cannot be a gram."""
-    text = _SQUARE_ROOT.sub(r"\1**0.5", unit_text)
-    return _GRAVITY.sub(r"\1gee", text) if "standard_gravity" in kind.unit else text
 
 
 def _of(kind: Kind) -> BeforeValidator:

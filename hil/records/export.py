@@ -109,8 +109,9 @@ def export_campaign(folder: Path | str, out: Path | str, form: Format | None = N
     with nullcontext(target) if units == [named] else whole_or_nothing(target) as into:
         for unit in units:
             mark = f"unit {unit}: " if unit != named else ""
+            own = into if unit == named else into / (unit if form is None else f"{unit}{target.suffix}")
             try:
-                written = _export_unit(unit_folder(night, unit), _of_unit(into, unit, named, form), form)
+                written = _export_unit(unit_folder(night, unit), own, form)
             except InputError as error:
                 if isinstance(error, Damaged) or unit == named:
                     raise
@@ -120,13 +121,6 @@ def export_campaign(folder: Path | str, out: Path | str, form: Format | None = N
         if not rows:
             raise InputError(notes[0])
     return Export(target, rows, tuple(notes))
-
-
-def _of_unit(target: Path, unit: str, named: str, form: Format | None) -> Path:
-    """Return where a unit's campaign is written: within the target, unless the unit was named, or there is but one."""
-    if unit == named:
-        return target
-    return target / unit if form is None else target / f"{unit}{target.suffix}"
 
 
 def _export_unit(folder: Path, target: Path, form: Format | None) -> Export:

@@ -132,16 +132,9 @@ class JournalReader:
 
     def completed(self) -> Mapping[str, StepResult]:
         """Return the results of the steps that are DONE, by step key (without samples), in the order of the plan."""
-        rows = self._connection.execute(
-            "SELECT step_key, reason, data FROM attempts JOIN steps ON key = step_key "
-            "WHERE outcome = 'DONE' AND withdrawn IS NULL ORDER BY number"
-        )
-        own = self._own_steps
-        return {
-            key: StepResult(Outcome.DONE, reason, of_unit(json.loads(data), self.unit))
-            for key, reason, data in rows
-            if key in own
-        }
+        found = self.done_attempts()
+        done = ((step.key, found[step.key]) for step in self.plan.steps if step.key in found)
+        return {key: StepResult(Outcome.DONE, each.reason, each.data) for key, each in done}
 
     @cached_property
     def _own_steps(self) -> frozenset[str]:

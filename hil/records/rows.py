@@ -2,16 +2,12 @@
 
 import hashlib
 import json
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from enum import Enum
-from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from hil.files.document import plain
 from hil.records.blocks import Block
 from procedures.journal_protocol import Outcome
 from procedures.plan import Plan, Step, StepKind
@@ -116,26 +112,7 @@ class Controller:
 
 def to_json(value: object) -> str:
     """Return `value` as JSON text in one canonical form. What is not finite becomes null: JSON has no NaN."""
-    return json.dumps(_plain(value), ensure_ascii=False, sort_keys=True, separators=(",", ":"), allow_nan=False)
-
-
-def _plain(value: object) -> object:
-    if isinstance(value, Enum):
-        return _plain(value.value)
-    if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if value is None or isinstance(value, str | bool | int):
-        return value
-    if isinstance(value, Mapping):
-        return {str(_plain(key)): _plain(item) for key, item in value.items()}
-    if isinstance(value, Sequence | set | frozenset):
-        return [_plain(item) for item in value]
-    if isinstance(value, datetime):
-        return value.isoformat()
-    # Evidence is written when something has gone wrong: better its text than no record of it.
-    return str(value) if isinstance(value, Path | BaseException) else repr(value)
+    return json.dumps(plain(value), ensure_ascii=False, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
 
 def digest_of(value: object) -> str:

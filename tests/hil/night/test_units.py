@@ -225,6 +225,12 @@ def test_each_unit_has_its_campaign(finished: Path, tmp_path: Path) -> None:
     assert not np.allclose(rates[0], rates[1], atol=0.1)  # each has its own noise
 
 
+def test_each_unit_has_its_file_of_another_format(finished: Path, tmp_path: Path) -> None:
+    """It is named by serial number and ends as what was asked for."""
+    export_campaign(finished, tmp_path / "out.mat", "mat")
+    assert sorted(path.name for path in (tmp_path / "out.mat").iterdir()) == [f"{unit}.mat" for unit in UNITS]
+
+
 @pytest.mark.slow
 def test_a_list_of_one_is_the_bench_of_one(tmp_path: Path) -> None:
     """To the digit: the mechanism is the same, only names are written."""
