@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hil.campaign.data import EARTH_RATE_DEG_PER_HR, BoolArray, Collects, Conditions, FloatArray, Series
+from hil.campaign.data import EARTH_RATE_DEG_PER_HR, BoolArray, Collects, Conditions, FloatArray, IntArray, Series
 
 _EARTH_RATE_TOLERANCE = 0.1  # deg/hr: of the vertical component; digits, and a bench that is not level, make less
 FIXTURE_G = 0.1  # six degrees: far more than an index or a hand is off
@@ -237,11 +237,7 @@ def _from_one_to_the_next(c: Conditions, column: Callable[[str], FloatArray]) ->
     until[here] = c.start_s[before] + _UNTIL * c.duration_s[before]
     yield Law("start_s", c.start_s, until, np.inf, "the collect before it, which had not ended")
     for since in ("time_since_power_on_s", "time_since_setpoint_s", "time_since_index_s"):
-        gone_s = column(since)
-        at, as_before = c.start_s - gone_s, np.full(len(c), False)  # the same instant, or what it is by intention
-        as_before[here] = (np.abs(at[here] - at[before]) <= _ROUNDED_S) | (gone_s[here] == gone_s[before])
-        most = np.where(as_before, np.inf, c.start_s - until + _ROUNDED_S)
-        yield Law(since, gone_s, -_ROUNDED_S, most, "the collect before it")
+        yield from _instants(since, c, column(since), c.start_s + _UNTIL * c.duration_s)
     in_order = c.run[order]
     runs, parts = np.unique(in_order[np.flatnonzero(np.diff(in_order, prepend=np.nan))], return_counts=True)
     parts_of_its_run = parts[np.searchsorted(runs, c.run)].astype(np.float64)
@@ -256,6 +252,39 @@ def _from_one_to_the_next(c: Conditions, column: Callable[[str], FloatArray]) ->
     allowed = _STEP_DEGC + 0.5 * np.abs(by_slope)
     low[here], high[here] = np.where(near, shown[before] + by_slope + np.array([[-1.0], [1.0]]) * allowed, np.nan)
     yield Law("temperature_degC", shown, low, high, "dTdt_degC_per_min and the collect before it")
+
+
+def _instants(since: str, c: Conditions, gone_s: FloatArray, ends_s: FloatArray) -> Iterator[Law]:
+    """The instant since which a time in each collect counts: that of the collect before it, or one after that collect.
+
+    Of two that contradict each other that one is wrong without which more of all go on; where none is, either may be.
+    """
+    at_s, order = c.start_s - gone_s, np.argsort(c.start_s, kind="stable")
+
+    def goes_on(before: IntArray, here: IntArray) -> BoolArray:
+        alike = (np.abs(at_s[here] - at_s[before]) <= _ROUNDED_S) | (gone_s[here] == gone_s[before])
+        return np.asarray(alike | ~(at_s[here] < ends_s[before] - _ROUNDED_S))  # alike: or what it is by intention
+
+    def most_in_order(rows: IntArray, fits: Callable[[IntArray, IntArray], BoolArray]) -> IntArray:
+        most = np.ones(len(rows), np.int64)
+        for k in range(1, len(rows)):
+            most[k] += np.max(most[:k], where=fits(rows[:k], rows[k]), initial=0)
+        return most
+
+    broken = np.flatnonzero(~goes_on(order[:-1], order[1:]))
+    before, here = order[broken], order[broken + 1]
+    doubted = np.full(len(c), False)
+    if len(broken):
+        until = most_in_order(order, goes_on)
+        through = until + most_in_order(order[::-1], lambda after, row: goes_on(row, after))[::-1]
+        among = through == through.max()
+        doubted[order] = ~among | (np.bincount(until[among], minlength=len(c) + 1)[until] > 1)
+    low, high, most = (np.full(len(c), each) for each in (np.nan, np.nan, np.inf))
+    most[here] = np.where(doubted[here], c.start_s[here] - ends_s[before] + _ROUNDED_S, np.inf)
+    belongs_s = np.where(doubted[before], c.start_s[before] - at_s[here], np.nan)
+    low[before], high[before] = belongs_s - _ROUNDED_S, belongs_s + _ROUNDED_S
+    yield Law(since, gone_s, -_ROUNDED_S, most, "the collect before it")
+    yield Law(since, gone_s, low, high, "the collect after it")
 
 
 def _from_run_to_run(collects: Collects) -> Iterator[Law]:

@@ -109,7 +109,11 @@ def test_what_agrees_is_left_alone() -> None:
         ("n_samples", lambda _: 700.0, "n_samples per second is 11.667, where 16 to 25 belongs"),
         ("supply_V", lambda _: 5.0, "by what is usual in its run"),
         ("spin_period_us", lambda _: 9000.0, "by what is usual in its run"),
-        ("time_since_power_on_s", lambda _: 5.0, "time_since_power_on_s is 6840, where -90 to 195 belongs"),
+        (
+            "time_since_power_on_s",
+            lambda _: 5.0,
+            "time_since_power_on_s is 5, where 6630 to 6810 belongs by the collect",
+        ),
         ("time_since_setpoint_s", lambda v: v + 4000.0, "by the collect before it"),
         ("time_since_index_s", lambda _: 4000.0, "time_since_index_s is 4000, where"),
     ],
@@ -124,6 +128,23 @@ def test_a_record_that_the_others_contradict_fails_its_run(
     assert not failed  # sensor 1 is not accused of what is wrong with its neighbour
     assert words in " ".join(judged.warnings)
     assert all("sensor 2: " in each or "by the thermometer of sensor 2" in each for each in judged.warnings)
+
+
+@pytest.mark.parametrize("row", range(1, 8))
+@pytest.mark.parametrize("off_s", [-2000.0, 2000.0])
+def test_of_times_that_contradict_each_other_the_one_is_wrong_that_alone_does(row: int, off_s: float) -> None:
+    """Not the next one, which agrees with all others; of two alone nobody can tell which it is."""
+    judged = judged_by_its_records(campaign(**with_one("time_since_power_on_s", row, lambda v: v + off_s)))
+    assert list(judged.contradicted) == [(int(RUN[row]), 2)]
+    assert f"collect {2 * row + 2}: " in judged.contradicted[int(RUN[row]), 2].reason
+    two = campaign(**with_one("time_since_power_on_s", 3, lambda v: v - 2000.0)).sensors[2].rows(np.array([3, 6]))
+    assert sorted(judged_by_its_records(replace(campaign(), sensors={2: two})).contradicted) == [(2, 2), (3, 2)]
+
+
+def test_a_whole_run_whose_times_contradict_the_others_fails_and_no_other() -> None:
+    """A soak that is written too short in each of its collects; one that was commanded anew is none."""
+    values = shown("time_since_power_on_s") - np.where(RUN == 2, 2000.0, 0.0)
+    assert list(judged_by_its_records(campaign(time_since_power_on_s=values)).contradicted) == [(2, 2)]
 
 
 HERE = np.tile([[-2.0, 10.0, -6.0], [-2.0, 10.0, 6.0], [6.0, 10.0, -2.0]], (3, 1))
