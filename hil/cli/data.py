@@ -47,7 +47,7 @@ def solve(
     from hil.solve import repeats, solve_campaign
     from hil.solve.both_sensors import common_and_differential
     from hil.solve.document import solution_document
-    from hil.solve.runs import reasons
+    from hil.solve.reasons import reasons
 
     campaign = read_source(source)
     if model is None or model in MODEL_NAMES:

@@ -12,8 +12,9 @@ from hil.files.document import picked, plain
 from hil.files.numbers import number
 from hil.model import Model
 from hil.solve.both_sensors import BothSensors
+from hil.solve.reasons import not_passed, reasons
 from hil.solve.repeats import repeats
-from hil.solve.runs import not_passed, reasons, solve_campaign
+from hil.solve.runs import solve_campaign
 from procedures.words import listed, numbered, unit_in_words
 
 LEFT_OUT = "runs_left_out"

@@ -12,7 +12,6 @@ runs say of its collects, and of whether the standard errors are small enough to
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 
@@ -41,8 +40,7 @@ A thousandth of 1 g is a milliradian: less than that, and the error of the attit
 """
 
 LEAST_SQUARES = "weighted least squares"
-_EXCESS = "the residuals are {} times what the standard errors allow"
-_EXCEEDS = re.compile(_EXCESS.format("([0-9.e+]+)"))
+EXCESS = "the residuals are {} times what the standard errors allow"
 
 
 @dataclass(frozen=True)
@@ -214,53 +212,6 @@ def _judged(solution: RunSolution, rows: Collects, beside: _Beside) -> RunSoluti
     return replace(solution, verdict=judged.verdict, reason=judged.reason)
 
 
-def not_passed(solutions: Sequence[RunSolution]) -> dict[Verdict, list[int]]:
-    """Return the runs to which somebody has to see, by verdict, the worst first."""
-    found: dict[Verdict, set[int]] = {}
-    for each in solutions:
-        if each.verdict is not Verdict.PASS:
-            found.setdefault(each.verdict, set()).update(each.runs)
-    return {verdict: sorted(found[verdict]) for verdict in reversed(Verdict) if verdict in found}
-
-
-def runs_in_words(by_verdict: Mapping[str, Sequence[int]]) -> str:
-    """Say which runs have which verdict, "run 5 (FAIL), runs 7–9 (MARGINAL)"; nothing of none."""
-    return ", ".join(f"{numbered('run', runs)} ({verdict})" for verdict, runs in by_verdict.items() if runs)
-
-
-def reasons(solutions: Sequence[RunSolution]) -> Iterator[tuple[Verdict, str, str]]:
-    """Yield each reason once, the worst first: verdict, the sensors and runs that it holds for, and its sentences.
-
-    Of several runs whose residuals exceed what is allowed it is said from how much to how much.
-    """
-    said: dict[tuple[Verdict, str], dict[int, list[int]]] = {}
-    excess: dict[Verdict, dict[str, float]] = {}
-    for each in solutions:
-        for sentence in dict.fromkeys(each.reason.split("; ")):
-            times = _EXCEEDS.match(sentence)
-            if times is not None:
-                excess.setdefault(each.verdict, {})[sentence] = float(times[1])
-            of = said.setdefault((each.verdict, sentence if times is None else _EXCESS), {})
-            of.setdefault(each.sensor, []).extend(each.runs)
-    for verdict, sentences in excess.items():
-        said[verdict, _of_all(sentences)] = said.pop((verdict, _EXCESS))
-    together: dict[tuple[Verdict, str], list[str]] = {}
-    for (verdict, sentence), of in said.items():
-        where = "; ".join(f"sensor {number}, {numbered('run', runs)}" for number, runs in of.items())
-        together.setdefault((verdict, where), []).append(
-            sentence.removeprefix(f"{numbered('run', next(iter(of.values())))} ")
-        )
-    for (verdict, where), several in sorted(together.items(), key=lambda each: -Judgement(each[0][0], "").severity):
-        yield verdict, where, "; ".join(several)
-
-
-def _of_all(excess: Mapping[str, float]) -> str:
-    """Say of runs by how many times their residuals exceed what is allowed; the sentence of one as it is."""
-    first, *more = excess
-    meaning = "".join(first.partition(": ")[1:])
-    return _EXCESS.format(f"{min(excess.values()):g} to {max(excess.values()):g}") + meaning if more else first
-
-
 def _described(sensor: int, solved: _Solved, among: int) -> RunSolution:
     form, collects, solution = solved.form, solved.collects, solved.solution
     conditions, noise_stated = collects.conditions, solved.sigma is not None
@@ -361,7 +312,7 @@ def judge(
         chance = "; of so many runs one is so by chance" if probability < PASS_PROBABILITY else ""
         return Judgement(Verdict.PASS, f"the residuals agree with the stated standard errors ({found}{chance})")
     factor = np.sqrt(chi_square / degrees)
-    excess = f"{_EXCESS.format(significant(factor))}{where} ({found})"
+    excess = f"{EXCESS.format(significant(factor))}{where} ({found})"
     if probability >= FAIL_PROBABILITY / among:
         return Judgement(Verdict.MARGINAL, excess)
     return Judgement(
