@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -10,6 +10,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from hil.campaign import Conditions, FloatArray, IntArray
+from hil.model.effects.prior import COMMON
 from hil.solve.whitened import Whitened
 
 DOUBTED = 0.5
@@ -63,6 +64,8 @@ class Cause:
         return (self.what, self.run, self.rows, None if self.what == "bias" else self.channel)
 
 
+Labels = Callable[[int], Mapping[tuple[int, ...], float]]
+"""How much likelier another sensor makes it, in logs, that two places in a run are exchanged."""
 _Way = tuple[tuple[Cause, ...], float, float]
 """Causes, their log odds before the data, and the squares that they leave."""
 
@@ -70,11 +73,18 @@ _Way = tuple[tuple[Cause, ...], float, float]
 class Asked:
     """What may be wrong with whitened rates, each with its log odds before the data and the squares that it leaves.
 
-    `beside` (n, c) are what another sensor shows in the same collects; runs in `own_bias` may have one of their own.
+    `beside` (n, c) are what another sensor shows in the same collects, and `labels` what it says of theirs, by run;
+    runs in `own_bias` may have a bias of their own.
     """
 
-    def __init__(self, rates: Whitened, own_bias: Collection[int] = (), beside: FloatArray | None = None) -> None:
-        self.rates, self._own_bias, self._beside = rates, own_bias, beside
+    def __init__(
+        self,
+        rates: Whitened,
+        own_bias: Collection[int] = (),
+        beside: FloatArray | None = None,
+        labels: Labels = lambda run: {},  # noqa: ARG005 - nobody says anything
+    ) -> None:
+        self.rates, self._own_bias, self._beside, self._labels = rates, own_bias, beside, labels
 
     @property
     def times(self) -> float:
@@ -115,7 +125,8 @@ class Asked:
                 first.setdefault(each.cause.run, (each, each.moved))
         for one, moved in [*first.values()][:_FIRST]:
             known = one.cause
-            for other in Asked(self.rates.moved(known.run, moved, one.left), self._own_bias, self._beside)._tried():
+            rates = self.rates.moved(known.run, moved, one.left)
+            for other in Asked(rates, self._own_bias, self._beside, self._labels)._tried():
                 unlike = (other.cause.what, other.cause.channel) != (known.what, known.channel)
                 if unlike and other.cause.run != known.run:
                     yield (known, other.cause), one.log_odds + other.log_odds, other.left
@@ -151,6 +162,14 @@ class Asked:
         left = 0.5 * np.maximum(squares, 0.0)[:, None] / _TIMES**2
         return np.asarray(logsumexp(np.log(prior) - self.rates.freedom * size - left, axis=1))
 
+    def labels(self, run: int) -> dict[tuple[int, ...], float]:
+        """Return how much likelier, in logs, these rates are with each two places in a run exchanged."""
+        conditions = self.rates.collects.conditions
+        own = _Run(self.rates, run, conditions.of_each_run[run])
+        tried = [*own.exchanged(_pairs(conditions, conditions.of_each_run[run]))]
+        likelier = self._evidence(np.array([each.left for each in tried])) - self.as_filed
+        return {own.places(each.cause): float(logs) for each, logs in zip(tried, likelier, strict=True)}
+
     def seen_from(self) -> FloatArray:
         """Return how far off each rate must be to be doubted, deg/hr, (n, c); infinite where nothing tells."""
         rates, size = self.rates, np.geomspace(1.0, 1e6, 300)
@@ -179,7 +198,11 @@ class Asked:
             if most < np.log(len(runs)) - _HARDLY_ANY:
                 continue
             tried = [*each.rows_off()]
-            tried += each.exchanged(pairs[run])
+            elsewhere, alone = self._labels(run), log_odds["exchanged"]
+            tried += (
+                replace(one, log_odds=_in_common(alone, elsewhere.get(each.places(one.cause))))
+                for one in each.exchanged(pairs[run])
+            )
             for c in np.flatnonzero(each.known.sum(axis=0) > 1).tolist():
                 own = np.arange(channels) == c
                 turned = np.where(own, -each.measured, each.measured)
@@ -219,6 +242,10 @@ class _Run:
         self.measured = np.where(self.known, rates.collects.rates_deg_per_hr[rows], np.nan)
         self._run, self._squares = run, rates.squares
         self._free, self._apart = rates.of(run)
+
+    def places(self, cause: Cause) -> tuple[int, ...]:
+        """Return at which places in the run a cause's rows stand."""
+        return tuple(self.rows.index(row) for row in cause.rows)
 
     @property
     def most(self) -> float:
@@ -276,6 +303,18 @@ class _Run:
         if np.isfinite(moved).all():
             left = self._squares + float(2.0 * moved @ self._apart + moved @ self._free @ moved)
             yield _Tried(cause, 0.0, left, moved)
+
+
+def _in_common(log_odds: float, elsewhere: float | None) -> float:
+    """Return by how much another sensor's rates, so many logs likelier with labels exchanged, move those log odds.
+
+    A label is a collect's, which all sensors have in common: nearly always it is exchanged for all, or for none.
+    """
+    if elsewhere is None:
+        return 0.0
+    alone = float(np.log1p(-COMMON))
+    both = float(np.logaddexp(np.log(COMMON) + elsewhere, alone))
+    return both - float(np.logaddexp(0.0, log_odds + alone + elsewhere))
 
 
 def made_again(times: int, runs: int) -> float:

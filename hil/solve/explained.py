@@ -19,7 +19,7 @@ from typing import Self
 import numpy as np
 
 from hil.campaign import BoolArray, Collects, FloatArray
-from hil.solve.causes import DOUBTED, Asked, Cause
+from hil.solve.causes import DOUBTED, Asked, Cause, Labels
 from hil.solve.whitened import Whitened
 
 SURE, CERTAIN = 0.99, 0.95
@@ -75,16 +75,19 @@ class Explained:
 
 
 def explanations(
-    collects: Collects, distrusted: Collection[int] = (), beside: FloatArray | None = None
+    collects: Collects,
+    distrusted: Collection[int] = (),
+    beside: FloatArray | None = None,
+    labels: Labels = lambda run: {},  # noqa: ARG005
 ) -> Iterator[Explained]:
     """Yield what is wrong with the collects, what is certain first, until nothing need be; then what nobody can tell.
 
-    `beside` are the rates (n, c) of another sensor in the same collects, NaN where it has none. Runs that are
-    `distrusted`, and those of which nobody can tell what, say nothing of the others; what is certain of a run that is
-    distrusted is said last.
+    `beside` are the rates (n, c) of another sensor in the same collects, NaN where it has none, `labels` what it says
+    of these. Runs that are `distrusted`, and those of which nobody can tell what, say nothing of the others; what is
+    certain of a run that is distrusted is said last.
     """
     other = np.full(collects.rates_deg_per_hr.shape, np.nan) if beside is None else beside
-    runs, left = collects.conditions.run, _Left(collects, other, frozenset(distrusted))
+    runs, left = collects.conditions.run, _Left(collects, other, labels, frozenset(distrusted))
     unsure: dict[int, Explained] = {}
     enough, done = SURE, 0
     while True:
@@ -121,6 +124,7 @@ class _Left:
 
     collects: Collects
     beside: FloatArray
+    labels: Labels
     silent: frozenset[int]
     own_bias: frozenset[int] = frozenset()
 
@@ -129,6 +133,7 @@ class _Left:
         return type(self)(
             mended(self.collects, cause),
             self.beside,
+            self.labels,
             self.silent | ({cause.run} if cause.what == "run" else set()),
             self.own_bias | ({cause.run} if cause.what == "bias" else set()),
         )
@@ -136,7 +141,7 @@ class _Left:
     def wrong(self, unsure: Collection[int], run: int | None = None) -> Explained | None:
         """Return what is wrong with runs of which it may be told, or with one `run`."""
         told = ~np.isin(self.collects.conditions.run, list((self.silent | {*unsure}) - {run}))
-        return _what(self.collects, self.beside, told, self.own_bias, run)
+        return _what(self.collects, self.beside, self.labels, told, self.own_bias, run)
 
     def whichever_else(self, found: Explained, unsure: Collection[int]) -> Explained:
         """Return what is found, its likeliest as probable as it is alone and beside each rival: both may be true."""
@@ -157,13 +162,18 @@ class _Left:
 
 
 def _what(
-    collects: Collects, beside: FloatArray, told: BoolArray, own_bias: Collection[int], run: int | None = None
+    collects: Collects,
+    beside: FloatArray,
+    labels: Labels,
+    told: BoolArray,
+    own_bias: Collection[int],
+    run: int | None = None,
 ) -> Explained | None:
     """Return what is wrong with those collects (n,) that are told of, or with one run of them; None for nothing."""
     if not told.any():
         return None
     rows = np.flatnonzero(told)
-    asked = Asked(Whitened(collects.rows(rows), own_bias), own_bias, beside[rows])
+    asked = Asked(Whitened(collects.rows(rows), own_bias), own_bias, beside[rows], labels)
     nothing, found = asked.weighed(run)
     no_error = asked.rates.stated and asked.times > _NO_ERROR
     left = collects.rows(rows)

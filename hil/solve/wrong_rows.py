@@ -11,14 +11,14 @@ rates best, with the search's own odds of a mistake (`hil.solve.explained`).
 
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
 
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.campaign.plausibility import clipped, unclipped
-from hil.solve.causes import AS_IT_LAY, Asked, Cause, all_of
+from hil.solve.causes import AS_IT_LAY, Asked, Cause, Labels, all_of
 from hil.solve.explained import HARDLY, Explained, beyond_others, explanations, mended
 from hil.solve.precision import with_every_error
 from hil.solve.whitened import Whitened
@@ -127,6 +127,15 @@ def beside(collects: Collects, other: Collects | None) -> FloatArray:
     return out
 
 
+def _of_labels(collects: Collects, other: Collects | None, shown: FloatArray) -> Labels:
+    """Return what another sensor, whose rates are `shown` in the same collects (n, c), says of their labels."""
+    if other is None:
+        return lambda run: {}  # noqa: ARG005
+    asked = Asked(Whitened(with_every_error(unclipped(other))))
+    same = {run for run, rows in collects.conditions.of_each_run.items() if np.isfinite(shown[rows]).any()}
+    return cache(lambda run: asked.labels(run) if run in same else {})
+
+
 def failed(campaign: Campaign, number: int) -> set[int]:
     """Return a sensor's runs that FAIL by what was recorded of them, mended or not."""
     recorded = {run for run, of in campaign.verdicts.items() if of.verdict is Verdict.FAIL}
@@ -150,7 +159,7 @@ def _wrong_rows(
     collects, lay = _as_the_unit_lay(with_every_error(unclipped(collects)), exchanged)
     rows += lay
     judged = {each.run: [Judgement(Verdict.FAIL, each.why)] for each in lay}
-    found = [*explanations(collects, failed, shown)]
+    found = [*explanations(collects, failed, shown, _of_labels(collects, other, shown))]
     lost = {cause.run for each in found if (cause := each.likeliest) is not None and cause.what == "run"}
     # Where in the end nothing of a run holds, nothing of it was put right either.
     found = [each for each in found if (c := each.likeliest) is None or c.what == "run" or c.run not in lost]

@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hil.campaign import Campaign, Collects, Conditions
+from hil.campaign import Campaign, Collects, Conditions, Sensor
+from hil.model.effects.prior import COMMON
 from hil.solve import repeats, solve_campaign
+from hil.solve.causes import _in_common
 from hil.solve.wrong_rows import MENDED, USED, treated, wrong_rows
 from procedures.verdict import Verdict
 from tests.hil.model.effect_conditions import TRIAD
@@ -197,3 +199,46 @@ def test_rates_that_nothing_explains_are_no_measurement() -> None:
     rates = one.sensors[2].rates_deg_per_hr.copy()
     rates[:, 0] = np.random.default_rng(0).uniform(-500.0, 500.0, len(rates))
     assert {each.verdict for each in solve_campaign(with_rates(one, rates))} == {Verdict.INCONCLUSIVE}
+
+
+def _of_two_sensors(seed: int, exchanged: tuple[int, ...]) -> tuple[Campaign, int, tuple[int, int]]:
+    """Two temperatures, three runs of three collects at each; of a run two collects exchanged in those sensors."""
+    rng = np.random.default_rng(seed)
+    f = np.tile([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], (6, 1))
+    run, bad, sensors = np.repeat(np.arange(6), 3), int(rng.integers(6)), {}
+    first, second = sorted(rng.choice(3, 2, replace=False).tolist())
+    k = {1: [[8.0, -3.2, 3.0], [3.2, 8.0, 4.0]], 2: [[-6.4, 2.4, -2.0], [-2.4, -6.4, 5.0]]}
+    for number, own in k.items():
+        sensor = Sensor(number, ("A", "B", "S"), {"RA": "A", "RB": "B"})
+        columns = {"temperature_degC": np.where(run < 3, -20.0, 60.0)}
+        conditions = Conditions(
+            sensor, np.arange(1, 19), run + 1, np.tile([*"123"], 6), 90.0 * np.arange(18), np.full(18, 60.0), f,
+            np.zeros((18, 3)), columns,
+        )  # fmt: skip
+        bias, mu = rng.normal(size=(2, 6, 2))
+        rates = f @ np.array(own).T + bias[run] + mu[run] * f[:, 2:] + 0.7 * rng.normal(size=(18, 2))
+        if number in exchanged:
+            rates[[3 * bad + first, 3 * bad + second]] = rates[[3 * bad + second, 3 * bad + first]]
+        sensors[number] = Collects(conditions, rates, np.full((18, 2), 0.7))
+    collects = (3 * bad + first + 1, 3 * bad + second + 1)
+    return Campaign("two sensors", "test", sensors, simulated=True), bad + 1, collects
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_labels_are_a_collects_which_two_sensors_have_in_common(seed: int) -> None:
+    """What one sensor alone could not tell both tell together, and the same; a sound one is left alone."""
+    campaign, run, collects = _of_two_sensors(seed, (1, 2))
+    for found in wrong_rows(campaign).values():
+        assert [(each.run, each.collects, each.done) for each in found.rows] == [(run, collects, MENDED)]
+    in_one, *_ = _of_two_sensors(seed, (1,))
+    assert wrong_rows(in_one)[2].rows == ()
+
+
+def test_the_other_sensor_can_say_no_more_than_that_labels_are_mostly_exchanged_for_both() -> None:
+    """However sure it is of its own; and where its labels are right those here hardly are not."""
+    prior = float(np.log(1e-3))
+    mostly, seldom = np.log(COMMON / (1.0 - COMMON)), np.log(1.0 - COMMON)
+    assert prior + _in_common(prior, 500.0) == pytest.approx(mostly)
+    assert _in_common(prior, -500.0) == pytest.approx(seldom)
+    assert _in_common(prior, None) == 0.0
+    assert seldom < _in_common(prior, -1.0) < 0.1 < _in_common(prior, 1.0) < mostly - prior
