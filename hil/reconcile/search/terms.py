@@ -31,6 +31,8 @@ EXACT = 0.03
 """Deviation of an amplitude that is one or nothing: a model's columns are right to a few per cent.
 
 Those of a mistake are what was measured, and as right as that."""
+NO_NAME = "empirical"
+"""What no effect describes counts as this one name, whatever it seems to follow: which curve fits best is no cause."""
 IDENTICAL = 0.99
 """Columns beside the base of which the cosine is larger nobody can tell apart."""
 
@@ -67,6 +69,11 @@ class Term:
             return "temperature"
         effect = self.candidate.effect
         return driver_of(self.candidate.driver) if effect is None or self.tier != 1 else effect.follows
+
+    @property
+    def called(self) -> str:
+        """The name that it counts under: its own, or that of all that has none; empty of a mistake."""
+        return "" if self.is_mistake else self.name if self.tier == 1 else NO_NAME
 
     @property
     def recurring(self) -> bool:
