@@ -55,15 +55,12 @@ def reconcile(
     alpha: float = ALPHA,
     catalogue: Sequence[Effect] | None = None,
     scattering: Sequence[VarianceEffect] = VARIANCE_EFFECTS,
-    draws: int = 4000,
-    seed: int = 0,
     prove: bool = True,
 ) -> Reconciliation:
     """Compare a campaign with a model, and find, name, add and prove what the model lacks.
 
-    `alpha` is the false-alarm rate of the whole search on data without a missing effect, `draws` the sign flips behind
-    the chance of the improvement; `prove=False` leaves the held-out comparison out (a screening). Raises `InputError`
-    where the model does not fit the campaign.
+    `alpha` is the false-alarm rate of the whole search on data without a missing effect; `prove=False` leaves the
+    held-out comparison out (a screening). Raises `InputError` where the model does not fit the campaign.
     """
     if not 0.0 < alpha < 0.5:
         raise InputError(f"alpha {alpha}: the false-alarm rate must lie between 0 and 0.5")
@@ -75,7 +72,7 @@ def reconcile(
     campaign = with_stand_ins(pooled(campaign))
     inside = within_collects(campaign, SERIES_EFFECTS, _INSIDE * alpha)
     found = searched(campaign, chosen, effects, scattering, alpha, prove=prove)
-    return _result(campaign, chosen, *found, inside, beside, both, alpha, (draws, seed), prove=prove)
+    return _result(campaign, chosen, *found, inside, beside, both, alpha, prove=prove)
 
 
 def searched(
@@ -138,7 +135,6 @@ def _result(
     beside: Mapping[str, Any],
     both: BothSensors | None,
     alpha: float,
-    chances: tuple[int, int],
     *,
     prove: bool,
 ) -> Reconciliation:
@@ -149,7 +145,7 @@ def _result(
     scattered = [each for found in over_sensors.values() for each in found]
     under = [model.title, *(n.name for n in names if n.acts_on == "mean")]
     noise = scatter.ordinary(fit, [f for found in of_scatter.values() for f in found], under)
-    gap = findings.gap_of(proof, fit, before, chances, reading.chance)
+    gap = findings.gap_of(proof, fit, before, reading.chance)
     results = [findings.described(n, fit, over_sensors.get(n.name, ())) for n in names]
     wrong = mistakes.mistakes_found(reading.mistakes, fit, campaign, reading.chance)
     within = [
@@ -167,7 +163,7 @@ def _result(
     sensors = mistakes.mended(problem.sensors, reading.mistakes)
     if names:
         of_names = _proof(posterior, replace(reading, nothing=reading.mended)) if reading.mistakes and proof else proof
-        own = findings.gap_of(of_names, fit, before, chances, reading.chance)
+        own = findings.gap_of(of_names, fit, before, reading.chance)
         record = {named.name: findings.origin(campaign, named, own) for named in names}
         added = [
             (posterior.term(n, j).candidate, fit.of_term(n, j, alone=True))

@@ -34,12 +34,10 @@ FEWEST_REPEATS = 30
 """Degrees of freedom from which repeats measure the noise to an eighth."""
 
 
-def gap_of(
-    proof: tuple[HeldOut, HeldOut] | None, fit: Fitted, before: Fitted, chances: tuple[int, int], chance: float
-) -> Gap:
+def gap_of(proof: tuple[HeldOut, HeldOut] | None, fit: Fitted, before: Fitted, chance: float) -> Gap:
     """Return the held-out gap before and after; that of the fits themselves where nothing can be held out.
 
-    `chances` are the number and the seed of the sign flips, `chance` that nothing is missing at all.
+    `chance` is that of nothing missing at all.
     """
     noise = _noise(fit)
     if proof is None:
@@ -58,7 +56,7 @@ def gap_of(
         held_out=f"leave-one-{kind}-out, {len(runs.rows)} folds, selection repeated in every fold",
         standardised_before=scaled_before,
         standardised_after=scaled_after,
-        improved_p_value=max(runs.improvement_p_value(*chances), min(chance, 1.0)),
+        improved_p_value=max(runs.improvement_p_value(), min(chance, 1.0)),
         blocks={"before": contiguous.rms[0], "after": contiguous.rms[1]},
         log_score={"before": runs.log_score[0], "after": runs.log_score[1]},
     )
