@@ -33,7 +33,8 @@ def next_experiment(
 ) -> dict[str, Any] | None:
     """Return the addition that separates the leader from its strongest rival, or say that none of those tried does.
 
-    That rival is `named`, and where its effect is on this sensor `rival`. `sigma` is the noise, deg/hr.
+    That rival is `named`, and where its effect is on this sensor `rival`. The leader's values are (p,), `sigma` is the
+    noise, deg/hr.
     """
     effect, name, rival_name = leader[0].effect, leader[0].name, "" if named is None else named.id
     if named is not None and named.remedy:  # it is no further collect that is needed
@@ -93,7 +94,7 @@ def separation(
 ) -> tuple[float, float] | None:
     """Return non-centrality and largest difference in deg/hr, after an addition or with the rows at hand (None).
 
-    None where columns are lacking.
+    None where columns are lacking. The leader's values are (p,).
     """
     before = sensor.collects.conditions
     both = before if addition is None else joined(before, addition.rows)
