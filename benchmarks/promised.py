@@ -81,7 +81,7 @@ def case(job: tuple[str, str, str, float, int]) -> dict[str, Any]:
         if n == number or effect.common_to_sensors:
             rates += effect_columns(effect, rows, base, shape) @ np.array(values)
         sensors[n] = Collects(rows, rates, np.full_like(rates, noise.collect_deg_per_hr))
-    result = reconcile(Campaign(f"{name}, night {night}", "simulated", sensors), model, draws=100)
+    result = reconcile(Campaign(f"{name}, night {night}", "simulated", sensors), model)
     found = {each.id: round(each.probability, 3) for each in result.effects}
     told_of = {*found, *(rival.id for each in result.effects for rival in each.confusable_with)}
     return {

@@ -20,8 +20,8 @@ import pytest
 from hil.config import load_bench, load_sweep, parse_bench, parse_sweep
 from hil.night import start_night
 from hil.records import open_readonly
-from hil.twin.serve import client_bench
 from procedures.plan import StepKind
+from tests.hil.twin.serving import client_bench
 
 _UNITS = 16
 _SWEEP = """

@@ -16,7 +16,7 @@ A curve that was fitted to measurements says where they were made, `valid_degC`,
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -69,11 +69,7 @@ class Constant(_Curve):
 
     value: FiniteFloat
     se: NonNegativeFloat | None = None
-
-    @property
-    def depends_on_temperature(self) -> bool:
-        """False: `at` needs no temperature."""
-        return False
+    depends_on_temperature: ClassVar[bool] = False
 
     def at(self, temperature_degC: ArrayLike) -> FloatArray:
         """Return the value for each temperature, shape (n,); raise `InputError` outside `valid_degC`."""
@@ -149,11 +145,7 @@ class Table(_Curve):
     """A PCHIP curve through tabulated values; the end values hold outside the table."""
 
     table: TableRows
-
-    @property
-    def depends_on_temperature(self) -> bool:
-        """True: `at` needs the temperature."""
-        return True
+    depends_on_temperature: ClassVar[bool] = True
 
     @cached_property
     def _curve(self) -> PchipInterpolator:

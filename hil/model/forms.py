@@ -148,10 +148,10 @@ def _beside_each_other(parts: Sequence[Callable[[Conditions], FloatArray]], cond
     return np.concatenate([part(conditions) for part in parts], -1)
 
 
-def matrix_6_thermal_form(conditions: Conditions, reference_degC: float | None = None) -> LinearForm:
+def matrix_6_thermal_form(conditions: Conditions) -> LinearForm:
     """Each of the six parameters a quadratic in `temperature_degC`, about the mean temperature to a whole degree.
 
-    The mean keeps value, slope and curvature apart; pass `reference_degC` to compare fits of different campaigns.
+    The mean keeps value, slope and curvature apart.
     Coefficients follow their parameter: BA, BA_per_degC, BA_per_degC2, BB, ... Raises `InputError` where a row has no
     temperature, or the sensor is no rotor sensor.
     """
@@ -162,7 +162,7 @@ def matrix_6_thermal_form(conditions: Conditions, reference_degC: float | None =
         raise InputError(f"{where} needs the column temperature_degC, which this campaign lacks")
     if np.any(np.isnan(temperature)):
         raise InputError(f"{where} needs temperature_degC in every row; fill the empty cells or leave out the rows")
-    reference = float(np.round(np.mean(temperature))) if reference_degC is None else reference_degC
+    reference = float(np.round(np.mean(temperature)))
 
     def build(rows: Conditions) -> FloatArray:
         return temperature_columns(form.columns(rows), rows.columns["temperature_degC"], reference)
@@ -208,13 +208,13 @@ def default_form(conditions: Conditions) -> LinearForm:
     )
 
 
-def excites_every_axis(f_g: FloatArray, least_g: float = 1e-2) -> bool:
+def excites_every_axis(f_g: FloatArray) -> bool:
     """Tell whether bias and three acceleration sensitivities can be told apart at these f, shape (n, 3).
 
-    True where f spreads about its mean by more than `least_g` rms in its weakest direction: below that the setting of
-    the poses is no better known than the difference between them.
+    True where f spreads about its mean by more than 0.01 g rms in its weakest direction: below that the setting of the
+    poses is no better known than the difference between them.
     """
     if len(f_g) < 4:
         return False
     spread = np.linalg.svd(f_g - f_g.mean(axis=0), compute_uv=False)
-    return bool(spread[-1] > least_g * np.sqrt(len(f_g)))
+    return bool(spread[-1] > 1e-2 * np.sqrt(len(f_g)))

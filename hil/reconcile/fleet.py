@@ -17,7 +17,7 @@ what a screening finds is worth a full `reconcile`, nothing more.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -32,7 +32,6 @@ from hil.reconcile.search.evidence import log_sum
 from hil.reconcile.search.layout import may_be_calibrated, searches
 from hil.reconcile.search.problem import pose
 from hil.reconcile.search.sets import LEADING, SensorSearch
-from hil.reconcile.search.terms import Term
 from hil.solve.temperatures import ELSEWHERE_DEGC, WIDEST_DEGC, same_temperature
 
 NOISY_UNITS = 40
@@ -194,9 +193,14 @@ class Screen:
     @cached_property
     def asked(self) -> Asked:
         """The names, and their log odds: those of the sensor in which each is likeliest."""
-        every = [(t.name, odds) for search in self.found.values() for t, odds in _with_odds(search)]
-        names = list(dict.fromkeys(name for name, _ in every))
-        return Asked(names, np.array([max(odds for name, odds in every if name == own) for own in names]))
+        odds: dict[str, float] = {}
+        for search in self.found.values():
+            of_name: dict[str, list[float]] = {}
+            for term in search.terms:
+                of_name.setdefault(term.name, []).append(term.log_odds)
+            for name, every in of_name.items():
+                odds[name] = max(odds.get(name, -np.inf), float(np.logaddexp.reduce(every)))
+        return Asked(list(odds), np.array(list(odds.values())))
 
     def weigh(self, units: Sequence[Sequence[FloatArray]]) -> FloatArray:
         """Log Bayes factor of each of n names in each of u units, (n, u), whose `rates` these are, (N,) each."""
@@ -243,15 +247,6 @@ class Screen:
             whole = np.logaddexp.reduceat(odds[order], starts, axis=0)
             total[places] += np.logaddexp.reduceat((of_units + odds)[order], starts, axis=0) - whole
         return total
-
-
-def _with_odds(search: SensorSearch) -> Iterator[tuple[Term, float]]:
-    """Yield each term with the log odds of its name, whatever its shape."""
-    of_name: dict[str, list[float]] = {}
-    for term, odds in zip(search.terms, search.log_odds.tolist(), strict=True):
-        of_name.setdefault(term.name, []).append(odds)
-    for term in search.terms:
-        yield term, float(np.logaddexp.reduce(of_name[term.name]))
 
 
 def _ville(log_odds: FloatArray) -> FloatArray:

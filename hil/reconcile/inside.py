@@ -8,8 +8,7 @@ settling or a tone that no single collect proves shows there. All effects share 
     inside = named_within(findings, SERIES_EFFECTS, 0.01)  # effects for the result, each with its rivals
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -31,15 +30,8 @@ RAMP = Ramp.id
 """A slope inside a collect is what every slow effect looks like there: what it is called, the averages say."""
 
 
-@dataclass
-class _Asked:
-    """One effect on one channel of one sensor: what every collect answered, and what is asked of all."""
-
-    effect: SeriesEffect
-    sensor: int
-    channel: str
-    answers: list[tuple[int, SeriesFinding]] = field(default_factory=list)
-    summaries: list[FloatArray] = field(default_factory=list)
+_Answer = tuple[int, SeriesFinding, FloatArray]
+"""A collect, what it answered, and what is asked of all collects together."""
 
 
 def within_collects(campaign: Campaign, effects: Sequence[SeriesEffect], alpha: float) -> list[dict[str, Any]]:
@@ -47,18 +39,16 @@ def within_collects(campaign: Campaign, effects: Sequence[SeriesEffect], alpha: 
 
     `alpha` is the rate at which anything is returned from series in which nothing is hidden.
     """
-    asked = list(_asked(campaign, effects))
-    findings = [_finding(one, alpha, len(asked)) for one in asked]
+    asked = _asked(campaign, effects)
+    findings = [_finding(*of, answers, alpha, len(asked)) for of, answers in asked.items()]
     return sorted((f for f in findings if f is not None), key=lambda item: item["q_value"])
 
 
-def _asked(campaign: Campaign, effects: Sequence[SeriesEffect]) -> Iterator[_Asked]:
-    """Yield every effect and channel that at least one collect could be asked about."""
-    if not campaign.series_files:
-        return
-    for number, collects in campaign.sensors.items():
+def _asked(campaign: Campaign, effects: Sequence[SeriesEffect]) -> dict[tuple[SeriesEffect, int, str], list[_Answer]]:
+    """Return the answers of every effect, sensor and channel that at least one collect could be asked about."""
+    asked: dict[tuple[SeriesEffect, int, str], list[_Answer]] = {}
+    for number, collects in campaign.sensors.items() if campaign.series_files else ():
         sensor = collects.conditions.sensor
-        asked: dict[tuple[str, str], _Asked] = {}
         for collect in collects.conditions.collect.tolist():
             series = read_series(campaign, collect)
             if series is None:
@@ -68,31 +58,31 @@ def _asked(campaign: Campaign, effects: Sequence[SeriesEffect]) -> Iterator[_Ask
                     continue
                 for index, answer in enumerate(effect.test(series, sensor)):
                     if np.isfinite(answer.p_value):
-                        key = (effect.id, answer.channel)
-                        one = asked.setdefault(key, _Asked(effect, number, answer.channel))
-                        one.answers.append((collect, answer))
-                        one.summaries.append(effect.summary(series, index))
-        yield from asked.values()
+                        own = asked.setdefault((effect, number, answer.channel), [])
+                        own.append((collect, answer, effect.summary(series, index)))
+    return asked
 
 
-def _finding(asked: _Asked, alpha: float, tests: int) -> dict[str, Any] | None:
+def _finding(
+    effect: SeriesEffect, sensor: int, channel: str, answers: Sequence[_Answer], alpha: float, tests: int
+) -> dict[str, Any] | None:
     """Return one finding for the document, or None where chance explains it."""
-    collect, strongest = min(asked.answers, key=lambda pair: pair[1].p_value)
-    count = len(asked.answers)
-    together = asked.effect.together(asked.summaries)
+    collect, strongest, _ = min(answers, key=lambda each: each[1].p_value)
+    count = len(answers)
+    together = effect.together([summary for *_, summary in answers])
     ways = tests * (2 if together else 1)
-    shown = sum(answer.p_value * count * ways < alpha for _, answer in asked.answers)
+    shown = sum(answer.p_value * count * ways < alpha for _, answer, _ in answers)
     p_value, estimates = strongest.p_value * count, strongest.estimates
-    told = f"Collect {collect}, channel {asked.channel}: {strongest.sentence}"
+    told = f"Collect {collect}, channel {channel}: {strongest.sentence}"
     if together and together[0] < p_value:
         p_value, estimates, shown = together[0], together[1], count
-        told = f"Channel {asked.channel}: all {count} collects together {together[2]}"
+        told = f"Channel {channel}: all {count} collects together {together[2]}"
     if p_value * ways >= alpha:
         return None
     return {
-        "id": asked.effect.id,
-        "sensor": asked.sensor,
-        "channel": asked.channel,
+        "id": effect.id,
+        "sensor": sensor,
+        "channel": channel,
         "collect": collect,
         "collects": shown,
         "asked": count,

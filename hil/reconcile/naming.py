@@ -1,21 +1,19 @@
 """What is read off the posterior: what is missing, what it is called, what else it may be, and what it follows.
 
-    reading = read(posterior, alpha)
-    reading.kind            # "none", "named", "ambiguous", "empirical"
-    reading.names           # one Named per effect: probability, rivals, what data and what physics say
-
-What no effect describes counts as one name whatever it seems to follow: which of many curves fits best is no cause.
+reading = read(posterior, alpha)
+reading.names           # one Named per effect: probability, rivals, what data and what physics say
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from hil.model.effects.base import Described, VarianceEffect
+from hil.model.effects.base import Described
+from hil.reconcile.result import Rival
 from hil.reconcile.search.fitted import Fitted, fitted
 from hil.reconcile.search.posterior import Found, Posterior
-from hil.reconcile.search.terms import IDENTICAL, Term
+from hil.reconcile.search.terms import IDENTICAL, NO_NAME, Term
 from hil.solve.identifiability import SAME_CLASS
 
 CERTAIN = 0.8
@@ -30,28 +28,10 @@ EXCLUDED = 0.001
 """What is identical in these collects is told apart where the data themselves make one so much less probable."""
 LEAST = 0.01
 """Rivals less probable are not listed, unless they look the same, and shapes add nothing to an interval."""
-NO_NAME = "empirical"
 Names = tuple[frozenset[str], str]
 """What moves averages in a set, and what scatters them ("": nothing but ordinary noise)."""
-
-
-@dataclass(frozen=True)
-class Also:
-    """Another name in the place of one: its probability, overlap, and the factors of data and of physics against it.
-
-    `bayes_factor` is what the data say of the rival against the leader, `prior_odds` what was known before. A `likely`
-    cause is in the sensor itself and no accident of the order or the heading: identical, it withholds the name.
-    """
-
-    name: str
-    title: str
-    probability: float
-    overlap: float
-    bayes_factor: float
-    prior_odds: float
-    terms: Mapping[int, int]
-    remedy: str = ""
-    likely: bool = True
+_Weighed = tuple[frozenset[str], float, Found]
+"""The names in a set, and how probable it is."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +41,7 @@ class Named:
     name: str
     kind: str
     probability: float
-    rivals: Sequence[Also]
+    rivals: Sequence[Rival]
     terms: Mapping[int, Sequence[int]]
     effect: Described | None
     acts_on: str
@@ -82,12 +62,6 @@ class Reading:
     follows: Sequence[tuple[str, float]]
     mistakes: Sequence[tuple[int, Term]]
 
-    @property
-    def kind(self) -> str:
-        """The verdict: that of the least certain name."""
-        kinds = {named.kind for named in self.names}
-        return next((k for k in ("ambiguous", NO_NAME, "named") if k in kinds), "none")
-
 
 def read(posterior: Posterior, alpha: float) -> Reading:
     """Read the posterior; `alpha` is the rate at which anything is called missing where nothing is.
@@ -95,67 +69,40 @@ def read(posterior: Posterior, alpha: float) -> Reading:
     Of data without a missing effect at most a share alpha can reach odds of (1 - alpha)/alpha against it (Ville), so
     that these odds are asked for: of anything at all, and of every further name beside the others.
     """
-    classes = {id(f): classes_of(posterior, f) for f in posterior.sets}
+    sets = [(posterior.names(f), float(np.exp(f.log_weight)), f) for f in posterior.sets]
     chance = float(1.0 / (1.0 + np.exp(min(posterior.log_odds, 700.0))))
     every: dict[Names, float] = {}
-    for f in posterior.sets:
-        together = classes[id(f)] - {f.kind}, f.kind
-        every[together] = every.get(together, 0.0) + float(np.exp(f.log_weight))
+    for own, weight, f in sets:
+        every[own - {f.kind}, f.kind] = every.get((own - {f.kind}, f.kind), 0.0) + weight
     lead = leading(every, alpha)
-    unnamed = [f for f in posterior.sets if not classes[id(f)]]
+    unnamed = [f for own, _, f in sets if not own]
     # Where something has to be missing, a row may only stand in its place: it is asked for whatever else is there.
     among, sure = (unnamed, LIKELY) if chance > alpha else (posterior.sets, CERTAIN)
     unnamed = _surely_wrong(posterior, unnamed, among, sure)
-    right = [
-        f for f in unnamed if all(posterior.term(n, j).name == "row" for n, places in f.terms.items() for j in places)
-    ]
+    right = [f for f in unnamed if all(term.name == "row" for _, term in posterior.members(f))]
     as_filed = right[0] if right else Found(dict.fromkeys(posterior.searches, ()), "", -np.inf)
-    of_lead = [f for f in posterior.sets if classes[id(f)] == lead]
-    own = _surely_wrong(posterior, of_lead, among, sure) or of_lead  # where none of them leaves less out, the likeliest
-    found = own[0] if own and (lead or chance <= alpha) else as_filed
-    mistakes = [(n, t) for n, places in found.terms.items() for j in places if (t := posterior.term(n, j)).is_mistake]
-    values = fitted(posterior, found)
-    names = [_named(posterior, classes, name, lead, found, values) for name in sorted(lead)]
+    of_lead = [f for own, _, f in sets if own == lead]
+    first = _surely_wrong(posterior, of_lead, among, sure) or of_lead  # where none leaves less out, the likeliest
+    found = first[0] if first and (lead or chance <= alpha) else as_filed
+    fit = fitted(posterior, found)
+    names = [_named(fit, sets, name, lead) for name in sorted(lead)]
     # Of what is as sure, that which moves averages comes first.
     names = sorted(names, key=lambda named: (-round(named.probability, 2), named.acts_on, -named.probability))
-    return Reading(
-        found,
-        as_filed,
-        unnamed[0] if unnamed else as_filed,
-        names,
-        chance,
-        _follows(posterior) if lead else (),
-        mistakes,
-    )
-
-
-def classes_of(posterior: Posterior, found: Found) -> frozenset[str]:
-    """Return the names in a set, those without a name as one."""
-    names = {t.name if t.tier == 1 else NO_NAME for _, t in _members(posterior, found)}
-    return frozenset(names | ({found.kind} if found.kind else set()))
-
-
-def _members(posterior: Posterior, found: Found) -> list[tuple[int, Term]]:
-    pairs = [(n, posterior.term(n, j)) for n, places in found.terms.items() for j in places]
-    return [(n, t) for n, t in pairs if not t.is_mistake]
-
-
-def _left_out(posterior: Posterior, found: Found) -> int:
-    """Return how many rows and runs a set leaves out."""
-    terms = (posterior.term(n, j) for n, places in found.terms.items() for j in places)
-    return sum(term.is_mistake and term.candidate.effect is None for term in terms)
+    mended = unnamed[0] if unnamed else as_filed
+    mistakes = [(number, term) for number, term in posterior.members(found) if term.is_mistake]
+    return Reading(found, as_filed, mended, names, chance, _follows(posterior) if lead else (), mistakes)
 
 
 def _surely_wrong(posterior: Posterior, sets: Sequence[Found], among: Sequence[Found], sure: float) -> list[Found]:
     """Return those of some sets that leave out no more rows and runs than are wrong among others, so `sure` it is."""
-    counts = np.array([_left_out(posterior, f) for f in among])
+
+    def left_out(found: Found) -> int:
+        return sum(term.is_mistake and term.candidate.effect is None for _, term in posterior.members(found))
+
+    counts = np.array([left_out(f) for f in among])
     weights = np.exp([f.log_weight for f in among])
     most = [k for k in range(1, int(counts.max(initial=0)) + 1) if weights[counts >= k].sum() >= sure * weights.sum()]
-    return [f for f in sets if _left_out(posterior, f) <= max(most, default=0)]
-
-
-def _mass(posterior: Posterior, holds: Callable[[Found], bool]) -> float:
-    return float(sum(np.exp(f.log_weight) for f in posterior.sets if holds(f)))
+    return [f for f in sets if left_out(f) <= max(most, default=0)]
 
 
 def leading(every: Mapping[Names, float], alpha: float) -> frozenset[str]:
@@ -183,102 +130,67 @@ def _mass_of(weights: Mapping[Names, float], names: frozenset[str], kinds: Seque
     return sum(w for (own, kind), w in weights.items() if own <= names and (kinds is None or kind in kinds))
 
 
-def _named(
-    posterior: Posterior,
-    classes: Mapping[int, frozenset[str]],
-    name: str,
-    lead: frozenset[str],
-    found: Found,
-    values: Fitted,
-) -> Named:
+def _named(fit: Fitted, sets: Sequence[_Weighed], name: str, lead: frozenset[str]) -> Named:
     """One name with its rivals: what stands in its place where it is not."""
-    probability = _mass(posterior, lambda f: name in classes[id(f)])
-    known = {n: [j for j in places if _is(posterior.term(n, j), name)] for n, places in found.terms.items()}
+    posterior = fit.posterior
+    probability = sum(weight for names, weight, _ in sets if name in names)
+    known = {n: [j for j in js if posterior.term(n, j).called == name] for n, js in fit.found.terms.items()}
     own = {number: places for number, places in known.items() if places}
-    without = [f for f in posterior.sets if name not in classes[id(f)]]
-    instead: dict[str, list[Found]] = {}
-    for f in without:
+    instead: dict[str, list[_Weighed]] = {}
+    for each in sets:
+        names, _, f = each
         # What scatters stands in for what moves, and the reverse, only where nothing else of that sort is there.
-        sort = {f.kind} & classes[id(f)] if not own else classes[id(f)] - {f.kind}
-        for rival in (sort or classes[id(f)]) - lead:
-            instead.setdefault(rival, []).append(f)
-    rivals = [_rival(posterior, classes, name, r, sets, own, values) for r, sets in instead.items()]
+        sort = {f.kind} & names if not own else names - {f.kind}
+        for rival in (sort or names) - lead if name not in names else ():
+            instead.setdefault(rival, []).append(each)
+    rivals = [_rival(fit, name, probability, rival, others, own) for rival, others in instead.items()]
     told = [r for r in rivals if r.probability >= LEAST or r.overlap > SAME_CLASS]
     listed = sorted(told, key=lambda r: -r.probability)
-    alike = [r for r in listed if r.overlap > IDENTICAL and not r.bayes_factor < EXCLUDED]
+    alike = [r for r in listed if r.overlap > IDENTICAL and not (r.bayes_factor or 0.0) < EXCLUDED]
     withheld = [r for r in alike if r.likely or r.probability > 1.0 - CERTAIN]
-    nothing_there = _mass(posterior, lambda f: name not in classes[id(f)] and classes[id(f)] - {f.kind} <= lead)
+    nothing_there = sum(weight for names, weight, f in sets if name not in names and names - {f.kind} <= lead)
     sure = probability >= CERTAIN and not (own and nothing_there > BY_CHANCE)
-    kind = "named" if sure and not withheld else "ambiguous"
+    kind = NO_NAME if name == NO_NAME else "named" if sure and not withheld else "ambiguous"
     first = next((posterior.term(n, places[0]) for n, places in own.items()), None)
-    if name == NO_NAME:
-        kind = NO_NAME
-    effect: Described | None = scatter_of(posterior)[name] if first is None else first.candidate.effect
+    effect: Described | None = posterior.scatter[name] if first is None else first.candidate.effect
     return Named(name, kind, probability, listed, own, effect, "mean" if own else "scatter")
 
 
 def _rival(
-    posterior: Posterior,
-    classes: Mapping[int, frozenset[str]],
-    name: str,
-    rival: str,
-    instead: Sequence[Found],
-    own: Mapping[int, Sequence[int]],
-    values: Fitted,
-) -> Also:
-    probability = float(sum(np.exp(f.log_weight) for f in instead))
-    terms = {n: j for n, places in instead[0].terms.items() for j in places if _is(posterior.term(n, j), rival)}
-    beside = [f for f in posterior.sets if name in classes[id(f)]]
+    fit: Fitted, name: str, share: float, rival: str, instead: Sequence[_Weighed], own: Mapping[int, Sequence[int]]
+) -> Rival:
+    """One rival: the sets that have it in the place of the name, which has a `share` and its `own` places."""
+    posterior, found = fit.posterior, instead[0][2]
+    probability = sum(weight for _, weight, _ in instead)
+    terms = {n: j for n, places in found.terms.items() for j in places if posterior.term(n, j).called == rival}
     overlap, factor = 0.0, np.nan
-    scatter = scatter_of(posterior)
-    if not own and rival in scatter:
-        overlap = values.scatter_overlap(name, rival)
+    if not own and rival in posterior.scatter:
+        overlap = fit.scatter_overlap(name, rival)
     if own and terms:
-        overlap = min((values.overlap(posterior, n, own[n], terms[n]) for n in own if n in terms), default=0.0)
-    if beside:
-        other = fitted(posterior, instead[0])
-        factor = float(np.exp(np.clip(other.information - values.information, -600.0, 600.0)))
+        overlap = min((fit.overlap(n, own[n], terms[n]) for n in own if n in terms), default=0.0)
+    if share:
+        other = fitted(posterior, found)
+        factor = float(np.exp(np.clip(other.information - fit.information, -600.0, 600.0)))
         factor = 1.0 if overlap > 0.999 else factor
-    odds = probability / max(sum(float(np.exp(f.log_weight)) for f in beside), 1e-300)
-    first = next(iter(terms.items()), None)
-    title = getattr(scatter.get(rival), "title", "") if first is None else posterior.term(*first).candidate.title
-    remedy, effect = "", scatter.get(rival) if first is None else posterior.term(*first).candidate.effect
-    if first is not None and rival == NO_NAME:
-        term = posterior.term(*first)
+    odds = probability / max(share, 1e-300)
+    term = next((posterior.term(n, j) for n, j in terms.items()), None)
+    effect = posterior.scatter.get(rival) if term is None else term.candidate.effect
+    title, remedy = getattr(effect if term is None else term.candidate, "title", ""), ""
+    if term is not None and rival == NO_NAME:
         follows = next((posterior.term(n, places[0]).follows for n, places in own.items()), "time")
         rival, remedy = f"{NO_NAME}: {term.name}", f"let {term.follows} go in another order than {follows}"
         overlap = 0.0 if term.follows == follows else overlap  # a curve over the same says nothing else
-    return Also(
-        rival,
-        title,
-        probability,
-        overlap,
-        factor,
-        odds / max(factor, 1e-300),
-        terms,
-        remedy,
-        effect is not None and not effect.incidental and effect.odds >= 1.0,
-    )
-
-
-def _is(term: Term, name: str) -> bool:
-    return not term.is_mistake and (term.name if term.tier == 1 else NO_NAME) == name
-
-
-def scatter_of(posterior: Posterior) -> dict[str, VarianceEffect]:
-    """Return the effects on the scatter that were asked about, by id."""
-    kinds = (kind for search in posterior.searches.values() for block in search.blocks for kind in block.noise.kinds)
-    return {kind.effect.id: kind.effect for kind in kinds}
+    likely = effect is not None and not effect.incidental and effect.odds >= 1.0
+    return Rival(rival, probability, overlap, title, factor, odds / max(factor, 1e-300), terms, remedy, likely)
 
 
 def _follows(posterior: Posterior) -> list[tuple[str, float]]:
     """What the disagreement follows, each driver with the probability that some term follows it, given that one is."""
     totals: dict[str, float] = {}
     any_of_them = 0.0
-    scatter = scatter_of(posterior)
-    for f in posterior.sets:
-        drivers = dict.fromkeys(t.follows for _, t in _members(posterior, f))  # what moves averages comes first
-        drivers |= dict.fromkeys(scatter[f.kind].follows for _ in f.kind[:1])
+    for f in posterior.sets:  # what moves averages comes first
+        drivers = dict.fromkeys(term.follows for _, term in posterior.members(f) if not term.is_mistake)
+        drivers |= dict.fromkeys(posterior.scatter[f.kind].follows for _ in f.kind[:1])
         weight = float(np.exp(f.log_weight))
         any_of_them += weight if drivers else 0.0
         for driver in drivers:

@@ -38,21 +38,26 @@ class Disagreement:
 class Rival:
     """Another name for the same data: its probability, and how much of the added effect it can reproduce.
 
-    `same_on` are the sensors, of several, whose own data cannot tell the two apart.
+    `bayes_factor` is what the data say of it against the name, `prior_odds` what was known before. `terms` are its
+    places by sensor in the likeliest set that has it. A `likely` cause is in the sensor itself and no accident of the
+    order or the heading: identical, it withholds the name. `remedy` is what would tell the two apart.
     """
 
     id: str
     probability: float
     overlap: float
     title: str = ""
-    same_on: Sequence[int] = ()
     bayes_factor: float | None = None
     prior_odds: float | None = None
+    terms: Mapping[int, int] = field(default_factory=dict)
+    remedy: str = ""
+    likely: bool = True
 
     def document(self) -> dict[str, Any]:
         """Return the JSON object."""
-        known = "id probability overlap title" + " bayes_factor prior_odds" * (self.bayes_factor is not None)
-        return picked(self, known + " same_on_sensors=same_on" * bool(self.same_on))
+        return picked(
+            self, "id probability overlap title" + " bayes_factor prior_odds" * (self.bayes_factor is not None)
+        )
 
 
 def rival_in_words(rival: Mapping[str, Any]) -> str:

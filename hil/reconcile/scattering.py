@@ -20,11 +20,10 @@ from hil.model import load_model
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS
 from hil.model.effects.prior import ALPHA
 from hil.model.forms import default_form
-from hil.reconcile.naming import CERTAIN, Reading, scatter_of
+from hil.reconcile.naming import CERTAIN
 from hil.reconcile.outcome import mistakes, scatter
 from hil.reconcile.outcome.sentences import scatter_in_words
-from hil.reconcile.search.fitted import Fitted, fitted
-from hil.reconcile.search.posterior import Posterior
+from hil.reconcile.search.fitted import fitted
 from hil.reconcile.unrecorded import with_stand_ins
 from hil.reconcile.workflow import searched
 from hil.solve.both_sensors import BothSensors, common_and_differential
@@ -107,32 +106,14 @@ def what_scatters(campaign: Campaign) -> Scattering:
     both, campaign = common_and_differential(campaign), with_stand_ins(pooled(campaign))
     model = load_model(default_form(next(iter(usable(campaign).sensors.values())).conditions).name)
     _, posterior, reading, *_ = searched(campaign, model, (*BASE_EFFECTS, *EFFECTS), VARIANCE_EFFECTS, ALPHA)
-    fit = fitted(posterior, reading.found)
-    titles = {
-        ORDINARY: "white noise, and an offset of each run",
-        **{n: e.title for n, e in scatter_of(posterior).items()},
-    }
+    fit, asked = fitted(posterior, reading.found), posterior.scatter
+    titles = {ORDINARY: "white noise, and an offset of each run", **{n: e.title for n, e in asked.items()}}
     weights = {name: float(sum(np.exp(f.log_weight) for f in posterior.sets if f.kind == name)) for name in titles}
-    weights[ORDINARY] = 1.0 - sum(weights.values()) if len(titles) > 1 else 0.0
-    ranked = dict(sorted(weights.items(), key=lambda pair: -pair[1])) if len(titles) > 1 else {}
-    return _read(campaign, posterior, reading, fit, ranked, titles, model.title, both)
-
-
-def _read(
-    campaign: Campaign,
-    posterior: Posterior,
-    reading: Reading,
-    fit: Fitted,
-    ranked: dict[str, float],
-    titles: dict[str, str],
-    model: str,
-    both: BothSensors | None,
-) -> Scattering:
-    conditions = {number: rows.conditions for number, rows in campaign.sensors.items()}
-    kind = reading.found.kind if ranked else ""
-    found = scatter.found_scatter(posterior, reading.found.terms, fit, kind, conditions) if kind else []
-    rows = mistakes.rows_found(reading, campaign, mistakes.outliers_found(reading, campaign, fit, posterior), posterior)
+    weights[ORDINARY] = 1.0 - sum(weights.values())
+    ranked = dict(sorted(weights.items(), key=lambda pair: -pair[1])) if asked else {}
+    found = scatter.found_scatter(fit, reading.found.kind) if asked and reading.found.kind else []
+    rows = mistakes.rows_found(reading.mistakes, fit, campaign, mistakes.outliers_found(fit))
     moves = tuple(each.name for each in reading.names if each.acts_on == "mean")
-    noise = scatter.ordinary(posterior, reading.found.terms, fit, conditions, found, [model, *moves])
+    noise = scatter.ordinary(fit, found, [model.title, *moves])
     named = tuple(each.name for each in reading.names if each.name in ranked and each.kind == "named")
     return Scattering(campaign, ranked, titles, named, moves, tuple(scatter.pooled(found)), noise, rows, both)

@@ -5,7 +5,7 @@ temperature; where no temperature was recorded, both explain it equally.
 """
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -14,8 +14,9 @@ from hil.campaign import Campaign, Collects, Conditions, FloatArray
 from hil.campaign.warnings import instead_of_temperature, not_recorded
 from hil.model.effects.base import Effect
 from hil.model.effects.catalogue import effect_by_id
-from hil.reconcile.naming import Also, Named
-from hil.reconcile.search.posterior import Posterior
+from hil.reconcile.naming import Named
+from hil.reconcile.result import Rival
+from hil.reconcile.search.fitted import Fitted
 from procedures.words import listed
 
 _SPELLINGS = {
@@ -61,13 +62,13 @@ def _known(values: FloatArray | None) -> bool:
     return values is not None and bool(np.all(np.isfinite(values)))
 
 
-def beside_unasked(named: Named, posterior: Posterior, conditions: Mapping[int, Conditions]) -> Named:
+def beside_unasked(named: Named, fit: Fitted) -> Named:
     """Share a name's probability with those of the same history in time that this data leaves unasked."""
     if not named.terms or not isinstance(named.effect, Effect):
         return named
     number, places = next(iter(named.terms.items()))
-    here, own = conditions[number], named.effect if named.name == named.effect.id else effect_by_id(named.name)
-    kin = own.kin_for(here, posterior.term(number, places[0]).candidate.shape)
+    here, own = fit.conditions[number], named.effect if named.name == named.effect.id else effect_by_id(named.name)
+    kin = own.kin_for(here, fit.posterior.term(number, places[0]).candidate.shape)
     unasked: list[tuple[Effect, float, str]] = []
     for name, weight in kin.items():
         effect = effect_by_id(name)
@@ -81,7 +82,7 @@ def beside_unasked(named: Named, posterior: Posterior, conditions: Mapping[int, 
         return named
     share = 1.0 / (1.0 + sum(weight for _, weight, _ in unasked))
     others = [
-        Also(effect.id, effect.title, named.probability * share * weight, 1.0, 1.0, weight, {}, remedy)
+        Rival(effect.id, named.probability * share * weight, 1.0, effect.title, 1.0, weight, remedy=remedy)
         for effect, weight, remedy in unasked
     ]
     rivals = sorted([*named.rivals, *others], key=lambda r: -r.probability)

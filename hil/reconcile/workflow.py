@@ -27,9 +27,8 @@ from hil.reconcile.naming import Named, Reading, read
 from hil.reconcile.outcome import findings, mistakes, scatter
 from hil.reconcile.outcome.improve import improved
 from hil.reconcile.outcome.sentences import scatter_in_words, stated_in_words, values_off
-from hil.reconcile.outcome.taken_out import taken_out
-from hil.reconcile.outcome.values import before_and_after
-from hil.reconcile.proof.experiment import Fitting, next_experiment
+from hil.reconcile.outcome.values import before_and_after, taken_out
+from hil.reconcile.proof.experiment import next_experiment
 from hil.reconcile.proof.held_out import HeldOut, by_run, held_out, in_blocks
 from hil.reconcile.proof.places import channels_touched, places
 from hil.reconcile.result import FoundEffect, Reconciliation, Solved, without_collects
@@ -56,15 +55,12 @@ def reconcile(
     alpha: float = ALPHA,
     catalogue: Sequence[Effect] | None = None,
     scattering: Sequence[VarianceEffect] = VARIANCE_EFFECTS,
-    draws: int = 4000,
-    seed: int = 0,
     prove: bool = True,
 ) -> Reconciliation:
     """Compare a campaign with a model, and find, name, add and prove what the model lacks.
 
-    `alpha` is the false-alarm rate of the whole search on data without a missing effect, `draws` the sign flips behind
-    the chance of the improvement; `prove=False` leaves the held-out comparison out (a screening). Raises `InputError`
-    where the model does not fit the campaign.
+    `alpha` is the false-alarm rate of the whole search on data without a missing effect; `prove=False` leaves the
+    held-out comparison out (a screening). Raises `InputError` where the model does not fit the campaign.
     """
     if not 0.0 < alpha < 0.5:
         raise InputError(f"alpha {alpha}: the false-alarm rate must lie between 0 and 0.5")
@@ -76,7 +72,7 @@ def reconcile(
     campaign = with_stand_ins(pooled(campaign))
     inside = within_collects(campaign, SERIES_EFFECTS, _INSIDE * alpha)
     found = searched(campaign, chosen, effects, scattering, alpha, prove=prove)
-    return _result(campaign, chosen, *found, inside, beside, both, alpha, (draws, seed), prove=prove)
+    return _result(campaign, chosen, *found, inside, beside, both, alpha, prove=prove)
 
 
 def searched(
@@ -139,29 +135,19 @@ def _result(
     beside: Mapping[str, Any],
     both: BothSensors | None,
     alpha: float,
-    chances: tuple[int, int],
     *,
     prove: bool,
 ) -> Reconciliation:
-    conditions = {number: sensor.collects.conditions for number, sensor in problem.sensors.items()}
     fit, before = fitted(posterior, reading.found), fitted(posterior, reading.nothing)
-    names = [beside_unasked(named, posterior, conditions) for named in reading.names]
-    of_scatter = {
-        n.name: scatter.found_scatter(posterior, reading.found.terms, fit, n.name, conditions)
-        for n in names
-        if n.acts_on == "scatter"
-    }
+    names = [beside_unasked(named, fit) for named in reading.names]
+    of_scatter = {n.name: scatter.found_scatter(fit, n.name) for n in names if n.acts_on == "scatter"}
     over_sensors = {name: scatter.pooled(found) for name, found in of_scatter.items()}
     scattered = [each for found in over_sensors.values() for each in found]
     under = [model.title, *(n.name for n in names if n.acts_on == "mean")]
-    noise = scatter.ordinary(
-        posterior, reading.found.terms, fit, conditions, [f for found in of_scatter.values() for f in found], under
-    )
-    gap = findings.gap_of(proof, fit, before, conditions, chances, reading.chance)
-    results = [
-        findings.described(n, posterior, reading.found, fit, over_sensors.get(n.name, ()), conditions) for n in names
-    ]
-    wrong = mistakes.mistakes_found(reading, campaign, posterior)
+    noise = scatter.ordinary(fit, [f for found in of_scatter.values() for f in found], under)
+    gap = findings.gap_of(proof, fit, before, reading.chance)
+    results = [findings.described(n, fit, over_sensors.get(n.name, ())) for n in names]
+    wrong = mistakes.mistakes_found(reading.mistakes, fit, campaign, reading.chance)
     within = [
         effect
         for effect in named_within(inside, SERIES_EFFECTS, alpha, [n.name for n in names])
@@ -170,18 +156,17 @@ def _result(
     verdict = findings.verdict_of(
         names, [*wrong, *within], unresolved=bool(reverted) and reading.chance < _CERTAIN * alpha
     )
-    standing = findings.as_it_stands(model, problem.campaign, reading)
+    standing = findings.as_it_stands(model, problem.campaign, reading.mistakes)
     terms = [{(n, j) for n, js in named.terms.items() for j in js} for named in names if named.terms]
-    where = places(fit, terms, conditions, reading.chance, alpha) if terms else []
-    where = where or (channels_touched(fit, conditions, reading.chance) if terms else [])
+    where = (places(fit, terms, reading.chance, alpha) or channels_touched(fit, reading.chance)) if terms else []
     after, values, added = model, [], []
-    sensors = mistakes.mended(problem.sensors, reading)
+    sensors = mistakes.mended(problem.sensors, reading.mistakes)
     if names:
         of_names = _proof(posterior, replace(reading, nothing=reading.mended)) if reading.mistakes and proof else proof
-        own = findings.gap_of(of_names, fit, before, conditions, chances, reading.chance)
+        own = findings.gap_of(of_names, fit, before, reading.chance)
         record = {named.name: findings.origin(campaign, named, own) for named in names}
         added = [
-            (posterior.term(n, j).candidate, findings.values_of(posterior, fit, n, j, alone=True))
+            (posterior.term(n, j).candidate, fit.of_term(n, j, alone=True))
             for named in names
             for n, js in named.terms.items()
             for j in js
@@ -193,11 +178,12 @@ def _result(
     known = added or scattered or reading.mistakes or model.terms or model.noise
     left = Solved.of(taken_out(problem, sensors, added, scattered)) if known else solved
     tested = any(search.terms for search in posterior.searches.values())
-    after = findings.with_inside(scatter.with_ordinary(after, noise if tested else (), conditions), within, campaign)
+    after = scatter.with_ordinary(after, noise if tested else (), fit.conditions)
+    after = findings.with_inside(after, within, campaign)
     after = after if after == model else after.model_copy(update={"version": model.version + 1})
     notes = [*campaign.warnings, *in_words(beside), *problem.notes]
     notes += filter(None, [model.of_other_sensors(campaign.sensors)])
-    notes += mistakes.mistake_notes(reading, campaign, posterior)
+    notes += mistakes.mistake_notes(reading.mistakes, fit, campaign)
     notes += findings.laws_that_fail(fit, problem.sensors)
     why = [f"what is known taken off: {each}" for each in left.reasons if each not in solved.reasons]
     notes += [] if both is None else both.together
@@ -205,8 +191,8 @@ def _result(
     notes += [f"{n.name}: the gap on held-out data did not shrink, so it was not added" for n in reverted]
     notes += [findings.NOT_HELD_OUT] if prove and proof is None and names else []
     notes += [*values_off(standing, gap), *((*scatter_in_words(noise), *stated_in_words(noise)) if tested else ())]
-    outliers = mistakes.outliers_found(reading, campaign, fit, posterior)
-    rows = mistakes.rows_found(reading, campaign, outliers, posterior)
+    outliers = mistakes.outliers_found(fit)
+    rows = mistakes.rows_found(reading.mistakes, fit, campaign, outliers)
     outliers += mistakes.at_limits(campaign, problem)
     notes += otherwise(campaign, rows)
     return Reconciliation(
@@ -214,7 +200,7 @@ def _result(
         model_before=model.title,
         verdict=verdict,
         disagreements=[
-            *mistakes.mistake_places(reading, campaign, fit),
+            *mistakes.mistake_places(reading.mistakes, fit, reading.chance),
             *where,
             *scatter.places(of_scatter, reading.chance),
         ],
@@ -222,7 +208,7 @@ def _result(
         gap=gap,
         false_alarm_rate=alpha,
         p_value=reading.chance,
-        next_experiment=_next(names, posterior, fit, problem) or _between(within) or mistakes.look_up(reading),
+        next_experiment=_next(names, fit, problem) or _between(within) or mistakes.look_up(reading.mistakes),
         model_after=after,
         input_model=model,
         outliers=outliers,
@@ -231,7 +217,7 @@ def _result(
         notes=notes,
         simulated=campaign.simulated,
         calibration="per temperature" if any(b.calibrated for b in fit.blocks) else "one set",
-        picture=findings.picture(fit, before, conditions, proof),
+        picture=findings.picture(fit, before, proof),
         follows=reading.follows,
         noise=noise,
         rows=rows,
@@ -254,36 +240,23 @@ def _doubtful(campaign: Campaign) -> dict[str, list[int]]:
     return {verdict: runs for verdict, runs in found.items() if runs}
 
 
-def _next(names: Sequence[Named], posterior: Posterior, fit: Fitted, problem: Problem) -> dict[str, Any] | None:
+def _next(names: Sequence[Named], fit: Fitted, problem: Problem) -> dict[str, Any] | None:
     """The experiment for the first effect whose name is not settled."""
     for named in names:
         if named.kind != "ambiguous" or not named.terms:
             continue
-        rivals = [r for r in named.rivals if r.terms or r.remedy]
-        rival = rivals[0] if rivals else None
+        rival = next((r for r in named.rivals if r.terms or r.remedy), None)
         shared = [n for n in named.terms if rival is not None and n in rival.terms]
         number = shared[0] if shared else next(iter(named.terms))
         places = named.terms[number]
-        candidate = posterior.term(number, places[0]).candidate
+        candidate = fit.posterior.term(number, places[0]).candidate
         values = np.zeros(candidate.size)
-        for column, (value, _) in findings.values_of(posterior, fit, number, places[0]).items():
+        for column, (value, _) in fit.of_term(number, places[0]).items():
             values[column] = value
         sigma = float(np.sqrt(np.mean([np.median(b.variance) for b in fit.blocks])))
-        other = (
-            None
-            if rival is None or number not in rival.terms
-            else posterior.term(number, rival.terms[number]).candidate
-        )
-        other = None if other is not None and other.effect is None else other
-        remedy = "" if rival is None else rival.remedy
-        return next_experiment(
-            Fitting(candidate, values),
-            other,
-            "" if rival is None else rival.name,
-            problem.sensors[number],
-            sigma,
-            remedy,
-        )
+        other = fit.posterior.term(number, rival.terms[number]).candidate if rival and shared else None
+        other = other if other is not None and other.effect is not None else None
+        return next_experiment((candidate, values), other, rival, problem.sensors[number], sigma)
     return None
 
 

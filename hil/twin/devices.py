@@ -14,6 +14,7 @@ from drivers.simulators.unit import IndexSettings, SimulatedImu
 from hil.config.bench import ASK, Bench
 from hil.errors import InputError
 from hil.model import load_model
+from hil.twin.sensor import simulation_of
 from hil.twin.unit import SimulatedUnit
 
 
@@ -67,9 +68,7 @@ def simulate_devices(
     earlier part of the night had, for new noise.
     Raises `InputError` where the section, the model and the description do not go together.
     """
-    settings = bench.simulation
-    if settings is None:
-        raise InputError(f"{bench.source or bench.name}: there is no simulation section, so nothing to simulate")
+    settings = simulation_of(bench)
     plant = ChamberPlant(
         ambient_degC=settings.start.temperature,
         heating_degC_per_min=settings.chamber.heating,
@@ -115,14 +114,13 @@ def _unit(
     bench: Bench, description: StreamDescription, plant: ChamberPlant, begins_s: float, **night: Any
 ) -> SimulatedUnit:
     """Return the physics of one unit in the chamber's air."""
-    roles, path = description.roles, bench.simulation_model
+    roles = description.roles
     if roles is None or not set(bench.sensors) <= set(roles.sensors):
         raise InputError(
             f"{bench.source or bench.name}: imu.description: {bench.imu.description} does not say which fields are the "
             f"rates of sensor {', '.join(map(str, bench.sensors))}"
         )
-    if path is None:
-        raise InputError(f"{bench.source or bench.name}: there is no simulation section, so nothing to simulate")
+    path = bench.simulation_model or ""
     model = load_model(path)
     for number in bench.sensors:
         model.check_sensor(bench.sensor(number), path)
@@ -146,9 +144,7 @@ def _check_identity(bench: Bench, description: StreamDescription, told: Mapping[
 
 def _imu(bench: Bench, description: StreamDescription, unit: SimulatedUnit, begins_s: float) -> SimulatedImu:
     """Return the bytes of one unit."""
-    settings = bench.simulation
-    if settings is None:
-        raise InputError(f"{bench.source or bench.name}: there is no simulation section, so nothing to simulate")
+    settings = simulation_of(bench)
     serial = "SIM-0001" if bench.unit.serial == ASK else bench.unit.serial
     _check_identity(bench, description, {"model": bench.unit.model, "serial": serial})
     return SimulatedImu(

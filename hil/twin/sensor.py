@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from drivers.frames.roles import SensorRole
 from hil.campaign import FloatArray
 from hil.config.bench import Bench
+from hil.config.simulation import SimulationSection
 from hil.errors import InputError
 from hil.model import Model
 from hil.model.curve import Constant
@@ -21,6 +22,13 @@ from hil.twin.scatter import collect_scatter, run_scatter
 _COLDEST_DEGC, _HOTTEST_DEGC, _STEP_DEGC = -90.0, 150.0, 0.02
 
 
+def simulation_of(bench: Bench) -> SimulationSection:
+    """Return what a bench says of its simulation; raise `InputError` where it says nothing."""
+    if bench.simulation is None:
+        raise InputError(f"{bench.source or bench.name}: there is no simulation section, so nothing to simulate")
+    return bench.simulation
+
+
 class SimulatedSensor:
     """The truth about one sensor. Arrays over n temperatures; c channels in the order of `sensor.channels`.
 
@@ -28,7 +36,7 @@ class SimulatedSensor:
     """
 
     def __init__(self, bench: Bench, number: int, role: SensorRole, model: Model) -> None:
-        assert bench.simulation is not None  # noqa: S101 - for the type checker: the caller has a simulated bench
+        settings = simulation_of(bench)
         self.sensor = bench.sensor(number)
         self.model = model
         self.rate_fields = tuple(_field(bench, number, "channel", role.rates, name) for name in self.sensor.channels)
@@ -41,10 +49,9 @@ class SimulatedSensor:
         self.acceleration_axes = np.array(
             [self.sensor.axes.index(axis) for axis in self.acceleration_fields], dtype=int
         )
-        self.noise = _noise(model, number, bench.simulation.noise.angle_random_walk)
-        self._seed = bench.simulation.seed
-        self._scatters = bench.simulation.noise.run_to_run
-        self.scattering = self.noise.scatter_for(self.sensor, slow=bench.simulation.noise.slow)
+        self.noise = _noise(model, number, settings.noise.angle_random_walk)
+        self._seed, self._scatters = settings.seed, settings.noise.run_to_run
+        self.scattering = self.noise.scatter_for(self.sensor, slow=settings.noise.slow)
         self._runs: dict[int, dict[str, float]] = {}
         self._stays: dict[int, FloatArray] = {}
         self._none = np.zeros(4 * self.channels)

@@ -1,7 +1,7 @@
 """The simulated devices of a bench for any client, on pseudo-terminals or TCP ports, in real time.
 
-    with served(load_bench("simulated")) as simulation:
-        build_bench(client_bench(bench, simulation.ports))      # through pyserial, like a real bench
+    with serving(load_bench("simulated"), tcp=False) as (server, simulation):
+        server.run()        # and whoever opens simulation.ports speaks with it like with a real bench
 
 Where the bench file names a simulated port (`sim://imu`), the device gets a pseudo-terminal of the system's choosing;
 where it names a path, the terminal appears there; where it names `socket://host:port`, that TCP port is served. One
@@ -16,19 +16,15 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import Any
 from urllib.parse import urlsplit
-
-import yaml
 
 from drivers.clock import SystemClock
 from drivers.simulators import SimulatedDevice
 from drivers.simulators.serve import DeviceServer
-from hil.config.bench import Bench, parse_bench
+from hil.config.bench import Bench
 from hil.config.frames import load_frames
 from hil.config.ports import SIMULATED_SCHEME
 from hil.errors import InputError
-from hil.files.strict import parse_yaml
 from hil.twin.devices import SimulatedBench, simulate_devices
 from hil.twin.faults import FaultInjector
 
@@ -41,7 +37,7 @@ _SIGNALS = (
 _HOST = "127.0.0.1"
 
 
-def _port_keys(bench: Bench) -> Mapping[str, tuple[str | int, ...]]:
+def port_keys(bench: Bench) -> Mapping[str, tuple[str | int, ...]]:
     """Return where the bench file names the port of each device: imu or, of several, imu-SERIAL; chamber, ramp."""
     units = {f"imu-{name}": ("units", place, "port") for place, name in enumerate(bench.units)}
     return {**(units or {"imu": ("imu", "port")}), "chamber": ("chamber", "port"), "ramp": ("chamber", "ramp_port")}
@@ -52,7 +48,7 @@ def _device(unit: str) -> str:
 
 
 def _key(bench: Bench, device: str) -> str:
-    return ".".join(map(str, _port_keys(bench)[device]))
+    return ".".join(map(str, port_keys(bench)[device]))
 
 
 @dataclass(frozen=True)
@@ -72,23 +68,12 @@ class Simulation:
         return {"schema": SCHEMA, "bench": self.bench.name, "simulated": True, "ports": dict(self.ports)}
 
 
-@contextmanager
-def served(bench: Bench, *, tcp: bool = False) -> Iterator[Simulation]:
-    """Serve a bench's devices from a thread for as long as the context lasts.
-
-    `tcp` gives simulated ports a free TCP port instead of a terminal. Raises `InputError` where the bench has nothing
-    to simulate, or one of its ports cannot be served.
-    """
-    with _server(bench, tcp=tcp) as (server, simulation), server:
-        yield simulation
-
-
 def serve_bench(bench: Bench, announce: Callable[[str], None], *, tcp: bool = False) -> None:
     """Serve a bench's devices until SIGINT, SIGTERM or SIGHUP; `announce` gets one JSON line that says where.
 
-    Only the main thread can do this. Raises `InputError` as `served` does.
+    Only the main thread can do this. Raises `InputError` as `serving` does.
     """
-    with _server(bench, tcp=tcp) as (server, simulation):
+    with serving(bench, tcp=tcp) as (server, simulation):
 
         def stop(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the signature of a handler
             server.interrupt()
@@ -102,23 +87,13 @@ def serve_bench(bench: Bench, announce: Callable[[str], None], *, tcp: bool = Fa
                 signal.signal(number, handler)
 
 
-def client_bench(bench: Bench, ports: Mapping[str, str]) -> Bench:
-    """Return the bench as a client of served devices has it: their ports, the computer's clock, live polling."""
-    document = parse_yaml(bench.text, bench.source)
-    document["clock"] = "system"
-    document.pop("polling", None)
-    document.pop("faults", None)  # they happen to the devices, which the server has
-    for device, port in ports.items():
-        *sections, key = _port_keys(bench)[device]
-        within: Any = document
-        for section in sections:
-            within = within[section]
-        within[key] = port
-    return parse_bench(yaml.safe_dump(document, sort_keys=False, allow_unicode=True), bench.source)
-
-
 @contextmanager
-def _server(bench: Bench, *, tcp: bool) -> Iterator[tuple[DeviceServer, Simulation]]:
+def serving(bench: Bench, *, tcp: bool) -> Iterator[tuple[DeviceServer, Simulation]]:
+    """Give what serves a bench's devices, and what a client opens.
+
+    `tcp` gives simulated ports a free TCP port instead of a terminal. Raises `InputError` where the bench has nothing
+    to simulate, or one of its ports cannot be served.
+    """
     clock = SystemClock()
     frames = {name: load_frames(own) for name, own in bench.each.items()}
     devices = simulate_devices(bench, frames, begins_s=clock.now())

@@ -31,7 +31,7 @@ from hil.model import Model
 from hil.twin.grid import ROTOR, FieldColumns, SlowGrid, Supply, field_columns
 from hil.twin.motion import Leg, Timeline
 from hil.twin.scatter import WhiteNoise
-from hil.twin.sensor import SimulatedSensor
+from hil.twin.sensor import SimulatedSensor, simulation_of
 from hil.twin.terms import GridRows, Rest, ScatterRates, TermRates
 from hil.twin.thermal import ThermalUnit
 
@@ -73,9 +73,7 @@ class SimulatedUnit:
         session: int = 0,
         alike: SimulatedUnit | None = None,
     ) -> None:
-        settings = bench.simulation
-        if settings is None:
-            raise InputError(f"{bench.source or bench.name}: there is no simulation section, so nothing to simulate")
+        settings = simulation_of(bench)
         if settings.start.position not in bench.positions:
             raise InputError(
                 f"{bench.source or bench.name}: simulation.start.position: there is no position "

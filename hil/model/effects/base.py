@@ -342,10 +342,6 @@ class VarianceEffect(Described):
         """Return the covariance of the rates at unit size of the parameter, shape (n·c, n·c), rows (n, c) flattened."""
         return np.asarray(sum(part.covariance(conditions) for part in self.scatter(conditions, shape)))
 
-    def draw(self, conditions: Conditions, shape: Mapping[str, float], rng: np.random.Generator) -> FloatArray:
-        """Return one draw of the rates at unit size of the parameter, shape (n, c)."""
-        return np.asarray(sum(part.draw(conditions, rng) for part in self.scatter(conditions, shape)))
-
 
 def channel_labels(sensor: Sensor) -> tuple[str, ...]:
     """Name each channel by its axis, as in BA and BB (by itself where two channels share an axis)."""

@@ -43,18 +43,22 @@ def driver_reference(expression: str, conditions: Conditions) -> float:
     """
     if "&" in expression or any(form.match(expression) for form in (_LABEL, _ABOVE, _INSIDE)):
         return 0.0
-    power = _POWER.match(expression)
-    return _median(_column(power.group(1) if power else expression, conditions))
+    return _median(_column(_column_of(expression), conditions))
 
 
 def driver_columns(expression: str) -> frozenset[str]:
     """Return the condition columns that an expression needs."""
-    names = set()
-    for part in expression.split("&"):
-        if not _LABEL.match(part):
-            match = _POWER.match(part) or _ABOVE.match(part) or _INSIDE.match(part)
-            names.add(match.group(1) if match else part)
-    return frozenset(names - {"start_s", "run", "duration_s"})
+    names = {_column_of(part) for part in expression.split("&") if not _LABEL.match(part)}
+    return frozenset(names - {*_OF_A_ROW})
+
+
+def _column_of(part: str) -> str:
+    match = _POWER.match(part) or _ABOVE.match(part) or _INSIDE.match(part)
+    return match.group(1) if match else part
+
+
+_OF_A_ROW = ("start_s", "duration_s", "run")
+"""What every row has beside its conditions."""
 
 
 _DRIVERS = {
@@ -87,33 +91,25 @@ def expressible(column: str) -> bool:
     return "&" not in column and not any(form.match(column) for form in (_POWER, _ABOVE, _INSIDE, _LABEL))
 
 
-def _plain(label: str) -> str:
-    return label.replace("%26", "&").replace("%25", "%")
-
-
 def _part(part: str, conditions: Conditions, reference: float | None) -> FloatArray:
     if label := _LABEL.match(part):
-        return np.asarray(conditions.position == _plain(label.group(1)), dtype=np.float64)
+        plain = label.group(1).replace("%26", "&").replace("%25", "%")
+        return np.asarray(conditions.position == plain, dtype=np.float64)
+    values = _column(_column_of(part), conditions)
+    if power := _POWER.match(part):
+        middle = _median(values) if reference is None else reference
+        return np.asarray((values - middle) ** int(power.group(2)))
     if step := _ABOVE.match(part):
-        values, edge = _column(step.group(1), conditions), float(step.group(3))
-        beyond = values > edge if step.group(2) == ">" else values <= edge
-        return np.asarray(beyond, dtype=np.float64)
+        edge = float(step.group(3))
+        return np.asarray(values > edge if step.group(2) == ">" else values <= edge, dtype=np.float64)
     if inside := _INSIDE.match(part):
-        values = _column(inside.group(1), conditions)
         return ((values >= float(inside.group(2))) & (values <= float(inside.group(3)))).astype(np.float64)
-    power = _POWER.match(part)
-    values = _column(power.group(1) if power else part, conditions)
-    middle = _median(values) if reference is None else reference
-    return np.asarray((values - middle) ** (int(power.group(2)) if power else 1))
+    return values - (_median(values) if reference is None else reference)
 
 
 def _column(name: str, conditions: Conditions) -> FloatArray:
-    if name == "start_s":
-        return conditions.start_s
-    if name == "duration_s":
-        return conditions.duration_s
-    if name == "run":
-        return conditions.run.astype(np.float64)
+    if name in _OF_A_ROW:
+        return np.asarray(getattr(conditions, name), dtype=np.float64)
     if name not in conditions.columns:
         raise InputError(f"driver {name!r}: the data has no such column")
     return np.asarray(conditions.columns[name], dtype=np.float64)

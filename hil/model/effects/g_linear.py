@@ -9,6 +9,7 @@ from hil.campaign import Conditions, FloatArray, Sensor
 from hil.model.effects.base import Base, Effect, Parameter, Scatter, VarianceEffect, above_reference, channel_labels
 from hil.model.forms import bias_columns, gs_columns, mu_columns, sensitivity_columns, sensitivity_names
 
+_MU_TYPICAL = {"DTG": (0.1, 5.0), "FOG": (0.0, 0.01), "MEMS": (3.0, 100.0)}
 _MATRIX_TYPICAL = {"RLG": (0.0, 0.01), "FOG": (0.0, 0.01), "DTG": (0.5, 20.0), "MEMS": (10.0, 500.0)}
 
 
@@ -61,10 +62,7 @@ class AxialDrift(Effect):
     title = "Axial-acceleration drift (MUA, MUB)"
     equation = "RA += MUB fS; RB -= MUA fS"
     rotor_only = True
-    parameters = (
-        Parameter("MUA", "deg/hr/g", (2.0, 40.0), {"DTG": (0.1, 5.0), "FOG": (0.0, 0.01), "MEMS": (3.0, 100.0)}),
-        Parameter("MUB", "deg/hr/g", (2.0, 40.0), {"DTG": (0.1, 5.0), "FOG": (0.0, 0.01), "MEMS": (3.0, 100.0)}),
-    )
+    parameters = tuple(Parameter(name, "deg/hr/g", (2.0, 40.0), _MU_TYPICAL) for name in ("MUA", "MUB"))
     signature = "Only the collect with the spin axis vertical moves; a bias solved without MU is off by +MUB, -MUA."
     confusable_with = ("k2", "MU_rr", "tilt", "index", "earth", "convection", "settle", "mag")
     may_follow_temperature = True

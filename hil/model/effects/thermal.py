@@ -25,7 +25,7 @@ _OTHERS_DEGC = ("case_degC", "chamber_degC", "setpoint_degC")
 _UNUSUAL = 0.1  # odds, before the data, of what would have to be of an unusual kind or size to stand in
 
 
-def _of_its_own_temperature(conditions: Conditions) -> Mapping[str, float]:
+def _of_its_own_temperature(_: Effect, conditions: Conditions) -> Mapping[str, float]:
     """Return the bias that follows temperature where another stands in for the unit's, which decays unrecorded."""
     own, columns = column(conditions, "temperature_degC"), conditions.columns
     stood_in = any(np.array_equal(own, columns[name]) for name in _OTHERS_DEGC if name in columns)
@@ -203,9 +203,7 @@ class InsufficientSoak(Effect):
     kin = MappingProxyType({"bias_Tdot": 1.0, "bias_grad": 1.0})
     experiment = "Five or more runs in one soak, or soaks of 45 and 120 min."
 
-    def aliases_for(self, conditions: Conditions) -> Mapping[str, float]:
-        """Return a bias that follows the unit's own temperature, where nobody recorded how that nears the chamber's."""
-        return _of_its_own_temperature(conditions)
+    aliases_for = _of_its_own_temperature  # where nobody recorded how that nears the chamber's
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         """Return the step that is left, averaged over the collect, for each channel."""
@@ -233,9 +231,7 @@ class WarmUp(Effect):
     kin = MappingProxyType({"soak_insufficient": _UNUSUAL})
     experiment = "Switch power off and on at constant temperature, with the unit's own temperature recorded."
 
-    def aliases_for(self, conditions: Conditions) -> Mapping[str, float]:
-        """Return a bias that follows the unit's own temperature, where nobody recorded how it warms itself."""
-        return _of_its_own_temperature(conditions)
+    aliases_for = _of_its_own_temperature  # where nobody recorded how it warms itself
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         """Return the decay since power-on, averaged over the collect, for each channel."""

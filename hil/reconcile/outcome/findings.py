@@ -8,21 +8,20 @@ from typing import Any
 import numpy as np
 
 from drivers.clock import SystemClock
-from hil.campaign import Campaign, Conditions
+from hil.campaign import Campaign
 from hil.files.document import picked
 from hil.model import Model
 from hil.model.effects.base import Described
 from hil.model.model_file import InsideCollects
-from hil.reconcile.naming import LEAST, NO_NAME, Named, Reading
+from hil.reconcile.naming import LEAST, Named
 from hil.reconcile.outcome.improve import described_parameters
 from hil.reconcile.outcome.scatter import FoundScatter
-from hil.reconcile.outcome.values import Values
 from hil.reconcile.proof.held_out import HeldOut
-from hil.reconcile.result import FoundEffect, Gap, Rival, Shape
-from hil.reconcile.search.fitted import Fitted, fitted
+from hil.reconcile.result import FoundEffect, Gap, Shape
+from hil.reconcile.search.fitted import Fitted, Values, fitted
 from hil.reconcile.search.noise import FEWEST_RUNS
-from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.problem import SensorProblem
+from hil.reconcile.search.terms import NO_NAME, Term
 
 NOT_HELD_OUT = (
     "no run could be held out: each temperature has one, and its values belong to it alone; the gap is that of the fit"
@@ -35,19 +34,12 @@ FEWEST_REPEATS = 30
 """Degrees of freedom from which repeats measure the noise to an eighth."""
 
 
-def gap_of(
-    proof: tuple[HeldOut, HeldOut] | None,
-    fit: Fitted,
-    before: Fitted,
-    conditions: Mapping[int, Conditions],
-    chances: tuple[int, int],
-    chance: float,
-) -> Gap:
+def gap_of(proof: tuple[HeldOut, HeldOut] | None, fit: Fitted, before: Fitted, chance: float) -> Gap:
     """Return the held-out gap before and after; that of the fits themselves where nothing can be held out.
 
-    `chances` are the number and the seed of the sign flips, `chance` that nothing is missing at all.
+    `chance` is that of nothing missing at all.
     """
-    noise = _noise(fit, conditions)
+    noise = _noise(fit)
     if proof is None:
         sizes = [np.concatenate([f.residual(block) for block in f.blocks]) for f in (before, fit)]
         rms = [round(float(np.sqrt(np.mean(r**2))), 6) for r in sizes]
@@ -64,13 +56,13 @@ def gap_of(
         held_out=f"leave-one-{kind}-out, {len(runs.rows)} folds, selection repeated in every fold",
         standardised_before=scaled_before,
         standardised_after=scaled_after,
-        improved_p_value=max(runs.improvement_p_value(*chances), min(chance, 1.0)),
+        improved_p_value=max(runs.improvement_p_value(), min(chance, 1.0)),
         blocks={"before": contiguous.rms[0], "after": contiguous.rms[1]},
         log_score={"before": runs.log_score[0], "after": runs.log_score[1]},
     )
 
 
-def _noise(fit: Fitted, conditions: Mapping[int, Conditions]) -> float:
+def _noise(fit: Fitted) -> float:
     """Return the rms of the noise, deg/hr: what repeats show by themselves, whatever the model, or what was fitted.
 
     Repeats are rows in one pose at one temperature; what the set explains of them is taken off. The smaller of the two
@@ -80,10 +72,10 @@ def _noise(fit: Fitted, conditions: Mapping[int, Conditions]) -> float:
     for block in fit.blocks:
         own = block.search.block
         known.append(block.variance)
-        of = conditions[own.sensor]
+        of = block.search.noise.conditions
         alike = np.column_stack([own.station, own.channel, of.f_g[own.rows], of.w_deg_per_hr[own.rows]])
         _, group = np.unique(np.round(alike, 3), axis=0, return_inverse=True)
-        left = own.y - fit.design(block) @ fit.values
+        left = own.y - fit.effect(block)
         mean = np.bincount(group, left) / np.bincount(group)
         squares += float(np.sum((left - mean[group]) ** 2))
         free += len(left) - len(mean)
@@ -99,24 +91,17 @@ def verdict_of(names: Sequence[Named], others: Sequence[FoundEffect], *, unresol
     return next((kind for kind in ("ambiguous", "empirical", "named") if kind in kinds), "none")
 
 
-def described(
-    named: Named,
-    posterior: Posterior,
-    found: Found,
-    fit: Fitted,
-    scatter: Sequence[FoundScatter],
-    conditions: Mapping[int, Conditions],
-) -> FoundEffect:
+def described(named: Named, fit: Fitted, scatter: Sequence[FoundScatter]) -> FoundEffect:
     """Return one found effect for the result."""
     pairs = [(n, j) for n, places in named.terms.items() for j in places]
-    over_shapes = {(n, j): _over_shapes(posterior, found, fit, n, j) for n, j in pairs}
+    over_shapes = {(n, j): _over_shapes(fit, n, j) for n, j in pairs}
     parameters = [
         p
         for n, j in pairs
         for p in described_parameters(
-            posterior.term(n, j).candidate,
-            values_of(posterior, fit, n, j),
-            conditions[n],
+            fit.posterior.term(n, j).candidate,
+            fit.of_term(n, j),
+            fit.conditions[n],
             [(weight, values) for weight, _, values in over_shapes[n, j]],
         )
     ]
@@ -124,11 +109,11 @@ def described(
         picked(f.parameter, "name unit typical") | picked(f, "value se") | {**f.interval, "at": "", "sensor": f.sensor}
         for f in scatter
     ]
-    first = posterior.term(*pairs[0]).candidate if pairs else None
+    first = fit.posterior.term(*pairs[0]).candidate if pairs else None
     shapes = {f.sensor: Shape(dict(f.shape)) for f in reversed(scatter)}
     for n, j in reversed(pairs):
-        ends = _shape_range(posterior, n, over_shapes[n, j])
-        shapes[n] = Shape(dict(posterior.term(n, j).candidate.shape), ends)
+        ends = _shape_range(fit, n, over_shapes[n, j])
+        shapes[n] = Shape(dict(fit.posterior.term(n, j).candidate.shape), ends)
     told = first if first is not None else named.effect
     return FoundEffect(
         id=named.name if first is None or first.tier == 1 else f"empirical: {first.name}",
@@ -136,9 +121,7 @@ def described(
         equation=getattr(told, "equation", ""),
         parameters=parameters,
         probability=named.probability,
-        confusable_with=[
-            Rival(r.name, r.probability, r.overlap, r.title, (), r.bayes_factor, r.prior_odds) for r in named.rivals
-        ],
+        confusable_with=named.rivals,
         kind=named.kind,
         shapes=dict(sorted(shapes.items())),
         sensors=sorted(named.terms) or sorted({f.sensor for f in scatter}),
@@ -148,12 +131,10 @@ def described(
     )
 
 
-def _over_shapes(
-    posterior: Posterior, found: Found, fit: Fitted, number: int, place: int
-) -> list[tuple[float, int, Values]]:
+def _over_shapes(fit: Fitted, number: int, place: int) -> list[tuple[float, int, Values]]:
     """Return how probable each shape of a term is beside the other terms, its place, and what the values are in it."""
-    search, term = posterior.searches[number], posterior.term(number, place)
-    others = tuple(j for j in found.terms[number] if j != place)
+    search, term, terms = fit.posterior.searches[number], fit.posterior.term(number, place), fit.found.terms
+    others = tuple(j for j in terms[number] if j != place)
     own = [term.name, term.candidate.form, term.candidate.kept]
     alike = [j for j, t in enumerate(search.terms) if [t.name, t.candidate.form, t.candidate.kept] == own]
     log_weight = (search.scan(others) + search.log_odds)[alike]
@@ -161,16 +142,16 @@ def _over_shapes(
     out = []
     for j, weight in zip(alike, weights, strict=True):
         if j == place:
-            out.append((weight, j, values_of(posterior, fit, number, j)))
+            out.append((weight, j, fit.of_term(number, j)))
         elif weight > LEAST:
-            of_shape = replace(found, terms={**found.terms, number: tuple(sorted((*others, j)))})
-            out.append((weight, j, values_of(posterior, fitted(posterior, of_shape), number, j)))
+            of_shape = replace(fit.found, terms={**terms, number: tuple(sorted((*others, j)))})
+            out.append((weight, j, fitted(fit.posterior, of_shape).of_term(number, j)))
     return out
 
 
-def _shape_range(posterior: Posterior, number: int, shapes: Sequence[tuple[float, int, Values]]) -> dict[str, Any]:
+def _shape_range(fit: Fitted, number: int, shapes: Sequence[tuple[float, int, Values]]) -> dict[str, Any]:
     """Return from where to where each part of a shape may be, those that are not settled."""
-    asked = [posterior.term(number, j).candidate.shape for weight, j, _ in shapes if weight > LEAST]
+    asked = [fit.posterior.term(number, j).candidate.shape for weight, j, _ in shapes if weight > LEAST]
     ends = {name: [min(s[name] for s in asked), max(s[name] for s in asked)] for name in (asked[0] if asked else ())}
     return {name: [low, high] for name, (low, high) in ends.items() if low < high}
 
@@ -184,13 +165,6 @@ def laws_that_fail(fit: Fitted, sensors: Mapping[int, SensorProblem]) -> list[st
         for number, form in sorted(laws.items())
         if form.reference_degC is not None
     ]
-
-
-def values_of(posterior: Posterior, fit: Fitted, number: int, place: int, *, alone: bool = False) -> Values:
-    """Return the values and errors of a term's columns, in their own units; `alone` as `Fitted.value` has it."""
-    scale = posterior.term(number, place).scale
-    own = {key[2]: fit.value(key, alone=alone) for key in fit.keys if key[:2] == (number, place)}
-    return {k: (value / float(scale[k]), error / float(scale[k])) for k, (value, error) in own.items()}
 
 
 def physics(effect: Described | None) -> str:
@@ -233,7 +207,7 @@ def origin(campaign: Campaign, named: Named, gap: Gap) -> dict[str, Any]:
         "verdict": named.kind,
         "name": named.name,
         "probability": round(named.probability, 4),
-        "rivals": {rival.name: round(rival.probability, 4) for rival in named.rivals},
+        "rivals": {rival.id: round(rival.probability, 4) for rival in named.rivals},
         "gap_before_deg_per_hr": _number(gap.before),
         "gap_after_deg_per_hr": _number(gap.after),
         "noise_floor_deg_per_hr": _number(gap.noise_floor),
@@ -244,9 +218,7 @@ def _number(value: float) -> float | None:
     return round(float(value), 4) if np.isfinite(value) else None
 
 
-def picture(
-    fit: Fitted, before: Fitted, conditions: Mapping[int, Conditions], proof: tuple[HeldOut, HeldOut] | None
-) -> dict[str, Any]:
+def picture(fit: Fitted, before: Fitted, proof: tuple[HeldOut, HeldOut] | None) -> dict[str, Any]:
     """Residuals by row before and after, for the page; minutes from one collect to the next.
 
     `held_*` are those of held-out rows (of the fit where nothing is held out), `noise_*` what they may scatter by,
@@ -254,8 +226,7 @@ def picture(
     """
     rows, minutes = [], []
     for b, (block, plain) in enumerate(zip(fit.blocks, before.blocks, strict=True)):
-        own = block.search.block
-        known = conditions[own.sensor]
+        own, known = block.search.block, block.search.noise.conditions
         noise = [np.sqrt(each.variance) for each in (plain, block)]
         left, whole = fit.residual(block), before.residual(plain)
         inner = [plain.beside_values(whole), block.beside_values(left)]
@@ -264,7 +235,7 @@ def picture(
             if proof is None
             else [np.where(np.isfinite(e), e, i) for e, i in zip(proof[0].errors[b], inner, strict=True)]
         )
-        added = fit.design(block) @ fit.values
+        added = fit.effect(block)
         added -= own.base @ np.linalg.lstsq(own.base, added, rcond=1e-9)[0]
         temperature = known.columns.get("temperature_degC")
         steps = np.diff(known.start_s)[np.diff(known.run) == 0]
@@ -285,14 +256,14 @@ def picture(
     return {"rows": rows, "minutes_per_collect": float(np.median(minutes)) if minutes else None}
 
 
-def as_it_stands(model: Model, campaign: Campaign, reading: Reading) -> dict[str, Any] | None:
+def as_it_stands(model: Model, campaign: Campaign, mistakes: Sequence[tuple[int, Term]]) -> dict[str, Any] | None:
     """How far the rates, with labels put right, are from a model with values before any fit; None for a built-in."""
     squares, rows, worst = 0.0, 0, 0.0
     for number, collects in campaign.sensors.items():
         if not model.has_values(collects.conditions.sensor):
             return None
         error = collects.rates_deg_per_hr - model.rates(collects.conditions)
-        for n, term in reading.mistakes:
+        for n, term in mistakes:
             if n == number and term.candidate.effect is not None:
                 error = error - term.candidate.columns[:, :, 0]
         error = error[np.isfinite(error)]

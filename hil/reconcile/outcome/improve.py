@@ -8,20 +8,19 @@ from scipy.special import stdtr, stdtrit
 
 from hil.campaign import Conditions, FloatArray
 from hil.model import Model, Term
-from hil.model.curve import Constant, Polynomial, Table, TableRows
+from hil.model.curve import Constant, Curve, Polynomial, Table, TableRows
 from hil.model.effects.empirical import EmpiricalTerm
 from hil.model.effects.followed import driver_reference
 from hil.model.forms import matrix_6_form, triad_12_form
 from hil.model.stated_noise import ScatterTerm, SensorNoise
 from hil.reconcile.outcome.scatter import FoundScatter
-from hil.reconcile.outcome.values import Values, least_squares, left_by
+from hil.reconcile.outcome.values import least_squares, left_by
 from hil.reconcile.search.candidates import POWERS, Candidate
+from hil.reconcile.search.fitted import Values
 from hil.reconcile.search.noise import FEWEST_RUNS
 from hil.reconcile.search.problem import SensorProblem
 from hil.solve.repeats import CONFIDENCE
 from hil.solve.temperatures import same_temperature
-
-Curve = Constant | Polynomial | Table
 
 _ONE_SE = 0.6827  # of a normal distribution lies within one standard error
 

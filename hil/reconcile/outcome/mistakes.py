@@ -9,12 +9,12 @@ import numpy as np
 from hil.campaign import Campaign, Conditions
 from hil.campaign.plausibility import clipped
 from hil.model.effects.data import ALL_TURNED, CHANNELS, OTHER_SENSOR, TURNED
-from hil.reconcile.naming import CERTAIN, Reading, classes_of
-from hil.reconcile.outcome.findings import physics, values_of
+from hil.reconcile.naming import CERTAIN
+from hil.reconcile.outcome.findings import physics
 from hil.reconcile.result import LEFT_OUT, Disagreement, FoundEffect, Shape, runs_in_words, without_collects
 from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.fitted import Fitted
-from hil.reconcile.search.posterior import Found, Posterior
+from hil.reconcile.search.posterior import Posterior
 from hil.reconcile.search.problem import Problem, SensorProblem
 from hil.reconcile.search.sets import Set
 from hil.reconcile.search.terms import Term
@@ -25,14 +25,20 @@ from hil.solve.wrong_rows import LEFT_OUT as OMITTED
 from hil.solve.wrong_rows import MENDED, USED, Wrong, cause_in_words, clipped_rows
 from procedures.words import numbered
 
+Mistakes = Sequence[tuple[int, Term]]
+"""Mistakes in the data that were found, each with its sensor."""
+
 _OF_A_RUN = {OTHER_SENSOR: "sensors", CHANNELS: "channels", ALL_TURNED: "all turned"}
 
 
-def mistakes_found(reading: Reading, campaign: Campaign, posterior: Posterior) -> list[FoundEffect]:
-    """Return mistakes in labels and runs as found effects: exchanged labels by name, wrong runs as one finding."""
+def mistakes_found(wrong: Mistakes, fit: Fitted, campaign: Campaign, chance: float) -> list[FoundEffect]:
+    """Return mistakes in labels and runs as found effects: exchanged labels by name, wrong runs as one finding.
+
+    `chance` is that of nothing being wrong or missing at all.
+    """
     out = []
-    for number, term in (each for each in reading.mistakes if each[1].candidate.effect is not None):
-        which, p, sure = _which(number, term, posterior, campaign)
+    for number, term in (each for each in wrong if each[1].candidate.effect is not None):
+        which, p, sure = _which(number, term, fit.posterior, campaign)
         out.append(
             FoundEffect(
                 id=term.name,
@@ -49,8 +55,7 @@ def mistakes_found(reading: Reading, campaign: Campaign, posterior: Posterior) -
                 mends_labels=True,
             )
         )
-    runs = wrong_runs(reading)
-    if runs:
+    if runs := wrong_runs(wrong):
         numbers = runs_in_words(sorted({run for _, _, run in runs}))
         many = "runs" in numbers
         out.append(
@@ -60,7 +65,7 @@ def mistakes_found(reading: Reading, campaign: Campaign, posterior: Posterior) -
                 "in any way that an effect of the catalogue does",
                 equation="",
                 parameters=[],
-                probability=1.0 - reading.chance,
+                probability=1.0 - chance,
                 confusable_with=[],
                 kind="empirical",
                 shapes={runs[0][0]: Shape({LEFT_OUT: float(len({(n, run) for n, _, run in runs}))})},
@@ -72,12 +77,10 @@ def mistakes_found(reading: Reading, campaign: Campaign, posterior: Posterior) -
     return out
 
 
-def wrong_runs(reading: Reading) -> list[tuple[int, int, int]]:
+def wrong_runs(wrong: Mistakes) -> list[tuple[int, int, int]]:
     """Return sensor, channel and the campaign's number of every run that is wrong."""
     return [
-        (n, int(t.candidate.shape["channel"]), int(t.candidate.shape["number"]))
-        for n, t in reading.mistakes
-        if t.name == "run"
+        (n, int(t.candidate.shape["channel"]), int(t.candidate.shape["number"])) for n, t in wrong if t.name == "run"
     ]
 
 
@@ -86,7 +89,7 @@ def _instead(number: int, posterior: Posterior, chosen: Term) -> tuple[float, di
     sure, instead = 0.0, dict[Set, float]()
     terms = posterior.searches[number].terms
     for found in posterior.sets:
-        places = [j for j in found.terms.get(number, ()) if terms[j].is_mistake]
+        places = [j for j in found.terms[number] if terms[j].is_mistake]
         if any(terms[j] is chosen for j in places):
             sure += float(np.exp(found.log_weight))
         elif way := tuple(j for j in places if terms[j].candidate.effect is not None):
@@ -113,83 +116,80 @@ def _exchange(candidate: Candidate, campaign: Campaign) -> str:
     return cause_in_words(collects, Cause(what, run, tuple(rows.tolist()), channel))
 
 
-def mended(sensors: Mapping[int, SensorProblem], reading: Reading) -> dict[int, SensorProblem]:
+def mended(sensors: Mapping[int, SensorProblem], wrong: Mistakes) -> dict[int, SensorProblem]:
     """Return the sensors with what was exchanged put right, and without the rates that are wrong."""
     out = dict(sensors)
-    for n, term in reading.mistakes:
+    for n, term in wrong:
         collects, columns = out[n].collects, term.candidate.columns
-        wrong = np.any(columns != 0.0, axis=2) & (term.candidate.effect is None)
+        spoiled = np.any(columns != 0.0, axis=2) & (term.candidate.effect is None)
         exchanged = 0.0 if term.candidate.effect is None else columns[..., 0]
-        rates = np.where(wrong, np.nan, collects.rates_deg_per_hr - exchanged)
+        rates = np.where(spoiled, np.nan, collects.rates_deg_per_hr - exchanged)
         out[n] = replace(out[n], collects=replace(collects, rates_deg_per_hr=rates))
     return out
 
 
-def mistake_notes(reading: Reading, campaign: Campaign, posterior: Posterior) -> list[str]:
+def mistake_notes(wrong: Mistakes, fit: Fitted, campaign: Campaign) -> list[str]:
     """Say which rows of the file carry each other's labels, and which runs are left out."""
-    return in_words({"rows": rows_found(reading, campaign, (), posterior)}, searched=True)
+    return in_words({"rows": rows_found(wrong, fit, campaign, ())}, searched=True)
 
 
-def mistake_places(reading: Reading, campaign: Campaign, fit: Fitted) -> list[Disagreement]:
+def mistake_places(wrong: Mistakes, fit: Fitted, chance: float) -> list[Disagreement]:
     """Return where mistakes show: channel, position and run of each, and by how much."""
     out = []
-    for n, term in reading.mistakes:
+    for n, term in wrong:
         if term.name == "row":
             continue
-        conditions = campaign.sensors[n].conditions
+        conditions = fit.conditions[n]
         channels = list(conditions.sensor.channels)
         for block in fit.blocks:
             own = block.search.block
             if own.sensor != n or not np.any(part := own.select(term.candidate.columns)):
                 continue
             noise = np.sqrt(block.variance)
-            before = fit.residual(block) + (fit.design(block) @ fit.values if term.name == "run" else part[:, 0])
+            before = fit.residual(block) + (fit.effect(block) if term.name == "run" else part[:, 0])
             for c in np.unique(own.channel):
                 rows = np.any(part != 0.0, axis=1) & (own.channel == c)
                 if term.name == "run" and np.any(rows):
-                    size = float(np.sqrt(np.mean(before[rows] ** 2)))
+                    size, error = float(np.sqrt(np.mean(before[rows] ** 2))), noise[rows].mean() / np.sqrt(rows.sum())
                     where = {"sensor": n, "channel": channels[c], "runs": [int(term.candidate.shape["number"])]}
-                    out.append(
-                        Disagreement(where, size, float(noise[rows].mean() / np.sqrt(rows.sum())), reading.chance)
-                    )
+                    out.append(Disagreement(where, size, float(error), chance))
                     continue
                 for i in np.flatnonzero(rows):
                     label, run = str(conditions.position[own.rows[i]]), int(conditions.run[own.rows[i]])
                     where = {"sensor": n, "channel": channels[c], "position": label, "runs": [run]}
-                    out.append(Disagreement(where, float(before[i]), float(noise[i]), reading.chance))
+                    out.append(Disagreement(where, float(before[i]), float(noise[i]), chance))
     return sorted(out, key=lambda place: -abs(place.size_deg_per_hr))
 
 
-def outliers_found(reading: Reading, campaign: Campaign, fit: Fitted, posterior: Posterior) -> list[dict[str, Any]]:
+def outliers_found(fit: Fitted) -> list[dict[str, Any]]:
     """Return single rows that are wrong, by the campaign's own names, each with its size and score.
 
     Where another row may be the wrong one in its place, `or_collects` has it: of two that differ nobody knows which.
     """
-    out, likely = [], _probable_rows(posterior, reading.found)
-    for n, places in reading.found.terms.items():
+    out, likely, posterior = [], _probable_rows(fit), fit.posterior
+    for n, places in fit.found.terms.items():
         for j in places:
             term = posterior.term(n, j)
             if term.name != "row":
                 continue
-            conditions = campaign.sensors[n].conditions
+            conditions = fit.conditions[n]
             row, single = int(term.candidate.shape["row"]), term.candidate.shape.get("channel")
             chosen = {int(posterior.term(n, k).candidate.shape.get("row", -1)) for k in places}
             others = [r for (m, r), p in likely.items() if m == n and r not in chosen and p > 1.0 - CERTAIN]
             instead = sorted(conditions.collect[others].tolist()) if likely[n, row] < CERTAIN else []
-            for column, (value, error) in values_of(posterior, fit, n, j).items():
+            for column, (value, error) in fit.of_term(n, j).items():
                 one = _row(n, conditions, column if single is None else int(single), row, value, error)
                 out.append(one | ({"or_collects": instead} if instead else {}))
     return out
 
 
-def _probable_rows(posterior: Posterior, chosen: Found) -> dict[tuple[int, int], float]:
-    """Return how probably each row is a wrong one beside the names of a set, by sensor and row."""
-    out: dict[tuple[int, int], float] = {}
-    alike = [each for each in posterior.sets if classes_of(posterior, each) == classes_of(posterior, chosen)]
+def _probable_rows(fit: Fitted) -> dict[tuple[int, int], float]:
+    """Return how probably each row is a wrong one beside the names of the set, by sensor and row."""
+    out, posterior = dict[tuple[int, int], float](), fit.posterior
+    alike = [each for each in posterior.sets if posterior.names(each) == posterior.names(fit.found)]
     whole = np.logaddexp.reduce([each.log_weight for each in alike])
     for found in alike:
-        terms = [(n, posterior.term(n, j)) for n, places in found.terms.items() for j in places]
-        for key in {(n, int(t.candidate.shape["row"])) for n, t in terms if t.name == "row"}:
+        for key in {(n, int(t.candidate.shape["row"])) for n, t in posterior.members(found) if t.name == "row"}:
             out[key] = out.get(key, 0.0) + float(np.exp(found.log_weight - whole))
     return out
 
@@ -198,7 +198,7 @@ def at_limits(campaign: Campaign, problem: Problem) -> list[dict[str, Any]]:
     """Return the averages that stand at a channel's limit, each with how far the model is from it."""
     out = []
     for n, collects in campaign.sensors.items():
-        conditions, off = collects.conditions, collects.rates_deg_per_hr - problem.sensors[n].predicted
+        conditions, off = collects.conditions, collects.rates_deg_per_hr - problem.sensors[n].base.rates
         for channel, rows, _ in clipped(collects):
             both = off[:, channel], collects.rates_se_deg_per_hr[:, channel]
             out += [
@@ -221,24 +221,24 @@ def _row(number: int, conditions: Conditions, channel: int, row: int, size: floa
 
 
 def rows_found(
-    reading: Reading, campaign: Campaign, outliers: Sequence[Mapping[str, Any]], posterior: Posterior
+    wrong: Mistakes, fit: Fitted, campaign: Campaign, outliers: Sequence[Mapping[str, Any]]
 ) -> list[dict[str, Any]]:
     """Return what is wrong with the rows, in the form that every command gives it: key `rows`."""
     found = []
-    for n, term in reading.mistakes:
-        conditions = campaign.sensors[n].conditions
+    for n, term in wrong:
+        conditions = fit.conditions[n]
         if term.candidate.effect is not None:
             run, columns = int(term.candidate.shape["run"]), term.candidate.columns
             here = np.any(columns != 0.0, axis=(1, 2)) & (conditions.run == run)
             moved = np.any(columns != 0.0, axis=(0, 2))
             channels = tuple(name for name, of in zip(conditions.sensor.channels, moved, strict=True) if of)
-            which, _, sure = _which(n, term, posterior, campaign)
+            which, _, sure = _which(n, term, fit.posterior, campaign)
             why = f"{which}: correct it in collects.csv; the model is not changed by this"
             found.append(
                 Wrong(n, run, tuple(conditions.collect[here].tolist()), channels, MENDED if sure else USED, why)
             )
-    for n, channel, run in wrong_runs(reading):
-        conditions = campaign.sensors[n].conditions
+    for n, channel, run in wrong_runs(wrong):
+        conditions = fit.conditions[n]
         name = list(conditions.sensor.channels)[channel]
         collects = tuple(conditions.collect[conditions.run == run].tolist())
         why = f"{name} does not agree with the other runs in any way that an effect does"
@@ -257,14 +257,14 @@ def rows_found(
     return [each.document() for each in found]
 
 
-def look_up(reading: Reading) -> dict[str, Any] | None:
+def look_up(wrong: Mistakes) -> dict[str, Any] | None:
     """The experiment for mistakes in the data: what was recorded settles them, no further collect is needed."""
-    swaps = [int(t.candidate.shape["run"]) for _, t in reading.mistakes if t.candidate.effect is not None]
+    swaps = [int(t.candidate.shape["run"]) for _, t in wrong if t.candidate.effect is not None]
     if swaps:
         which = runs_in_words(swaps)
         look = f"look at the accelerometers and the log of {which}; no further collect is needed"
         return without_collects(f"confirms what was exchanged or turned: {look}")
-    runs = sorted({run for _, _, run in wrong_runs(reading)})
+    runs = sorted({run for _, _, run in wrong_runs(wrong)})
     if not runs:
         return None
     numbers = runs_in_words(runs)

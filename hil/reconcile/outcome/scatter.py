@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtri
 
-from hil.campaign import BoolArray, Conditions, FloatArray
+from hil.campaign import Conditions, FloatArray
 from hil.model import Model
 from hil.model.curve import Constant, Curve
 from hil.model.effects.base import Parameter, VarianceEffect
@@ -17,9 +17,8 @@ from hil.reconcile.result import Disagreement
 from hil.reconcile.search.fitted import Fitted, FittedBlock
 from hil.reconcile.search.likely_noise import DEPTH
 from hil.reconcile.search.noise import Points, log_profile
-from hil.reconcile.search.posterior import Posterior
 from hil.reconcile.search.set_in_block import SetInBlock
-from hil.reconcile.search.sets import SensorSearch, Set
+from hil.reconcile.search.sets import SensorSearch
 from hil.solve.repeats import CONFIDENCE
 
 
@@ -51,24 +50,18 @@ class FoundScatter:
         return {"low": self.value / wide, "high": self.value * wide}
 
 
-def found_scatter(
-    posterior: Posterior, chosen: Mapping[int, Set], fit: Fitted, name: str, conditions: Mapping[int, Conditions]
-) -> list[FoundScatter]:
+def found_scatter(fit: Fitted, name: str) -> list[FoundScatter]:
     """Return what was found of one effect on the scatter, one entry per block in which it is more probable than not."""
     out = []
     for block in fit.blocks:
-        own = block.search
-        sensor = own.block.sensor
-        search = posterior.searches[sensor]
-        b = next(i for i, s in enumerate(search.blocks) if s is own)
-        weighed = search.in_block(chosen[sensor], b)
-        total = weighed.terms_log + own.points.log_prior
+        own, sensor = block.search, block.search.block.sensor
+        total = block.weighed.terms_log + own.points.log_prior
         kinds = [k for k, kind in enumerate(own.noise.kinds) if kind.effect.id == name]
         here = np.isin(own.points.kind, kinds)
         if not here.any() or np.logaddexp.reduce(total[here]) < np.logaddexp.reduce(total[own.points.kind < 0]):
             continue
         here &= total > total[here].max() - DEPTH
-        points, weighed = _finely(search, chosen[sensor], b, own.points.take(np.flatnonzero(here)))
+        points, weighed = _finely(fit, block, own.points.take(np.flatnonzero(here)))
         total = weighed.terms_log + points.log_prior
         weight = np.exp(total - np.logaddexp.reduce(total))
         scales = np.array([weighed.left_at(t)[1] for t in range(len(points))])
@@ -78,18 +71,18 @@ def found_scatter(
         spread = float(np.sqrt(weight @ (np.log(sizes) - log_mean) ** 2))
         size = float(np.exp(log_mean))
         value = size / best.unit_deg_per_hr
-        channel = list(conditions[sensor].sensor.channels)[int(own.block.channel[0])]
+        channel = list(own.noise.conditions.sensor.channels)[int(own.block.channel[0])]
         out.append(FoundScatter(best.effect, sensor, channel, best.shape, best.parameter, value, spread, size))
     return out
 
 
-def _finely(search: SensorSearch, chosen: Set, b: int, likely: Points) -> tuple[Points, SetInBlock]:
-    """Weigh a set in a block again, at amounts and offsets all over the factor of two that a point stands for.
+def _finely(fit: Fitted, block: FittedBlock, likely: Points) -> tuple[Points, SetInBlock]:
+    """Weigh the set in a block again, at amounts and offsets all over the factor of two that a point stands for.
 
     At every point of the whole grid that is probable beside the set, of the kinds and profiles of some `likely` ones:
     the search keeps what was so before there was a set, and its grid is coarser than what a night tells of a size.
     """
-    noise, profiles = search.blocks[b].noise, np.unique(likely.profile)
+    noise, profiles = block.search.noise, np.unique(likely.profile)
     grid = noise.grid()
     grid = grid.take(np.flatnonzero(np.isin(grid.kind, likely.kind)))
     prior = [log_profile(noise.profiles[p]) if noise.calibrated else 0.0 for p in profiles]
@@ -99,7 +92,7 @@ def _finely(search: SensorSearch, chosen: Set, b: int, likely: Points) -> tuple[
         profile=np.repeat(profiles, len(grid)),
         log_prior=every.log_prior + np.repeat(prior, len(grid)),
     )
-    total = _at_points(search, chosen, b, every).terms_log + every.log_prior
+    total = _at_points(fit, block, every).terms_log + every.log_prior
     coarse = every.take(np.flatnonzero(total > total.max() - DEPTH))
     amounts, offsets = (np.exp(_GRID * ((np.arange(n) + 0.5) / n - 0.5)) for n in _STEPS)
     fine = coarse.take(np.repeat(np.arange(len(coarse)), len(amounts) * len(offsets)))
@@ -108,15 +101,17 @@ def _finely(search: SensorSearch, chosen: Set, b: int, likely: Points) -> tuple[
         amount=fine.amount * np.tile(np.repeat(amounts, len(offsets)), len(coarse)),
         offset=fine.offset * np.tile(offsets, len(coarse) * len(amounts)),
     )
-    return fine, _at_points(search, chosen, b, fine)
+    return fine, _at_points(fit, block, fine)
 
 
-def _at_points(search: SensorSearch, chosen: Set, b: int, points: Points) -> SetInBlock:
-    """Weigh a set in a block at other points."""
-    block = replace(search.blocks[b], points=points, _filters=())
-    block.measure(block.y)
-    blocks = [block if k == b else other for k, other in enumerate(search.blocks)]
-    return SensorSearch(blocks, search.terms).in_block(chosen, b)
+def _at_points(fit: Fitted, block: FittedBlock, points: Points) -> SetInBlock:
+    """Weigh the set in a block at other points."""
+    number, own = block.search.block.sensor, replace(block.search, points=points, _filters=())
+    own.measure(own.y)
+    search = fit.posterior.searches[number]
+    here = [other is block.search for other in search.blocks]
+    blocks = [own if at else other for at, other in zip(here, search.blocks, strict=True)]
+    return SensorSearch(blocks, search.terms).in_block(fit.found.terms[number], here.index(True))
 
 
 _GRID = float(np.log(2.0))
@@ -138,29 +133,24 @@ def pooled(found: Sequence[FoundScatter]) -> list[FoundScatter]:
     return out
 
 
-def ordinary(
-    posterior: Posterior,
-    chosen: Mapping[int, Set],
-    fit: Fitted,
-    conditions: Mapping[int, Conditions],
-    found: Sequence[FoundScatter],
-    model: Sequence[str],
-) -> list[dict[str, Any]]:
+def ordinary(fit: Fitted, found: Sequence[FoundScatter], model: Sequence[str]) -> list[dict[str, Any]]:
     """Return what every channel's averages scatter by, beside what their standard errors explain: key `noise`.
 
     `model` names what the averages scatter about: a form, and what was added to it.
     """
     out = []
     for block in fit.blocks:
-        own = block.search.block
-        seen = _observed(posterior.searches[own.sensor], chosen[own.sensor], block)
+        own, scattered = block.search.block, _observed(block)
         beside, errors = block.search.noise.stated_variance(), own.sigma**2 * own.sigma_stated
-        channels = list(conditions[own.sensor].sensor.channels)
+        channels = list(block.search.noise.conditions.sensor.channels)
         for c in np.unique(own.channel):
             rows = own.channel == c
             # Of the usual row: one whose standard error is huge says nothing of what the others scatter by.
             known = float(np.median(errors[rows] + beside[rows]))
-            more, error = seen.beyond(known, rows)
+            of_rows = np.median(scattered.by_itself[:, rows], axis=1)
+            mean = float(scattered.weight @ of_rows)
+            spread = np.sqrt(scattered.weight @ (of_rows - mean) ** 2)
+            more, error = mean - known, float(np.hypot(spread, mean * scattered.relative))
             sure = more > _BEYOND * error
             scatter = [f for f in found if (f.sensor, f.channel) == (own.sensor, channels[c])]
             out.append(
@@ -170,9 +160,9 @@ def ordinary(
                     "under": " + ".join(model) + ", calibrated at each temperature" * block.calibrated,
                     "stated_deg_per_hr": float(np.sqrt(np.median(errors[rows]))) if own.sigma_stated else None,
                     "explained_deg_per_hr": float(np.sqrt(known)) if own.sigma_stated else None,
-                    "observed_deg_per_hr": float(np.sqrt(np.median(seen.variance[rows]))),
-                    "run_offset_deg_per_hr": seen.offset,
-                    "run_offset_se_deg_per_hr": seen.offset_se,
+                    "observed_deg_per_hr": float(np.sqrt(np.median(scattered.variance[rows]))),
+                    "run_offset_deg_per_hr": scattered.offset,
+                    "run_offset_se_deg_per_hr": scattered.offset_se,
                     "collect_to_collect_deg_per_hr": (size := float(np.sqrt(max(more, 0.0)))),
                     "collect_to_collect_se_deg_per_hr": 0.5 * error / size if sure else None,
                     "scatter": [{"id": f.effect.id, "deg_per_hr": f.deg_per_hr} for f in scatter],
@@ -196,18 +186,10 @@ class _Observed:
     offset: float
     offset_se: float | None
 
-    def beyond(self, known: float, rows: BoolArray) -> tuple[float, float]:
-        """Return the variance that the usual of some rows has by itself beyond `known`, and its error, (deg/hr)²."""
-        of_rows = np.median(self.by_itself[:, rows], axis=1)
-        mean = float(self.weight @ of_rows)
-        spread = np.sqrt(self.weight @ (of_rows - mean) ** 2)
-        return mean - known, float(np.hypot(spread, mean * self.relative))
 
-
-def _observed(search: SensorSearch, chosen: Set, block: FittedBlock) -> _Observed:
+def _observed(block: FittedBlock) -> _Observed:
     """Return what a block's rows scatter by: a point of the grid is a factor of two, so that one alone says little."""
-    own = block.search
-    weighed, points = search.in_block(chosen, next(i for i, s in enumerate(search.blocks) if s is own)), own.points
+    own, weighed, points = block.search, block.weighed, block.search.points
     total = np.where(points.kind == points.kind[block.at], weighed.terms_log + points.log_prior, -np.inf)
     scales = np.array([weighed.left_at(t)[1] for t in range(len(points))]) * own.unit**2
     weight = np.exp(total - np.logaddexp.reduce(total))

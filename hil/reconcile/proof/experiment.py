@@ -6,7 +6,6 @@ less what the rival together with a refitted base can imitate, in units of the n
 them apart; what counts is by how much the addition raises it.
 """
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from scipy.special import ndtr, ndtri
 from hil.campaign import Conditions, FloatArray
 from hil.model.effects.base import Base
 from hil.model.effects.history import joined
-from hil.reconcile.result import without_collects
+from hil.reconcile.result import Rival, without_collects
 from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.problem import SensorProblem
 from hil.solve.changes import Addition, additions
@@ -25,24 +24,21 @@ _EASY = 9.0
 _NEARLY = 0.8
 
 
-@dataclass(frozen=True)
-class Fitting:
-    """The leader on one sensor, as fitted: its candidate and values (p,) of all its columns, zero where not fitted."""
-
-    candidate: Candidate
-    values: FloatArray
+Fitting = tuple[Candidate, FloatArray]
+"""The leader on one sensor, as fitted: its candidate and values (p,) of all its columns, zero where not fitted."""
 
 
 def next_experiment(
-    leader: Fitting, rival: Candidate | None, rival_name: str, sensor: SensorProblem, sigma: float, remedy: str = ""
+    leader: Fitting, rival: Candidate | None, named: Rival | None, sensor: SensorProblem, sigma: float
 ) -> dict[str, Any] | None:
     """Return the addition that separates the leader from its strongest rival, or say that none of those tried does.
 
-    `remedy` is what this data lacks, where it is no further collect that is needed. `sigma` is the noise, deg/hr.
+    That rival is `named`, and where its effect is on this sensor `rival`. The leader's values are (p,), `sigma` is the
+    noise, deg/hr.
     """
-    name = leader.candidate.name
-    if remedy:
-        return _the_same_again(f"separates {name} from {rival_name}: {remedy}", sensor)
+    effect, name, rival_name = leader[0].effect, leader[0].name, "" if named is None else named.id
+    if named is not None and named.remedy:  # it is no further collect that is needed
+        return _the_same_again(f"separates {name} from {rival_name}: {named.remedy}", sensor)
     if rival is None:
         return _the_same_again(f"shows {name} again, or that it was chance", sensor)
     scored = []
@@ -59,7 +55,6 @@ def next_experiment(
     noncentrality, difference, addition = min(enough, key=lambda s: (s[2].effort, -s[0]))
     repeats, power = repeated(noncentrality)
     if repeats == 0:
-        effect = leader.candidate.effect
         otherwise = effect.experiment.rstrip(".") if effect is not None else "vary the driver alone"
         return {
             "why": f"no stationary collect that was tried separates {name} from {rival_name}; {otherwise}",
@@ -99,14 +94,14 @@ def separation(
 ) -> tuple[float, float] | None:
     """Return non-centrality and largest difference in deg/hr, after an addition or with the rows at hand (None).
 
-    None where columns are lacking.
+    None where columns are lacking. The leader's values are (p,).
     """
     before = sensor.collects.conditions
     both = before if addition is None else joined(before, addition.rows)
     base = sensor.base_on(both)
-    if leader.candidate.effect is None or rival.effect is None:
+    if leader[0].effect is None or rival.effect is None:
         return None
-    truth = _signal(leader, both, base)
+    truth = _signal(*leader, both, base)
     other = rival.rebuilt(both, base)
     measured = np.isfinite(sensor.collects.rates_deg_per_hr)
     mask = np.vstack([measured, np.ones((len(both) - len(before), truth.shape[1]), dtype=bool)])
@@ -115,13 +110,13 @@ def separation(
     return float(np.sum(rest**2)) / sigma**2, float(np.ptp(rest))
 
 
-def _signal(leader: Fitting, conditions: Conditions, base: Base) -> FloatArray:
+def _signal(leader: Candidate, values: FloatArray, conditions: Conditions, base: Base) -> FloatArray:
     """The leader's fitted effect on the rows of an enlarged design, (n, c), which may have more parameters: by name."""
-    columns = leader.candidate.rebuilt(conditions, base)
-    if leader.candidate.form != "constant" or leader.candidate.effect is None:
-        return np.asarray(columns @ leader.values)
-    own = {p.name: v for p, v in zip(leader.candidate.parameters, leader.values, strict=True)}
-    names = [parameter.name for parameter in leader.candidate.effect.parameters_for(conditions)]
+    columns = leader.rebuilt(conditions, base)
+    if leader.form != "constant" or leader.effect is None:
+        return np.asarray(columns @ values)
+    own = {p.name: v for p, v in zip(leader.parameters, values, strict=True)}
+    names = [parameter.name for parameter in leader.effect.parameters_for(conditions)]
     return np.asarray(columns @ np.array([own.get(name, 0.0) for name in names]))
 
 

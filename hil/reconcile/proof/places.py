@@ -7,8 +7,8 @@ positions 1 to 3. What an effect contributes itself is where a reader looks for 
 of it in whole, so that nobody can know that part, is it what the effect leaves beside the base.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,21 +25,7 @@ _DETERMINED = 0.1  # of an effect, in every direction of its values, what the ba
 _ALIKE = 0.9  # F1 from which a simpler description stands for the collects it is about
 
 
-@dataclass(frozen=True)
-class _Contribution:
-    """What one effect makes of the rows of one block: (N,), and how it follows the added values, (N, p)."""
-
-    values: FloatArray
-    design: FloatArray
-
-
-def places(
-    fit: Fitted,
-    terms: Sequence[set[tuple[int, int]]],
-    conditions: Mapping[int, Conditions],
-    p_value: float,
-    alpha: float,
-) -> list[Disagreement]:
+def places(fit: Fitted, terms: Sequence[set[tuple[int, int]]], p_value: float, alpha: float) -> list[Disagreement]:
     """Return the places of what was added, largest first: `terms` (sensor, term) of each name, `p_value` its detection.
 
     A place is a channel, the positions and the temperatures or runs in which all that was added contributes materially
@@ -47,18 +33,16 @@ def places(
     none is smaller than the chance that nothing is missing at all.
     """
     out: list[Disagreement] = []
-    for sensor, known in conditions.items():
+    for sensor, known in fit.conditions.items():
         own = [block for block in fit.blocks if block.search.block.sensor == sensor]
-        if not own:
-            continue
         parts = [_described(members, fit, own) for members in terms]
-        peaks = [max(float(np.abs(c.values).max(initial=0.0)) for c in part) for part in parts]
+        peaks = [max(float(np.abs(design @ fit.values).max(initial=0.0)) for design in part) for part in parts]
         if not any(peaks):
             continue
         least = _MATERIAL * min(peak for peak in peaks if peak > 0.0)
         for place, block in enumerate(own):
-            values = np.sum([part[place].values for part in parts], axis=0)
-            design = np.sum([part[place].design for part in parts], axis=0)
+            design = np.sum([part[place] for part in parts], axis=0)
+            values = design @ fit.values
             for where, rows in _cells(block.search.block, known, values, np.abs(values) >= least):
                 mean = design[rows].mean(axis=0)
                 error = float(np.sqrt(max(mean @ fit.covariance @ mean, 0.0)))
@@ -66,34 +50,36 @@ def places(
     return sorted(_sure(out, p_value, alpha), key=lambda d: -abs(d.size_deg_per_hr))
 
 
-def channels_touched(fit: Fitted, conditions: Mapping[int, Conditions], p_value: float) -> list[Disagreement]:
+def channels_touched(fit: Fitted, p_value: float) -> list[Disagreement]:
     """Where an effect is everywhere a little and nowhere enough for a place of its own: the channels it acts on."""
     out = []
     for block in fit.blocks:
-        effect = fit.design(block) @ fit.values
+        effect = fit.effect(block)
         if np.any(effect):
             own = block.search.block
             white = block.white(np.column_stack([own.base, effect]))
             score = float(np.linalg.norm(project_out(orthonormal(white[:, :-1]), white[:, -1])))
             size = float(np.sqrt(np.mean(effect**2)))
-            channels = list(conditions[own.sensor].sensor.channels)
+            channels = list(block.search.noise.conditions.sensor.channels)
             where = {"sensor": own.sensor, "channel": channels[int(own.channel[0])]}
             out.append((score, Disagreement(where, size, size / max(score, 1e-9), p_value)))
     return [d for _, d in sorted(out, key=lambda pair: -pair[0])]
 
 
-def _described(members: set[tuple[int, int]], fit: Fitted, own: Sequence[FittedBlock]) -> list[_Contribution]:
-    """One effect's contribution to the sensor's blocks: itself, or beside the base where no more can be known."""
+def _described(members: set[tuple[int, int]], fit: Fitted, own: Sequence[FittedBlock]) -> list[FloatArray]:
+    """Return how the sensor's blocks follow the values of one effect, (N, p) each.
+
+    By itself, or beside the base where no more can be known.
+    """
     itself, beside, white, rest_white = [], [], [], []
     for block in own:
         design, base = fit.design(block, members), block.search.block.base
         white_base, white_design = np.split(block.white(np.hstack([base, design])), [base.shape[1]], axis=1)
         absorbed = np.linalg.lstsq(white_base, white_design, rcond=1e-8)[0]
-        rest = design - base @ absorbed
         white.append(white_design)
         rest_white.append(white_design - white_base @ absorbed)
-        itself.append(_Contribution(design @ fit.values, design))
-        beside.append(_Contribution(rest @ fit.values, rest))
+        itself.append(design)
+        beside.append(design - base @ absorbed)
     determined = _least_left(np.vstack(white), np.vstack(rest_white)) > _DETERMINED
     return itself if determined else beside
 
@@ -110,13 +96,8 @@ def _least_left(columns: FloatArray, rest: FloatArray) -> float:
 def _sure(found: Sequence[Disagreement], p_value: float, alpha: float) -> list[Disagreement]:
     """Give every place its q-value, and keep those that hold."""
     scores = [abs(d.size_deg_per_hr) / max(d.se_deg_per_hr, 1e-300) for d in found]
-    chances = 2.0 * ndtr(-np.array(scores))
-    q_values = false_discovery(chances) if len(found) else chances
-    return [
-        Disagreement(d.where, d.size_deg_per_hr, d.se_deg_per_hr, float(max(q, p_value)))
-        for d, q in zip(found, q_values, strict=True)
-        if q <= alpha
-    ]
+    pairs = zip(found, false_discovery(2.0 * ndtr(-np.array(scores))), strict=True)
+    return [replace(d, q_value=float(max(q, p_value))) for d, q in pairs if q <= alpha]
 
 
 def false_discovery(p_values: FloatArray) -> FloatArray:

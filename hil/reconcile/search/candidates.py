@@ -12,13 +12,18 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray
+from hil.campaign.plausibility import accelerometer_columns
 from hil.model.effects.base import Base, Effect, Parameter
 from hil.model.effects.catalogue import named
+from hil.model.effects.followed import driver_values, expressible, position_is
 from hil.model.effects.prior import shapes_tried
+from hil.model.forms import RATE
 from hil.solve.temperatures import same_temperature
 
 POWERS: Mapping[str, int] = {"line": 2, "quadratic": 3, "cubic": 4}
 """How many values a form in powers of temperature has."""
+MANY = 80
+"""Places of one sort that are asked about: every row of a night, and of a year of nights those that are odd."""
 _NOTHING = 1e-4  # deg/hr: what an effect of the largest typical size does not reach is not measured by any bench
 
 
@@ -47,7 +52,6 @@ class Candidate:
     effect: Effect | None = None
     driver: str = ""
     target: str = ""
-    sensor_axes: tuple[str, ...] = ()
     kept: tuple[int, ...] = ()
 
     @property
@@ -96,7 +100,6 @@ def catalogue_candidates(
                 title=effect.followed_title or effect.title,
                 equation=effect.equation,
                 effect=effect,
-                sensor_axes=conditions.sensor.axes,
             )
             if not effect.followed_title:
                 yield plain
@@ -123,12 +126,18 @@ def _over_temperature(plain: Candidate, conditions: Conditions) -> Iterator[Cand
     if len(centres) < 2:
         return
     reference = float(np.round(np.mean(temperature)))
-    for form, values in POWERS.items():
-        asked = form != "cubic" or (plain.effect is not None and plain.effect.series_in_temperature)
-        if asked and len(centres) >= values + (form == "cubic"):
-            yield _replaced(plain, in_form(plain.columns, conditions, form, reference, ()), form, reference, ())
-    if len(centres) > 3:
-        yield _replaced(plain, in_form(plain.columns, conditions, "table", None, centres), "table", None, centres)
+    cubic = plain.effect is not None and plain.effect.series_in_temperature
+    forms: list[tuple[str, float | None, tuple[float, ...]]] = [
+        (form, reference, ())
+        for form, values in POWERS.items()
+        if (cubic or form != "cubic") and len(centres) >= values + (form == "cubic")
+    ]
+    forms += [("table", None, centres)] * (len(centres) > 3)
+    for form, about, stations in forms:
+        columns = in_form(plain.columns, conditions, form, about, stations)
+        parameters = plain.parameters * (columns.shape[2] // plain.size)
+        laid = replace(plain, columns=columns, parameters=parameters, form=form)
+        yield replace(laid, reference_degC=about, stations_degC=stations)
 
 
 def in_form(
@@ -147,9 +156,128 @@ def in_form(
     return np.concatenate([columns * factors[:, k, None, None] for k in range(factors.shape[1])], axis=2)
 
 
-def _replaced(
-    plain: Candidate, columns: FloatArray, form: str, reference: float | None, centres: tuple[float, ...]
+_SLOPE = "dTdt_degC_per_min"
+_FEWEST_VALUES = 6
+_CURVE_ORDER = 3
+
+
+@dataclass(frozen=True)
+class Driver:
+    """Something that a coefficient might follow: a name for people and its value at each row, shape (n,)."""
+
+    name: str
+    values: FloatArray
+    kind: str
+
+
+def drivers(conditions: Conditions) -> list[Driver]:
+    """Return everything the campaign knows that a coefficient might follow, named by its expression.
+
+    Conditions as they were measured (but accelerations, which show the pose), temperature and time as powers, setpoints
+    and zones one by one, and steps from one run to the next.
+    """
+    expressions: list[tuple[str, str]] = []
+    temperature = conditions.columns.get("temperature_degC")
+    known = {"n_samples", *accelerometer_columns(conditions.sensor)}
+    for name, values in conditions.columns.items():
+        varies = np.all(np.isfinite(values)) and np.ptp(values) > 1e-9 * max(1.0, float(np.abs(values).max()))
+        a_temperature = name in {"setpoint_degC", "chamber_degC", "case_degC"} and temperature is not None
+        if varies and not a_temperature and name not in known and expressible(name):
+            expressions.append((name, "condition"))
+    if temperature is not None and np.all(np.isfinite(temperature)) and np.ptp(temperature) > 8.0:
+        expressions += [(f"temperature_degC^{power}", "condition") for power in (2, 3, 4)]
+        numbers = same_temperature(conditions)
+        low = [float(temperature[numbers == k].min()) for k in range(numbers.max() + 1)]
+        high = [float(temperature[numbers == k].max()) for k in range(numbers.max() + 1)]
+        if len(low) > 2:
+            expressions += [
+                (f"temperature_degC[{a - 1:.1f}..{b + 1:.1f}]", "setpoint") for a, b in zip(low, high, strict=True)
+            ]
+            expressions += [
+                (f"temperature_degC>{0.5 * (a + b):.1f}", "zone") for a, b in zip(low[1:], high, strict=False)
+            ]
+    if any(name == _SLOPE for name, _ in expressions):
+        expressions.append((f"{_SLOPE}^2", "condition"))
+    expressions += [("start_s", "time"), ("start_s^2", "time")]
+    runs = list(dict.fromkeys(conditions.run.tolist()))
+    if len(runs) > 5:
+        expressions += [(f"run>{run}", "step") for run in runs[1 : -2 : 1 + len(runs) // MANY]]
+    return [Driver(text, driver_values(text, conditions), kind) for text, kind in expressions]
+
+
+def second_tier(number: int, conditions: Conditions) -> Iterator[Candidate]:
+    """Yield parameter × driver terms: one column per channel, each with an amplitude of its own."""
+    plain = drivers(conditions)
+    for target, unit, own in _targets(conditions):
+        for driver in plain:
+            if target != "earth rate" or driver.kind == "condition":
+                yield _nameless(number, conditions, target, unit, driver.name, own * driver.values[:, None])
+        curves = list(_smooth(conditions)) if target != "earth rate" else []
+        bear = [driver.name for driver in plain if target == "B" and _bears_a_curve(driver)]
+        for over, curve in [*curves, *((name, _powers(name, conditions, _CURVE_ORDER)) for name in bear)]:
+            yield _nameless(number, conditions, target, unit, over, own[:, :, None] * curve[:, None, :])
+    labels, counts = np.unique(conditions.position, return_counts=True)
+    for label in labels[counts > 1].tolist() if len(labels) <= 12 else ():
+        both = [place := position_is(label)]
+        for zone in [driver.name for driver in plain if driver.kind == "zone"]:
+            both += [f"{place}&{zone}", f"{place}&{zone.replace('>', '<')}"]
+        for text in both:
+            yield _nameless(number, conditions, "B", RATE, text, driver_values(text, conditions)[:, None])
+
+
+def _targets(conditions: Conditions) -> Iterator[tuple[str, str, FloatArray]]:
+    """Yield what a driver may act on: name, unit and column per channel, shape (n, c) or (n, 1)."""
+    sensor = conditions.sensor
+    yield "B", RATE, np.ones((len(conditions), 1))
+    for k, axis in enumerate(sensor.axes):
+        if np.std(conditions.f_g[:, k]) > 0.05:
+            name = {0: "GS", 2: "MU"}.get(k, f"g along {axis}") if sensor.is_rotor else f"g along {axis}"
+            yield name, "deg/hr/g", conditions.f_g[:, k : k + 1]
+    if np.any(conditions.w_deg_per_hr):
+        yield "earth rate", "1", conditions.w_channels_deg_per_hr
+
+
+def _smooth(conditions: Conditions) -> Iterator[tuple[str, FloatArray]]:
+    """Yield smooth curves over temperature and time: powers one to five, shape (n, 5)."""
+    temperature = conditions.columns.get("temperature_degC")
+    known = temperature is not None and np.all(np.isfinite(temperature))
+    if known and len(np.unique(same_temperature(conditions))) > 5:
+        yield "temperature_degC", _powers("temperature_degC", conditions)
+    if len(np.unique(conditions.run)) > 7:
+        yield "start_s", _powers("start_s", conditions)
+
+
+def _bears_a_curve(driver: Driver) -> bool:
+    """Whether a recorded condition, temperature and time apart, takes enough values for a curve over it."""
+    recorded = driver.kind == "condition" and "^" not in driver.name and driver.name != "temperature_degC"
+    return recorded and len(np.unique(np.round(driver.values, 9))) >= _FEWEST_VALUES
+
+
+def _powers(name: str, conditions: Conditions, order: int = 5) -> FloatArray:
+    return np.stack([driver_values(f"{name}^{power}", conditions) for power in range(1, order + 1)], axis=1)
+
+
+def _nameless(
+    number: int, conditions: Conditions, target: str, unit: str, driver: str, values: FloatArray
 ) -> Candidate:
-    parameters = plain.parameters * (columns.shape[2] // plain.size)
-    plain = replace(plain, reference_degC=reference, stations_degC=centres)
-    return replace(plain, columns=columns, parameters=parameters, form=form)
+    """A target that follows a driver by `values` (n, c or 1), or a curve over it, (n, c or 1, k), in each channel."""
+    curve, channels = values.ndim > 2, len(conditions.sensor.channels)
+    values = values.reshape(*values.shape[:2], -1)
+    order, how = values.shape[2], f"{'curve over ' * curve}{driver}"
+    each = np.broadcast_to(values, (len(conditions), channels, order))[:, :, None, :] * np.eye(channels)[:, :, None]
+    suffixes = [f"_{k}" for k in range(1, order + 1)] if order > 1 else [""]
+    return Candidate(
+        name=f"{target} × {how}",
+        tier=2,
+        sensor=number,
+        columns=each.reshape(len(conditions), channels, channels * order),
+        parameters=tuple(
+            Parameter(f"amplitude_{axis}{suffix}", unit, (0.0, np.inf))
+            for axis in conditions.sensor.channels.values()
+            for suffix in suffixes
+        ),
+        title=f"{target} follows {driver}{' in a way that no effect of the catalogue describes' * curve}",
+        equation=f"rate += amplitude × {target} × {how}",
+        driver=driver,
+        target=target,
+    )

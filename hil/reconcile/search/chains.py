@@ -116,14 +116,6 @@ def joined(chains: Sequence[Chain], rows: int) -> Chain:
 
 
 @dataclass(frozen=True)
-class Whitened:
-    """Columns with independent rows, (t, N, k), at t models of the noise; half the log determinant of each, (t,)."""
-
-    columns: FloatArray
-    half_log_det: FloatArray
-
-
-@dataclass(frozen=True)
 class Stretches:
     """Stretches of equal length, cut into pieces, and what whitens each at t models of the noise.
 

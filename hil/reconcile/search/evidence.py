@@ -8,7 +8,7 @@ the noise, over the sizes that an amplitude may have, and over how strongly the 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -16,7 +16,6 @@ import numpy as np
 from scipy.special import gammaln
 
 from hil.campaign import FloatArray, IntArray
-from hil.reconcile.search.chains import Whitened
 from hil.reconcile.search.noise import Noise, Points
 
 Scale = tuple[float, float, float]
@@ -81,17 +80,19 @@ class Beside:
     freedom: int
 
     @classmethod
-    def of(cls, noise: Noise, points: Points, scales: Sequence[Scale], white: Whitened) -> Beside:
+    def of(
+        cls, noise: Noise, points: Points, scales: Sequence[Scale], white: FloatArray, half_log_det: FloatArray
+    ) -> Beside:
         """Project the base out of data: `white` has the columns by temperature, the base's, and the data last."""
         many = noise.by_station.shape[1]
         factor = np.array([noise.factor(int(p)) for p in points.profile])
-        seen = white.columns[:, :, :many] @ factor[:, :, np.any(factor, axis=(0, 1))]
+        seen = white[:, :, :many] @ factor[:, :, np.any(factor, axis=(0, 1))]
         # 1 + seen seen' has the inverse root 1 − U (1 − (1 + λ)^-½) U', λ being the squares of what is seen.
         squares, vectors = np.linalg.eigh(np.swapaxes(seen, 1, 2) @ seen)
         root = np.sqrt(1.0 + np.maximum(squares, 0.0))
         values = seen @ (vectors / np.sqrt(root * (1.0 + root))[:, None, :])
-        log_noise = -white.half_log_det - np.sum(np.log(root), axis=1)
-        known = _less(values, white.columns[:, :, many:])
+        log_noise = -half_log_det - np.sum(np.log(root), axis=1)
+        known = _less(values, white[:, :, many:])
         residual = known[:, :, -1]
         none = known[:, :, :0], residual, np.zeros(len(points)), log_noise, log_noise, residual.shape[1]
         return cls(scales, values, *none).beside(known[:, :, :-1])
@@ -157,13 +158,15 @@ def _less(basis: FloatArray, columns: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Group:
-    """Candidates with q columns each: their places (j,), columns (N, j·q), and their priors, one or several of each.
+    """Candidates with q columns each: their places (j,), and their priors, one or several of each.
 
+    `columns` (t, N, j·q) are at some points, less what the base can do, `gram` (t, j, q, q) the products within each.
     `owner` (p,) is the candidate of a prior, `mean` and `deviation` are (p, q), `sizes` and `log_weights` (p, u).
     """
 
     places: IntArray
     columns: FloatArray
+    gram: FloatArray
     owner: IntArray
     mean: FloatArray
     deviation: FloatArray
@@ -171,10 +174,18 @@ class Group:
     log_weights: FloatArray
 
     @classmethod
-    def several(cls, columns: Sequence[FloatArray], amplitudes: Sequence[Sequence[Amplitude]]) -> list[Group]:
-        """Group candidates, by columns (N, q) and priors, by q; those without columns are in no group."""
+    def several(
+        cls,
+        columns: Sequence[FloatArray],
+        amplitudes: Sequence[Sequence[Amplitude]],
+        first: int,
+        project: Callable[[FloatArray], FloatArray],
+    ) -> Iterator[Group]:
+        """Group candidates, by columns (N, q) and priors, by q; those without columns are in no group.
+
+        `first` is the place of the first, `project` takes the columns to what they are at some points.
+        """
         sizes = np.array([c.shape[1] for c in columns], dtype=np.int64)
-        out = []
         for q in sorted(set(sizes.tolist()) - {0}):
             places = np.flatnonzero(sizes == q)
             priors = [(j, prior) for j, place in enumerate(places.tolist()) for prior in amplitudes[place]]
@@ -182,54 +193,36 @@ class Group:
             tried, weights = np.zeros((len(priors), most)), np.full((len(priors), most), -np.inf)
             for i, (_, prior) in enumerate(priors):
                 tried[i, : len(prior.sizes)], weights[i, : len(prior.sizes)] = prior.sizes, prior.log_weights
-            out.append(
-                cls(
-                    places,
-                    np.concatenate([columns[place] for place in places.tolist()], axis=1),
-                    np.array([j for j, _ in priors]),
-                    np.array([prior.mean for _, prior in priors]),
-                    np.array([prior.deviation for _, prior in priors]),
-                    tried,
-                    weights,
-                )
+            projected = project(np.concatenate([columns[place] for place in places.tolist()], axis=1))
+            yield cls(
+                places + first,
+                projected,
+                _grams(projected, q),
+                np.array([j for j, _ in priors]),
+                np.array([prior.mean for _, prior in priors]),
+                np.array([prior.deviation for _, prior in priors]),
+                tried,
+                weights,
             )
-        return out
 
 
-@dataclass(frozen=True)
-class Laid:
-    """A group's columns at some points, less what the base can do, (t, N, j·q), and the products within each."""
+def log_factors(beside: Beside, groups: Sequence[Group], added: FloatArray, count: int) -> FloatArray:
+    """Log evidence of each of `count` candidates at every point in m data, (t, m, count), the point's prior apart.
 
-    group: Group
-    columns: FloatArray
-    gram: FloatArray
-
-    @classmethod
-    def of(cls, group: Group, columns: FloatArray) -> Laid:
-        """Lay projected columns (t, N, j·q) out."""
-        return cls(group, columns, _grams(columns, columns.shape[2] // len(group.places)))
-
-
-def log_factors(beside: Beside, laid: Sequence[Laid], added: FloatArray, count: int) -> FloatArray:
-    """Log evidence of each of `count` candidates at every point, (t, count), the point's prior apart.
-
-    `added` (t, N, a) spans what `beside` has more than the base that the candidates were laid out with. Beside many
-    data, whose residuals are (t, m, N) and their squares (t, m), it is (t, m, count).
+    `added` (t, N, a) spans what `beside` has more than the base that the candidates were laid out with. Its residuals
+    are (t, m, N) and their squares (t, m).
     """
     out = np.repeat(beside.log_null()[..., None], count, axis=-1)
-    many = beside.rss.ndim > 1
-    for own in laid:
-        group, size = own.group, own.gram.shape[2]
-        residual = beside.residual if many else beside.residual[:, None, :]
-        score = (residual @ own.columns).reshape(*beside.rss.shape, -1, size)
+    for own in groups:
+        size = own.gram.shape[2]
+        score = (beside.residual @ own.columns).reshape(*beside.rss.shape, -1, size)
         gram = own.gram - _grams(np.swapaxes(added, 1, 2) @ own.columns, size) if added.shape[2] else own.gram
-        gram = gram[:, None, group.owner] if many else gram[:, group.owner]
-        terms = _weighed(beside, gram, score[..., group.owner, :], group)
-        if len(group.owner) > len(group.places):
+        terms = _weighed(beside, gram[:, None, own.owner], score[..., own.owner, :], own)
+        if len(own.owner) > len(own.places):
             terms = np.stack(
-                [np.logaddexp.reduce(terms[..., group.owner == j], axis=-1) for j in range(len(group.places))], -1
+                [np.logaddexp.reduce(terms[..., own.owner == j], axis=-1) for j in range(len(own.places))], -1
             )
-        out[..., group.places] = terms
+        out[..., own.places] = terms
     return out
 
 
@@ -243,15 +236,17 @@ def _grams(columns: FloatArray, size: int) -> FloatArray:
 
 
 def _weighed(beside: Beside, gram: FloatArray, score: FloatArray, group: Group) -> FloatArray:
-    """Log evidence (t, …, p) of columns given Gram (t, …, p, q, q) and score (t, …, p, q), for each of p priors."""
+    """Log evidence (t, m, p) of columns given Gram (t, 1, p, q, q) and score (t, m, p, q), for each of p priors."""
     mean, deviation = group.mean, group.deviation
-    if np.any(mean):
-        pull = np.einsum("...jpq,jq->...jp", gram, mean)
-        rss = beside.rss[..., None] + np.einsum("...jq,jq->...j", pull - 2.0 * score, mean)
-        score = score - pull
+    pull = np.einsum("...jpq,jq->...jp", gram, mean)
+    rss = beside.rss[..., None] + np.einsum("...jq,jq->...j", pull - 2.0 * score, mean)
+    score = score - pull
+    gram, z = gram * (deviation[:, :, None] * deviation[:, None, :]), score * deviation
+    if gram.shape[-1] == 1:
+        values = np.maximum(gram[..., 0], 0.0)
     else:
-        rss = beside.rss[..., None]
-    values, z = decoupled(gram * (deviation[:, :, None] * deviation[:, None, :]), score * deviation)
+        values, axes = np.linalg.eigh(gram)
+        values, z = np.maximum(values, 0.0), np.einsum("...qk,...q->...k", axes, z)
     # Axes first: a sum over few numbers that lie side by side takes many times as long as one of whole arrays.
     values, squares = (np.ascontiguousarray(np.moveaxis(own, -1, 0))[:, None] for own in (values, z**2))
     usable = values > 1e-10 * np.maximum(values.max(axis=0), 1e-300)
@@ -263,14 +258,6 @@ def _weighed(beside: Beside, gram: FloatArray, score: FloatArray, group: Group) 
         left = np.maximum(rss - np.sum(squares / shrunk, axis=0) * ratio, LEAST)
         terms.append(log_weight + beside.student(left, 0.5 * np.sum(np.log(shrunk), axis=0)))
     return log_sum(np.concatenate(terms))
-
-
-def decoupled(gram: FloatArray, score: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return eigenvalues (…, q) of Gram matrices and scores (…, q) turned into their axes."""
-    if gram.shape[-1] == 1:
-        return np.maximum(gram[..., 0], 0.0), score
-    values, vectors = np.linalg.eigh(gram)
-    return np.maximum(values, 0.0), np.einsum("...qk,...q->...k", vectors, score)
 
 
 def shrunk(gram: FloatArray, score: FloatArray, rss: FloatArray) -> tuple[FloatArray, FloatArray]:

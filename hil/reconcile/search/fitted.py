@@ -1,31 +1,36 @@
 """A set as numbers: values with errors, the noise beside them, and what each term makes of every row."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from hil.campaign import FloatArray
+from hil.campaign import Conditions, FloatArray
 from hil.reconcile.search.noise import COMPARED
 from hil.reconcile.search.posterior import Found, Posterior
+from hil.reconcile.search.set_in_block import SetInBlock
 from hil.reconcile.search.sets import BlockSearch, SensorSearch, Set
 from hil.solve.identifiability import orthonormal, project_out
 
 Key = tuple[int, int, int]
 """Sensor, term, parameter."""
+Values = Mapping[int, tuple[float, float]]
+"""Value and standard error by the place of a candidate's column."""
 WIDE = 1e4
 """Deviation of a base parameter, in noises: as good as free."""
 
 
 @dataclass(frozen=True)
 class FittedBlock:
-    """One block with one set: columns (N, k) with their keys, and noise, `scale` times that of the search's point `at`.
+    """One block with one set, as it was `weighed`: columns (N, k) with their keys, and noise.
 
-    `deviation` (k,) and `mean` (k,) are the amplitudes' prior at its most probable size.
+    That is `scale` times that of the search's point `at`. `deviation` (k,) and `mean` (k,) are the amplitudes' prior at
+    its most probable size.
     """
 
     search: BlockSearch
+    weighed: SetInBlock
     at: int
     scale: float
     columns: FloatArray
@@ -68,24 +73,33 @@ class FittedBlock:
 
 @dataclass(frozen=True)
 class Fitted:
-    """A set over all sensors: its blocks, the values of all parameters (p,), and their covariance (p, p).
+    """A set that was found over all sensors: its blocks, the values of all parameters (p,), their covariance (p, p).
 
     `alone` (p,) are their errors where all others are what they are here.
     """
 
+    posterior: Posterior
+    found: Found
     blocks: Sequence[FittedBlock]
     keys: Sequence[Key]
     values: FloatArray
     covariance: FloatArray
     alone: FloatArray
 
-    def value(self, key: Key, *, alone: bool = False) -> tuple[float, float]:
-        """Return value and standard error of one parameter; `alone`, where all others are what they are here.
+    @property
+    def conditions(self) -> Mapping[int, Conditions]:
+        """The conditions of the sensors, by number."""
+        return {block.search.block.sensor: block.search.noise.conditions for block in self.blocks}
 
-        Raises ValueError where it is not fitted.
-        """
-        place = self.keys.index(key)
-        return float(self.values[place]), float(self.alone[place] if alone else np.sqrt(self.covariance[place, place]))
+    def of_term(self, number: int, place: int, *, alone: bool = False) -> Values:
+        """Return the values of a term's columns in their own units; `alone`, with all others what they are here."""
+        scale, errors = self.posterior.term(number, place).scale, np.sqrt(np.diag(self.covariance))
+        every = zip(self.keys, self.values.tolist(), (self.alone if alone else errors).tolist(), strict=True)
+        return {k: (v / float(scale[k]), e / float(scale[k])) for (*of, k), v, e in every if of == [number, place]}
+
+    def effect(self, block: FittedBlock) -> FloatArray:
+        """Return what all terms make of a block's rates, (N,), deg/hr."""
+        return self.design(block) @ self.values
 
     def design(self, block: FittedBlock, terms: set[tuple[int, int]] | None = None) -> FloatArray:
         """Return columns (N, p) of some terms (sensor, term), or of all, in one block."""
@@ -97,7 +111,7 @@ class Fitted:
 
     def residual(self, block: FittedBlock) -> FloatArray:
         """Return what terms and base leave of a block's rates, (N,), deg/hr."""
-        left, base = block.search.block.y - self.design(block) @ self.values, block.search.block.base
+        left, base = block.search.block.y - self.effect(block), block.search.block.base
         white = block.white(np.column_stack([base, left]))
         beta = np.linalg.lstsq(white[:, :-1], white[:, -1], rcond=1e-9)[0]
         return np.asarray(left - base @ beta)
@@ -108,7 +122,7 @@ class Fitted:
         total, rows = 0.0, 0
         for block in self.blocks:
             own = block.search
-            left = own.block.y - self.design(block) @ self.values
+            left = own.block.y - self.effect(block)
             white = block.white(np.column_stack([own.block.base, left]))
             left = project_out(orthonormal(white[:, :-1]), white[:, -1])
             rows += len(left)
@@ -116,13 +130,13 @@ class Fitted:
             total -= 0.5 * len(left) * float(np.log(own.noise.unit * block.scale))
         return total - 0.5 * len(self.keys) * float(np.log(rows))
 
-    def overlap(self, posterior: Posterior, number: int, own: Sequence[int], rival: int) -> float:
+    def overlap(self, number: int, own: Sequence[int], rival: int) -> float:
         """How much of what a sensor's terms `own` add, a rival can do as well, beside the base: 0 nothing, 1 all."""
         whole, share = 0.0, 0.0
-        blocks = [block for block in self.blocks if any(block.search is b for b in posterior.searches[number].blocks)]
+        blocks = [block for block in self.blocks if block.search.block.sensor == number]
         for b, block in enumerate(blocks):
             added = self.design(block, {(number, j) for j in own}) @ self.values
-            part = posterior.term(number, rival).parts[b]
+            part = self.posterior.term(number, rival).parts[b]
             columns = [block.search.block.base, added[:, None], *([] if part is None else [part.columns])]
             base, target, others = np.split(
                 block.white(np.hstack(columns)), np.cumsum([c.shape[1] for c in columns[:2]]), 1
@@ -166,7 +180,7 @@ def fitted(posterior: Posterior, found: Found) -> Fitted:
     Values that these rows cannot tell apart are as typical as they may be, and no surer than that.
     """
     blocks = [
-        fitted_block(number, search, found.terms[number], found.kind, b)
+        fitted_block(search, found.terms[number], found.kind, b)
         for number, search in posterior.searches.items()
         for b in range(len(search.blocks))
     ]
@@ -184,10 +198,10 @@ def fitted(posterior: Posterior, found: Found) -> Fitted:
         mean[index], deviation[index] = block.mean, np.maximum(deviation[index], block.deviation)
     gram, score = gram + np.diag(deviation**-2.0), score + mean * deviation**-2.0
     covariance = np.linalg.inv(gram * np.outer(deviation, deviation)) * np.outer(deviation, deviation)
-    return Fitted(blocks, keys, covariance @ score, covariance, np.diag(gram) ** -0.5)
+    return Fitted(posterior, found, blocks, keys, covariance @ score, covariance, np.diag(gram) ** -0.5)
 
 
-def fitted_block(number: int, search: SensorSearch, chosen: Set, kind: str, b: int) -> FittedBlock:
+def fitted_block(search: SensorSearch, chosen: Set, kind: str, b: int) -> FittedBlock:
     """Return one block with one set, at its most probable point of the noise with a kind of scatter or without."""
     own = search.blocks[b]
     weighed = search.in_block(chosen, b)
@@ -198,5 +212,5 @@ def fitted_block(number: int, search: SensorSearch, chosen: Set, kind: str, b: i
     scale = weighed.left_at(t)[1]
     parts = [(j, part) for j in chosen if (part := search.terms[j].parts[b]) is not None]
     columns = np.hstack([np.zeros((len(own.y), 0)), *(part.columns for _, part in parts)])
-    keys = [(number, j, int(k)) for j, part in parts for k in part.parameters]
-    return FittedBlock(own, t, scale, columns, keys, mean, deviation)
+    keys = [(own.block.sensor, j, int(k)) for j, part in parts for k in part.parameters]
+    return FittedBlock(own, weighed, t, scale, columns, keys, mean, deviation)

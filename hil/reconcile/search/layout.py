@@ -9,11 +9,10 @@ from hil.model.effects.base import Effect, VarianceEffect
 from hil.model.effects.data import Mislabelled
 from hil.model.effects.prior import MANY
 from hil.reconcile.search.candidates import Candidate, effect_columns
-from hil.reconcile.search.mislabelled import AsSolved, as_told, exchanges
+from hil.reconcile.search.mistakes import AsSolved, as_told, exchanges, may_be_wrong
 from hil.reconcile.search.noise import Noise
 from hil.reconcile.search.problem import LEAST_FREEDOM, Problem, SensorProblem
 from hil.reconcile.search.sets import BlockSearch, SensorSearch, Set
-from hil.reconcile.search.spoiled import wrong_rows
 from hil.reconcile.search.terms import terms
 from hil.solve.rows import Block
 
@@ -58,7 +57,7 @@ def _search(
         return SensorSearch(laid, [])
     candidates = [c for c in problem.candidates if c.sensor == sensor.number]
     solved = AsSolved.of(problem.campaign, sensor.number)
-    candidates += wrong_rows(sensor.number, blocks, conditions, solved.named)
+    candidates += may_be_wrong(sensor.number, blocks, conditions, solved.named)
     if any(isinstance(effect, Mislabelled) for effect in mislabelled):
         candidates += exchanges(sensor, blocks, solved)
     site = problem.campaign.site
@@ -105,21 +104,14 @@ def _between(sensor: SensorProblem, candidate: Candidate) -> Iterator[Candidate]
     if effect is None or candidate.form != "constant":
         return
     every = list(effect.shape_grid(conditions))
-    step = 1 + len(every) // MANY
-    if step > 1:
-        place = every.index(candidate.shape)
-        for value in (*every[max(place - step + 1, 0) : place], *every[place + 1 : place + step]):
-            columns = effect_columns(effect, conditions, sensor.base_beside(effect, value), value)
-            yield replace(candidate, shape=value, columns=columns)
-    shape = next((s for s in effect.shapes if s.continuous), None)
-    if shape is None:
-        return
-    grid = shape.grid
-    place = grid.index(candidate.shape[shape.name])
-    nearest = [grid[k] if 0 <= k < len(grid) else None for k in (place - 1, place + 1)]
-    for beyond, other in zip((1.0 / BEYOND, BEYOND), nearest, strict=True):
-        factor = beyond if other is None else other / grid[place]
-        for part in BETWEEN:
-            value = {**candidate.shape, shape.name: grid[place] * factor**part}
-            columns = effect_columns(effect, conditions, sensor.base_beside(effect, value), value)
-            yield replace(candidate, shape=value, columns=columns)
+    step, place = 1 + len(every) // MANY, every.index(candidate.shape)
+    values = [*every[max(place - step + 1, 0) : place], *every[place + 1 : place + step]]
+    for shape in [each for each in effect.shapes if each.continuous][:1]:
+        here = candidate.shape[shape.name]
+        grid = (here / BEYOND, *shape.grid, here * BEYOND)
+        place = grid.index(here, 1)
+        for other in (grid[place - 1], grid[place + 1]):
+            values += [{**candidate.shape, shape.name: here * (other / here) ** part} for part in BETWEEN]
+    for value in values:
+        columns = effect_columns(effect, conditions, sensor.base_beside(effect, value), value)
+        yield replace(candidate, shape=value, columns=columns)

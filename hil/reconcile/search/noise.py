@@ -101,7 +101,7 @@ class Noise:
         stated: Sequence[Scatter] = (),
     ) -> None:
         """`calibrated`: the base has values at each temperature. `stated` is what the model states beside D."""
-        self.block = block
+        self.block, self.conditions = block, conditions
         self.order = in_time(conditions, block.rows)
         rows, channel, run = (own[self.order] for own in (block.rows, block.channel, block.run))
         self.unit = float(np.mean(np.minimum(block.sigma**2, HUGE * np.median(block.sigma**2))))

@@ -4,12 +4,14 @@ posterior = weigh(searches, kinds)
 posterior.sets[0]                   # the most probable: terms by sensor, and its probability
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from hil.campaign import FloatArray
+from hil.model.effects.base import VarianceEffect
 from hil.model.effects.prior import COMMON, SHARED
 from hil.reconcile.search.sets import SensorSearch, Set
 from hil.reconcile.search.terms import Term
@@ -47,6 +49,19 @@ class Posterior:
     def term(self, number: int, place: int) -> Term:
         """Return a term of a sensor by its place."""
         return self.searches[number].terms[place]
+
+    def members(self, found: Found) -> list[tuple[int, Term]]:
+        """Return the terms of a set, each with its sensor."""
+        return [(number, self.term(number, place)) for number, places in found.terms.items() for place in places]
+
+    def names(self, found: Found) -> frozenset[str]:
+        """Return the names in a set: of what moves averages, all without a name as one, and of what scatters them."""
+        return frozenset({found.kind, *(term.called for _, term in self.members(found))} - {""})
+
+    @cached_property
+    def scatter(self) -> Mapping[str, VarianceEffect]:
+        """The effects on the scatter that were asked about, by id."""
+        return scatter_asked(self.searches.values())
 
 
 def likely_sets(search: SensorSearch) -> list[Set]:
@@ -112,6 +127,11 @@ def _alone(search: SensorSearch, sets: Sequence[Set]) -> dict[Set, float]:
     return dict(zip(sets, (np.logaddexp.reduce(by_kind, axis=1) + odds).tolist(), strict=True))
 
 
+def scatter_asked(searches: Iterable[SensorSearch]) -> Mapping[str, VarianceEffect]:
+    """Return the effects on the scatter that may be asked about, by id."""
+    return {kind.effect.id: kind.effect for each in searches for block in each.blocks for kind in block.noise.kinds}
+
+
 def _log_kinds(searches: Sequence[SensorSearch]) -> tuple[list[str], FloatArray]:
     """Return the effects on the scatter that may be asked about, (n,), and log priors, the first ordinary noise's."""
     names, odds = scatter_odds(searches)
@@ -120,7 +140,7 @@ def _log_kinds(searches: Sequence[SensorSearch]) -> tuple[list[str], FloatArray]
 
 def scatter_odds(searches: Sequence[SensorSearch]) -> tuple[list[str], list[float]]:
     """Return the effects on the scatter that may be asked about, and how they share their prior."""
-    effects = {k.effect.id: k.effect for s in searches for b in s.blocks for k in b.noise.kinds}
+    effects = scatter_asked(searches)
     total = sum(effect.odds for effect in effects.values())
     return list(effects), [effect.odds / total for effect in effects.values()]
 

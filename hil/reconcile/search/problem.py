@@ -19,8 +19,7 @@ from hil.model.effects.base import Base, Effect
 from hil.model.effects.prior import UNSEEN
 from hil.model.equation import pickoff_rates
 from hil.model.forms import LinearForm, named_form
-from hil.reconcile.search.candidates import Candidate, catalogue_candidates, effect_columns
-from hil.reconcile.search.second_tier import second_tier
+from hil.reconcile.search.candidates import Candidate, catalogue_candidates, effect_columns, second_tier
 from hil.solve.identifiability import kept_shares, orthonormal, smallest_fit
 from hil.solve.precision import with_every_error
 from hil.solve.rows import Block, sensor_blocks
@@ -43,18 +42,17 @@ class SensorProblem:
     values: FloatArray
     base: Base
     term_columns: FloatArray
-    predicted: FloatArray
     given: Model | None = None
 
-    def base_on(self, conditions: Conditions) -> Base:
-        """Return the base on other rows of this sensor."""
-        return _added(base_at(self.form, conditions, self.values), self.given, conditions)
+    def base_on(self, conditions: Conditions, values: FloatArray | None = None) -> Base:
+        """Return the base on other rows of this sensor, or with other values (p,) than those that were fitted."""
+        return _base(self.form, conditions, self.values if values is None else values, self.given)
 
     def predicted_from(self, rates: FloatArray) -> FloatArray:
         """Return what the form makes of other rates (n, c) than were filed, at every row."""
         conditions = self.collects.conditions
         values = _fit(self.form.columns(conditions), rates - self.known_rates(), self.collects.rates_se_deg_per_hr)
-        return _added(base_at(self.form, conditions, values), self.given, conditions).rates
+        return self.base_on(conditions, values).rates
 
     def base_beside(self, effect: Effect, shape: Mapping[str, float]) -> Base:
         """Return the base as it is if `effect` acts too: what scales or turns the base has changed the fitted one.
@@ -73,7 +71,7 @@ class SensorProblem:
         joint = _fit(both, rates, stated)
         if alone - _misfit(both, rates, joint) < _BEYOND_DOUBT:
             return self.base
-        return _added(base_at(self.form, conditions, joint[: len(self.form.names)]), self.given, conditions)
+        return self.base_on(conditions, joint[: len(self.form.names)])
 
     def known_rates(self) -> FloatArray:
         """Return what is not fitted at each row, (n, c): the earth rate, and the values that stand."""
@@ -164,14 +162,14 @@ def _sensor(number: int, collects: Collects, model: Model, form: LinearForm) -> 
     known = conditions.w_channels_deg_per_hr if given is None else given.base_for(conditions).rates
     rates = collects.rates_deg_per_hr - known
     values = _fit(columns, rates, collects.rates_se_deg_per_hr)
-    base = _added(base_at(form, conditions, values), given, conditions)
+    base = _base(form, conditions, values, given)
     terms = _term_columns(model, conditions, base)
     if terms.shape[2]:
         joint = _fit(np.concatenate([columns, terms], axis=2), rates, collects.rates_se_deg_per_hr)
         values = joint[: columns.shape[2]]
-        base = _added(base_at(form, conditions, values), given, conditions)
+        base = _base(form, conditions, values, given)
         terms = _term_columns(model, conditions, base)
-    return SensorProblem(number, collects, form, values, base, terms, base.rates, given)
+    return SensorProblem(number, collects, form, values, base, terms, given)
 
 
 def _given(model: Model, form: LinearForm, conditions: Conditions) -> Model | None:
@@ -185,8 +183,9 @@ def _given(model: Model, form: LinearForm, conditions: Conditions) -> Model | No
     return model if follows and known else None
 
 
-def _added(correction: Base, given: Model | None, conditions: Conditions) -> Base:
-    """Return the values that stand with the fitted correction."""
+def _base(form: LinearForm, conditions: Conditions, values: FloatArray, given: Model | None) -> Base:
+    """Return the base with fitted values (p,), which are a correction where a model's own stand."""
+    correction = base_at(form, conditions, values)
     if given is None:
         return correction
     own = given.base_for(conditions)

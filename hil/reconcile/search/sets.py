@@ -10,20 +10,19 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 
 import numpy as np
 
 from hil.campaign import FloatArray, IntArray
 from hil.model.effects.prior import HOLDS
-from hil.reconcile.search.chains import Filter, Whitened
+from hil.reconcile.search.chains import Filter
 from hil.reconcile.search.evidence import (
     LEAST,
     SEEN,
     Beside,
     Group,
-    Laid,
     Options,
     Scale,
     log_factors,
@@ -88,7 +87,7 @@ class BlockSearch:
         self.y = y
         base = independent_columns(self.block.base, SEEN)
         rows = np.column_stack([self.noise.by_station, base[self.noise.order], y[self.noise.order]])
-        self.beside = Beside.of(self.noise, self.points, self.scales, self._white(rows))
+        self.beside = Beside.of(self.noise, self.points, self.scales, *self._white(rows))
 
     def projected(self, columns: FloatArray, at: IntArray | slice = slice(None)) -> FloatArray:
         """Return columns (N, k), deg/hr, at some of the points, whitened and less what the base can do, (t, N, k)."""
@@ -102,10 +101,10 @@ class BlockSearch:
 
     def whitened(self, columns: FloatArray, at: IntArray | slice = slice(None)) -> FloatArray:
         """Return columns (N, k), deg/hr, at some of the points, with rows that are independent, in time, (t, N, k)."""
-        return self.beside.at(at).follow(self._white(columns[self.noise.order] / self.unit, at).columns)
+        return self.beside.at(at).follow(self._white(columns[self.noise.order] / self.unit, at)[0])
 
-    def _white(self, columns: FloatArray, at: IntArray | slice = slice(None)) -> Whitened:
-        """Whiten columns (N, k), in the order of time, at some of the points."""
+    def _white(self, columns: FloatArray, at: IntArray | slice = slice(None)) -> tuple[FloatArray, FloatArray]:
+        """Whiten columns (N, k), in the order of time, at some of the points: (t, N, k), and half log dets (t,)."""
         wanted = np.arange(len(self.points))[at]
         out, half_log_det = np.empty((len(wanted), *columns.shape)), np.empty(len(wanted))
         self._filters = self._filters or list(self.noise.filters(self.points, 0))
@@ -114,7 +113,7 @@ class BlockSearch:
             if len(here):
                 chosen = own.take(np.searchsorted(places, wanted[here]))
                 out[here], half_log_det[here] = chosen.whiten(columns), chosen.half_log_det
-        return Whitened(out, half_log_det)
+        return out, half_log_det
 
 
 @dataclass
@@ -126,7 +125,7 @@ class SensorSearch:
     start: Set = ()
     _known: dict[Set, list[FloatArray]] = field(default_factory=dict)
     _weighed: dict[tuple[Set, int], SetInBlock] = field(default_factory=dict)
-    _laid: list[list[Laid]] = field(default_factory=list)
+    _laid: list[list[Group]] = field(default_factory=list)
     _scannable: int = 0
     _members: dict[tuple[int, int], Member] = field(default_factory=dict)
 
@@ -176,7 +175,7 @@ class SensorSearch:
         """In how many runs each exchange of labels is asked about."""
         return Counter(term.alike for term in self.terms if term.alike is not None)
 
-    def _groups(self) -> list[list[Laid]]:
+    def _groups(self) -> list[list[Group]]:
         """Return what is scanned, by block: what came since the last time is laid out beside what was."""
         self._laid = self._laid or [[] for _ in self.blocks]
         first, self._scannable = self._scannable, len(self.terms)
@@ -184,21 +183,20 @@ class SensorSearch:
         for b, search in enumerate(self.blocks if new else ()):
             empty = np.zeros((len(search.y), 0))
             columns = [empty if (p := t.parts[b]) is None else p.columns for t in new]
-            for group in Group.several(columns, [t.amplitudes[b] for t in new]):
-                own = replace(group, places=group.places + first)
-                self._laid[b].append(Laid.of(own, search.projected(own.columns, search.scanned)))
+            amplitudes = [term.amplitudes[b] for term in new]
+            project = partial(search.projected, at=search.scanned)
+            self._laid[b] += Group.several(columns, amplitudes, first, project)
         return self._laid
 
     def scan(self, given: Set) -> FloatArray:
         """Log Bayes factor of every further term beside a set, whose own amplitudes are then free, (j,)."""
         total = np.zeros(len(self.terms))
-        for b, (search, laid) in enumerate(zip(self.blocks, self._groups(), strict=True)):
-            points, base = search.points.take(search.scanned), search.beside.at(search.scanned)
+        for b, (search, groups) in enumerate(zip(self.blocks, self._groups(), strict=True)):
+            base = search.beside.at(search.scanned)
             own = [self.member(j, b).columns[search.scanned] for j in given if self.terms[j].parts[b]]
             beside = base.beside(np.concatenate(own, axis=2)) if own else base
             added = beside.basis[:, :, base.basis.shape[2] :]
-            by_point = log_factors(beside, laid, added, len(self.terms)) + points.log_prior[:, None]
-            total += log_sum(by_point) - log_sum(beside.log_null() + points.log_prior)
+            total += self._factors(search, groups, beside, beside.residual[:, None], added)[0]
         return total
 
     def scan_many(self, data: Sequence[FloatArray], most: int | None = None) -> FloatArray:
@@ -207,16 +205,21 @@ class SensorSearch:
         At the points that are scanned, or the first `most` of them.
         """
         total = np.zeros((data[0].shape[1], len(self.terms)))
-        for search, laid, rates in zip(self.blocks, self._groups(), data, strict=True):
+        for search, groups, rates in zip(self.blocks, self._groups(), data, strict=True):
             at = search.scanned[:most]
             residual = np.ascontiguousarray(np.swapaxes(search.projected(rates, at), 1, 2))
-            base = search.beside.at(at)
-            own = replace(base, residual=residual, rss=np.maximum(np.sum(residual**2, axis=2), LEAST))
-            first = [replace(each, columns=each.columns[:most], gram=each.gram[:most]) for each in laid]
-            log_prior = search.points.log_prior[at][:, None]
-            by_point = log_factors(own, first, residual[:, :0, :0], len(self.terms)) + log_prior[..., None]
-            total += log_sum(by_point) - log_sum(own.log_null() + log_prior)[:, None]
+            first = [replace(each, columns=each.columns[:most], gram=each.gram[:most]) for each in groups]
+            total += self._factors(search, first, search.beside.at(at), residual, residual[:, :0, :0])
         return total.T
+
+    def _factors(
+        self, search: BlockSearch, groups: Sequence[Group], beside: Beside, residual: FloatArray, added: FloatArray
+    ) -> FloatArray:
+        """Log Bayes factor in one block, (m, j), of data of which the base and what is `added` leave (t, m, N)."""
+        own = replace(beside, residual=residual, rss=np.maximum(np.sum(residual**2, axis=2), LEAST))
+        log_prior = search.points.log_prior[search.scanned[: len(residual)]][:, None]
+        by_point = log_factors(own, groups, added, len(self.terms)) + log_prior[..., None]
+        return np.asarray(log_sum(by_point) - log_sum(own.log_null() + log_prior)[:, None])
 
     def evidence(self, chosen: Set) -> list[FloatArray]:
         """Log evidence of a set by block: (v,) each, ordinary noise first, without the kinds' own odds."""

@@ -6,14 +6,13 @@ terms like any other, and compete with them.
 """
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from hil.campaign import FloatArray, IntArray
-from hil.model.effects.base import Parameter
 from hil.model.effects.data import OTHER_SENSOR
 from hil.model.effects.followed import driver_of
 from hil.model.effects.prior import SECOND_TIER, UNSEEN, ladder, middle, name_odds
@@ -31,6 +30,8 @@ EXACT = 0.03
 """Deviation of an amplitude that is one or nothing: a model's columns are right to a few per cent.
 
 Those of a mistake are what was measured, and as right as that."""
+NO_NAME = "empirical"
+"""What no effect describes counts as this one name, whatever it seems to follow: which curve fits best is no cause."""
 IDENTICAL = 0.99
 """Columns beside the base of which the cosine is larger nobody can tell apart."""
 
@@ -67,6 +68,11 @@ class Term:
             return "temperature"
         effect = self.candidate.effect
         return driver_of(self.candidate.driver) if effect is None or self.tier != 1 else effect.follows
+
+    @property
+    def called(self) -> str:
+        """The name that it counts under: its own, or that of all that has none; empty of a mistake."""
+        return "" if self.is_mistake else self.name if self.tier == 1 else NO_NAME
 
     @property
     def recurring(self) -> bool:
@@ -121,9 +127,8 @@ def terms(
     ]
     out = []
     for (candidate, scale, parts), odds in zip(seen, _prior_odds([c for c, _, _ in seen]), strict=True):
-        physical = _amplitudes(candidate, noise_deg_per_hr, known.get(candidate.name, ()))
-        amplitudes = [replace(a, mean=a.mean * scale, deviation=a.deviation * scale) for a in physical]
-        own = tuple(() if p is None else tuple(_of_part(a, p) for a in amplitudes) for p in parts)
+        amplitudes = _amplitudes(candidate, noise_deg_per_hr, known.get(candidate.name, ()))
+        own = tuple(() if p is None else tuple(_of_part(a, p, scale) for a in amplitudes) for p in parts)
         acting = [set(part.parameters.tolist()) for part in parts if part is not None]
         ties = any(a & b for a, b in itertools.combinations(acting, 2)) and not _is_exact(candidate)
         log_odds = float(np.log(odds))
@@ -198,7 +203,7 @@ def _is_exact(candidate: Candidate) -> bool:
 
 
 def _amplitudes(
-    candidate: Candidate, noise: float, known: Iterable[tuple[float, FloatArray, FloatArray]]
+    candidate: Candidate, noise: float, known: Sequence[tuple[float, FloatArray, FloatArray]]
 ) -> list[Amplitude]:
     """Return the prior of all parameters of a candidate."""
     count = candidate.size
@@ -208,12 +213,11 @@ def _amplitudes(
         right = EXACT if candidate.tier else noise / float(np.linalg.norm(candidate.columns))
         return [Amplitude(np.full(count, right), one, log_weight, mean) for mean in choices]
     middle, sizes, log_weights = _sizes(candidate, noise)
-    fixed = list(known)
-    free = 1.0 - sum(weight for weight, _, _ in fixed)
-    out = [Amplitude(middle, sizes, log_weights + np.log(free), np.zeros(count))]
-    for weight, mean, deviation in fixed:
-        out.append(Amplitude(deviation, np.ones(1), np.array([np.log(weight)]), mean))
-    return out
+    free = 1.0 - sum(weight for weight, _, _ in known)
+    return [
+        Amplitude(middle, sizes, log_weights + np.log(free), np.zeros(count)),
+        *(Amplitude(deviation, np.ones(1), np.log([weight]), mean) for weight, mean, deviation in known),
+    ]
 
 
 def _sizes(candidate: Candidate, noise: float) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -221,19 +225,19 @@ def _sizes(candidate: Candidate, noise: float) -> tuple[FloatArray, FloatArray, 
     rms = _root_mean_square(candidate.columns)
     if candidate.tier != 1:
         # Of what nobody has described, sizes from the noise up are as probable, order by order.
-        typical = Parameter("", "", (0.5 * noise, 50.0 * noise))
+        typical = 0.5 * noise, 50.0 * noise
         # A curve of several columns is as large as one column would be.
         centre = np.sqrt(0.5 * 50.0 / max(candidate.size, 1)) * noise / rms
     else:
-        first = candidate.parameters[0]
-        typical = first
+        typical = candidate.parameters[0].typical
         centre = np.array([middle(p) for p in candidate.parameters])
         if candidate.form in POWERS:  # each power is as large as the value itself, over the campaign's range
             own = candidate.size // POWERS[candidate.form]
             centre = centre * np.tile(rms[:own], POWERS[candidate.form]) / rms
-    sizes, log_weights = ladder(typical.typical)
+    sizes, log_weights = ladder(typical)
     return np.asarray(centre, dtype=np.float64), sizes, log_weights
 
 
-def _of_part(amplitude: Amplitude, part: Part) -> Amplitude:
-    return replace(amplitude, deviation=amplitude.deviation[part.parameters], mean=amplitude.mean[part.parameters])
+def _of_part(amplitude: Amplitude, part: Part, scale: FloatArray) -> Amplitude:
+    own = {name: (getattr(amplitude, name) * scale)[part.parameters] for name in ("mean", "deviation")}
+    return replace(amplitude, **own)

@@ -24,8 +24,8 @@ from hil.errors import InputError
 from hil.night import start_night
 from hil.records.export import campaign_of_night
 from hil.solve import Estimate, solve_campaign
-from hil.twin.serve import client_bench, served
 from tests.drivers.transcript import TranscriptDevice
+from tests.hil.twin.serving import client_bench, served
 
 _SHIPPED = load_bench("simulated")
 

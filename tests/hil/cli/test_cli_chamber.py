@@ -14,7 +14,8 @@ import yaml
 import hil.cli.chamber as chamber_command
 from hil.bench import build_bench
 from hil.config import Bench, load_bench, parse_bench
-from hil.twin.serve import Simulation, client_bench, served
+from hil.twin.serve import Simulation
+from tests.hil.twin.serving import client_bench, served
 
 LOGGED = ("chamber: prepare", "chamber: set temperature", "chamber: safe state")
 

@@ -16,7 +16,7 @@ import yaml
 
 import hil.bench.preflight
 from hil.config import load_bench, load_sweep, parse_bench
-from hil.twin.serve import client_bench, served
+from tests.hil.twin.serving import client_bench, served
 
 SUBJECTS = [
     "imu.port",

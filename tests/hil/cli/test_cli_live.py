@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 from hil.config import Bench, load_bench, load_sweep
-from hil.twin.serve import client_bench
+from tests.hil.twin.serving import client_bench
 
 
 @pytest.fixture

@@ -125,7 +125,8 @@ def test_draws_scatter_as_the_covariance_says(effect: VarianceEffect) -> None:
     conditions = campaign(temperatures=(-10.0, 20.0), runs_each=2)
     conditions = conditions.rows(np.random.default_rng(3).permutation(len(conditions)))
     shape, rng, count = effect.shape_grid(conditions)[-1], np.random.default_rng(4), 1000
-    draws = np.array([effect.draw(conditions, shape, rng).ravel() for _ in range(count)])
+    parts = effect.scatter(conditions, shape)
+    draws = np.array([np.ravel(sum(part.draw(conditions, rng) for part in parts)) for _ in range(count)])
     expected = effect.covariance(conditions, shape)
     size = np.diag(expected)
     error = np.sqrt((np.multiply.outer(size, size) + expected**2) / count)

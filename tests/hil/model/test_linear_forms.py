@@ -13,7 +13,6 @@ from hil.model.forms import (
     default_form,
     excites_every_axis,
     gs_columns,
-    matrix_6_thermal_form,
     mu_columns,
     named_form,
     sensitivity_columns,
@@ -86,7 +85,6 @@ def test_thermal_columns_are_quadratics_about_the_stated_reference() -> None:
     delta = np.array([-9.5, 0.4, 10.3])[:, None, None]
     np.testing.assert_allclose(columns[..., 1::3], plain * delta)
     np.testing.assert_allclose(columns[..., 2::3], plain * delta**2)
-    assert matrix_6_thermal_form(rows, reference_degC=25.0).reference_degC == 25.0
 
 
 def test_terms_gives_back_bias_and_k() -> None:

@@ -22,8 +22,8 @@ from hil.files.lock import LOCK_NAME, Owner
 from hil.records import SqliteJournal
 from hil.records.rows import Night
 from hil.records.status import night_status
-from hil.twin.serve import client_bench, served
 from procedures.plan import make_plan
+from tests.hil.twin.serving import client_bench, served
 
 
 def bench_with(**chamber: Any) -> Bench:

@@ -13,8 +13,8 @@ from hil.config import load_bench, parse_bench, parse_sweep
 from hil.night import resume_night, start_night
 from hil.records import open_readonly
 from hil.records.status import night_status
-from hil.twin.serve import client_bench, served
 from procedures.stop import StopRequest
+from tests.hil.twin.serving import client_bench, served
 
 SWEEP = """
 title: One short self-calibration in the heat

@@ -30,10 +30,11 @@ from hil.records.journal import JOURNAL_NAME
 from hil.records.requests import request
 from hil.records.rows import Night
 from hil.records.status import night_status
-from hil.twin.serve import Simulation, client_bench, served
+from hil.twin.serve import Simulation
 from procedures.plan import make_plan
 from procedures.progress import Snapshot
 from procedures.requests import RequestKind
+from tests.hil.twin.serving import client_bench, served
 
 SWEEP = """
 title: A soak that outlasts the test

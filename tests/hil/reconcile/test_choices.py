@@ -169,14 +169,15 @@ def test_what_predicts_held_out_rows_no_better_is_taken_back(
     assert _kept(replace(reading, names=()), (proof, proof))[1] == ()
 
 
-def test_of_drivers_as_sure_as_one_another_that_of_what_moves_averages_comes_first(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_of_drivers_as_sure_as_one_another_that_of_what_moves_averages_comes_first() -> None:
     """Whatever order a set of words has today."""
-    sets = [SimpleNamespace(kind="MU_rr", log_weight=-0.7), SimpleNamespace(kind="MU_rr", log_weight=-0.7)]
-    monkeypatch.setattr(naming, "_members", lambda *_: [(2, SimpleNamespace(follows="temperature"))])
-    monkeypatch.setattr(naming, "scatter_of", lambda _: {"MU_rr": SimpleNamespace(follows="run")})
-    found = naming._follows(SimpleNamespace(sets=sets))  # type: ignore[arg-type]
+    moves, scatters = SimpleNamespace(follows="temperature", is_mistake=False), SimpleNamespace(follows="run")
+    posterior = SimpleNamespace(
+        sets=[SimpleNamespace(kind="MU_rr", log_weight=-0.7)] * 2,
+        members=lambda _: [(2, moves)],
+        scatter={"MU_rr": scatters},
+    )
+    found = naming._follows(cast(Posterior, posterior))
     assert found == [("temperature", 1.0), ("run", 1.0)]
 
 
@@ -195,7 +196,7 @@ def test_a_tied_parameter_brings_its_gain_into_the_evidence(supplied: tuple[Post
 def test_a_row_is_left_out_where_it_is_as_sure_as_is_asked(sure: float, left_out: list[int]) -> None:
     """Two thirds say that it is wrong: enough where nothing else may be missing, too little where something is."""
     row = SimpleNamespace(is_mistake=True, candidate=SimpleNamespace(effect=None))
-    posterior = cast(Posterior, SimpleNamespace(term=lambda number, place: row))  # noqa: ARG005
+    posterior = cast(Posterior, SimpleNamespace(members=lambda found: [(2, row) for _ in found.terms[2]]))
     wrong, nothing = Found({2: (0,)}, "", float(np.log(0.66))), Found({2: ()}, "", float(np.log(0.34)))
     kept = _surely_wrong(posterior, [wrong, nothing], [wrong, nothing], sure)
     assert [len(each.terms[2]) for each in kept] == left_out

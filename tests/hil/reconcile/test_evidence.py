@@ -314,7 +314,7 @@ def test_one_number_in_two_blocks_has_the_evidence_that_a_joint_density_says(
 @pytest.mark.parametrize("kind", ["", "MU_rr"])
 def test_what_is_held_out_is_predicted_as_by_a_refit_without_it(search: SensorSearch, kind: str) -> None:
     """Run by run: base and effect refitted to the other runs by generalised least squares, each error and density."""
-    block = fitted_block(2, search, (term(search, "usual"),), kind, 0)
+    block = fitted_block(search, (term(search, "usual"),), kind, 0)
     own, folds = block.search.block, by_run(block)
     noise = block.scale * block.search.noise.unit * covariance_of(block.search, block.at)
     design = np.hstack([own.base, block.columns])

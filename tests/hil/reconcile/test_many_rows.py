@@ -9,13 +9,12 @@ from hil.model import load_model
 from hil.model.effects.catalogue import SERIES_EFFECTS, effect_by_id
 from hil.model.effects.prior import MANY as SHAPES
 from hil.reconcile.inside import named_within
-from hil.reconcile.search.candidates import catalogue_candidates
+from hil.reconcile.search.candidates import MANY, catalogue_candidates
 from hil.reconcile.search.layout import searches
-from hil.reconcile.search.mislabelled import AsSolved, exchanges
+from hil.reconcile.search.mistakes import AsSolved, exchanges, may_be_wrong
 from hil.reconcile.search.noise import FIXED, FOLLOWS, Noise, log_profile
 from hil.reconcile.search.problem import Problem, pose
 from hil.reconcile.search.sets import BlockSearch
-from hil.reconcile.search.spoiled import MANY, wrong_rows
 from tests.hil.reconcile.hidden_effects import Rows, base_rates, both, hidden_campaign
 
 
@@ -35,7 +34,7 @@ def test_of_many_rows_those_that_are_odd_are_asked_about() -> None:
 
     problem = season(gross)
     conditions = problem.sensors[2].collects.conditions
-    found = list(wrong_rows(2, problem.blocks, conditions, np.zeros(len(conditions), bool)))
+    found = list(may_be_wrong(2, problem.blocks, conditions, np.zeros(len(conditions), bool)))
     rows = {int(c.shape["row"]) for c in found if c.name == "row"}
     assert len(rows) == MANY
     assert spoiled in rows
@@ -43,7 +42,7 @@ def test_of_many_rows_those_that_are_odd_are_asked_about() -> None:
     few = pose(hidden_campaign(3, temperatures=(0.0, 20.0, 40.0)), load_model("matrix-6"), ())
     every = few.sensors[2].collects.conditions
     asked = {
-        int(c.shape["row"]) for c in wrong_rows(2, few.blocks, every, np.zeros(len(every), bool)) if c.name == "row"
+        int(c.shape["row"]) for c in may_be_wrong(2, few.blocks, every, np.zeros(len(every), bool)) if c.name == "row"
     }
     assert asked == set(range(len(every)))
 

@@ -14,8 +14,7 @@ from matplotlib.figure import Figure
 from benchmarks.blind.cases import make_case, write_case
 from hil.campaign.reader import read_campaign
 from hil.reconcile import Reconciliation, reconcile
-from hil.reconcile.outcome.page import page
-from hil.reconcile.outcome.pictures import pictures
+from hil.reconcile.outcome.page import page, pictures
 from hil.reconcile.outcome.sentences import summary, what_to_do
 from hil.reconcile.result import FoundEffect, Rival, rounded
 from tests.hil.reconcile.hidden_effects import hidden_campaign
@@ -41,7 +40,7 @@ def test_no_number_is_written_with_an_e() -> None:
 def test_no_legend_lies_on_points(monkeypatch: pytest.MonkeyPatch) -> None:
     """It stands between the title and the axes, and ends where they end."""
     figures: list[Figure] = []
-    monkeypatch.setattr("hil.reconcile.outcome.pictures.inline_svg", lambda figure, _: figures.append(figure))
+    monkeypatch.setattr("hil.reconcile.outcome.page.inline_svg", lambda figure, _: figures.append(figure))
     row = {
         "sensor": 2,
         "channel": "RA",
@@ -143,8 +142,7 @@ def test_physics_expects_a_name_only_where_it_favours_it_alone(
 ) -> None:
     """By what was known before the data, of every rival that looks the same: a lead that data gave it is none."""
     rivals = [
-        Rival(name, 0.2, 0.99, f"{name.upper()}'s title", (), 0.1, prior)
-        for name, prior in zip("bc", odds, strict=True)
+        Rival(name, 0.2, 0.99, f"{name.upper()}'s title", 0.1, prior) for name, prior in zip("bc", odds, strict=True)
     ]
     first = FoundEffect("a", "A's title", "", [], 0.6, rivals, "ambiguous")
     told = summary(replace(aged, verdict="ambiguous", effects=[first]))[0]
@@ -153,11 +151,11 @@ def test_physics_expects_a_name_only_where_it_favours_it_alone(
 
 def test_physics_expects_no_curve(aged: Reconciliation) -> None:
     """What has no name is not expected, however probable; a named rival beside it is judged as if it were not there."""
-    curve = Rival("empirical: B × elapsed", 0.3, 0.99, "B follows elapsed", (), 1.0, 9.0)
+    curve = Rival("empirical: B × elapsed", 0.3, 0.99, "B follows elapsed", 1.0, 9.0)
     alone = FoundEffect("a", "A's title", "", [], 0.6, [curve], "ambiguous")
     told = summary(replace(aged, verdict="ambiguous", effects=[alone]))[0]
     assert "expects" not in told
     assert told.endswith("60 % for a, the only one of them that has a name.")
-    beside = replace(alone, confusable_with=[curve, Rival("b", 0.1, 0.99, "B's title", (), 1.0, 0.1)])
+    beside = replace(alone, confusable_with=[curve, Rival("b", 0.1, 0.99, "B's title", 1.0, 0.1)])
     told = summary(replace(aged, verdict="ambiguous", effects=[beside]))[0]
     assert "which physics expects: before these data it was 10 times as probable" in told

@@ -12,7 +12,7 @@ from hil.model.effects.g_squared import SquaredAcceleration
 from hil.reconcile import reconcile
 from hil.reconcile.outcome.sentences import summary
 from hil.reconcile.result import FoundEffect
-from hil.reconcile.search.second_tier import drivers
+from hil.reconcile.search.candidates import drivers
 from tests.hil.reconcile.hidden_effects import both, hidden_campaign
 
 TRUE = {"S_A": 90.0, "S_B": -50.0}

@@ -12,7 +12,7 @@ from hil.model import Model
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.page import page
 from hil.reconcile.outcome.sentences import what_to_do
-from hil.reconcile.outcome.taken_out import taken_out
+from hil.reconcile.outcome.values import taken_out
 from hil.reconcile.result import Solved
 from hil.reconcile.search.problem import pose
 from tests.hil.reconcile.hidden_effects import Rows, hidden_campaign

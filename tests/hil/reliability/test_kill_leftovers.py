@@ -15,8 +15,8 @@ from hil.config import load_bench, parse_bench, parse_sweep
 from hil.files.durable import PARTIAL, RealDisk, make_folders
 from hil.night import start_night
 from hil.records.blocks import BLOCKS, BlockWriter
-from hil.twin.serve import served
 from procedures.stop import StopRequest
+from tests.hil.twin.serving import served
 
 _SWEEP = parse_sweep("title: T\ntemperatures: [23 degC]\nself_calibrations_per_temperature: 1\npositions: [1]\n", "t")
 

@@ -16,7 +16,7 @@ from drivers.errors import WrongDevice
 from hil.bench import build_bench
 from hil.config import Bench, load_bench, parse_bench
 from hil.errors import InputError
-from hil.twin.serve import client_bench, served
+from tests.hil.twin.serving import client_bench, served
 
 _SIMULATED = load_bench("simulated")
 _PTY = load_bench("simulated-pty")

@@ -1,27 +1,93 @@
-"""Labels that may be exchanged, what is known of them before the search, and what `hil solve` does about rows.
+"""Mistakes that there may be in the data: rows and runs that are spoiled, labels that are exchanged.
 
-solved = AsSolved.of(campaign, 2)
-found = exchanges(sensor, blocks, solved)       # one candidate per exchange in one run
-terms = as_told(terms, collects, exchanged)     # with odds by what accelerometers show
-solved.among(terms)                             # the terms that are the answer of `hil solve`: a set to start from
+solved = AsSolved.of(campaign, 2)                            # what `hil solve` does about rows
+may_be_wrong(2, blocks, conditions, solved.named)            # candidates: what stands there says nothing
+found = exchanges(sensor, blocks, solved)                    # one candidate per exchange in one run
+terms = as_told(terms, collects, exchanged)                  # with odds by what accelerometers show
+solved.among(terms)                                          # the terms that are that answer: a set to start from
+
+Each competes with every effect. Of a year of nights those are asked about that differ most from their neighbours.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+import itertools
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hil.campaign import BoolArray, Campaign, Collects, FloatArray
+from hil.campaign import BoolArray, Campaign, Collects, Conditions, FloatArray, IntArray
+from hil.model.effects.base import Parameter
 from hil.model.effects.data import OTHER_SENSOR, Mislabelled
-from hil.reconcile.search.candidates import Candidate
+from hil.reconcile.search.candidates import MANY, Candidate
 from hil.reconcile.search.problem import SensorProblem
-from hil.reconcile.search.spoiled import MANY, runs_to_ask
 from hil.reconcile.search.terms import Term
 from hil.solve.causes import AS_IT_LAY
 from hil.solve.rows import Block
 from hil.solve.wrong_rows import MENDED, USED, Wrong, alike, beside, wrong_rows
+
+NEIGHBOURS = 4
+"""Rows to either side, in the same position, that say what a row should be."""
+
+
+def may_be_wrong(number: int, blocks: Sequence[Block], conditions: Conditions, named: BoolArray) -> Iterator[Candidate]:
+    """Yield one candidate per rate, one per collect, and one per run and block: what is there says nothing.
+
+    Where there are very many, of collects (n,) that are `named` and of those that differ most from their neighbours.
+    """
+    shape = (len(conditions), len(conditions.sensor.channels))
+    odd = _odd(blocks, conditions, named)
+    rows = np.unique(np.concatenate([block.rows for block in blocks]))
+    for row in sorted(rows[np.argsort(-odd[rows], kind="stable")][:MANY].tolist()):
+        several = np.zeros((*shape, shape[1]))
+        several[row] = np.eye(shape[1])
+        yield _wrong("row", number, several, {"row": float(row)})
+        for channel in range(shape[1]):
+            yield _wrong("row", number, several[:, :, channel : channel + 1], {"row": float(row), "channel": channel})
+    odd_runs = runs_to_ask(blocks, conditions, named, MANY)
+    for block in blocks:
+        for run in np.unique(block.run[np.isin(conditions.run[block.rows], odd_runs)]).tolist():
+            here = np.flatnonzero(block.run == run)
+            if not 1 < len(here) < 0.5 * len(block.y):
+                continue
+            columns = np.zeros((*shape, len(here)))
+            columns[block.rows[here], block.channel[here], np.arange(len(here))] = 1.0
+            of_block = {"number": float(conditions.run[block.rows[here[0]]]), "channel": float(block.channel[0])}
+            yield _wrong("run", number, columns, of_block)
+
+
+def runs_to_ask(blocks: Sequence[Block], conditions: Conditions, named: BoolArray, most: int) -> IntArray:
+    """Return the numbers of at most so many runs (k,): `named` ones, and those that differ most from neighbours."""
+    odd, runs = _odd(blocks, conditions, named), np.unique(conditions.run)
+    of_run = np.array([odd[conditions.run == run].mean() for run in runs.tolist()])
+    return np.asarray(np.sort(runs[np.argsort(-of_run, kind="stable")[:most]]))
+
+
+def _odd(blocks: Sequence[Block], conditions: Conditions, named: BoolArray) -> FloatArray:
+    """How far each collect (n,) is off its neighbours, in the worst of its channels; further than all where `named`."""
+    out = np.where(named, np.inf, 0.0)
+    for block in blocks:
+        np.maximum.at(out, block.rows, _oddness(block, conditions))
+    return out
+
+
+def _oddness(block: Block, conditions: Conditions) -> FloatArray:
+    """How far each row (N,) is off the median of its neighbours in the same position, in units of the noise."""
+    left = (block.y - block.base @ np.linalg.lstsq(block.base, block.y, rcond=None)[0]) / block.sigma
+    out = np.zeros(len(left))
+    for channel, position in itertools.product(np.unique(block.channel), np.unique(conditions.position)):
+        here = np.flatnonzero((block.channel == channel) & (conditions.position[block.rows] == position))
+        padded = np.pad(left[here], NEIGHBOURS, mode="reflect") if len(here) > NEIGHBOURS else left[here]
+        if len(here) > NEIGHBOURS:
+            around = np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1)
+            out[here] = np.abs(left[here] - np.median(around, axis=1))
+    return out
+
+
+def _wrong(name: str, number: int, columns: FloatArray, shape: Mapping[str, float]) -> Candidate:
+    parameters = tuple(Parameter(f"off_{k}", "deg/hr", (1.0, 100.0)) for k in range(columns.shape[2]))
+    return Candidate(name, 0, number, columns, parameters, shape=shape, title=f"A {name} that is wrong")
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,33 @@
+"""Devices that are served from a thread, and the bench as a client of them has it."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+import yaml
+
+from hil.config.bench import Bench, parse_bench
+from hil.files.strict import parse_yaml
+from hil.twin.serve import Simulation, port_keys, serving
+
+
+@contextmanager
+def served(bench: Bench, *, tcp: bool = False) -> Iterator[Simulation]:
+    """Serve a bench's devices from a thread for as long as the context lasts."""
+    with serving(bench, tcp=tcp) as (server, simulation), server:
+        yield simulation
+
+
+def client_bench(bench: Bench, ports: Mapping[str, str]) -> Bench:
+    """Return the bench as a client of served devices has it: their ports, the computer's clock, live polling."""
+    document = parse_yaml(bench.text, bench.source)
+    document["clock"] = "system"
+    document.pop("polling", None)
+    document.pop("faults", None)  # they happen to the devices, which the server has
+    for device, port in ports.items():
+        *sections, key = port_keys(bench)[device]
+        within: Any = document
+        for section in sections:
+            within = within[section]
+        within[key] = port
+    return parse_bench(yaml.safe_dump(document, sort_keys=False, allow_unicode=True), bench.source)
