@@ -17,7 +17,8 @@ from itertools import permutations, product
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from drivers.frames.wire import FloatArray
+
 BoolArray = NDArray[np.bool_]
 
 STANDARD_GRAVITY_M_PER_S2 = 9.80665

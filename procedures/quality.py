@@ -7,11 +7,9 @@ from collections.abc import Iterator, Mapping
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drivers.frames.wire import FloatArray
 from procedures.verdict import Judgement, Verdict
-
-FloatArray = NDArray[np.float64]
 
 _GAP = 1.5  # sample intervals; anything longer has lost at least one sample
 _FEW = 30  # samples: with fewer nothing is said about their noise

@@ -20,10 +20,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.frames.families import Flaw, FrameFamily
-from drivers.frames.layout import FrameLayout, IntArray
+from drivers.frames.layout import FrameLayout
 from drivers.frames.notation import Header
 from drivers.frames.packets import LONGEST, PacketDescription
-from drivers.frames.wire import Rows
+from drivers.frames.wire import IntArray, Rows
 
 Group = tuple[FrameLayout, Rows, IntArray]  # frames of one form: their layout, bytes and places
 Found = dict[int, tuple[FrameLayout, list[bytes], list[int]]]  # the same, one by one

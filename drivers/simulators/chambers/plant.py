@@ -20,9 +20,8 @@ from bisect import bisect_right
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from drivers.frames.wire import FloatArray
 
 _OVERSHOOT_OF_A_STEP = 0.3
 _FASTEST_SETTLING_S = 5.0
