@@ -147,10 +147,7 @@ class Scanner:
         return moved % counter.step == 0 and 1 <= moved // counter.step <= _GOES_ON
 
     def scan_few(self, data: bytes, standing: Standing, *, last: bool = False, first_only: bool = False) -> Scan:
-        """Scan frame by frame: cheapest for a few frames, and the meaning of the other.
-
-        `last` says that nothing will follow. With `first_only`, stop behind the first good frame and remember nothing.
-        """
+        """Scan frame by frame; `last`: nothing follows. With `first_only`, stop behind the first, remember nothing."""
         found: list[Found] = [{} for _ in self._families]
         result = Scan(len(data), standing, [])
         in_step, claimed = standing.in_step, standing.claimed
