@@ -79,11 +79,7 @@ DEFAULT_IDENTITY = ImuIdentity(model="MFS", serial="SIM-0001", firmware="simulat
 
 @dataclass(eq=False)
 class SimulatedImu:
-    """A `SimulatedDevice` that streams samples at `rate_hz` from `starts_s` on.
-
-    `seed` is that of the faults alone; the noise of the signals is the physics'. Raises `ValueError` for a description
-    without roles.
-    """
+    """A `SimulatedDevice` that streams from `starts_s` on; `seed` is the faults'. `ValueError` without roles."""
 
     description: StreamDescription
     physics: UnitPhysics
