@@ -159,10 +159,7 @@ def first_mistake(error: ValidationError, document: object) -> str:
 
 
 def as_written(parts: Sequence[int | str], document: object) -> str:
-    """Return the place in the words of the file: without what the program put between its keys.
-
-    An element of an array of fields (`gyro: {names: [x, y, z]}` makes gyro_x) is told as its array's.
-    """
+    """Return the place in the file's words; an element of an array of fields is told as its array's."""
     place, here = [], document
     for number, part in enumerate(parts):
         key = _key_in(here, part)

@@ -35,10 +35,7 @@ Results = Mapping[str, StepResult | DeviceError]
 
 @dataclass(eq=False)
 class Actions:
-    """The actions on one bench. `recorded` are the results of steps that were completed before, by key.
-
-    `times` are when what collects count from took place, as far as this run knows.
-    """
+    """The actions on a bench; `recorded` are results of completed steps, by key, `times` what collects count from."""
 
     watch: Watch
     interlocks: InterlockSettings
@@ -131,10 +128,7 @@ class Actions:
         )
 
     def _command(self, step: Step, target_degC: float) -> float:
-        """Give the chamber its setpoint and return the temperature it was at.
-
-        Where it is already there and was told to be, the time since the setpoint counts from the first command.
-        """
+        """Set the chamber and return its temperature; where it held that, time counts from the first command."""
         now = self.devices.chamber.read()
         self.watch.commanded(None)
         self.devices.chamber.set_temperature(target_degC)

@@ -23,10 +23,9 @@ error, is not mistaken for noise.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
-FloatArray = NDArray[np.float64]
+from drivers.frames.wire import FloatArray
 
 _BATCHES = (8, 16, 32)
 _BATCH_LEVEL = 0.002

@@ -47,10 +47,7 @@ class Look:
 
 @dataclass(frozen=True)
 class Interlock:
-    """One thing that must not be: its short name for the journal, and how long it may last.
-
-    `problem` returns what is wrong in one sentence, "" where all is well, None where a look says nothing about it.
-    """
+    """One thing that must not be; `problem` says what is wrong, "" for nothing, None where a look tells nothing."""
 
     name: str
     grace_s: float

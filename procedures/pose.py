@@ -17,7 +17,8 @@ from itertools import permutations, product
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from drivers.frames.wire import FloatArray
+
 BoolArray = NDArray[np.bool_]
 
 STANDARD_GRAVITY_M_PER_S2 = 9.80665
@@ -179,10 +180,7 @@ class PoseTable:
 def _turned(
     axes: Sequence[str], measured: Sequence[int], expected_g: FloatArray
 ) -> Iterator[tuple[tuple[int, int], str, FloatArray]]:
-    """Yield what would be measured of `expected_g`, (n, 1, 3), with axes exchanged, turned or dead.
-
-    With it stands how many of the `measured` axes and signs are concerned, and what has happened in words.
-    """
+    """Yield how many axes and signs are concerned, words, and `expected_g`, (n, 1, 3), with axes turned or dead."""
     for dead in measured:
         yield (1, 0), f"its accelerometer {axes[dead]} measures nothing", expected_g * (np.arange(3) != dead)
     for order in permutations(range(3)):

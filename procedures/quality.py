@@ -7,11 +7,9 @@ from collections.abc import Iterator, Mapping
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drivers.frames.wire import FloatArray
 from procedures.verdict import Judgement, Verdict
-
-FloatArray = NDArray[np.float64]
 
 _GAP = 1.5  # sample intervals; anything longer has lost at least one sample
 _FEW = 30  # samples: with fewer nothing is said about their noise
@@ -24,10 +22,7 @@ _CLIPPED_RATIO = 3.0  # … and this many times more than on the value next to i
 
 
 def missing_in_gaps(time_s: FloatArray, sample_rate_hz: float) -> int:
-    """Return how many samples the gaps between `time_s`, shape (n,), would have held at the nominal rate.
-
-    Samples that arrived in a bunch after a pause are not missing: what came early is set off against what came late.
-    """
+    """Return how many samples the gaps of `time_s`, (n,), would have held, less those that came in bunches."""
     if len(time_s) < 2:
         return 0
     intervals = np.diff(time_s) * sample_rate_hz

@@ -230,7 +230,6 @@ class Sequencer:
         if recorded:
             self._open.update((step.key, (step, attempt)) for step, attempt in zip(steps, attempts, strict=True))
         self._touched = True
-        # What is planned from the next stage on; `steps` may be some of theirs.
         behind = (each for each in self.plan.steps[steps[0].index :] if each.stage != steps[0].stage)
         later = (each for each in behind if each.key not in self._done)
         total = len(self.plan.steps)

@@ -188,10 +188,7 @@ class Watch:
                 return
 
     def hold_until_clear(self) -> None:
-        """Return once nothing is suspected. Nothing new begins before; a trip, or the ceiling, ends the wait.
-
-        The ceiling is for what neither clears nor trips, because nothing more is heard of it: `InterlockTripped`.
-        """
+        """Return once nothing is suspected; a trip, or a ceiling for what nobody hears of, is an `InterlockTripped`."""
         if not self._suspects.suspected:
             return
         give_up_s = self.now_s + _HOLD_CEILING_S

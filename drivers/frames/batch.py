@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.frames.counts import StreamCounts
-from drivers.frames.layout import FloatArray, FrameLayout, IntArray
-from drivers.frames.wire import Rows
+from drivers.frames.layout import FrameLayout
+from drivers.frames.wire import FloatArray, IntArray, Rows
 
 
 @dataclass(eq=False)

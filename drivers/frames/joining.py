@@ -37,10 +37,7 @@ class SampleJoiner:
         self.sequence.interrupt()
 
     def take(self, groups: Sequence[list[Group]], *, last: bool) -> tuple[FrameBatch | None, int, int]:
-        """Return the samples that are complete with these frames of each part, how many frames they are, and are lost.
-
-        A group has the frames' bytes (n, length) and places (n,). With `last`, nothing will follow.
-        """
+        """Return the samples, bytes (n, length), that are complete, and how many frames they are and are lost."""
         groups = [held + new for held, new in zip(self._held, groups, strict=True)]
         there = [(number, join(each)) for number, each in enumerate(groups) if each]
         if not there:

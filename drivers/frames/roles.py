@@ -15,10 +15,7 @@ from drivers.frames.notation import Described, Factor, WholeNumber
 
 
 class CounterDescription(Described):
-    """The field that counts frames: it takes `step` more from frame to frame, modulo `modulus`.
-
-    The step may be a quotient, such as `2000/${rate}` for a unit that counts its internal samples.
-    """
+    """The field that counts frames, `step` (perhaps a quotient, `2000/${rate}`) by frame, modulo `modulus`."""
 
     field: str
     modulus: int = Field(gt=1)
@@ -26,10 +23,7 @@ class CounterDescription(Described):
 
 
 class TimeDescription(Described):
-    """The field with the unit's own time. Without a counter, it tells how many frames are missing.
-
-    `resolution` is what one of its wire counts is worth, in seconds; it comes round after `modulus` counts.
-    """
+    """The unit's time, `resolution` s a count, modulo `modulus`: without a counter it tells what is missing."""
 
     field: str
     resolution: Factor = Field(gt=0)
@@ -103,10 +97,7 @@ class Roles(Described):
 def check_roles(
     roles: Roles, frames: Mapping[str, Mapping[str, FieldDescription]], bits: Mapping[str, Iterable[str]]
 ) -> None:
-    """Raise `ValueError` naming the key of a role that points to no field, or to one in another unit.
-
-    `frames` maps frame name to its fields, `bits` frame name to the names of its status bits.
-    """
+    """Raise `ValueError` naming the key of a role without such a field or status bit, or with another unit."""
     if roles.frame not in frames:
         raise ValueError(f"roles.frame: there is no frame {roles.frame!r}")
     fields = frames[roles.frame]

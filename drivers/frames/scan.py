@@ -20,10 +20,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.frames.families import Flaw, FrameFamily
-from drivers.frames.layout import FrameLayout, IntArray
+from drivers.frames.layout import FrameLayout
 from drivers.frames.notation import Header
 from drivers.frames.packets import LONGEST, PacketDescription
-from drivers.frames.wire import Rows
+from drivers.frames.wire import IntArray, Rows
 
 Group = tuple[FrameLayout, Rows, IntArray]  # frames of one form: their layout, bytes and places
 Found = dict[int, tuple[FrameLayout, list[bytes], list[int]]]  # the same, one by one
@@ -147,10 +147,7 @@ class Scanner:
         return moved % counter.step == 0 and 1 <= moved // counter.step <= _GOES_ON
 
     def scan_few(self, data: bytes, standing: Standing, *, last: bool = False, first_only: bool = False) -> Scan:
-        """Scan frame by frame: cheapest for a few frames, and the meaning of the other.
-
-        `last` says that nothing will follow. With `first_only`, stop behind the first good frame and remember nothing.
-        """
+        """Scan frame by frame; `last`: nothing follows. With `first_only`, stop behind the first, remember nothing."""
         found: list[Found] = [{} for _ in self._families]
         result = Scan(len(data), standing, [])
         in_step, claimed = standing.in_step, standing.claimed

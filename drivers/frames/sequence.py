@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.frames.description import FrameDescription
-from drivers.frames.layout import IntArray
+from drivers.frames.wire import IntArray
 
 Mask = NDArray[np.bool_]
 

@@ -7,10 +7,8 @@ at the rate that it has, so that its samples are where they were taken, however 
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from drivers.frames.wire import FloatArray, IntArray
 
 _DRIFT = 200e-6  # s/s; crystal oscillators are within 100 ppm each
 _RESTART_S = 2.0  # a counter so far ahead of the clock was not counting: it began anew

@@ -6,12 +6,11 @@ from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.frames.counts import StreamCounts
 from drivers.frames.roles import SensorRole
+from drivers.frames.wire import FloatArray as FloatArray
 
-FloatArray = NDArray[np.float64]
 Label = TypeVar("Label")
 
 

@@ -30,10 +30,7 @@ _ASK_AGAIN = 3  # times that the identity is asked for within the time-out
 
 @dataclass(frozen=True)
 class IndexStatus:
-    """What the newest good frame says about the index; `code` is the position's number as the unit counts.
-
-    `since_s` is the time of the first of the frames that say the same place and movement without a break.
-    """
+    """What the newest good frame says of the index; since `since_s` all say the same place and movement."""
 
     time_s: float
     since_s: float

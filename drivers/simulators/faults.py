@@ -30,11 +30,7 @@ class ImuFault(StrEnum):
 
 @dataclass(frozen=True)
 class FaultWindow:
-    """One fault, from `begins_s` up to `ends_s` on the device's clock.
-
-    `probability` is per frame and concerns dropped frames and bytes, flipped bits, repeated frames and garbage; the
-    others always happen.
-    """
+    """One fault from `begins_s` up to `ends_s`; `probability` is per frame, of those that concern single frames."""
 
     fault: ImuFault
     begins_s: float = 0.0

@@ -34,10 +34,7 @@ _READ_SIZE = 65536
 
 
 class _PtyLine:
-    """A pseudo-terminal. The client's end is not held open here, so that the system tells whether a client is there.
-
-    `send` passes on what the client takes and keeps the rest, or drops all without a client. Nothing ever blocks.
-    """
+    """A pseudo-terminal; its client's end is not held open, so that the system tells whether a client is there."""
 
     def __init__(self) -> None:
         if termios is None:

@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from drivers.frames.description import StreamDescription
 from drivers.frames.layout import FrameLayout, encode_rows
 from drivers.frames.roles import IndexRole
-from drivers.frames.wire import Rows
+from drivers.frames.wire import FloatArray, Rows
 from drivers.imu import ImuIdentity
 from drivers.simulators.faults import FaultPlan, FaultWindow, ImuFault
 
-FloatArray = NDArray[np.float64]
 _COUNTER_AHEAD = 5
 _ANOTHER_COUNTER = 12345
 _LONGEST_LINE = 128  # bytes without a line end before they are thrown away, as a small command buffer would
@@ -80,11 +79,7 @@ DEFAULT_IDENTITY = ImuIdentity(model="MFS", serial="SIM-0001", firmware="simulat
 
 @dataclass(eq=False)
 class SimulatedImu:
-    """A `SimulatedDevice` that streams samples at `rate_hz` from `starts_s` on.
-
-    `seed` is that of the faults alone; the noise of the signals is the physics'. Raises `ValueError` for a description
-    without roles.
-    """
+    """A `SimulatedDevice` that streams from `starts_s` on; `seed` is the faults'. `ValueError` without roles."""
 
     description: StreamDescription
     physics: UnitPhysics

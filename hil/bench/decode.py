@@ -26,7 +26,7 @@ from drivers.frames.counts import StreamCounts
 from drivers.frames.decoder import StreamDecoder
 from drivers.frames.description import StreamDescription, load_description
 from drivers.frames.fields import FieldDescription
-from drivers.frames.layout import FloatArray
+from drivers.frames.wire import FloatArray
 from drivers.given_file import opened
 from hil.bench.decode_advice import CounterHabit, misfit
 from hil.errors import InputError

@@ -88,10 +88,7 @@ class Espec(Controller):
         self._command("PRGM,END,STANDBY")
 
     def arm_dead_man(self, seconds: float) -> bool:
-        """Let the quick timer lead to STANDBY, counted from now in whole minutes; False where there is no such timer.
-
-        It replaces whatever the quick timer was set to. Raises `ProtocolError` where it is not on when read back.
-        """
+        """Let the quick timer lead to STANDBY, in whole minutes; False without one, `ProtocolError` where not on."""
         minutes = math.ceil(seconds / 60.0)
         try:
             self._query("TIMER ON?", replies.codes)

@@ -34,10 +34,7 @@ def meaning_of(error_text: str) -> str:
 
 
 def understood(device: str, request: str, parse: Callable[[str], Reply], line: str) -> Reply:
-    """Return what `parse` makes of the reply line to a request; messages begin with the `device`.
-
-    Raises `CommandRefused` for a refusal, and `ProtocolError` where `parse` raises `ValueError`: no reply to this.
-    """
+    """Return what `parse` makes of a reply; `CommandRefused` for a refusal, `ProtocolError` for no reply to this."""
     if refused := _REFUSED.match(line):
         raise CommandRefused(f"{device} refused {request!r} with {line!r}: {meaning_of(refused[1])}")
     try:

@@ -20,9 +20,8 @@ from bisect import bisect_right
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from drivers.frames.wire import FloatArray
 
 _OVERSHOOT_OF_A_STEP = 0.3
 _FASTEST_SETTLING_S = 5.0
@@ -134,10 +133,7 @@ class ChamberPlant:
         self._segments: list[_Segment] = [_Leak(ambient_degC, ambient_degC, leak_s)]
 
     def command(self, setpoint_degC: float | None, at_s: float) -> None:
-        """Condition to `setpoint_degC`, or stop conditioning (None), from `at_s` on.
-
-        What has been asked for is history: a command that comes earlier takes effect at the latest time asked for.
-        """
+        """Condition to `setpoint_degC`, or stop (None), from `at_s` on: not before the latest time asked for."""
         if setpoint_degC is not None and (not self._told or self._told[-1][1] != setpoint_degC):
             self._told.append((at_s, setpoint_degC))
         if setpoint_degC == self.commanded_degC:
