@@ -49,7 +49,7 @@ def send(address: str, title: str, text: str) -> None:
         raise InputError("apprise could not deliver it")
 
 
-@dataclass
+@dataclass(eq=False)
 class Notifier:
     """Tells whoever the section names. Close it.
 

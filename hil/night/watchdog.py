@@ -74,7 +74,7 @@ class Watched:
     exit_status: int
 
 
-@dataclass
+@dataclass(eq=False)
 class Watchdog:
     """Watches the night in `folder`, whose chamber it reaches through `bench`. `say` hears what goes on, in words.
 
