@@ -45,7 +45,7 @@ _BUSY_S = 30.0
 _NO_OUTCOME = "incomplete: the controller ended without an outcome"
 
 Listener = Callable[[str, Mapping[str, Any]], None]
-"""Called after every commit with what happened and its facts: the log."""
+"""Is told what happened, and its facts: the log, after every commit."""
 
 
 class SqliteJournal(JournalReader):
