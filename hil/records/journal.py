@@ -39,8 +39,6 @@ from procedures.journal_protocol import Ended, StepResult
 from procedures.plan import Plan, Step
 from procedures.requests import Request, RequestKind
 
-__all__ = ["JOURNAL_NAME", "SqliteJournal"]
-
 _BUSY_S = 30.0
 _NO_OUTCOME = "incomplete: the controller ended without an outcome"
 
