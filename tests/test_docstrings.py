@@ -239,7 +239,7 @@ def _is_protocol(node: ast.ClassDef) -> bool:
 
 
 def _is_command(node: Function) -> bool:
-    return any("typer" in _names(each) for each in _annotations(node) if each is not None)
+    return any({"Argument", "Option"} & {*_names(each)} for each in _annotations(node) if each is not None)
 
 
 def _project() -> Source:
@@ -330,7 +330,7 @@ def test_a_missing_shape_is_found(text: str, complaints: list[str]) -> None:
             "class A:\n    @property\n    def f(self):\n        raise self.no()\n    def no(self) -> Broken: ...",
             ["Broken"],
         ),
-        ("def f(x: Annotated[str, typer.Option()]):\n    'Help.'\n    raise Broken", []),
+        ("def f(x: Annotated[str, Option()]):\n    'Help.'\n    raise Broken", []),
         ("def f():\n    raise _Inside", []),
     ],
 )

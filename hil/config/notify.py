@@ -8,7 +8,7 @@ notify:
 import logging
 import os
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from pydantic import Field, field_validator
 
@@ -17,14 +17,13 @@ from hil.errors import InputError
 from hil.files.strict import Section
 
 Topic = Literal["started", "needs-you", "fault", "finished"]
-_EVERYTHING: tuple[Topic, ...] = ("started", "needs-you", "fault", "finished")
 
 
 class NotifySection(Section):
     """`to` names environment variables (`env:NAME`) and files (`file:PATH`) that hold the addresses."""
 
     to: tuple[str, ...] = Field(min_length=1)
-    about: tuple[Topic, ...] = _EVERYTHING
+    about: tuple[Topic, ...] = get_args(Topic)
 
     @field_validator("to")
     @classmethod

@@ -42,15 +42,6 @@ def _key_and_type(name: str, plain: Any) -> tuple[str, Any]:
     return name, plain
 
 
-def section_for(settings: type) -> type[Section]:
-    """Return the section for a dataclass of settings: its names without their unit, each optional."""
-    hints = get_type_hints(settings, include_extras=True)
-    keys = dict(_key_and_type(name, hints[name]) for name in hints)
-    # A key that is not given has no value here: the dataclass has the default.
-    fields: dict[str, Any] = {key: (quantity, None) for key, quantity in keys.items()}
-    return create_model(f"{settings.__name__}Section", __base__=Section, __doc__=settings.__doc__, **fields)
-
-
 def settings_of(kind: type) -> BeforeValidator:
     """Return what reads a key of a file as a procedure's settings."""
     return BeforeValidator(lambda given: to_settings(given, kind))
@@ -58,7 +49,11 @@ def settings_of(kind: type) -> BeforeValidator:
 
 def to_settings(given: object, settings: type[SettingsT]) -> SettingsT:
     """Return the settings that a mapping of a file gives; raise `ValueError` where they contradict each other."""
-    section = validated_inside(section_for(settings), given)
     hints = get_type_hints(settings, include_extras=True)
-    keys = {name: _key_and_type(name, hints[name])[0] for name in hints}
-    return settings(**{name: getattr(section, key) for name, key in keys.items() if key in section.model_fields_set})
+    keys = {name: _key_and_type(name, hint) for name, hint in hints.items()}
+    # A key that is not given has no value here: the dataclass has the default.
+    fields: dict[str, Any] = {key: (quantity, None) for key, quantity in keys.values()}
+    model = create_model(f"{settings.__name__}Section", __base__=Section, __doc__=settings.__doc__, **fields)
+    section = validated_inside(model, given)
+    said = {name: key for name, (key, _) in keys.items() if key in section.model_fields_set}
+    return settings(**{name: getattr(section, key) for name, key in said.items()})

@@ -5,7 +5,7 @@ who and when, before it is sent. Times are the campaign's wall time in UTC.
 """
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from inspect import signature
 from io import TextIOWrapper
@@ -16,6 +16,7 @@ import structlog
 
 from drivers.clock import Clock
 from hil.files.durable import RealDisk
+from hil.records.journal import Listener
 from hil.records.witnesses import LOG_KEPT, LOG_NAME
 
 Device = TypeVar("Device")
@@ -28,11 +29,7 @@ _COMMANDS = {
 }
 
 
-Say = Callable[[str, Mapping[str, Any]], None]
-"""Writes one line: what is said, and the facts."""
-
-
-def lines_to(stream: TextIO, clock: Clock, who: str) -> Say:
+def lines_to(stream: TextIO, clock: Clock, who: str) -> Listener:
     """Return what writes one JSON object per line, with who and when, to a stream that somebody else closes."""
 
     def stamp(logger: object, method: str, facts: Any) -> Any:  # noqa: ARG001 - the signature of a processor
@@ -95,13 +92,13 @@ class NightLog:
             self._file.close()
 
 
-def logged(device: Device, say: Say) -> Device:
+def logged(device: Device, say: Listener) -> Device:
     """Return a chamber or a positioner whose commands are logged, with what they are given, before they are sent."""
     return cast(Device, _Logged(device, say))
 
 
 class _Logged:
-    def __init__(self, device: object, say: Say) -> None:
+    def __init__(self, device: object, say: Listener) -> None:
         self._device, self._say = device, say
 
     def __getattr__(self, name: str) -> Any:

@@ -17,6 +17,7 @@ import sqlite3
 import threading
 import urllib.request
 from collections.abc import Callable, Mapping
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 from hil.config import Bench
@@ -48,34 +49,29 @@ def send(address: str, title: str, text: str) -> None:
         raise InputError("apprise could not deliver it")
 
 
+@dataclass(eq=False)
 class Notifier:
     """Tells whoever the section names. Close it.
 
     `subject` begins every title. `failed` hears of failures, in the thread that calls `tell` or `close`.
     """
 
-    def __init__(
-        self,
-        section: NotifySection | None,
-        subject: str,
-        failed: Callable[[str], None],
-        *,
-        sender: Send = send,
-        attempts: int = 3,
-        wait_s: float = 10.0,
-    ) -> None:
-        self._subject = subject
-        self._failed = failed
-        self._about = frozenset(section.about if section else ())
-        self._send = sender
-        self._attempts = attempts
-        self._wait_s = wait_s
+    section: NotifySection | None
+    subject: str
+    failed: Callable[[str], None]
+    _: KW_ONLY
+    sender: Send = send
+    attempts: int = 3
+    wait_s: float = 10.0
+
+    def __post_init__(self) -> None:
+        self._about = frozenset(self.section.about if self.section else ())
         self._failures: queue.Queue[str] = queue.Queue()
         self._letters: queue.Queue[tuple[str, str] | None] = queue.Queue()
         self._addresses: list[tuple[str, str]] = []
         self._leaving = threading.Event()
         self._thread: threading.Thread | None = None
-        for reference in section.to if section else ():
+        for reference in self.section.to if self.section else ():
             try:
                 self._addresses += [(reference, address) for address in addresses_of(reference)]
             except InputError as error:
@@ -87,7 +83,7 @@ class Notifier:
             if self._thread is None:
                 self._thread = threading.Thread(target=self._work, name="notify", daemon=True)
                 self._thread.start()
-            self._letters.put((f"{self._subject}: {topic}", text))
+            self._letters.put((f"{self.subject}: {topic}", text))
         self._report()
 
     def hear(self, what: str, facts: Mapping[str, Any]) -> None:
@@ -114,21 +110,21 @@ class Notifier:
 
     def _deliver(self, reference: str, address: str, title: str, text: str) -> None:
         """Try a few times; note the last failure without its text, which may hold the address."""
-        for left in reversed(range(self._attempts)):
+        for left in reversed(range(self.attempts)):
             try:
-                self._send(address, title, text)
+                self.sender(address, title, text)
                 return
             except InputError as error:
                 why = str(error)
             except Exception as error:
                 why = type(error).__name__
             if left:
-                self._leaving.wait(self._wait_s)
+                self._leaving.wait(self.wait_s)
         self._failures.put(f"{reference}: {title!r} was not sent: {why}")
 
     def _report(self) -> None:
         while not self._failures.empty():
-            self._failed(self._failures.get())
+            self.failed(self._failures.get())
 
 
 _TOPICS = {

@@ -21,7 +21,7 @@ import socket
 import sqlite3
 from collections.abc import Callable
 from contextlib import nullcontext, suppress
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 
 from drivers.clock import Clock, SystemClock
@@ -74,6 +74,7 @@ class Watched:
     exit_status: int
 
 
+@dataclass(eq=False)
 class Watchdog:
     """Watches the night in `folder`, whose chamber it reaches through `bench`. `say` hears what goes on, in words.
 
@@ -81,38 +82,28 @@ class Watchdog:
     watch ends, but never in the middle of a safe state.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        bench: Bench,
-        *,
-        patience: Patience | None = None,
-        kill: bool = True,
-        say: Callable[[str], None],
-        stop: StopRequest | None = None,
-        clock: Clock | None = None,
-    ) -> None:
-        self._folder = folder
-        self._bench = bench
-        self._patience = patience or Patience()
-        self._kill = kill
-        self._say = say
-        self._stop = stop or StopRequest()
-        self._clock = clock or SystemClock()
+    folder: Path
+    bench: Bench
+    _: KW_ONLY
+    patience: Patience = Patience()
+    kill: bool = True
+    say: Callable[[str], None]
+    stop: StopRequest = field(default_factory=StopRequest)
+    clock: Clock = field(default_factory=SystemClock)
+
+    def __post_init__(self) -> None:
         self._last: object = None  # the newest heartbeat, and when it was first seen
-        self._changed_s = self._clock.now()
-        self._reported = False
-        self._seen_alive = False
+        self._changed_s = self.clock.now()
+        self._reported = self._seen_alive = False
 
     def run(self) -> Watched:
         """Watch until the controller has ended, one way or the other."""
-        patience = self._patience
-        self._say(
-            f"watching {self._folder}; the chamber is safe {patience.after_death_s:.0f} s after a death, "
-            f"{patience.after_silence_s():.0f} s after the last heartbeat, at most"
+        self.say(
+            f"watching {self.folder}; the chamber is safe {self.patience.after_death_s:.0f} s after a death, "
+            f"{self.patience.after_silence_s():.0f} s after the last heartbeat, at most"
         )
-        while not self._stop.requested:
-            owner = living_owner(self._folder)
+        while not self.stop.requested:
+            owner = living_owner(self.folder)
             self._seen_alive |= owner is not None
             if owner is None:
                 ended = self._after_the_end()
@@ -122,33 +113,33 @@ class Watchdog:
                 failed = self._end_silent(owner)
                 if failed is not None:
                     return failed
-            looked_s = self._clock.now()
-            self._clock.sleep(self._patience.look_s)
-            if self._clock.now() - looked_s > self._patience.look_s + self._patience.term_s:
-                self._changed_s = self._clock.now()  # it slept itself, and so may have the controller
-        return Watched(f"the watch ended: {self._stop.reason}; nobody watches {self._folder} now", 0)
+            looked_s = self.clock.now()
+            self.clock.sleep(self.patience.look_s)
+            if self.clock.now() - looked_s > self.patience.look_s + self.patience.term_s:
+                self._changed_s = self.clock.now()  # it slept itself, and so may have the controller
+        return Watched(f"the watch ended: {self.stop.reason}; nobody watches {self.folder} now", 0)
 
     # Looking
 
     def _silent(self) -> bool:
         """Tell whether the heartbeat has not changed for too long."""
-        beat = read_heartbeat(self._folder)
+        beat = read_heartbeat(self.folder)
         if beat is None and self._last is None:
             return False  # a controller that writes none can only be seen to die
         if beat is not None and beat != self._last:
-            self._last, self._changed_s, self._reported = beat, self._clock.now(), False
-        allowed_s = self._patience.timeout_s + (0.0 if beat is None else beat.silent_s)
-        return self._clock.now() - self._changed_s > allowed_s
+            self._last, self._changed_s, self._reported = beat, self.clock.now(), False
+        allowed_s = self.patience.timeout_s + (0.0 if beat is None else beat.silent_s)
+        return self.clock.now() - self._changed_s > allowed_s
 
     def _after_the_end(self) -> Watched | None:
         """Decide what the end of a controller asks for; None where none has begun yet, or one begins just now."""
         try:
-            with open_readonly(self._folder) as journal:
+            with open_readonly(self.folder) as journal:
                 controllers = journal.controllers()
                 unsafe = journal.standing("safe-state-not-reached", "safe-state")
         except (sqlite3.Error, InputError) as error:
             # The disk that took the journal may have taken the controller. Safe twice is better than not at all.
-            if not self._seen_alive and read_owner(self._folder / LOCK_NAME) is None:
+            if not self._seen_alive and read_owner(self.folder / LOCK_NAME) is None:
                 raise
             return self._act(f"the controller is gone, and its journal cannot be read ({error})")
         if not controllers:
@@ -164,21 +155,21 @@ class Watchdog:
 
     def _end_silent(self, owner: Owner) -> Watched | None:
         """Ask the controller to end, then kill it; return a failure, or None where the next look decides."""
-        silence = f"{owner} has shown no sign of life for {self._clock.now() - self._changed_s:.0f} s"
-        if not self._kill:
+        silence = f"{owner} has shown no sign of life for {self.clock.now() - self._changed_s:.0f} s"
+        if not self.kill:
             if not self._reported:
-                self._say(f"{silence}; it is left alone, as asked: go to the chamber")
+                self.say(f"{silence}; it is left alone, as asked: go to the chamber")
                 self._reported = True
             return None
         if not owner.is_that_process:
             where = "on another machine" if owner.host != socket.gethostname() else "not certainly this one"
             return Watched(f"{silence}, and it is {where}, so it was not killed; GO TO THE CHAMBER", 1)
-        self._say(f"{silence}; it is asked to end")
+        self.say(f"{silence}; it is asked to end")
         try:
             os.kill(owner.pid, signal.SIGTERM)
-            if self._gone_within(self._patience.term_s, or_beating=True):
+            if self._gone_within(self.patience.term_s, or_beating=True):
                 return None
-            self._say("it does not react; it is killed")
+            self.say("it does not react; it is killed")
             if owner.is_that_process:
                 os.kill(owner.pid, signal.SIGKILL)
         except ProcessLookupError:
@@ -190,11 +181,11 @@ class Watchdog:
         return None
 
     def _gone_within(self, seconds: float, *, or_beating: bool = False) -> bool:
-        until_s = self._clock.now() + seconds
-        while self._clock.now() < until_s:
-            if living_owner(self._folder) is None or (or_beating and not self._silent()):
+        until_s = self.clock.now() + seconds
+        while self.clock.now() < until_s:
+            if living_owner(self.folder) is None or (or_beating and not self._silent()):
                 return True
-            self._clock.sleep(_LOOK_S)
+            self.clock.sleep(_LOOK_S)
         return False
 
     # Acting
@@ -203,14 +194,14 @@ class Watchdog:
         """Bring the chamber to its safe state; None where somebody has resumed the night meanwhile."""
         lock: FolderLock | None = None
         try:
-            lock = FolderLock(self._folder).acquire()
+            lock = FolderLock(self.folder).acquire()
         except InputError as error:
-            if living_owner(self._folder) is not None:
+            if living_owner(self.folder) is not None:
                 return None
-            self._say(f"{error}; the chamber comes first")  # a disk that became read-only
+            self.say(f"{error}; the chamber comes first")  # a disk that became read-only
         with lock or nullcontext():
             try:
-                with bench_lock(self._bench, self._folder):
+                with bench_lock(self.bench, self.folder):
                     left = self._make_safe(why)
             except InputError as error:
                 return Watched(f"{why}, and its bench is not its own any more, so it was left alone: {error}", 0)
@@ -221,31 +212,31 @@ class Watchdog:
 
     def _make_safe(self, why: str) -> Left:
         """Try for minutes, or until it is told to end, and look at the air; return how the chamber is left."""
-        self._say(f"{why}; the chamber is being brought to its safe state")
-        until_s = self._clock.now() + self._patience.safe_state_s
+        self.say(f"{why}; the chamber is being brought to its safe state")
+        until_s = self.clock.now() + self.patience.safe_state_s
         while True:
             try:
                 # Opened anew each time: the dead controller's port may take a moment to be free.
-                with open_chamber(self._bench) as live:
+                with open_chamber(self.bench) as live:
                     safe = live.chamber.safe_state()
-                    return watch_air(live.chamber, self._clock, safe, self._bench.polling, self._say)
+                    return watch_air(live.chamber, self.clock, safe, self.bench.polling, self.say)
             except (DeviceError, InputError) as error:
                 left = not_commanded(error, str(error))
-            self._say(f"not yet: {left.reason}")
-            if self._clock.now() >= until_s or self._stop.requested:
+            self.say(f"not yet: {left.reason}")
+            if self.clock.now() >= until_s or self.stop.requested:
                 return left
-            self._clock.sleep(self._patience.retry_s)
+            self.clock.sleep(self.patience.retry_s)
 
     def _record(self, lock: FolderLock | None, message: str, why: str, left: Left) -> None:
         """Write into the journal what was done; a journal that fails must not hide it."""
         if lock is None:
             return
         try:
-            with SqliteJournal.open(self._folder, clock=self._clock, who=f"watchdog of {who_asks()}", lock=lock) as it:
+            with SqliteJournal.open(self.folder, clock=self.clock, who=f"watchdog of {who_asks()}", lock=lock) as it:
                 it.event("watchdog", message, why=why)
                 kind = "safe-state" if left.safe else "safe-state-not-reached"
                 it.event(kind, f"by the watchdog: {left.reason}", chamber=left.word.value)
                 it.finish(f"failed: {message}")
         except (sqlite3.Error, OSError, InputError) as error:
             with suppress(OSError):
-                self._say(f"the journal could not record it: {error}")
+                self.say(f"the journal could not record it: {error}")

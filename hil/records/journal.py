@@ -39,13 +39,11 @@ from procedures.journal_protocol import Ended, StepResult
 from procedures.plan import Plan, Step
 from procedures.requests import Request, RequestKind
 
-__all__ = ["JOURNAL_NAME", "SqliteJournal"]
-
 _BUSY_S = 30.0
 _NO_OUTCOME = "incomplete: the controller ended without an outcome"
 
 Listener = Callable[[str, Mapping[str, Any]], None]
-"""Called after every commit with what happened and its facts: the log."""
+"""Is told what happened, and its facts: the log, after every commit."""
 
 
 class SqliteJournal(JournalReader):

@@ -12,7 +12,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, fields
+from dataclasses import KW_ONLY, asdict, dataclass, field, fields
 from datetime import datetime
 from io import BufferedWriter
 from pathlib import Path
@@ -57,6 +57,7 @@ def trace_columns(sensors: Mapping[int, SensorRole]) -> list[str]:
     return ["t_s", "chamber_degC", "setpoint_degC", *units, *rates]
 
 
+@dataclass(eq=False)
 class LiveFiles(Silent):
     """An onlooker that writes both files into a unit's folder. A full disk ends the writing, never the night.
 
@@ -64,24 +65,19 @@ class LiveFiles(Silent):
     for: a longer one is a wait for a device.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        sensors: Mapping[int, SensorRole],
-        *,
-        every_s: float,
-        announced_s: float = 0.0,
-        unit: str = "",
-        clock: Clock | None = None,
-    ) -> None:
-        folder = unit_folder(folder, unit)
-        self._unit = unit
+    folder: Path
+    sensors: Mapping[int, SensorRole]
+    _: KW_ONLY
+    every_s: float
+    announced_s: float = 0.0
+    unit: str = ""
+    clock: Clock = field(default_factory=SystemClock)  # real time also where the night's is simulated
+
+    def __post_init__(self) -> None:
+        folder = unit_folder(self.folder, self.unit)
         self._path = folder / LIVE_NAME
-        self._clock = clock or SystemClock()  # real time also where the night's is simulated
-        self._every_s = max(every_s, _EVERY_S)
-        self._announced_s = announced_s
-        self._columns = trace_columns(sensors)
-        self._written_s, self._traced_s = -math.inf, -math.inf
+        self._columns = trace_columns(self.sensors)
+        self._written_s = self._traced_s = -math.inf
         self._last: Snapshot | None = None
         self._trace: BufferedWriter | None = None
         with suppress(OSError):
@@ -90,7 +86,7 @@ class LiveFiles(Silent):
 
     def update(self, snapshot: Snapshot) -> None:
         """Add a row to the trace, and replace the state where the last is a second old; pass over other units."""
-        if snapshot.unit != self._unit:
+        if snapshot.unit != self.unit:
             return
         self._last = snapshot
         if self._trace is None:
@@ -99,7 +95,7 @@ class LiveFiles(Silent):
             if snapshot.elapsed_s - self._traced_s >= _TOO_CLOSE_S:
                 self._traced_s = snapshot.elapsed_s
                 self._trace.write(_row(snapshot, self._columns).tobytes())
-            if self._clock.now() - self._written_s >= _EVERY_S:
+            if self.clock.now() - self._written_s >= _EVERY_S:
                 self._write(snapshot)
         except OSError:
             self._give_up()
@@ -112,7 +108,7 @@ class LiveFiles(Silent):
         self._give_up()
 
     def _write(self, snapshot: Snapshot) -> None:
-        self._written_s = self._clock.now()
+        self._written_s = self.clock.now()
         if self._trace is not None:
             self._trace.flush()
         partial = self._path.with_name(f"{PARTIAL}{LIVE_NAME}")
@@ -121,8 +117,8 @@ class LiveFiles(Silent):
 
     def _document(self, snapshot: Snapshot) -> dict[str, Any]:
         state = {**asdict(snapshot), "step": snapshot.step.key, "finishing_utc": snapshot.finishing_utc.isoformat()}
-        head = {"schema": SCHEMA, "pid": os.getpid(), "written_utc": self._clock.utc().isoformat()}
-        return {**head, "every_s": self._every_s, "announced_s": self._announced_s, **state}
+        head = {"schema": SCHEMA, "pid": os.getpid(), "written_utc": self.clock.utc().isoformat()}
+        return {**head, "every_s": max(self.every_s, _EVERY_S), "announced_s": self.announced_s, **state}
 
     def _give_up(self) -> None:
         trace, self._trace = self._trace, None
@@ -187,7 +183,7 @@ def snapshot_of(live: Mapping[str, Any], steps: Mapping[str, Step]) -> Snapshot 
     step = steps.get(str(live["step"]))
     if step is None:
         return None
-    known = {field.name: live[field.name] for field in fields(Snapshot) if field.name in live}
+    known = {each.name: live[each.name] for each in fields(Snapshot) if each.name in live}
     known |= {"step": step, "finishing_utc": datetime.fromisoformat(live["finishing_utc"])}
     known |= {"unit_degC": {int(number): value for number, value in live["unit_degC"].items()}}
     return Snapshot(**(known | {"stream": StreamCounts(**live["stream"])}))

@@ -47,7 +47,7 @@ def test_a_watchdog_that_slept_itself_takes_no_controller_for_dead(
         look = next(looks)
         sleep(seconds + (3600.0 if look == 10 else 0.0))
         if look == 100:
-            dog._stop.request("enough")
+            dog.stop.request("enough")
 
     monkeypatch.setattr(clock, "sleep", asleep)
     dog.run()
