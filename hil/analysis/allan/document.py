@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -26,13 +25,13 @@ TERMS: Mapping[str, tuple[str, str, float]] = {
 """What each term is, its unit, and how many of that unit one deg/hr (with seconds) is."""
 
 
-@dataclass(frozen=True)
 class AllanResult:
-    """A recording with the fit to its Allan deviation and what it means for averaging."""
+    """A recording with the fit to its Allan deviation, in octaves, and what it means for averaging."""
 
-    recording: Recording
-    fit: NoiseFit
-    averaging: Averaging
+    def __init__(self, recording: Recording) -> None:
+        self.recording = recording
+        self.fit = NoiseFit(octaves(recording.stretches, recording.interval_s))
+        self.averaging = Averaging(self.fit)
 
     def document(self, collect_s: float, wanted_deg_per_hr: float | None = None) -> dict[str, Any]:
         """Return what `hil allan --json` prints: finite numbers, null where a thing is not known."""
@@ -80,12 +79,6 @@ class AllanResult:
                 f"fitted from {self.fit.fitted_from_s:g} s with a model error of {self.fit.model_error:.0%} allowed for"
             )
         return said
-
-
-def analyse(found: Recording) -> AllanResult:
-    """Compute the deviations of a recording in octaves and fit them."""
-    fit = NoiseFit(octaves(found.stretches, found.interval_s))
-    return AllanResult(found, fit, Averaging(fit))
 
 
 def _term(name: str, term: Term) -> dict[str, Any]:

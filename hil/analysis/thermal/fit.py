@@ -15,7 +15,6 @@ from hil.analysis.thermal.choice import (
     MONOTONE,
     Choice,
     Improvement,
-    choose,
     monotone,
     nested_errors,
 )
@@ -196,7 +195,7 @@ def _choices(layout: Layout, values: Sequence[Estimates], noise_known: bool, hig
     """
     rare = _RARE * FALSE_ALARM / len(values)
     return [
-        choose(
+        Choice(
             layout.stations.centre_degC,
             each.values,
             each.covariance,
