@@ -33,6 +33,7 @@ _EACH_SIDE = 2
 _UNKNOWN, _NOTHING = "cannot tell", "nothing shown"
 _SHEWHART = 1.128  # of the mean range of two values, by their standard deviation (d2 for n = 2)
 _SIGMAS = 3.0
+_OTHERWISE = 0.01  # as improbable as this a jump must be alike at all temperatures, to be called a change with them
 
 
 class Fit:
@@ -152,8 +153,6 @@ def control_half_width(limits: Uncertain) -> float:
     """Return half the width of control limits: what chance passes as rarely as three sigma."""
     return limits.expanded(_SIGMAS)
 
-
-_OTHERWISE = 0.01  # as improbable as this a jump must be alike at all temperatures, to be called a change with them
 
 Values = Mapping[float | None, Mapping[str, tuple[float, float]]]
 

@@ -23,6 +23,9 @@ FALSE_ALARM = 0.05
 _DUST = 1e-6
 MONOTONE, TABLE = "monotone", "table"
 _LOWEST_STEP_DEGC = 1e-6
+_RESAMPLES = 2000
+_DRAWS = 199
+_LEAST_TO_CHOOSE = 4
 
 
 @dataclass(frozen=True)
@@ -204,11 +207,6 @@ def _root(covariance: FloatArray) -> FloatArray:
     """Return a square root, also where some combination is known exactly."""
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
-
-
-_RESAMPLES = 2000
-_DRAWS = 199
-_LEAST_TO_CHOOSE = 4
 
 
 class Improvement:
