@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hil.analysis.thermal.choice import Improvement, choose, nested_errors
+from hil.analysis.thermal.choice import Choice, Improvement, nested_errors
 from hil.analysis.thermal.estimate import Estimates
 from hil.analysis.thermal.fit import ParameterFit, fit_thermal
 from hil.campaign import Campaign
@@ -116,7 +116,7 @@ def test_improvement_is_claimed_where_there_is_some_and_its_range_is_no_interval
         for _ in range(NIGHTS):
             values = slope * scaled(degC) + rng.standard_normal(8)
             own = Estimates(values, np.eye(8), 16.0)
-            choice = choose(degC, values, np.eye(8), highest_order=5)
+            choice = Choice(degC, values, np.eye(8), highest_order=5)
             errors = nested_errors(degC, own, choice, 5, 0)
             found.append(Improvement(choice.held_out_constant, errors, choice.weight))
             before.append(float(choice.weight @ choice.held_out_constant**2))

@@ -33,21 +33,31 @@ _EACH_SIDE = 2
 _UNKNOWN, _NOTHING = "cannot tell", "nothing shown"
 _SHEWHART = 1.128  # of the mean range of two values, by their standard deviation (d2 for n = 2)
 _SIGMAS = 3.0
+_OTHERWISE = 0.01  # as improbable as this a jump must be alike at all temperatures, to be called a change with them
 
 
-@dataclass(frozen=True)
 class Fit:
     """One model: values (p,) of its columns with covariance (p, p), where its step is, and what it costs (lower wins).
 
     `step` is the place of the first calibration after it, 0 where there is none; `line` says that it has a slope.
     """
 
-    line: bool
-    step: int
-    values: FloatArray
-    covariance: FloatArray
-    freedom: int
-    cost: float
+    def __init__(
+        self, months: FloatArray, values: FloatArray, sd: FloatArray, *, line: bool, step: int = 0, places: int = 1
+    ) -> None:
+        """Fit a constant to values (n,), with a `line` and a `step` that might have been at so many `places`."""
+        columns = columns_of(months, months, line=line, step=step) / sd[:, None]
+        count, parameters = columns.shape
+        inverse = np.linalg.pinv(columns.T @ columns)
+        found = inverse @ (columns.T @ (values / sd))
+        squares = float(np.sum((values / sd - columns @ found) ** 2))
+        freedom = max(count - parameters, 1)
+        scale = max(1.0, squares / freedom)
+        told = parameters + (step > 0)  # where a step is, is told by the values as well
+        few = told * (told + 1.0) / max(count - told - 1, 0.5)
+        cost = count * math.log(scale) + squares / scale + told * math.log(count) + 2.0 * math.log(places) * (step > 0)
+        self.line, self.step, self.values, self.covariance = line, step, found, inverse * scale
+        self.freedom, self.cost = freedom, cost + few
 
     def of(self, place: int) -> Uncertain:
         """Return one of the values with its uncertainty."""
@@ -74,13 +84,13 @@ def trend(months: FloatArray, values: FloatArray, sd: FloatArray) -> Trend:
     """Say what n values (n,) with standard deviations (n,) did over `months` (n,), which rise."""
     if len(values) < LEAST or not np.all(np.isfinite(sd)) or not np.all(sd > 0.0):
         if len(values) > 2 and np.all(np.isfinite(sd)) and np.all(sd > 0.0):
-            line = fitted(months, values, sd, line=True)
+            line = Fit(months, values, sd, line=True)
             return Trend(_UNKNOWN, line, line.of(1))
         return Trend(_UNKNOWN, None)
     steps = [step for step in range(_EACH_SIDE, len(values) - _EACH_SIDE + 1) if months[step] > months[step - 1]]
-    steady, line = (fitted(months, values, sd, line=with_line) for with_line in (False, True))
-    jumps = [fitted(months, values, sd, line=False, step=step, places=len(steps)) for step in steps]
-    both = [fitted(months, values, sd, line=True, step=s, places=len(steps)) for s in steps if len(values) > LEAST]
+    steady, line = (Fit(months, values, sd, line=with_line) for with_line in (False, True))
+    jumps = [Fit(months, values, sd, line=False, step=step, places=len(steps)) for step in steps]
+    both = [Fit(months, values, sd, line=True, step=s, places=len(steps)) for s in steps if len(values) > LEAST]
     best = {_NOTHING: steady, "drift": line}
     for word, several in (("jump", jumps), ("drift and jump", both)):
         if several:
@@ -104,26 +114,9 @@ def at_one_temperature(together: Trend, since: float, months: FloatArray, values
         return Trend(_UNKNOWN, None)
     step = int(np.searchsorted(months, since)) if together.step else 0
     step = step if step < len(values) else 0  # nothing was measured here after it
-    found = fitted(months, values, sd, line=together.fit.line, step=step)
+    found = Fit(months, values, sd, line=together.fit.line, step=step)
     slope = found.of(1) if found.line else None
     return Trend(together.word, found, slope, found.of(len(found.values) - 1) if step else None)
-
-
-def fitted(
-    months: FloatArray, values: FloatArray, sd: FloatArray, *, line: bool, step: int = 0, places: int = 1
-) -> Fit:
-    """Fit a constant to values (n,), with a `line` and a `step` that might have been at so many `places`."""
-    columns = columns_of(months, months, line=line, step=step) / sd[:, None]
-    count, parameters = columns.shape
-    inverse = np.linalg.pinv(columns.T @ columns)
-    found = inverse @ (columns.T @ (values / sd))
-    squares = float(np.sum((values / sd - columns @ found) ** 2))
-    freedom = max(count - parameters, 1)
-    scale = max(1.0, squares / freedom)
-    told = parameters + (step > 0)  # where a step is, is told by the values as well
-    few = told * (told + 1.0) / max(count - told - 1, 0.5)
-    cost = count * math.log(scale) + squares / scale + told * math.log(count) + 2.0 * math.log(places) * (step > 0)
-    return Fit(line, step, found, inverse * scale, freedom, cost + few)
 
 
 def columns_of(at: FloatArray, months: FloatArray, *, line: bool, step: int) -> FloatArray:
@@ -160,8 +153,6 @@ def control_half_width(limits: Uncertain) -> float:
     """Return half the width of control limits: what chance passes as rarely as three sigma."""
     return limits.expanded(_SIGMAS)
 
-
-_OTHERWISE = 0.01  # as improbable as this a jump must be alike at all temperatures, to be called a change with them
 
 Values = Mapping[float | None, Mapping[str, tuple[float, float]]]
 

@@ -62,7 +62,7 @@ def allan(
     """Say what a recording's noise is made of (N, B, K), how long to average, and when longer stops helping."""
     import numpy as np
 
-    from hil.analysis.allan.document import analyse, draw
+    from hil.analysis.allan.document import AllanResult, draw
     from hil.analysis.allan.sources import read_recording
     from hil.files.figure import check_name, save_figure
     from hil.files.units import RATE, TIME
@@ -76,7 +76,7 @@ def allan(
     elif source.is_dir():
         rows = read_source(source).sensors.values()
         collect_s = float(np.median(np.concatenate([each.conditions.duration_s for each in rows])))
-    result = analyse(
+    result = AllanResult(
         read_recording(source, channel=channel, sensor=sensor, collect=collect, rate_hz=sample_rate_hz(rate), unit=unit)
     )
     if out is not None:

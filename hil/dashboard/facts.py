@@ -42,6 +42,7 @@ _PLAIN = {"night-begins", "night-resumed", "resumed", "restored", "continue", "p
 
 Part = dict[str, Any]
 Stamp = tuple[object, object, Owner | None]
+_SHOWN = ("sensor", "model", "verdict", "reason", "assumed", "parameters")
 
 
 class NightFacts:
@@ -231,9 +232,6 @@ def _stamp(path: Path) -> tuple[int, int, int] | None:
 def unreadable(identity: str, error: Exception) -> Part:
     """Return the head of a night that cannot be read."""
     return {"head": {"title": identity, "state": "unreadable", "reason": str(error), "working": False}}
-
-
-_SHOWN = ("sensor", "model", "verdict", "reason", "assumed", "parameters")
 
 
 class ResultsSoFar:

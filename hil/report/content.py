@@ -29,6 +29,9 @@ from hil.solve.temperatures import how_many
 from procedures.verdict import NOT_GOOD, Verdict
 from procedures.words import counted, listed, numbered
 
+_ALWAYS = packaged("hil.report", "statements.yaml")
+_UNSEEN_DEG = 5.0  # an error of the site that nobody makes who has looked at a map or a compass
+
 
 @dataclass(frozen=True)
 class SensorContent:
@@ -111,10 +114,6 @@ def solutions_of_contractor(campaign: Campaign, sensor: int, solutions: Sequence
         return ()
     one = Campaign(campaign.title, campaign.source, {sensor: campaign.sensors[sensor]})
     return [each for each in solve_campaign(one, "collins-4") if each.method == METHOD]
-
-
-_ALWAYS = packaged("hil.report", "statements.yaml")
-_UNSEEN_DEG = 5.0  # an error of the site that nobody makes who has looked at a map or a compass
 
 
 def headline(content: ReportContent) -> str:

@@ -26,6 +26,23 @@ from procedures.words import counted, listed
 
 _MOST_IN_WORDS = 3
 
+MOST_EVENTS = 500
+"""More events than this are not listed: a device that flaps all night must not make a report that nobody can open."""
+
+RESUMING = ("night-resumed", "resumed", "restoring", "restored", "damage", "lock_taken_over")
+"""The kinds of events by which a resume says what it did and why."""
+
+_COUNTS = (
+    ("ok", "frames", "ok"),
+    ("bad", "frames", "bad"),
+    ("lost", "frames", "lost"),
+    ("twice", "frames", "duplicate"),
+    ("late", "frames", "timed_out"),
+    ("unknown", "frames", "unknown_id"),
+    ("resyncs", "", "resyncs"),
+    ("skipped", "bytes", "skipped_bytes"),
+)
+
 
 def render(content: ReportContent, *, whole: bool = False) -> str:
     """Return the report as HTML, `whole` with nothing folded. Nothing in it needs a network."""
@@ -136,24 +153,6 @@ def _soaks(journal: JournalReader) -> Iterator[tuple[int | None, float | None, f
         if (result := done.get(step.key)) is not None:
             by = result.data.get("decided_by") or "the ceiling"
             yield step.self_calibration, step.temperature_degC, result.data.get("waited_s", 0.0) / 60.0, by
-
-
-MOST_EVENTS = 500
-"""More events than this are not listed: a device that flaps all night must not make a report that nobody can open."""
-
-RESUMING = ("night-resumed", "resumed", "restoring", "restored", "damage", "lock_taken_over")
-"""The kinds of events by which a resume says what it did and why."""
-
-_COUNTS = (
-    ("ok", "frames", "ok"),
-    ("bad", "frames", "bad"),
-    ("lost", "frames", "lost"),
-    ("twice", "frames", "duplicate"),
-    ("late", "frames", "timed_out"),
-    ("unknown", "frames", "unknown_id"),
-    ("resyncs", "", "resyncs"),
-    ("skipped", "bytes", "skipped_bytes"),
-)
 
 
 def night_view(night: NightContent) -> dict[str, Any]:

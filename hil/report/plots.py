@@ -34,6 +34,14 @@ from hil.files.figure import LOOKS, blank
 from hil.report.night import NightContent
 
 _COLORS = ("#0072B2", "#D55E00", "#009E73")
+_TRACES: tuple[dict[str, Any], ...] = (
+    {"color": "0.35", "linestyle": ":", "linewidth": 1.2},
+    {"color": "#0072B2", "linestyle": "-", "linewidth": 1.3},
+    {"color": "#D55E00", "linestyle": "--", "linewidth": 1.3},
+    {"color": "#009E73", "linestyle": "-.", "linewidth": 1.3},
+    {"color": "#CC79A7", "linestyle": (0, (5, 1)), "linewidth": 1.3},
+)
+_NUMBERED = 40  # more events than this are marked without their numbers, which could not be read
 
 
 @dataclass(frozen=True)
@@ -180,16 +188,6 @@ def draw_parameters(folder: Path, campaign: Campaign, sensor: int | None) -> Fig
 def _title(text: str, *, simulated: bool) -> str:
     """Return a title, marked where it must be. It is drawn as it is: a dollar sign in a name begins no formula."""
     return f"SIMULATED  {text}" if simulated else text
-
-
-_TRACES: tuple[dict[str, Any], ...] = (
-    {"color": "0.35", "linestyle": ":", "linewidth": 1.2},
-    {"color": "#0072B2", "linestyle": "-", "linewidth": 1.3},
-    {"color": "#D55E00", "linestyle": "--", "linewidth": 1.3},
-    {"color": "#009E73", "linestyle": "-.", "linewidth": 1.3},
-    {"color": "#CC79A7", "linestyle": (0, (5, 1)), "linewidth": 1.3},
-)
-_NUMBERED = 40  # more events than this are marked without their numbers, which could not be read
 
 
 @dataclass(frozen=True)

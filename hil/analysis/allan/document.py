@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,14 +24,21 @@ TERMS: Mapping[str, tuple[str, str, float]] = {
 }
 """What each term is, its unit, and how many of that unit one deg/hr (with seconds) is."""
 
+_WORTH = 1.1  # a deviation this close to the lowest is as good as the lowest
 
-@dataclass(frozen=True)
+MU_FACTOR = float(np.sqrt(1.5))
+"""MU of one three-collect self-calibration scatters by this many times what one collect does (G1 = 1 g)."""
+
+_LOOKS = {"Q": ("#CC79A7", ":"), "N": ("#D55E00", "--"), "B": ("#009E73", "-."), "K": ("#E69F00", (0, (5, 1)))}
+
+
 class AllanResult:
-    """A recording with the fit to its Allan deviation and what it means for averaging."""
+    """A recording with the fit to its Allan deviation, in octaves, and what it means for averaging."""
 
-    recording: Recording
-    fit: NoiseFit
-    averaging: Averaging
+    def __init__(self, recording: Recording) -> None:
+        self.recording = recording
+        self.fit = NoiseFit(octaves(recording.stretches, recording.interval_s))
+        self.averaging = Averaging(self.fit)
 
     def document(self, collect_s: float, wanted_deg_per_hr: float | None = None) -> dict[str, Any]:
         """Return what `hil allan --json` prints: finite numbers, null where a thing is not known."""
@@ -82,12 +88,6 @@ class AllanResult:
         return said
 
 
-def analyse(found: Recording) -> AllanResult:
-    """Compute the deviations of a recording in octaves and fit them."""
-    fit = NoiseFit(octaves(found.stretches, found.interval_s))
-    return AllanResult(found, fit, Averaging(fit))
-
-
 def _term(name: str, term: Term) -> dict[str, Any]:
     meaning, unit, factor = TERMS[name]
     return {
@@ -99,11 +99,6 @@ def _term(name: str, term: Term) -> dict[str, Any]:
         "slope": SLOPES[name],
         "seen": term.seen,
     }
-
-
-_WORTH = 1.1  # a deviation this close to the lowest is as good as the lowest
-MU_FACTOR = float(np.sqrt(1.5))
-"""MU of one three-collect self-calibration scatters by this many times what one collect does (G1 = 1 g)."""
 
 
 class Averaging:
@@ -179,9 +174,6 @@ def in_words(found: Averaging, collect_s: float, wanted_deg_per_hr: float | None
     else:
         said.append(f"longer keeps helping as far as this record can tell ({duration(found.longest_s)})")
     return said
-
-
-_LOOKS = {"Q": ("#CC79A7", ":"), "N": ("#D55E00", "--"), "B": ("#009E73", "-."), "K": ("#E69F00", (0, (5, 1)))}
 
 
 def draw(result: AllanResult) -> Figure:

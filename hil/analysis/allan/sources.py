@@ -23,6 +23,12 @@ from procedures.words import choice
 
 _TIMES = ("t_s", "time_s")
 _PROJECT_UNIT = "deg/hr"
+_GAP = 1.5  # a step longer than this many intervals is a gap
+_UNEVEN = 0.05  # more steps than this far from the interval: not sampled evenly
+_MOST = 1000
+_STUCK = 50
+_JUMP = 20.0  # times the usual step from sample to sample
+_POSSIBLE_DEG_PER_HR = 1e10  # three million degrees per second
 
 
 def read_recording(
@@ -134,14 +140,6 @@ def _factor(where: str, given: str | None, stated: str | None) -> float:
         return worth(text, RATE)
     except ValueError as error:
         raise InputError(f"{where}: {error}") from None
-
-
-_GAP = 1.5  # a step longer than this many intervals is a gap
-_UNEVEN = 0.05  # more steps than this far from the interval: not sampled evenly
-_MOST = 1000
-_STUCK = 50
-_JUMP = 20.0  # times the usual step from sample to sample
-_POSSIBLE_DEG_PER_HR = 1e10  # three million degrees per second
 
 
 class Recording:

@@ -8,7 +8,7 @@ how it is shared among the temperatures. The first step, away from the constant,
 sensor: `first_alarm` is smaller, so that a sensor without temperature dependence is called so in 95 of 100 campaigns.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +23,9 @@ FALSE_ALARM = 0.05
 _DUST = 1e-6
 MONOTONE, TABLE = "monotone", "table"
 _LOWEST_STEP_DEGC = 1e-6
+_RESAMPLES = 2000
+_DRAWS = 199
+_LEAST_TO_CHOOSE = 4
 
 
 @dataclass(frozen=True)
@@ -122,7 +125,6 @@ def candidate_forms(temperature_degC: FloatArray, weight: FloatArray, highest_or
     return forms
 
 
-@dataclass(frozen=True)
 class Choice:
     """The chosen form, the comparisons that led to it, and the held-out error (weighted rms) of every candidate.
 
@@ -130,55 +132,49 @@ class Choice:
     and `held_out_constant` (S,) are the errors at each temperature, in the parameter's unit.
     """
 
-    form: Form
-    steps: Sequence[Mapping[str, Any]]
-    errors: dict[str, float]
-    held_out: FloatArray
-    held_out_constant: FloatArray
-    weight: FloatArray
+    def __init__(
+        self,
+        temperature_degC: FloatArray,
+        values: FloatArray,
+        covariance: FloatArray,
+        *,
+        highest_order: int,
+        seed: int = 0,
+        draws: int = 999,
+        first_alarm: float = FALSE_ALARM,
+    ) -> None:
+        """Choose for `values` (S,) with `covariance` (S, S) at S temperatures, rising; `draws` simulate noise."""
+        weight = levelled_weights(covariance)
+        forms = candidate_forms(temperature_degC, weight, highest_order)
+        errors = {form.name: float(score(form, values, weight)) for form in forms}
+        # Rounding is no dependence: an error this far below the noise counts as none.
+        dust = _DUST * float(np.sqrt(np.mean(np.diagonal(covariance))))
+        rng = np.random.default_rng(seed)
+        noise = rng.standard_normal((draws, len(values))) @ _root(covariance).T
+        steps: list[dict[str, Any]] = []
+        chosen = forms[0]
+        for place, form in enumerate(forms):
+            richer = forms[place + 1 :]
+            chosen = form
+            if not richer or form.order is None:
+                break
+            best = min(errors[each.name] for each in richer)
+            win = float(np.log(np.hypot(errors[form.name], dust)) - np.log(np.hypot(best, dust)))
+            chance = _chance(form, richer, form.fitted(values), noise, weight, win)
+            steps.append({"form": form.name, "error": errors[form.name], "best_richer": best, "chance": chance})
+            if chance > (FALSE_ALARM if steps[1:] else first_alarm):
+                break
+        if chosen.order is None:  # no polynomial will do: of the others the one that predicts better
+            chosen = min((form for form in forms if form.order is None), key=lambda form: errors[form.name])
+        if errors[chosen.name] > errors[forms[0].name]:
+            chosen = forms[0]
+        self.form, self.steps, self.errors, self.weight = chosen, steps, errors, weight
+        self.held_out, self.held_out_constant = chosen.held_out(values), forms[0].held_out(values)
 
     @property
     def chance_of_constant(self) -> float:
         """How often noise alone would make some form beat the constant by as much, were the constant true."""
         return float(self.steps[0]["chance"]) if self.steps else 1.0
-
-
-def choose(
-    temperature_degC: FloatArray,
-    values: FloatArray,
-    covariance: FloatArray,
-    *,
-    highest_order: int,
-    seed: int = 0,
-    draws: int = 999,
-    first_alarm: float = FALSE_ALARM,
-) -> Choice:
-    """Choose a form for `values` (S,) with `covariance` (S, S) at S temperatures, rising; `draws` simulate noise."""
-    weight = levelled_weights(covariance)
-    forms = candidate_forms(temperature_degC, weight, highest_order)
-    errors = {form.name: float(score(form, values, weight)) for form in forms}
-    # Rounding is no dependence: an error this far below the noise counts as none.
-    dust = _DUST * float(np.sqrt(np.mean(np.diagonal(covariance))))
-    rng = np.random.default_rng(seed)
-    noise = rng.standard_normal((draws, len(values))) @ _root(covariance).T
-    steps: list[dict[str, Any]] = []
-    chosen = forms[0]
-    for place, form in enumerate(forms):
-        richer = forms[place + 1 :]
-        chosen = form
-        if not richer or form.order is None:
-            break
-        best = min(errors[each.name] for each in richer)
-        win = float(np.log(np.hypot(errors[form.name], dust)) - np.log(np.hypot(best, dust)))
-        chance = _chance(form, richer, form.fitted(values), noise, weight, win)
-        steps.append({"form": form.name, "error": errors[form.name], "best_richer": best, "chance": chance})
-        if chance > (FALSE_ALARM if steps[1:] else first_alarm):
-            break
-    if chosen.order is None:  # no polynomial will do: of the others the one that predicts better
-        chosen = min((form for form in forms if form.order is None), key=lambda form: errors[form.name])
-    if errors[chosen.name] > errors[forms[0].name]:
-        chosen = forms[0]
-    return Choice(chosen, steps, errors, chosen.held_out(values), forms[0].held_out(values), weight)
 
 
 def levelled_weights(covariance: FloatArray) -> FloatArray:
@@ -211,11 +207,6 @@ def _root(covariance: FloatArray) -> FloatArray:
     """Return a square root, also where some combination is known exactly."""
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
-
-
-_RESAMPLES = 2000
-_DRAWS = 199
-_LEAST_TO_CHOOSE = 4
 
 
 class Improvement:
@@ -264,7 +255,7 @@ def nested_errors(temperature_degC: FloatArray, values: Estimates, choice: Choic
     out = np.empty(count)
     for left in range(count):
         shown = np.flatnonzero(np.arange(count) != left)
-        own = choose(
+        own = Choice(
             temperature_degC[shown],
             values.values[shown],
             values.covariance[np.ix_(shown, shown)],

@@ -25,6 +25,8 @@ from hil.solve.spread import Spread
 from hil.solve.temperatures import same_temperature
 from procedures.words import counted
 
+_MOVES_DEGC = 0.1  # half the range of a thermometer that tells anything
+
 
 @dataclass(frozen=True)
 class Estimates:
@@ -181,9 +183,6 @@ def find_stations(conditions: Conditions, apart_degC: float | None = None) -> St
             came = float(np.sign(number[here] - number[before]))
         direction[here] = came
     return Stations(number, centre[rising], direction)
-
-
-_MOVES_DEGC = 0.1  # half the range of a thermometer that tells anything
 
 
 def layout_of(

@@ -23,6 +23,13 @@ from hil.files.text import filled
 from hil.model import save_model
 from hil.model.forms import bias_names
 
+RAD_PER_S = np.pi / 180.0 / 3600.0
+"""One deg/hr in rad/s."""
+
+ARDUPILOT_REFERENCE_DEGC = 35.0
+ARDUPILOT_LEAST_RANGE_DEGC = 10.0
+CUBIC = 3
+
 
 def write_thermal(result: ThermalFit, folder: Path) -> list[str]:
     """Write everything into `folder`, which is made where it is not there; return the names.
@@ -69,14 +76,6 @@ def draw_fit(fit: SensorFit, campaign: Campaign) -> Figure:
     title = f"{mark}{campaign.title}, sensor {fit.number}: free values (95 %) and chosen curves"
     figure.suptitle(title, x=0.01, ha="left", fontsize=10, parse_math=False)
     return figure
-
-
-RAD_PER_S = np.pi / 180.0 / 3600.0
-"""One deg/hr in rad/s."""
-
-ARDUPILOT_REFERENCE_DEGC = 35.0
-ARDUPILOT_LEAST_RANGE_DEGC = 10.0
-CUBIC = 3
 
 
 def bias_polynomials(fit: SensorFit) -> tuple[FloatArray, list[str]]:

@@ -15,7 +15,6 @@ from hil.analysis.thermal.choice import (
     MONOTONE,
     Choice,
     Improvement,
-    choose,
     monotone,
     nested_errors,
 )
@@ -42,7 +41,6 @@ DESCRIBES = 0.01
 """A form describes the values where noise would leave a larger misfit in at least this share of campaigns."""
 
 
-@dataclass(frozen=True)
 class ParameterFit:
     """One parameter against temperature.
 
@@ -54,19 +52,27 @@ class ParameterFit:
     (1,) is the value reached from below less that reached from above.
     """
 
-    name: str
-    unit: str
-    choice: Choice
-    curve: Curve
-    coefficients: Estimates
-    values: Estimates
-    repeatability: float
-    changes: bool
-    chance_constant: float
-    chance_form: float | None
-    largest_change: float
-    improvement: Improvement
-    hysteresis: Estimates | None
+    def __init__(self, seen: Visits, place: int, choice: Choice, values: Estimates, errors: FloatArray) -> None:
+        layout, order = seen.layout, choice.form.order
+        self.name, self.unit = layout.form.names[place], layout.form.units[place]
+        self.choice, self.values = choice, values
+        coefficients, self.hysteresis = seen.along(place, order)
+        if order is not None:
+            coefficients = coefficients.scaled(layout.half_degC ** -np.arange(order + 1.0))
+        elif choice.form.name == MONOTONE:
+            coefficients = replace(coefficients, values=monotone(coefficients.values, choice.weight))
+        ratio, chance = (1.0, None) if order is None else _misfit(layout, values, order)
+        self.chance_form: float | None = chance
+        if chance is not None and chance < DESCRIBES:
+            # What the form does not describe stands in the errors of its coefficients.
+            coefficients = replace(coefficients, covariance=coefficients.covariance * ratio)
+        self.coefficients, self.curve = coefficients, _curve(layout, self.unit, order, coefficients)
+        self.repeatability = float(np.sqrt(np.nanmean(seen.sd[:, place] ** 2)))
+        self.changes = seen.known and _changes(layout, values)
+        self.chance_constant = _misfit(layout, values, 0)[1]
+        line = _line(layout, values)
+        self.largest_change = 2.0 * float(abs(line.values[1]) + line.half_width[1])
+        self.improvement = Improvement(choice.held_out_constant, errors, choice.weight)
 
     @property
     def form(self) -> str:
@@ -86,16 +92,51 @@ class ParameterFit:
         return "undescribed" if self.changes else "constant"
 
 
-@dataclass(frozen=True)
 class SensorFit:
-    """One sensor: its temperatures, its parameters, and what modelling does for its rates."""
+    """One sensor, `shown` by its repeats: its temperatures, its parameters, and what modelling does for its rates.
 
-    number: int
-    layout: Layout
-    parameters: Mapping[str, ParameterFit]
-    improvement: Improvement
-    rate_noise_deg_per_hr: float
-    notes: Sequence[str] = ()
+    See `fit_thermal`, also for where it raises `InputError`.
+    """
+
+    def __init__(
+        self, collects: Collects, shown: SensorRepeats, model: str | None, order: int, apart_degC: float | None
+    ) -> None:
+        number = collects.conditions.sensor.number
+        factor_of = dict(zip(shown.names, shown.spread.factor.tolist(), strict=True))
+        layout, notes = layout_of(number, collects, model, apart_degC, factor_of)
+        seen = Visits(layout)
+        free = [seen.along(place, None)[0] for place in range(len(layout.form.names))]
+        choices = _choices(layout, free, seen.known, order)
+        if not seen.known:
+            notes.append(
+                f"sensor {number}: neither repeats nor standard errors: what the curves leave is taken for noise"
+            )
+            left = [_misfit(layout, v, c.form.order or 0)[0] for v, c in zip(free, choices, strict=True)]
+            seen.sd = seen.sd * np.sqrt(left)
+            free = [seen.along(place, None)[0] for place in range(len(layout.form.names))]
+        errors = [
+            nested_errors(layout.stations.centre_degC, each, choice, order)
+            for each, choice in zip(free, choices, strict=True)
+        ]
+        self.parameters = {
+            name: ParameterFit(seen, place, choices[place], free[place], errors[place])
+            for place, name in enumerate(layout.form.names)
+        }
+        if layout.hysteresis:
+            notes.append(f"sensor {number}: a drift through the campaign, if any, is part of what stands as hysteresis")
+        else:
+            notes.append(
+                f"sensor {number}: no temperature was reached from both sides: hysteresis and a drift through the "
+                "campaign are in the curves"
+            )
+        if seen.known and not np.any(seen.spread.degrees):
+            notes.append(
+                f"sensor {number}: no temperature was measured twice: what differs from run to run, and is not in the "
+                "standard errors, cannot be told from what depends on temperature"
+            )
+        self.number, self.layout, self.notes = number, layout, notes
+        self.improvement = _rate_improvement(layout, choices, errors)
+        self.rate_noise_deg_per_hr = shown.of_a_collect(layout.collects.rates_se_deg_per_hr, layout.columns)
 
 
 @dataclass(frozen=True)
@@ -138,52 +179,12 @@ def fit_thermal(
     for number, collects in treated(campaign).sensors.items():
         try:
             shown = repeats(campaign, solve_campaign(campaign, model_name, number))[number]
-            sensors[number] = fit_sensor(collects, shown, model_name, highest_order, apart_degC)
+            sensors[number] = SensorFit(collects, shown, model_name, highest_order, apart_degC)
         except InputError as error:
             without[number] = str(error)
     if not sensors:
         raise InputError("; ".join(without.values()) or "no collect was measured")
     return ThermalFit(campaign, sensors, without)
-
-
-def fit_sensor(
-    collects: Collects, shown: SensorRepeats, model: str | None, order: int, apart_degC: float | None
-) -> SensorFit:
-    """Fit one sensor's parameters, `shown` by its repeats; see `fit_thermal`, also for where it raises `InputError`."""
-    number = collects.conditions.sensor.number
-    factor_of = dict(zip(shown.names, shown.spread.factor.tolist(), strict=True))
-    layout, notes = layout_of(number, collects, model, apart_degC, factor_of)
-    seen = Visits(layout)
-    free = [seen.along(place, None)[0] for place in range(len(layout.form.names))]
-    choices = _choices(layout, free, seen.known, order)
-    if not seen.known:
-        notes.append(f"sensor {number}: neither repeats nor standard errors: what the curves leave is taken for noise")
-        left = [_misfit(layout, v, c.form.order or 0)[0] for v, c in zip(free, choices, strict=True)]
-        seen.sd = seen.sd * np.sqrt(left)
-        free = [seen.along(place, None)[0] for place in range(len(layout.form.names))]
-    errors = [
-        nested_errors(layout.stations.centre_degC, each, choice, order)
-        for each, choice in zip(free, choices, strict=True)
-    ]
-    parameters = {
-        name: _parameter(seen, place, choices[place], free[place], errors[place])
-        for place, name in enumerate(layout.form.names)
-    }
-    if layout.hysteresis:
-        notes.append(f"sensor {number}: a drift through the campaign, if any, is part of what stands as hysteresis")
-    else:
-        notes.append(
-            f"sensor {number}: no temperature was reached from both sides: hysteresis and a drift through the campaign "
-            "are in the curves"
-        )
-    if seen.known and not np.any(seen.spread.degrees):
-        notes.append(
-            f"sensor {number}: no temperature was measured twice: what differs from run to run, and is not in the "
-            "standard errors, cannot be told from what depends on temperature"
-        )
-    rates = _rate_improvement(layout, choices, errors)
-    scatter = shown.of_a_collect(layout.collects.rates_se_deg_per_hr, layout.columns)
-    return SensorFit(number, layout, parameters, rates, scatter, tuple(notes))
 
 
 def _choices(layout: Layout, values: Sequence[Estimates], noise_known: bool, highest_order: int) -> list[Choice]:
@@ -194,7 +195,7 @@ def _choices(layout: Layout, values: Sequence[Estimates], noise_known: bool, hig
     """
     rare = _RARE * FALSE_ALARM / len(values)
     return [
-        choose(
+        Choice(
             layout.stations.centre_degC,
             each.values,
             each.covariance,
@@ -204,36 +205,6 @@ def _choices(layout: Layout, values: Sequence[Estimates], noise_known: bool, hig
         )
         for place, each in enumerate(values)
     ]
-
-
-def _parameter(seen: Visits, place: int, choice: Choice, values: Estimates, errors: FloatArray) -> ParameterFit:
-    layout, order = seen.layout, choice.form.order
-    unit = layout.form.units[place]
-    coefficients, hysteresis = seen.along(place, order)
-    if order is not None:
-        coefficients = coefficients.scaled(layout.half_degC ** -np.arange(order + 1.0))
-    elif choice.form.name == MONOTONE:
-        coefficients = replace(coefficients, values=monotone(coefficients.values, choice.weight))
-    ratio, chance_form = (1.0, None) if order is None else _misfit(layout, values, order)
-    if chance_form is not None and chance_form < DESCRIBES:
-        # What the form does not describe stands in the errors of its coefficients.
-        coefficients = replace(coefficients, covariance=coefficients.covariance * ratio)
-    line = _line(layout, values)
-    return ParameterFit(
-        name=layout.form.names[place],
-        unit=unit,
-        choice=choice,
-        curve=_curve(layout, unit, order, coefficients),
-        coefficients=coefficients,
-        values=values,
-        repeatability=float(np.sqrt(np.nanmean(seen.sd[:, place] ** 2))),
-        changes=seen.known and _changes(layout, values),
-        chance_constant=_misfit(layout, values, 0)[1],
-        chance_form=chance_form,
-        largest_change=2.0 * float(abs(line.values[1]) + line.half_width[1]),
-        improvement=Improvement(choice.held_out_constant, errors, choice.weight),
-        hysteresis=hysteresis,
-    )
 
 
 def _changes(layout: Layout, values: Estimates) -> bool:

@@ -36,6 +36,7 @@ Where a parameter is immune to a source in first order, the draws still show the
 
 _CHUNK = 5_000  # small enough for the cache
 _SIGMAS = 4.5  # of some sixty numbers compared, chance alone brings one beyond this in one budget of 2000
+_EXPANDED = 2.0
 
 
 @dataclass(frozen=True)
@@ -137,9 +138,6 @@ def _solved(scene: Scene, form: LinearForm, observed: FloatArray) -> FloatArray:
     rates = np.where(there, observed.reshape(*observed.shape[:-2], -1), np.nan)
     sigma = np.where(there, scene.sigma.ravel(), 1.0)
     return np.asarray(solve(columns.reshape(there.size, -1), rates, sigma, rank_tolerance=OBSERVABLE).values)
-
-
-_EXPANDED = 2.0
 
 
 @dataclass(frozen=True)

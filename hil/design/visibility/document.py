@@ -31,6 +31,14 @@ from hil.solve.wrong_rows import treated
 from procedures.plan import make_plan
 from procedures.words import unit_in_words
 
+_CLEAN = 0.1
+"""A leak that falls below this fraction of what it was is counted as gone."""
+
+MOST_RUNS = 384
+"""On so many of a campaign's runs at most, evenly chosen, a change is weighed: before and after alike."""
+
+_WORTH = 0.95  # of the size at which effects are seen without a change
+
 
 def visibility_document(
     sensors: Mapping[int, Conditions],
@@ -164,13 +172,6 @@ def _seen(shown: SensorRepeats, *, assumed: bool) -> NoiseLevel:
     return NoiseLevel(run_bias_deg_per_hr=size[0], run_mu_deg_per_hr_per_g=size[1], source=source)
 
 
-_CLEAN = 0.1
-"""A leak that falls below this fraction of what it was is counted as gone."""
-
-MOST_RUNS = 384
-"""On so many of a campaign's runs at most, evenly chosen, a change is weighed: before and after alike."""
-
-
 def improvements(
     sensors: Mapping[int, Conditions], model: Model | None = None, noise: Mapping[int, NoiseLevel] | None = None
 ) -> list[dict[str, Any]]:
@@ -244,9 +245,6 @@ def _protected(pairs: Sequence[tuple[Sight, Sight]]) -> Iterator[tuple[str, str]
         for name, leak in sight.leaks.items() if sight.effect.in_models else ():
             if leak > 1.0 and other.leaks.get(name, 0.0) < _CLEAN * leak:
                 yield sight.effect.id, name
-
-
-_WORTH = 0.95  # of the size at which effects are seen without a change
 
 
 def visibility_text(document: Mapping[str, Any]) -> str:

@@ -7,7 +7,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from hil.archive.trend import control_half_width, control_limits, fitted, predicted, trend
+from hil.archive.trend import Fit, control_half_width, control_limits, predicted, trend
 
 
 def found(count: int, what: str, size: float, scatter: float = 1.0, draws: int = 200) -> Counter[str]:
@@ -39,7 +39,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     """The slope's 95 % interval, where the stated deviations are a third of the true ones."""
     rng, months = np.random.default_rng(8), 3.0 * np.arange(8)
     lives = 0.5 * months + rng.normal(0.0, 3.0, (600, 8))
-    slopes = [fitted(months, life, np.ones(8), line=True).of(1) for life in lives]
+    slopes = [Fit(months, life, np.ones(8), line=True).of(1) for life in lives]
     held = np.mean([abs(each.value - 0.5) < each.half_width for each in slopes])
     assert 0.92 < held < 0.985
 
@@ -70,7 +70,7 @@ def test_control_limits_are_passed_by_chance_as_three_sigma_are() -> None:
 def test_a_prediction_widens_with_time() -> None:
     """So the day on which a limit is reached comes earlier than the line alone would say."""
     months = np.arange(6.0)
-    fit = fitted(months, 0.5 * months, np.full(6, 0.3), line=True)
+    fit = Fit(months, 0.5 * months, np.full(6, 0.3), line=True)
     value, wide = predicted(fit, np.array([5.0, 20.0]), months, 2.0)
     assert value == pytest.approx([2.5, 10.0])
     assert wide[1] > 3.0 * wide[0]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hil.analysis.allan.deviation import Octaves, octaves
-from hil.analysis.allan.document import Averaging, analyse
+from hil.analysis.allan.document import AllanResult, Averaging
 from hil.analysis.allan.fit import NoiseFit
 from hil.analysis.allan.sources import Recording, cut
 from hil.errors import InputError
@@ -32,7 +32,7 @@ def test_the_real_recording_does_not_follow_the_four_terms_and_the_result_says_s
     """Its filter shapes the shortest averages: they are left out, and N is that of the -1/2 stretch."""
     stored = np.load(reference_data / "static" / "adis16405-run1-gyro.npz")
     x = stored["counts"][:, 0] * float(stored["lsb_deg_per_s"]) * 3600.0
-    result = analyse(Recording("gx", [x], 0.01))
+    result = AllanResult(Recording("gx", [x], 0.01))
     n = result.document(60.0)["fit"]["N"]
     assert not result.fit.describes
     assert result.fit.fitted_from_s == pytest.approx(0.08)
@@ -131,6 +131,6 @@ def test_longer_averages_stop_helping_where_the_random_walk_takes_over() -> None
 
 def test_white_noise_alone_keeps_averaging_down() -> None:
     """An unseen random walk does not end the averaging."""
-    result = analyse(Recording("here", [rates(np.random.default_rng(9), 1 << 14)], 1.0))
+    result = AllanResult(Recording("here", [rates(np.random.default_rng(9), 1 << 14)], 1.0))
     assert not result.averaging.turns
     assert "longer keeps helping" in " ".join(result.document(60.0)["summary"])

@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from hil.analysis.allan.document import analyse
+from hil.analysis.allan.document import AllanResult
 from hil.analysis.allan.sources import Recording, read_recording
 from hil.cli.app import run
 from hil.errors import InputError
@@ -172,7 +172,7 @@ def test_a_spike_is_named_and_noise_has_none() -> None:
 
 def test_ten_samples_do_not_say_how_long_to_average(tmp_path: Path) -> None:
     """They show no term: no claim about when longer stops helping, and a bound instead of no noise."""
-    found = analyse(Recording("r", [np.random.default_rng(0).normal(0.0, 10.0, 10)], 0.01)).document(60.0)
+    found = AllanResult(Recording("r", [np.random.default_rng(0).normal(0.0, 10.0, 10)], 0.01)).document(60.0)
     assert not any(term["seen"] for term in found["fit"].values())
     said = " ".join(found["summary"])
     assert "too short to tell how long to average" in said

@@ -13,9 +13,9 @@ from hil.analysis.thermal.choice import (
     FALSE_ALARM,
     MONOTONE,
     TABLE,
+    Choice,
     Form,
     candidate_forms,
-    choose,
     monotone,
     polynomial,
 )
@@ -76,7 +76,7 @@ def others_than_constant(campaigns: int) -> int:
     """Count the campaigns of pure noise in which another form is chosen."""
     rng = np.random.default_rng(3)
     noises = (rng.normal(size=len(T)) for _ in range(campaigns))
-    return sum(choose(T, noise, UNIT, highest_order=5, draws=199).form.order != 0 for noise in noises)
+    return sum(Choice(T, noise, UNIT, highest_order=5, draws=199).form.order != 0 for noise in noises)
 
 
 def test_values_without_temperature_dependence_are_called_constant() -> None:
@@ -106,7 +106,7 @@ def test_the_right_order_is_found(name: str, curve: object, campaigns: int, leas
     rng = np.random.default_rng(4)
     truth = curve(scaled(T))  # type: ignore[operator]
     found = Counter(
-        choose(T, truth + rng.normal(size=len(T)), UNIT, highest_order=5, draws=199).form.name for _ in range(campaigns)
+        Choice(T, truth + rng.normal(size=len(T)), UNIT, highest_order=5, draws=199).form.name for _ in range(campaigns)
     )
     assert found[name] >= least, found
 
@@ -114,11 +114,11 @@ def test_the_right_order_is_found(name: str, curve: object, campaigns: int, leas
 def test_the_size_of_the_noise_does_not_decide() -> None:
     """A covariance that is a hundred times too small gives the same chance that the constant is enough."""
     values = 2.0 * scaled(T) + np.random.default_rng(5).normal(size=len(T))
-    chances = [choose(T, values, factor * UNIT, highest_order=5).chance_of_constant for factor in (1.0, 0.01)]
+    chances = [Choice(T, values, factor * UNIT, highest_order=5).chance_of_constant for factor in (1.0, 0.01)]
     assert chances[0] == pytest.approx(chances[1])
 
 
 def test_rounding_is_no_dependence() -> None:
     """Values that differ in the sixteenth digit are constant."""
     values = 1e-15 * np.arange(len(T), dtype=np.float64)
-    assert choose(T, values, UNIT, highest_order=5).form.order == 0
+    assert Choice(T, values, UNIT, highest_order=5).form.order == 0
