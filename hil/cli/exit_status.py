@@ -105,7 +105,8 @@ def run_to_exit(application: Callable[[], object]) -> int:
     except sqlite3.DatabaseError as error:
         return _say(f"ERROR: the journal is damaged ({error}); hil verify says how far", Exit.INCOMPLETE)
     except OSError as error:
-        of_a_name = error.errno in (errno.ENAMETOOLONG, errno.EROFS)  # of no file that we chose
+        given = (errno.ENAMETOOLONG, errno.EROFS, errno.EACCES, errno.EPERM)
+        of_a_name = error.errno in given  # of no file that we chose
         status = Exit.BAD_INPUT if of_a_name else Exit.FAILED
         return _say(f"{error.filename or 'system'}: {error.strerror or error}", status)
     except Exception as error:  # the last net: a defect of ours must not become a traceback in a laboratory

@@ -178,9 +178,9 @@ def screen_folders(
 
 
 def pieces_in(folders: Sequence[Path]) -> list[tuple[str, int]]:
-    """Return what is read at once: campaigns and nights among folders and directly in them (-1), pieces of files.
+    """Return what is read at once: campaigns and nights that folders are or hold (-1), pieces of files.
 
-    Each once, by name. Raises `InputError` where a folder or file is none, or there is no campaign.
+    Each once, by name. Raises `InputError` where a folder or file is none, or no campaign is in it.
     """
     found: list[tuple[str, int]] = []
     for folder in folders:
@@ -188,12 +188,10 @@ def pieces_in(folders: Sequence[Path]) -> list[tuple[str, int]]:
             found += [(str(folder), piece) for piece in range(pieces_of(folder))]
             continue
         check_folder(folder)
-        inside = [folder] if _holds_one(folder) else sorted(each for each in folder.iterdir() if _holds_one(each))
-        found += [(str(unit), -1) for each in inside for unit in (*units_in(each).values(),) or (each,)]
-    if not found:
-        raise InputError(
-            f"{', '.join(map(str, folders))}: no campaign folder (with {HEADER_FILE}) and no night is there"
-        )
+        inside = [(str(unit), -1) for each in _held(folder) for unit in (*units_in(each).values(),) or (each,)]
+        if not inside:
+            raise InputError(f"{folder}: no campaign folder (with {HEADER_FILE}) and no night is there")
+        found += inside
     return list(dict.fromkeys(found))
 
 
@@ -206,6 +204,16 @@ def in_turn(mapped: Map, pieces: Sequence[tuple[str, int]]) -> Iterator[tuple[st
 
 def _holds_one(folder: Path) -> bool:
     return (folder / HEADER_FILE).is_file() or (folder.is_dir() and is_night(folder))
+
+
+def _held(folder: Path) -> Iterator[Path]:
+    """Yield the campaigns and nights that a folder is or holds, in the order of their names: none holds others."""
+    if _holds_one(folder):
+        yield folder
+        return
+    for each in sorted(folder.iterdir()):
+        if _holds_one(each) or (each.is_dir() and not each.is_symlink()):
+            yield from _held(each)
 
 
 def _some_at_once(mapped: Map, function: Callable[[Any], Any], things: Sequence[Any], most: int) -> Iterator[Any]:

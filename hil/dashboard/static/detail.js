@@ -49,7 +49,7 @@ export class Detail {
     if (has("temperatures") || has("plan")) this.showTemperatures(night);
     if (has("head") || has("collect")) this.showRates(night);
     if (has("results") || this.working !== night.head.working) {
-      $("results").replaceChildren(...results(night.results || [], night.head.working));
+      $("results").replaceChildren(...results(night.results || [], night.head));
       this.working = night.head.working;
     }
     if (has("events")) this.showEvents(night.events || []);

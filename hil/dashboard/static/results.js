@@ -10,7 +10,7 @@ function cell(tag, className, content) {
 }
 
 // Return what there is to show: the table, and below it in words what is not as it should be.
-export function results(rows, working) {
+export function results(rows, { working, units }) {
   if (!rows.length) return [cell("p", "small", "No self-calibration has begun yet.")];
   const list = cell("ul", "small reasons", "");
   for (const row of rows) {
@@ -21,27 +21,28 @@ export function results(rows, working) {
       if (each.verdict !== "PASS") list.append(reason(row, `sensor ${each.sensor}`, each));
     }
   }
-  list.append(cell("li", "", "± is one run's standard error, from the noise within its collects; what repeats show beside it is in the report."));
   const assumed = new Set(rows.flatMap((row) => row.solutions.flatMap((each) => each.assumed)));
   for (const each of assumed) list.append(cell("li", "", `Assumed: ${sentence(each)}`));
-  const about = cell("p", "small", "Value ± one standard deviation, what repeats so far show included: the ± of hil solve.");
-  return [table(rows, working), about, list];
+  const about = units.length
+    ? "Each unit is solved by itself: its parameters stand on its own page."
+    : "Value ± one standard deviation, what repeats so far show included: the ± of hil solve.";
+  return [table(rows, working, units), cell("p", "small", about), list];
 }
 
 function reason(row, what, { verdict, reason }) {
   return cell("li", "", `Run ${row.number}, ${what}: ${verdict}: ${sentence(reason)}`);
 }
 
-function table(rows, working) {
+function table(rows, working, units) {
   const names = [...new Set(rows.flatMap((row) => row.solutions.flatMap((each) => Object.keys(each.parameters))))];
   const made = document.createElement("table");
   const head = made.createTHead().insertRow();
-  const units = unitsOf(rows);
+  const measuredIn = unitsOf(rows);
   head.append(heading("Run", "left"), heading("°C", ""), heading("Collects", "left"), heading("Sensor", ""));
   head.append(heading("Verdict", "left"));
-  for (const name of names) head.append(heading(name, "", units.get(name)));
+  for (const name of names) head.append(heading(name, "", measuredIn.get(name)));
   const body = made.createTBody();
-  for (const row of [...rows].reverse()) addRow(body, row, names, working);
+  for (const row of [...rows].reverse()) addRow(body, row, names, working, units);
   return made;
 }
 
@@ -62,12 +63,12 @@ function unitsOf(rows) {
   return units;
 }
 
-function addRow(body, row, names, working) {
+function addRow(body, row, names, working, units) {
   const lines = row.solutions.length ? row.solutions : [null];
   lines.forEach((solution, i) => {
     const line = body.insertRow();
     if (i === 0) line.append(...firstCells(row, lines.length));
-    line.append(labelled("Sensor", cell("td", "", solution ? String(solution.sensor) : "")), verdictCell(solution, row, working));
+    line.append(labelled("Sensor", cell("td", "", solution ? String(solution.sensor) : "")), verdictCell(solution, row, working, units));
     for (const name of names) line.append(labelled(name, parameter(solution && solution.parameters[name])));
   });
 }
@@ -100,10 +101,10 @@ function parameter(estimate) {
   return made;
 }
 
-function verdictCell(solution, row, working) {
+function verdictCell(solution, row, working, units) {
   const made = cell("td", "left", "");
   if (!solution) {
-    made.textContent = row.done ? "not solved" : working ? "going on" : "not finished";
+    made.textContent = row.done ? (units.length ? "unit by unit" : "not solved") : working ? "going on" : "not finished";
     return made;
   }
   const mark = cell("span", `verdict ${solution.verdict}`, solution.verdict);

@@ -143,11 +143,12 @@ def test_a_name_in_another_encoding_is_refused_before_anything_is_written(hil: A
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_that_nobody_can_write_is_a_wrong_name() -> None:
-    """Of what is given, as any that is not there."""
+@pytest.mark.parametrize("kind", [errno.EROFS, errno.EACCES, errno.EPERM])
+def test_a_folder_that_nobody_can_write_is_a_wrong_name(kind: int) -> None:
+    """Of what is given, as any that is not there; to whoever has no permission, too."""
 
     def read_only() -> None:
-        raise OSError(errno.EROFS, "Read-only file system", "found")
+        raise OSError(kind, "cannot be written", "found")
 
     assert run_to_exit(read_only) == 2
 

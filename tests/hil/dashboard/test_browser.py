@@ -19,6 +19,7 @@ import pytest
 
 from drivers.clock import VirtualClock
 from drivers.frames.roles import SensorRole
+from hil.cli.app import run
 from hil.dashboard.access import Access
 from hil.records import SqliteJournal, open_readonly
 from hil.records.live import TRACE_NAME, LiveFiles, trace_columns
@@ -352,6 +353,22 @@ def during(step: Step, elapsed_s: float) -> Snapshot:
     shows = {"rates_deg_per_hr": rates, "rates_se_deg_per_hr": rates, "rates_now_deg_per_hr": rates}
     end = datetime(1985, 10, 2, 12, tzinfo=UTC)
     return Snapshot(step, 1, elapsed_s, 10.0, 50.0, end, 19.9, 20.0, {1: 21.0, 2: 22.0}, **shows)
+
+
+@pytest.mark.slow
+def test_results_of_several_units_are_unit_by_unit(nights: Nights, open_page: Callable[..., Any]) -> None:
+    """The night's page does not call unsolved what is not; each unit's has its parameters, and one word on their ±."""
+    out = nights.dashboard.root / "four"
+    assert run(["run", "quick", "--bench", "simulated-four", "--out", str(out), "--yes", "--quiet"]) == 0
+    page = open_page("four")
+    shown(page, "#results", "unit by unit")
+    assert "not solved" not in page.locator("#results").inner_text()
+    page.evaluate("() => { location.hash = 'four%2Funits%2FSIM-0002'; }")
+    shown(page, "#results", "INCONCLUSIVE")
+    said = page.locator("#results").inner_text()
+    assert "unit by unit" not in said
+    assert "what repeats so far show included" in said
+    assert "one run's standard error" not in said
 
 
 @pytest.mark.slow(seconds=11)

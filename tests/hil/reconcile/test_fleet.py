@@ -242,6 +242,19 @@ def test_a_fleet_without_a_campaign_is_refused(tmp_path: Path) -> None:
         screen_folders([tmp_path], "matrix-6")
 
 
+def test_an_archive_is_searched_and_a_folder_without_a_campaign_is_told_beside_others(
+    folder: Path, tmp_path: Path
+) -> None:
+    """What an archive has taken up is what its folder is screened for; nothing that is named is passed over."""
+    archive, unit = tmp_path / "archive", folder / "u03"
+    assert run(["archive", str(archive), str(unit)]) == 0
+    ((found, _),) = pieces_in([archive])
+    assert Path(found).name == "campaign"
+    (empty := tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match="empty: no campaign folder"):
+        pieces_in([unit, empty])
+
+
 @pytest.mark.slow
 def test_a_unit_that_is_noisier_than_its_fleet_is_not_called_for_that() -> None:
     """Offsets of runs six times as large as the others: by the fleet's noise something is missing, by its own not."""
