@@ -87,8 +87,11 @@ class StopRequest:
 def processes(count: int) -> Iterator[Map]:
     """Give what carries a function out over many things, in their order, by processes that share the work.
 
-    They end with it, and at once where it is given up.
+    They end with it, and at once where it is given up. One alone is this process.
     """
+    if count == 1:
+        yield map
+        return
     context = get_context("spawn")
     given_up = context.Event()
     with ProcessPoolExecutor(count, context, end_with_parent, (given_up,)) as pool:

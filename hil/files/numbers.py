@@ -35,3 +35,21 @@ def degrees(temperature_degC: float | None, column: str | None = None) -> str:
     if temperature_degC is None:
         return "all runs"
     return f"{temperature_degC:.1f} °C" + (f" {WHOSE[column]}" if column in WHOSE else "")
+
+
+def rounded(value: float, se: float | None) -> str:
+    """Write a value with as many decimals as its error has two digits; small ones with a power of ten for both.
+
+    >>> rounded(4.6412, 2.71), rounded(-3.94e-16, 2.6e-18), rounded(0.25, None)
+    ('4.6 ± 2.7', '(-3.940 ± 0.026) × 10⁻¹⁶', '0.25')
+    """
+    if not se or not math.isfinite(se):
+        return f"{value:.3g}"
+    power = math.floor(math.log10(max(abs(value), se)))
+    scale = 10.0**power if power < -3 else 1.0
+    digits = max(1 - math.floor(math.log10(se / scale)), 0)
+    pair = f"{value / scale:.{digits}f} ± {se / scale:.{digits}f}"
+    return pair if scale == 1.0 else f"({pair}) × 10{str(power).translate(_RAISED)}"
+
+
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

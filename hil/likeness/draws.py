@@ -8,7 +8,6 @@ import json
 import os
 import tempfile
 from collections.abc import Callable, Mapping
-from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from hashlib import sha256
@@ -94,7 +93,7 @@ def likeness(
     alike = sha256(told.encode()).hexdigest()
     make = partial(_drawn, document, known, source.campaign, form, follows, seed, keep, alike)
     count = min(workers or os.cpu_count() or 1, draws)
-    with processes(count) if count > 1 else nullcontext(map) as mapped:
+    with processes(count) as mapped:
         for number, night in enumerate(mapped(make, range(draws))):
             nights.append(night)
             done(number + 1)

@@ -284,19 +284,16 @@ def _workers(count: int, cluster: str | None) -> Iterator[tuple[Map, Sequence[st
             others = [f"{who} has hil {each}" for who, each in sorted(told.items()) if who not in same]
             if told and not same:
                 raise InputError(f"--cluster {cluster}: no worker has hil {_version()} as here; {'; '.join(others)}")
-            only = same if others else None  # where all are alike, also those that come later
             said = [f"{each}, not {_version()} as here, and took no part" for each in others]
             yield (
                 lambda function, things: iter(
-                    client.gather(client.map(function, list(things), pure=False, workers=only))
+                    client.gather(client.map(function, list(things), pure=False, workers=same if others else None))
                 ),
                 said,
             )
-    elif count > 1:
+    else:
         with processes(count) as mapped:
             yield mapped, ()
-    else:
-        yield map, ()
 
 
 def _version() -> str:

@@ -9,7 +9,7 @@ import numpy as np
 
 from hil.campaign import Campaign
 from hil.files.document import picked, plain
-from hil.files.numbers import number
+from hil.files.numbers import number, rounded
 from hil.model import Model
 from hil.solve.both_sensors import BothSensors
 from hil.solve.reasons import not_passed, reasons
@@ -105,24 +105,6 @@ def before_and_after_in_words(values: Iterable[Mapping[str, Any]]) -> Iterator[s
         told = f"{number(each['after'], 1)}{at} (without it {number(each['before'], 1)})"
         lines.setdefault(f"{each['name']} of sensor {each['sensor']}, {each['unit']}", []).append(told)
     yield from (f"{name}: {'; '.join(told)}" for name, told in lines.items())
-
-
-def rounded(value: float, se: float | None) -> str:
-    """Write a value with as many decimals as its error has two digits; small ones with a power of ten for both.
-
-    >>> rounded(4.6412, 2.71), rounded(-3.94e-16, 2.6e-18), rounded(0.25, None)
-    ('4.6 ± 2.7', '(-3.940 ± 0.026) × 10⁻¹⁶', '0.25')
-    """
-    if not se or not math.isfinite(se):
-        return f"{value:.3g}"
-    power = math.floor(math.log10(max(abs(value), se)))
-    scale = 10.0**power if power < -3 else 1.0
-    digits = max(1 - math.floor(math.log10(se / scale)), 0)
-    pair = f"{value / scale:.{digits}f} ± {se / scale:.{digits}f}"
-    return pair if scale == 1.0 else f"({pair}) × 10{str(power).translate(_RAISED)}"
-
-
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 _SHAPES = {

@@ -13,10 +13,11 @@ from matplotlib.figure import Figure
 
 from benchmarks.blind.cases import make_case, write_case
 from hil.campaign.reader import read_campaign
+from hil.files.numbers import rounded
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.page import page, pictures
 from hil.reconcile.outcome.sentences import summary, what_to_do
-from hil.reconcile.result import FoundEffect, Rival, rounded
+from hil.reconcile.result import FoundEffect, Rival
 from tests.hil.reconcile.hidden_effects import hidden_campaign
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
