@@ -20,7 +20,6 @@ from procedures.words import listed, numbered, unit_in_words
 LEFT_OUT = "runs_left_out"
 """What the finding of bad runs has in its shape, and no other: how many they are."""
 
-
 SCHEMA = "hil.reconciliation/1"
 
 
