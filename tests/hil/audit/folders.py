@@ -145,6 +145,18 @@ def _both_disturbed() -> Campaign:
     return one
 
 
+def _both_exchanged_and_another_bias() -> Campaign:
+    """In both sensors labels of run 5 are exchanged, MU of sensor 1 scatters by 4, and run 9 has another bias."""
+    one, rng = _two_sensors(), np.random.default_rng(13)
+    for number, rows in one.sensors.items():
+        rates = rows.rates_deg_per_hr.copy()
+        rates[2::3] += rng.normal(0.0, 4.0 * (number == 1), (12, 2))
+        rates[24:27] += 25.0
+        rates[[12, 13]] = rates[[13, 12]]
+        one = with_rates(one, rates, number)
+    return one
+
+
 def _one_noisy() -> Campaign:
     """Channel B scatters by three times what its standard errors say, channel A as they say."""
     one = campaign(12, 3, seed=11, scatter=0.5)
@@ -235,6 +247,7 @@ FOLDERS: dict[str, Callable[[], Campaign]] = {
     "one run without its thermometer": _one_not_shown,
     "two sensors": _two_sensors,
     "both sensors disturbed": _both_disturbed,
+    "labels exchanged for both sensors, another bias": _both_exchanged_and_another_bias,
     "one channel noisy": _one_noisy,
     "one channel noisy, five collects": _one_noisy_that_residuals_show,
     "two plans": _two_plans,

@@ -46,15 +46,12 @@ FIRST: dict[str, Callable[[Path], list[str]]] = {
 QUICK = ("solve", "thermal", "budget", "visibility", "history", "report")
 AT_ONCE = (
     "contradicted",
-    "dead channel",
     "short soaks",
     "no standard errors",
     "labels exchanged",
     "labels exchanged, two runs",
     "drift through every run",
     "position missing at one temperature",
-    "standard errors too small",
-    "one channel noisy, five collects",
     "one rate far off",
     "one run",
     "poses, one wrong",

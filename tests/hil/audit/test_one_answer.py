@@ -172,7 +172,9 @@ def test_one_huge_standard_error_says_nothing_of_what_the_others_scatter_by() ->
     assert told[1] == pytest.approx(told[0], rel=0.15)
 
 
-@pytest.mark.parametrize("name", ["good", "drift through every run", "no standard errors"])
+@pytest.mark.parametrize(
+    "name", ["good", pytest.param("drift through every run", marks=pytest.mark.slow), "no standard errors"]
+)
 def test_a_collect_scatters_by_as_much_for_thermal_as_for_the_search(name: str) -> None:
     """Also where residuals are many times their errors, and repeats show that this is no noise."""
     one = FOLDERS[name]()
@@ -226,7 +228,7 @@ def test_a_temperature_says_whose_it_is_and_a_soak_that_did_not_end_is_no_pass(a
     ask("thermal")  # says that it cannot, or answers with finite numbers; no internal error
 
 
-@pytest.mark.parametrize("order", ["1-2-3", "1-3-2", "1-2-3-2-1"])
+@pytest.mark.parametrize("order", ["1-2-3", "1-3-2", pytest.param("1-2-3-2-1", marks=pytest.mark.slow)])
 def test_what_a_drift_spoils_is_the_same_before_and_after_a_night(order: str) -> None:
     """Of each sensor: `design` and `visibility` of the sweep, `visibility` of a campaign that has no repeats yet."""
     bench, published = load_bench("simulated"), load_sweep("rd-gc-86-1")
@@ -251,7 +253,7 @@ def _moved_by(of_sensor: Mapping[str, Any], effect: str) -> dict[str, float]:
     return {each["id"]: each["leaks"] for each in of_sensor["effects"]}[effect]
 
 
-@pytest.mark.parametrize("seed", [11, 13])
+@pytest.mark.parametrize("seed", [11, pytest.param(13, marks=pytest.mark.slow)])
 def test_an_offset_of_runs_is_as_large_for_the_search_as_for_repeats(seed: int) -> None:
     """Within what eight degrees of freedom tell, and not one of the few sizes that the search's grid has."""
     night = campaign(12, 3, seed=seed, scatter=2.0)
