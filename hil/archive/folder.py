@@ -54,6 +54,7 @@ from hil.records.export import open_source
 from hil.records.ledger import read_head
 from hil.records.reader import is_night
 from hil.records.status import night_status
+from procedures.words import counted
 
 SCHEMA = "hil.archived/1"
 _MARK_TEXT = (
@@ -171,7 +172,7 @@ def life(archive: Path, names: list[str]) -> Campaign:
         if layouts[0] != layouts[1]:
             raise InputError(f"{archive}: from {facts['began_utc'][:10]} on its sensors are others: no one campaign")
         whole = _together(whole, campaign, since_s)
-    return replace(whole, title=f"{whole.identity['serial']}, {len(parts)} campaigns", notes="", missing=())
+    return replace(whole, title=f"{whole.identity['serial']}, {counted(len(parts), 'campaign')}", notes="", missing=())
 
 
 def _together(whole: Campaign, later: Campaign, since_s: float) -> Campaign:

@@ -48,7 +48,9 @@ function show(changed) {
   $("units").hidden = !store.units;
   if (store.units) $("units").href = store.units;
   $("not-shown").textContent = `${store.notShown} older nights of this folder are not shown; hil dashboard with a night's own folder shows it.`;
-  const name = night ? night.head.title : store.nights.size ? `${store.folder}: ${store.nights.size} nights` : store.folder;
+  const nights = [...store.nights.keys()].filter((each) => !`/${each}`.includes("/units/")).length; // a unit of one is none
+  const counted = `${nights} ${nights === 1 ? "night" : "nights"}`;
+  const name = night ? night.head.title : nights ? `${store.folder}: ${counted}` : store.folder;
   if ($("title").textContent !== name) $("title").textContent = name;
   const asks = (each) => (each.head.prompt ? `asks: ${each.head.prompt.question}` : "");
   const many = [...store.nights.values()].some(asks) ? `asks · ${name}` : `${name} · hil`;

@@ -369,6 +369,9 @@ def test_results_of_several_units_are_unit_by_unit(nights: Nights, open_page: Ca
     assert "unit by unit" not in said
     assert "what repeats so far show included" in said
     assert "one run's standard error" not in said
+    page.evaluate("() => { location.hash = '#'; }")
+    counted = len([*nights.dashboard.root.glob("*/journal.sqlite")])
+    shown(page, "#title", f": {counted} night")
 
 
 @pytest.mark.slow(seconds=11)
