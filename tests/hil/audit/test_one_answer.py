@@ -123,9 +123,10 @@ def test_a_sensor_that_cannot_be_fitted_hides_no_other(ask: Ask) -> None:
     assert headline(gather(FOLDERS["clipped"]())).startswith("12 self-calibrations at 4 temperatures, 1 sensor: 7 PASS")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "together"),
-    [("both sensors disturbed", True), pytest.param("two sensors", False, marks=pytest.mark.slow)],
+    [("both sensors disturbed", True), ("two sensors", False)],
 )
 def test_what_moves_both_sensors_is_said_wherever_somebody_asks_what_scatters(
     tmp_path: Path, name: str, together: bool
@@ -165,6 +166,7 @@ def _of_a_collect(one: Campaign) -> list[float]:
     return [*by_search, seen["collect_deg_per_hr"], fit_thermal(one).sensors[2].rate_noise_deg_per_hr]
 
 
+@pytest.mark.slow
 def test_one_huge_standard_error_says_nothing_of_what_the_others_scatter_by() -> None:
     """Scatter, visibility and thermal say of a collect what they say where that one is as good as the others."""
     without, beside = FOLDERS["good"](), FOLDERS["one standard error huge"]()

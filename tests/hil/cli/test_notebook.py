@@ -88,7 +88,9 @@ def test_importing_hil_loads_nothing_else() -> None:
     assert done.stdout == "[]\n[]\nhil.solve\n"
 
 
-@pytest.mark.parametrize("question", ASKED)
+@pytest.mark.parametrize(
+    "question", [pytest.param(each, marks=[pytest.mark.slow] * (each == "scatter")) for each in ASKED]
+)
 def test_an_answer_is_the_commands_own(question: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The document to the last digit, and what a terminal shows."""
     options, given = ASKED[question]

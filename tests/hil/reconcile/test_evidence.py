@@ -287,9 +287,15 @@ class Together(Usual):
 
 @pytest.mark.parametrize("runs", [(), (5, 6)])
 @pytest.mark.parametrize(
-    ("sizes", "within"), [((40.0, 41.0), 0.5), ((40.0, -40.0), 6.5), ((8.0, -3.0), 1.0), ((0.0, 0.0), 0.5)]
+    ("sizes", "within"),
+    [
+        ((40.0, 41.0), 0.5),
+        ((40.0, -40.0), 6.5),
+        pytest.param((8.0, -3.0), 1.0, marks=pytest.mark.slow),
+        pytest.param((0.0, 0.0), 0.5, marks=pytest.mark.slow),
+    ],
 )
-@pytest.mark.parametrize("calibrated", [False, True])
+@pytest.mark.parametrize("calibrated", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_one_number_in_two_blocks_has_the_evidence_that_a_joint_density_says(
     runs: tuple[int, ...], sizes: tuple[float, float], within: float, *, calibrated: bool
 ) -> None:

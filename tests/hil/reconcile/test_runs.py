@@ -277,7 +277,7 @@ def test_the_size_of_what_scatters_is_as_uncertain_as_its_runs_make_it(seed: int
     assert size["low"] < np.hypot(RUN_TO_RUN["MUA"], RUN_TO_RUN["MUB"]) / np.sqrt(2.0) < size["high"]
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
 @pytest.mark.parametrize("repeats", [2, 3])
 def test_what_changes_from_run_to_run_has_its_name_in_few_runs_too(seed: int, repeats: int) -> None:
     """MU of three runs is no law of whatever else was another in each of them; of two that are alike nothing is."""

@@ -260,7 +260,8 @@ def test_the_written_term_has_the_room_that_it_was_found_for() -> None:
     assert float(np.sqrt(np.mean(left[:8] ** 2))) < 2.0
 
 
-@pytest.mark.parametrize("seed", [3, pytest.param(4, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [3, 4])
 def test_a_remainder_follows_temperature_where_the_bias_is_no_straight_line(seed: int) -> None:
     """The unit's thermometer was not recorded: b is dB/dT, of another size and sign in the heat than in the cold.
 
