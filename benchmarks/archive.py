@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hil.archive.index import Entry, connected, transaction
+from hil.archive.index import Entry, connected
 from hil.archive.places import ENTRY, INDEX_NAME, MARK, folder_of, stamp
 
 UNITS, MONTHS = 100, 120
@@ -32,7 +32,8 @@ def fill(archive: Path, every: int) -> int:
     archive.mkdir()
     (archive / MARK).write_text("schema: hil.archive/1\n")
     rng, count = np.random.default_rng(1), 0
-    with connected(archive / INDEX_NAME, new=True) as connection, transaction(connection):
+    with connected(archive / INDEX_NAME, new=True) as connection, connection:
+        connection.execute("BEGIN IMMEDIATE")
         for number in range(UNITS):
             serial = f"{number:04d}"
             for month in range(0, MONTHS, every):
