@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import pytest
 import yaml
 
 from hil.dashboard.access import Access
@@ -30,6 +31,10 @@ SWEEP: dict[str, Any] = {
 }
 SPEED = 600  # a collect takes 3 s: long enough to be seen by a page that is told once a second
 TOKEN = "abcd-efgh-jkmn-pqrs"  # noqa: S105 - of a test
+
+
+SOON_MS = 20_000
+DESKTOP, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
 
 
 def sweep_file(folder: Path, **changes: Any) -> Path:
@@ -131,3 +136,54 @@ def served(root: Path, access: Access, archive: Path | None = None) -> Iterator[
         thread.join(10.0)
         listener.close()
     assert not thread.is_alive()
+
+
+@dataclass
+class Nights:
+    """A dashboard over a folder, and the nights that tests begin in it."""
+
+    dashboard: Dashboard
+    files: Path
+    processes: list[subprocess.Popen[bytes]] = field(default_factory=list)
+
+    def begin(self, name: str, *, operator: bool = False, **changes: Any) -> subprocess.Popen[bytes]:
+        """Begin a night called `name` at speed."""
+        bench = bench_file(self.files, name, operator=operator)
+        speed = changes.pop("speed", None)
+        sweep = sweep_file(self.files, **changes)
+        process = begin_night(self.dashboard.root / name, sweep, bench, **({"speed": speed} if speed else {}))
+        self.processes.append(process)
+        return process
+
+    def end(self) -> None:
+        """End the nights that go on."""
+        while self.processes:
+            process = self.processes.pop()
+            process.kill()
+            process.wait(10.0)
+
+
+def shown(page: Any, place: str, text: str) -> None:
+    """Wait until a place of the page shows a text."""
+    page.locator(place, has_text=text).wait_for(state="visible")
+
+
+def ask(page: Any, button: str, who: str, why: str = "", token: str = TOKEN) -> None:
+    """Press a button of the page and answer its dialog."""
+    page.locator(f"#{button}").click()
+    page.locator("#ask-who").fill(who)
+    if why:
+        page.locator("#ask-why").fill(why)
+    page.locator("#ask-token").fill(token)
+    page.locator("#ask-yes").click()
+
+
+def violations(page: Any) -> list[str]:
+    """Return what axe-core finds wrong with what is on the page now, in both colour schemes."""
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe-core to audit the page with")
+    found = []
+    for scheme in ("light", "dark"):
+        page.emulate_media(color_scheme=scheme)
+        for each in axe.Axe().run(page).response["violations"]:
+            found += [f"{scheme}: {each['id']}: {node['html']}: {node['failureSummary']}" for node in each["nodes"]]
+    return found
