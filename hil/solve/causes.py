@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Self
 
 import numpy as np
 from scipy.special import logsumexp
@@ -64,8 +65,21 @@ class Cause:
         return (self.what, self.run, self.rows, None if self.what == "bias" else self.channel)
 
 
-Labels = Callable[[int], Mapping[tuple[int, ...], float]]
-"""How much likelier another sensor makes it, in logs, that two places in a run are exchanged."""
+@dataclass(frozen=True)
+class OtherSensor:
+    """What another sensor shows in the same collects: its `rates` (n, c), NaN where it took none.
+
+    `labels` says of a run how much likelier they are, in logs, with two of its places exchanged.
+    """
+
+    rates: FloatArray
+    labels: Callable[[int], Mapping[tuple[int, ...], float]]
+
+    def rows(self, rows: IntArray) -> Self:
+        """Return what it shows in some of them."""
+        return replace(self, rates=self.rates[rows])
+
+
 _Way = tuple[tuple[Cause, ...], float, float]
 """Causes, their log odds before the data, and the squares that they leave."""
 
@@ -73,18 +87,11 @@ _Way = tuple[tuple[Cause, ...], float, float]
 class Asked:
     """What may be wrong with whitened rates, each with its log odds before the data and the squares that it leaves.
 
-    `beside` (n, c) are what another sensor shows in the same collects, and `labels` what it says of theirs, by run;
-    runs in `own_bias` may have a bias of their own.
+    `beside` is what another sensor shows in the same collects; runs in `own_bias` may have a bias of their own.
     """
 
-    def __init__(
-        self,
-        rates: Whitened,
-        own_bias: Collection[int] = (),
-        beside: FloatArray | None = None,
-        labels: Labels = lambda run: {},  # noqa: ARG005 - nobody says anything
-    ) -> None:
-        self.rates, self._own_bias, self._beside, self._labels = rates, own_bias, beside, labels
+    def __init__(self, rates: Whitened, own_bias: Collection[int] = (), beside: OtherSensor | None = None) -> None:
+        self.rates, self._own_bias, self._beside = rates, own_bias, beside
 
     @property
     def times(self) -> float:
@@ -126,7 +133,7 @@ class Asked:
         for one, moved in [*first.values()][:_FIRST]:
             known = one.cause
             rates = self.rates.moved(known.run, moved, one.left)
-            for other in Asked(rates, self._own_bias, self._beside, self._labels)._tried():
+            for other in Asked(rates, self._own_bias, self._beside)._tried():
                 unlike = (other.cause.what, other.cause.channel) != (known.what, known.channel)
                 if unlike and other.cause.run != known.run:
                     yield (known, other.cause), one.log_odds + other.log_odds, other.left
@@ -198,7 +205,7 @@ class Asked:
             if most < np.log(len(runs)) - _HARDLY_ANY:
                 continue
             tried = [*each.rows_off()]
-            elsewhere, alone = self._labels(run), log_odds["exchanged"]
+            elsewhere, alone = self._beside.labels(run) if self._beside else {}, log_odds["exchanged"]
             tried += (
                 replace(one, log_odds=_in_common(alone, elsewhere.get(each.places(one.cause))))
                 for one in each.exchanged(pairs[run])
@@ -215,7 +222,7 @@ class Asked:
                 if channels == 2 and each.known.all():
                     tried += each.otherwise(Cause("channels", run, each.rows), each.measured[:, ::-1])
                 if self._beside is not None:
-                    other = self._beside[list(each.rows)]
+                    other = self._beside.rates[list(each.rows)]
                     tried += each.otherwise(
                         Cause("sensors", run, each.rows, instead=(*map(tuple, other.tolist()),)), other
                     )

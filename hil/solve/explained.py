@@ -19,7 +19,7 @@ from typing import Self
 import numpy as np
 
 from hil.campaign import BoolArray, Collects, FloatArray
-from hil.solve.causes import DOUBTED, Asked, Cause, Labels
+from hil.solve.causes import DOUBTED, Asked, Cause, OtherSensor
 from hil.solve.whitened import Whitened
 
 SURE, CERTAIN = 0.99, 0.95
@@ -77,17 +77,14 @@ class Explained:
 def explanations(
     collects: Collects,
     distrusted: Collection[int] = (),
-    beside: FloatArray | None = None,
-    labels: Labels = lambda run: {},  # noqa: ARG005
+    beside: OtherSensor | None = None,
 ) -> Iterator[Explained]:
     """Yield what is wrong with the collects, what is certain first, until nothing need be; then what nobody can tell.
 
-    `beside` are the rates (n, c) of another sensor in the same collects, NaN where it has none, `labels` what it says
-    of these. Runs that are `distrusted`, and those of which nobody can tell what, say nothing of the others; what is
-    certain of a run that is distrusted is said last.
+    `beside` is what another sensor shows in the same collects. Runs that are `distrusted`, and those of which nobody
+    can tell what, say nothing of the others; what is certain of a run that is distrusted is said last.
     """
-    other = np.full(collects.rates_deg_per_hr.shape, np.nan) if beside is None else beside
-    runs, left = collects.conditions.run, _Left(collects, other, labels, frozenset(distrusted))
+    runs, left = collects.conditions.run, _Left(collects, beside, frozenset(distrusted))
     unsure: dict[int, Explained] = {}
     enough, done = SURE, 0
     while True:
@@ -123,8 +120,7 @@ class _Left:
     """What is left of collects when some causes are known: runs that say nothing of others, runs of their own bias."""
 
     collects: Collects
-    beside: FloatArray
-    labels: Labels
+    beside: OtherSensor | None
     silent: frozenset[int]
     own_bias: frozenset[int] = frozenset()
 
@@ -133,7 +129,6 @@ class _Left:
         return type(self)(
             mended(self.collects, cause),
             self.beside,
-            self.labels,
             self.silent | ({cause.run} if cause.what == "run" else set()),
             self.own_bias | ({cause.run} if cause.what == "bias" else set()),
         )
@@ -141,7 +136,7 @@ class _Left:
     def wrong(self, unsure: Collection[int], run: int | None = None) -> Explained | None:
         """Return what is wrong with runs of which it may be told, or with one `run`."""
         told = ~np.isin(self.collects.conditions.run, list((self.silent | {*unsure}) - {run}))
-        return _what(self.collects, self.beside, self.labels, told, self.own_bias, run)
+        return _what(self.collects, self.beside, told, self.own_bias, run)
 
     def whichever_else(self, found: Explained, unsure: Collection[int]) -> Explained:
         """Return what is found, its likeliest as probable as it is alone and beside each rival: both may be true."""
@@ -163,8 +158,7 @@ class _Left:
 
 def _what(
     collects: Collects,
-    beside: FloatArray,
-    labels: Labels,
+    beside: OtherSensor | None,
     told: BoolArray,
     own_bias: Collection[int],
     run: int | None = None,
@@ -173,7 +167,7 @@ def _what(
     if not told.any():
         return None
     rows = np.flatnonzero(told)
-    asked = Asked(Whitened(collects.rows(rows), own_bias), own_bias, beside[rows], labels)
+    asked = Asked(Whitened(collects.rows(rows), own_bias), own_bias, beside and beside.rows(rows))
     nothing, found = asked.weighed(run)
     no_error = asked.rates.stated and asked.times > _NO_ERROR
     left = collects.rows(rows)

@@ -18,7 +18,7 @@ import numpy as np
 
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.campaign.plausibility import clipped, unclipped
-from hil.solve.causes import AS_IT_LAY, Asked, Cause, Labels, all_of
+from hil.solve.causes import AS_IT_LAY, Asked, Cause, OtherSensor, all_of
 from hil.solve.explained import HARDLY, Explained, beyond_others, explanations, mended
 from hil.solve.precision import with_every_error
 from hil.solve.whitened import Whitened
@@ -127,13 +127,13 @@ def beside(collects: Collects, other: Collects | None) -> FloatArray:
     return out
 
 
-def _of_labels(collects: Collects, other: Collects | None, shown: FloatArray) -> Labels:
-    """Return what another sensor, whose rates are `shown` in the same collects (n, c), says of their labels."""
+def _other_sensor(collects: Collects, other: Collects | None) -> OtherSensor | None:
+    """Return what another sensor shows in the same collects, and says of their labels."""
     if other is None:
-        return lambda run: {}  # noqa: ARG005
-    asked = Asked(Whitened(with_every_error(unclipped(other))))
+        return None
+    shown, asked = beside(collects, other), Asked(Whitened(with_every_error(unclipped(other))))
     same = {run for run, rows in collects.conditions.of_each_run.items() if np.isfinite(shown[rows]).any()}
-    return cache(lambda run: asked.labels(run) if run in same else {})
+    return OtherSensor(shown, cache(lambda run: asked.labels(run) if run in same else {}))
 
 
 def failed(campaign: Campaign, number: int) -> set[int]:
@@ -155,11 +155,11 @@ def _wrong_rows(
     collects: Collects, exchanged: tuple[tuple[int, int], ...], failed: frozenset[int], other: Collects | None
 ) -> WrongRows:
     rows = clipped_rows(collects)
-    shown = beside(collects, other)
+    shown = _other_sensor(collects, other)
     collects, lay = _as_the_unit_lay(with_every_error(unclipped(collects)), exchanged)
     rows += lay
     judged = {each.run: [Judgement(Verdict.FAIL, each.why)] for each in lay}
-    found = [*explanations(collects, failed, shown, _of_labels(collects, other, shown))]
+    found = [*explanations(collects, failed, shown)]
     lost = {cause.run for each in found if (cause := each.likeliest) is not None and cause.what == "run"}
     # Where in the end nothing of a run holds, nothing of it was put right either.
     found = [each for each in found if (c := each.likeliest) is None or c.what == "run" or c.run not in lost]
