@@ -57,7 +57,7 @@ def check_size(path: Path | str, size: int, usual_mb: float, what: str = "it is"
 
 @contextmanager
 def opened(path: Path | str, usual_mb: float | None = None) -> Iterator[BufferedReader]:
-    """Open a regular file to read its bytes; `InputError` where it is none, too large, or not readable, later too."""
+    """Open a file, of any length without `usual_mb`; `InputError` where none, too large, or unreadable, later too."""
     try:
         _check_kind(path, os.stat(path))
         # Without waiting, should it have become a pipe in the meantime.

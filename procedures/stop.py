@@ -9,6 +9,8 @@ interrupted in the middle of a write. Whatever waits, waits in pieces and asks b
 
 A signal that the process was told to ignore (`nohup` does so with SIGHUP) stays ignored. So are, meanwhile, those with
 which a terminal stops a process: a controller that Ctrl-Z has put to sleep watches over nothing.
+
+Of `processes` that share work only the one that they work for hears a terminal; when it ends, they do.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """One unit as a running sweep sees it: its stream at each poll, who it says it is, what onlookers are shown of it.
 
-unit = UnitWatch("0042", devices)
+unit = UnitWatch("0042", devices, event, alive)
 block, span_s, error = unit.drain(resting=False)     # raises WrongDevice
 """
 
@@ -104,7 +104,7 @@ def labelled(unit: str, name: object) -> str:
 
 
 class Unchanged:
-    """The rates of one unit, block by block."""
+    """The rates of one unit, block by block: one that shows the very same value for long is not being measured."""
 
     def __init__(self, sensors: Mapping[int, SensorRole]) -> None:
         self._fields = rate_fields(sensors)

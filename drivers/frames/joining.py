@@ -37,7 +37,7 @@ class SampleJoiner:
         self.sequence.interrupt()
 
     def take(self, groups: Sequence[list[Group]], *, last: bool) -> tuple[FrameBatch | None, int, int]:
-        """Return the samples, bytes (n, length), that are complete, and how many frames they are and are lost."""
+        """Return samples that groups of bytes, (n, length), complete (with `last` all), and frames in them and lost."""
         groups = [held + new for held, new in zip(self._held, groups, strict=True)]
         there = [(number, join(each)) for number, each in enumerate(groups) if each]
         if not there:

@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from drivers.frames.checksums import FrameChecksum
 from drivers.frames.description import StreamDescription
 from drivers.frames.fields import FIXED_POINT, FieldDescription, LengthDescription
-from drivers.frames.notation import ByteOrder
 from drivers.frames.text_frames import LINE_END, numbers
-from drivers.frames.wire import FloatArray, Rows, native_type, read_column, sign_extended, write_column
+from drivers.frames.wire import ByteOrder, FloatArray, Rows, native_type, read_column, sign_extended, write_column
 
 _MOST_SETS = 8  # of fields that are stored together: a device stores one or two
 _BLOCK = 8192  # rows whose bytes stay in the processor's cache while all their columns are read

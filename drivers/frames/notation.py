@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, InstanceOf
+
+from drivers.frames.wire import ByteOrder as ByteOrder
 
 _NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _TERM = re.compile(rf"\s*([*/]?)\s*([+-]?)({_NUMBER})(?:\s*\^\s*([+-]?{_NUMBER}))?\s*")
@@ -38,9 +40,6 @@ def _product(text: str) -> float:
     if at == 0:
         raise ValueError("is empty; give a number")
     return result
-
-
-ByteOrder = Literal["little", "big"]
 
 
 def _parse_bytes(value: Any) -> Any:

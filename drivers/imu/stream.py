@@ -34,7 +34,7 @@ class IndexStatus:
 
     time_s: float
     since_s: float
-    code: int
+    code: int  # the number of the position, as the unit counts
     moving: bool
     in_position: bool
     fault: bool

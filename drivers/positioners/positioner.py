@@ -28,11 +28,11 @@ class BesideOthers(Protocol):
 def move_all(
     positioners: Mapping[str, Positioner], clock: Clock, position: str, timeout_s: float
 ) -> Mapping[str, DeviceError]:
-    """Bring every unit to `position` at once; return what failed, by unit. What turns several is told once."""
+    """Bring units to `position`, at once where they can; return failures by unit. What turns several is told once."""
     turned: dict[int, list[str]] = {}
     for name, each in positioners.items():
         turned.setdefault(id(each), []).append(name)
-    # What waits for nobody comes first: nothing else moves meanwhile.
+    # What can only move alone comes first: no other is on its way meanwhile.
     in_order = sorted(turned.values(), key=lambda names: isinstance(positioners[names[0]], BesideOthers))
     moves = {tuple(names): _moving(positioners[names[0]], position, timeout_s) for names in in_order}
     waits_s, failed = dict.fromkeys(moves, 0.0), dict[str, DeviceError]()

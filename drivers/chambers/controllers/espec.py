@@ -96,7 +96,7 @@ class Espec(Controller):
             return False
         with suppress(CommandRefused):  # a timer that is not on
             self._command("TIMER,OFF,0")
-        self._command(f"TIMER WRITE,NO0,{minutes // 60}:{minutes % 60},STANDBY")
+        self._command(f"TIMER WRITE,NO0,{minutes // 60}:{minutes % 60},STANDBY")  # in place of what it was set to
         self._command("TIMER,ON,0")
         mode, left = self._query("TIMER LIST?,0", replies.quick_timer)
         if (

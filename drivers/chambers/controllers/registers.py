@@ -71,7 +71,7 @@ class ModbusSection(Entry):
     type: NumberType = "int16"
     scale: PositiveFloat = 1.0
     decimals_register: Address | None = None
-    words: Literal["low first", "high first"] = "low first"
+    words: Literal["low first", "high first"] = "low first"  # the factory order of Watlow and Binder
     writes: Literal["single", "several"] = "single"  # function 6 where one register holds it, or always 16
     reads: tuple[Registers, ...] = ()
 

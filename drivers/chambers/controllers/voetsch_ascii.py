@@ -35,7 +35,7 @@ from drivers.transports.lines import LineExchange, LineTiming
 
 @dataclass(frozen=True)
 class AsciiLayout:
-    """What numbers and bits mean; bits count from 0 on the left, the first pair is the air. Raises `ValueError`."""
+    """What numbers and bits mean; bits from 0 on the left, the first pair is the air. `ValueError` where impossible."""
 
     pairs: PositiveInt = 5
     nominal_first: bool = True
@@ -110,7 +110,7 @@ class VoetschAscii(Controller):
         self._exchange.command(f"{self._address}P0000", _acknowledged)
 
     def set_ramp_rate(self, degC_per_min: float) -> bool:
-        """Bound the first channel's gradient in tenths of °C/min; `ProtocolError` where that is not acknowledged."""
+        """Bound the first channel's gradient, up and down, in tenths of °C/min; `ProtocolError` unacknowledged."""
         rate = max(round(degC_per_min, 1), 0.1)
         numbers = [rate, rate] + [0.0] * (2 * (self._layout.written - 1))
         text = " ".join(f"{number:06.1f}" for number in numbers)

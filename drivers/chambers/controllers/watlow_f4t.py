@@ -40,7 +40,7 @@ class WatlowF4t(SetpointBox):
             self._scpi = LineExchange(ramp_port, clock, device=device, framings=lines(b"\n"), timing=timing)
 
     def set_ramp_rate(self, degC_per_min: float) -> bool:
-        """Bound how fast it moves; False without SCPI; `WrongDevice` for °F, `ProtocolError` for another rate."""
+        """Bound the setpoint's rate; False without SCPI, `WrongDevice` for °F, `ProtocolError` for another rate."""
         if self._ramp_port is None:
             return False
         unit = self._scpi.query(":UNIT:TEMPERATURE?", str.upper)

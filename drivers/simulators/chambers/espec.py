@@ -166,7 +166,8 @@ class SimulatedEspec(SimulatedLines):
 
     def _setting(self, command: str, request: str, now_s: float) -> str:
         """Carry out a setting and return its acknowledgement."""
-        head, _, parameter = (part.strip() for part in command.partition(","))
+        head, _, parameter = command.partition(",")
+        parameter = parameter.strip()
         if head not in _SETTINGS:
             raise Refusal("CMD ERR")
         self._refuse_if_locked()

@@ -33,18 +33,8 @@ ERROR_TEXTS = {
 
 def test_temperatures_setpoint_and_alarm_limits() -> None:
     """`TEMP?` of the recorded dialog, and of a GL."""
-    assert understood(DEVICE, "TEMP?", replies.temperatures, "26.4,0.0,140.0,-50.0") == (
-        26.4,
-        0.0,
-        140.0,
-        -50.0,
-    )
-    assert understood(DEVICE, "TEMP?", replies.temperatures, "23.0,85.0,105.0,-75.0") == (
-        23.0,
-        85.0,
-        105.0,
-        -75.0,
-    )
+    assert understood(DEVICE, "TEMP?", replies.temperatures, "26.4,0.0,140.0,-50.0") == (26.4, 0.0, 140.0, -50.0)
+    assert understood(DEVICE, "TEMP?", replies.temperatures, "23.0,85.0,105.0,-75.0") == (23.0, 85.0, 105.0, -75.0)
 
 
 def test_status_with_and_without_humidity() -> None:
@@ -122,7 +112,15 @@ def test_temperatures_of_another_shape_are_refused(line: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "line", ["26.4,0.0,140.0,-50.0", "24.1,100,CONSTANT", "24.1,100,CONSTANT,x", "24.1,100,,0", "24.1,100,const,0"]
+    "line",
+    [
+        "26.4,0.0,140.0,-50.0",
+        "24.1,100,CONSTANT",
+        "24.1,100,CONSTANT,x",
+        "24.1,100,,0",
+        "24.1,100,const,0",
+        "2x.1,100,CONSTANT,0",
+    ],
 )
 def test_a_status_of_another_shape_is_refused(line: str) -> None:
     """Above all the reply to `TEMP?`, which has four fields too."""

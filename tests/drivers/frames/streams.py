@@ -7,12 +7,10 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.frames.batch import FrameBatch, VariedBatch
 from drivers.frames.description import StreamDescription, load_description, parse_description
-
-FloatArray = NDArray[np.float64]
+from drivers.frames.wire import FloatArray
 
 MFS_FILE = Path(__file__).resolve().parents[3] / "configs" / "imus" / "mfs.yaml"
 

@@ -50,6 +50,7 @@ def _ask(device: SimulatedEspec, request: bytes, now_s: float) -> bytes:
         (b"PRGM,DANCE", b"NA:PARA ERR"),
         (b"PRGM,END,STANDBY", b"NA:CONT NOT READY-2"),
         (b"HELLO", b"NA:CMD ERR"),
+        (b"MODE ,OFF", b"NA:CMD ERR"),
         (b"\xff\xfe", b"NA:CMD ERR"),
     ],
 )
