@@ -233,11 +233,11 @@ def _from_one_to_the_next(c: Conditions, column: Callable[[str], FloatArray]) ->
     """What a collect shows after the one before it: times that only go on, a temperature that follows its slope."""
     order = np.argsort(c.start_s, kind="stable")
     before, here = order[:-1], order[1:]
-    until = np.full(len(c), -np.inf)
-    until[here] = c.start_s[before] + _UNTIL * c.duration_s[before]
+    ends_s, until = c.start_s + _UNTIL * c.duration_s, np.full(len(c), -np.inf)
+    until[here] = ends_s[before]
     yield Law("start_s", c.start_s, until, np.inf, "the collect before it, which had not ended")
     for since in ("time_since_power_on_s", "time_since_setpoint_s", "time_since_index_s"):
-        yield from _instants(since, c, column(since), c.start_s + _UNTIL * c.duration_s)
+        yield from _instants(since, c, column(since), ends_s)
     in_order = c.run[order]
     runs, parts = np.unique(in_order[np.flatnonzero(np.diff(in_order, prepend=np.nan))], return_counts=True)
     parts_of_its_run = parts[np.searchsorted(runs, c.run)].astype(np.float64)
@@ -258,6 +258,7 @@ def _instants(since: str, c: Conditions, gone_s: FloatArray, ends_s: FloatArray)
     """The instant since which a time in each collect counts: that of the collect before it, or one after that collect.
 
     Of two that contradict each other that one is wrong without which more of all go on; where none is, either may be.
+    `gone_s` (n,) is that time, `ends_s` (n,) when so much of each collect is over that another may begin.
     """
     at_s, order = c.start_s - gone_s, np.argsort(c.start_s, kind="stable")
 

@@ -212,7 +212,7 @@ def _held(folder: Path) -> Iterator[Path]:
         yield folder
         return
     for each in sorted(folder.iterdir()):
-        if _holds_one(each) or (each.is_dir() and not each.is_symlink()):
+        if (each.is_dir() and not each.is_symlink()) or _holds_one(each):
             yield from _held(each)
 
 

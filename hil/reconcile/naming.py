@@ -31,7 +31,7 @@ LEAST = 0.01
 Names = tuple[frozenset[str], str]
 """What moves averages in a set, and what scatters them ("": nothing but ordinary noise)."""
 _Weighed = tuple[frozenset[str], float, Found]
-"""The names in a set, and how probable it is."""
+"""The names in a set, how probable it is, and the set."""
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,9 @@ from procedures.words import hours_minutes, numbered, unit_in_words
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-
 _MOST_PLACES = 12
+_MOST_PANELS = 4
+_MOST_LEVEL = 8  # labels that are written side by side
 
 
 def page(result: Reconciliation) -> str:
@@ -114,10 +115,6 @@ def write_result(result: Reconciliation, out_dir: Path) -> None:
     (out_dir / "reconciliation.json").write_text(document + "\n", encoding="utf-8")
     save_model(result.model_after, out_dir / "model.yaml")
     (out_dir / "reconciliation.html").write_text(page(result), encoding="utf-8")
-
-
-_MOST_PANELS = 4
-_MOST_LEVEL = 8  # labels that are written side by side
 
 
 def driver_of(result: Reconciliation, rows: Sequence[Mapping[str, Any]]) -> str:

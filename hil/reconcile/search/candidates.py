@@ -25,7 +25,9 @@ POWERS: Mapping[str, int] = {"line": 2, "quadratic": 3, "cubic": 4}
 MANY = 80
 """Places of one sort that are asked about: every row of a night, and of a year of nights those that are odd."""
 _NOTHING = 1e-4  # deg/hr: what an effect of the largest typical size does not reach is not measured by any bench
-
+_SLOPE = "dTdt_degC_per_min"
+_FEWEST_VALUES = 6
+_CURVE_ORDER = 3
 
 BaseBeside = Callable[[Effect, Mapping[str, float]], Base]
 
@@ -154,11 +156,6 @@ def in_form(
         delta = temperature - (reference_degC or 0.0)
         factors = np.stack([delta**power for power in range(POWERS[form])], axis=1)
     return np.concatenate([columns * factors[:, k, None, None] for k in range(factors.shape[1])], axis=2)
-
-
-_SLOPE = "dTdt_degC_per_min"
-_FEWEST_VALUES = 6
-_CURVE_ORDER = 3
 
 
 @dataclass(frozen=True)

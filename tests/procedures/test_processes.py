@@ -1,4 +1,4 @@
-"""Processes that draw end with the one that asked for them, however it ended."""
+"""Processes that work for another end with it, however it ended."""
 
 from __future__ import annotations
 
