@@ -67,6 +67,23 @@ def test_a_good_collect_passes_with_all_its_numbers():
     assert (data["n_samples"], data["n_expected"], data["n_missing"]) == (N, N, 0)
 
 
+def test_a_rate_that_rises_has_a_drift_that_is_positive():
+    """By 12 deg/hr in each minute in the one channel; the other falls by half as much."""
+    rises = 12.0 * np.arange(N) / HZ / 60.0
+    block = _samples()
+    rates = _judge(replace(block, fields=block.fields | {"ra": block.fields["ra"] + rises, "rb": -0.5 * rises}))[0]
+    drift = {channel: of["drift_deg_per_hr_per_min"] for channel, of in rates["sensors"]["2"]["rates"].items()}
+    assert drift == {"RA": pytest.approx(12.0, abs=1.5), "RB": pytest.approx(-6.0)}
+
+
+def test_a_single_rate_that_is_no_number_is_missing():
+    """Too few for their number to differ, with neither a gap nor a count."""
+    rates = _samples().fields["ra"].copy()
+    rates[700] = np.nan
+    data, *_ = _judge(_samples(ra=rates))
+    assert (data["n_samples"], data["n_missing"]) == (N - 1, 1)
+
+
 def test_a_few_missing_samples_are_marginal_and_many_inconclusive():
     """Counted from the gap in time although the counter was not seen."""
     data, verdict, reason = _judge(_keep(_samples(), np.r_[0:500, 510:N]))
