@@ -80,7 +80,6 @@ def take_in(archive: Path, entry: str) -> None:
 
 def _read(connection: sqlite3.Connection, archive: Path, name: str, now: str) -> None:
     """Read an entry and write what it says, or why it cannot be read, in one transaction."""
-    means: list[tuple[Any, ...]] = []
     try:
         facts, campaign, configuration = read_entry(archive, name)
         solutions = solve_campaign(campaign)
@@ -88,7 +87,7 @@ def _read(connection: sqlite3.Connection, archive: Path, name: str, now: str) ->
         text = json.dumps(_settings(facts, configuration), sort_keys=True)
         entry = vars(_entry(name, now, facts, campaign, solutions, hashlib.sha256(text.encode()).hexdigest()))
     except (InputError, OSError, KeyError, TypeError, ValueError) as error:
-        entry, text = vars(Entry(name, now, serial_of(name), str(error) or repr(error))), ""
+        entry, means, text = vars(Entry(name, now, serial_of(name), str(error) or repr(error))), [], ""
     with connection:  # all of it, or nothing
         connection.execute("BEGIN IMMEDIATE")
         connection.execute("DELETE FROM entries WHERE name = ?", (name,))

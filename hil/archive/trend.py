@@ -9,6 +9,11 @@ between two calibrations (with two at least on either side), and both. Scatter b
 standard deviations widens every interval (Birge); less than stated narrows none. A step pays for the places where it
 might have been, and few values pay more (half the correction of Hurvich and Tsai). Nothing is named that is not better
 than its rivals by `MARGIN`, odds of twenty to one.
+
+A parameter has a mean at several temperatures: which belong together, and what all of them have in common, comes first.
+
+    values = at_usual_temperatures(stations_of(means))     # brought to where the unit usually was
+    entries, shifts, sd, left = shifts_of(values)          # of each calibration against the others
 """
 
 from __future__ import annotations

@@ -235,7 +235,10 @@ def unreadable(identity: str, error: Exception) -> Part:
 
 
 class ResultsSoFar:
-    """The results of one night, read again when it has got on; solved again when a self-calibration was finished."""
+    """The results of one night, read again when it has got on; solved again when a self-calibration was finished.
+
+    The parameters are those of `hil solve`, by the same call.
+    """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder

@@ -68,8 +68,9 @@ class Certificate:
 def certificate(
     folder: Path, today: date, unit: str | None = None, customer: str = "", number: str = "", limits: str | None = None
 ) -> Certificate:
-    """Return the certificate of a night's `unit` (a serial number, None: the night's), issued `today`, its `number` so.
+    """Return the certificate of a night's `unit` (a serial number, None: the night's), issued `today` for a `customer`.
 
+    `limits` judge it (without: the night's own), `number` is its own (without: the unit and when its night began).
     Raises `InputError` where the folder holds no night, no collect, or another unit; `Damaged` where the journal is.
     """
     if not is_night(folder):

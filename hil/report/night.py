@@ -1,9 +1,11 @@
 """What a report takes from the journal of a night: what was asked and done, the soaks, the collects, what went wrong.
 
+And where its numbers come from, those of a campaign folder too: who, when, with what, and the files' hashes.
+
     night = night_content(Path("night-014"))
     night.asked, night.done, night.missing     # sentences
-    night.soaks[0].decided_by                  # "unit slope (sensor 1)"
-    night.collects[0].counts["ok"]             # frames
+    night.soaks[0]["decided_by"]               # "unit slope (sensor 1)"
+    night.collects[0]["counts"]["ok"]          # frames
 
 Times are hours since the night began, temperatures °C.
 """

@@ -7,31 +7,22 @@ Every axis has its unit, every line a colour and a style or marker of its own, a
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from hil.campaign import Campaign, Series
+from hil.campaign import Campaign, FloatArray, Series
 from hil.errors import InputError
+from hil.files.figure import LOOKS, blank
 from hil.model.effects.series import blocked
 from hil.records.export import open_source
 from hil.records.reader import JOURNAL_NAME, is_night
-from hil.report.night import night_content
+from hil.report.night import NightContent, night_content
 from procedures.words import ranges
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-from collections.abc import Sequence
-from typing import Any
-
-from matplotlib.figure import Figure
-
-from hil.campaign import FloatArray
-from hil.files.figure import LOOKS, blank
-from hil.report.night import NightContent
 
 _COLORS = ("#0072B2", "#D55E00", "#009E73")
 _TRACES: tuple[dict[str, Any], ...] = (
@@ -128,8 +119,6 @@ def _known(conditions: object) -> str:
 
 def draw_series(collect: CollectSeries) -> Figure:
     """Draw every sample, means over a sixtieth of the collect, and the average with its standard error as a band."""
-    from matplotlib.figure import Figure
-
     series = collect.series
     panels = len(collect.means) + (series.temperature_degC is not None)
     figure = Figure(figsize=(8.0, 1.2 + 2.0 * panels), layout="constrained")

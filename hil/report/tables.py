@@ -25,20 +25,16 @@ _SIMULATED = b"simulated"
 
 def tables_of(content: ReportContent) -> Mapping[str, pa.Table]:
     """Return the tables by name; one that would be empty is left out."""
-    night = content.night
+    night, compared = content.night, content.comparison
     rows: dict[str, list[dict[str, Any]]] = {
         "parameters": list(_parameters(content)),
-        "collects": []
-        if night is None
-        else [
+        "collects": [
             {name: value for name, value in each.items() if name != "counts"}
             | {f"frames_{name}": count for name, count in each["counts"].items()}
-            for each in night.collects
+            for each in (night.collects if night else ())
         ],
-        "soaks": [] if night is None else list(night.soaks),
-        "differences": []
-        if content.comparison is None
-        else [
+        "soaks": list(night.soaks if night else ()),
+        "differences": [
             {
                 **picked(each, "sensor temperature_degC parameter unit now earlier sigma"),
                 "runs_now": each.runs[0],
@@ -46,7 +42,7 @@ def tables_of(content: ReportContent) -> Mapping[str, pa.Table]:
                 "difference": each.difference,
                 "beyond_3_sigma": each.flagged,
             }
-            for each in content.comparison.differences
+            for each in (compared.differences if compared else ())
         ],
     }
     tables = {name: pa.Table.from_pylist(found) for name, found in rows.items() if found}

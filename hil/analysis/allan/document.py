@@ -1,4 +1,4 @@
-"""The result of `hil allan` as one document (schema hil.allan/1) and as text."""
+"""The result of `hil allan` as one document (schema hil.allan/1), as text and as a plot: how long to average."""
 
 from __future__ import annotations
 

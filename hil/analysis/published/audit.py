@@ -56,7 +56,7 @@ class Finding:
             "cells": [
                 picked(self.row.cells[role], "cell=what printed=text file_row column") for role in self.identity.roles
             ],
-            "candidates": [{**each, "residual": round(each["residual"], 6)} for each in self.candidates],
+            "candidates": list(self.candidates),
             "would_close": list(self.would_close),
             "note": self.note,
         }
@@ -202,7 +202,7 @@ def readings(row: PrintedRow, broken: Identity, every: Sequence[Identity]) -> li
                 mends, left = all(each.holds(tried) for each in every), broken.gap(tried)
                 reading = {"cell": cell.what, "printed": cell.text, "read": text, "change": change}
                 order = (not mends, round(abs(left), 9), role, text)
-                found.append((order, {**reading, "residual": left, "mends_row": mends}))
+                found.append((order, {**reading, "residual": round(left, 6), "mends_row": mends}))
     return [reading for _, reading in sorted(found, key=lambda each: each[0])]
 
 

@@ -6,6 +6,8 @@ only a win that noise gives in fewer than `FALSE_ALARM` of campaigns moves on to
 for a higher one in 5 of 100 campaigns. For polynomials the comparison does not depend on the size of the noise, only on
 how it is shared among the temperatures. The first step, away from the constant, is taken for several parameters of a
 sensor: `first_alarm` is smaller, so that a sensor without temperature dependence is called so in 95 of 100 campaigns.
+
+What the choice is worth is judged in the same way: an `Improvement` compares what was left out with a constant.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,6 +23,7 @@ from hil.solve.repeats import CONFIDENCE
 
 FALSE_ALARM = 0.05
 _DUST = 1e-6
+POLYNOMIALS = ("constant", "linear", "quadratic", "cubic")
 MONOTONE, TABLE = "monotone", "table"
 _LOWEST_STEP_DEGC = 1e-6
 _RESAMPLES = 2000
@@ -46,14 +49,13 @@ class Form:
 
 def polynomial(temperature_degC: FloatArray, weight: FloatArray, order: int) -> Form:
     """Return the form of a polynomial, by least squares with `weight` (S,) (inverse variances)."""
-    names = ("constant", "linear", "quadratic", "cubic")
     root = np.sqrt(weight)
     span = np.linalg.qr(root[:, None] * _scaled_powers(temperature_degC, order))[0]
     hat = (span @ span.T) * root[None, :] / root[:, None]
     # Held-out errors are residuals over one less the leverage.
     left_out = (np.eye(len(weight)) - hat) / (1.0 - np.diagonal(hat))[:, None]
     return Form(
-        names[order] if order < len(names) else f"polynomial of order {order}",
+        POLYNOMIALS[order] if order < len(POLYNOMIALS) else f"polynomial of order {order}",
         order,
         lambda values: np.asarray(values @ hat.T),
         lambda values: np.asarray(values @ left_out.T),

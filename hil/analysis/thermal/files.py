@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from hil.analysis.thermal.choice import POLYNOMIALS
 from hil.analysis.thermal.document import thermal_document
 from hil.analysis.thermal.fit import ParameterFit, SensorFit, ThermalFit
 from hil.campaign import Campaign, FloatArray
@@ -28,7 +29,7 @@ RAD_PER_S = np.pi / 180.0 / 3600.0
 
 ARDUPILOT_REFERENCE_DEGC = 35.0
 ARDUPILOT_LEAST_RANGE_DEGC = 10.0
-CUBIC = 3
+CUBIC = POLYNOMIALS.index("cubic")
 
 
 def write_thermal(result: ThermalFit, folder: Path) -> list[str]:
@@ -109,12 +110,10 @@ def _cubic_or_lower(each: ParameterFit, fit: SensorFit) -> tuple[FloatArray, str
     order = each.choice.form.order
     if order is not None and order <= CUBIC:
         return each.coefficients.values, each.form
-    names = ("constant", "linear", "quadratic", "cubic")
-    tried = [order for order in range(CUBIC + 1) if names[order] in each.choice.errors]
-    best = min(tried, key=lambda order: each.choice.errors[names[order]])
+    best = min(range(CUBIC + 1), key=lambda order: each.choice.errors.get(POLYNOMIALS[order], np.inf))
     centre = fit.layout.stations.centre_degC - fit.layout.middle_degC
     weight = np.sqrt(each.choice.weight)
-    return np.asarray(np.polynomial.polynomial.polyfit(centre, each.values.values, best, w=weight)), names[best]
+    return np.asarray(np.polynomial.polynomial.polyfit(centre, each.values.values, best, w=weight)), POLYNOMIALS[best]
 
 
 def px4_parameters(fit: SensorFit) -> str:

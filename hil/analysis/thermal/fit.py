@@ -10,14 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import fdtrc, stdtr
 
-from hil.analysis.thermal.choice import (
-    FALSE_ALARM,
-    MONOTONE,
-    Choice,
-    Improvement,
-    monotone,
-    nested_errors,
-)
+from hil.analysis.thermal.choice import FALSE_ALARM, MONOTONE, Choice, Improvement, monotone, nested_errors
 from hil.analysis.thermal.estimate import Estimates, Layout, Visits, layout_of
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.errors import InputError

@@ -8,6 +8,10 @@
 The analytic column propagates each source's covariance through the derivative of the solution. The simulated one draws
 the source's errors, makes the rates that a sensor with known parameters would have shown, solves them as if nothing
 were wrong, and looks how far off the parameters are. They must agree within the draws' own error, and both are printed.
+
+    for each in budgets_of_means(measured_scenes(campaign, bench)[2], repeats(campaign, solutions)[2]):
+        each.values["MUB"].expanded(2.0)     # of the mean at each.mean.temperature_degC, its whole uncertainty
+        each.unexplained                     # (p,) what repeats show beyond every source that the bench states
 """
 
 from __future__ import annotations
@@ -187,7 +191,7 @@ def budgets_of_means(runs: Sequence[RunScene], observed: SensorRepeats) -> Itera
     """Yield the budget of each mean of a sensor, by that of its run whose total is worst."""
     for mean in observed.means:
         own = [each for each in runs if each.run in mean.runs]
-        both = [(each, Budget(each.scene, each.sources, each.form, 0)) for each in own]
+        both = [(each, Budget(each.scene, each.sources, each.form, draws=0)) for each in own]
         if both:
             scene, budget = max(both, key=lambda each: float(np.nansum(each[1].total() ** 2)))
             standard = mean_of_repeats(budget, len(mean.runs), as_solved(budget, scene.run, observed), mean)

@@ -68,7 +68,7 @@ def budget_document(
 
 
 def _sensor(number: int, runs: Sequence[RunScene], asked: Asked, observed: SensorRepeats | None) -> dict[str, Any]:
-    totals = {each.run: Budget(each.scene, each.sources, each.form, 0).total() for each in runs}
+    totals = {each.run: Budget(each.scene, each.sources, each.form, draws=0).total() for each in runs}
     if asked.run is not None and asked.run not in totals:
         raise InputError(
             f"sensor {number}: there is no run {asked.run}, or it FAILed; there are {', '.join(map(str, totals))}"

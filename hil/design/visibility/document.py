@@ -1,4 +1,6 @@
-"""The identifiability map as the JSON document hil.visibility/1, of a planned sweep or of a campaign.
+"""The identifiability map as the JSON document hil.visibility/1, of a planned sweep or of a campaign, and as text.
+
+What changes to the sweep would bring is in it: the maps before and after each, compared.
 
 visibility_document(planned_conditions(plan, bench), "RD-GC-86-1, eight temperatures")
 campaign_document(campaign, model)

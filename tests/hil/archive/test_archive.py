@@ -185,6 +185,16 @@ def test_an_entry_that_lost_its_note_is_told_and_taken_up_anew(
     assert (row["campaigns"], row["cannot_be_read"]) == (COUNT, 0)
 
 
+def test_an_entry_whose_note_lacks_something_is_told_and_tells_no_mean(copy: Path) -> None:
+    """Its averages can be solved; but nobody says where they came from, and so it is read whole or not at all."""
+    entry = found(copy)[0][0]
+    note = copy / entry / ENTRY
+    note.write_text(note.read_text().replace("\nfrom: ", "\nwhence: "))
+    assert set(update(copy).broken) == {entry}
+    with opened_index(copy) as index:
+        assert entry not in {each.entry for each in index.means("0042")}
+
+
 def test_a_unit_that_cannot_be_looked_into_is_told_and_the_others_answer(
     copy: Path, measured: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
