@@ -193,7 +193,7 @@ def _parameters(
                 {
                     "temperature_degC": at,
                     **_trend(found, [days[each.entry] for each in of], unit),
-                    "control": _control(y, sd, when >= since, of[-1].value.value),
+                    "control": _control(y, sd, when >= since),
                     "due_in_months": _due(found, when, asked, k),
                     "values": [
                         {"entry": m.entry, "day": days[m.entry], "own_degC": m.own_degC, **m.value.document()}
@@ -212,13 +212,13 @@ def _parameters(
         yield document, told
 
 
-def _control(y: FloatArray, sd: FloatArray, since: BoolArray, newest: float) -> dict[str, Any] | None:
-    """Return where the newest should be by the earlier values (n,) `since` the last jump, and whether it is outside."""
+def _control(y: FloatArray, sd: FloatArray, since: BoolArray) -> dict[str, Any] | None:
+    """Return where the newest value (n,) should be by the earlier ones `since` a jump, and whether it is outside."""
     limits = control_limits(y[:-1][since[:-1]], sd[:-1][since[:-1]])
     if limits is None:
         return None
     half = control_half_width(limits)
-    return {"centre": limits.value, **_ends(limits.value, half), "outside": abs(newest - limits.value) > half}
+    return {"centre": limits.value, **_ends(limits.value, half), "outside": bool(abs(y[-1] - limits.value) > half)}
 
 
 def _due(found: Trend, months: FloatArray, asked: ParameterLimits | None, k: float) -> float | None:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 
-from hil.archive.index import ArchivedMean
+from hil.archive.history import history
+from hil.archive.index import ArchivedMean, Entry
 from hil.archive.trend import Trend, at_usual_temperatures, differs, shifts_of, stations_of, trend
 from hil.solve.repeats import Uncertain
 
@@ -44,3 +48,31 @@ def test_a_jump_that_differs_between_temperatures_is_a_change_of_the_dependence(
     together, otherwise = found(jump=1.0, tilt=0.02)
     assert (together.word, otherwise) == ("jump", True)
     assert together.step == COUNT // 2
+
+
+def outside(off_degC: float, more: float) -> list[bool]:
+    """Return where the newest of ten calibrations is outside its limits, taken `off_degC` elsewhere, `more` larger."""
+    rng, means, entries = np.random.default_rng(5), [], []
+    for number in range(COUNT):
+        name, last = f"unit-1/{number:02d}", number == COUNT - 1
+        began = f"{2010 + number}-01-01T00:00:00+00:00"
+        entries.append(Entry(name, "", "1", "", began_utc=began, ended_utc=began, good=True))
+        for asked in (-20.0, 20.0, 60.0):
+            own = asked + rng.normal(0.0, 0.1) + off_degC * last
+            of = Uncertain(SLOPE * own + more * last + rng.normal(0.0, SD), SD, 10.0, 3, "deg/hr")
+            means.append(ArchivedMean(name, 2, "BA", asked, own, of))
+    index: Any = SimpleNamespace(
+        entries=lambda _="": entries,
+        behind=lambda _: [],
+        gone=lambda _: [],
+        settings=lambda _: {},
+        means=lambda _: means,
+    )
+    (parameter,) = history(index, "1")["parameters"]
+    return [each["control"]["outside"] for each in parameter["temperatures"]]
+
+
+def test_a_newest_calibration_taken_elsewhere_is_not_outside_its_limits() -> None:
+    """They are of values where the unit usually was, and so is what is held against them."""
+    assert outside(2.0, 0.0) == [False] * 3
+    assert outside(0.0, 1.0) == [True] * 3
