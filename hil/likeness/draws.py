@@ -21,6 +21,7 @@ from hil.campaign import Campaign
 from hil.config.recorded import configuration_of
 from hil.errors import InputError
 from hil.files.durable import RealDisk, write_durably
+from hil.files.processes import processes
 from hil.files.strict import read_text
 from hil.likeness.again import configuration
 from hil.likeness.features import features, levels
@@ -34,7 +35,6 @@ from hil.reconcile.outcome.improve import improved
 from hil.reconcile.search.problem import fitted_sensors
 from hil.records.export import open_source
 from hil.solve.temperatures import same_temperature
-from procedures.stop import processes
 
 SCHEMA = "hil.twin/1"
 FEWEST = 3

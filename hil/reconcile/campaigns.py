@@ -29,13 +29,13 @@ from hil.campaign.fleet_file import pieces_of, read_piece
 from hil.campaign.header import day_of
 from hil.campaign.reader import HEADER_FILE
 from hil.errors import InputError
+from hil.files.processes import Map, processes
 from hil.model import Model, load_model
 from hil.reconcile.fleet import NOISY_UNITS, Asked, Screen, SharedFinding, Stood, UnitFinding, beside_the_earth
 from hil.reconcile.proof.places import false_discovery
 from hil.records.export import open_source
 from hil.records.reader import is_night, units_in
 from hil.solve.wrong_rows import failed
-from procedures.stop import Map, processes
 
 LEVEL = 0.05
 """False discoveries among the units that are called, at most, on average."""

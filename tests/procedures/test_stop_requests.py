@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
-import sys
 
 import pytest
 
@@ -98,13 +96,3 @@ def test_a_stop_is_heard_within_one_read_interval(bench):
 
     bench.run(progress=Onlooker())
     assert bench.clock.now() - times[0] <= bench.polling.read_interval_s
-
-
-def test_a_process_that_works_for_another_leaves_the_keyboard_to_it() -> None:
-    """Ctrl-C goes to all processes of a terminal: one of them answers it, without the tracebacks of the others."""
-    code = (
-        "import os, signal, time; from procedures.stop import end_with_parent; end_with_parent(None); "
-        "os.kill(os.getpid(), signal.SIGINT); print('at work')"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert (done.stdout, done.stderr) == ("at work\n", "")

@@ -15,7 +15,8 @@ import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from procedures.stop import StopRequest, processes
+from hil.files.processes import processes
+from procedures.stop import StopRequest
 
 
 def draw(place):
@@ -54,3 +55,13 @@ def test_who_is_stopped_leaves_no_process_behind(how: signal.Signals, tmp_path: 
         assert "KeyboardInterrupt" in told
         assert "Process" not in told  # none of those that work adds a traceback of its own
         assert [*place.iterdir()] == []
+
+
+def test_a_process_that_works_for_another_leaves_the_keyboard_to_it() -> None:
+    """Ctrl-C goes to all processes of a terminal: one of them answers it, without the tracebacks of the others."""
+    code = (
+        "import os, signal, time; from hil.files.processes import end_with_parent; end_with_parent(None); "
+        "os.kill(os.getpid(), signal.SIGINT); print('at work')"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("at work\n", "")
