@@ -1,9 +1,7 @@
-"""A browser, a dashboard over a folder of nights, and pages of it: for tests of what people see."""
+"""A dashboard over a folder of nights, and pages of it: for tests of what people see."""
 
 from __future__ import annotations
 
-import os
-import shutil
 from collections.abc import Callable, Iterator
 from typing import Any
 from urllib.parse import urlsplit
@@ -11,20 +9,6 @@ from urllib.parse import urlsplit
 import pytest
 
 from tests.hil.dashboard.live_page import DESKTOP, SOON_MS, TOKEN, Dashboard, Nights
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    """The system's Chromium, without a window."""
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: no browser is driven")
-    chromium = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-    if chromium is None:
-        pytest.skip("no Chromium on this machine (Debian: apt-get install chromium)")
-    options = ["--no-sandbox"] if os.geteuid() == 0 else []
-    with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=chromium, args=options)
-        yield browser
-        browser.close()
 
 
 @pytest.fixture(scope="module")

@@ -21,8 +21,7 @@ from procedures.plan import make_plan
 from procedures.settings import SweepProcedure
 from procedures.verdict import Judgement, Verdict
 from tests.hil.cli.conftest import SHORT_SWEEP
-from tests.hil.dashboard.live_page import TOKEN, served
-from tests.hil.dashboard.test_browser import browser, pytestmark, shown, violations  # noqa: F401 - fixture and mark
+from tests.hil.dashboard.live_page import TOKEN, served, shown, violations
 
 LOST = "chamber-lost: the chamber does not answer: timeout (ends the sweep after 120 s)"
 REPORT = "<!doctype html><title>r</title><style>h1 { color: rgb(1, 2, 3) }</style><h1>The report of unit 014</h1>"
@@ -56,7 +55,7 @@ def journal(nights: Path) -> Iterator[SqliteJournal]:
 
 
 @pytest.fixture
-def page(browser: Any, nights: Path, journal: SqliteJournal, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:  # noqa: F811
+def page(browser: Any, nights: Path, journal: SqliteJournal, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     """The page over all three."""
     real = facts.NightFacts._verdict
     fail = vars(Judgement(Verdict.FAIL, "1 of 2 solutions; the first is sensor 2, run 1: it moved"))

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import re
-import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from matplotlib.figure import Figure
@@ -19,8 +18,6 @@ from hil.reconcile.outcome.page import page, pictures
 from hil.reconcile.outcome.sentences import summary, what_to_do
 from hil.reconcile.result import FoundEffect, Rival
 from tests.hil.reconcile.hidden_effects import hidden_campaign
-
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
 
 @pytest.fixture(scope="module")
@@ -105,29 +102,24 @@ def test_the_story_is_told_in_its_order_and_in_words(aged: Reconciliation) -> No
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine (Debian: apt-get install chromium)")
-def test_it_fits_a_phone_and_paper_and_is_dark_where_its_reader_is(aged: Reconciliation, tmp_path: Path) -> None:
+def test_it_fits_a_phone_and_paper_and_is_dark_where_its_reader_is(
+    aged: Reconciliation, tmp_path: Path, browser: Any
+) -> None:
     """390 px wide without scrolling sideways; within the margins of A4, in under six pages; a dark ground."""
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     (tmp_path / "page.html").write_text(page(aged))
-    with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"] if os.geteuid() == 0 else [])
-        tab = browser.new_context(viewport={"width": 390, "height": 844}, color_scheme="dark").new_page()
-        tab.goto((tmp_path / "page.html").as_uri())
-        tab.evaluate("() => document.querySelectorAll('details').forEach(each => { each.open = true; })")
-        assert tab.evaluate("() => document.documentElement.scrollWidth") <= 390
-        assert tab.evaluate("() => getComputedStyle(document.body).backgroundColor") == "rgb(14, 18, 22)"
-        tab.reload()
-        assert len(re.findall(rb"/Type\s*/Page\b", tab.pdf(format="A4"))) < 6
-        tab.set_viewport_size({"width": 703, "height": 1000})
-        tab.emulate_media(media="print")
-        wide = (
-            "() => [...document.querySelectorAll('table, svg, p')].filter(e => e.getBoundingClientRect().right > 704)"
-        )
-        assert tab.evaluate(f"{wide}.length") == 0
-        kept = "() => [...document.querySelectorAll('.figures')].map(e => getComputedStyle(e.previousElementSibling))"
-        assert tab.evaluate(f"{kept.replace('() => ', '() => (')}).map(e => e.breakAfter)") == ["avoid"] * 3
-        browser.close()
+    tab = browser.new_context(viewport={"width": 390, "height": 844}, color_scheme="dark").new_page()
+    tab.goto((tmp_path / "page.html").as_uri())
+    tab.evaluate("() => document.querySelectorAll('details').forEach(each => { each.open = true; })")
+    assert tab.evaluate("() => document.documentElement.scrollWidth") <= 390
+    assert tab.evaluate("() => getComputedStyle(document.body).backgroundColor") == "rgb(14, 18, 22)"
+    tab.reload()
+    assert len(re.findall(rb"/Type\s*/Page\b", tab.pdf(format="A4"))) < 6
+    tab.set_viewport_size({"width": 703, "height": 1000})
+    tab.emulate_media(media="print")
+    wide = "() => [...document.querySelectorAll('table, svg, p')].filter(e => e.getBoundingClientRect().right > 704)"
+    assert tab.evaluate(f"{wide}.length") == 0
+    kept = "() => [...document.querySelectorAll('.figures')].map(e => getComputedStyle(e.previousElementSibling))"
+    assert tab.evaluate(f"{kept.replace('() => ', '() => (')}).map(e => e.breakAfter)") == ["avoid"] * 3
 
 
 @pytest.mark.parametrize(

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import re
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,25 +16,7 @@ from hil.night import start_night
 from hil.records.status import night_status
 from tests.hil.report.report_pages import SWEEP
 
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed, so no browser is driven")
-axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe-core to audit the page with")
-
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-pytestmark = pytest.mark.skipif(
-    CHROMIUM is None, reason="no Chromium on this machine (Debian: apt-get install chromium)"
-)
-
 A4_WITHIN_MARGINS_PX = 703  # 210 mm less 12 mm on either side
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    """The system's Chromium, without a window."""
-    options = ["--no-sandbox"] if os.geteuid() == 0 else []
-    with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=CHROMIUM, args=options)
-        yield browser
-        browser.close()
 
 
 @pytest.fixture(scope="module")
@@ -94,6 +74,7 @@ def test_a_report_opens_at_once_and_asks_the_network_for_nothing(page: Any, repo
 @pytest.mark.parametrize("width", [pytest.param(1280, marks=pytest.mark.slow), 390])
 def test_an_audit_finds_nothing_that_keeps_people_out(page: Any, short_report: Path, width: int) -> None:
     """No violation of axe-core's rules, contrast included, on a desk and on a phone, which is dark."""
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe-core to audit the page with")
     page.set_viewport_size({"width": width, "height": 844})
     page.emulate_media(color_scheme="dark" if width == 390 else "light")
     page.goto(short_report.as_uri())
@@ -125,6 +106,7 @@ def test_nothing_is_cut_on_a_phone_nor_on_paper(page: Any, report: Path) -> None
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("browser")
 def test_the_pdf_is_printed_by_the_browser_of_this_machine(report: Path, tmp_path: Path) -> None:
     """A PDF beside the page, of under six pages; with what is folded, of more, where somebody asks for it."""
     out = tmp_path / "r.html"
