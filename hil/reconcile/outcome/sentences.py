@@ -188,13 +188,13 @@ def gap_in_words(result: Reconciliation) -> list[str]:
 
 
 def titled(result: Reconciliation, said: str) -> str:
-    """Put its title beside every id of an effect or of a rival that stands alone."""
+    """Put its title beside every id of an effect or of a rival that stands alone: a title may have an id in it."""
     titles = {effect.id: effect.title for effect in result.effects}
     titles |= {each.id: each.title for effect in result.effects for each in effect.confusable_with}
-    for identifier, title in titles.items():
-        if title and title != identifier:
-            said = re.sub(rf"(?<![(\w]){re.escape(identifier)}(?![\w)])", f"{title} ({identifier})", said)
-    return said
+    ids = "|".join(re.escape(each) for each, title in titles.items() if title not in ("", each))
+    return (
+        re.sub(rf"(?<![(\w])(?:{ids})(?![\w)])", lambda each: f"{titles[each[0]]} ({each[0]})", said) if ids else said
+    )
 
 
 def number(value: float | None) -> str:

@@ -15,7 +15,7 @@ from hil.campaign.reader import read_campaign
 from hil.files.numbers import rounded
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.page import page, pictures
-from hil.reconcile.outcome.sentences import summary, what_to_do
+from hil.reconcile.outcome.sentences import summary, titled, what_to_do
 from hil.reconcile.result import FoundEffect, Rival
 from tests.hil.reconcile.hidden_effects import hidden_campaign
 
@@ -152,3 +152,12 @@ def test_physics_expects_no_curve(aged: Reconciliation) -> None:
     beside = replace(alone, confusable_with=[curve, Rival("b", 0.1, 0.99, "B's title", 1.0, 0.1)])
     told = summary(replace(aged, verdict="ambiguous", effects=[beside]))[0]
     assert "which physics expects: before these data it was 10 times as probable" in told
+
+
+def test_a_title_beside_an_id_keeps_its_own_words(aged: Reconciliation) -> None:
+    """A title may have a word in it that is another effect's id: it is that title's word."""
+    rivals = [Rival("drift", 0.2, 0.99, "Linear drift between collects"), Rival("k2", 0.1, 0.99, "g squared")]
+    first = FoundEffect("MU_real", "Axial drift (MUA, MUB)", "", [], 0.6, rivals, "ambiguous")
+    told = titled(replace(aged, effects=[first]), "separates MU_real from k2, not from drift")
+    wanted = "separates Axial drift (MUA, MUB) (MU_real) from g squared (k2), not from Linear drift between collects"
+    assert told == f"{wanted} (drift)"
