@@ -8,7 +8,7 @@ import numpy as np
 
 from drivers.strict_yaml import packaged
 from hil.files.numbers import rounded
-from hil.reconcile.naming import LIKELY
+from hil.reconcile.naming import CERTAIN, LIKELY
 from hil.reconcile.outcome.scatter import beyond_chance
 from hil.reconcile.result import LEFT_OUT, Gap, Reconciliation, Rival, in_times
 from hil.reconcile.search.terms import NO_NAME
@@ -128,10 +128,10 @@ def summary(result: Reconciliation) -> list[str]:
             sentence += "; it shows inside the collects and leaves no trace in their averages"
         said.append(sentence + ".")
     said += gap_in_words(result)[:1]
-    follows = {"run": "changes from run to run"}
-    said += [
-        f"It {follows.get(d, f'follows {d}').replace('_', ' ')} ({percent(p)})." for d, p in result.follows[:1] if added
-    ]
+    does = {"run": "changes from run to run"}
+    sure = [each for each in result.follows if each[1] >= CERTAIN] or result.follows[:1]
+    follows = [f"{does.get(d, f'follows {d}').replace('_', ' ')} ({percent(p)})" for d, p in sure]
+    said += [f"It {listed(follows)}."] * bool(added and follows)
     if per_temperature:
         said.append("The model's other values were calibrated at each temperature.")
     if result.next_experiment and result.next_experiment.get("what"):

@@ -161,3 +161,10 @@ def test_a_title_beside_an_id_keeps_its_own_words(aged: Reconciliation) -> None:
     told = titled(replace(aged, effects=[first]), "separates MU_real from k2, not from drift")
     wanted = "separates Axial drift (MUA, MUB) (MU_real) from g squared (k2), not from Linear drift between collects"
     assert told == f"{wanted} (drift)"
+
+
+def test_everything_that_it_surely_follows_is_said(aged: Reconciliation) -> None:
+    """Two effects follow two things; where nothing is sure, the likeliest is said with its probability."""
+    both = replace(aged, follows=[("time", 0.999), ("run", 0.9), ("supply", 0.4)])
+    assert "It follows time (99.9 %) and changes from run to run (90 %)." in summary(both)
+    assert "It follows time (60 %)." in summary(replace(aged, follows=[("time", 0.6), ("supply", 0.4)]))
