@@ -329,10 +329,9 @@ def test_a_bad_collect_of_a_quiet_triad_is_no_exchange(seed: int) -> None:
 
 
 @pytest.mark.slow  # a bad collect and a glitch that are none are quick, above
-@pytest.mark.parametrize("seed", range(2))
-def test_many_glitches_are_no_exchanges(seed: int) -> None:
+def test_many_glitches_are_no_exchanges() -> None:
     """Every thirtieth rate of twelve runs is off by as much as ten times the noise: no labels are blamed."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     clean = triad(rng, 12, 24, 6.0, 8.0)
     glitches = [(int(r), int(rng.integers(3)), 60.0 * rng.normal()) for r in rng.choice(288, 30, replace=False)]
     campaign = with_glitches(clean, glitches)
