@@ -131,7 +131,7 @@ def summary(result: Reconciliation) -> list[str]:
     does = {"run": "changes from run to run"}
     sure = [each for each in result.follows if each[1] >= CERTAIN] or result.follows[:1]
     follows = [f"{does.get(d, f'follows {d}').replace('_', ' ')} ({percent(p)})" for d, p in sure]
-    said += [f"It {listed(follows)}."] * bool(added and follows)
+    said += [f"It {listed(follows)}."] if added and follows else []
     if per_temperature:
         said.append("The model's other values were calibrated at each temperature.")
     if result.next_experiment and result.next_experiment.get("what"):
