@@ -23,15 +23,17 @@ $(VENV)/dev.stamp: pyproject.toml constraints.txt
 	$(call installed,.[dev])
 	@touch $(VENV)/run.stamp $@
 
+# One more than there are processors: every sixth minute of tests is a real process or port that is waited for.
+SIDE_BY_SIDE = -n $$(($$(nproc) < 4 ? $$(nproc) + 1 : 4)) --dist worksteal
+
 demo: $(VENV)/run.stamp  ## the published night on the simulated bench, to a report
 	$(BIN)/hil demo
 
 test: $(VENV)/dev.stamp  ## every behaviour once, in minutes
-	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist worksteal -m "not slow"
+	$(BIN)/python -m pytest -q $(SIDE_BY_SIDE) -m "not slow"
 
-# One more than there are processors: every sixth minute of these is a real process or port that is waited for.
 test-rest: $(VENV)/dev.stamp  ## what `make test` leaves out: full matrices, statistics over many seeds, what takes long
-	$(BIN)/python -m pytest -q -n $$(($$(nproc) < 4 ? $$(nproc) + 1 : 4)) --dist worksteal -m slow
+	$(BIN)/python -m pytest -q $(SIDE_BY_SIDE) -m slow
 
 test-all: test test-rest  ## every test
 
