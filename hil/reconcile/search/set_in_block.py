@@ -204,12 +204,9 @@ class Sets:
 
     def _climbed(self) -> tuple[IntArray, FloatArray, BoolArray, FloatArray]:
         """Return the best sizes (m, e), the log evidence with these (m, t), and what is about them."""
-        # A large effect in quiet noise and a small one in noise that is large may both be summits: climb the higher.
-        null = np.broadcast_to(self.beside.log_null(), self.left.shape)
         with_all = student(self.left[None], self.beside.log_base, self.beside.scales, self.beside.freedom)
-        either = null, log_sum(with_all)
-        starts = np.stack([self.best_sizes(np.argmax(log + self.points.log_prior, axis=1)) for log in either], axis=1)
-        best, heights = self._higher(self.each, starts)
+        best = self.best_sizes(np.argmax(log_sum(with_all) + self.points.log_prior, axis=1))
+        heights = self._heights(self.each, best)
         near, about = self._about(self.each, best, heights)
         climbing = self.each
         while len(climbing):  # every round makes the rows likelier, and sizes are few
@@ -219,18 +216,14 @@ class Sets:
             climbing, highest = climbing[moves], highest[moves]
             e, step = _most(highest)
             best[climbing, e] += ABOUT[step]
-            _, heights[climbing] = self._higher(climbing, best[climbing][:, None])
+            heights[climbing] = self._heights(climbing, best[climbing])
             near[climbing], about[climbing] = self._about(climbing, best, heights)
         return best, heights, near, about
 
-    def _higher(self, sets: IntArray, choices: IntArray) -> tuple[IntArray, FloatArray]:
-        """Return the better of several choices of sizes (s, c, e) of some sets, and its log evidence (s, t)."""
-        points = len(self.points)
-        i, c, t = (part.ravel() for part in np.indices((*choices.shape[:2], points)))
-        heights = self.at(sets[i], choices[i, c], t).reshape(*choices.shape[:2], points)
-        better = np.argmax((heights + self.points.log_prior).max(axis=2), axis=1)
-        at = np.arange(len(sets)), better
-        return choices[at], heights[at]
+    def _heights(self, sets: IntArray, choices: IntArray) -> FloatArray:
+        """Return the log evidence of a choice of sizes (s, e) of each of some sets at every point, (s, t)."""
+        i, t = (part.ravel() for part in np.indices((len(choices), len(self.points))))
+        return self.at(sets[i], choices[i], t).reshape(len(choices), len(self.points))
 
     def _about(self, sets: IntArray, best: IntArray, heights: FloatArray) -> tuple[BoolArray, FloatArray]:
         """Return which sizes about the best there are in some sets, (s, e, a), and the log evidence with each in turn.
