@@ -172,17 +172,20 @@ class Noise:
     def products(self, points: Points, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return inner products (t, k, k) of whitened columns (N, k), and half the log determinants (t,)."""
         gram, half_log_det = np.empty((len(points), *[columns.shape[1]] * 2)), np.empty(len(points))
-        for at, own in self.filters(points, columns.shape[1]):
-            white = own.whiten(columns)
-            gram[at], half_log_det[at] = np.swapaxes(white, 1, 2) @ white, own.half_log_det
+        most = max(1, LARGEST // max(columns.size, 1))
+        for at, own in self.filters(points):
+            half_log_det[at] = own.half_log_det
+            for few in (np.arange(first, min(first + most, len(at))) for first in range(0, len(at), most)):
+                white = own.take(few).whiten(columns)
+                gram[at[few]] = np.swapaxes(white, 1, 2) @ white
         return gram, half_log_det
 
-    def filters(self, points: Points, wide: int) -> Iterator[tuple[IntArray, Filter]]:
+    def filters(self, points: Points) -> Iterator[tuple[IntArray, Filter]]:
         """Yield places (k,) among the points with what whitens there, the base's values apart.
 
-        So many at once that for so many columns, `wide`, no piece is larger than some tens of megabytes.
+        So many at once that no piece is larger than some tens of megabytes.
         """
-        most = max(1, LARGEST // (len(self.order) * max(wide, PIECE)))
+        most = max(1, LARGEST // (len(self.order) * PIECE))
         alike: dict[tuple[int, bytes], list[int]] = {}
         for kind in np.unique(points.kind).tolist():
             alike.setdefault((len(self._chains[kind]), self._chains[kind].begins.tobytes()), []).append(kind)
