@@ -164,7 +164,7 @@ def _products(white: FloatArray, folds: IntArray, wrong: set[int]) -> _Folds:
     """Return of each fold its rows (k,) that are not wrong, and the inner products (k, k) of their whitened columns."""
     right, of_row = ~np.isin(np.arange(len(folds)), list(wrong)), np.ascontiguousarray(white.T)
     each = {fold: np.flatnonzero((folds == fold) & right) for fold in np.unique(folds).tolist()}
-    return {fold: (rows, of_row[rows] @ of_row[rows].T) for fold, rows in each.items()}
+    return {fold: (rows, (own := of_row[rows]) @ own.T) for fold, rows in each.items()}
 
 
 def _predicted(
