@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import accumulate
 
 import numpy as np
 
@@ -53,27 +54,27 @@ class Chain:
         return Chain(self.columns[:rows], self.keep[:rows], self.kick[:rows])
 
     @cached_property
+    def sizes(self) -> FloatArray:
+        """The variance of every state at every row, (N, s)."""
+        states = zip((self.keep.T**2).tolist(), (self.kick.T**2).tolist(), strict=True)
+        grown = [
+            accumulate(zip(*state, strict=True), lambda own, at: at[0] * own + at[1], initial=0.0) for state in states
+        ]
+        return np.reshape([[*own][1:] for own in grown], self.columns.T.shape).T
+
+    @cached_property
     def variance(self) -> FloatArray:
         """The variance of every row, (N,)."""
-        own, out = np.zeros(self.columns.shape[1]), np.zeros(len(self.columns))
-        for i, (seen, keep, kick) in enumerate(zip(self.columns, self.keep, self.kick, strict=True)):
-            own = keep**2 * own + kick**2
-            out[i] = seen**2 @ own
-        return out
+        return np.asarray(np.sum(self.columns**2 * self.sizes, axis=1))
 
     @cached_property
     def covariance(self) -> FloatArray:
         """The covariance of the rows, (N, N), in the order of time."""
-        rows = len(self.columns)
-        own, across = np.zeros(self.columns.shape[1]), np.zeros((rows, self.columns.shape[1]))
-        out = np.zeros((rows, rows))
-        for i, (seen, keep, kick) in enumerate(zip(self.columns, self.keep, self.kick, strict=True)):
+        across, out = self.columns * self.sizes, np.diag(0.5 * self.variance)
+        for i, (seen, keep) in enumerate(zip(self.columns, self.keep, strict=True)):
             across[:i] *= keep
-            own = keep**2 * own + kick**2
-            out[i, :i] = out[:i, i] = across[:i] @ seen
-            out[i, i] = seen**2 @ own
-            across[i] = seen * own
-        return out
+            out[i, :i] = across[:i] @ seen
+        return out + out.T
 
 
 def in_time(conditions: Conditions, rows: IntArray) -> IntArray:

@@ -137,6 +137,7 @@ class Noise:
         # Where nothing was repeated a value that is another in each run is one that is another at each temperature.
         of_values = by_station[:few].reshape(few, self.block.values.shape[1], -1)
         known += [own @ own.T for own in np.moveaxis(of_values, 1, 0) if own.shape[1] > 1]
+        known = [own / max(float(np.linalg.norm(own)), 1e-300) for own in known]
         for effect in effects:
             if not effect.applies_to(conditions.sensor) or effect.missing(conditions):
                 continue
@@ -145,9 +146,10 @@ class Noise:
                 chain = joined(parts, len(rows))
                 size = float(np.mean(chain.variance))
                 covariance = chain.first(few).covariance
-                if size <= 0.0 or any(_cosine(covariance, other) > ALIKE for other in known):
+                own = covariance / max(float(np.linalg.norm(covariance)), 1e-300)
+                if size <= 0.0 or any(np.vdot(own, other) > ALIKE for other in known):
                     continue
-                known.append(covariance)
+                known.append(own)
                 (parameter,) = effect.parameters_for(conditions)[:1]
                 yield Kind(effect, shape, chain.scaled(1.0 / np.sqrt(size)), float(np.sqrt(size)), parameter)
 
@@ -283,7 +285,3 @@ def _root(covariance: FloatArray) -> FloatArray:
     """Return F with FF' a covariance, which may be singular."""
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
-
-
-def _cosine(one: FloatArray, other: FloatArray) -> float:
-    return float(np.sum(one * other) / np.sqrt(np.sum(one**2) * np.sum(other**2)))
