@@ -193,7 +193,7 @@ def filter_of(chains: Sequence[Chain], of: IntArray, amounts: FloatArray, white:
         rows = np.pad(stretches, ((0, 0), (0, missing)), constant_values=white.shape[1] - 1)
         at = of[:, None, None], rows
         parts = amounts[:, None, None, :] * seen_by[at], keeps[at], kicks[at], white[:, rows]
-        seen, keep, kick, own = (_last(part, 2) for part in parts)
+        seen, keep, kick, own = (_last(part) for part in parts)
         gain, scale = _gains(seen, keep, kick, own)
         half_log_det -= np.sum(np.log(scale), axis=(0, 2))
         cut = (own.reshape(pieces, -1, *own.shape[1:]) for own in (seen, keep, gain, scale))
@@ -201,9 +201,9 @@ def filter_of(chains: Sequence[Chain], of: IntArray, amounts: FloatArray, white:
     return Filter(out, half_log_det)
 
 
-def _last(part: FloatArray, axes: int) -> FloatArray:
-    """Return an array with its first axes last: what is done to few numbers of each of many takes whole arrays."""
-    return np.ascontiguousarray(np.moveaxis(part, range(axes), range(-axes, 0)))
+def _last(part: FloatArray) -> FloatArray:
+    """Return an array with its first two axes last: what is done to few numbers of each of many takes whole arrays."""
+    return np.ascontiguousarray(np.moveaxis(part, (0, 1), (-2, -1)))
 
 
 def _gains(seen: FloatArray, keep: FloatArray, kick: FloatArray, white: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -241,5 +241,5 @@ def _pieces(rows: IntArray, seen: FloatArray, keep: FloatArray, gain: FloatArray
         row *= scale[:, i, None]
         handed[:, :, : known + 1] += gain[:, i, :, None] * row[:, None]
     found, handed = (np.moveaxis(own, 0, -1) for own in (found, handed))
-    own, entering = _last(found[:, states:], 2), _last(-found[:, :states], 2)
-    return Stretches(rows, own, entering, _last(handed[:, states:], 2), _last(handed[:, :states], 2))
+    own, entering = _last(found[:, states:]), _last(-found[:, :states])
+    return Stretches(rows, own, entering, _last(handed[:, states:]), _last(handed[:, :states]))
