@@ -209,7 +209,7 @@ class SensorSearch:
             at = search.scanned[:most]
             residual = np.ascontiguousarray(np.swapaxes(search.projected(rates, at), 1, 2))
             first = [replace(each, columns=each.columns[:most], gram=each.gram[:most]) for each in groups]
-            total += self._factors(search, first, search.beside.at(at), residual, residual[:, :0, :0])
+            total += self._factors(search, first, search.beside.at(at), residual, search.beside.basis[at][:, :, :0])
         return total.T
 
     def _factors(
