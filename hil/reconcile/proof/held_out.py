@@ -22,6 +22,8 @@ BEYOND = 30.0
 """Rows whose prediction is this many noises uncertain ask for what the others say nothing about."""
 FLIPS = 4000
 """Of signs at random: the chance of an improvement is known to a part in so many."""
+_Folds = Mapping[int, tuple[IntArray, FloatArray]]
+"""Of folds, their rows (k,) and the inner products (k, k) of these."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,7 @@ def held_out(
     """
     sets = [before, lead, *(f for f in posterior.sets[:SETS] if f not in (before, lead))]
     known: list[dict[tuple[object, ...], dict[int, Predicted]]] = [{} for _ in folds]
-    inverses: dict[tuple[int, int, int], FloatArray] = {}  # of the noise, which most sets share
+    whitened: dict[tuple[int, int, int], tuple[FloatArray, list[_Folds]]] = {}  # most sets share their noise
     for number, b, found in (
         (n, b, f) for n, s in posterior.searches.items() for b in range(len(s.blocks)) for f in sets
     ):
@@ -89,14 +91,14 @@ def held_out(
         if key in known[0]:
             continue
         block = fitted_block(posterior.searches[number], found.terms[number], found.kind, b)
-        wrong = _wrong_rows(posterior, lead, number, b)
-        noise = (number, b, block.at)
-        if noise not in inverses:
-            white = block.white(np.eye(len(block.search.block.y)))
-            inverses[noise] = block.scale * (white.T @ white)
-        precision = block.precision(inverses[noise] / block.scale)
-        for own, cut in zip(known, folds, strict=True):
-            own[key] = dict(_predicted(block, precision, cut(block), wrong))
+        if (noise := (number, b, block.at)) not in whitened:
+            wrong, rows = _wrong_rows(posterior, lead, number, b), len(block.search.block.y)
+            white = block.search.whitened(np.eye(rows), np.array([block.at]))[0]
+            whitened[noise] = white, [_products(white, cut(block), wrong) for cut in folds]
+        white, products = whitened[noise]
+        beside = block.beside_noise(white)
+        for own, of_folds in zip(known, products, strict=True):
+            own[key] = dict(_predicted(block, white, beside, of_folds))
     return [_together(posterior, sets, own) for own in known]
 
 
@@ -158,28 +160,35 @@ def _wrong_rows(posterior: Posterior, lead: Found, number: int, b: int) -> set[i
     return {int(i) for part in parts if part is not None for i in np.flatnonzero(part.columns.any(axis=1))}
 
 
+def _products(white: FloatArray, folds: IntArray, wrong: set[int]) -> _Folds:
+    """Return of each fold its rows (k,) that are not wrong, and the inner products (k, k) of their whitened columns."""
+    right, of_row = ~np.isin(np.arange(len(folds)), list(wrong)), np.ascontiguousarray(white.T)
+    each = {fold: np.flatnonzero((folds == fold) & right) for fold in np.unique(folds).tolist()}
+    return {fold: (rows, (own := of_row[rows]) @ own.T) for fold, rows in each.items()}
+
+
 def _predicted(
-    block: FittedBlock, precision: FloatArray, folds: IntArray, wrong: set[int]
+    block: FittedBlock, white: FloatArray, beside: tuple[FloatArray, FloatArray], folds: _Folds
 ) -> Iterator[tuple[int, Predicted]]:
     """Yield of each fold what the other rows predict for it."""
-    y = block.search.block.y - block.columns @ block.mean
-    pulled, least = precision @ y, BEYOND**2 * block.variance
-    right = ~np.isin(np.arange(len(y)), list(wrong))
-    asked = {fold: np.flatnonzero((folds == fold) & right) for fold in np.unique(folds).tolist()}
+    y, (taken, back) = block.search.block.y - block.columns @ block.mean, beside
+    pulled = white.T @ (white @ y) / block.scale - taken @ (back @ y)
+    least, asked = BEYOND**2 * block.variance, dict(folds)
     while asked:
-        size = len(next(iter(asked.values())))
-        alike = [fold for fold, own in asked.items() if len(own) == size]
-        rows = np.array([asked.pop(fold) for fold in alike])
-        covariance = np.linalg.inv(precision[rows[:, :, None], rows[:, None, :]])
+        size = len(next(iter(asked.values()))[0])
+        alike = [fold for fold, (own, _) in asked.items() if len(own) == size]
+        rows, products = (np.array(own) for own in zip(*map(asked.pop, alike), strict=True))
+        covariance = np.linalg.inv(products / block.scale - taken[rows] @ np.swapaxes(back.T[rows], 1, 2))
         known = np.diagonal(covariance, axis1=1, axis2=2) < least[rows]
-        asked |= {alike[k]: rows[k][known[k]] for k in np.flatnonzero(known.any(axis=1) & ~known.all(axis=1)).tolist()}
+        for k in np.flatnonzero(known.any(axis=1) & ~known.all(axis=1)).tolist():
+            asked[alike[k]] = rows[k][known[k]], products[k][np.ix_(known[k], known[k])]
         told = np.flatnonzero(known.all(axis=1) & (size > 0))
         rows, covariance = rows[told], covariance[told]
         error = (covariance @ pulled[rows][..., None])[..., 0]
         factor = np.linalg.cholesky(0.5 * (covariance + np.swapaxes(covariance, 1, 2)))
-        white = np.linalg.solve(factor, error[..., None])[..., 0]
+        alone = np.linalg.solve(factor, error[..., None])[..., 0]
         log_det = np.sum(np.log(np.diagonal(factor, axis1=1, axis2=2)), axis=1)
-        density = -0.5 * np.sum(white**2, axis=1) - log_det - 0.919 * size
+        density = -0.5 * np.sum(alone**2, axis=1) - log_det - 0.919 * size
         for k, place in enumerate(told):
             yield alike[place], Predicted(rows[k], float(density[k]), error[k], factor[k])
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import accumulate
 
 import numpy as np
 
@@ -53,27 +54,27 @@ class Chain:
         return Chain(self.columns[:rows], self.keep[:rows], self.kick[:rows])
 
     @cached_property
+    def sizes(self) -> FloatArray:
+        """The variance of every state at every row, (N, s)."""
+        states = zip((self.keep.T**2).tolist(), (self.kick.T**2).tolist(), strict=True)
+        grown = [
+            accumulate(zip(*state, strict=True), lambda own, at: at[0] * own + at[1], initial=0.0) for state in states
+        ]
+        return np.reshape([[*own][1:] for own in grown], self.columns.T.shape).T
+
+    @cached_property
     def variance(self) -> FloatArray:
         """The variance of every row, (N,)."""
-        own, out = np.zeros(self.columns.shape[1]), np.zeros(len(self.columns))
-        for i, (seen, keep, kick) in enumerate(zip(self.columns, self.keep, self.kick, strict=True)):
-            own = keep**2 * own + kick**2
-            out[i] = seen**2 @ own
-        return out
+        return np.asarray(np.sum(self.columns**2 * self.sizes, axis=1))
 
     @cached_property
     def covariance(self) -> FloatArray:
         """The covariance of the rows, (N, N), in the order of time."""
-        rows = len(self.columns)
-        own, across = np.zeros(self.columns.shape[1]), np.zeros((rows, self.columns.shape[1]))
-        out = np.zeros((rows, rows))
-        for i, (seen, keep, kick) in enumerate(zip(self.columns, self.keep, self.kick, strict=True)):
+        across, out = self.columns * self.sizes, np.diag(0.5 * self.variance)
+        for i, (seen, keep) in enumerate(zip(self.columns, self.keep, strict=True)):
             across[:i] *= keep
-            own = keep**2 * own + kick**2
-            out[i, :i] = out[:i, i] = across[:i] @ seen
-            out[i, i] = seen**2 @ own
-            across[i] = seen * own
-        return out
+            out[i, :i] = across[:i] @ seen
+        return out + out.T
 
 
 def in_time(conditions: Conditions, rows: IntArray) -> IntArray:
@@ -191,47 +192,54 @@ def filter_of(chains: Sequence[Chain], of: IntArray, amounts: FloatArray, white:
         missing = -stretches.shape[1] % pieces
         rows = np.pad(stretches, ((0, 0), (0, missing)), constant_values=white.shape[1] - 1)
         at = of[:, None, None], rows
-        seen, keep = amounts[:, None, None, :] * seen_by[at], keeps[at]
-        gain, scale = _gains(seen, keep, kicks[at], white[:, rows])
-        half_log_det -= np.sum(np.log(scale), axis=(1, 2))
-        cut = (len(of), len(rows), pieces, -1)
-        parts = (own.reshape(*cut, *own.shape[3:]) for own in (seen, keep, gain, scale))
-        out.append(_pieces(rows.reshape(len(rows), pieces, -1), *parts))
+        parts = amounts[:, None, None, :] * seen_by[at], keeps[at], kicks[at], white[:, rows]
+        seen, keep, kick, own = (_last(part) for part in parts)
+        gain, scale = _gains(seen, keep, kick, own)
+        half_log_det -= np.sum(np.log(scale), axis=(0, 2))
+        cut = (own.reshape(pieces, -1, *own.shape[1:]) for own in (seen, keep, gain, scale))
+        out.append(_pieces(rows.reshape(len(rows), pieces, -1), *cut))
     return Filter(out, half_log_det)
 
 
-def _gains(seen: FloatArray, keep: FloatArray, kick: FloatArray, white: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return what states learn of each row made independent, (t, m, n, s), and what it is scaled by, (t, m, n).
+def _last(part: FloatArray) -> FloatArray:
+    """Return an array with its first two axes last: what is done to few numbers of each of many takes whole arrays."""
+    return np.ascontiguousarray(np.moveaxis(part, (0, 1), (-2, -1)))
 
-    `seen` (t, m, n, s) is what the states do to the rows, `white` (t, m, n) each row's own variance.
+
+def _gains(seen: FloatArray, keep: FloatArray, kick: FloatArray, white: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return what states learn of each row made independent, (n, s, t, m), and what it is scaled by, (n, t, m).
+
+    `seen` (n, s, t, m) is what the states do to the rows, `white` (n, t, m) each row's own variance.
     """
     gain, scale = np.empty(seen.shape), np.empty(white.shape)
-    covariance = np.zeros((*seen.shape[:2], seen.shape[3], seen.shape[3]))
-    diagonal = np.einsum("tmss->tms", covariance)
-    forgets, kicks = np.any(keep != 1.0, axis=(0, 1, 3)).tolist(), kick**2
+    covariance = np.zeros((seen.shape[1], *seen.shape[1:]))
+    diagonal = np.einsum("sstm->stm", covariance)
+    forgets, kicks = np.any(keep != 1.0, axis=(1, 2, 3)).tolist(), kick**2
     for i, forget in enumerate(forgets):
         if forget:
-            covariance *= keep[:, :, i, :, None] * keep[:, :, i, None, :]
-        diagonal += kicks[:, :, i]
-        learned = (covariance @ seen[:, :, i, :, None])[..., 0]
-        scale[:, :, i] = own = 1.0 / np.sqrt(np.einsum("tms,tms->tm", seen[:, :, i], learned) + white[:, :, i])
-        learned *= own[..., None]
-        covariance -= learned[..., None] * learned[..., None, :]
-        gain[:, :, i] = learned
+            covariance *= keep[i, :, None] * keep[i]
+        diagonal += kicks[i]
+        learned = np.einsum("rstm,stm->rtm", covariance, seen[i])
+        scale[i] = own = 1.0 / np.sqrt(np.einsum("stm,stm->tm", seen[i], learned) + white[i])
+        learned *= own
+        covariance -= learned[:, None] * learned
+        gain[i] = learned
     return gain, scale
 
 
 def _pieces(rows: IntArray, seen: FloatArray, keep: FloatArray, gain: FloatArray, scale: FloatArray) -> Stretches:
     """Return what all pieces do to any rows and to any states on entering: the filter of a basis of both."""
-    *of, size, states = seen.shape
-    handed = np.zeros((*of, states, size + states))
-    handed[..., size:] = np.eye(states)
-    found = np.zeros((*of, size, size + states))
-    for i in range(size):
-        handed *= keep[..., i, :, None]
-        row = -(seen[..., i, None, :] @ handed)[..., 0, :]
-        row[..., i] += 1.0
-        row *= scale[..., i, None]
-        handed += gain[..., i, :, None] * row[..., None, :]
-        found[..., i, :] = row
-    return Stretches(rows, found[..., :size], -found[..., size:], handed[..., :size], handed[..., size:])
+    pieces, size, states, *of = seen.shape
+    handed = np.zeros((pieces, states, states + size, *of))
+    handed[:, :, :states] = np.eye(states)[..., None, None]
+    found = np.zeros((pieces, size, states + size, *of))
+    for i, known in enumerate(range(states, states + size)):
+        handed[:, :, :known] *= keep[:, i, :, None]
+        row = found[:, i, : known + 1]
+        row[:, known] = 1.0
+        row[:, :known] = -np.einsum("pstm,pswtm->pwtm", seen[:, i], handed[:, :, :known])
+        row *= scale[:, i, None]
+        handed[:, :, : known + 1] += gain[:, i, :, None] * row[:, None]
+    found, handed = (np.moveaxis(own, 0, -1) for own in (found, handed))
+    own, entering = _last(found[:, states:]), _last(-found[:, :states])
+    return Stretches(rows, own, entering, _last(handed[:, states:]), _last(handed[:, :states]))

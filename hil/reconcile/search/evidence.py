@@ -213,10 +213,11 @@ def log_factors(beside: Beside, groups: Sequence[Group], added: FloatArray, coun
     are (t, m, N) and their squares (t, m).
     """
     out = np.repeat(beside.log_null()[..., None], count, axis=-1)
+    rows = np.concatenate([beside.residual, np.swapaxes(added, 1, 2)], axis=1)
     for own in groups:
         size = own.gram.shape[2]
-        score = (beside.residual @ own.columns).reshape(*beside.rss.shape, -1, size)
-        gram = own.gram - _grams(np.swapaxes(added, 1, 2) @ own.columns, size) if added.shape[2] else own.gram
+        score, shared = np.split(rows @ own.columns, [beside.rss.shape[1]], axis=1)
+        score, gram = score.reshape(*beside.rss.shape, -1, size), own.gram - _grams(shared, size)
         terms = _weighed(beside, gram[:, None, own.owner], score[..., own.owner, :], own)
         if len(own.owner) > len(own.places):
             terms = np.stack(

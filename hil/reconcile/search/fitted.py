@@ -59,16 +59,15 @@ class FittedBlock:
         values = np.sqrt(noise.unit * self.scale) * noise.following(int(self.search.points.profile[self.at]))
         return np.asarray(left - values @ (self.white(values).T @ self.white(left[:, None])[:, 0]))
 
-    def precision(self, inverse: FloatArray) -> FloatArray:
-        """Return the inverse covariance (N, N) of the rates before anything was fitted: noise, base and amplitudes.
+    def beside_noise(self, white: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return U (N, k) and V (k, N): W'W / scale - UV is the inverse covariance of rates before anything was fitted.
 
-        `inverse` (N, N) is that of the noise; what else there is, is few columns (Woodbury).
+        `white` (N, N) is W, which whitens the noise; beside it base and amplitudes are few columns (Woodbury).
         """
         base, unit = self.search.block.base, WIDE * np.sqrt(np.mean(self.variance))
         columns = np.hstack([base / np.maximum(np.abs(base).max(axis=0), 1e-12) * unit, self.columns * self.deviation])
-        pulled = inverse @ columns
-        inner = np.eye(columns.shape[1]) + columns.T @ pulled
-        return np.asarray(inverse - pulled @ np.linalg.solve(inner, pulled.T))
+        pulled = white.T @ (white @ columns) / self.scale
+        return pulled, np.linalg.solve(np.eye(columns.shape[1]) + columns.T @ pulled, pulled.T)
 
 
 @dataclass(frozen=True)

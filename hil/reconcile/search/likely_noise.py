@@ -7,7 +7,7 @@ follow temperature then costs matrices of the size of a sweep, however many rows
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -38,6 +38,7 @@ class _Rows:
     half_log_det: FloatArray
     variants: Sequence[IntArray]
     data: Sequence[int]
+    _known: dict[Profile, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
 
     def heights(self, at: IntArray, profiles: Sequence[Profile]) -> FloatArray:
         """Log evidence (v, k, f) of variants at some of the noises (k,) with profiles (f,), all priors included."""
@@ -82,7 +83,14 @@ class _Rows:
         ordinary = np.flatnonzero(self.grid.kind < 0)
         alike = [(way,) * len(stand) for way in FOLLOWS]
         starts = [np.unravel_index(np.argmax(own), own.shape) for own in self.heights(ordinary, alike)]
-        return [self._only(v)._climb(int(ordinary[k]), alike[f]) for v, (k, f) in enumerate(starts)]
+        return [self._climb(v, int(ordinary[k]), alike[f]) for v, (k, f) in enumerate(starts)]
+
+    def _everywhere(self, v: int, profile: Profile) -> FloatArray:
+        """Return the heights (κ,) of one variant at every noise beside a profile: several climb to the same."""
+        if profile not in self._known:
+            self._known[profile] = self._without_values(np.arange(len(self.grid)), [self.noise.place(profile)])
+        own = self._alone(*self._known[profile], self.variants[v], self.data[v])[:, 0]
+        return np.asarray(own + self.grid.log_prior + log_profile(profile))
 
     def _only(self, v: int) -> _Rows:
         """Return what is about one variant."""
@@ -90,16 +98,16 @@ class _Rows:
         index = np.append(np.arange(values), values + np.append(self.variants[v], self.data[v]))
         return replace(self, gram=self.gram[:, index[:, None], index], variants=[np.arange(own)], data=[own])
 
-    def _climb(self, at: int, best: Profile) -> tuple[list[Profile], FloatArray]:
-        beside, probable = np.full(len(self.grid), -np.inf), np.arange(len(self.grid))
+    def _climb(self, v: int, at: int, best: Profile) -> tuple[list[Profile], FloatArray]:
+        only, beside, probable = self._only(v), np.full(len(self.grid), -np.inf), np.arange(len(self.grid))
         near: dict[Profile, float] = {}
         for _ in range(ROUNDS):
             before, near = (best, at), {}
             for place in range(len(best)):
                 changed = [(*best[:place], way, *best[place + 1 :]) for way in FOLLOWS]
-                near |= dict(zip(changed, self.heights(np.array([at]), changed)[0, 0].tolist(), strict=True))
+                near |= dict(zip(changed, only.heights(np.array([at]), changed)[0, 0].tolist(), strict=True))
                 best = max(changed, key=lambda p: near[p])
-            beside[probable] = self.heights(probable, [best])[0, :, 0]
+            beside[probable] = self._everywhere(v, best)[probable]
             at = int(np.argmax(beside))
             probable = np.flatnonzero(beside > beside[at] - 2.0 * DEPTH)
             if (best, at) == before:

@@ -137,6 +137,7 @@ class Noise:
         # Where nothing was repeated a value that is another in each run is one that is another at each temperature.
         of_values = by_station[:few].reshape(few, self.block.values.shape[1], -1)
         known += [own @ own.T for own in np.moveaxis(of_values, 1, 0) if own.shape[1] > 1]
+        known = [own / max(float(np.linalg.norm(own)), 1e-300) for own in known]
         for effect in effects:
             if not effect.applies_to(conditions.sensor) or effect.missing(conditions):
                 continue
@@ -145,9 +146,10 @@ class Noise:
                 chain = joined(parts, len(rows))
                 size = float(np.mean(chain.variance))
                 covariance = chain.first(few).covariance
-                if size <= 0.0 or any(_cosine(covariance, other) > ALIKE for other in known):
+                own = covariance / max(float(np.linalg.norm(covariance)), 1e-300)
+                if size <= 0.0 or any(np.vdot(own, other) > ALIKE for other in known):
                     continue
-                known.append(covariance)
+                known.append(own)
                 (parameter,) = effect.parameters_for(conditions)[:1]
                 yield Kind(effect, shape, chain.scaled(1.0 / np.sqrt(size)), float(np.sqrt(size)), parameter)
 
@@ -172,17 +174,20 @@ class Noise:
     def products(self, points: Points, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return inner products (t, k, k) of whitened columns (N, k), and half the log determinants (t,)."""
         gram, half_log_det = np.empty((len(points), *[columns.shape[1]] * 2)), np.empty(len(points))
-        for at, own in self.filters(points, columns.shape[1]):
-            white = own.whiten(columns)
-            gram[at], half_log_det[at] = np.swapaxes(white, 1, 2) @ white, own.half_log_det
+        most = max(1, LARGEST // max(columns.size, 1))
+        for at, own in self.filters(points):
+            half_log_det[at] = own.half_log_det
+            for few in (np.arange(first, min(first + most, len(at))) for first in range(0, len(at), most)):
+                white = own.take(few).whiten(columns)
+                gram[at[few]] = np.swapaxes(white, 1, 2) @ white
         return gram, half_log_det
 
-    def filters(self, points: Points, wide: int) -> Iterator[tuple[IntArray, Filter]]:
+    def filters(self, points: Points) -> Iterator[tuple[IntArray, Filter]]:
         """Yield places (k,) among the points with what whitens there, the base's values apart.
 
-        So many at once that for so many columns, `wide`, no piece is larger than some tens of megabytes.
+        So many at once that no piece is larger than some tens of megabytes.
         """
-        most = max(1, LARGEST // (len(self.order) * max(wide, PIECE)))
+        most = max(1, LARGEST // (len(self.order) * PIECE))
         alike: dict[tuple[int, bytes], list[int]] = {}
         for kind in np.unique(points.kind).tolist():
             alike.setdefault((len(self._chains[kind]), self._chains[kind].begins.tobytes()), []).append(kind)
@@ -280,7 +285,3 @@ def _root(covariance: FloatArray) -> FloatArray:
     """Return F with FF' a covariance, which may be singular."""
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
-
-
-def _cosine(one: FloatArray, other: FloatArray) -> float:
-    return float(np.sum(one * other) / np.sqrt(np.sum(one**2) * np.sum(other**2)))

@@ -236,7 +236,8 @@ class Sets:
         total = heights[sets] + self.points.log_prior
         likely = total > total.max(axis=1, keepdims=True) - DEPTH
         found = np.full((*near.shape, len(self.points)), -np.inf)
-        i, e, a, t = np.nonzero(near[..., None] & likely[:, None, None, :])
+        found[:, :, ABOUT == 0] = np.where(likely, heights[sets], -np.inf)[:, None, None]
+        i, e, a, t = np.nonzero((near & (ABOUT != 0))[..., None] & likely[:, None, None, :])
         found[i, e, a, t] = self.at(sets[i], instead(best[sets][i], e, sizes[i, e, a]), t)
         return near, found
 

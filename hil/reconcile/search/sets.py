@@ -107,7 +107,7 @@ class BlockSearch:
         """Whiten columns (N, k), in the order of time, at some of the points: (t, N, k), and half log dets (t,)."""
         wanted = np.arange(len(self.points))[at]
         out, half_log_det = np.empty((len(wanted), *columns.shape)), np.empty(len(wanted))
-        self._filters = self._filters or list(self.noise.filters(self.points, 0))
+        self._filters = self._filters or list(self.noise.filters(self.points))
         for places, own in self._filters:
             here = np.flatnonzero(np.isin(wanted, places))
             if len(here):
@@ -209,7 +209,7 @@ class SensorSearch:
             at = search.scanned[:most]
             residual = np.ascontiguousarray(np.swapaxes(search.projected(rates, at), 1, 2))
             first = [replace(each, columns=each.columns[:most], gram=each.gram[:most]) for each in groups]
-            total += self._factors(search, first, search.beside.at(at), residual, residual[:, :0, :0])
+            total += self._factors(search, first, search.beside.at(at), residual, search.beside.basis[at][:, :, :0])
         return total.T
 
     def _factors(

@@ -8,7 +8,6 @@ terms like any other, and compete with them.
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -116,8 +115,16 @@ def terms(
         orthonormal(np.hstack([block.base, block.at_each_temperature(block.values)]) if calibrated else block.base)
         for block in blocks
     ]
-    scales = [_root_mean_square(c.columns) for c in candidates]
-    by_block = [_parts(candidates, scales, block, base) for block, base in zip(blocks, bases, strict=True)]
+    if not candidates:
+        return []
+    squares = np.concatenate([np.mean(c.columns**2, axis=0) for c in candidates], axis=1)
+    rms, ends = np.sqrt(np.mean(squares, axis=0)), np.cumsum([c.size for c in candidates])[:-1]
+    rms[rms == 0.0] = 1.0
+    largest, scales = np.sqrt(squares.max(axis=0)) / rms, np.split(rms, ends)
+    by_block = []
+    for block, base in zip(blocks, bases, strict=True):
+        columns = np.hstack([block.select(c.columns) for c in candidates]) / rms
+        by_block.append(_parts(columns, largest, ends, base))
     laid = list(zip(candidates, scales, zip(*by_block, strict=True), strict=True))
     values = {id(c.effect): any(parts) for c, _, parts in laid if c.effect is not None and c.form == "constant"}
     seen = [
@@ -127,7 +134,7 @@ def terms(
     ]
     out = []
     for (candidate, scale, parts), odds in zip(seen, _prior_odds([c for c, _, _ in seen]), strict=True):
-        amplitudes = _amplitudes(candidate, noise_deg_per_hr, known.get(candidate.name, ()))
+        amplitudes = _amplitudes(candidate, scale, noise_deg_per_hr, known.get(candidate.name, ()))
         own = tuple(() if p is None else tuple(_of_part(a, p, scale) for a in amplitudes) for p in parts)
         acting = [set(part.parameters.tolist()) for part in parts if part is not None]
         ties = any(a & b for a, b in itertools.combinations(acting, 2)) and not _is_exact(candidate)
@@ -174,27 +181,17 @@ def _form_weight(candidate: Candidate) -> float:
     return PLAIN if candidate.form == plain else 1.0
 
 
-def _root_mean_square(columns: FloatArray) -> FloatArray:
-    rms = np.sqrt(np.mean(columns**2, axis=(0, 1)))
-    return np.where(rms > 0.0, rms, 1.0)
+def _parts(columns: FloatArray, largest: FloatArray, ends: IntArray, base: FloatArray) -> Iterator[Part | None]:
+    """Yield what each candidate is in a block: columns that act here and of which the base leaves something.
 
-
-def _parts(
-    candidates: Sequence[Candidate], scales: Sequence[FloatArray], block: Block, base: FloatArray
-) -> Iterator[Part | None]:
-    """Yield what each candidate is in a block: columns that act here and of which the base leaves something."""
-    if not candidates:
-        return
-    columns = np.hstack([block.select(c.columns) / scale for c, scale in zip(candidates, scales, strict=True)])
-    largest = np.concatenate(
-        [np.sqrt(np.mean(c.columns**2, axis=0)).max(axis=0) / s for c, s in zip(candidates, scales, strict=True)]
-    )
+    `columns` (N, p) are those of all candidates, which end at `ends`; `largest` (p,) is what each is in any channel.
+    """
     here = np.sqrt(np.mean(columns**2, axis=0))
     seen = (here > UNSEEN * largest) & (here > 0.0)
     seen[seen] = kept_shares(base, columns[:, seen]) > UNSEEN
-    for first, end in pairwise(np.cumsum([0, *(c.size for c in candidates)]).tolist()):
-        own = np.flatnonzero(seen[first:end])
-        yield Part(columns[:, first + own], own) if len(own) else None
+    for places in np.split(np.arange(len(seen)), ends):
+        own = np.flatnonzero(seen[places])
+        yield Part(columns[:, places[own]], own) if len(own) else None
 
 
 def _is_exact(candidate: Candidate) -> bool:
@@ -203,16 +200,16 @@ def _is_exact(candidate: Candidate) -> bool:
 
 
 def _amplitudes(
-    candidate: Candidate, noise: float, known: Sequence[tuple[float, FloatArray, FloatArray]]
+    candidate: Candidate, rms: FloatArray, noise: float, known: Sequence[tuple[float, FloatArray, FloatArray]]
 ) -> list[Amplitude]:
-    """Return the prior of all parameters of a candidate."""
+    """Return the prior of all parameters of a candidate, of whose columns the root mean squares are `rms` (p,)."""
     count = candidate.size
     if _is_exact(candidate):
         choices = [np.array(c) for c in itertools.product((0.0, 1.0), repeat=count) if any(c)]
         one, log_weight = np.ones(1), np.full(1, -np.log(len(choices)))
         right = EXACT if candidate.tier else noise / float(np.linalg.norm(candidate.columns))
         return [Amplitude(np.full(count, right), one, log_weight, mean) for mean in choices]
-    middle, sizes, log_weights = _sizes(candidate, noise)
+    middle, sizes, log_weights = _sizes(candidate, rms, noise)
     free = 1.0 - sum(weight for weight, _, _ in known)
     return [
         Amplitude(middle, sizes, log_weights + np.log(free), np.zeros(count)),
@@ -220,9 +217,8 @@ def _amplitudes(
     ]
 
 
-def _sizes(candidate: Candidate, noise: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _sizes(candidate: Candidate, rms: FloatArray, noise: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The middle of each parameter's typical range, and how many times that it may be, with log weights."""
-    rms = _root_mean_square(candidate.columns)
     if candidate.tier != 1:
         # Of what nobody has described, sizes from the noise up are as probable, order by order.
         typical = 0.5 * noise, 50.0 * noise

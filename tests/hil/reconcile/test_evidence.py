@@ -19,7 +19,7 @@ from hil.model.effects.base import Base, Effect, Parameter, per_channel
 from hil.model.effects.catalogue import effect_by_id, variance_effect_by_id
 from hil.model.effects.data import Mislabelled
 from hil.model.effects.prior import SECOND_TIER
-from hil.reconcile.proof.held_out import _predicted, by_run
+from hil.reconcile.proof.held_out import _predicted, _products, by_run
 from hil.reconcile.search import set_in_block
 from hil.reconcile.search.evidence import log_sum, shrunk
 from hil.reconcile.search.fitted import fitted_block
@@ -326,7 +326,8 @@ def test_what_is_held_out_is_predicted_as_by_a_refit_without_it(search: SensorSe
     design = np.hstack([own.base, block.columns])
     weight = np.concatenate([np.zeros(own.base.shape[1]), block.deviation**-2])
     seen = 0
-    for fold, predicted in _predicted(block, block.precision(np.linalg.inv(noise)), folds, set()):
+    white = np.linalg.cholesky(np.linalg.inv(noise / block.scale)).T
+    for fold, predicted in _predicted(block, white, block.beside_noise(white), _products(white, folds, set())):
         out, rest = np.flatnonzero(folds == fold), np.flatnonzero(folds != fold)
         if len(predicted.error) != len(out):
             continue  # what the others say nothing about is left out of the fold
