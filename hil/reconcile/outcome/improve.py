@@ -11,7 +11,6 @@ from hil.model import Model, Term
 from hil.model.curve import Constant, Curve, Polynomial, Table, TableRows
 from hil.model.effects.empirical import EmpiricalTerm
 from hil.model.effects.followed import driver_reference
-from hil.model.forms import matrix_6_form, triad_12_form
 from hil.model.stated_noise import ScatterTerm, SensorNoise
 from hil.reconcile.outcome.scatter import FoundScatter
 from hil.reconcile.outcome.values import least_squares, left_by
@@ -55,12 +54,11 @@ def described_parameters(
         if power == 0 and candidate.tier == 1:
             entry["typical"] = parameter.typical
         if candidate.tier == 2:
-            channel = _channel_and_power(candidate, number, conditions)[0]
-            own = [n for n in values if _channel_and_power(candidate, n, conditions)[0] == channel]
+            channel, _ = _channel_and_power(candidate, number)
+            own = [n for n in values if _channel_and_power(candidate, n)[0] == channel]
             whole = sum(values[n][0] * candidate.columns[:, channel, n] for n in own)
             entry["moves_deg_per_hr"] = float(np.ptp(whole))
             entry["moves_se_deg_per_hr"] = abs(error / value) * float(np.ptp(whole)) if len(own) == 1 else None
-            entry["name"] = f"{_parameter_of(candidate, channel, conditions)} × {candidate.driver}"
         out.append(entry)
     return out
 
@@ -241,10 +239,9 @@ def _empirical_terms(
     """Return one term per channel and power: base parameter × driver, with the sign of the parameter's own column."""
     out = []
     for column, (value, error) in found.items():
-        channel, power = _channel_and_power(candidate, column, conditions)
-        name = _parameter_of(candidate, channel, conditions)
-        driver = candidate.driver if power is None else f"{candidate.driver}^{power}"
-        effect = EmpiricalTerm(name, driver)
+        channel, power = _channel_and_power(candidate, column)
+        driver = f"{candidate.driver}{power}"
+        effect = EmpiricalTerm(candidate.changes[channel], driver)
         reference = driver_reference(driver, conditions)
         own = effect.columns(conditions, None, {"reference": reference})[:, channel, 0]
         mine = candidate.columns[:, channel, column]
@@ -263,25 +260,7 @@ def _empirical_terms(
     return out
 
 
-def _channel_and_power(candidate: Candidate, column: int, conditions: Conditions) -> tuple[int, int | None]:
-    channels = len(conditions.sensor.channels)
-    order = candidate.size // channels
-    return (column, None) if order == 1 else (column // order, column % order + 1)
-
-
-def _parameter_of(candidate: Candidate, channel: int, conditions: Conditions) -> str:
-    """Return the base parameter that a second-tier term of a channel changes."""
-    sensor = conditions.sensor
-    axis = list(sensor.channels.values())[channel]
-    if candidate.target == "B":
-        return f"B{axis}"
-    if candidate.target == "earth rate":
-        return "w"
-    if sensor.is_rotor:
-        form = matrix_6_form(sensor)
-        names = {"MU": ("MUB", "MUA"), "GS": ("GSA", "GSB")}.get(candidate.target, ("GSB", "GSA"))
-        return names[channel] if names[channel] in form.names else form.names[channel]
-    if sensor.is_triad and candidate.target.startswith("g along "):
-        name = f"G{axis}{candidate.target.removeprefix('g along ')}"
-        return name if name in triad_12_form(sensor).names else f"B{axis}"
-    return f"B{axis}"
+def _channel_and_power(candidate: Candidate, column: int) -> tuple[int, str]:
+    """Return in which channel a column of the second tier acts, and of which power of the driver it is, "" or "^2"."""
+    order = candidate.size // len(candidate.changes)
+    return column // order, f"^{column % order + 1}" * (order > 1)
