@@ -27,31 +27,23 @@ from procedures.words import numbered, significant
 
 LEFT_OUT, MENDED, USED = "left out", "mended", "used"
 _LIES = "in each the unit lies, by its accelerometers, as in the other's position"
-_APART = ", and the run is in no mean and in no other run's ±"
 _FROM = " from what all others show"
-_AGREE = ": so all rates agree with each other, and not as they are filed"
-_REASON = {
-    "rate": ", and is left out",
-    "collect": ", and is left out",
-    "exchanged": _AGREE,
-    "channels": _AGREE,
-    "sensors": _AGREE,
-    "turned": _AGREE,
-    "all turned": _AGREE,
-    "bias": "; the whole run is off by the same: its bias was another, as means and ± of the bias include",
-    "run": f" in what neither a bias nor MU moves{_APART}",
-}
+_AS_FILED = MENDED, Verdict.FAIL, ": so all rates agree with each other, and not as they are filed"
 _DONE = {
-    "rate": (LEFT_OUT, Verdict.MARGINAL),
-    "collect": (LEFT_OUT, Verdict.MARGINAL),
-    "exchanged": (MENDED, Verdict.FAIL),
-    "channels": (MENDED, Verdict.FAIL),
-    "sensors": (MENDED, Verdict.FAIL),
-    "turned": (MENDED, Verdict.FAIL),
-    "all turned": (MENDED, Verdict.FAIL),
-    "bias": (USED, Verdict.MARGINAL),
-    "run": (LEFT_OUT, Verdict.INCONCLUSIVE),
+    "rate": (LEFT_OUT, Verdict.MARGINAL, ", and is left out"),
+    "collect": (LEFT_OUT, Verdict.MARGINAL, ", and is left out"),
+    "bias": (
+        USED,
+        Verdict.MARGINAL,
+        "; the whole run is off by the same: its bias was another, as means and ± of the bias include",
+    ),
+    "run": (
+        LEFT_OUT,
+        Verdict.INCONCLUSIVE,
+        " in what neither a bias nor MU moves, and the run is in no mean and in no other run's ±",
+    ),
 }
+"""What is done about a cause, the verdict that its run has at best, and what is said of that; of others `_AS_FILED`."""
 _FEW = 4  # things that may be wrong are named
 
 
@@ -176,7 +168,7 @@ def _wrong_rows(
     unsure = {cause.place: cause for way in hidden for cause in way}
     likeliest, may_be = collects, []
     for cause in unsure.values():
-        may_be.append(_of(filed, cause, _DONE[cause.what][0], cause_in_words(filed, cause)))
+        may_be.append(_of(filed, cause, _DONE.get(cause.what, _AS_FILED)[0], cause_in_words(filed, cause)))
         likeliest = mended(likeliest, cause)
     alone, seen_from = beyond_others(collects, {*failed, *(run for each in found for run in each.used)})
     return WrongRows(collects, tuple(rows), every, alone, apart, seen_from, tuple(may_be), likeliest)
@@ -200,8 +192,8 @@ def _said(filed: Collects, found: Explained) -> Iterator[tuple[int, Wrong, Verdi
     conditions, cause = filed.conditions, found.likeliest
     if cause is not None:
         others = [cause_in_words(filed, other) for other, _ in found.rivals[1:]]
-        said = f"{cause_in_words(filed, cause)}{_REASON[cause.what]}{'; or '.join(['', *others])}"
-        done, verdict = _DONE[cause.what]
+        done, verdict, because = _DONE.get(cause.what, _AS_FILED)
+        said = f"{cause_in_words(filed, cause)}{because}{'; or '.join(['', *others])}"
         yield cause.run, _of(filed, cause, done, said), verdict
         return
     runs = sorted(found.runs or set(conditions.run.tolist()))
