@@ -110,10 +110,7 @@ def improved(
     `record` says where each name came from. The base of sensors in `calibrated` has values at each temperature.
     """
     added = [t for candidate, values in terms for t in _terms(candidate, values, sensors, record)]
-    base = {
-        number: _base_curves(sensor, [t for t in terms if t[0].sensor == number], number in calibrated)
-        for number, sensor in sensors.items()
-    }
+    base = {number: _base_curves(sensor, terms, number in calibrated) for number, sensor in sensors.items()}
     comparable = all(sensor.form.name in {model.form, "matrix-6"} for sensor in sensors.values())
     noise = dict(model.noise)
     for found in scatter:

@@ -36,12 +36,11 @@ def before_and_after(
         form, station, level = default_form(conditions), same_temperature(conditions), level_degC(conditions)
         columns, known = form.columns(conditions), sensor.known_rates() - conditions.w_channels_deg_per_hr
         places = np.unique(station[station >= 0])
-        own = [each for each in terms if each[0].sensor == number]
         rows: list[tuple[float | None, FloatArray, FloatArray]] = []
         for k in np.unique(places[[0, len(places) // 2, -1]]) if len(places) else ():
             here = station == k
             is_ = []
-            for chosen in ((), own):
+            for chosen in ((), terms):
                 base, left, made = left_by(sensor, chosen)
                 fitted = here if number in calibrated else np.isfinite(left).any(axis=1)
                 rates = known[here] + made[here] + base[here] @ least_squares(base[fitted], left[fitted])
@@ -70,11 +69,11 @@ def before_and_after(
 def left_by(
     sensor: SensorProblem, terms: Sequence[tuple[Candidate, Values]]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the base's columns (n, c, p), what the terms leave of the rates, and what they make, (n, c) each."""
+    """Return the base's columns (n, c, p), what its terms leave of the rates, and what they make, (n, c) each."""
     collects = sensor.collects
     columns = np.concatenate([sensor.form.columns(collects.conditions), sensor.term_columns], axis=2)
     made = np.zeros_like(collects.rates_deg_per_hr)
-    for candidate, values in terms:
+    for candidate, values in (each for each in terms if each[0].sensor == sensor.number):
         for column, (value, _) in values.items():
             made += candidate.columns[:, :, column] * value
     return columns, collects.rates_deg_per_hr - sensor.known_rates() - made, made
@@ -98,7 +97,7 @@ def taken_out(
     """
     laid = {}
     for number, sensor in sensors.items():
-        collects = _less(sensor, [each for each in terms if each[0].sensor == number])
+        collects = _less(sensor, terms)
         parts = [*problem.model.stated_scatter(collects.conditions)]
         for found in (each for each in scatter if each.sensor == number):
             of_unit_size = found.effect.scatter(collects.conditions, found.shape)
