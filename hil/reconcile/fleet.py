@@ -263,29 +263,30 @@ class Stood:
     """How the sensors of a campaign stood, by their number: in which positions and runs, at which temperatures."""
 
     def __init__(self, conditions: Mapping[int, Conditions]) -> None:
-        self._known = conditions
-        self._order = {number: _in_order(rows) for number, rows in conditions.items()}
-        known = [(number, rows, "temperature_degC" in rows.columns) for number, rows in conditions.items()]
-        self._levels = {number: same_temperature(rows) if levels else None for number, rows, levels in known}
+        self._known = {
+            n: (rows, _in_order(rows), same_temperature(rows) if "temperature_degC" in rows.columns else None)
+            for n, rows in conditions.items()
+        }
 
     def like(self, campaign: Campaign) -> bool:
         """Whether every sensor stood so in another campaign."""
-        return all(number in campaign.sensors and self._like(number, campaign) for number in self._known)
+        others = campaign.sensors
+        return all(n in others and _alike(others[n].conditions, *known) for n, known in self._known.items())
 
-    def _like(self, number: int, campaign: Campaign) -> bool:
-        known, other, levels = self._known[number], campaign.sensors[number].conditions, self._levels[number]
-        if len(known) != len(other) or known.sensor.channels != other.sensor.channels:
-            return False
-        if (levels is None) != ("temperature_degC" not in other.columns):
-            return False
-        if np.any(self._order[number] != _in_order(other)) or np.any(np.abs(known.f_g - other.f_g) >= SAME_G):
-            return False
-        if levels is None:
-            return True
-        apart = other.columns["temperature_degC"] - known.columns["temperature_degC"]
-        if not np.all(np.abs(apart[levels >= 0]) <= WIDEST_DEGC):
-            return False
-        return all(abs(np.mean(apart[levels == k])) <= ELSEWHERE_DEGC for k in set(levels[levels >= 0].tolist()))
+
+def _alike(other: Conditions, known: Conditions, order: IntArray, levels: IntArray | None) -> bool:
+    if len(known) != len(other) or known.sensor.channels != other.sensor.channels:
+        return False
+    if (levels is None) != ("temperature_degC" not in other.columns):
+        return False
+    if np.any(order != _in_order(other)) or np.any(np.abs(known.f_g - other.f_g) >= SAME_G):
+        return False
+    if levels is None:
+        return True
+    apart = other.columns["temperature_degC"] - known.columns["temperature_degC"]
+    if not np.all(np.abs(apart[levels >= 0]) <= WIDEST_DEGC):
+        return False
+    return all(abs(np.mean(apart[levels == k])) <= ELSEWHERE_DEGC for k in set(levels[levels >= 0].tolist()))
 
 
 def _in_order(conditions: Conditions) -> IntArray:
