@@ -23,7 +23,7 @@ from hil.errors import InputError
 from hil.files.durable import RealDisk, write_durably
 from hil.files.strict import find_config, parse_yaml, read_text
 from hil.model.curve import Curve, Entry
-from hil.model.effects.base import Base, Described, Effect, Scatter
+from hil.model.effects.base import Base, Described, Effect, Scatter, column
 from hil.model.effects.catalogue import SERIES_EFFECTS, effect_by_id, known_by, variance_effect_by_id
 from hil.model.effects.history import joined
 from hil.model.equation import pickoff_rates
@@ -150,7 +150,7 @@ class Model(Entry):
 
     def base_for(self, conditions: Conditions) -> Base:
         """Return the base at each row of `conditions`, with its rates B + K·f + w."""
-        base = self.base_at(conditions.sensor, _temperature(conditions))
+        base = self.base_at(conditions.sensor, column(conditions, "temperature_degC"))
         rates = pickoff_rates(base.bias, base.k, conditions.f_g, conditions.w_channels_deg_per_hr)
         return Base(base.bias, base.k, rates, base.bias_slope, base.k_slope)
 
@@ -328,7 +328,7 @@ def _contribution(title: str, term: Term, effect: Effect, rows: Conditions, base
     if lacking:
         raise InputError(f"model {title}: term {effect.id} needs {', '.join(lacking)}, which the data lacks")
     columns = effect.columns(rows, base, term.shape)
-    temperatures = _temperature(rows)
+    temperatures = column(rows, "temperature_degC")
     if any(curve.depends_on_temperature for curve in term.parameters.values()) and np.isnan(temperatures).any():
         raise InputError(f"model {title}: term {effect.id} depends on temperature_degC, which some rows lack")
     values = np.zeros((len(rows), columns.shape[-1]))
@@ -336,10 +336,6 @@ def _contribution(title: str, term: Term, effect: Effect, rows: Conditions, base
         if parameter.name in term.parameters:
             values[:, index] = term.parameters[parameter.name].at(temperatures)
     return np.asarray(np.einsum("ncp,np->nc", columns, values))
-
-
-def _temperature(conditions: Conditions) -> FloatArray:
-    return conditions.columns.get("temperature_degC", np.full(len(conditions), np.nan))
 
 
 def _find(name: str) -> Path:

@@ -103,11 +103,9 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None, sensor: in
     found, rows = [], every if sensor is None else {sensor: every[sensor]}
     for number, wrong in rows.items():
         solved = [*_solved(wrong.collects, model_name)]
-        among = _of_as_many(solved)
-        found += [_described(number, each, among) for each in solved]
-    beside = {number: _Beside.of(campaign, number, wrong) for number, wrong in rows.items()}
-    judged = [_judged(each, campaign.sensors[each.sensor], beside[each.sensor]) for each in found]
-    return sorted(judged, key=lambda each: (each.runs[0], each.sensor))
+        among, beside = _of_as_many(solved), _Beside.of(campaign, number, wrong)
+        found += [_judged(_described(number, each, among), campaign.sensors[number], beside) for each in solved]
+    return sorted(found, key=lambda each: (each.runs[0], each.sensor))
 
 
 @dataclass(frozen=True)
