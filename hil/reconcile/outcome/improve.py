@@ -13,11 +13,11 @@ from hil.model.effects.empirical import EmpiricalTerm
 from hil.model.effects.followed import driver_reference
 from hil.model.stated_noise import ScatterTerm, SensorNoise
 from hil.reconcile.outcome.scatter import FoundScatter
-from hil.reconcile.outcome.values import least_squares, left_by
+from hil.reconcile.outcome.values import left_by
 from hil.reconcile.search.candidates import POWERS, Candidate
 from hil.reconcile.search.fitted import Values
 from hil.reconcile.search.noise import FEWEST_RUNS
-from hil.reconcile.search.problem import SensorProblem
+from hil.reconcile.search.problem import SensorProblem, fit_to
 from hil.solve.repeats import CONFIDENCE
 from hil.solve.temperatures import same_temperature
 
@@ -135,7 +135,7 @@ def _base_curves(
     """Fit the base to what the terms leave: one set of values, a set at each temperature, or a correction."""
     form = sensor.form
     columns, rates, _ = left_by(sensor, terms)
-    fit = least_squares(columns, rates)[: len(form.names)]
+    fit = fit_to(rates, columns)[: len(form.names)]
     if sensor.given is not None:
         return _shifted(sensor.given.sensors[sensor.number], form.names, fit)
     if calibrated:
@@ -161,7 +161,7 @@ def _tables(sensor: SensorProblem, columns: FloatArray, rates: FloatArray, whole
     for k, centre in zip(stations, centres, strict=True):
         here = numbers == k
         left = rates[here] - columns[here][:, :, : len(whole)] @ whole
-        law = whole + least_squares(columns[here], left)[: len(whole)]
+        law = whole + fit_to(left, columns[here])[: len(whole)]
         own.append(law.reshape(-1, powers) @ (centre - (form.reference_degC or 0.0)) ** np.arange(powers))
     return {
         name: Table(unit=unit, table=TableRows(temperature_degC=tuple(centres), value=tuple(float(v[i]) for v in own)))
