@@ -162,7 +162,7 @@ def _predicted(
     block: FittedBlock, precision: FloatArray, folds: IntArray, wrong: set[int]
 ) -> Iterator[tuple[int, Predicted]]:
     """Yield of each fold what the other rows predict for it."""
-    y = block.search.block.y - block.columns @ block.mean
+    y = block.search.block.y - block.columns @ block.weighed.prior()[0]
     pulled, least = precision @ y, BEYOND**2 * block.variance
     right = ~np.isin(np.arange(len(y)), list(wrong))
     asked = {fold: np.flatnonzero((folds == fold) & right) for fold in np.unique(folds).tolist()}
