@@ -236,7 +236,12 @@ def _check_layout(where: str, model: Model, sensor: Sensor | None, *, exact: boo
             _check_term(f"{where}: terms.{index}", term, effect_by_id(term.effect), sensor, exact=exact)
     for number, noise in model.noise.items():
         if own is None or number == own:
-            _check_noise(f"{where}: noise.{number}", noise, units, sensor, exact=exact)
+            here = f"{where}: noise.{number}"
+            if mistake := noise.mistake(units):
+                raise InputError(f"{here}.{mistake}")
+            for index, scatter in enumerate(noise.scatter):
+                effect = variance_effect_by_id(scatter.effect)
+                _check_term(f"{here}.scatter.{index}", scatter, effect, sensor, exact=exact)
 
 
 def _check_base(where: str, form: str, units: Mapping[str, str], curves: Mapping[str, Curve]) -> None:
@@ -247,16 +252,6 @@ def _check_base(where: str, form: str, units: Mapping[str, str], curves: Mapping
         if name not in curves:
             raise InputError(f"{where}.{name}: missing; {form} has {', '.join(units)}, in {RATE} or {PER_G}")
         _check_unit(f"{where}.{name}", curves[name].unit, unit)
-
-
-def _check_noise(
-    where: str, noise: SensorNoise, units: Mapping[str, str], sensor: Sensor | None, *, exact: bool = False
-) -> None:
-    if mistake := noise.mistake(units):
-        raise InputError(f"{where}.{mistake}")
-    for index, term in enumerate(noise.scatter):
-        effect = variance_effect_by_id(term.effect)
-        _check_term(f"{where}.scatter.{index}", term, effect, sensor, exact=exact)
 
 
 def _check_term(
