@@ -36,9 +36,8 @@ class Solution:
 
     `values` (..., p) and `covariance` (..., p, p) are NaN where unknown; `residuals` (..., m) are observed minus
     fitted, NaN in missing rows; `chi_square` (...) is the whitened sum of squares; `rank` and `degrees_of_freedom`
-    (...) count combinations seen and residuals left. `noise_stated` tells whether the covariance rests on stated noise
-    or (with degrees of freedom) on the residuals themselves. `shortest` and `shortest_covariance` are the solution of
-    least norm, of which only the seen combinations mean anything.
+    (...) count combinations seen and residuals left. `shortest` and `shortest_covariance` are the solution of least
+    norm, of which only the seen combinations mean anything.
     """
 
     names: tuple[str, ...]
@@ -48,7 +47,6 @@ class Solution:
     chi_square: FloatArray
     rank: NDArray[np.int64]
     degrees_of_freedom: NDArray[np.int64]
-    noise_stated: bool
     design: FloatArray
     measured: NDArray[np.bool_]
     rank_tolerance: float
@@ -151,8 +149,7 @@ def solve(
     chi_square = np.einsum("...m,...m->...", remainder, remainder)
     degrees = np.broadcast_to(mask.sum(axis=-1) - inverse.rank, batch)
     spread = inverse.covariance
-    stated = sigma is not None or covariance is not None
-    if not stated:
+    if sigma is None and covariance is None:
         with np.errstate(invalid="ignore", divide="ignore"):
             spread = spread * np.where(degrees > 0, chi_square / degrees, np.nan)[..., None, None]
     known = inverse.known
@@ -166,7 +163,6 @@ def solve(
         chi_square=chi_square,
         rank=np.broadcast_to(inverse.rank, batch),
         degrees_of_freedom=degrees,
-        noise_stated=stated,
         design=rows,
         measured=mask,
         rank_tolerance=rank_tolerance,
