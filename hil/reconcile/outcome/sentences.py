@@ -13,6 +13,7 @@ from hil.reconcile.outcome.scatter import beyond_chance
 from hil.reconcile.result import LEFT_OUT, Gap, Reconciliation, Rival, in_times
 from hil.reconcile.search.terms import NO_NAME
 from hil.solve.document import runs_in_words
+from hil.solve.identifiability import SAME_CLASS
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED
 from procedures.words import listed, numbered, percent, significant
 
@@ -107,7 +108,7 @@ def summary(result: Reconciliation) -> list[str]:
     said = [f"{effect.title} ({effect.id}): {effect.equation}." for effect in swapped]
     said += [f"{effect.title}: left out." for effect in result.effects if LEFT_OUT in effect.shape]
     for effect in added:
-        same = [rival for rival in effect.confusable_with if rival.overlap > 0.95]
+        same = [rival for rival in effect.confusable_with if rival.overlap > SAME_CLASS]
         alike = [rival.id for rival in same]
         when = f", {effect.shape_in_words}," if effect.shape_in_words else ""
         sentence = f"{effect.title} ({effect.id}){when} is missing from {model}"

@@ -189,13 +189,8 @@ def _base(form: LinearForm, conditions: Conditions, values: FloatArray, given: M
     if given is None:
         return correction
     own = given.base_for(conditions)
-    slopes = [
-        a if b is None else b if a is None else a + b
-        for a, b in ((correction.bias_slope, own.bias_slope), (correction.k_slope, own.k_slope))
-    ]
-    bias, k = correction.bias + own.bias, correction.k + own.k
-    rates = pickoff_rates(bias, k, conditions.f_g, conditions.w_channels_deg_per_hr)
-    return Base(bias, k, rates, slopes[0], slopes[1])
+    both = {name: getattr(correction, name) + getattr(own, name) for name in ("bias", "k", "bias_slope", "k_slope")}
+    return Base(rates=pickoff_rates(both["bias"], both["k"], conditions.f_g, conditions.w_channels_deg_per_hr), **both)
 
 
 def fit_to(rates: FloatArray, columns: FloatArray, stated: FloatArray | None = None) -> FloatArray:
