@@ -19,8 +19,8 @@ import numpy as np
 
 from hil.campaign import Campaign
 from hil.campaign.fleet_file import write_fleet_file
-from hil.reconcile import Screen
 from hil.reconcile.campaigns import screen_folders
+from hil.reconcile.fleet import Screen
 from tests.hil.reconcile.hidden_effects import base_rates, both, campaign_of, lay_out, noise
 
 ROWS = lay_out(np.random.default_rng(0), runs_each=3)

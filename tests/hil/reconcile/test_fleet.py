@@ -26,8 +26,8 @@ from hil.campaign.fleet_file import pieces_of, read_piece, write_fleet_file
 from hil.campaign.writer import write_campaign
 from hil.cli.app import run
 from hil.errors import InputError
-from hil.reconcile import Screen
 from hil.reconcile.campaigns import Facts, pieces_in, screen_folders
+from hil.reconcile.fleet import Screen
 from hil.reconcile.outcome.fleet import fleet_csv, fleet_document, fleet_page
 from hil.reconcile.proof.places import false_discovery
 from procedures.verdict import Judgement, Verdict
