@@ -152,11 +152,11 @@ class FoundEffect:
 
     id: str
     title: str
-    equation: str
-    parameters: Sequence[Mapping[str, Any]]
     probability: float
-    confusable_with: Sequence[Rival]
     kind: str
+    equation: str = ""
+    parameters: Sequence[Mapping[str, Any]] = ()
+    confusable_with: Sequence[Rival] = ()
     shapes: Mapping[int, Shape] = field(default_factory=dict)
     sensors: Sequence[int] = ()
     physics: str = ""
