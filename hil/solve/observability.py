@@ -69,11 +69,7 @@ def describe(names: Sequence[str], rows: FloatArray, scale: FloatArray, toleranc
         sentences.append(
             _sentence(texts[len(texts) - len(visible) :], [combination_text(members, row) for row in hidden])
         )
-    return Observability(
-        np.array(combinations).reshape(-1, len(names)),
-        tuple(texts),
-        tuple(sentences),
-    )
+    return Observability(np.array(combinations).reshape(-1, len(names)), tuple(texts), tuple(sentences))
 
 
 def combination_text(names: Sequence[str], coefficients: FloatArray) -> str:

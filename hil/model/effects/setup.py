@@ -54,10 +54,7 @@ class AccelerometerError(_IndexedRotorEffect):
     id = "accel"
     title = "Accelerometer error in measured G"
     equation = "R -= K df for an error (b2, b3) of the measured G2, G3"
-    parameters = (
-        Parameter("b2", "mg", (1.0, 10.0)),
-        Parameter("b3", "mg", (1.0, 10.0)),
-    )
+    parameters = (Parameter("b2", "mg", (1.0, 10.0)), Parameter("b3", "mg", (1.0, 10.0)))
     signature = "As a tilt, with the accelerometer's own temperature dependence."
     confusable_with = ("tilt", "MU_real", "index")
     odds = OUTSIDE
