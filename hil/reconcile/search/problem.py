@@ -189,8 +189,9 @@ def _base(form: LinearForm, conditions: Conditions, values: FloatArray, given: M
     if given is None:
         return correction
     own = given.base_for(conditions)
-    both = {name: getattr(correction, name) + getattr(own, name) for name in ("bias", "k", "bias_slope", "k_slope")}
-    return Base(rates=pickoff_rates(both["bias"], both["k"], conditions.f_g, conditions.w_channels_deg_per_hr), **both)
+    both = Base(**{name: value + getattr(own, name) for name, value in vars(correction).items()})
+    # The earth turns once: rates do not add up.
+    return replace(both, rates=pickoff_rates(both.bias, both.k, conditions.f_g, conditions.w_channels_deg_per_hr))
 
 
 def fit_to(rates: FloatArray, columns: FloatArray, stated: FloatArray | None = None) -> FloatArray:
