@@ -19,8 +19,8 @@ import numpy as np
 
 from hil.campaign import Campaign
 from hil.campaign.fleet_file import write_fleet_file
-from hil.reconcile import Screen
 from hil.reconcile.campaigns import screen_folders
+from hil.reconcile.fleet import Screen
 from tests.hil.reconcile.hidden_effects import base_rates, both, campaign_of, lay_out, noise
 
 ROWS = lay_out(np.random.default_rng(0), runs_each=3)
@@ -43,7 +43,7 @@ def fleet_rates(screen: Screen, seed: int, size: float, fleets: int, units: int)
     for k in range(fleets):
         campaigns = [unit(seed + k * units + i, size * (i % EVERY == 0)) for i in range(units)]
         weighed = screen.weigh([screen.rates(each) for each in campaigns])
-        findings = screen.asked.findings([each.title for each in campaigns], weighed)
+        findings = screen.asked.findings(weighed)
         found = [i for i, finding in enumerate(findings) if finding.q_value < LEVEL]
         wrong = sum(size == 0.0 or i % EVERY != 0 for i in found)
         false.append(wrong / max(len(found), 1))

@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from hil.reconcile import Screen, reconcile, write_result
+from hil.reconcile import reconcile, write_result
+from hil.reconcile.fleet import Screen
 from tests.hil.reconcile.hidden_effects import base_rates, both, campaign_of, hidden_campaign, lay_out, noise
 
 

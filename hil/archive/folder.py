@@ -30,16 +30,7 @@ import numpy as np
 import yaml
 
 from drivers.given_file import read_bytes
-from hil.archive.places import (
-    CAMPAIGN,
-    CONFIGURATION,
-    ENTRY,
-    HASHED,
-    MARK,
-    check_archive,
-    folder_of,
-    found,
-)
+from hil.archive.places import CAMPAIGN, CONFIGURATION, ENTRY, HASHED, MARK, check_archive, folder_of, found
 from hil.campaign import Campaign
 from hil.campaign.header import day_of
 from hil.campaign.reader import read_campaign

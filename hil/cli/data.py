@@ -46,8 +46,7 @@ def solve(
     from hil.model.forms import MODEL_NAMES
     from hil.solve import repeats, solve_campaign
     from hil.solve.both_sensors import common_and_differential
-    from hil.solve.document import solution_document
-    from hil.solve.reasons import reasons
+    from hil.solve.document import reasons, solution_document
 
     campaign = read_source(source)
     if model is None or model in MODEL_NAMES:

@@ -23,7 +23,7 @@ from hil.errors import InputError
 from hil.files.durable import RealDisk, write_durably
 from hil.files.strict import find_config, parse_yaml, read_text
 from hil.model.curve import Curve, Entry
-from hil.model.effects.base import Base, Described, Effect, Scatter
+from hil.model.effects.base import Base, Described, Effect, Scatter, column
 from hil.model.effects.catalogue import SERIES_EFFECTS, effect_by_id, known_by, variance_effect_by_id
 from hil.model.effects.history import joined
 from hil.model.equation import pickoff_rates
@@ -150,7 +150,7 @@ class Model(Entry):
 
     def base_for(self, conditions: Conditions) -> Base:
         """Return the base at each row of `conditions`, with its rates B + K·f + w."""
-        base = self.base_at(conditions.sensor, _temperature(conditions))
+        base = self.base_at(conditions.sensor, column(conditions, "temperature_degC"))
         rates = pickoff_rates(base.bias, base.k, conditions.f_g, conditions.w_channels_deg_per_hr)
         return Base(base.bias, base.k, rates, base.bias_slope, base.k_slope)
 
@@ -236,7 +236,12 @@ def _check_layout(where: str, model: Model, sensor: Sensor | None, *, exact: boo
             _check_term(f"{where}: terms.{index}", term, effect_by_id(term.effect), sensor, exact=exact)
     for number, noise in model.noise.items():
         if own is None or number == own:
-            _check_noise(f"{where}: noise.{number}", noise, units, sensor, exact=exact)
+            here = f"{where}: noise.{number}"
+            if mistake := noise.mistake(units):
+                raise InputError(f"{here}.{mistake}")
+            for index, scatter in enumerate(noise.scatter):
+                effect = variance_effect_by_id(scatter.effect)
+                _check_term(f"{here}.scatter.{index}", scatter, effect, sensor, exact=exact)
 
 
 def _check_base(where: str, form: str, units: Mapping[str, str], curves: Mapping[str, Curve]) -> None:
@@ -247,16 +252,6 @@ def _check_base(where: str, form: str, units: Mapping[str, str], curves: Mapping
         if name not in curves:
             raise InputError(f"{where}.{name}: missing; {form} has {', '.join(units)}, in {RATE} or {PER_G}")
         _check_unit(f"{where}.{name}", curves[name].unit, unit)
-
-
-def _check_noise(
-    where: str, noise: SensorNoise, units: Mapping[str, str], sensor: Sensor | None, *, exact: bool = False
-) -> None:
-    if mistake := noise.mistake(units):
-        raise InputError(f"{where}.{mistake}")
-    for index, term in enumerate(noise.scatter):
-        effect = variance_effect_by_id(term.effect)
-        _check_term(f"{where}.scatter.{index}", term, effect, sensor, exact=exact)
 
 
 def _check_term(
@@ -328,7 +323,7 @@ def _contribution(title: str, term: Term, effect: Effect, rows: Conditions, base
     if lacking:
         raise InputError(f"model {title}: term {effect.id} needs {', '.join(lacking)}, which the data lacks")
     columns = effect.columns(rows, base, term.shape)
-    temperatures = _temperature(rows)
+    temperatures = column(rows, "temperature_degC")
     if any(curve.depends_on_temperature for curve in term.parameters.values()) and np.isnan(temperatures).any():
         raise InputError(f"model {title}: term {effect.id} depends on temperature_degC, which some rows lack")
     values = np.zeros((len(rows), columns.shape[-1]))
@@ -336,10 +331,6 @@ def _contribution(title: str, term: Term, effect: Effect, rows: Conditions, base
         if parameter.name in term.parameters:
             values[:, index] = term.parameters[parameter.name].at(temperatures)
     return np.asarray(np.einsum("ncp,np->nc", columns, values))
-
-
-def _temperature(conditions: Conditions) -> FloatArray:
-    return conditions.columns.get("temperature_degC", np.full(len(conditions), np.nan))
 
 
 def _find(name: str) -> Path:

@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from importlib.metadata import version
-from itertools import compress, islice
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -243,11 +243,10 @@ def _weighed(
     group.facts, group.values = list(compress(group.facts, whole)), list(compress(group.values, whole))
     layout = group.layout(model)
     pieces = [(layout, group.values[first : first + _PIECE]) for first in range(0, len(group.values), _PIECE)]
-    titles = iter([facts.title for facts in group.facts])
     findings: list[UnitFinding] = []
     mixed: FloatArray = np.zeros(())
     for asked, by_name in _some_at_once(mapped, _weigh, pieces, _WEIGHED):
-        findings += asked.findings(list(islice(titles, by_name.shape[1])), by_name)
+        findings += asked.findings(by_name)
         mixed = mixed + asked.mixed(by_name)
     return list(zip(group.facts, findings, strict=True)), asked.in_common(mixed)
 

@@ -56,7 +56,6 @@ SAME_G = 0.05
 class UnitFinding:
     """One unit of a fleet: log odds that something is missing, p-value, q-value over the fleet, the leading name."""
 
-    title: str
     statistic: float
     p_value: float
     q_value: float
@@ -66,11 +65,10 @@ class UnitFinding:
 
 @dataclass(frozen=True)
 class SharedFinding:
-    """What a `fraction` of a fleet lacks: the leading name, its share, log evidence for any name, and its p-value."""
+    """What a `fraction` of a fleet lacks: the leading name, its share, and the p-value of any name."""
 
     name: str
     share: float
-    log_evidence: float
     p_value: float
     fraction: float
 
@@ -82,16 +80,15 @@ class Asked:
     names: Sequence[str]
     log_odds: FloatArray
 
-    def findings(self, titles: Sequence[str], by_name: FloatArray) -> list[UnitFinding]:
+    def findings(self, by_name: FloatArray) -> list[UnitFinding]:
         """Return what is found of each unit, by what `weigh` says of all of them, (n, u)."""
         posterior = by_name + self.log_odds[:, None]
         statistic = log_sum(posterior)
         p_values = _ville(statistic)
         leaders = np.argmax(posterior, axis=0)
-        share = np.exp(posterior[leaders, np.arange(len(titles))] - statistic)
+        share = np.exp(posterior[leaders, np.arange(len(leaders))] - statistic)
         numbers = (each.tolist() for each in (statistic, p_values, false_discovery(p_values)))
-        told = zip(titles, *numbers, [self.names[each] for each in leaders], share.tolist(), strict=True)
-        return [UnitFinding(*each) for each in told]
+        return list(map(UnitFinding, *numbers, [self.names[each] for each in leaders], share.tolist()))
 
     def mixed(self, by_name: FloatArray) -> FloatArray:
         """Return the log evidence that some fraction lacks a name and the others nothing, (k, n); `weigh` says (n, u).
@@ -108,14 +105,13 @@ class Asked:
         share = np.exp(posterior - statistic)
         leader, p_value = int(np.argmax(share.sum(axis=0))), float(_ville(np.array([statistic]))[0])
         fraction = FRACTIONS[int(np.argmax(share[:, leader]))]
-        return SharedFinding(self.names[leader], float(share[:, leader].sum()), statistic, p_value, fraction)
+        return SharedFinding(self.names[leader], float(share[:, leader].sum()), p_value, fraction)
 
 
 @dataclass(frozen=True)
 class Screen:
-    """One layout: its model, conditions and, by sensor, the search with the points of the noise that units have."""
+    """One layout: its conditions and, by sensor, the search with the points of the noise that units have."""
 
-    model: Model
     conditions: Mapping[int, Conditions]
     found: Mapping[int, SensorSearch]
 
@@ -132,7 +128,7 @@ class Screen:
         problem = pose(fleet[0], chosen, (*BASE_EFFECTS, *EFFECTS))
         conditions = {number: sensor.collects.conditions for number, sensor in problem.sensors.items()}
         ways = (False, True) if may_be_calibrated(problem) else (False,)
-        laid = [cls(chosen, conditions, searches(problem, (), VARIANCE_EFFECTS, calibrated=way)) for way in ways]
+        laid = [cls(conditions, searches(problem, (), VARIANCE_EFFECTS, calibrated=way)) for way in ways]
         if all(term.is_mistake for search in laid[0].found.values() for term in search.terms):
             raise InputError(
                 f"{fleet[0].title}: too few rows to test anything by; a screen needs several runs of each unit"
@@ -168,9 +164,7 @@ class Screen:
 
     def units(self, campaigns: Sequence[Campaign]) -> list[UnitFinding]:
         """Screen units with this layout; raises `InputError` for a unit whose layout differs."""
-        return self.asked.findings(
-            [each.title for each in campaigns], self.weigh([self.rates(each) for each in campaigns])
-        )
+        return self.asked.findings(self.weigh([self.rates(each) for each in campaigns]))
 
     def rates(self, campaign: Campaign) -> list[FloatArray]:
         """Return what a unit is weighed by: its rates (N,) in every block; raises `InputError` for another layout."""
@@ -263,29 +257,30 @@ class Stood:
     """How the sensors of a campaign stood, by their number: in which positions and runs, at which temperatures."""
 
     def __init__(self, conditions: Mapping[int, Conditions]) -> None:
-        self._known = conditions
-        self._order = {number: _in_order(rows) for number, rows in conditions.items()}
-        known = [(number, rows, "temperature_degC" in rows.columns) for number, rows in conditions.items()]
-        self._levels = {number: same_temperature(rows) if levels else None for number, rows, levels in known}
+        self._known = {
+            n: (rows, _in_order(rows), same_temperature(rows) if "temperature_degC" in rows.columns else None)
+            for n, rows in conditions.items()
+        }
 
     def like(self, campaign: Campaign) -> bool:
         """Whether every sensor stood so in another campaign."""
-        return all(number in campaign.sensors and self._like(number, campaign) for number in self._known)
+        others = campaign.sensors
+        return all(n in others and _alike(others[n].conditions, *known) for n, known in self._known.items())
 
-    def _like(self, number: int, campaign: Campaign) -> bool:
-        known, other, levels = self._known[number], campaign.sensors[number].conditions, self._levels[number]
-        if len(known) != len(other) or known.sensor.channels != other.sensor.channels:
-            return False
-        if (levels is None) != ("temperature_degC" not in other.columns):
-            return False
-        if np.any(self._order[number] != _in_order(other)) or np.any(np.abs(known.f_g - other.f_g) >= SAME_G):
-            return False
-        if levels is None:
-            return True
-        apart = other.columns["temperature_degC"] - known.columns["temperature_degC"]
-        if not np.all(np.abs(apart[levels >= 0]) <= WIDEST_DEGC):
-            return False
-        return all(abs(np.mean(apart[levels == k])) <= ELSEWHERE_DEGC for k in set(levels[levels >= 0].tolist()))
+
+def _alike(other: Conditions, known: Conditions, order: IntArray, levels: IntArray | None) -> bool:
+    if len(known) != len(other) or known.sensor.channels != other.sensor.channels:
+        return False
+    if (levels is None) != ("temperature_degC" not in other.columns):
+        return False
+    if np.any(order != _in_order(other)) or np.any(np.abs(known.f_g - other.f_g) >= SAME_G):
+        return False
+    if levels is None:
+        return True
+    apart = other.columns["temperature_degC"] - known.columns["temperature_degC"]
+    if not np.all(np.abs(apart[levels >= 0]) <= WIDEST_DEGC):
+        return False
+    return all(abs(np.mean(apart[levels == k])) <= ELSEWHERE_DEGC for k in set(levels[levels >= 0].tolist()))
 
 
 def _in_order(conditions: Conditions) -> IntArray:

@@ -60,7 +60,7 @@ class Reading:
     names: Sequence[Named]
     chance: float
     follows: Sequence[tuple[str, float]]
-    mistakes: Sequence[tuple[int, Term]]
+    mistakes: Sequence[Term]
 
 
 def read(posterior: Posterior, alpha: float) -> Reading:
@@ -79,7 +79,7 @@ def read(posterior: Posterior, alpha: float) -> Reading:
     # Where something has to be missing, a row may only stand in its place: it is asked for whatever else is there.
     among, sure = (unnamed, LIKELY) if chance > alpha else (posterior.sets, CERTAIN)
     unnamed = _surely_wrong(posterior, unnamed, among, sure)
-    right = [f for f in unnamed if all(term.name == "row" for _, term in posterior.members(f))]
+    right = [f for f in unnamed if all(term.name == "row" for term in posterior.members(f))]
     as_filed = right[0] if right else Found(dict.fromkeys(posterior.searches, ()), "", -np.inf)
     of_lead = [f for own, _, f in sets if own == lead]
     first = _surely_wrong(posterior, of_lead, among, sure) or of_lead  # where none leaves less out, the likeliest
@@ -89,7 +89,7 @@ def read(posterior: Posterior, alpha: float) -> Reading:
     # Of what is as sure, that which moves averages comes first.
     names = sorted(names, key=lambda named: (-round(named.probability, 2), named.acts_on, -named.probability))
     mended = unnamed[0] if unnamed else as_filed
-    mistakes = [(number, term) for number, term in posterior.members(found) if term.is_mistake]
+    mistakes = [term for term in posterior.members(found) if term.is_mistake]
     return Reading(found, as_filed, mended, names, chance, _follows(posterior) if lead else (), mistakes)
 
 
@@ -97,7 +97,7 @@ def _surely_wrong(posterior: Posterior, sets: Sequence[Found], among: Sequence[F
     """Return those of some sets that leave out no more rows and runs than are wrong among others, so `sure` it is."""
 
     def left_out(found: Found) -> int:
-        return sum(term.is_mistake and term.candidate.effect is None for _, term in posterior.members(found))
+        return sum(term.is_mistake and term.candidate.effect is None for term in posterior.members(found))
 
     counts = np.array([left_out(f) for f in among])
     weights = np.exp([f.log_weight for f in among])
@@ -189,7 +189,7 @@ def _follows(posterior: Posterior) -> list[tuple[str, float]]:
     totals: dict[str, float] = {}
     any_of_them = 0.0
     for f in posterior.sets:  # what moves averages comes first
-        drivers = dict.fromkeys(term.follows for _, term in posterior.members(f) if not term.is_mistake)
+        drivers = dict.fromkeys(term.follows for term in posterior.members(f) if not term.is_mistake)
         drivers |= dict.fromkeys(posterior.scatter[f.kind].follows for _ in f.kind[:1])
         weight = float(np.exp(f.log_weight))
         any_of_them += weight if drivers else 0.0

@@ -12,7 +12,7 @@ from hil.files.document import picked, plain
 from hil.files.numbers import number, rounded
 from hil.model import Model
 from hil.solve.both_sensors import BothSensors
-from hil.solve.reasons import not_passed, reasons
+from hil.solve.document import not_passed, reasons
 from hil.solve.repeats import repeats
 from hil.solve.runs import solve_campaign
 from procedures.words import listed, numbered, unit_in_words
@@ -152,11 +152,11 @@ class FoundEffect:
 
     id: str
     title: str
-    equation: str
-    parameters: Sequence[Mapping[str, Any]]
     probability: float
-    confusable_with: Sequence[Rival]
     kind: str
+    equation: str = ""
+    parameters: Sequence[Mapping[str, Any]] = ()
+    confusable_with: Sequence[Rival] = ()
     shapes: Mapping[int, Shape] = field(default_factory=dict)
     sensors: Sequence[int] = ()
     physics: str = ""

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hil.campaign import Campaign, Collects, Conditions, FloatArray
+from hil.campaign import Campaign, Collects, Conditions
 from hil.campaign.warnings import instead_of_temperature, not_recorded
 from hil.model.effects.base import Effect
 from hil.model.effects.catalogue import effect_by_id
@@ -53,13 +53,9 @@ def _stand_ins(conditions: Conditions) -> Iterator[tuple[str, str]]:
     if other := instead_of_temperature(conditions):
         yield "temperature_degC", other
     for name, spelling in _SPELLINGS.items():
-        others = [one for one in columns if spelling.search(one) and _known(columns[one])]
+        others = [one for one in columns if spelling.search(one) and np.isfinite(columns[one]).all()]
         if name not in columns and len(others) == 1:
             yield name, others[0]
-
-
-def _known(values: FloatArray | None) -> bool:
-    return values is not None and bool(np.all(np.isfinite(values)))
 
 
 def beside_unasked(named: Named, fit: Fitted) -> Named:

@@ -18,8 +18,8 @@ from hil.report.content import ReportContent, assumed, cannot_tell, good, headli
 from hil.report.night import NightContent, campaign_files, campaign_provenance
 from hil.report.plots import draw_night
 from hil.report.sensor_view import key_numbers, sensor_view
+from hil.solve.document import reasons
 from hil.solve.omissions import in_words, what_is_wrong
-from hil.solve.reasons import reasons
 from procedures.plan import StepKind
 from procedures.verdict import Verdict
 from procedures.words import counted, listed

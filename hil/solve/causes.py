@@ -27,7 +27,7 @@ ODDS = {
     "bias": 0.02,
     "run": 0.02,
 }
-"""Prior odds that a campaign has one of a kind: wrong rows, labels and runs as those of the search."""
+"""Prior odds that a campaign has one of a kind; the search has these, too."""
 AS_IT_LAY = float(np.log(1e4))
 """Log odds that labels are exchanged where the unit's accelerometers say so, rather than that these are wrong."""
 AGAIN = 0.3

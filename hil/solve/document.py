@@ -1,6 +1,7 @@
-"""The solutions of a campaign as the JSON document hil.solution/1: each run, the means, and what repeats show."""
+"""What is told of a campaign's solutions: the JSON document hil.solution/1, and to which runs to see, and why."""
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,11 +10,14 @@ from hil.campaign import Campaign
 from hil.files.document import picked
 from hil.solve.omissions import what_is_wrong
 from hil.solve.repeats import SensorRepeats, repeats
-from hil.solve.runs import RunSolution, finite
+from hil.solve.runs import EXCESS, RunSolution, finite
+from procedures.verdict import Judgement, Verdict
+from procedures.words import numbered
 
 SCHEMA = "hil.solution/1"
 
 _UNKNOWN = {"sd": None, "low": None, "high": None}
+_EXCEEDS = re.compile(EXCESS.format("([0-9.e+]+)"))
 
 
 def solution_document(campaign: Campaign, solutions: Sequence[RunSolution]) -> dict[str, Any]:
@@ -45,3 +49,50 @@ def _solution_entry(each: RunSolution, shown: SensorRepeats) -> dict[str, Any]:
         "reason": each.reason,
         "assumed": list(each.assumed),
     }
+
+
+def not_passed(solutions: Sequence[RunSolution]) -> dict[Verdict, list[int]]:
+    """Return the runs to which somebody has to see, by verdict, the worst first."""
+    found: dict[Verdict, set[int]] = {}
+    for each in solutions:
+        if each.verdict is not Verdict.PASS:
+            found.setdefault(each.verdict, set()).update(each.runs)
+    return {verdict: sorted(found[verdict]) for verdict in reversed(Verdict) if verdict in found}
+
+
+def runs_in_words(by_verdict: Mapping[str, Sequence[int]]) -> str:
+    """Say which runs have which verdict, "run 5 (FAIL), runs 7–9 (MARGINAL)"; nothing of none."""
+    return ", ".join(f"{numbered('run', runs)} ({verdict})" for verdict, runs in by_verdict.items() if runs)
+
+
+def reasons(solutions: Sequence[RunSolution]) -> Iterator[tuple[Verdict, str, str]]:
+    """Yield each reason once, the worst first: verdict, the sensors and runs that it holds for, and its sentences.
+
+    Of several runs whose residuals exceed what is allowed it is said from how much to how much.
+    """
+    said: dict[tuple[Verdict, str], dict[int, list[int]]] = {}
+    excess: dict[Verdict, dict[str, float]] = {}
+    for each in solutions:
+        for sentence in dict.fromkeys(each.reason.split("; ")):
+            times = _EXCEEDS.match(sentence)
+            if times is not None:
+                excess.setdefault(each.verdict, {})[sentence] = float(times[1])
+            of = said.setdefault((each.verdict, sentence if times is None else EXCESS), {})
+            of.setdefault(each.sensor, []).extend(each.runs)
+    for verdict, sentences in excess.items():
+        said[verdict, _of_all(sentences)] = said.pop((verdict, EXCESS))
+    together: dict[tuple[Verdict, str], list[str]] = {}
+    for (verdict, sentence), of in said.items():
+        where = "; ".join(f"sensor {number}, {numbered('run', runs)}" for number, runs in of.items())
+        together.setdefault((verdict, where), []).append(
+            sentence.removeprefix(f"{numbered('run', next(iter(of.values())))} ")
+        )
+    for (verdict, where), several in sorted(together.items(), key=lambda each: -Judgement(each[0][0], "").severity):
+        yield verdict, where, "; ".join(several)
+
+
+def _of_all(excess: Mapping[str, float]) -> str:
+    """Say of runs by how many times their residuals exceed what is allowed; the sentence of one as it is."""
+    first, *more = excess
+    meaning = "".join(first.partition(": ")[1:])
+    return EXCESS.format(f"{min(excess.values()):g} to {max(excess.values()):g}") + meaning if more else first

@@ -18,7 +18,7 @@ from typing import Self
 
 import numpy as np
 
-from hil.campaign import BoolArray, Collects, FloatArray
+from hil.campaign import Collects, FloatArray
 from hil.solve.causes import DOUBTED, Asked, Cause, OtherSensor
 from hil.solve.whitened import Whitened
 
@@ -134,9 +134,35 @@ class _Left:
         )
 
     def wrong(self, unsure: Collection[int], run: int | None = None) -> Explained | None:
-        """Return what is wrong with runs of which it may be told, or with one `run`."""
+        """Return what is wrong with runs of which it may be told, or with one `run`; None for nothing."""
         told = ~np.isin(self.collects.conditions.run, list((self.silent | {*unsure}) - {run}))
-        return _what(self.collects, self.beside, told, self.own_bias, run)
+        if not told.any():
+            return None
+        rows = np.flatnonzero(told)
+        left, own_bias = self.collects.rows(rows), self.own_bias
+        asked = Asked(Whitened(left, own_bias), own_bias, self.beside and self.beside.rows(rows))
+        nothing, found = asked.weighed(run)
+        no_error = asked.rates.stated and asked.times > _NO_ERROR
+        for cause in found[0][0] if found and no_error else ():
+            left = mended(left, cause)
+        # Nor is what the likeliest leaves as far from any error explained by it.
+        if nothing > DOUBTED or (nothing > HARDLY and no_error and Asked(Whitened(left, own_bias)).times > _NO_ERROR):
+            return Explained(None, (), asked.times, 0.0) if no_error else None
+        every = _by_place(found)
+        likeliest = max(every, key=lambda each: every[each], default=())
+        # Whatever may be true beside the likeliest is none of its rivals.
+        instead = _by_place((causes, p) for causes, p in found if likeliest not in {cause.place for cause in causes})
+        at = {cause.place: cause for causes, _ in reversed(found) for cause in causes}  # the likeliest at each place
+        ordered = [(likeliest, every[likeliest])] * bool(every)
+        ordered += sorted(instead.items(), key=lambda each: -each[1])
+        filed = {place: replace(cause, rows=tuple(rows[list(cause.rows)].tolist())) for place, cause in at.items()}
+        rivals = tuple((filed[place], p) for place, p in ordered if p > LISTED)
+        ways: dict[tuple[Cause, ...], float] = {}
+        for causes, p in found:
+            way = tuple(filed[cause.place] for cause in causes)
+            ways[way] = ways.get(way, 0.0) + p
+        listed = sorted((way for way, p in ways.items() if p > LISTED), key=lambda way: -ways[way])
+        return Explained(rivals[0][0] if rivals else None, rivals, asked.times, nothing, tuple(listed))
 
     def whichever_else(self, found: Explained, unsure: Collection[int]) -> Explained:
         """Return what is found, its likeliest as probable as it is alone and beside each rival: both may be true."""
@@ -156,43 +182,6 @@ class _Left:
         return replace(found, rivals=listed, ways=ways)
 
 
-def _what(
-    collects: Collects,
-    beside: OtherSensor | None,
-    told: BoolArray,
-    own_bias: Collection[int],
-    run: int | None = None,
-) -> Explained | None:
-    """Return what is wrong with those collects (n,) that are told of, or with one run of them; None for nothing."""
-    if not told.any():
-        return None
-    rows = np.flatnonzero(told)
-    asked = Asked(Whitened(collects.rows(rows), own_bias), own_bias, beside and beside.rows(rows))
-    nothing, found = asked.weighed(run)
-    no_error = asked.rates.stated and asked.times > _NO_ERROR
-    left = collects.rows(rows)
-    for cause in found[0][0] if found and no_error else ():
-        left = mended(left, cause)
-    # Nor is what the likeliest leaves as far from any error explained by it.
-    if nothing > DOUBTED or (nothing > HARDLY and no_error and Asked(Whitened(left, own_bias)).times > _NO_ERROR):
-        return Explained(None, (), asked.times, 0.0) if no_error else None
-    every = _by_place(found)
-    likeliest = max(every, key=lambda each: every[each], default=())
-    # Whatever may be true beside the likeliest is none of its rivals.
-    instead = _by_place((causes, p) for causes, p in found if likeliest not in {cause.place for cause in causes})
-    at = {cause.place: cause for causes, _ in reversed(found) for cause in causes}  # the likeliest at each place
-    ordered = [(likeliest, every[likeliest])] * bool(every)
-    ordered += sorted(instead.items(), key=lambda each: -each[1])
-    filed = {place: replace(cause, rows=tuple(rows[list(cause.rows)].tolist())) for place, cause in at.items()}
-    rivals = tuple((filed[place], p) for place, p in ordered if p > LISTED)
-    ways: dict[tuple[Cause, ...], float] = {}
-    for causes, p in found:
-        way = tuple(filed[cause.place] for cause in causes)
-        ways[way] = ways.get(way, 0.0) + p
-    listed = sorted((way for way, p in ways.items() if p > LISTED), key=lambda way: -ways[way])
-    return Explained(rivals[0][0] if rivals else None, rivals, asked.times, nothing, tuple(listed))
-
-
 def _by_place(found: Iterable[tuple[tuple[Cause, ...], float]]) -> dict[tuple[object, ...], float]:
     """Return how probably something is wrong at each place."""
     out: dict[tuple[object, ...], float] = {}
@@ -202,7 +191,7 @@ def _by_place(found: Iterable[tuple[tuple[Cause, ...], float]]) -> dict[tuple[ob
     return out
 
 
-def beyond_others(collects: Collects, distrusted: Collection[int] = ()) -> tuple[Set[int], float | None]:
+def beyond_others(collects: Collects, distrusted: Collection[int]) -> tuple[Set[int], float | None]:
     """Return the runs of which no other tells, and how far off a rate must be to be doubted, deg/hr.
 
     None unless so few runs are there that it is far.

@@ -101,15 +101,10 @@ def kept_shares(base: FloatArray, columns: FloatArray) -> FloatArray:
 
 def independent_columns(columns: FloatArray, tolerance: float = RANK_TOLERANCE) -> FloatArray:
     """Return the columns, in order, without those that are combinations of earlier ones, shape (N, p')."""
-    return columns[:, independent(columns, tolerance)].astype(np.float64)
-
-
-def independent(columns: FloatArray, tolerance: float) -> list[int]:
-    """Return the places of the columns of (N, p) that are no combinations of earlier ones."""
     if 0 < columns.shape[1] <= columns.shape[0]:
         left = np.abs(np.diagonal(np.linalg.qr(columns, mode="r")))
         if np.all(left > tolerance * np.linalg.norm(columns, axis=0)) and np.all(left > 0):
-            return list(range(columns.shape[1]))
+            return columns[:, list(range(columns.shape[1]))].astype(np.float64)
     kept: list[int] = []
     basis = np.zeros(columns.shape)
     for place, column in enumerate(columns.T):
@@ -121,7 +116,7 @@ def independent(columns: FloatArray, tolerance: float) -> list[int]:
         if size > 0 and norm > tolerance * size:
             basis[:, len(kept)] = remainder / norm
             kept.append(place)
-    return kept
+    return columns[:, kept].astype(np.float64)
 
 
 def smallest_fit(columns: FloatArray, target: FloatArray, tolerance: float) -> FloatArray:

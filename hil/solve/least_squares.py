@@ -3,7 +3,7 @@
     >>> solution = solve([[1.0, 1.0], [1.0, -1.0], [1.0, 1.0]], [3.0, 1.0, 3.2], sigma=0.9, names=("BA", "GSA"))
     >>> solution.values.round(2), solution.se.round(2)
     (array([2.05, 1.05]), array([0.55, 0.55]))
-    >>> solve([[1.0, 1.0]], [3.0], names=("BA", "GSA")).unobservable()
+    >>> solve([[1.0, 1.0]], [3.0], names=("BA", "GSA")).observability.sentences
     ('BA + GSA is seen, BA - GSA is not',)
 
 A number that the rows cannot support is NaN, never a guess: a parameter that is only seen mixed with others has no
@@ -36,9 +36,8 @@ class Solution:
 
     `values` (..., p) and `covariance` (..., p, p) are NaN where unknown; `residuals` (..., m) are observed minus
     fitted, NaN in missing rows; `chi_square` (...) is the whitened sum of squares; `rank` and `degrees_of_freedom`
-    (...) count combinations seen and residuals left. `noise_stated` tells whether the covariance rests on stated noise
-    or (with degrees of freedom) on the residuals themselves. `shortest` and `shortest_covariance` are the solution of
-    least norm, of which only the seen combinations mean anything.
+    (...) count combinations seen and residuals left. `shortest` and `shortest_covariance` are the solution of least
+    norm, of which only the seen combinations mean anything.
     """
 
     names: tuple[str, ...]
@@ -48,7 +47,6 @@ class Solution:
     chi_square: FloatArray
     rank: NDArray[np.int64]
     degrees_of_freedom: NDArray[np.int64]
-    noise_stated: bool
     design: FloatArray
     measured: NDArray[np.bool_]
     rank_tolerance: float
@@ -88,22 +86,17 @@ class Solution:
         rms = np.sqrt(np.nansum(self.residuals**2, axis=-1) / count)
         return np.asarray(np.where(self.degrees_of_freedom > 0, rms, np.nan))
 
-    def observability(self, index: tuple[int, ...] = ()) -> Observability:
-        """Describe what member `index` of the batch can and cannot know."""
-        batch = self.rank.shape
-        rows = np.broadcast_to(self.design, (*batch, *self.design.shape[-2:]))[index]
-        measured = np.broadcast_to(self.measured, (*batch, self.measured.shape[-1]))[index]
-        return describe(self.names, rows * measured[:, None], _scale(rows, measured), self.rank_tolerance)
+    @cached_property
+    def observability(self) -> Observability:
+        """What one solution, which is no batch, can and cannot know."""
+        seen = self.design * self.measured[:, None]
+        return describe(self.names, seen, _scale(self.design, self.measured), self.rank_tolerance)
 
-    def unobservable(self, index: tuple[int, ...] = ()) -> tuple[str, ...]:
-        """Say what member `index` of the batch cannot know, one sentence for each group; empty where all is known."""
-        return self.observability(index).sentences
-
-    def combinations(self, index: tuple[int, ...] = ()) -> tuple[tuple[str, float, float], ...]:
+    def combinations(self) -> tuple[tuple[str, float, float], ...]:
         """Return the seen combinations of parameters that are not known singly: text, value, standard error."""
-        found = self.observability(index)
-        values = found.seen @ self.shortest[index]
-        errors = np.sqrt(np.einsum("qp,pr,qr->q", found.seen, self.shortest_covariance[index], found.seen))
+        found = self.observability
+        values = found.seen @ self.shortest
+        errors = np.sqrt(np.einsum("qp,pr,qr->q", found.seen, self.shortest_covariance, found.seen))
         return tuple(zip(found.seen_text, values.tolist(), errors.tolist(), strict=True))
 
 
@@ -156,8 +149,7 @@ def solve(
     chi_square = np.einsum("...m,...m->...", remainder, remainder)
     degrees = np.broadcast_to(mask.sum(axis=-1) - inverse.rank, batch)
     spread = inverse.covariance
-    stated = sigma is not None or covariance is not None
-    if not stated:
+    if sigma is None and covariance is None:
         with np.errstate(invalid="ignore", divide="ignore"):
             spread = spread * np.where(degrees > 0, chi_square / degrees, np.nan)[..., None, None]
     known = inverse.known
@@ -171,7 +163,6 @@ def solve(
         chi_square=chi_square,
         rank=np.broadcast_to(inverse.rank, batch),
         degrees_of_freedom=degrees,
-        noise_stated=stated,
         design=rows,
         measured=mask,
         rank_tolerance=rank_tolerance,

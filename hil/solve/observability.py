@@ -24,11 +24,10 @@ unknowable.
 class Observability:
     """One design's verdict.
 
-    `known` (p,) marks the parameters that are seen by themselves; `seen` (q, p) holds the combinations of the others
-    that are seen, `seen_text` the same in words; `sentences` has one for each group of entangled parameters.
+    `seen` (q, p) holds the combinations that are seen of parameters that are not seen by themselves, `seen_text` the
+    same in words; `sentences` has one for each group of entangled parameters.
     """
 
-    known: tuple[bool, ...]
     seen: FloatArray
     seen_text: tuple[str, ...]
     sentences: tuple[str, ...]
@@ -70,12 +69,7 @@ def describe(names: Sequence[str], rows: FloatArray, scale: FloatArray, toleranc
         sentences.append(
             _sentence(texts[len(texts) - len(visible) :], [combination_text(members, row) for row in hidden])
         )
-    return Observability(
-        tuple(bool(flag) for flag in known),
-        np.array(combinations).reshape(-1, len(names)),
-        tuple(texts),
-        tuple(sentences),
-    )
+    return Observability(np.array(combinations).reshape(-1, len(names)), tuple(texts), tuple(sentences))
 
 
 def combination_text(names: Sequence[str], coefficients: FloatArray) -> str:

@@ -6,7 +6,7 @@ from typing import Any
 
 from hil.campaign import Campaign
 from hil.solve.temperatures import unsettled
-from hil.solve.wrong_rows import USED, failed, failed_but_mended, pooled, wrong_rows
+from hil.solve.wrong_rows import USED, failed, pooled, wrong_rows
 from procedures.words import numbered, significant
 
 
@@ -44,7 +44,7 @@ def without(campaign: Campaign) -> dict[str, Any]:
     every = {
         str(number): sorted(own)
         for number, own in runs.items()
-        if not used.not_used[number] and own <= failed(used, number) - failed_but_mended(used, number)
+        if not used.not_used[number] and own <= failed(used, number, unless_mended=True)
     }
     return found | ({"runs_used_though_failed": every} if every else {})
 

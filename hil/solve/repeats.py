@@ -132,7 +132,7 @@ class SensorRepeats:
         for place, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
             each = solution.parameters.get(name)
             if each is not None and each.value is not None:
-                sd = float(self.spread.sd(np.full(len(self.names), _number(each.se)))[place])
+                sd = float(self.spread.sd(np.full(len(self.names), math.nan if each.se is None else each.se))[place])
                 found[name] = Uncertain(each.value, sd, float(self.spread.freedom[place]), 1, unit)
         return found
 
@@ -221,18 +221,10 @@ def repeats(campaign: Campaign, solutions: Sequence[RunSolution]) -> dict[int, S
     found = {}
     used = treated(campaign)
     for number, collects in used.sensors.items():
-        rows = collects.conditions
-        own = [each for each in solutions if each.sensor == number and not set(each.runs).isdisjoint(rows.run.tolist())]
+        runs = collects.conditions.run.tolist()
+        own = [each for each in solutions if each.sensor == number and not set(each.runs).isdisjoint(runs)]
         if own:
-            of_sensor = _of_sensor(own, runs_by_temperature(rows), collects)
-            means = [replace(each, unit_degC=unit_range_degC(rows, each.runs)) for each in of_sensor.means if each.runs]
-            found[number] = replace(
-                of_sensor,
-                means=means,
-                told_by=told_by(rows),
-                not_used=tuple(used.not_used[number]),
-                of_each={e.runs[0]: {n: u.sd for n, u in of_sensor.of_run(e).items()} for e in own},
-            )
+            found[number] = _of_sensor(own, collects, tuple(used.not_used[number]))
     return found
 
 
@@ -275,13 +267,13 @@ def _shares(collects: Collects) -> dict[str, FloatArray]:
     return dict(zip(form.names, of_each / np.maximum(of_each.sum(axis=1, keepdims=True), 1e-300), strict=True))
 
 
-def _of_sensor(
-    own: Sequence[RunSolution], at: Sequence[tuple[float | None, tuple[int, ...]]], rows: Collects
-) -> SensorRepeats:
+def _of_sensor(own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, ...]) -> SensorRepeats:
+    at = runs_by_temperature(rows.conditions)
     units = {name: each.unit for solution in own for name, each in solution.parameters.items()}
     group = np.array([next((k for k, (_, runs) in enumerate(at) if each.runs[0] in runs), -1) for each in own])
-    values, errors = (np.array([[_number(getattr(_of(e, n), a)) for n in units] for e in own]) for a in ("value", "se"))
-    told = {e.runs[0] for e, known in zip(own, np.isfinite(values).any(axis=1), strict=True) if known}
+    of_each = [[each.parameters.get(name, Estimate(None, None, "")) for name in units] for each in own]
+    values, errors = (np.array([[getattr(e, a) for e in of] for of in of_each], np.float64) for a in ("value", "se"))
+    told = {e.runs[0] for e, known in zip(own, np.isfinite(values), strict=True) if known.any()}
     at = [(temperature, tuple(run for run in runs if run in told)) for temperature, runs in at]
     channels, known_shares = list(rows.conditions.sensor.channels), _shares(rows)
     shares = np.array([known_shares.get(name, np.full(len(channels), 1.0 / len(channels))) for name in units])
@@ -290,15 +282,22 @@ def _of_sensor(
     residual_times = np.sqrt(np.maximum(squares / np.maximum(freedom, 1.0), 1.0))
     variance = shares * residual_times**2
     factor = np.sqrt(variance.sum(axis=1))
-    residuals = np.full(len(factor), min((e.degrees_of_freedom for e in own if _tells_noise(e)), default=math.inf))
+    unstated = [e.degrees_of_freedom for e in own if e.chi_square is None and e.degrees_of_freedom > 0]
+    residuals = np.full(len(factor), min(unstated, default=math.inf))
     if freedom.sum() > 0.5 and chdtrc(freedom.sum(), squares.sum()) < RARE:  # then by Welch and Satterthwaite
         residuals = np.minimum(residuals, factor**4 / np.sum(variance**2 / np.maximum(freedom, 1.0), axis=1))
     sound = np.array([not each.doubted for each in own])
     noise = np.array([not name.startswith(("B", "MU")) for name in units])
     chosen, alone = (values[sound], errors[sound], group[sound]), noise[:, None] & (shares > _ALONE)
     noise_times = residual_times * _times(Spread.of(*chosen, factor), noise, alone)
+    shown = means_of(units, values, errors, group, at, factor, residuals)
+    conditions = rows.conditions
     return replace(
-        means_of(units, values, errors, group, at, factor, residuals),
+        shown,
+        means=[replace(m, unit_degC=unit_range_degC(conditions, m.runs)) for m in shown.means if m.runs],
+        told_by=told_by(conditions),
+        not_used=not_used,
+        of_each={e.runs[0]: {n: u.sd for n, u in shown.of_run(e).items()} for e in own},
         times_of=dict(zip(channels, _times(Spread.of(*chosen), noise, alone).tolist(), strict=True)),
         residual_times=residual_times,
         noise_times=noise_times,
@@ -313,15 +312,3 @@ def _times(spread: Spread, noise: BoolArray, alone: BoolArray) -> FloatArray:
     """
     together, own = spread.times_stated(noise), np.array([spread.times_stated(of) for of in alone.T])
     return own if together != 1.0 and np.any(own != 1.0) else np.full(len(own), together)
-
-
-def _tells_noise(solution: RunSolution) -> bool:
-    return solution.chi_square is None and solution.degrees_of_freedom > 0
-
-
-def _of(solution: RunSolution, name: str) -> Estimate:
-    return solution.parameters.get(name, Estimate(None, None, ""))
-
-
-def _number(value: float | None) -> float:
-    return math.nan if value is None else value

@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from hil.campaign import Collects, Conditions, FloatArray, IntArray
+from hil.campaign import Collects, FloatArray, IntArray
 from hil.solve.identifiability import CANNOT_BE_SEEN, independent_columns, kept_shares, orthonormal, project_out
 from hil.solve.observability import linked_groups
 from hil.solve.temperatures import same_temperature
@@ -65,12 +65,11 @@ def sensor_blocks(number: int, collects: Collects, known: FloatArray, base: Floa
     `known` (n, c) is what the model takes as given (earth rate, valued terms), `base` (n, c, p) its fitted columns.
     Rows without a rate are left out; a sensor whose channels share an excited base column is one block.
     """
-    conditions = collects.conditions
     rates = collects.rates_deg_per_hr - known
     channels = list(range(rates.shape[1]))
     groups = _coupled_channels(base, np.isfinite(rates)) if base.shape[2] else [[channel] for channel in channels]
     rates = rates - _small_couplings(base, rates, groups)
-    return [_block(number, collects, conditions, rates, base, group) for group in groups]
+    return [_block(number, collects, rates, base, group) for group in groups]
 
 
 def _coupled_channels(base: FloatArray, measured: FloatArray) -> list[list[int]]:
@@ -121,14 +120,8 @@ def _acts_on(base: FloatArray, column: int, group: Sequence[int]) -> bool:
     return bool(here > 0.2 * anywhere)
 
 
-def _block(
-    number: int,
-    collects: Collects,
-    conditions: Conditions,
-    rates: FloatArray,
-    base: FloatArray,
-    group: Sequence[int],
-) -> Block:
+def _block(number: int, collects: Collects, rates: FloatArray, base: FloatArray, group: Sequence[int]) -> Block:
+    conditions = collects.conditions
     own = [k for k in range(base.shape[2]) if _acts_on(base, k, group)]
     place, row = np.nonzero(np.isfinite(rates[:, list(group)]).T)  # channel by channel
     chan = np.array(group, dtype=np.int64)[place]

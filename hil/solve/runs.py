@@ -103,11 +103,9 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None, sensor: in
     found, rows = [], every if sensor is None else {sensor: every[sensor]}
     for number, wrong in rows.items():
         solved = [*_solved(wrong.collects, model_name)]
-        among = _of_as_many(solved)
-        found += [_described(number, each, among) for each in solved]
-    beside = {number: _Beside.of(campaign, number, wrong) for number, wrong in rows.items()}
-    judged = [_judged(each, campaign.sensors[each.sensor], beside[each.sensor]) for each in found]
-    return sorted(judged, key=lambda each: (each.runs[0], each.sensor))
+        among, beside = _of_as_many(solved), _Beside.of(campaign, number, wrong)
+        found += [_judged(_described(number, each, among), campaign.sensors[number], beside) for each in solved]
+    return sorted(found, key=lambda each: (each.runs[0], each.sensor))
 
 
 @dataclass(frozen=True)
@@ -216,7 +214,7 @@ def _described(sensor: int, solved: _Solved, among: int) -> RunSolution:
     form, collects, solution = solved.form, solved.collects, solved.solution
     conditions, noise_stated = collects.conditions, solved.sigma is not None
     degrees = int(solution.degrees_of_freedom)
-    unobservable = () if solved.as_contractor else solution.unobservable()
+    unobservable = () if solved.as_contractor else solution.observability.sentences
     equations = int(np.count_nonzero(~np.isnan(solution.residuals)))
     of_channels = _by_channel(solved)
     if unobservable:
@@ -227,6 +225,7 @@ def _described(sensor: int, solved: _Solved, among: int) -> RunSolution:
             where = _where(list(conditions.sensor.channels), of_channels, among)
             judged = judge(float(solution.chi_square), degrees, equations, noise_stated, among, where)
     unit = dict(zip(form.names, form.units, strict=True))
+    solved_how = f"the contractor's solution: {METHOD}" if solved.as_contractor else form.reason
     return RunSolution(
         run=solved.run,
         runs=tuple(int(run) for run in np.unique(conditions.run)),
@@ -247,7 +246,7 @@ def _described(sensor: int, solved: _Solved, among: int) -> RunSolution:
         degrees_of_freedom=degrees,
         unobservable=unobservable,
         verdict=judged.verdict,
-        reason=_reason(f"the contractor's solution: {METHOD}" if solved.as_contractor else form.reason, judged.reason),
+        reason="; ".join(filter(None, [solved_how, judged.reason])),
         assumed=_assumptions(form, collects, noise_stated),
         chi_square=float(solution.chi_square) if solved.tells else None,
         of_channels=of_channels if solved.tells else None,
@@ -359,10 +358,6 @@ def _combined_unit(text: str, unit: Mapping[str, str]) -> str:
     """Unit of a combination: that of its members; biases are summed with what acts at 1 g, in deg/hr."""
     units = {unit[name] for name in text.replace("-", " ").replace("+", " ").split() if name in unit}
     return units.pop() if len(units) == 1 else "deg/hr"
-
-
-def _reason(*parts: str) -> str:
-    return "; ".join(part for part in parts if part)
 
 
 def finite(value: float) -> float | None:

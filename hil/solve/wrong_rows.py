@@ -27,31 +27,23 @@ from procedures.words import numbered, significant
 
 LEFT_OUT, MENDED, USED = "left out", "mended", "used"
 _LIES = "in each the unit lies, by its accelerometers, as in the other's position"
-_APART = ", and the run is in no mean and in no other run's ±"
 _FROM = " from what all others show"
-_AGREE = ": so all rates agree with each other, and not as they are filed"
-_REASON = {
-    "rate": ", and is left out",
-    "collect": ", and is left out",
-    "exchanged": _AGREE,
-    "channels": _AGREE,
-    "sensors": _AGREE,
-    "turned": _AGREE,
-    "all turned": _AGREE,
-    "bias": "; the whole run is off by the same: its bias was another, as means and ± of the bias include",
-    "run": f" in what neither a bias nor MU moves{_APART}",
-}
+_AS_FILED = MENDED, Verdict.FAIL, ": so all rates agree with each other, and not as they are filed"
 _DONE = {
-    "rate": (LEFT_OUT, Verdict.MARGINAL),
-    "collect": (LEFT_OUT, Verdict.MARGINAL),
-    "exchanged": (MENDED, Verdict.FAIL),
-    "channels": (MENDED, Verdict.FAIL),
-    "sensors": (MENDED, Verdict.FAIL),
-    "turned": (MENDED, Verdict.FAIL),
-    "all turned": (MENDED, Verdict.FAIL),
-    "bias": (USED, Verdict.MARGINAL),
-    "run": (LEFT_OUT, Verdict.INCONCLUSIVE),
+    "rate": (LEFT_OUT, Verdict.MARGINAL, ", and is left out"),
+    "collect": (LEFT_OUT, Verdict.MARGINAL, ", and is left out"),
+    "bias": (
+        USED,
+        Verdict.MARGINAL,
+        "; the whole run is off by the same: its bias was another, as means and ± of the bias include",
+    ),
+    "run": (
+        LEFT_OUT,
+        Verdict.INCONCLUSIVE,
+        " in what neither a bias nor MU moves, and the run is in no mean and in no other run's ±",
+    ),
 }
+"""What is done about a cause, the verdict that its run has at best, and what is said of that; of others `_AS_FILED`."""
 _FEW = 4  # things that may be wrong are named
 
 
@@ -136,18 +128,13 @@ def _other_sensor(collects: Collects, other: Collects | None) -> OtherSensor | N
     return OtherSensor(shown, cache(lambda run: asked.labels(run) if run in same else {}))
 
 
-def failed(campaign: Campaign, number: int) -> set[int]:
-    """Return a sensor's runs that FAIL by what was recorded of them, mended or not."""
+def failed(campaign: Campaign, number: int, *, unless_mended: bool = False) -> set[int]:
+    """Return a sensor's runs that FAIL by what was recorded of them; or those that do not only for what is mended."""
     recorded = {run for run, of in campaign.verdicts.items() if of.verdict is Verdict.FAIL}
-    return recorded | {run for run, sensor in campaign.contradicted if sensor == number}
-
-
-def failed_but_mended(campaign: Campaign, number: int) -> set[int]:
-    """Return a sensor's runs that FAIL by their records for nothing but what is mended."""
-    if not campaign.contradicted:
-        return set()
-    recorded = {run for run, of in campaign.verdicts.items() if of.verdict is Verdict.FAIL}
-    return {row.run for row in wrong_rows(campaign)[number].rows if row.done == MENDED} - recorded
+    contradicted = {run for run, sensor in campaign.contradicted if sensor == number}
+    if unless_mended and contradicted:
+        contradicted -= {row.run for row in wrong_rows(campaign)[number].rows if row.done == MENDED}
+    return recorded | contradicted
 
 
 @lru_cache(maxsize=8)
@@ -169,17 +156,16 @@ def _wrong_rows(
             judged.setdefault(run, []).append(Judgement(verdict, wrong.why))
             rows.append(wrong)
         collects = mended(collects, each.likeliest) if each.likeliest is not None else collects
-    apart = {cause.run for each in found if (cause := each.likeliest) is not None and cause.what == "run"}
     every = {run: combine(several) for run, several in judged.items()}
     # A search meets one thing by itself, with its rivals; two that hide each other it would not.
     hidden = [next((way for way in each.ways if len(way) > 1), ()) for each in found if each.likeliest is None]
     unsure = {cause.place: cause for way in hidden for cause in way}
     likeliest, may_be = collects, []
     for cause in unsure.values():
-        may_be.append(_of(filed, cause, _DONE[cause.what][0], cause_in_words(filed, cause)))
+        may_be.append(_of(filed, cause, _DONE.get(cause.what, _AS_FILED)[0], cause_in_words(filed, cause)))
         likeliest = mended(likeliest, cause)
     alone, seen_from = beyond_others(collects, {*failed, *(run for each in found for run in each.used)})
-    return WrongRows(collects, tuple(rows), every, alone, apart, seen_from, tuple(may_be), likeliest)
+    return WrongRows(collects, tuple(rows), every, alone, lost, seen_from, tuple(may_be), likeliest)
 
 
 def _as_the_unit_lay(collects: Collects, exchanged: Sequence[tuple[int, int]]) -> tuple[Collects, list[Wrong]]:
@@ -200,8 +186,8 @@ def _said(filed: Collects, found: Explained) -> Iterator[tuple[int, Wrong, Verdi
     conditions, cause = filed.conditions, found.likeliest
     if cause is not None:
         others = [cause_in_words(filed, other) for other, _ in found.rivals[1:]]
-        said = f"{cause_in_words(filed, cause)}{_REASON[cause.what]}{'; or '.join(['', *others])}"
-        done, verdict = _DONE[cause.what]
+        done, verdict, because = _DONE.get(cause.what, _AS_FILED)
+        said = f"{cause_in_words(filed, cause)}{because}{'; or '.join(['', *others])}"
         yield cause.run, _of(filed, cause, done, said), verdict
         return
     runs = sorted(found.runs or set(conditions.run.tolist()))
@@ -244,15 +230,11 @@ def cause_in_words(collects: Collects, cause: Cause) -> str:
 
 
 def _of(collects: Collects, cause: Cause, done: str, why: str) -> Wrong:
-    return _wrong(collects, cause.run, cause.rows, () if cause.channel is None else (cause.channel,), done, why)
-
-
-def _wrong(collects: Collects, run: int, rows: Sequence[int], channels: Sequence[int], done: str, why: str) -> Wrong:
     """Return what is wrong with rows by the campaign's own names; no channel in particular is every one."""
-    conditions = collects.conditions
-    names = tuple(conditions.sensor.channels)
-    collect = tuple(conditions.collect[list(rows)].tolist())
-    return Wrong(conditions.sensor.number, run, collect, tuple(names[c] for c in channels) or names, done, why)
+    conditions, names = collects.conditions, tuple(collects.conditions.sensor.channels)
+    collect = tuple(conditions.collect[list(cause.rows)].tolist())
+    channels = names if cause.channel is None else (names[cause.channel],)
+    return Wrong(conditions.sensor.number, cause.run, collect, channels, done, why)
 
 
 def clipped_rows(collects: Collects) -> list[Wrong]:
@@ -288,7 +270,7 @@ def pooled(campaign: Campaign) -> Campaign:
     """
     sensors, not_used = {}, {}
     for number, rows in campaign.sensors.items():
-        kept = ~np.isin(rows.conditions.run, list(failed(campaign, number) - failed_but_mended(campaign, number)))
+        kept = ~np.isin(rows.conditions.run, list(failed(campaign, number, unless_mended=True)))
         sensors[number] = rows.rows(kept) if kept.any() and not kept.all() else rows
         gone = np.setdiff1d(rows.conditions.run, sensors[number].conditions.run).tolist()
         not_used[number] = sorted({*campaign.not_used.get(number, ()), *gone})

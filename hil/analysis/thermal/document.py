@@ -7,8 +7,8 @@ from hil.analysis.thermal.choice import FALSE_ALARM, Improvement
 from hil.analysis.thermal.estimate import Estimates
 from hil.analysis.thermal.fit import DESCRIBES, ParameterFit, SensorFit, ThermalFit
 from hil.files.document import picked, plain
+from hil.solve.document import not_passed, runs_in_words
 from hil.solve.omissions import what_is_wrong
-from hil.solve.reasons import not_passed, runs_in_words
 from hil.solve.repeats import CONFIDENCE
 from hil.solve.runs import solve_campaign
 from procedures.words import listed, significant

@@ -63,7 +63,7 @@ class Parameter:
         Every order of magnitude within the typical range is as probable. Ten times the largest typical is thirty
         times less so, a hundredth of the smallest ten times; sizes that nobody has seen are improbable, not impossible.
         """
-        low, high = self._range()
+        low, high = self.bounds
         beyond = 1.5 * np.log(high / size) if size > high else 0.5 * np.log(size / low) if size < low else 0.0
         return float(beyond - np.log(np.log(high / low) + 8.0 / 3.0))
 
@@ -72,7 +72,8 @@ class Parameter:
         """The largest size that is searched for, a thousand times the largest typical: what needs more is not seen."""
         return self.typical[1] * 1e3
 
-    def _range(self) -> tuple[float, float]:
+    @property
+    def bounds(self) -> tuple[float, float]:
         """The typical range, of which a bottom of zero is a hundredth of the top."""
         low, high = self.typical
         return max(low, 0.01 * high), high

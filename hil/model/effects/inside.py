@@ -18,7 +18,6 @@ FEWEST = 16
 class SeriesFinding:
     """What a test of one channel's series says. `p_value` is NaN where the series is too short to ask."""
 
-    effect: str
     channel: str
     p_value: float
     estimates: Mapping[str, float]
@@ -37,7 +36,7 @@ class SeriesEffect(Described):
                 p_value, estimates, sentence = math.nan, dict[str, float](), f"{known} samples are too few to ask"
             else:
                 p_value, estimates, sentence = self._test_channel(series, index)
-            findings.append(SeriesFinding(self.id, channel, p_value, estimates, f"{channel}: {sentence}"))
+            findings.append(SeriesFinding(channel, p_value, estimates, f"{channel}: {sentence}"))
         return tuple(findings)
 
     @abstractmethod

@@ -3,6 +3,7 @@
 The search weighs by it, and what a design promises of the search is priced by it.
 """
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 
@@ -56,13 +57,12 @@ def shapes_tried(effect: Effect, conditions: Conditions) -> Sequence[Mapping[str
 def ladder(typical: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
     """Return sizes (u,) that are tried, in middles of a typical range, and their log weights (u,)."""
     parameter = Parameter("", "", typical)
-    low = max(typical[0], 0.01 * typical[1])
+    low, _ = parameter.bounds
     values = 0.1 * low * STEP ** np.arange(int(np.ceil(np.log(parameter.largest / (low * 0.1)) / np.log(STEP))) + 1)
     log_weights = np.array([parameter.log_density(size) for size in values.tolist()])
     return np.asarray(values / middle(parameter)), np.asarray(log_weights - np.logaddexp.reduce(log_weights))
 
 
 def middle(parameter: Parameter) -> float:
-    """Return the middle of a typical range, of which a bottom of zero is a hundredth of the top."""
-    low, high = parameter.typical
-    return float(np.sqrt(max(low, 0.01 * high) * high))
+    """Return the middle of a typical range."""
+    return float(np.sqrt(math.prod(parameter.bounds)))

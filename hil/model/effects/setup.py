@@ -1,6 +1,7 @@
 """Effects of the set-up: tilt, accelerometers, index positions, earth-rate knowledge."""
 
 from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 import numpy as np
 
@@ -13,15 +14,6 @@ from hil.model.equation import pickoff_rates
 MILLI = 1e-3
 LEFT_OUT = 0.9
 """Probability that, where a record has no earth rate and one is missing, it is the earth's whole."""
-
-
-def _tilt_columns(conditions: Conditions, base: Base) -> FloatArray:
-    """Change of the rates per milli-g of G2 and of G3, shape (n, 2, 2): K times the change of f at each orientation."""
-    f = conditions.f_g
-    level = np.zeros_like(f)
-    level[:, 1] = np.hypot(f[:, 0], f[:, 2])  # axis 2 is the sensor's B axis at every index position
-    about_index_axis = turned_about_index_axis(f)
-    return MILLI * np.stack([pickoff_rates(0.0, base.k, df, 0.0) for df in (level, about_index_axis)], -1)
 
 
 class _IndexedRotorEffect(Effect):
@@ -39,25 +31,26 @@ class Tilt(_IndexedRotorEffect):
     equation = "R += K df, df = (0, G2, G3), (0, G2, -G3), (G3, G2, 0) in collects 1, 2, 3"
     parameters = (Parameter("G2", "mg", (1.0, 20.0)), Parameter("G3", "mg", (5.0, 20.0)))
     signature = "MU follows GS by a constant factor: dMUB = GSA G3/G1, dMUA = GSB G3/G1."
-    confusable_with = ("MU_real", "MU_T", "accel", "index")
+    confusable_with: ClassVar[tuple[str, ...]] = ("MU_real", "MU_T", "accel", "index")
     odds = OUTSIDE
     experiment = "Use the measured G of every collect; shim the bench and repeat."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return the change of the rates per mg of G2 and G3, shape (n, 2, 2)."""
-        return _tilt_columns(conditions, required_base(self, base))
+        """Return K times the change of f at each orientation, per mg of G2 and G3, shape (n, 2, 2)."""
+        f, k = conditions.f_g, required_base(self, base).k
+        level = np.zeros_like(f)
+        level[:, 1] = np.hypot(f[:, 0], f[:, 2])  # axis 2 is the sensor's B axis at every index position
+        about_index_axis = turned_about_index_axis(f)
+        return MILLI * np.stack([pickoff_rates(0.0, k, df, 0.0) for df in (level, about_index_axis)], -1)
 
 
-class AccelerometerError(_IndexedRotorEffect):
+class AccelerometerError(Tilt):
     """The accelerometers that measured G are off: the same columns as a tilt, of the other sign."""
 
     id = "accel"
     title = "Accelerometer error in measured G"
     equation = "R -= K df for an error (b2, b3) of the measured G2, G3"
-    parameters = (
-        Parameter("b2", "mg", (1.0, 10.0)),
-        Parameter("b3", "mg", (1.0, 10.0)),
-    )
+    parameters = (Parameter("b2", "mg", (1.0, 10.0)), Parameter("b3", "mg", (1.0, 10.0)))
     signature = "As a tilt, with the accelerometer's own temperature dependence."
     confusable_with = ("tilt", "MU_real", "index")
     odds = OUTSIDE
@@ -65,7 +58,7 @@ class AccelerometerError(_IndexedRotorEffect):
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         """Return the change of the rates per mg of b2 and b3, shape (n, 2, 2)."""
-        return -_tilt_columns(conditions, required_base(self, base))
+        return -super().columns(conditions, base, shape)
 
 
 class IndexPositionError(_IndexedRotorEffect):

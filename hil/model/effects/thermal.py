@@ -207,9 +207,8 @@ class InsufficientSoak(Effect):
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         """Return the step that is left, averaged over the collect, for each channel."""
-        left = averaged_decay(
-            column(conditions, "time_since_setpoint_s"), conditions.duration_s, 60.0 * shape["tau_min"]
-        )
+        since = column(conditions, "time_since_setpoint_s")
+        left = averaged_decay(since, conditions.duration_s, 60.0 * shape["tau_min"])
         return per_channel(setpoint_step(conditions, shape.get("from_degC", np.nan)) * left, conditions.sensor)
 
 
@@ -235,9 +234,8 @@ class WarmUp(Effect):
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         """Return the decay since power-on, averaged over the collect, for each channel."""
-        left = averaged_decay(
-            column(conditions, "time_since_power_on_s"), conditions.duration_s, 60.0 * shape["tau_min"]
-        )
+        since = column(conditions, "time_since_power_on_s")
+        left = averaged_decay(since, conditions.duration_s, 60.0 * shape["tau_min"])
         return per_channel(left, conditions.sensor)
 
 
@@ -264,8 +262,7 @@ class GasConvection(Effect):
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         """Return fA, then fS, each built up and thinned, for each channel."""
         since = column(conditions, "time_since_index_s")
-        built = np.where(
-            np.isfinite(since), 1.0 - averaged_decay(since, conditions.duration_s, 60.0 * shape["tau_min"]), 0.0
-        )
+        left = averaged_decay(since, conditions.duration_s, 60.0 * shape["tau_min"])
+        built = np.where(np.isfinite(since), 1.0 - left, 0.0)
         density = np.nan_to_num(298.15 / (column(conditions, "temperature_degC") + 273.15), nan=1.0)
         return per_channel(conditions.f_g[:, [0, 2]] * (built * density)[:, None], conditions.sensor)

@@ -27,9 +27,6 @@ NOT_HELD_OUT = (
     "no run could be held out: each temperature has one, and its values belong to it alone; the gap is that of the fit"
 )
 
-_OF_A_ROW = (
-    "before after before_deg_per_hr after_deg_per_hr held_before held_after noise_before noise_after left effect"
-)
 FEWEST_REPEATS = 30
 """Degrees of freedom from which repeats measure the noise to an eighth."""
 
@@ -221,27 +218,22 @@ def _number(value: float) -> float | None:
 def picture(fit: Fitted, before: Fitted, proof: tuple[HeldOut, HeldOut] | None) -> dict[str, Any]:
     """Residuals by row before and after, for the page; minutes from one collect to the next.
 
-    `held_*` are those of held-out rows (of the fit where nothing is held out), `noise_*` what they may scatter by,
+    `held_*` are those of held-out rows (of the fit where nothing is held out), `noise_after` what they may scatter by,
     `left` what values at each temperature leave of a residual, and `effect` what was added makes beside the base.
     """
     rows, minutes = [], []
     for b, (block, plain) in enumerate(zip(fit.blocks, before.blocks, strict=True)):
         own, known = block.search.block, block.search.noise.conditions
-        noise = [np.sqrt(each.variance) for each in (plain, block)]
-        left, whole = fit.residual(block), before.residual(plain)
-        inner = [plain.beside_values(whole), block.beside_values(left)]
-        held = (
-            inner
-            if proof is None
-            else [np.where(np.isfinite(e), e, i) for e, i in zip(proof[0].errors[b], inner, strict=True)]
-        )
+        inner = [plain.beside_values(before.residual(plain)), block.beside_values(fit.residual(block))]
+        errors = inner if proof is None else proof[0].errors[b]
+        held = [np.where(np.isfinite(e), e, i) for e, i in zip(errors, inner, strict=True)]
         added = fit.effect(block)
         added -= own.base @ np.linalg.lstsq(own.base, added, rcond=1e-9)[0]
         temperature = known.columns.get("temperature_degC")
         steps = np.diff(known.start_s)[np.diff(known.run) == 0]
         minutes += [float(np.median(steps)) / 60.0] if len(steps) else []
-        by_row = (whole / noise[1], left / noise[1], whole, left, *held, *noise, inner[1], added)
-        columns = dict(zip(_OF_A_ROW.split(), by_row, strict=True))
+        names = ("held_before", "held_after", "noise_after", "left", "effect")
+        columns = dict(zip(names, (*held, np.sqrt(block.variance), inner[1], added), strict=True))
         for i, row in enumerate(own.rows):
             rows.append(
                 {
@@ -256,15 +248,15 @@ def picture(fit: Fitted, before: Fitted, proof: tuple[HeldOut, HeldOut] | None) 
     return {"rows": rows, "minutes_per_collect": float(np.median(minutes)) if minutes else None}
 
 
-def as_it_stands(model: Model, campaign: Campaign, mistakes: Sequence[tuple[int, Term]]) -> dict[str, Any] | None:
+def as_it_stands(model: Model, campaign: Campaign, mistakes: Sequence[Term]) -> dict[str, Any] | None:
     """How far the rates, with labels put right, are from a model with values before any fit; None for a built-in."""
     squares, rows, worst = 0.0, 0, 0.0
     for number, collects in campaign.sensors.items():
         if not model.has_values(collects.conditions.sensor):
             return None
         error = collects.rates_deg_per_hr - model.rates(collects.conditions)
-        for n, term in mistakes:
-            if n == number and term.candidate.effect is not None:
+        for term in mistakes:
+            if term.candidate.sensor == number and term.candidate.effect is not None:
                 error = error - term.candidate.columns[:, :, 0]
         error = error[np.isfinite(error)]
         squares, rows = squares + float(error @ error), rows + len(error)

@@ -11,14 +11,13 @@ from hil.model import Model, Term
 from hil.model.curve import Constant, Curve, Polynomial, Table, TableRows
 from hil.model.effects.empirical import EmpiricalTerm
 from hil.model.effects.followed import driver_reference
-from hil.model.forms import matrix_6_form, triad_12_form
 from hil.model.stated_noise import ScatterTerm, SensorNoise
 from hil.reconcile.outcome.scatter import FoundScatter
-from hil.reconcile.outcome.values import least_squares, left_by
+from hil.reconcile.outcome.values import left_by
 from hil.reconcile.search.candidates import POWERS, Candidate
 from hil.reconcile.search.fitted import Values
 from hil.reconcile.search.noise import FEWEST_RUNS
-from hil.reconcile.search.problem import SensorProblem
+from hil.reconcile.search.problem import SensorProblem, fit_to
 from hil.solve.repeats import CONFIDENCE
 from hil.solve.temperatures import same_temperature
 
@@ -55,12 +54,11 @@ def described_parameters(
         if power == 0 and candidate.tier == 1:
             entry["typical"] = parameter.typical
         if candidate.tier == 2:
-            channel = _channel_and_power(candidate, number, conditions)[0]
-            own = [n for n in values if _channel_and_power(candidate, n, conditions)[0] == channel]
+            channel, _ = _channel_and_power(candidate, number)
+            own = [n for n in values if _channel_and_power(candidate, n)[0] == channel]
             whole = sum(values[n][0] * candidate.columns[:, channel, n] for n in own)
             entry["moves_deg_per_hr"] = float(np.ptp(whole))
             entry["moves_se_deg_per_hr"] = abs(error / value) * float(np.ptp(whole)) if len(own) == 1 else None
-            entry["name"] = f"{_parameter_of(candidate, channel, conditions)} × {candidate.driver}"
         out.append(entry)
     return out
 
@@ -112,10 +110,7 @@ def improved(
     `record` says where each name came from. The base of sensors in `calibrated` has values at each temperature.
     """
     added = [t for candidate, values in terms for t in _terms(candidate, values, sensors, record)]
-    base = {
-        number: _base_curves(sensor, [t for t in terms if t[0].sensor == number], number in calibrated)
-        for number, sensor in sensors.items()
-    }
+    base = {number: _base_curves(sensor, terms, number in calibrated) for number, sensor in sensors.items()}
     comparable = all(sensor.form.name in {model.form, "matrix-6"} for sensor in sensors.values())
     noise = dict(model.noise)
     for found in scatter:
@@ -140,7 +135,7 @@ def _base_curves(
     """Fit the base to what the terms leave: one set of values, a set at each temperature, or a correction."""
     form = sensor.form
     columns, rates, _ = left_by(sensor, terms)
-    fit = least_squares(columns, rates)[: len(form.names)]
+    fit = fit_to(rates, columns)[: len(form.names)]
     if sensor.given is not None:
         return _shifted(sensor.given.sensors[sensor.number], form.names, fit)
     if calibrated:
@@ -166,7 +161,7 @@ def _tables(sensor: SensorProblem, columns: FloatArray, rates: FloatArray, whole
     for k, centre in zip(stations, centres, strict=True):
         here = numbers == k
         left = rates[here] - columns[here][:, :, : len(whole)] @ whole
-        law = whole + least_squares(columns[here], left)[: len(whole)]
+        law = whole + fit_to(left, columns[here])[: len(whole)]
         own.append(law.reshape(-1, powers) @ (centre - (form.reference_degC or 0.0)) ** np.arange(powers))
     return {
         name: Table(unit=unit, table=TableRows(temperature_degC=tuple(centres), value=tuple(float(v[i]) for v in own)))
@@ -241,10 +236,9 @@ def _empirical_terms(
     """Return one term per channel and power: base parameter × driver, with the sign of the parameter's own column."""
     out = []
     for column, (value, error) in found.items():
-        channel, power = _channel_and_power(candidate, column, conditions)
-        name = _parameter_of(candidate, channel, conditions)
-        driver = candidate.driver if power is None else f"{candidate.driver}^{power}"
-        effect = EmpiricalTerm(name, driver)
+        channel, power = _channel_and_power(candidate, column)
+        driver = f"{candidate.driver}{power}"
+        effect = EmpiricalTerm(candidate.changes[channel], driver)
         reference = driver_reference(driver, conditions)
         own = effect.columns(conditions, None, {"reference": reference})[:, channel, 0]
         mine = candidate.columns[:, channel, column]
@@ -263,25 +257,7 @@ def _empirical_terms(
     return out
 
 
-def _channel_and_power(candidate: Candidate, column: int, conditions: Conditions) -> tuple[int, int | None]:
-    channels = len(conditions.sensor.channels)
-    order = candidate.size // channels
-    return (column, None) if order == 1 else (column // order, column % order + 1)
-
-
-def _parameter_of(candidate: Candidate, channel: int, conditions: Conditions) -> str:
-    """Return the base parameter that a second-tier term of a channel changes."""
-    sensor = conditions.sensor
-    axis = list(sensor.channels.values())[channel]
-    if candidate.target == "B":
-        return f"B{axis}"
-    if candidate.target == "earth rate":
-        return "w"
-    if sensor.is_rotor:
-        form = matrix_6_form(sensor)
-        names = {"MU": ("MUB", "MUA"), "GS": ("GSA", "GSB")}.get(candidate.target, ("GSB", "GSA"))
-        return names[channel] if names[channel] in form.names else form.names[channel]
-    if sensor.is_triad and candidate.target.startswith("g along "):
-        name = f"G{axis}{candidate.target.removeprefix('g along ')}"
-        return name if name in triad_12_form(sensor).names else f"B{axis}"
-    return f"B{axis}"
+def _channel_and_power(candidate: Candidate, column: int) -> tuple[int, str]:
+    """Return in which channel a column of the second tier acts, and of which power of the driver it is, "" or "^2"."""
+    order = candidate.size // len(candidate.changes)
+    return column // order, f"^{column % order + 1}" * (order > 1)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -25,31 +26,26 @@ from hil.solve.wrong_rows import LEFT_OUT as OMITTED
 from hil.solve.wrong_rows import MENDED, USED, Wrong, cause_in_words, clipped_rows
 from procedures.words import numbered
 
-Mistakes = Sequence[tuple[int, Term]]
-"""Mistakes in the data that were found, each with its sensor."""
-
 _OF_A_RUN = {OTHER_SENSOR: "sensors", CHANNELS: "channels", ALL_TURNED: "all turned"}
 
 
-def mistakes_found(wrong: Mistakes, fit: Fitted, campaign: Campaign, chance: float) -> list[FoundEffect]:
+def mistakes_found(wrong: Sequence[Term], fit: Fitted, campaign: Campaign, chance: float) -> list[FoundEffect]:
     """Return mistakes in labels and runs as found effects: exchanged labels by name, wrong runs as one finding.
 
     `chance` is that of nothing being wrong or missing at all.
     """
     out = []
-    for number, term in (each for each in wrong if each[1].candidate.effect is not None):
-        which, p, sure = _which(number, term, fit.posterior, campaign)
+    for term in (each for each in wrong if each.candidate.effect is not None):
+        which, p, sure = _which(term, fit.posterior, campaign)
         out.append(
             FoundEffect(
                 id=term.name,
                 title=term.candidate.title,
                 equation=which,
-                parameters=[],
                 probability=p,
-                confusable_with=[],
                 kind="named" if sure else "ambiguous",
-                shapes={number: Shape(term.candidate.shape)},
-                sensors=(number,),
+                shapes={term.candidate.sensor: Shape(term.candidate.shape)},
+                sensors=(term.candidate.sensor,),
                 physics=physics(term.candidate.effect),
                 experiment=getattr(term.candidate.effect, "experiment", ""),
                 mends_labels=True,
@@ -63,10 +59,7 @@ def mistakes_found(wrong: Mistakes, fit: Fitted, campaign: Campaign, chance: flo
                 id=f"empirical: {numbers}",
                 title=f"{numbers.capitalize()} {'do' if many else 'does'} not agree with the others "
                 "in any way that an effect of the catalogue does",
-                equation="",
-                parameters=[],
                 probability=1.0 - chance,
-                confusable_with=[],
                 kind="empirical",
                 shapes={runs[0][0]: Shape({LEFT_OUT: float(len({(n, run) for n, _, run in runs}))})},
                 sensors=tuple(sorted({n for n, _, _ in runs})),
@@ -77,29 +70,21 @@ def mistakes_found(wrong: Mistakes, fit: Fitted, campaign: Campaign, chance: flo
     return out
 
 
-def wrong_runs(wrong: Mistakes) -> list[tuple[int, int, int]]:
+def wrong_runs(wrong: Sequence[Term]) -> list[tuple[int, int, int]]:
     """Return sensor, channel and the campaign's number of every run that is wrong."""
-    return [
-        (n, int(t.candidate.shape["channel"]), int(t.candidate.shape["number"])) for n, t in wrong if t.name == "run"
-    ]
+    runs = [term.candidate for term in wrong if term.name == "run"]
+    return [(of.sensor, int(of.shape["channel"]), int(of.shape["number"])) for of in runs]
 
 
-def _instead(number: int, posterior: Posterior, chosen: Term) -> tuple[float, dict[Set, float]]:
-    """Return how probable one exchange of labels in a sensor is, and the sets of others that may be in its place."""
-    sure, instead = 0.0, dict[Set, float]()
-    terms = posterior.searches[number].terms
-    for found in posterior.sets:
-        places = [j for j in found.terms[number] if terms[j].is_mistake]
-        if any(terms[j] is chosen for j in places):
-            sure += float(np.exp(found.log_weight))
-        elif way := tuple(j for j in places if terms[j].candidate.effect is not None):
-            instead[way] = instead.get(way, 0.0) + float(np.exp(found.log_weight))
-    return sure, instead
-
-
-def _which(number: int, term: Term, posterior: Posterior, campaign: Campaign) -> tuple[str, float, bool]:
+def _which(term: Term, posterior: Posterior, campaign: Campaign) -> tuple[str, float, bool]:
     """Say which labels are exchanged, and which others may be instead; how probable it is, and whether certain."""
-    p, instead = _instead(number, posterior, term)
+    p, instead, number = 0.0, dict[Set, float](), term.candidate.sensor
+    for found in posterior.sets:
+        wrong = {j: each for j in found.terms[number] if (each := posterior.term(number, j)).is_mistake}
+        if any(each is term for each in wrong.values()):
+            p += float(np.exp(found.log_weight))
+        elif way := tuple(j for j, each in wrong.items() if each.candidate.effect is not None):
+            instead[way] = instead.get(way, 0.0) + float(np.exp(found.log_weight))
     likely = sorted((way for way, weight in instead.items() if weight > LISTED), key=lambda way: -instead[way])
     ways = [all_of([_exchange(posterior.term(number, j).candidate, campaign) for j in way]) for way in likely]
     said = [_exchange(term.candidate, campaign), *ways]
@@ -116,11 +101,12 @@ def _exchange(candidate: Candidate, campaign: Campaign) -> str:
     return cause_in_words(collects, Cause(what, run, tuple(rows.tolist()), channel))
 
 
-def mended(sensors: Mapping[int, SensorProblem], wrong: Mistakes) -> dict[int, SensorProblem]:
+def mended(sensors: Mapping[int, SensorProblem], wrong: Sequence[Term]) -> dict[int, SensorProblem]:
     """Return the sensors with what was exchanged put right, and without the rates that are wrong."""
     out = dict(sensors)
-    for n, term in wrong:
-        collects, columns = out[n].collects, term.candidate.columns
+    for term in wrong:
+        n, columns = term.candidate.sensor, term.candidate.columns
+        collects = out[n].collects
         spoiled = np.any(columns != 0.0, axis=2) & (term.candidate.effect is None)
         exchanged = 0.0 if term.candidate.effect is None else columns[..., 0]
         rates = np.where(spoiled, np.nan, collects.rates_deg_per_hr - exchanged)
@@ -128,18 +114,16 @@ def mended(sensors: Mapping[int, SensorProblem], wrong: Mistakes) -> dict[int, S
     return out
 
 
-def mistake_notes(wrong: Mistakes, fit: Fitted, campaign: Campaign) -> list[str]:
+def mistake_notes(wrong: Sequence[Term], fit: Fitted, campaign: Campaign) -> list[str]:
     """Say which rows of the file carry each other's labels, and which runs are left out."""
     return in_words({"rows": rows_found(wrong, fit, campaign, ())}, searched=True)
 
 
-def mistake_places(wrong: Mistakes, fit: Fitted, chance: float) -> list[Disagreement]:
+def mistake_places(wrong: Sequence[Term], fit: Fitted, chance: float) -> list[Disagreement]:
     """Return where mistakes show: channel, position and run of each, and by how much."""
     out = []
-    for n, term in wrong:
-        if term.name == "row":
-            continue
-        conditions = fit.conditions[n]
+    for term in (each for each in wrong if each.name != "row"):
+        n, conditions = term.candidate.sensor, fit.conditions[term.candidate.sensor]
         channels = list(conditions.sensor.channels)
         for block in fit.blocks:
             own = block.search.block
@@ -189,7 +173,8 @@ def _probable_rows(fit: Fitted) -> dict[tuple[int, int], float]:
     alike = [each for each in posterior.sets if posterior.names(each) == posterior.names(fit.found)]
     whole = np.logaddexp.reduce([each.log_weight for each in alike])
     for found in alike:
-        for key in {(n, int(t.candidate.shape["row"])) for n, t in posterior.members(found) if t.name == "row"}:
+        wrong = [term.candidate for term in posterior.members(found) if term.name == "row"]
+        for key in {(of.sensor, int(of.shape["row"])) for of in wrong}:
             out[key] = out.get(key, 0.0) + float(np.exp(found.log_weight - whole))
     return out
 
@@ -221,22 +206,18 @@ def _row(number: int, conditions: Conditions, channel: int, row: int, size: floa
 
 
 def rows_found(
-    wrong: Mistakes, fit: Fitted, campaign: Campaign, outliers: Sequence[Mapping[str, Any]]
+    wrong: Sequence[Term], fit: Fitted, campaign: Campaign, outliers: Sequence[Mapping[str, Any]]
 ) -> list[dict[str, Any]]:
     """Return what is wrong with the rows, in the form that every command gives it: key `rows`."""
     found = []
-    for n, term in wrong:
-        conditions = fit.conditions[n]
-        if term.candidate.effect is not None:
-            run, columns = int(term.candidate.shape["run"]), term.candidate.columns
-            here = np.any(columns != 0.0, axis=(1, 2)) & (conditions.run == run)
-            moved = np.any(columns != 0.0, axis=(0, 2))
-            channels = tuple(name for name, of in zip(conditions.sensor.channels, moved, strict=True) if of)
-            which, _, sure = _which(n, term, fit.posterior, campaign)
-            why = f"{which}: correct it in collects.csv; the model is not changed by this"
-            found.append(
-                Wrong(n, run, tuple(conditions.collect[here].tolist()), channels, MENDED if sure else USED, why)
-            )
+    for term in (each for each in wrong if each.candidate.effect is not None):
+        n, conditions = term.candidate.sensor, fit.conditions[term.candidate.sensor]
+        run, columns = int(term.candidate.shape["run"]), term.candidate.columns
+        here = np.any(columns != 0.0, axis=(1, 2)) & (conditions.run == run)
+        channels = tuple(compress(conditions.sensor.channels, np.any(columns != 0.0, axis=(0, 2))))
+        which, _, sure = _which(term, fit.posterior, campaign)
+        why = f"{which}: correct it in collects.csv; the model is not changed by this"
+        found.append(Wrong(n, run, tuple(conditions.collect[here].tolist()), channels, MENDED if sure else USED, why))
     for n, channel, run in wrong_runs(wrong):
         conditions = fit.conditions[n]
         name = list(conditions.sensor.channels)[channel]
@@ -257,9 +238,9 @@ def rows_found(
     return [each.document() for each in found]
 
 
-def look_up(wrong: Mistakes) -> dict[str, Any] | None:
+def look_up(wrong: Sequence[Term]) -> dict[str, Any] | None:
     """The experiment for mistakes in the data: what was recorded settles them, no further collect is needed."""
-    swaps = [int(t.candidate.shape["run"]) for _, t in wrong if t.candidate.effect is not None]
+    swaps = [int(t.candidate.shape["run"]) for t in wrong if t.candidate.effect is not None]
     if swaps:
         which = runs_in_words(swaps)
         look = f"look at the accelerometers and the log of {which}; no further collect is needed"

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtri
 
-from hil.campaign import Conditions, FloatArray
+from hil.campaign import Conditions
 from hil.model import Model
 from hil.model.curve import Constant, Curve
 from hil.model.effects.base import Parameter, VarianceEffect
@@ -138,73 +138,50 @@ def ordinary(fit: Fitted, found: Sequence[FoundScatter], model: Sequence[str]) -
 
     `model` names what the averages scatter about: a form, and what was added to it.
     """
-    out = []
-    for block in fit.blocks:
-        own, scattered = block.search.block, _observed(block)
-        beside, errors = block.search.noise.stated_variance(), own.sigma**2 * own.sigma_stated
-        channels = list(block.search.noise.conditions.sensor.channels)
-        for c in np.unique(own.channel):
-            rows = own.channel == c
-            # Of the usual row: one whose standard error is huge says nothing of what the others scatter by.
-            known = float(np.median(errors[rows] + beside[rows]))
-            of_rows = np.median(scattered.by_itself[:, rows], axis=1)
-            mean = float(scattered.weight @ of_rows)
-            spread = np.sqrt(scattered.weight @ (of_rows - mean) ** 2)
-            more, error = mean - known, float(np.hypot(spread, mean * scattered.relative))
-            sure = more > _BEYOND * error
-            scatter = [f for f in found if (f.sensor, f.channel) == (own.sensor, channels[c])]
-            out.append(
-                {
-                    "sensor": own.sensor,
-                    "channel": channels[c],
-                    "under": " + ".join(model) + ", calibrated at each temperature" * block.calibrated,
-                    "stated_deg_per_hr": float(np.sqrt(np.median(errors[rows]))) if own.sigma_stated else None,
-                    "explained_deg_per_hr": float(np.sqrt(known)) if own.sigma_stated else None,
-                    "observed_deg_per_hr": float(np.sqrt(np.median(scattered.variance[rows]))),
-                    "run_offset_deg_per_hr": scattered.offset,
-                    "run_offset_se_deg_per_hr": scattered.offset_se,
-                    "collect_to_collect_deg_per_hr": (size := float(np.sqrt(max(more, 0.0)))),
-                    "collect_to_collect_se_deg_per_hr": 0.5 * error / size if sure else None,
-                    "scatter": [{"id": f.effect.id, "deg_per_hr": f.deg_per_hr} for f in scatter],
-                }
-            )
-    return out
+    return [channel for block in fit.blocks for channel in _of_channels(block, found, " + ".join(model))]
 
 
-@dataclass(frozen=True)
-class _Observed:
-    """What a block's rows scatter by: the mean over all that is probable with the kind of scatter that was found.
+def _of_channels(block: FittedBlock, found: Sequence[FoundScatter], model: str) -> Iterator[dict[str, Any]]:
+    """Yield what the channels of a block scatter by: the mean over all that is probable with the kind that was found.
 
-    `variance` (N,) is of each row, (deg/hr)²; `by_itself` (t, N) what each has by itself or by what the model states,
-    at points of the noise of some `weight` (t,), known to a share, `relative`. An offset without error may be chance.
+    A point of the grid is a factor of two, so that one alone says little. An offset without error may be chance.
     """
-
-    variance: FloatArray
-    weight: FloatArray
-    by_itself: FloatArray
-    relative: float
-    offset: float
-    offset_se: float | None
-
-
-def _observed(block: FittedBlock) -> _Observed:
-    """Return what a block's rows scatter by: a point of the grid is a factor of two, so that one alone says little."""
-    own, weighed, points = block.search, block.weighed, block.search.points
-    total = np.where(points.kind == points.kind[block.at], weighed.terms_log + points.log_prior, -np.inf)
-    scales = np.array([weighed.left_at(t)[1] for t in range(len(points))]) * own.unit**2
+    own, rows_of, points = block.search, block.search.block, block.search.points
+    total = np.where(points.kind == points.kind[block.at], block.weighed.terms_log + points.log_prior, -np.inf)
+    scales = np.array([block.weighed.left_at(t)[1] for t in range(len(points))]) * own.unit**2
     weight = np.exp(total - np.logaddexp.reduce(total))
     offset = float(np.sqrt((weight * scales) @ points.offset**2))
-    runs, sure = len(np.unique(own.block.run)), weight[points.offset == 0.0].sum() < _NO_OFFSET
+    runs, certain = len(np.unique(rows_of.run)), weight[points.offset == 0.0].sum() < _NO_OFFSET
+    offset_se = offset * float(np.hypot(_GRID / np.sqrt(12.0), 1.0 / np.sqrt(2.0 * runs)))
+    variance = (weight * scales) @ own.noise.variance(points)
     # What may be an offset by chance scatters each row all the same.
-    alone = replace(points, kind=np.full(len(points), -1), offset=points.offset * (not sure))
-    return _Observed(
-        (weight * scales) @ own.noise.variance(points),
-        weight,
-        scales[:, None] * own.noise.variance(alone),
-        float(np.sqrt(2.0 / own.beside.freedom)) if own.beside.freedom else np.inf,  # nothing is left to know it by
-        offset,
-        offset * float(np.hypot(_GRID / np.sqrt(12.0), 1.0 / np.sqrt(2.0 * runs))) if sure else None,
-    )
+    alone = replace(points, kind=np.full(len(points), -1), offset=points.offset * (not certain))
+    by_itself = scales[:, None] * own.noise.variance(alone)
+    relative = float(np.sqrt(2.0 / own.beside.freedom)) if own.beside.freedom else np.inf  # nothing is left to know by
+    beside, errors = own.noise.stated_variance(), rows_of.sigma**2 * rows_of.sigma_stated
+    for c in np.unique(rows_of.channel):
+        rows, channel = rows_of.channel == c, list(own.noise.conditions.sensor.channels)[c]
+        # Of the usual row: one whose standard error is huge says nothing of what the others scatter by.
+        known = float(np.median(errors[rows] + beside[rows]))
+        of_rows = np.median(by_itself[:, rows], axis=1)
+        mean = float(weight @ of_rows)
+        spread = np.sqrt(weight @ (of_rows - mean) ** 2)
+        more, error = mean - known, float(np.hypot(spread, mean * relative))
+        size, sure = float(np.sqrt(max(more, 0.0))), more > _BEYOND * error
+        here = [f for f in found if (f.sensor, f.channel) == (rows_of.sensor, channel)]
+        yield {
+            "sensor": rows_of.sensor,
+            "channel": channel,
+            "under": model + ", calibrated at each temperature" * block.calibrated,
+            "stated_deg_per_hr": float(np.sqrt(np.median(errors[rows]))) if rows_of.sigma_stated else None,
+            "explained_deg_per_hr": float(np.sqrt(known)) if rows_of.sigma_stated else None,
+            "observed_deg_per_hr": float(np.sqrt(np.median(variance[rows]))),
+            "run_offset_deg_per_hr": offset,
+            "run_offset_se_deg_per_hr": offset_se if certain else None,
+            "collect_to_collect_deg_per_hr": size,
+            "collect_to_collect_se_deg_per_hr": 0.5 * error / size if sure else None,
+            "scatter": [{"id": f.effect.id, "deg_per_hr": f.deg_per_hr} for f in here],
+        }
 
 
 def with_ordinary(model: Model, noise: Sequence[Mapping[str, Any]], conditions: Mapping[int, Conditions]) -> Model:

@@ -12,18 +12,18 @@ from hil.reconcile.naming import CERTAIN, LIKELY
 from hil.reconcile.outcome.scatter import beyond_chance
 from hil.reconcile.result import LEFT_OUT, Gap, Reconciliation, Rival, in_times
 from hil.reconcile.search.terms import NO_NAME
-from hil.solve.reasons import runs_in_words
+from hil.solve.document import runs_in_words
+from hil.solve.identifiability import SAME_CLASS
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED
 from procedures.words import listed, numbered, percent, significant
 
 LEAST = 1e-4  # p-values are said down to it
 _FALLS = 0.98  # of what it was: from there on a gap is said to fall
 _MORE_THAN_NOISE = 1.15  # times the noise: from there on it is not said that nothing else is left
-_EXCESS = 1.5  # times what is explained, from which on it is said that the averages scatter by more
+_EXCESS = 1.5  # times the noise, or what is explained of it, from which on it is said that something is more
 _EXPECTED = 5.0  # times as probable before the data, from which on physics is said to expect a name
 
 _ACT = packaged("hil.reconcile.outcome", "what_to_do.yaml")
-_OFF = 1.5  # times the noise: from there on a model's values are said to be off
 _MEASURED = " The model holds at temperatures that were measured: how far off it may be at others, hil thermal says."
 _APART = 0.05  # p-value below which nights simulated after are told from the measured one
 _BY = {
@@ -108,7 +108,7 @@ def summary(result: Reconciliation) -> list[str]:
     said = [f"{effect.title} ({effect.id}): {effect.equation}." for effect in swapped]
     said += [f"{effect.title}: left out." for effect in result.effects if LEFT_OUT in effect.shape]
     for effect in added:
-        same = [rival for rival in effect.confusable_with if rival.overlap > 0.95]
+        same = [rival for rival in effect.confusable_with if rival.overlap > SAME_CLASS]
         alike = [rival.id for rival in same]
         when = f", {effect.shape_in_words}," if effect.shape_in_words else ""
         sentence = f"{effect.title} ({effect.id}){when} is missing from {model}"
@@ -245,7 +245,7 @@ def stated_in_words(noise: Sequence[Mapping[str, Any]]) -> list[str]:
 
 def values_off(standing: Mapping[str, Any] | None, gap: Gap) -> list[str]:
     """Say where a model's values do not describe the data though its form, fitted anew, may: nothing for a built-in."""
-    if standing is None or not standing["rms_deg_per_hr"] > _OFF * gap.noise_floor:
+    if standing is None or not standing["rms_deg_per_hr"] > _EXCESS * gap.noise_floor:
         return []
     off = (
         f"the model's values as they stand are off by {standing['rms_deg_per_hr']:.3g} deg/hr rms, where noise leaves "

@@ -12,9 +12,9 @@ from hil.model.forms import default_form
 from hil.reconcile.outcome.scatter import FoundScatter
 from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.fitted import Values
-from hil.reconcile.search.problem import Problem, SensorProblem
+from hil.reconcile.search.problem import Problem, SensorProblem, fit_to
 from hil.solve import solve
-from hil.solve.identifiability import orthonormal, project_out, smallest_fit
+from hil.solve.identifiability import orthonormal, project_out
 from hil.solve.runs import OBSERVABLE
 from hil.solve.temperatures import level_degC, same_temperature, told_by
 
@@ -36,15 +36,14 @@ def before_and_after(
         form, station, level = default_form(conditions), same_temperature(conditions), level_degC(conditions)
         columns, known = form.columns(conditions), sensor.known_rates() - conditions.w_channels_deg_per_hr
         places = np.unique(station[station >= 0])
-        own = [each for each in terms if each[0].sensor == number]
         rows: list[tuple[float | None, FloatArray, FloatArray]] = []
         for k in np.unique(places[[0, len(places) // 2, -1]]) if len(places) else ():
             here = station == k
             is_ = []
-            for chosen in ((), own):
+            for chosen in ((), terms):
                 base, left, made = left_by(sensor, chosen)
                 fitted = here if number in calibrated else np.isfinite(left).any(axis=1)
-                rates = known[here] + made[here] + base[here] @ least_squares(base[fitted], left[fitted])
+                rates = known[here] + made[here] + base[here] @ fit_to(left[fitted], base[fitted])
                 of_all = columns[here].reshape(-1, len(form.names))
                 is_.append(solve(of_all, rates.reshape(-1), 1.0, rank_tolerance=OBSERVABLE).values.round(_DIGITS) + 0.0)
             rows.append((None if level is None else float(np.nanmean(level[here])), is_[0], is_[1]))
@@ -70,20 +69,14 @@ def before_and_after(
 def left_by(
     sensor: SensorProblem, terms: Sequence[tuple[Candidate, Values]]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the base's columns (n, c, p), what the terms leave of the rates, and what they make, (n, c) each."""
+    """Return the base's columns (n, c, p), what its terms leave of the rates, and what they make, (n, c) each."""
     collects = sensor.collects
     columns = np.concatenate([sensor.form.columns(collects.conditions), sensor.term_columns], axis=2)
     made = np.zeros_like(collects.rates_deg_per_hr)
-    for candidate, values in terms:
+    for candidate, values in (each for each in terms if each[0].sensor == sensor.number):
         for column, (value, _) in values.items():
             made += candidate.columns[:, :, column] * value
     return columns, collects.rates_deg_per_hr - sensor.known_rates() - made, made
-
-
-def least_squares(columns: FloatArray, rates: FloatArray) -> FloatArray:
-    """Return what fits rates (n, c) by columns (n, c, p) best, (p,), the smallest where they leave it open."""
-    measured = np.isfinite(rates)
-    return smallest_fit(columns[measured], rates[measured], 1e-3) if columns.shape[2] else np.zeros(0)
 
 
 def taken_out(
@@ -98,7 +91,7 @@ def taken_out(
     """
     laid = {}
     for number, sensor in sensors.items():
-        collects = _less(sensor, [each for each in terms if each[0].sensor == number])
+        collects = _less(sensor, terms)
         parts = [*problem.model.stated_scatter(collects.conditions)]
         for found in (each for each in scatter if each.sensor == number):
             of_unit_size = found.effect.scatter(collects.conditions, found.shape)
@@ -110,7 +103,7 @@ def taken_out(
 def _less(sensor: SensorProblem, terms: Sequence[tuple[Candidate, Values]]) -> Collects:
     columns, left, made = left_by(sensor, terms)
     own = len(sensor.form.names)
-    made += columns[:, :, own:] @ least_squares(columns, left)[own:]
+    made += columns[:, :, own:] @ fit_to(left, columns)[own:]
     return replace(sensor.collects, rates_deg_per_hr=sensor.collects.rates_deg_per_hr - made)
 
 

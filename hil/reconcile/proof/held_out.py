@@ -171,7 +171,7 @@ def _predicted(
     block: FittedBlock, white: FloatArray, beside: tuple[FloatArray, FloatArray], folds: _Folds
 ) -> Iterator[tuple[int, Predicted]]:
     """Yield of each fold what the other rows predict for it."""
-    y, (taken, back) = block.search.block.y - block.columns @ block.mean, beside
+    y, (taken, back) = block.search.block.y - block.columns @ block.weighed.prior()[0], beside
     pulled = white.T @ (white @ y) / block.scale - taken @ (back @ y)
     least, asked = BEYOND**2 * block.variance, dict(folds)
     while asked:

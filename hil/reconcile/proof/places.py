@@ -9,6 +9,7 @@ of it in whole, so that nobody can know that part, is it what the effect leaves 
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -159,15 +160,8 @@ def _tenths(towards: Callable[[float], float], degC: float) -> float:
 
 def _ranges(station: IntArray, touched: BoolArray, among: BoolArray) -> Iterator[BoolArray]:
     """Unbroken ranges of setpoints of which most rows are touched."""
-    numbers = [int(n) for n in np.unique(station[among])]
-    inside = [n >= 0 and _mostly(touched, among & (station == n)) for n in numbers]
-    start = None
-    for place, hit in enumerate([*inside, False]):
-        if hit and start is None:
-            start = place
-        elif not hit and start is not None:
-            yield among & np.isin(station, numbers[start:place])
-            start = None
+    inside = groupby(np.unique(station[among]), lambda n: n >= 0 and _mostly(touched, among & (station == n)))
+    yield from (among & np.isin(station, list(numbers)) for hit, numbers in inside if hit)
 
 
 def _mostly(touched: BoolArray, rows: BoolArray) -> bool:

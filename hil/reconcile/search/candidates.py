@@ -8,6 +8,7 @@ catalogue would get the catalogue's nearest name.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,9 +16,10 @@ from hil.campaign import Conditions, FloatArray
 from hil.campaign.plausibility import accelerometer_columns
 from hil.model.effects.base import Base, Effect, Parameter
 from hil.model.effects.catalogue import named
+from hil.model.effects.empirical import EARTH_RATE
 from hil.model.effects.followed import driver_values, expressible, position_is
 from hil.model.effects.prior import shapes_tried
-from hil.model.forms import RATE
+from hil.model.forms import PER_G, RATE
 from hil.solve.temperatures import same_temperature
 
 POWERS: Mapping[str, int] = {"line": 2, "quadratic": 3, "cubic": 4}
@@ -38,6 +40,7 @@ class Candidate:
 
     `tier` is 1 for the catalogue, 2 for parameter × driver terms. `form` is the dependence on temperature of the values
     ("constant", "line", …, "table"), `stations_degC` the setpoints of a table. `parameters` has one entry per column.
+    Of the second tier `changes` are the base parameters that follow the `driver`, one per channel.
     """
 
     name: str
@@ -53,7 +56,7 @@ class Candidate:
     equation: str = ""
     effect: Effect | None = None
     driver: str = ""
-    target: str = ""
+    changes: Sequence[str] = ()
     kept: tuple[int, ...] = ()
 
     @property
@@ -205,33 +208,46 @@ def drivers(conditions: Conditions) -> list[Driver]:
 def second_tier(number: int, conditions: Conditions) -> Iterator[Candidate]:
     """Yield parameter × driver terms: one column per channel, each with an amplitude of its own."""
     plain = drivers(conditions)
-    for target, unit, own in _targets(conditions):
+    targets = list(_targets(conditions))
+    for target in targets:
         for driver in plain:
-            if target != "earth rate" or driver.kind == "condition":
-                yield _nameless(number, conditions, target, unit, driver.name, own * driver.values[:, None])
-        curves = list(_smooth(conditions)) if target != "earth rate" else []
-        bear = [driver.name for driver in plain if target == "B" and _bears_a_curve(driver)]
+            if target.name != "earth rate" or driver.kind == "condition":
+                yield _nameless(number, conditions, target, driver.name, target.columns * driver.values[:, None])
+        curves = list(_smooth(conditions)) if target.name != "earth rate" else []
+        bear = [driver.name for driver in plain if target.name == "B" and _bears_a_curve(driver)]
         for over, curve in [*curves, *((name, _powers(name, conditions, _CURVE_ORDER)) for name in bear)]:
-            yield _nameless(number, conditions, target, unit, over, own[:, :, None] * curve[:, None, :])
+            yield _nameless(number, conditions, target, over, target.columns[:, :, None] * curve[:, None, :])
     labels, counts = np.unique(conditions.position, return_counts=True)
     for label in labels[counts > 1].tolist() if len(labels) <= 12 else ():
         both = [place := position_is(label)]
         for zone in [driver.name for driver in plain if driver.kind == "zone"]:
             both += [f"{place}&{zone}", f"{place}&{zone.replace('>', '<')}"]
         for text in both:
-            yield _nameless(number, conditions, "B", RATE, text, driver_values(text, conditions)[:, None])
+            yield _nameless(number, conditions, targets[0], text, driver_values(text, conditions)[:, None])
 
 
-def _targets(conditions: Conditions) -> Iterator[tuple[str, str, FloatArray]]:
-    """Yield what a driver may act on: name, unit and column per channel, shape (n, c) or (n, 1)."""
-    sensor = conditions.sensor
-    yield "B", RATE, np.ones((len(conditions), 1))
+class _Target(NamedTuple):
+    """What a driver may act on: its column per channel, (n, c) or (n, 1), and the base parameter of each channel."""
+
+    name: str
+    unit: str
+    columns: FloatArray
+    changes: Sequence[str]
+
+
+def _targets(conditions: Conditions) -> Iterator[_Target]:
+    """Yield what a driver may act on, the bias first."""
+    sensor, axes = conditions.sensor, list(conditions.sensor.channels.values())
+    biases = [f"B{axis}" for axis in axes]
+    yield _Target("B", RATE, np.ones((len(conditions), 1)), biases)
     for k, axis in enumerate(sensor.axes):
         if np.std(conditions.f_g[:, k]) > 0.05:
-            name = {0: "GS", 2: "MU"}.get(k, f"g along {axis}") if sensor.is_rotor else f"g along {axis}"
-            yield name, "deg/hr/g", conditions.f_g[:, k : k + 1]
+            name, changes = f"g along {axis}", [f"G{of}{axis}" for of in axes] if sensor.is_triad else biases
+            if sensor.is_rotor:
+                name, changes = (("GS", ["GSA", "GSB"]), (name, ["GSB", "GSA"]), ("MU", ["MUB", "MUA"]))[k]
+            yield _Target(name, PER_G, conditions.f_g[:, k : k + 1], changes)
     if np.any(conditions.w_deg_per_hr):
-        yield "earth rate", "1", conditions.w_channels_deg_per_hr
+        yield _Target("earth rate", "1", conditions.w_channels_deg_per_hr, [EARTH_RATE] * len(axes))
 
 
 def _smooth(conditions: Conditions) -> Iterator[tuple[str, FloatArray]]:
@@ -254,27 +270,21 @@ def _powers(name: str, conditions: Conditions, order: int = 5) -> FloatArray:
     return np.stack([driver_values(f"{name}^{power}", conditions) for power in range(1, order + 1)], axis=1)
 
 
-def _nameless(
-    number: int, conditions: Conditions, target: str, unit: str, driver: str, values: FloatArray
-) -> Candidate:
+def _nameless(number: int, conditions: Conditions, target: _Target, driver: str, values: FloatArray) -> Candidate:
     """A target that follows a driver by `values` (n, c or 1), or a curve over it, (n, c or 1, k), in each channel."""
     curve, channels = values.ndim > 2, len(conditions.sensor.channels)
     values = values.reshape(*values.shape[:2], -1)
     order, how = values.shape[2], f"{'curve over ' * curve}{driver}"
     each = np.broadcast_to(values, (len(conditions), channels, order))[:, :, None, :] * np.eye(channels)[:, :, None]
-    suffixes = [f"_{k}" for k in range(1, order + 1)] if order > 1 else [""]
+    changes = [Parameter(f"{name} × {driver}", target.unit, (0.0, np.inf)) for name in target.changes]
     return Candidate(
-        name=f"{target} × {how}",
+        name=f"{target.name} × {how}",
         tier=2,
         sensor=number,
         columns=each.reshape(len(conditions), channels, channels * order),
-        parameters=tuple(
-            Parameter(f"amplitude_{axis}{suffix}", unit, (0.0, np.inf))
-            for axis in conditions.sensor.channels.values()
-            for suffix in suffixes
-        ),
-        title=f"{target} follows {driver}{' in a way that no effect of the catalogue describes' * curve}",
-        equation=f"rate += amplitude × {target} × {how}",
+        parameters=tuple(each for each in changes for _ in range(order)),
+        title=f"{target.name} follows {driver}{' in a way that no effect of the catalogue describes' * curve}",
+        equation=f"rate += amplitude × {target.name} × {how}",
         driver=driver,
-        target=target,
+        changes=target.changes,
     )

@@ -25,8 +25,7 @@ WIDE = 1e4
 class FittedBlock:
     """One block with one set, as it was `weighed`: columns (N, k) with their keys, and noise.
 
-    That is `scale` times that of the search's point `at`. `deviation` (k,) and `mean` (k,) are the amplitudes' prior at
-    its most probable size.
+    That is `scale` times that of the search's point `at`.
     """
 
     search: BlockSearch
@@ -35,8 +34,6 @@ class FittedBlock:
     scale: float
     columns: FloatArray
     keys: Sequence[Key]
-    mean: FloatArray
-    deviation: FloatArray
 
     @property
     def calibrated(self) -> bool:
@@ -65,7 +62,8 @@ class FittedBlock:
         `white` (N, N) is W, which whitens the noise; beside it base and amplitudes are few columns (Woodbury).
         """
         base, unit = self.search.block.base, WIDE * np.sqrt(np.mean(self.variance))
-        columns = np.hstack([base / np.maximum(np.abs(base).max(axis=0), 1e-12) * unit, self.columns * self.deviation])
+        _, deviation = self.weighed.prior()
+        columns = np.hstack([base / np.maximum(np.abs(base).max(axis=0), 1e-12) * unit, self.columns * deviation])
         pulled = white.T @ (white @ columns) / self.scale
         return pulled, np.linalg.solve(np.eye(columns.shape[1]) + columns.T @ pulled, pulled.T)
 
@@ -194,7 +192,8 @@ def fitted(posterior: Posterior, found: Found) -> Fitted:
         own = project_out(orthonormal(white[:, : base.shape[1]]), white[:, base.shape[1] :])
         gram[np.ix_(index, index)] += own[:, 1:].T @ own[:, 1:]
         score[index] += own[:, 1:].T @ own[:, 0]
-        mean[index], deviation[index] = block.mean, np.maximum(deviation[index], block.deviation)
+        mean[index], largest = block.weighed.prior()
+        deviation[index] = np.maximum(deviation[index], largest)
     gram, score = gram + np.diag(deviation**-2.0), score + mean * deviation**-2.0
     covariance = np.linalg.inv(gram * np.outer(deviation, deviation)) * np.outer(deviation, deviation)
     return Fitted(posterior, found, blocks, keys, covariance @ score, covariance, np.diag(gram) ** -0.5)
@@ -207,9 +206,7 @@ def fitted_block(search: SensorSearch, chosen: Set, kind: str, b: int) -> Fitted
     total = weighed.terms_log + own.points.log_prior
     names = np.array(["", *(k.effect.id for k in own.noise.kinds)])[own.points.kind + 1]
     t = int(np.argmax(np.where((names == kind) | (names == ""), total, -np.inf)))
-    mean, deviation = weighed.prior()
-    scale = weighed.left_at(t)[1]
-    parts = [(j, part) for j in chosen if (part := search.terms[j].parts[b]) is not None]
-    columns = np.hstack([np.zeros((len(own.y), 0)), *(part.columns for _, part in parts)])
-    keys = [(own.block.sensor, j, int(k)) for j, part in parts for k in part.parameters]
-    return FittedBlock(own, weighed, t, scale, columns, keys, mean, deviation)
+    parts = [part.columns for j in chosen if (part := search.terms[j].parts[b]) is not None]
+    columns = np.hstack([np.zeros((len(own.y), 0)), *parts])
+    keys = [(own.block.sensor, *of) for of in weighed.owner]
+    return FittedBlock(own, weighed, t, weighed.left_at(t)[1], columns, keys)

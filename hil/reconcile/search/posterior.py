@@ -50,13 +50,13 @@ class Posterior:
         """Return a term of a sensor by its place."""
         return self.searches[number].terms[place]
 
-    def members(self, found: Found) -> list[tuple[int, Term]]:
-        """Return the terms of a set, each with its sensor."""
-        return [(number, self.term(number, place)) for number, places in found.terms.items() for place in places]
+    def members(self, found: Found) -> list[Term]:
+        """Return the terms of a set."""
+        return [self.term(number, place) for number, places in found.terms.items() for place in places]
 
     def names(self, found: Found) -> frozenset[str]:
         """Return the names in a set: of what moves averages, all without a name as one, and of what scatters them."""
-        return frozenset({found.kind, *(term.called for _, term in self.members(found))} - {""})
+        return frozenset({found.kind, *(term.called for term in self.members(found))} - {""})
 
     @cached_property
     def scatter(self) -> Mapping[str, VarianceEffect]:

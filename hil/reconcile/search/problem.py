@@ -51,7 +51,7 @@ class SensorProblem:
     def predicted_from(self, rates: FloatArray) -> FloatArray:
         """Return what the form makes of other rates (n, c) than were filed, at every row."""
         conditions = self.collects.conditions
-        values = _fit(self.form.columns(conditions), rates - self.known_rates(), self.collects.rates_se_deg_per_hr)
+        values = fit_to(rates - self.known_rates(), self.form.columns(conditions), self.collects.rates_se_deg_per_hr)
         return self.base_on(conditions, values).rates
 
     def base_beside(self, effect: Effect, shape: Mapping[str, float]) -> Base:
@@ -65,10 +65,10 @@ class SensorProblem:
         conditions = self.collects.conditions
         plain = np.concatenate([self.form.columns(conditions), self.term_columns], axis=2)
         rates, stated = self.collects.rates_deg_per_hr - self.known_rates(), self.collects.rates_se_deg_per_hr
-        alone = _misfit(plain, rates, _fit(plain, rates, stated))
+        alone = _misfit(plain, rates, fit_to(rates, plain, stated))
         columns = _not_in(plain, effect_columns(effect, conditions, self.base, shape), rates)
         both = np.concatenate([plain, columns], axis=2)
-        joint = _fit(both, rates, stated)
+        joint = fit_to(rates, both, stated)
         if alone - _misfit(both, rates, joint) < _BEYOND_DOUBT:
             return self.base
         return self.base_on(conditions, joint[: len(self.form.names)])
@@ -161,11 +161,11 @@ def _sensor(number: int, collects: Collects, model: Model, form: LinearForm) -> 
     columns = form.columns(conditions)
     known = conditions.w_channels_deg_per_hr if given is None else given.base_for(conditions).rates
     rates = collects.rates_deg_per_hr - known
-    values = _fit(columns, rates, collects.rates_se_deg_per_hr)
+    values = fit_to(rates, columns, collects.rates_se_deg_per_hr)
     base = _base(form, conditions, values, given)
     terms = _term_columns(model, conditions, base)
     if terms.shape[2]:
-        joint = _fit(np.concatenate([columns, terms], axis=2), rates, collects.rates_se_deg_per_hr)
+        joint = fit_to(rates, np.concatenate([columns, terms], axis=2), collects.rates_se_deg_per_hr)
         values = joint[: columns.shape[2]]
         base = _base(form, conditions, values, given)
         terms = _term_columns(model, conditions, base)
@@ -189,22 +189,19 @@ def _base(form: LinearForm, conditions: Conditions, values: FloatArray, given: M
     if given is None:
         return correction
     own = given.base_for(conditions)
-    slopes = [
-        a if b is None else b if a is None else a + b
-        for a, b in ((correction.bias_slope, own.bias_slope), (correction.k_slope, own.k_slope))
-    ]
-    bias, k = correction.bias + own.bias, correction.k + own.k
-    rates = pickoff_rates(bias, k, conditions.f_g, conditions.w_channels_deg_per_hr)
-    return Base(bias, k, rates, slopes[0], slopes[1])
+    both = Base(**{name: value + getattr(own, name) for name, value in vars(correction).items()})
+    # The earth turns once: rates do not add up.
+    return replace(both, rates=pickoff_rates(both.bias, both.k, conditions.f_g, conditions.w_channels_deg_per_hr))
 
 
-def _fit(columns: FloatArray, rates: FloatArray, stated: FloatArray) -> FloatArray:
-    """Fit weighted least squares, minimum norm where the collects leave a combination open; (p,)."""
+def fit_to(rates: FloatArray, columns: FloatArray, stated: FloatArray | None = None) -> FloatArray:
+    """Return what fits rates (n, c) by columns (n, c, p) best, (p,), the smallest where they leave a combination open.
+
+    Where errors (n, c) of all rates are `stated`, they weigh them.
+    """
     measured = np.isfinite(rates)
-    if not measured.any():
-        return np.zeros(columns.shape[2])
     weight = np.ones(measured.sum())
-    if np.all(stated[measured] > 0.0):
+    if stated is not None and measured.any() and np.all(stated[measured] > 0.0):
         weight = 1.0 / np.hypot(stated[measured], 0.3 * np.median(stated[measured]))
     return smallest_fit(columns[measured] * weight[:, None], rates[measured] * weight, 1e-3)
 

@@ -19,7 +19,7 @@ from hil.reconcile.search.likely_noise import DEPTH
 from hil.reconcile.search.noise import LARGEST, Points
 
 CLOSE = 0.01
-"""Sizes that make the rows less more probable than this (log) are not climbed to."""
+"""What makes the rows less more probable than this (log) is not climbed to."""
 ABOUT = np.arange(-2, 3)
 """Steps of a size about the best that are summed over."""
 _ALIKE = 4  # columns by which sets that are weighed side by side may differ

@@ -12,16 +12,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hil.campaign import FloatArray, IntArray
-from hil.model.effects.data import OTHER_SENSOR
+from hil.model.effects.data import OTHER_SENSOR, Mislabelled
 from hil.model.effects.followed import driver_of
 from hil.model.effects.prior import SECOND_TIER, UNSEEN, ladder, middle, name_odds
 from hil.reconcile.search.candidates import POWERS, Candidate
 from hil.reconcile.search.evidence import Amplitude
+from hil.solve.causes import ODDS
 from hil.solve.identifiability import kept_shares, orthonormal, project_out, unit_columns
 from hil.solve.rows import Block
 
-WRONG = {"row": 0.1, "run": 0.02}
-MISLABELLED = 0.02
+WRONG = {"row": ODDS["rate"] + ODDS["collect"], "run": ODDS["run"], Mislabelled.id: ODDS["exchanged"]}
 """Prior odds that a campaign has a wrong row, a wrong run, labels that are exchanged."""
 PLAIN = 5.0
 """A value that is one number is this many times as probable as one that follows temperature in some form."""
@@ -169,11 +169,9 @@ def _prior_odds(candidates: Sequence[Candidate]) -> list[float]:
     for c in candidates:
         within[c.tier, c.name] = within.get((c.tier, c.name), 0.0) + _form_weight(c)
     nameless = [name for tier, name in within if tier == 2]
-    odds: dict[tuple[int, str], float] = {(2, name): SECOND_TIER / len(nameless) for name in nameless}
-    for name, own in name_odds(c.effect for c in candidates if c.tier == 1 and c.effect is not None).items():
-        odds[1, name] = own
-    every = [(odds.get((c.tier, c.name), WRONG.get(c.name, MISLABELLED)), c) for c in candidates]
-    return [own * _form_weight(c) / within[c.tier, c.name] for own, c in every]
+    of_names = name_odds(c.effect for c in candidates if c.tier == 1 and c.effect is not None)
+    odds = (WRONG, of_names, dict.fromkeys(nameless, SECOND_TIER / max(len(nameless), 1)))
+    return [odds[c.tier][c.name] * _form_weight(c) / within[c.tier, c.name] for c in candidates]
 
 
 def _form_weight(candidate: Candidate) -> float:

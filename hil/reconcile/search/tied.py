@@ -10,10 +10,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hil.campaign import FloatArray, IntArray
-from hil.reconcile.search.set_in_block import SetInBlock
-
-SETTLED = 0.01
-"""Logs by which a bound must still rise to be raised further."""
+from hil.reconcile.search.set_in_block import CLOSE, SetInBlock
 
 
 def tied_gain(blocks: Sequence[SetInBlock], without: Sequence[SetInBlock], tied: Sequence[int]) -> float:
@@ -88,5 +85,5 @@ def _raised(
         ]
         before, cost = bound, 0.5 * (np.trace(spread) + far @ far - size + np.linalg.slogdet(gram)[1])
         bound = sum(log for log, _ in noise) - float(cost)
-        if bound < before + SETTLED:
+        if bound < before + CLOSE:
             return max(bound, before)

@@ -174,7 +174,7 @@ def test_of_drivers_as_sure_as_one_another_that_of_what_moves_averages_comes_fir
     moves, scatters = SimpleNamespace(follows="temperature", is_mistake=False), SimpleNamespace(follows="run")
     posterior = SimpleNamespace(
         sets=[SimpleNamespace(kind="MU_rr", log_weight=-0.7)] * 2,
-        members=lambda _: [(2, moves)],
+        members=lambda _: [moves],
         scatter={"MU_rr": scatters},
     )
     found = naming._follows(cast(Posterior, posterior))
@@ -196,7 +196,7 @@ def test_a_tied_parameter_brings_its_gain_into_the_evidence(supplied: tuple[Post
 def test_a_row_is_left_out_where_it_is_as_sure_as_is_asked(sure: float, left_out: list[int]) -> None:
     """Two thirds say that it is wrong: enough where nothing else may be missing, too little where something is."""
     row = SimpleNamespace(is_mistake=True, candidate=SimpleNamespace(effect=None))
-    posterior = cast(Posterior, SimpleNamespace(members=lambda found: [(2, row) for _ in found.terms[2]]))
+    posterior = cast(Posterior, SimpleNamespace(members=lambda found: [row for _ in found.terms[2]]))
     wrong, nothing = Found({2: (0,)}, "", float(np.log(0.66))), Found({2: ()}, "", float(np.log(0.34)))
     kept = _surely_wrong(posterior, [wrong, nothing], [wrong, nothing], sure)
     assert [len(each.terms[2]) for each in kept] == left_out

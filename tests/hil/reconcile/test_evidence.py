@@ -324,7 +324,7 @@ def test_what_is_held_out_is_predicted_as_by_a_refit_without_it(search: SensorSe
     own, folds = block.search.block, by_run(block)
     noise = block.scale * block.search.noise.unit * covariance_of(block.search, block.at)
     design = np.hstack([own.base, block.columns])
-    weight = np.concatenate([np.zeros(own.base.shape[1]), block.deviation**-2])
+    weight = np.concatenate([np.zeros(own.base.shape[1]), block.weighed.prior()[1] ** -2])
     seen = 0
     white = np.linalg.cholesky(np.linalg.inv(noise / block.scale)).T
     for fold, predicted in _predicted(block, white, block.beside_noise(white), _products(white, folds, set())):

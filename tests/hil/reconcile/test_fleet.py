@@ -26,8 +26,8 @@ from hil.campaign.fleet_file import pieces_of, read_piece, write_fleet_file
 from hil.campaign.writer import write_campaign
 from hil.cli.app import run
 from hil.errors import InputError
-from hil.reconcile import Screen
 from hil.reconcile.campaigns import Facts, pieces_in, screen_folders
+from hil.reconcile.fleet import Screen
 from hil.reconcile.outcome.fleet import fleet_csv, fleet_document, fleet_page
 from hil.reconcile.proof.places import false_discovery
 from procedures.verdict import Judgement, Verdict
@@ -219,10 +219,7 @@ def test_false_discoveries_are_what_they_are_said_to_be() -> None:
     units = [with_own_noise(40_000 + i) for i in range(600)]
     screen = Screen.of(units, "matrix-6-thermal")
     weighed = screen.weigh([screen.rates(each) for each in units])
-    calls = [
-        min(f.q_value for f in screen.asked.findings([""] * 20, weighed[:, k : k + 20])) < 0.05
-        for k in range(0, 600, 20)
-    ]
+    calls = [min(f.q_value for f in screen.asked.findings(weighed[:, k : k + 20])) < 0.05 for k in range(0, 600, 20)]
     assert np.mean(calls) <= 0.05
     assert (
         np.mean(
@@ -265,8 +262,8 @@ def test_a_unit_that_is_noisier_than_its_fleet_is_not_called_for_that() -> None:
     noisy = [noise(WHOLE, np.random.default_rng(seed), rho=0.5, sigma=0.5, run_bias=8.0) for seed in range(4)]
     rates = [screen.rates(campaign_of(WHOLE, base_rates(WHOLE) + each)) for each in noisy]
     of_fleet = screen._by_name([np.column_stack(each) for each in zip(*rates, strict=True)], None)
-    assert all(each.p_value < 0.01 for each in screen.asked.findings([""] * 4, of_fleet))
-    assert all(each.p_value > 0.2 for each in screen.asked.findings([""] * 4, screen.weigh(rates)))
+    assert all(each.p_value < 0.01 for each in screen.asked.findings(of_fleet))
+    assert all(each.p_value > 0.2 for each in screen.asked.findings(screen.weigh(rates)))
 
 
 @pytest.mark.slow

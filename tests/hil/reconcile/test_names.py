@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hil.reconcile import FoundEffect, Reconciliation, reconcile
+from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.naming import leading
+from hil.reconcile.result import FoundEffect
 from tests.hil.reconcile.hidden_effects import Hidden, Rows, both, hidden_campaign
 
 

@@ -14,7 +14,8 @@ from hil.campaign import Campaign, Collects, Conditions
 from hil.campaign.reader import read_campaign
 from hil.errors import InputError
 from hil.model import load_model
-from hil.reconcile import Reconciliation, Screen, reconcile, write_result
+from hil.reconcile import Reconciliation, reconcile, write_result
+from hil.reconcile.fleet import Screen
 from hil.reconcile.scattering import what_scatters
 from tests.hil.reconcile.hidden_effects import TRIAD, base_rates, both, campaign_of, hidden_campaign, lay_out, noise
 from tests.hil.solve.test_other_runs import campaign as ordinary

@@ -137,7 +137,7 @@ def test_physics_expects_a_name_only_where_it_favours_it_alone(
     rivals = [
         Rival(name, 0.2, 0.99, f"{name.upper()}'s title", 0.1, prior) for name, prior in zip("bc", odds, strict=True)
     ]
-    first = FoundEffect("a", "A's title", "", [], 0.6, rivals, "ambiguous")
+    first = FoundEffect("a", "A's title", 0.6, "ambiguous", confusable_with=rivals)
     told = summary(replace(aged, verdict="ambiguous", effects=[first]))[0]
     assert told.endswith(f"these collects cannot tell them apart; 60 % for a, {said}.")
 
@@ -145,7 +145,7 @@ def test_physics_expects_a_name_only_where_it_favours_it_alone(
 def test_physics_expects_no_curve(aged: Reconciliation) -> None:
     """What has no name is not expected, however probable; a named rival beside it is judged as if it were not there."""
     curve = Rival("empirical: B × elapsed", 0.3, 0.99, "B follows elapsed", 1.0, 9.0)
-    alone = FoundEffect("a", "A's title", "", [], 0.6, [curve], "ambiguous")
+    alone = FoundEffect("a", "A's title", 0.6, "ambiguous", confusable_with=[curve])
     told = summary(replace(aged, verdict="ambiguous", effects=[alone]))[0]
     assert "expects" not in told
     assert told.endswith("60 % for a, the only one of them that has a name.")

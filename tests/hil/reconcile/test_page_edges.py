@@ -146,9 +146,8 @@ def test_the_page_says_whether_simulated_nights_are_like_the_measured_one(plain:
 
 def test_of_two_names_the_more_probable_is_said_though_the_other_is_written(plain: Reconciliation) -> None:
     """What may be noise is written as noise; that a step is the more probable stands in the same sentence."""
-    ice = FoundEffect(
-        "frost", "Ice", "", [], 0.27, [Rival("jump", 0.71, 0.1, title="A jump")], "ambiguous", acts_on="scatter"
-    )
+    jump = Rival("jump", 0.71, 0.1, title="A jump")
+    ice = FoundEffect("frost", "Ice", 0.27, "ambiguous", confusable_with=[jump], acts_on="scatter")
     said = " ".join(summary(replace(plain, effects=[ice])))
     assert "Ice (frost) is missing from" in said
     assert "(27 %), or – 71 % – A jump (jump): what may be no more than scatter is written as scatter." in said

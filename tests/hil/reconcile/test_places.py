@@ -10,9 +10,10 @@ import pytest
 from scipy.stats import false_discovery_control
 
 from hil.campaign import Campaign
-from hil.reconcile import Disagreement, Reconciliation, reconcile
+from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.page import page, place_in_words
 from hil.reconcile.proof.places import false_discovery
+from hil.reconcile.result import Disagreement
 from tests.hil.reconcile.hidden_effects import Rows, base_rates, both, campaign_of, lay_out, noise
 
 

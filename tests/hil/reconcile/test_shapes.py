@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from hil.model.effects.dynamics import IndexSettling
+from hil.model.effects.empirical import EmpiricalTerm
+from hil.model.effects.followed import driver_reference
 from hil.model.effects.g_squared import SquaredAcceleration
 from hil.reconcile import reconcile
 from hil.reconcile.outcome.sentences import summary
 from hil.reconcile.result import FoundEffect
-from hil.reconcile.search.candidates import drivers
+from hil.reconcile.search.candidates import drivers, second_tier
 from tests.hil.reconcile.hidden_effects import both, hidden_campaign
 
 TRUE = {"S_A": 90.0, "S_B": -50.0}
@@ -67,6 +69,21 @@ def test_an_acceleration_drives_no_coefficient() -> None:
     known = [driver.name for driver in drivers(replace(rows, columns={**rows.columns, **shown}))]
     assert known == [driver.name for driver in drivers(rows)]
     assert "supply_V" in known
+
+
+def test_a_term_without_a_name_changes_the_base_parameters_that_it_says() -> None:
+    """In its channel each column is that of the base parameter times the driver, but for the sign."""
+    rows = hidden_campaign(1).sensors[2].conditions
+    changed = set()
+    for candidate in second_tier(2, rows):
+        order = candidate.size // len(candidate.changes)
+        for channel, name in enumerate(candidate.changes) if order == 1 else ():
+            changed.add(name)
+            about = {"reference": driver_reference(candidate.driver, rows)}
+            own = EmpiricalTerm(name, candidate.driver).columns(rows, None, about)[:, channel, 0]
+            assert np.abs(candidate.columns[:, channel, channel]) == pytest.approx(np.abs(own), abs=1e-9)
+            assert candidate.parameters[channel].name == f"{name} × {candidate.driver}"
+    assert changed == {"BA", "BB", "GSA", "GSB", "MUA", "MUB", "w"}
 
 
 @pytest.mark.slow

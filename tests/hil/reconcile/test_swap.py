@@ -98,10 +98,10 @@ def test_noise_alone_does_not_exchange_labels(swap_alone: Reconciliation) -> Non
 def test_the_picture_shows_the_two_collects_before_and_nothing_after(swap_alone: Reconciliation) -> None:
     """The largest residuals before are those of run 6 at positions 1 and 2; after, no row stands out."""
     rows = swap_alone.picture["rows"]
-    largest = sorted(rows, key=lambda row: -abs(row["before_deg_per_hr"]))[:4]
+    largest = sorted(rows, key=lambda row: -abs(row["held_before"]))[:4]
     assert {(row["run"], row["position"]) for row in largest[:2]} == {(6, "1"), (6, "2")}
-    assert min(abs(row["before"]) for row in largest[:2]) > 8.0
-    assert max(abs(row["after"]) for row in rows) < 4.5
+    assert min(abs(row["held_before"] / row["noise_after"]) for row in largest[:2]) > 8.0
+    assert max(abs(row["held_after"] / row["noise_after"]) for row in rows) < 4.5
 
 
 def test_the_labels_are_to_be_corrected_and_the_model_stays(swap_alone: Reconciliation) -> None:
@@ -228,7 +228,7 @@ def test_a_rate_that_is_missing_in_one_of_the_two_hides_no_exchange() -> None:
     result = found(campaign, prove=False)
     assert swaps(result) == [6.0]
     assert result.outliers == []
-    assert max(abs(row["after"]) for row in result.picture["rows"]) < 4.5
+    assert max(abs(row["held_after"] / row["noise_after"]) for row in result.picture["rows"]) < 4.5
 
 
 def test_labels_exchanged_in_the_only_run_are_called_that() -> None:

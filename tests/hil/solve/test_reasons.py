@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from hil.solve import RunSolution, solve_campaign
-from hil.solve.reasons import not_passed, reasons
+from hil.solve.document import not_passed, reasons
 from hil.solve.runs import judge
 from procedures.verdict import Verdict
 from tests.hil.solve.test_other_runs import campaign

@@ -137,7 +137,6 @@ def test_a_batch_gives_what_each_member_gives_alone() -> None:
         np.testing.assert_allclose(batch.values[index], alone.values, rtol=1e-9)
         np.testing.assert_allclose(batch.covariance[index], alone.covariance, rtol=1e-9, atol=1e-12)
         assert batch.condition_number[index] == pytest.approx(float(alone.condition_number))
-        assert batch.unobservable(index) == alone.unobservable()
     assert batch.rank.tolist() == [[6] * 4, [6] * 4, [6, 6, 6, 4]]
 
 
@@ -158,7 +157,7 @@ def test_no_set_of_collects_ever_gives_a_wrong_number(labels: list[str], seed: i
     solution = solve(rows, rows @ truth, 0.9, names=NAMES)
     given_values = ~np.isnan(solution.values)
     np.testing.assert_allclose(solution.values[given_values], truth[given_values], atol=0.02)
-    named = " ".join(solution.unobservable())
+    named = " ".join(solution.observability.sentences)
     for name, is_given in zip(NAMES, given_values, strict=True):
         assert is_given != (name in named)
     assert (int(solution.rank) == 6) == bool(given_values.all())
@@ -170,7 +169,7 @@ def test_collects_1_and_2_alone_leave_mu_unseen_and_give_the_rest() -> None:
     solution = solve(rows, rows @ TRUTH, 0.9, names=NAMES)
     np.testing.assert_allclose(solution.values[:4], TRUTH[:4])
     assert np.all(np.isnan(solution.values[4:]))
-    assert solution.unobservable() == ("MUA is not seen", "MUB is not seen")
+    assert solution.observability.sentences == ("MUA is not seen", "MUB is not seen")
     assert np.isinf(float(solution.condition_number))
 
 
@@ -179,9 +178,9 @@ def test_one_collect_sees_only_mixtures_and_says_which() -> None:
     rows = design((1.0, 0, 0), "3")
     solution = solve(rows, rows @ TRUTH, 0.9, names=NAMES)
     assert np.all(np.isnan(solution.values))
-    assert "BA + MUB is seen, BA - MUB is not" in solution.unobservable()
-    assert "BB - MUA is seen, BB + MUA is not" in solution.unobservable()
-    assert "GSA is not seen" in solution.unobservable()
+    assert "BA + MUB is seen, BA - MUB is not" in solution.observability.sentences
+    assert "BB - MUA is seen, BB + MUA is not" in solution.observability.sentences
+    assert "GSA is not seen" in solution.observability.sentences
     seen = {text: (value, se) for text, value, se in solution.combinations()}
     assert seen["BA + MUB"] == pytest.approx((TRUTH[0] + TRUTH[5], 0.9))
 
@@ -256,7 +255,7 @@ def test_nothing_measured_knows_nothing() -> None:
     solution = solve(design((1.0, 0, 0)), np.full(6, np.nan), 0.9, names=NAMES)
     assert np.all(np.isnan(solution.values))
     assert int(solution.rank) == 0
-    assert len(solution.unobservable()) == 6
+    assert len(solution.observability.sentences) == 6
 
 
 def test_an_ill_conditioned_problem_keeps_its_digits() -> None:
@@ -276,7 +275,7 @@ def test_a_tolerance_declares_what_is_hardly_excited_unseen() -> None:
     rows = np.array([[1.0, 0.0], [1.0, 1e-4], [1.0, -1e-4]])
     assert int(solve(rows, np.zeros(3), 1.0).rank) == 2
     coarse = solve(rows, np.zeros(3), 1.0, names=("B", "K"), rank_tolerance=1e-3)
-    assert coarse.unobservable() == ("K is not seen",)
+    assert coarse.observability.sentences == ("K is not seen",)
     assert np.isinf(float(coarse.condition_number))
 
 
