@@ -84,7 +84,6 @@ class SimulatedImu:
     description: StreamDescription
     physics: UnitPhysics
     _: KW_ONLY
-    rate_hz: float | None = None
     identity: ImuIdentity = DEFAULT_IDENTITY
     index: IndexSettings = DEFAULT_INDEX
     faults: Sequence[FaultWindow] = ()
@@ -99,7 +98,7 @@ class SimulatedImu:
         if roles is None:
             raise ValueError(f"{self.description.name}: a description without roles cannot be simulated")
         self._roles = roles
-        self._rate_hz = self.description.sample_rate_hz if self.rate_hz is None else self.rate_hz
+        self._rate_hz = self.description.sample_rate_hz
         self._faults = FaultPlan(self.faults)
         self._rng = np.random.default_rng(self.seed)
         self._layout = FrameLayout(self.description, roles.frame)

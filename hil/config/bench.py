@@ -21,6 +21,7 @@ import numpy as np
 import yaml
 from pydantic import AfterValidator, BeforeValidator, Field, PositiveInt, ValidationError, model_validator
 
+from drivers.frames.description import StreamDescription, load_description
 from drivers.outside import brought
 from drivers.strict_yaml import first_mistake
 from hil.campaign import FloatArray, Sensor
@@ -350,6 +351,11 @@ class Bench(WholeFile):
     def imu_description(self) -> Path:
         """The frame description of the IMU; raises `InputError` where there is none of this name."""
         return self._named_file("imus", "imu.description", self.imu.description)
+
+    @cached_property
+    def frames(self) -> StreamDescription:
+        """What the IMU sends; raises `InputError` where the description cannot be used."""
+        return load_description(self.imu_description, parameters=self.imu.parameters, sample_rate_hz=self.imu.rate)
 
     @cached_property
     def simulation_model(self) -> Path | None:

@@ -47,7 +47,7 @@ def ask_serial(journal: SqliteJournal, live: LiveBench, attendant: Attendant) ->
 
     Raises `InterlockTripped` where nobody does.
     """
-    if not must_be_typed(live.bench, live.description) or "serial" in night_identity(journal):
+    if not must_be_typed(live.bench) or "serial" in night_identity(journal):
         return
     question = f"Type or scan the serial number of the unit ({live.bench.unit.model}): it does not tell its own."
     while True:

@@ -52,6 +52,7 @@ from hil.records.rows import Night
 from hil.records.status import VERDICT
 from hil.records.units import refuse_unit, unit_folder
 from hil.records.witnesses import LOG_NAME, seal
+from hil.twin.motion import Resumed
 from procedures.attended import Attendant, Terminal
 from procedures.plan import StepKind
 from procedures.progress import Audience, Progress
@@ -179,11 +180,7 @@ def resume_night(
         live = build_bench(
             bench,
             start_utc=night.utc(last_s + down_s),
-            first_run=first_run,
-            visited=visited,
-            session=len(controllers),
-            gone_s=last_s + down_s,
-            begun=begun,
+            resumed=Resumed(first_run, visited, len(controllers), last_s + down_s, begun),
             ask=attendant,
             speed=speed,
         )
@@ -381,7 +378,7 @@ def _powered_on(live: LiveBench) -> datetime | None:
 
 def field_meanings(live: LiveBench) -> dict[str, FieldMeaning]:
     """Return what every decoded field of the bench's unit is: unit, and role for one of the sensors."""
-    units = {name: field.unit for frame in live.description.frames.values() for name, field in frame.fields.items()}
+    units = {name: field.unit for frame in live.bench.frames.frames.values() for name, field in frame.fields.items()}
     meanings = {name: FieldMeaning(unit) for name, unit in units.items()}
     for number, channels in live.devices.imu.sensors.items():
         for channel, field in channels.rates.items():

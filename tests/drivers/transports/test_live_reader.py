@@ -244,11 +244,11 @@ def test_a_real_terminal_is_drained_while_nobody_reads() -> None:
 def test_unplugging_and_replugging_a_server_is_survived() -> None:
     """The connection is lost and comes back by itself; the driver sees one error and then samples."""
     clock = SystemClock()
-    server = DeviceServer({"imu": SimulatedImu(mfs(), SteadyPhysics(), rate_hz=200.0)}, clock, tcp_ports={"imu": 0})
+    server = DeviceServer({"imu": SimulatedImu(mfs(200.0), SteadyPhysics())}, clock, tcp_ports={"imu": 0})
     with server:
         url = server.urls["imu"]
         reader = LiveReader(open_port(url, clock=clock), clock)
-        imu = StreamImu(reader, mfs(), clock, sample_rate_hz=200.0)
+        imu = StreamImu(reader, mfs(200.0), clock)
         until(lambda: imu.read_block().counts.ok)
 
     def is_down() -> bool:
@@ -261,7 +261,7 @@ def test_unplugging_and_replugging_a_server_is_survived() -> None:
     with pytest.raises(TransportError, match="socket://"):
         imu.read_block()
     begins_s = clock.now()
-    device = SimulatedImu(mfs(), SteadyPhysics(), rate_hz=200.0, starts_s=begins_s)
+    device = SimulatedImu(mfs(200.0), SteadyPhysics(), starts_s=begins_s)
     with DeviceServer({"imu": device}, clock, tcp_ports={"imu": int(url.rsplit(":", 1)[1])}):
         counts = StreamCounts()
 

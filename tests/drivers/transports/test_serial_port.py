@@ -271,9 +271,9 @@ def test_a_server_that_was_never_started_and_one_whose_port_is_taken_release_eve
 def test_a_simulated_unit_is_identified_indexed_and_read_through_real_pyserial(tcp_ports: dict[str, int]) -> None:
     """The production driver at a real port, under the system clock, without losing a frame."""
     clock = SystemClock()
-    device = SimulatedImu(mfs(), SteadyPhysics(), rate_hz=500.0, starts_s=clock.now())
+    device = SimulatedImu(mfs(500.0), SteadyPhysics(), starts_s=clock.now())
     with DeviceServer({"imu": device}, clock, tcp_ports=tcp_ports) as server:
-        imu = StreamImu(open_port(server.urls["imu"], clock=clock), mfs(), clock, sample_rate_hz=500.0)
+        imu = StreamImu(open_port(server.urls["imu"], clock=clock), mfs(500.0), clock)
         assert imu.identify().serial == "SIM-0001"
         imu.discard()
         blocks = []
@@ -291,10 +291,10 @@ def test_a_simulated_unit_indexes_through_real_pyserial() -> None:
     clock = SystemClock()
     index = {"1": 1, "2": 2}
     device = SimulatedImu(
-        mfs(), SteadyPhysics(), rate_hz=200.0, starts_s=clock.now(), index=IndexSettings(index, "1", move_s=0.1)
+        mfs(200.0), SteadyPhysics(), starts_s=clock.now(), index=IndexSettings(index, "1", move_s=0.1)
     )
     with DeviceServer({"imu": device}, clock) as server:
-        imu = StreamImu(open_port(server.urls["imu"], clock=clock), mfs(), clock, sample_rate_hz=200.0)
+        imu = StreamImu(open_port(server.urls["imu"], clock=clock), mfs(200.0), clock)
         positioner = IndexingPositioner(imu, clock, index, poll_s=0.02, confirm_s=0.05, reaction_s=0.05)
         positioner.move_to("2", timeout_s=20.0)
         assert positioner.position() == "2"
