@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from drivers.clock import Clock
-from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, SensorFault, TransportError
+from drivers.errors import CommandRefused, DeviceError, DeviceTimeout, ProtocolError, SensorFault, TransportError
 
 Reply = TypeVar("Reply")
 
@@ -89,19 +89,29 @@ class Transport(ABC):
         return True
 
 
-class OwnPort(Transport):
-    """A port that the library of a device opens by itself: it has a name, and carries no byte of ours."""
+class ClosedPort(Transport):
+    """A port that is not open here: whoever reads or writes gets the sentence of `reason` as a `TransportError`."""
+
+    def __init__(self, name: str, clock: Clock, reason: DeviceError) -> None:
+        super().__init__(name, clock)
+        self._reason = reason
 
     def write(self, data: bytes) -> None:
-        """Raise `TransportError`: who would write here has a bench file that names no port."""
+        """Send nothing."""
         del data
-        raise TransportError(f"{self.name}: only a driver that opens its device itself has such a port; name the port")
+        self._fill()
 
     def close(self) -> None:
-        """Do nothing."""
+        """Do nothing: nothing is open."""
 
     def _fill(self) -> None:
-        """Nothing comes."""
+        raise TransportError(str(self._reason)) from self._reason
+
+
+def own_port(name: str, clock: Clock) -> ClosedPort:
+    """Return a port that the library of a device opens by itself: it has a name, and carries no byte of ours."""
+    only = f"{name}: only a driver that opens its device itself has such a port; name the port"
+    return ClosedPort(name, clock, TransportError(only))
 
 
 def asked(ask: Callable[[], Reply]) -> Reply:

@@ -31,8 +31,7 @@ from drivers.simulators.memory import MemoryTransport
 from drivers.transports import Transport, open_port
 from drivers.transports.live_reader import LiveReader
 from drivers.transports.serial_port import SerialTransport, existing_ports
-from drivers.transports.transport import OwnPort
-from hil.bench.closed_port import ClosedPort
+from drivers.transports.transport import ClosedPort, own_port
 from hil.bench.lock import port_lock
 from hil.config.bench import ASK, Bench
 from hil.config.frames import tells_serial
@@ -211,7 +210,7 @@ class _Ports:
         if url.startswith(SIMULATED_SCHEME):
             port: Transport = self.simulated.setdefault(key, MemoryTransport(device(), self._clock, url))
         elif url.startswith(OWN_SCHEME):
-            port = OwnPort(url, self._clock)
+            port = own_port(url, self._clock)
         else:
             port = self._real(key, url, line)
         self._opened.callback(port.close)

@@ -28,7 +28,7 @@ from drivers.frames.description import StreamDescription
 from drivers.imu import SampleBlock
 from drivers.imu.samples import FloatArray
 from drivers.imu.stream import StreamImu
-from hil.bench.closed_port import ClosedPort
+from drivers.transports.transport import ClosedPort
 from hil.config import Bench
 from hil.config.recorded import configuration_of
 from hil.errors import Damaged, InputError

@@ -13,8 +13,8 @@ import math
 import os
 import signal
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from drivers.clock import Clock, VirtualClock
 from drivers.positioners.operator import AskOperator
@@ -29,18 +29,6 @@ from hil.twin.motion import FROM_THE_START, Resumed
 from procedures.plan import Step
 from procedures.progress import Silent, Snapshot
 
-_OF_THE_UNIT: Mapping[str, ImuFault] = {
-    "silence": ImuFault.STALL,
-    "corrupted_bytes": ImuFault.FLIPPED_BITS,
-    "frozen_values": ImuFault.FROZEN,
-}
-_OF_THE_CHAMBER: Mapping[str, ChamberFaultKind] = {
-    "silence": ChamberFaultKind.DEAF,
-    "no_reply": ChamberFaultKind.SILENCE,
-    "corrupted_bytes": ChamberFaultKind.CORRUPTED,
-    "sensor_break": ChamberFaultKind.SENSOR_BROKEN,
-    "setpoint_not_followed": ChamberFaultKind.PLANT_DEAD,
-}
 _EXCHANGED_IN_S = 8.0
 
 
@@ -141,7 +129,7 @@ class FaultInjector(Silent):
     def _to_the_unit(self, fault: Fault, begins_s: float, ends_s: float) -> None:
         if self._unplugged(fault, begins_s, ends_s) or self._devices is None:
             return
-        kind = _OF_THE_UNIT.get(fault.kind) or ImuFault(fault.kind)
+        kind = ImuFault(fault.meaning.simulated)
         share = fault.amount if fault.meaning.size else 1.0
         for name in self._units(fault):
             self._devices.imus[name].inject(FaultWindow(kind, begins_s, ends_s, share))
@@ -155,16 +143,9 @@ class FaultInjector(Silent):
     def _to_the_chamber(self, fault: Fault, begins_s: float, ends_s: float) -> None:
         if self._unplugged(fault, begins_s, ends_s) or self._devices is None:
             return
-        kind = _OF_THE_CHAMBER.get(fault.kind) or ChamberFaultKind(fault.kind)
-        happens = ChamberFault(kind, begins_s, times=None, ends_s=ends_s)
-        match fault.kind:
-            case "late":
-                happens = replace(happens, delay_s=fault.amount)
-            case "sensor_break":
-                happens = replace(happens, reading=fault.amount)
-            case "runaway":
-                happens = replace(happens, astray_degC=fault.amount)
-        self._devices.chamber.inject(happens)
+        size: dict[str, Any] = {fault.meaning.sets: fault.amount} if fault.meaning.sets else {}
+        kind = ChamberFaultKind(fault.meaning.simulated)
+        self._devices.chamber.inject(ChamberFault(kind, begins_s, times=None, ends_s=ends_s, **size))
         if fault.kind == "power_cycle" and fault.duration_s is not None:
             self._devices.chamber.inject(ChamberFault(ChamberFaultKind.DEAF, begins_s, times=None, ends_s=ends_s))
 
