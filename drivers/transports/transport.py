@@ -6,6 +6,7 @@ in memory are interchangeable.
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TypeVar
 
 from drivers.clock import Clock
@@ -15,6 +16,21 @@ Reply = TypeVar("Reply")
 
 ATTEMPTS = 3
 """How often something is tried at a device: one glitch must not end a night."""
+
+
+@dataclass(frozen=True)
+class Timing:
+    """How a controller wants to be spoken to, seconds.
+
+    `late_s` is for replies that do not show which request they answer (a bare number): after a request without an
+    answer the line is listened to for so long, so that a late reply is not taken for the next one's.
+    """
+
+    timeout_s: float = 2.0
+    pause_after_query_s: float = 0.3
+    pause_after_command_s: float = 0.5
+    late_s: float = 0.0
+
 
 _POLL_S = 0.002  # between looks while a read waits
 _SHOWN = 60  # bytes of what arrived in a message

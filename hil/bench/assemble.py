@@ -271,17 +271,12 @@ def _chamber(
         limits=ChamberLimits(section.limits.low, section.limits.high),
         safe=section.safe_state,
         expected_model=section.model or None,
-        address=section.address,
-        terminator=section.terminator_bytes,
         native_margin_degC=section.native_margin,
         celsius_confirmed=section.celsius_confirmed,
         ramp_port=ramp_port,
-        framing=section.framing,
-        description=bench.chamber_description,
         dead_man_s=section.night_dead_man if night else section.dead_man,
         dead_man_asked=section.dead_man is not None,
-        layout=section.layout,
-        warning_limits=section.warning_limits,
+        **bench.chamber_spoken,
     )
     try:
         chamber = CHAMBER_DRIVERS[section.driver].build(port, clock, options)

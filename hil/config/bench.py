@@ -371,6 +371,12 @@ class Bench(WholeFile):
             return None
         return self._named_file("chambers", "chamber.description", self.chamber.description)
 
+    @property
+    def chamber_spoken(self) -> dict[str, Any]:
+        """What the file says about how its chamber is spoken to, as `drivers.chambers.catalogue.Spoken` has it."""
+        said = {name: getattr(self.chamber, name) for name in ("address", "framing", "layout", "warning_limits")}
+        return {**said, "terminator": self.chamber.terminator_bytes, "description": self.chamber_description}
+
     def _named_file(self, kind: str, key: str, name: str) -> Path:
         beside = Path(self._source).parent if self._source else None
         try:

@@ -73,12 +73,7 @@ def simulate_devices(bench: Bench, *, begins_s: float, resumed: Resumed = FROM_T
         units[name] = _unit(own, plant, begins_s=begins_s, resumed=resumed, alike=alike)
         imus[name] = _imu(own, units[name], begins_s)
     options = SimulatorOptions(
-        address=bench.chamber.address,
-        terminator=bench.chamber.terminator_bytes,
-        framing=bench.chamber.framing,
-        description=bench.chamber_description,
-        layout=bench.chamber.layout,
-        warning_limits=bench.chamber.warning_limits,
+        **bench.chamber_spoken,
         faults=settings.chamber_faults,
         begins_s=begins_s,
     )
