@@ -108,7 +108,7 @@ def serving(bench: Bench, *, tcp: bool) -> Iterator[tuple[DeviceServer, Simulati
         except OSError as error:
             where = ", ".join(wanted.values())
             raise InputError(f"{bench.source}: {where} cannot be served: {error.strerror or error}") from error
-        stack.callback(server.stop)
+        stack.callback(server.close)
         ports = dict(server.urls)
         for device, port in wanted.items():
             if "://" not in port:

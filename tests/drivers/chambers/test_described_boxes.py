@@ -29,6 +29,7 @@ from drivers.transports import open_port
 from tests.drivers.chambers.chamber_benches import EXAMPLE_BOX
 from tests.drivers.chambers.modbus_peer import modbus_server
 from tests.drivers.chambers.shipped import shipped
+from tests.drivers.simulators.running import running
 from tests.drivers.transcript import TranscriptDevice
 
 LIMITS = ChamberLimits(-35.0, 65.0)
@@ -263,7 +264,7 @@ def test_limits_the_wrong_way_round_are_another_controllers() -> None:
 def test_what_public_clients_read_is_answered(name: str, registers: list[int]) -> None:
     """By minimalmodbus: identity, clock, power and event outputs, which our drivers do not ask."""
     device = SimulatedRegisterBox(ChamberPlant(), shipped(name, "rtu"), latency_s=0.0)
-    with DeviceServer({"chamber": device}, SystemClock()) as server:
+    with running(DeviceServer({"chamber": device}, SystemClock())) as server:
         client = minimalmodbus.Instrument(server.urls["chamber"], 1)
         client.serial.timeout = 5.0
         try:

@@ -15,6 +15,7 @@ from drivers.simulators.serve import DeviceServer
 from drivers.transports import open_port
 from tests.drivers.chambers.modbus_peer import modbus_server
 from tests.drivers.chambers.shipped import simulated_ezt570i, simulated_f4, watlow_f4
+from tests.drivers.simulators.running import running
 
 LIMITS = ChamberLimits(-35.0, 65.0)
 QUICK = {"timeout_s": 2.0, "pause_after_question_s": 0.001}
@@ -34,7 +35,7 @@ def _client(port: str) -> minimalmodbus.Instrument:
 def test_minimalmodbus_reads_and_sets_our_f4() -> None:
     """Scaled, signed reads and writes, a block, and an exception, through a pseudo-terminal."""
     device = simulated_f4(ChamberPlant(ambient_degC=-30.0), latency_s=0.0)
-    with DeviceServer({"chamber": device}, SystemClock()) as server:
+    with running(DeviceServer({"chamber": device}, SystemClock())) as server:
         client = _client(server.urls["chamber"])
         try:
             assert client.read_register(0) == 5270
@@ -55,7 +56,7 @@ def test_minimalmodbus_reads_and_sets_our_f4() -> None:
 def test_minimalmodbus_reads_and_sets_our_ezt570i() -> None:
     """The manual's own examples, and silence where there is no register."""
     device = simulated_ezt570i(ChamberPlant(ambient_degC=32.8), setpoint_degC=40.0, latency_s=0.0, pause_s=0.0)
-    with DeviceServer({"chamber": device}, SystemClock()) as server:
+    with running(DeviceServer({"chamber": device}, SystemClock())) as server:
         client = _client(server.urls["chamber"])
         try:
             assert client.read_registers(60, 2) == [400, 328]
