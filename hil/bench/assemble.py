@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Self
 
-from drivers.chambers import CHAMBER_DRIVERS, Chamber, ChamberLimits, ChamberOptions
+from drivers.chambers import CHAMBER_DRIVERS, Chamber, ChamberOptions
 from drivers.chambers.catalogue import SerialLine
 from drivers.chambers.ramp import RampedChamber
 from drivers.clock import SIMULATED_EPOCH, Clock, PacedClock, SystemClock, VirtualClock
@@ -268,7 +268,7 @@ def _chamber(
     if section.ramp_port is not None:
         ramp_port = ports.open("chamber.ramp_port", section.ramp_port, _RAMP_LINE, lambda: simulated().ramp_port)
     options = ChamberOptions(
-        limits=ChamberLimits(section.limits.low, section.limits.high),
+        limits=section.limits,
         safe=section.safe_state,
         expected_model=section.model or None,
         native_margin_degC=section.native_margin,

@@ -2,7 +2,7 @@
 
     bench = load_bench("simulated")
     bench.orientations(2)["1"].components(bench.site.gravity_g())   # f at position 1, along A, B, S
-    bench.chamber.limits.high                                       # °C
+    bench.chamber.limits.high_degC                                  # °C
 
 Numbers carry their unit in the file and are plain floats here: s, °C, °C/min, deg, g, Hz. Orientations may be written
 as the report's figure shows them (`{A: -1, B: +2, S: +3}`: A along minus axis 1), as a rotation of the unit from
