@@ -21,7 +21,7 @@ from procedures.devices import BenchDevices
 from procedures.interlocks import Interlocks, InterlockTripped, Look, standard_interlocks
 from procedures.journal_protocol import Journal
 from procedures.plan import Step, StepKind
-from procedures.progress import Progress, Silent, Snapshot
+from procedures.progress import Progress, Snapshot
 from procedures.requests import Control, Desk, PauseAsked
 from procedures.settings import InterlockSettings, Polling
 from procedures.stop import StopRequest
@@ -66,7 +66,7 @@ class Watch:
     began: datetime
     interlocks: InterlockSettings = field(default_factory=InterlockSettings)
     polling: Polling = field(default_factory=Polling)
-    progress: Progress = field(default_factory=Silent)
+    progress: Progress = field(default_factory=Progress)
     control: Control | None = None
     vital: Callable[[float], None] | None = None
     disk_free_mb: Callable[[], float] | None = None
@@ -131,7 +131,7 @@ class Watch:
         try:
             getattr(self.progress, what)(*arguments)
         except Exception as error:  # an onlooker, or its closed terminal, must not end a night
-            self.progress = Silent()
+            self.progress = Progress()
             self.journal.event("onlooker-lost", f"progress is no longer shown: {type(error).__name__}: {error}")
 
     # Looking

@@ -19,15 +19,15 @@ from typing import Any
 from drivers.clock import Clock, VirtualClock
 from drivers.positioners.operator import AskOperator
 from drivers.simulators.chambers.controller import ChamberFault, ChamberFaultKind
-from drivers.simulators.faults import FaultWindow, ImuFault
 from drivers.simulators.memory import MemoryTransport
+from drivers.simulators.unit import FaultWindow, ImuFault
 from hil.config.faults import Fault
 from hil.config.ports import unit_port
 from hil.files.durable import RealDisk
 from hil.twin.devices import SimulatedBench
 from hil.twin.motion import FROM_THE_START, Resumed
 from procedures.plan import Step
-from procedures.progress import Silent, Snapshot
+from procedures.progress import Progress, Snapshot
 
 _EXCHANGED_IN_S = 8.0
 
@@ -47,7 +47,7 @@ class FullDisk(RealDisk):
         super().write(path, data)
 
 
-class FaultInjector(Silent):
+class FaultInjector(Progress):
     """The faults of one bench in one process; what waited for a step that has begun before has happened."""
 
     def __init__(self, faults: Sequence[Fault], clock: Clock, resumed: Resumed = FROM_THE_START) -> None:

@@ -12,9 +12,8 @@ from drivers.errors import DeviceTimeout, TransportError, WrongDevice
 from drivers.frames.layout import encode
 from drivers.imu import ImuIdentity
 from drivers.imu.stream import StreamImu
-from drivers.simulators.faults import FaultWindow, ImuFault
 from drivers.simulators.memory import MemoryTransport
-from drivers.simulators.unit import SimulatedImu
+from drivers.simulators.unit import FaultWindow, ImuFault, SimulatedImu
 from tests.drivers.frames.streams import SteadyPhysics, mfs
 from tests.drivers.imu.simulated_unit import Bench, joined
 
