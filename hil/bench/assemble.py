@@ -34,7 +34,6 @@ from drivers.transports.serial_port import SerialTransport, existing_ports
 from drivers.transports.transport import ClosedPort, own_port
 from hil.bench.lock import port_lock
 from hil.config.bench import ASK, Bench
-from hil.config.frames import tells_serial
 from hil.config.ports import COM_PORT, OWN_SCHEME, SIMULATED_SCHEME, unit_port
 from hil.errors import InputError
 from hil.twin.devices import SimulatedBench, simulate_devices
@@ -276,7 +275,8 @@ def _chamber(
         ramp_port=ramp_port,
         dead_man_s=section.night_dead_man if night else section.dead_man,
         dead_man_asked=section.dead_man is not None,
-        **bench.chamber_spoken,
+        description=bench.chamber_description,
+        **section.spoken,
     )
     try:
         chamber = CHAMBER_DRIVERS[section.driver].build(port, clock, options)
@@ -289,7 +289,7 @@ def _imu(name: str, bench: Bench, ports: _Ports, simulated: Callable[[], Simulat
     """Open one unit; `bench` is as that unit has it."""
     line = SerialLine(bench.imu.baud or bench.frames.baudrate)
     # Nothing is expected where the unit says no serial number, or nobody knows yet which.
-    serial = bench.unit.serial if tells_serial(bench) and bench.unit.serial != ASK else ""
+    serial = bench.unit.serial if bench.frames.tells_serial and bench.unit.serial != ASK else ""
     port = ports.open_stream(unit_port(name), bench.imu.port, line, lambda: simulated().imus[name])
     return StreamImu(port, bench.frames, clock, expected=ImuIdentity(bench.unit.model, serial))
 

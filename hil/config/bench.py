@@ -357,6 +357,11 @@ class Bench(WholeFile):
         """What the IMU sends; raises `InputError` where the description cannot be used."""
         return load_description(self.imu_description, parameters=self.imu.parameters, sample_rate_hz=self.imu.rate)
 
+    @property
+    def asks_serial(self) -> bool:
+        """Whether the unit's serial number has to be asked for."""
+        return self.unit.serial == ASK and not self.frames.tells_serial
+
     @cached_property
     def simulation_model(self) -> Path | None:
         """The model file of the simulated unit, None for a real one; raises `InputError` where there is none."""
@@ -370,12 +375,6 @@ class Bench(WholeFile):
         if self.chamber.description is None:
             return None
         return self._named_file("chambers", "chamber.description", self.chamber.description)
-
-    @property
-    def chamber_spoken(self) -> dict[str, Any]:
-        """What the file says about how its chamber is spoken to, as `drivers.chambers.catalogue.Spoken` has it."""
-        said = {name: getattr(self.chamber, name) for name in ("address", "framing", "layout", "warning_limits")}
-        return {**said, "terminator": self.chamber.terminator_bytes, "description": self.chamber_description}
 
     def _named_file(self, kind: str, key: str, name: str) -> Path:
         beside = Path(self._source).parent if self._source else None

@@ -1,7 +1,7 @@
 """The chamber's section of a bench file: its port, its controller, its limits and its safe state."""
 
 from collections.abc import Mapping
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, NonNegativeInt, PositiveInt, model_validator
 
@@ -99,9 +99,11 @@ class ChamberSection(Section):
         return self.dead_man if "dead_man" in self.model_fields_set else usual
 
     @property
-    def terminator_bytes(self) -> bytes | None:
-        """What ends a line, None for the driver's own."""
-        return None if self.terminator is None else {"CR": b"\r", "LF": b"\n", "CR LF": b"\r\n"}[self.terminator]
+    def spoken(self) -> dict[str, Any]:
+        """How it is spoken to, as `drivers.chambers.catalogue.Spoken` has it, but for the file that describes a box."""
+        end = None if self.terminator is None else {"CR": b"\r", "LF": b"\n", "CR LF": b"\r\n"}[self.terminator]
+        said = {name: getattr(self, name) for name in ("address", "framing", "layout", "warning_limits")}
+        return {**said, "terminator": end}
 
     @model_validator(mode="after")
     def _hangs_together(self) -> Self:

@@ -73,7 +73,8 @@ def simulate_devices(bench: Bench, *, begins_s: float, resumed: Resumed = FROM_T
         units[name] = _unit(own, plant, begins_s=begins_s, resumed=resumed, alike=alike)
         imus[name] = _imu(own, units[name], begins_s)
     options = SimulatorOptions(
-        **bench.chamber_spoken,
+        description=bench.chamber_description,
+        **bench.chamber.spoken,
         faults=settings.chamber_faults,
         begins_s=begins_s,
     )
