@@ -29,7 +29,7 @@ from drivers.imu.stream import StreamImu
 from drivers.transports import open_port
 from drivers.transports.live_reader import LiveReader
 
-_MFS = load_description(Path(__file__).resolve().parents[1] / "configs" / "imus" / "mfs.yaml")
+_MFS = load_description(Path(__file__).resolve().parents[1] / "configs" / "imus" / "mfs.yaml", sample_rate_hz=2000.0)
 _BEHIND = 1 << 22  # bytes in one look, of 0.24 MB that a look brings, that tell of a decoder that was held up
 _TURN = 65536  # frames in which the counter comes round
 
@@ -55,7 +55,7 @@ def receive(tmp_path: Path, frames: int, rate: float, look_s: float = 0.02) -> t
     path.write_bytes(encode(_MFS, "sample", {"counter": np.arange(_TURN)}))
     master, slave = os.openpty()
     clock = SystemClock()
-    imu = StreamImu(LiveReader(open_port(os.ttyname(slave), clock=clock), clock), _MFS, clock, sample_rate_hz=2000.0)
+    imu = StreamImu(LiveReader(open_port(os.ttyname(slave), clock=clock), clock), _MFS, clock)
     sender = subprocess.Popen(
         [sys.executable, "-c", _SENDER, str(master), str(frames / _TURN), str(rate), str(path)], pass_fds=[master]
     )

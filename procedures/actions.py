@@ -19,7 +19,7 @@ from procedures.journal_protocol import Outcome, StepResult, of_unit
 from procedures.plan import Step, StepKind
 from procedures.restabilisation import restabilise
 from procedures.safe_air import Left, Word, not_commanded, watch_air
-from procedures.settings import CollectSettings, InterlockSettings, Restabilisation
+from procedures.settings import CollectSettings, Restabilisation
 from procedures.sweep_outcome import why
 from procedures.verdict import Judgement, Verdict, combine
 from procedures.watch import Watch
@@ -38,7 +38,6 @@ class Actions:
     """The actions on a bench; `recorded` are results of completed steps, by key, `times` what collects count from."""
 
     watch: Watch
-    interlocks: InterlockSettings
     recorded: Mapping[str, StepResult]
     times: Times
     _setpoint_degC: float | None = field(default=None, init=False)
@@ -106,8 +105,9 @@ class Actions:
             raise ValueError("a setpoint step without a temperature is no step")
         from_degC = self._command(step, target_degC)
         self._ramp_degC_per_min = step.parameters["ramp_degC_per_min"]
+        limits = self.watch.interlocks
         expected_s = 60.0 * abs(target_degC - from_degC) / self._ramp_degC_per_min
-        allowed_s = self.interlocks.ramp_factor * expected_s + self.interlocks.ramp_extra_s
+        allowed_s = limits.ramp_factor * expected_s + limits.ramp_extra_s
         began_s = self.watch.now_s
         self.watch.note = f"ramping to {target_degC:.1f} °C"
         for looks in self.watch.wait(began_s + allowed_s):

@@ -288,11 +288,13 @@ def _pose(devices: BenchDevices, position: str, samples: SampleBlock) -> str:
     """Return in words what the unit's mean accelerations contradict of its pose, or nothing."""
     if devices.poses is None or not len(samples):
         return ""
-    means = {
-        number: {axis: float(np.nanmean(_column(samples, name))) for axis, name in channels.accelerations.items()}
-        for number, channels in devices.imu.sensors.items()
-    }
-    return devices.poses.contradiction(position, means)
+    return devices.poses.contradiction(position, shown_g(devices.imu, samples))
+
+
+def shown_g(imu: StreamImu, samples: SampleBlock) -> Mapping[int, Mapping[str, float]]:
+    """Return the mean accelerations of samples, g, by sensor and axis, of those that they have."""
+    fields = {number: channels.accelerations for number, channels in imu.sensors.items()}
+    return {number: {axis: mean for axis, mean, _ in means(samples, of)} for number, of in fields.items()}
 
 
 def _sample(

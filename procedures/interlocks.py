@@ -66,7 +66,7 @@ class InterlockTripped(Exception):
 
 
 def standard_interlocks(settings: InterlockSettings, limits: ChamberLimits) -> Sequence[Interlock]:
-    """Return the interlocks of every bench, with its limits."""
+    """Return the interlocks of every bench, with its limits; those on how fast temperatures move have a memory."""
     s = settings
     return (
         Interlock("chamber-lost", s.chamber_loss_s, _chamber_lost),
@@ -79,6 +79,8 @@ def standard_interlocks(settings: InterlockSettings, limits: ChamberLimits) -> S
         Interlock("stream-lost", s.stream_loss_s, _stream_lost, of_unit=True),
         Interlock("stream-frozen", 0.5 * s.frozen_s, partial(_stream_frozen, s), of_unit=True),
         Interlock("disk-low", s.disk_grace_s, partial(_disk_low, s)),
+        Interlock("chamber-rate", s.rate_grace_s, _Rates(s.chamber_rate_degC_per_min, _chamber_air).problem),
+        Interlock("unit-rate", s.rate_grace_s, _Rates(s.unit_rate_degC_per_min, _unit_sensors).problem, of_unit=True),
     )
 
 
@@ -165,15 +167,6 @@ def _disk_low(settings: InterlockSettings, look: Look) -> str | None:
     if look.disk_free_mb >= settings.disk_low_mb:
         return ""
     return f"the disk is nearly full, {look.disk_free_mb:.0f} MB are free: free some space, then carry on"
-
-
-def rate_interlocks(settings: InterlockSettings) -> Sequence[Interlock]:
-    """Return those on how fast temperatures move, with their memory."""
-    chamber, unit = settings.chamber_rate_degC_per_min, settings.unit_rate_degC_per_min
-    return (
-        Interlock("chamber-rate", settings.rate_grace_s, _Rates(chamber, _chamber_air).problem),
-        Interlock("unit-rate", settings.rate_grace_s, _Rates(unit, _unit_sensors).problem, of_unit=True),
-    )
 
 
 class _Rates:

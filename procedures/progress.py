@@ -44,7 +44,7 @@ class Snapshot:
 
 
 class Progress:
-    """An onlooker; what it does not see it ignores."""
+    """An onlooker; what it does not see it ignores. As it stands, nobody looks."""
 
     def sweep_began(self, plan: Plan, done: frozenset[str]) -> None:
         """See the plan, and the keys of the steps that were completed before."""
@@ -60,10 +60,6 @@ class Progress:
 
     def event(self, kind: str, message: str) -> None:
         """See what goes into the journal as an event: a retry, an interlock, a resumption, the safe state."""
-
-
-class Silent(Progress):
-    """Nobody looks, unless at something that is said."""
 
 
 class Audience(Progress):

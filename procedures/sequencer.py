@@ -1,6 +1,6 @@
 """Carries out a plan, and is the only thing that decides what happens next: from the plan and the journal alone.
 
-    sequencer = Sequencer(plan, devices, journal, stop, began=began)
+    sequencer = Sequencer(plan, Watch(devices, journal, stop, began=began))
     with stop.on_signals():
         outcome = sequencer.run()
 
@@ -20,23 +20,21 @@ Only a chamber that is not the one the bench file names is left alone. SIGKILL i
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass
 from datetime import datetime
 
 from drivers.errors import DeviceError
 from procedures.actions import Actions
 from procedures.attended import Attendant
 from procedures.collect import Times
-from procedures.devices import BenchDevices
-from procedures.interlocks import InterlockTripped, rate_interlocks, standard_interlocks
-from procedures.journal_protocol import Journal, Outcome, StepResult
+from procedures.interlocks import InterlockTripped
+from procedures.journal_protocol import Outcome, StepResult
 from procedures.pause import rest
 from procedures.plan import Plan, Step, StepKind, lasting_s
-from procedures.progress import Progress, Silent
-from procedures.requests import Control, PauseAsked
+from procedures.requests import PauseAsked
 from procedures.safe_air import Left
-from procedures.settings import InterlockSettings, Polling, Restabilisation
-from procedures.stop import StopRequest, StopRequested
+from procedures.settings import Restabilisation
+from procedures.stop import StopRequested
 from procedures.sweep_outcome import SweepOutcome, outcome_of, state_after, why
 from procedures.tries import Ends, Tries
 from procedures.watch import Position, Watch
@@ -62,38 +60,24 @@ _INTERRUPTED_BY_A_PAUSE = (StepKind.SETPOINT, StepKind.RESTABILISE, StepKind.IND
 
 @dataclass(eq=False)
 class Sequencer:
-    """Runs a plan on a bench. `began` is the UTC instant from which campaign time counts, also across a resume.
+    """Runs a plan on the bench that it looks at through `watch`. `run` may be called once.
 
-    `powered_on` is when the unit was switched on, where that is known; `control` is where people's requests come from;
-    `attendant` puts the positioner's questions, which is to look at the bench meanwhile; `first` is done before
-    anything moves and raises as a step does; `vital` tells a watchdog that the controller lives; `disk_free_mb` says
-    how much room the records have. `run` may be called once.
+    `powered_on` is when the unit was switched on, where that is known; `attendant` puts the positioner's questions,
+    which is to look at the bench meanwhile; `first` is done before anything moves and raises as a step does.
     """
 
     plan: Plan
-    devices: BenchDevices
-    journal: Journal
-    stop: StopRequest
+    watch: Watch
     _: KW_ONLY
-    began: datetime
-    interlocks: InterlockSettings = field(default_factory=InterlockSettings)
-    polling: Polling = field(default_factory=Polling)
-    progress: Progress = field(default_factory=Silent)
     powered_on: datetime | None = None
-    control: Control | None = None
     attendant: Attendant | None = None
     first: Callable[[], None] | None = None
-    vital: Callable[[float], None] | None = None
-    disk_free_mb: Callable[[], float] | None = None
     _touched = False
     _unsettled = 0
 
     def __post_init__(self) -> None:
-        rules = (*standard_interlocks(self.interlocks, self.devices.chamber.limits), *rate_interlocks(self.interlocks))
-        told = (self.progress, self.began, self.control, self.vital, self.disk_free_mb)
-        self._watch = Watch(self.devices, self.journal, self.stop, rules, self.polling, *told)
         if self.attendant is not None:
-            self.attendant.attend(self._watch)
+            self.attendant.attend(self.watch)
         self._done: set[str] = set()
         self._failed: dict[str, str] = {}  # by step key, why
         self._in_effect: dict[tuple[StepKind, str | None], str] = {}  # the stage, by kind and unit
@@ -112,15 +96,15 @@ class Sequencer:
             self._leave(error)
             raise
         left = self._leave(cause)
-        return outcome_of(self.plan, self._done, self._failed, self._watch.aside, cause, left)
+        return outcome_of(self.plan, self._done, self._failed, self.watch.aside, cause, left)
 
     def _sweep(self) -> None:
         """Do every step that is not DONE, restoring first what it stands on."""
-        recorded = dict(self.journal.completed())
+        recorded = dict(self.watch.journal.completed())
         self._done = {step.key for step in self.plan.steps if step.key in recorded}
-        power_on_s = None if self.powered_on is None else (self.powered_on - self.began).total_seconds()
-        self._actions = Actions(self._watch, self.interlocks, recorded, Times(power_on_s))
-        self._watch.show("sweep_began", self.plan, frozenset(self._done))
+        power_on_s = None if self.powered_on is None else (self.powered_on - self.watch.began).total_seconds()
+        self._actions = Actions(self.watch, recorded, Times(power_on_s))
+        self.watch.show("sweep_began", self.plan, frozenset(self._done))
         pending = [step for step in self.plan.steps if step.key not in self._done]
         if not pending:
             return
@@ -129,13 +113,13 @@ class Sequencer:
         if self._done:
             done, total = len(self._done), len(self.plan.steps)
             message = f"resumed with {done} of {total} steps done, next is {pending[0].key}"
-            self._watch.event("resumed", message, next=pending[0].key, done=done)
+            self.watch.event("resumed", message, next=pending[0].key, done=done)
         for stage in self.plan.stages:
             steps = [step for step in stage if step.key not in self._done]
             blocked = self._prepare(steps)
             for step in self._going_on(steps) if blocked else ():
                 self._failed[step.key] = f"{blocked} could not be done"
-                self._watch.event("skipped", f"{step.key} cannot be done: {blocked} was not", step=step.key)
+                self.watch.event("skipped", f"{step.key} cannot be done: {blocked} was not", step=step.key)
             if not blocked:
                 self._do(self._going_on(steps))
         if (StepKind.SAFE_STATE, None) not in self._in_effect:
@@ -143,7 +127,7 @@ class Sequencer:
 
     def _going_on(self, steps: Sequence[Step]) -> Sequence[Step]:
         """Return those of the chamber, and of units that are not set aside."""
-        return [step for step in steps if step.unit is None or step.unit in self._watch.units]
+        return [step for step in steps if step.unit is None or step.unit in self.watch.units]
 
     def _end_again(self) -> None:
         """Bring the chamber to its final temperature although that step was DONE in an earlier run."""
@@ -162,10 +146,10 @@ class Sequencer:
             self._end([(step, StepResult(outcome, reason)) for step, _ in self._open.values()])
             if cause is not None:
                 kind = "interlock" if isinstance(cause, InterlockTripped) else state_after(cause).value
-                self._watch.event(kind, reason, **(self._watch.evidence() if kind == "interlock" else {}))
+                self.watch.event(kind, reason, **(self.watch.evidence() if kind == "interlock" else {}))
             if self._touched:
                 kind = "safe-state" if left.safe else "safe-state-not-reached"
-                self._watch.event(kind, left.reason, chamber=left.word.value)
+                self.watch.event(kind, left.reason, chamber=left.word.value)
         except Exception as failure:
             # The journal itself failed. Nothing more can be recorded; the outcome carries the first cause.
             if cause is not None:
@@ -210,12 +194,12 @@ class Sequencer:
         steps = self._going_on(steps)
         for step in steps:
             message = f"doing {step.key} again, because {_WHY_AGAIN[step.kind]}"
-            self._watch.event("restoring", message, step=step.key)
+            self.watch.event("restoring", message, step=step.key)
         results = self._with_retries(steps, recorded=False)
         steps = self._going_on(steps)
         for step in steps:
             result = results[step.key]
-            self._watch.event("restored", f"{step.key}: {result.reason}", step=step.key, data=dict(result.data))
+            self.watch.event("restored", f"{step.key}: {result.reason}", step=step.key, data=dict(result.data))
         return not [step for step in steps if not self._now_in_effect(step, results[step.key])]
 
     def _do(self, steps: Sequence[Step]) -> None:
@@ -226,25 +210,25 @@ class Sequencer:
                 self._failed[step.key] = results[step.key].reason
 
     def _begin(self, steps: Sequence[Step], *, recorded: bool) -> None:
-        attempts = self.journal.begin(*steps) if recorded else [0] * len(steps)
+        attempts = self.watch.journal.begin(*steps) if recorded else [0] * len(steps)
         if recorded:
             self._open.update((step.key, (step, attempt)) for step, attempt in zip(steps, attempts, strict=True))
         self._touched = True
         behind = (each for each in self.plan.steps[steps[0].index :] if each.stage != steps[0].stage)
         later = (each for each in behind if each.key not in self._done)
         total = len(self.plan.steps)
-        here = Position(steps[0], max(attempts), self._watch.now_s, lasting_s(later), len(self._done), total)
-        self._watch.stage_began(here, zip(steps, attempts, strict=True))
+        here = Position(steps[0], max(attempts), self.watch.now_s, lasting_s(later), len(self._done), total)
+        self.watch.stage_began(here, zip(steps, attempts, strict=True))
 
     def _end(self, ended: Ends) -> None:
         if not ended:
             return
-        self.journal.end(*((*self._open[step.key], result) for step, result in ended))
+        self.watch.journal.end(*((*self._open[step.key], result) for step, result in ended))
         for step, result in ended:
             del self._open[step.key]
             if result.outcome is Outcome.DONE:
                 self._done.add(step.key)
-            self._watch.show("step_ended", step, result)
+            self.watch.show("step_ended", step, result)
 
     def _with_retries(self, steps: Sequence[Step], *, recorded: bool) -> Mapping[str, StepResult]:
         """Perform steps until each has a result to keep: device errors and bad collects are tried again, bounded.
@@ -258,7 +242,7 @@ class Sequencer:
                 self._end(ended)
             kept.update((step.key, result) for step, result in ended)
 
-        tries = Tries(steps, self.polling.device_attempts)
+        tries = Tries(steps, self.watch.polling.device_attempts)
         while steps := self._going_on(steps):
             blocked = self._hold(steps)
             steps = self._going_on(steps)
@@ -270,7 +254,7 @@ class Sequencer:
             if blocked or not steps:
                 break
             try:
-                self._watch.interruptible = steps[0].kind in _INTERRUPTED_BY_A_PAUSE
+                self.watch.interruptible = steps[0].kind in _INTERRUPTED_BY_A_PAUSE
                 results = self._actions.perform(steps)
             except PauseAsked as pause:
                 paused = StepResult(Outcome.ABORTED, f"{pause}; done again afterwards")
@@ -279,14 +263,14 @@ class Sequencer:
             except DeviceError as error:
                 results = {step.key: error for step in steps}
             finally:
-                self._watch.interruptible = False
-            ended, given_up, again = tries.judge(steps, results, self._watch.aside)
+                self.watch.interruptible = False
+            ended, given_up, again = tries.judge(steps, results, self.watch.aside)
             end(ended)
             for step in steps:
                 if step.key in given_up:
                     self._give_up(step, given_up[step.key])
                 elif step.key in again:
-                    self._watch.event("retry", again[step.key], step=step.key)
+                    self.watch.event("retry", again[step.key], step=step.key)
             steps = [step for step in steps if step.key in again]
             self._before_trying_again(steps, results)
         return kept
@@ -297,27 +281,27 @@ class Sequencer:
         tripped.__cause__ = error
         if step.unit is None:
             raise tripped
-        self._watch.set_aside(step.unit, tripped)
+        self.watch.set_aside(step.unit, tripped)
 
     def _before_trying_again(self, steps: Sequence[Step], results: Mapping[str, StepResult | DeviceError]) -> None:
         """Give devices that failed some time, and bring units back into position whose collects were not good."""
         bad = {step.key: each for step in steps if isinstance(each := results[step.key], StepResult)}
         if len(bad) < len(steps):
-            for _ in self._watch.wait(self._watch.now_s + self.polling.retry_wait_s):
+            for _ in self.watch.wait(self.watch.now_s + self.watch.polling.retry_wait_s):
                 pass  # it is looked at meanwhile
         self._back_in_position([step for step in steps if step.key in bad], bad)
 
     def _hold(self, steps: Sequence[Step]) -> str:
         """Return once nothing is suspected and nobody pauses; return the key of what a pause undid for good, if any."""
-        self._watch.hold_until_clear()
-        while self._watch.desk.pause is not None:
+        self.watch.hold_until_clear()
+        while self.watch.desk.pause is not None:
             soaks = steps if steps[0].kind is StepKind.RESTABILISE else self._before(steps[0], StepKind.RESTABILISE)
             settings = Restabilisation.from_parameters(soaks[0].parameters) if soaks else Restabilisation()
             soaked = bool(soaks) and self._in_effect.get((StepKind.RESTABILISE, None)) == soaks[0].key
-            lost = rest(self._watch, settings, self.interlocks.pause_s, soaked=soaked)
+            lost = rest(self.watch, settings, self.watch.interlocks.pause_s, soaked=soaked)
             undone = [StepKind.IDENTIFY, StepKind.INDEX, *([StepKind.RESTABILISE] if lost else [])]
             self._in_effect = {of: stage for of, stage in self._in_effect.items() if of[0] not in undone}
-            self._watch.hold_until_clear()
+            self.watch.hold_until_clear()
             blocked = self._prepare(steps)
             if blocked:
                 return blocked
@@ -329,13 +313,13 @@ class Sequencer:
         turned = {
             step.unit
             for step in steps
-            if lies[step.unit] or self.devices.units[step.unit or ""].positioner.position() != step.position
+            if lies[step.unit] or self.watch.devices.units[step.unit or ""].positioner.position() != step.position
         }
         index = [each for each in self._before(steps[0], StepKind.INDEX) if each.unit in turned] if steps else []
         if index:
-            self._watch.remark = "; ".join(dict.fromkeys(filter(None, lies.values())))
+            self.watch.remark = "; ".join(dict.fromkeys(filter(None, lies.values())))
             self._restore(index)
-            self._watch.remark = ""
+            self.watch.remark = ""
 
     def _now_in_effect(self, step: Step, result: StepResult) -> bool:
         """Note what the step put into effect; end the night where soaks never settle.
@@ -345,7 +329,7 @@ class Sequencer:
         """
         if step.kind is StepKind.RESTABILISE:
             self._unsettled = 0 if result.outcome is Outcome.DONE else self._unsettled + 1
-            if self._unsettled >= self.interlocks.unsettled_soaks:
+            if self._unsettled >= self.watch.interlocks.unsettled_soaks:
                 raise InterlockTripped("soak-never-settles", f"{self._unsettled} soaks in a row: {result.reason}")
         if result.outcome is not Outcome.DONE:
             self._in_effect.pop((step.kind, step.unit), None)

@@ -8,8 +8,8 @@ the interlocks are judged, a stop request is heard, the journal gets its sign of
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import KW_ONLY, dataclass, field
 from datetime import datetime, timedelta
 from typing import Any
 
@@ -18,12 +18,12 @@ from drivers.errors import DeviceError, WrongDevice
 from drivers.imu import SampleBlock
 from drivers.imu.samples import means
 from procedures.devices import BenchDevices
-from procedures.interlocks import Interlock, Interlocks, InterlockTripped, Look
+from procedures.interlocks import Interlocks, InterlockTripped, Look, standard_interlocks
 from procedures.journal_protocol import Journal
 from procedures.plan import Step, StepKind
-from procedures.progress import Progress, Silent, Snapshot
+from procedures.progress import Progress, Snapshot
 from procedures.requests import Control, Desk, PauseAsked
-from procedures.settings import Polling
+from procedures.settings import InterlockSettings, Polling
 from procedures.stop import StopRequest
 from procedures.unit_watch import UnitWatch, labelled
 from procedures.words import counted, hours_minutes
@@ -53,15 +53,20 @@ class Position:
 
 @dataclass(eq=False)
 class Watch:
-    """Looks at the bench and tells everybody. Campaign time counts from `began`, also across a resume."""
+    """Looks at the bench and tells everybody. Campaign time counts from the UTC instant `began`, also across a resume.
+
+    `control` is where people's requests come from; `vital` tells a watchdog that the controller lives; `disk_free_mb`
+    says how much room the records have.
+    """
 
     devices: BenchDevices
     journal: Journal
     stop: StopRequest
-    interlocks: Sequence[Interlock]
-    polling: Polling
-    progress: Progress
+    _: KW_ONLY
     began: datetime
+    interlocks: InterlockSettings = field(default_factory=InterlockSettings)
+    polling: Polling = field(default_factory=Polling)
+    progress: Progress = field(default_factory=Progress)
     control: Control | None = None
     vital: Callable[[float], None] | None = None
     disk_free_mb: Callable[[], float] | None = None
@@ -83,7 +88,8 @@ class Watch:
         self._offset_s = (clock.utc() - self.began).total_seconds() - clock.now()
         self._drained_s = clock.now()
         self.desk = Desk(self.control, self.stop, self.event)
-        self._suspects = Interlocks(self.interlocks, lambda *said: self.event(*said, **self.evidence()))
+        rules = standard_interlocks(self.interlocks, self.devices.chamber.limits)
+        self._suspects = Interlocks(rules, lambda *said: self.event(*said, **self.evidence()))
         self.units = {
             name: UnitWatch(name, each, self.event, lambda: self.alive(_IDENTITY_S))
             for name, each in self.devices.units.items()
@@ -125,7 +131,7 @@ class Watch:
         try:
             getattr(self.progress, what)(*arguments)
         except Exception as error:  # an onlooker, or its closed terminal, must not end a night
-            self.progress = Silent()
+            self.progress = Progress()
             self.journal.event("onlooker-lost", f"progress is no longer shown: {type(error).__name__}: {error}")
 
     # Looking

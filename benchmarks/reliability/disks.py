@@ -25,7 +25,7 @@ from hil.night import resume_night, start_night
 from hil.records.status import night_status
 from hil.records.verify import verify_night
 from procedures.plan import Step, StepKind
-from procedures.progress import Silent
+from procedures.progress import Progress
 from procedures.stop import StopRequest
 
 _SIZES_KB = range(240, 480, 20)
@@ -109,7 +109,7 @@ def _damage(night: Path) -> Iterator[str]:
     yield from (f"cut off, verify: {problem}" for problem in found if not problem.startswith("missing: "))
 
 
-class _Stopper(Silent):
+class _Stopper(Progress):
     """Somebody who stops a night at its second collect."""
 
     def __init__(self) -> None:

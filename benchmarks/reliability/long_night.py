@@ -22,7 +22,7 @@ from hil.records import open_readonly
 from hil.records.status import night_status
 from hil.records.verify import verify_night
 from procedures.plan import make_plan
-from procedures.progress import Silent, Snapshot
+from procedures.progress import Progress, Snapshot
 
 _SWEEP = """
 title: Three days
@@ -56,7 +56,7 @@ def rss_mb() -> float:
     return float(line.split()[1]) / 1024.0
 
 
-class _Scale(Silent):
+class _Scale(Progress):
     """Weighs the process at the end of each tenth of the night."""
 
     def __init__(self, total_s: float) -> None:

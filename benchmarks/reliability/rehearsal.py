@@ -42,7 +42,7 @@ from hil.records.verify import verify_night
 from hil.solve import solve_campaign
 from procedures.journal_protocol import StepResult
 from procedures.plan import Step, StepKind
-from procedures.progress import Silent
+from procedures.progress import Progress
 from procedures.verdict import Verdict, self_calibration_verdict
 
 SIGMAS = 5.0
@@ -195,7 +195,7 @@ def _next(night: Path) -> dict[str, Any]:
     return witness.tell(resume_night(night, progress=witness, opened=witness.look_at))
 
 
-class Witness(Silent):
+class Witness(Progress):
     """Knows the truth: writes down what the unit really was, and looks at the chamber when all is over."""
 
     def __init__(self, folder: Path) -> None:

@@ -29,13 +29,13 @@ from hil.night import resume_night, start_night
 from hil.records.reader import JOURNAL_NAME
 from hil.records.verify import verify_night
 from procedures.plan import Step, make_plan
-from procedures.progress import Silent
+from procedures.progress import Progress
 
 MARGINS_KB = (0, 16, 64, 256, 1024, 4096)  # of what is left
 DESCRIPTORS = range(4, 41, 2)
 
 
-class Starver(Silent):
+class Starver(Progress):
     """Takes the memory away as a step begins."""
 
     def __init__(self, step: str, margin_kB: float) -> None:

@@ -26,13 +26,13 @@ from hil.night import start_night
 from hil.records import open_readonly
 from hil.records.verify import verify_night
 from procedures.plan import Step
-from procedures.progress import Silent
+from procedures.progress import Progress
 
 SWEEP = parse_sweep(nights._SWEEP.replace("ceiling: 60 min", "ceiling: 3 h"), "suspended.yaml")
 SHARES = (0.1, 0.5, 0.9)  # of each step
 
 
-class Sleeper(Silent):
+class Sleeper(Progress):
     """Lets the night's clock jump by `seconds` when it passes an instant, `at_s` after a step has begun."""
 
     def __init__(self, step: str, at_s: float, seconds: float) -> None:

@@ -13,8 +13,8 @@ from typing import Any, Literal
 
 from drivers.chambers.controller import Controller
 from drivers.chambers.controllers.described import SetpointBox
+from drivers.chambers.controllers.description import BoxDescription, load_box
 from drivers.chambers.controllers.description import SerialLine as SerialLine
-from drivers.chambers.controllers.description import load_box
 from drivers.chambers.controllers.espec import Espec
 from drivers.chambers.controllers.simserv import SimServ
 from drivers.chambers.controllers.voetsch_ascii import AsciiLayout, VoetschAscii
@@ -29,22 +29,31 @@ WarningLimits = Literal["SP_03/04", "SP_01/02", "none"]
 
 
 @dataclass(frozen=True)
-class ChamberOptions(Supervision):
-    """What a bench file says about its chamber. `address` and `terminator` are the driver's own where they are None.
+class Spoken:
+    """What a bench file says about how its chamber is spoken to; what is None is as its maker ships it.
 
-    `ramp_port` is a second port of the controller, where one is needed to set its ramp.
-    `framing` is that of Modbus, the driver's own where it is None.
-    `description` is the file that describes a box; `layout` says what an ASCII-2 chamber's values are, `warning_limits`
-    where a Julabo has its own.
+    `framing` is that of Modbus, `description` the file that describes a box; `layout` says what an ASCII-2 chamber's
+    values are, `warning_limits` where a Julabo has its own.
     """
 
     address: int | None = None
     terminator: bytes | None = None
-    ramp_port: Transport | None = None
     framing: Framing | None = None
     description: Path | None = None
     layout: AsciiLayout | None = None
     warning_limits: WarningLimits | None = None
+
+    def box(self, path: Path) -> BoxDescription:
+        """Return the description in a file, as it is for this chamber."""
+        variant, framing = self.warning_limits, self.framing
+        return load_box(path, variant=variant, terminator=self.terminator, address=self.address, framing=framing)
+
+
+@dataclass(frozen=True)
+class ChamberOptions(Spoken, Supervision):
+    """What a bench file says about its chamber. `ramp_port` is a second port, where one is needed to set its ramp."""
+
+    ramp_port: Transport | None = None
 
 
 Build = Callable[[Transport, Clock, ChamberOptions], SupervisedChamber]
@@ -87,9 +96,8 @@ def _speaks(path: Path | None, kind: type[SetpointBox], *said: str) -> Build:
     def build(transport: Transport, clock: Clock, options: ChamberOptions) -> SupervisedChamber:
         if (own := options.description or path) is None:
             raise ValueError("a box needs its description")
-        description = load_box(own, options.warning_limits, options.terminator, options.address)
-        given = {name: getattr(options, name) for name in ("framing", *said)}
-        return supervised(kind(transport, clock, description, **given), clock, options)
+        given = {name: getattr(options, name) for name in said}
+        return supervised(kind(transport, clock, options.box(own), **given), clock, options)
 
     return build
 

@@ -1,7 +1,9 @@
 """The chamber as procedures see it: read it, give it a setpoint, bring it to its safe state."""
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Annotated, Literal, Protocol
+
+from pydantic import BeforeValidator
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,8 @@ class SafeState:
     a held temperature is missing, or given for a state that has none.
     """
 
-    action: Literal["hold", "standby", "off"] = "standby"
+    # YAML 1.1 reads an unquoted off as false.
+    action: Annotated[Literal["hold", "standby", "off"], BeforeValidator(lambda it: "off" if it is False else it)]
     temperature_degC: float | None = None
 
     def __post_init__(self) -> None:

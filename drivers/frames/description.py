@@ -182,6 +182,12 @@ class StreamDescription(Described):
             check_roles(self.roles, {name: frame.all_fields for name, frame in frames}, bits)
         return self
 
+    @property
+    def tells_serial(self) -> bool:
+        """Whether a unit says its serial number."""
+        role = None if self.roles is None else self.roles.identity
+        return role is not None and role.frame is not None and role.serial is not None
+
     def headers(self, name: str) -> list[Header]:
         """Return all the bytes with which frame `name` may begin; the first of them is what is written."""
         frame = self.frames[name]

@@ -50,9 +50,8 @@ class StreamImu:
     """A unit that streams over a transport. Sensors are numbered as in the bench file (the report's sensor 2 is 2).
 
     `conditions` maps campaign columns to fields that are neither rates nor accelerations.
-    `sample_rate_hz` replaces the description's where the unit is set to another rate. `expected` is what the bench file
-    says about the unit: where its model or serial number is given, `identify` refuses another. Raises `ValueError` for
-    a description without roles.
+    `expected` is what the bench file says about the unit: where its model or serial number is given, `identify` refuses
+    another. Raises `ValueError` for a description without roles.
     """
 
     def __init__(
@@ -61,7 +60,6 @@ class StreamImu:
         description: StreamDescription,
         clock: Clock,
         *,
-        sample_rate_hz: float | None = None,
         expected: ImuIdentity | None = None,
     ) -> None:
         if description.roles is None:
@@ -70,7 +68,7 @@ class StreamImu:
         self._description = description
         self._roles = description.roles
         self._clock = clock
-        self.sample_rate_hz = description.sample_rate_hz if sample_rate_hz is None else sample_rate_hz
+        self.sample_rate_hz = description.sample_rate_hz
         self._expected = expected
         self._decoder = StreamDecoder(description)
         counter = description.frames[self._roles.frame].counter

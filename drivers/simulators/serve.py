@@ -1,7 +1,8 @@
 """Simulated devices for any client: served on pseudo-terminals or TCP ports, in one loop under a real clock.
 
-    with DeviceServer({"imu": imu, "chamber": chamber}, SystemClock()) as server:
-        open_port(server.urls["imu"], clock=clock)
+    server = DeviceServer({"imu": imu, "chamber": chamber}, SystemClock())
+    print(server.urls["imu"])           # what a client opens
+    server.run()
 
 All devices of one server live in one loop, so that devices that share physics need no lock. A client that is not there
 misses what is sent, as on a real line; a client that is slow has `_MOST_WAITING` bytes to fall behind.
@@ -10,11 +11,9 @@ misses what is sent, as on a real line; a client that is slow has `_MOST_WAITING
 import os
 import select
 import socket
-import threading
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import KW_ONLY, dataclass, field
-from typing import Self
 
 from drivers.clock import Clock
 from drivers.errors import DeviceError
@@ -134,8 +133,7 @@ class _TcpLine:
 class DeviceServer:
     """Serves devices by name: on a pseudo-terminal each, or on the TCP port that `tcp_ports` gives (0: any free one).
 
-    Use it as a context manager, which runs the loop in a thread, or call `run` in a thread of your own. An exception in
-    a device ends the loop and is raised again by `stop`.
+    An exception in a device ends the loop.
     """
 
     devices: Mapping[str, SimulatedDevice]
@@ -143,8 +141,6 @@ class DeviceServer:
     _: KW_ONLY
     tcp_ports: Mapping[str, int] = field(default_factory=dict)
     host: str = "127.0.0.1"
-    _thread: threading.Thread | None = field(default=None, init=False)
-    _failure: BaseException | None = field(default=None, init=False)
     _stopping = False
 
     def __post_init__(self) -> None:
@@ -156,21 +152,13 @@ class DeviceServer:
                 port = self.tcp_ports.get(name)
                 self._lines[name] = _PtyLine() if port is None else _TcpLine(self.host, port)
         except OSError:
-            self._close()
+            self.close()
             raise
 
     @property
     def urls(self) -> Mapping[str, str]:
         """What a client opens, by device name: the terminal's path or `socket://host:port`."""
         return {name: line.url for name, line in self._lines.items()}
-
-    def __enter__(self) -> Self:
-        self._thread = threading.Thread(target=self._run_in_thread, name="simulated devices", daemon=True)
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.stop()
 
     def run(self) -> None:
         """Serve until `interrupt` is called, from a signal handler or another thread, then release everything."""
@@ -179,29 +167,13 @@ class DeviceServer:
                 self._exchange()
                 self._wait()
         finally:
-            self._close()
+            self.close()
 
     def interrupt(self) -> None:
         """Ask the loop to end; returns at once."""
         self._stopping = True
         with suppress(OSError):
             os.write(self._wake_write, b"x")
-
-    def stop(self) -> None:
-        """End the loop, wait for its thread and release everything; raise what a device raised in it."""
-        self.interrupt()
-        if self._thread is not None:
-            self._thread.join()
-        self._close()
-        failure, self._failure = self._failure, None
-        if failure is not None:
-            raise failure
-
-    def _run_in_thread(self) -> None:
-        try:
-            self.run()
-        except BaseException as failure:  # kept for the thread that stops this one
-            self._failure = failure
 
     def _exchange(self) -> None:
         for name, line in self._lines.items():
@@ -217,7 +189,8 @@ class DeviceServer:
         descriptors = [fd for line in self._lines.values() for fd in line.readable()]
         select.select([self._wake_read, *descriptors], [], [], max(wait_s, _SHORTEST_WAIT_S))
 
-    def _close(self) -> None:
+    def close(self) -> None:
+        """Release everything. Closing twice is allowed."""
         lines, self._lines = list(self._lines.values()), {}
         for line in lines:
             line.close()

@@ -14,24 +14,10 @@ from dataclasses import KW_ONLY, dataclass
 from drivers.clock import Clock
 from drivers.errors import DeviceTimeout, ProtocolError, TransportError
 from drivers.transports.framing import Framing, Framings
-from drivers.transports.transport import Reply, Transport, asked
+from drivers.transports.transport import Reply, Timing, Transport, asked
 
 _LONGEST_LINE = 512  # bytes; what is longer is noise
 _SHOWN = 40  # bytes of it in a message
-
-
-@dataclass(frozen=True)
-class LineTiming:
-    """How a controller wants to be spoken to, seconds.
-
-    `late_s` is for replies that do not show which request they answer (a bare number): after a request without an
-    answer the line is listened to for so long, so that a late reply is not taken for the next one's.
-    """
-
-    timeout_s: float = 2.0
-    pause_after_query_s: float = 0.3
-    pause_after_command_s: float = 0.5
-    late_s: float = 0.0
 
 
 @dataclass(eq=False)
@@ -43,7 +29,7 @@ class LineExchange:
     _: KW_ONLY
     device: str
     framings: Framings
-    timing: LineTiming = LineTiming()
+    timing: Timing = Timing()  # noqa: RUF009 - frozen
     _ready_at_s = -math.inf
     _unanswered = False
 

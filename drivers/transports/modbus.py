@@ -31,7 +31,7 @@ from pymodbus.pdu.register_message import (
 
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, TransportError
-from drivers.transports.transport import Reply, Transport, asked
+from drivers.transports.transport import Reply, Timing, Transport, asked
 
 Framing = Literal["rtu", "tcp"]
 Table = Literal["holding", "input", "coil", "discrete"]
@@ -59,15 +59,6 @@ def framer_of(framing: Framing, *, of_unit: bool = False) -> FramerBase:
     return FramerRTU(decoder) if framing == "rtu" else FramerSocket(decoder)
 
 
-@dataclass(frozen=True)
-class ModbusTiming:
-    """How a controller wants to be spoken to, seconds."""
-
-    timeout_s: float = 1.0
-    pause_s: float = 0.03  # after every exchange
-    late_s: float = 4.0
-
-
 @dataclass(eq=False)
 class ModbusExchange:
     """Reads and writes the registers and coils of one unit. `device` begins every message."""
@@ -78,7 +69,8 @@ class ModbusExchange:
     device: str
     unit: int = 1
     framing: Framing = "rtu"
-    timing: ModbusTiming = ModbusTiming()
+    # The pause after a query follows every exchange.
+    timing: Timing = Timing(1.0, 0.03, late_s=4.0)  # noqa: RUF009 - frozen
     _ready_at_s = -math.inf
     _unanswered = False
     _transaction = 0
@@ -150,7 +142,7 @@ class ModbusExchange:
             self._unanswered = False  # damaged, but it was the answer
             raise
         finally:
-            self._ready_at_s = self.clock.now() + self.timing.pause_s
+            self._ready_at_s = self.clock.now() + self.timing.pause_after_query_s
         self._unanswered = False
         if reply.isError():
             code = reply.exception_code
@@ -165,7 +157,7 @@ class ModbusExchange:
             until_s = self.clock.now() + self.timing.late_s
             while (left_s := until_s - self.clock.now()) > 0.0:
                 if self.transport.read(1, left_s):
-                    self.clock.sleep(min(self.timing.pause_s, left_s))  # the rest of that reply
+                    self.clock.sleep(min(self.timing.pause_after_query_s, left_s))  # the rest of that reply
                     break
         self._unanswered = False
         self.transport.read_available()

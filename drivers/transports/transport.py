@@ -6,15 +6,31 @@ in memory are interchangeable.
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TypeVar
 
 from drivers.clock import Clock
-from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, SensorFault, TransportError
+from drivers.errors import CommandRefused, DeviceError, DeviceTimeout, ProtocolError, SensorFault, TransportError
 
 Reply = TypeVar("Reply")
 
 ATTEMPTS = 3
 """How often something is tried at a device: one glitch must not end a night."""
+
+
+@dataclass(frozen=True)
+class Timing:
+    """How a controller wants to be spoken to, seconds.
+
+    `late_s` is for replies that do not show which request they answer (a bare number): after a request without an
+    answer the line is listened to for so long, so that a late reply is not taken for the next one's.
+    """
+
+    timeout_s: float = 2.0
+    pause_after_query_s: float = 0.3
+    pause_after_command_s: float = 0.5
+    late_s: float = 0.0
+
 
 _POLL_S = 0.002  # between looks while a read waits
 _SHOWN = 60  # bytes of what arrived in a message
@@ -89,19 +105,29 @@ class Transport(ABC):
         return True
 
 
-class OwnPort(Transport):
-    """A port that the library of a device opens by itself: it has a name, and carries no byte of ours."""
+class ClosedPort(Transport):
+    """A port that is not open here: whoever reads or writes gets the sentence of `reason` as a `TransportError`."""
+
+    def __init__(self, name: str, clock: Clock, reason: DeviceError) -> None:
+        super().__init__(name, clock)
+        self._reason = reason
 
     def write(self, data: bytes) -> None:
-        """Raise `TransportError`: who would write here has a bench file that names no port."""
+        """Send nothing."""
         del data
-        raise TransportError(f"{self.name}: only a driver that opens its device itself has such a port; name the port")
+        self._fill()
 
     def close(self) -> None:
-        """Do nothing."""
+        """Do nothing: nothing is open."""
 
     def _fill(self) -> None:
-        """Nothing comes."""
+        raise TransportError(str(self._reason)) from self._reason
+
+
+def own_port(name: str, clock: Clock) -> ClosedPort:
+    """Return a port that the library of a device opens by itself: it has a name, and carries no byte of ours."""
+    only = f"{name}: only a driver that opens its device itself has such a port; name the port"
+    return ClosedPort(name, clock, TransportError(only))
 
 
 def asked(ask: Callable[[], Reply]) -> Reply:

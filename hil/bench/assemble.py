@@ -7,7 +7,7 @@ This is the only place that knows that `sim://` ports are simulated devices in t
 devices and cannot tell.
 """
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -15,12 +15,11 @@ from functools import cache
 from pathlib import Path
 from typing import Self
 
-from drivers.chambers import CHAMBER_DRIVERS, Chamber, ChamberLimits, ChamberOptions
+from drivers.chambers import CHAMBER_DRIVERS, Chamber, ChamberOptions
 from drivers.chambers.catalogue import SerialLine
 from drivers.chambers.ramp import RampedChamber
 from drivers.clock import SIMULATED_EPOCH, Clock, PacedClock, SystemClock, VirtualClock
 from drivers.errors import DeviceError, TransportError
-from drivers.frames.description import StreamDescription
 from drivers.imu import ImuIdentity
 from drivers.imu.stream import StreamImu
 from drivers.outside import brought, loaded
@@ -32,15 +31,14 @@ from drivers.simulators.memory import MemoryTransport
 from drivers.transports import Transport, open_port
 from drivers.transports.live_reader import LiveReader
 from drivers.transports.serial_port import SerialTransport, existing_ports
-from drivers.transports.transport import OwnPort
-from hil.bench.closed_port import ClosedPort
+from drivers.transports.transport import ClosedPort, own_port
 from hil.bench.lock import port_lock
 from hil.config.bench import ASK, Bench
-from hil.config.frames import load_frames, tells_serial
 from hil.config.ports import COM_PORT, OWN_SCHEME, SIMULATED_SCHEME, unit_port
 from hil.errors import InputError
 from hil.twin.devices import SimulatedBench, simulate_devices
 from hil.twin.faults import FaultInjector
+from hil.twin.motion import FROM_THE_START, Resumed
 from procedures.devices import BenchDevices
 
 _RAMP_LINE = SerialLine(115200)
@@ -51,13 +49,9 @@ Unopened = Callable[[str, DeviceError], None]
 
 @dataclass(frozen=True)
 class LiveBench:
-    """A bench that is put together and open. `simulators` are the devices in this process, None where all are real.
-
-    `descriptions` are those of the units' streams, by the unit's name.
-    """
+    """A bench that is put together and open. `simulators` are the devices in this process, None where all are real."""
 
     bench: Bench
-    descriptions: Mapping[str, StreamDescription]
     devices: BenchDevices
     simulators: SimulatedBench | None = None
     faults: FaultInjector | None = None
@@ -68,17 +62,10 @@ class LiveBench:
         return self.bench.simulated
 
     @property
-    def description(self) -> StreamDescription:
-        """That of the first unit, or of the only one."""
-        return next(iter(self.descriptions.values()))
-
-    @property
     def each(self) -> Mapping[str, Self]:
         """The bench as each unit has it, by the unit's name."""
-        return {
-            name: replace(self, bench=own, descriptions={"": self.descriptions[name]}, devices=self.devices.units[name])
-            for name, own in self.bench.each.items()
-        }
+        units = self.devices.units
+        return {name: replace(self, bench=own, devices=units[name]) for name, own in self.bench.each.items()}
 
     def close(self) -> None:
         """Release the ports; the chamber goes on as it is. Closing twice is allowed."""
@@ -99,27 +86,22 @@ def build_bench(
     bench: Bench,
     *,
     start_utc: datetime | None = None,
-    first_run: int = 1,
-    visited: Sequence[str] = (),
-    session: int = 0,
+    resumed: Resumed = FROM_THE_START,
     ask: AskOperator | None = None,
     unopened: Unopened | None = None,
     speed: float | None = None,
-    gone_s: float = 0.0,
-    begun: Collection[str] = (),
 ) -> LiveBench:
     """Put a bench together and open its ports.
 
     `start_utc` is where a virtual clock begins (a fixed instant where it is not given), so that a night that is
     carried on goes on in time; its simulated chamber begins at the start temperature of the simulation section, as one
-    that nobody controlled meanwhile. `first_run`, `visited` and `session` are those of `simulate_devices`. `ask` puts
-    questions to the operator of a bench without indexing. `speed` keeps a virtual clock to so many times real time, so
-    that a simulated night can be watched. `gone_s` is how long the night has been going, and `begun` which steps have,
-    for the faults of the bench file. Raises `InputError` for a port that does not exist or a file that cannot be
-    used, or a speed for a clock that is not virtual, `DeviceError` for a port that cannot be opened; nothing stays open
-    then.
+    that nobody controlled meanwhile; `resumed` says what went before. `ask` puts questions to the operator of a bench
+    without indexing. `speed` keeps a virtual clock to so many times real time, so that a simulated night can be
+    watched. Raises `InputError` for a port that does not exist or a file that cannot be used, or a speed for a clock
+    that is not virtual, `DeviceError` for a port that cannot be opened; nothing stays open then.
     """
-    descriptions = {name: load_frames(own) for name, own in bench.each.items()}
+    for own in bench.each.values():
+        _ = own.frames  # what cannot be used is said before anything is opened
     if bench.imu.positioner == "operator" and ask is None:
         raise InputError(
             f"{bench.source or bench.name}: imu.positioner: an operator moves the unit, and none is there to ask"
@@ -130,16 +112,14 @@ def build_bench(
 
     @cache
     def simulators() -> SimulatedBench:
-        return simulate_devices(
-            bench, descriptions, begins_s=clock.now(), first_run=first_run, visited=visited, session=session
-        )
+        return simulate_devices(bench, begins_s=clock.now(), resumed=resumed)
 
     with ExitStack() as opened:
         ports = _Ports(bench, clock, opened, unopened)
-        faults = FaultInjector(bench.faults, clock, gone_s=gone_s, begun=begun)
-        imus = {name: _imu(name, own, descriptions[name], ports, simulators, clock) for name, own in bench.each.items()}
+        faults = FaultInjector(bench.faults, clock, resumed)
+        imus = {name: _imu(name, own, ports, simulators, clock) for name, own in bench.each.items()}
         chamber = _chamber(bench, ports, clock, simulators, night=True)
-        turned = _positioners(bench, descriptions, imus, clock, faults, ask)
+        turned = _positioners(bench, imus, clock, faults, ask)
         units = {
             name: BenchDevices(clock, imus[name], chamber, turned[name], bench.simulated, own.poses)
             for name, own in bench.each.items()
@@ -147,9 +127,9 @@ def build_bench(
         devices = replace(next(iter(units.values())), units=units)
         opened.pop_all()
     if not any(port.startswith(SIMULATED_SCHEME) for _, port in ports_of(bench)):
-        return LiveBench(bench, descriptions, devices)
+        return LiveBench(bench, devices)
     faults.inject(simulators(), ports.simulated)
-    return LiveBench(bench, descriptions, devices, simulators(), faults)
+    return LiveBench(bench, devices, simulators(), faults)
 
 
 @dataclass(frozen=True)
@@ -169,9 +149,7 @@ def open_chamber(bench: Bench) -> Iterator[LiveChamber]:
 
     @cache
     def simulated() -> SimulatedBench:
-        return simulate_devices(
-            bench, {name: load_frames(own) for name, own in bench.each.items()}, begins_s=clock.now()
-        )
+        return simulate_devices(bench, begins_s=clock.now())
 
     with ExitStack() as opened:
         chamber = _chamber(bench, _Ports(bench, clock, opened, None), clock, simulated, night=False)
@@ -231,7 +209,7 @@ class _Ports:
         if url.startswith(SIMULATED_SCHEME):
             port: Transport = self.simulated.setdefault(key, MemoryTransport(device(), self._clock, url))
         elif url.startswith(OWN_SCHEME):
-            port = OwnPort(url, self._clock)
+            port = own_port(url, self._clock)
         else:
             port = self._real(key, url, line)
         self._opened.callback(port.close)
@@ -289,20 +267,16 @@ def _chamber(
     if section.ramp_port is not None:
         ramp_port = ports.open("chamber.ramp_port", section.ramp_port, _RAMP_LINE, lambda: simulated().ramp_port)
     options = ChamberOptions(
-        limits=ChamberLimits(section.limits.low, section.limits.high),
+        limits=section.limits,
         safe=section.safe_state,
         expected_model=section.model or None,
-        address=section.address,
-        terminator=section.terminator_bytes,
         native_margin_degC=section.native_margin,
         celsius_confirmed=section.celsius_confirmed,
         ramp_port=ramp_port,
-        framing=section.framing,
-        description=bench.chamber_description,
         dead_man_s=section.night_dead_man if night else section.dead_man,
         dead_man_asked=section.dead_man is not None,
-        layout=section.layout,
-        warning_limits=section.warning_limits,
+        description=bench.chamber_description,
+        **section.spoken,
     )
     try:
         chamber = CHAMBER_DRIVERS[section.driver].build(port, clock, options)
@@ -311,30 +285,17 @@ def _chamber(
         raise InputError(f"{bench.source or bench.name}: chamber: {error}") from error
 
 
-def _imu(
-    name: str,
-    bench: Bench,
-    description: StreamDescription,
-    ports: _Ports,
-    simulated: Callable[[], SimulatedBench],
-    clock: Clock,
-) -> StreamImu:
+def _imu(name: str, bench: Bench, ports: _Ports, simulated: Callable[[], SimulatedBench], clock: Clock) -> StreamImu:
     """Open one unit; `bench` is as that unit has it."""
-    line = SerialLine(bench.imu.baud or description.baudrate)
+    line = SerialLine(bench.imu.baud or bench.frames.baudrate)
     # Nothing is expected where the unit says no serial number, or nobody knows yet which.
-    serial = bench.unit.serial if tells_serial(description) and bench.unit.serial != ASK else ""
-    return StreamImu(
-        ports.open_stream(unit_port(name), bench.imu.port, line, lambda: simulated().imus[name]),
-        description,
-        clock,
-        sample_rate_hz=bench.imu.rate,
-        expected=ImuIdentity(bench.unit.model, serial),
-    )
+    serial = bench.unit.serial if bench.frames.tells_serial and bench.unit.serial != ASK else ""
+    port = ports.open_stream(unit_port(name), bench.imu.port, line, lambda: simulated().imus[name])
+    return StreamImu(port, bench.frames, clock, expected=ImuIdentity(bench.unit.model, serial))
 
 
 def _positioners(
     bench: Bench,
-    descriptions: Mapping[str, StreamDescription],
     imus: Mapping[str, StreamImu],
     clock: Clock,
     faults: FaultInjector,
@@ -344,8 +305,8 @@ def _positioners(
     fixture = _fixture(bench, clock, faults, ask)
     if fixture is not None:
         return dict.fromkeys(imus, fixture)
-    for name, own in bench.each.items():
-        _refuse_an_index_that_cannot_be_told(own, descriptions[name])
+    for own in bench.each.values():
+        _refuse_an_index_that_cannot_be_told(own)
     return {name: IndexingPositioner(imus[name], clock, own.position_codes) for name, own in bench.each.items()}
 
 
@@ -361,9 +322,9 @@ def _fixture(bench: Bench, clock: Clock, faults: FaultInjector, ask: AskOperator
     return None
 
 
-def _refuse_an_index_that_cannot_be_told(bench: Bench, description: StreamDescription) -> None:
+def _refuse_an_index_that_cannot_be_told(bench: Bench) -> None:
     """Raise `InputError` where the first index move could only fail, hours into the night."""
-    where, codes = f"{bench.source or bench.name}: imu", bench.position_codes
+    where, codes, description = f"{bench.source or bench.name}: imu", bench.position_codes, bench.frames
     if bench.imu.positioner != "indexing":
         return
     if description.commands is None or description.commands.index is None:

@@ -18,6 +18,7 @@ from drivers.imu.samples import FloatArray
 from hil.bench.advice import Finding
 from hil.bench.assemble import LiveBench
 from hil.campaign.data import EARTH_RATE_DEG_PER_HR
+from procedures.collect import shown_g
 from procedures.quality import same_samples
 from procedures.words import listed
 
@@ -118,22 +119,15 @@ def _slips(sample_rate_hz: float) -> list[tuple[float, str]]:
 def _pose(live: LiveBench, samples: SampleBlock) -> Iterator[Finding]:
     """Say how the unit lies by its accelerometers, and NOT where that contradicts what is known of it."""
     devices = live.devices
-    means = {
-        number: {
-            axis: float(np.nanmean(samples.fields[field]))
-            for axis, field in channels.accelerations.items()
-            if field in samples.fields
-        }
-        for number, channels in devices.imu.sensors.items()
-    }
-    if devices.poses is None or not any(means.values()):
+    shown = shown_g(devices.imu, samples)
+    if devices.poses is None or not any(shown.values()):
         yield Finding("pose", True, "the stream has no accelerations", "the pose of the unit cannot be checked")
         return
     told = devices.positioner.position() if live.bench.imu.positioner == "indexing" else None
-    fits = [label for label in devices.poses.poses if not devices.poses.contradiction(label, means)]
+    fits = [label for label in devices.poses.poses if not devices.poses.contradiction(label, shown)]
     if told is not None and told in devices.poses.poses and told not in fits:
         yield Finding(
-            "pose", False, devices.poses.contradiction(told, means), "see how the unit is mounted and indexed"
+            "pose", False, devices.poses.contradiction(told, shown), "see how the unit is mounted and indexed"
         )
     elif fits:
         yield Finding("pose", True, f"the unit lies as in position {' or '.join(fits)}")
@@ -141,4 +135,4 @@ def _pose(live: LiveBench, samples: SampleBlock) -> Iterator[Finding]:
         first = next(iter(devices.poses.poses))
         by_hand = live.bench.imu.positioner == "operator"
         advice = "lay it as in one of its positions and check again: then this says whether its axes are as described"
-        yield Finding("pose", by_hand, f"as in no position ({devices.poses.contradiction(first, means)})", advice)
+        yield Finding("pose", by_hand, f"as in no position ({devices.poses.contradiction(first, shown)})", advice)

@@ -101,7 +101,7 @@ def _ports(live: LiveBench, closed: dict[str, DeviceError]) -> Iterator[Finding]
         else:
             unit = next((each for name, each in live.each.items() if key == unit_port(name)), None)
             of = unit or live
-            baud = of.bench.imu.baud or of.description.baudrate
+            baud = of.bench.imu.baud or of.bench.frames.baudrate
             line = line_words(of.bench, "chamber" if unit is None else "unit", baud)
             yield Finding(key, True, f"{line}: opened")
 
@@ -136,7 +136,7 @@ def _stream(live: LiveBench) -> Iterator[Finding]:
     bad = counts.bad_checksum + counts.bad_delimiter + counts.lost
     rate = f"{rate_hz:.1f} Hz, {imu.sample_rate_hz:g} expected"
     told = f"{samples} samples in {listened_s:.0f} s ({rate}), {bad} bad or lost"
-    miscounted = "; ".join(wrong_counter(live.description, heard.raw, rate_hz)) if samples else ""
+    miscounted = "; ".join(wrong_counter(live.bench.frames, heard.raw, rate_hz)) if samples else ""
     wrong = "silent" if not samples else "damaged" if bad else "" if enough else "other rate"
     yield Finding("stream", enough and not bad, told, miscounted or ADVICE["stream"].get(wrong, ""))
     if samples:

@@ -88,10 +88,10 @@ def _target(given: str | None, bench: Bench) -> float:
     except ValueError as error:
         raise InputError(str(error)) from error
     limits = bench.chamber.limits
-    if not limits.low <= value <= limits.high:
+    if not limits.low_degC <= value <= limits.high_degC:
         raise InputError(
-            f"{value:.4g} °C lies outside the limits of bench {bench.name}'s chamber, {limits.low:.4g} … "
-            f"{limits.high:.4g} °C; nothing was sent"
+            f"{value:.4g} °C lies outside the limits of bench {bench.name}'s chamber, {limits.low_degC:.4g} … "
+            f"{limits.high_degC:.4g} °C; nothing was sent"
         )
     return value
 

@@ -112,9 +112,8 @@ def _of_unit(bench: Bench, serial: str | None, out: str, *, attended: bool) -> B
     A night that only needs it asks by itself, here and on the live page. Raises `InputError` where nobody can be asked.
     """
     from hil.config.bench import ASK
-    from hil.config.frames import load_frames, must_be_typed
 
-    named, typed = "{serial}" in out, must_be_typed(bench, load_frames(bench))
+    named, typed = "{serial}" in out, bench.asks_serial
     if serial is None and bench.unit.serial in ("", ASK) and (named or typed):
         if not attended:
             instead = "" if typed else ", or an --out without {serial}"

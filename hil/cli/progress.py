@@ -17,17 +17,17 @@ from rich.text import Text
 
 from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Plan, Step, StepKind
-from procedures.progress import Progress, Silent, Snapshot
+from procedures.progress import Progress, Snapshot
 from procedures.words import harmless, hours_minutes, step_in_words
 
 _WIDEST_BAR = 40
 _OLD_S = 45.0  # a chamber is asked more often
 
 
-def onlooker(console: Console, *, quiet: bool, simulated: bool) -> TerminalProgress | LineProgress | Silent:
+def onlooker(console: Console, *, quiet: bool, simulated: bool) -> Progress:
     """Return what suits the console: nothing, a live panel on a terminal, or lines."""
     if quiet:
-        return Silent()
+        return Progress()
     drawn = console.is_terminal and not console.is_dumb_terminal
     return TerminalProgress(console, simulated=simulated) if drawn else LineProgress(console)
 

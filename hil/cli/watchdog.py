@@ -18,7 +18,7 @@ from hil.cli.output import Folder, messages
 from hil.errors import InputError
 from hil.files.lock import LOCK_NAME
 from procedures.plan import Plan
-from procedures.progress import Silent, Snapshot
+from procedures.progress import Progress, Snapshot
 
 if TYPE_CHECKING:
     from hil.config import Bench
@@ -86,7 +86,7 @@ def _watch(folder: Path, on: Bench, timeout: float, *, kill: bool, stop: StopReq
         notifier.close()
 
 
-class WatchdogBeside(Silent):
+class WatchdogBeside(Progress):
     """Starts `hil watchdog` for a night once there is something to watch; it outlives the terminal and the controller.
 
     One that ends before the night does is started anew, at once. What it says goes into watchdog.log in

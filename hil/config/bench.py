@@ -2,7 +2,7 @@
 
     bench = load_bench("simulated")
     bench.orientations(2)["1"].components(bench.site.gravity_g())   # f at position 1, along A, B, S
-    bench.chamber.limits.high                                       # °C
+    bench.chamber.limits.high_degC                                  # °C
 
 Numbers carry their unit in the file and are plain floats here: s, °C, °C/min, deg, g, Hz. Orientations may be written
 as the report's figure shows them (`{A: -1, B: +2, S: +3}`: A along minus axis 1), as a rotation of the unit from
@@ -21,6 +21,7 @@ import numpy as np
 import yaml
 from pydantic import AfterValidator, BeforeValidator, Field, PositiveInt, ValidationError, model_validator
 
+from drivers.frames.description import StreamDescription, load_description
 from drivers.outside import brought
 from drivers.strict_yaml import first_mistake
 from hil.campaign import FloatArray, Sensor
@@ -350,6 +351,16 @@ class Bench(WholeFile):
     def imu_description(self) -> Path:
         """The frame description of the IMU; raises `InputError` where there is none of this name."""
         return self._named_file("imus", "imu.description", self.imu.description)
+
+    @cached_property
+    def frames(self) -> StreamDescription:
+        """What the IMU sends; raises `InputError` where the description cannot be used."""
+        return load_description(self.imu_description, parameters=self.imu.parameters, sample_rate_hz=self.imu.rate)
+
+    @property
+    def asks_serial(self) -> bool:
+        """Whether the unit's serial number has to be asked for."""
+        return self.unit.serial == ASK and not self.frames.tells_serial
 
     @cached_property
     def simulation_model(self) -> Path | None:

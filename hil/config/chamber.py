@@ -1,18 +1,18 @@
 """The chamber's section of a bench file: its port, its controller, its limits and its safe state."""
 
 from collections.abc import Mapping
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, NonNegativeInt, PositiveInt, model_validator
 
-from drivers.chambers import CHAMBER_DRIVERS, SafeState
+from drivers.chambers import CHAMBER_DRIVERS, ChamberLimits, SafeState
 from drivers.chambers.catalogue import SerialLine, WarningLimits
 from drivers.chambers.controllers.voetsch_ascii import AsciiLayout
 from drivers.chambers.setpoints import COLDEST_POSSIBLE_DEGC, HOTTEST_POSSIBLE_DEGC
 from hil.config.ports import SIMULATED_SCHEME, ChamberPort, RampPort
-from hil.config.sections import to_settings
-from hil.files.strict import Section, validated_inside
-from hil.files.units import Celsius, CelsiusDifference, CelsiusPerMinute, Seconds
+from hil.config.sections import settings_of, to_settings
+from hil.files.strict import Section
+from hil.files.units import CelsiusDifference, CelsiusPerMinute, Seconds
 from procedures.words import listed
 
 _USUAL_DEAD_MAN_S = 3 * 3600.0
@@ -34,36 +34,17 @@ def _chamber_driver(value: str) -> str:
     return value
 
 
-class LimitsSection(Section):
-    """The range in which the bench may set the chamber."""
-
-    low: Celsius
-    high: Celsius
-
-    @model_validator(mode="after")
-    def _ordered(self) -> Self:
-        if self.low >= self.high:
-            raise ValueError(f"low ({self.low:g} °C) must be below high ({self.high:g} °C)")
-        for name, value in (("low", self.low), ("high", self.high)):
-            if not COLDEST_POSSIBLE_DEGC <= value <= HOTTEST_POSSIBLE_DEGC:
-                raise ValueError(
-                    f"{name}: no chamber that these drivers know reaches {value:.4g} °C; a reading outside "
-                    f"{COLDEST_POSSIBLE_DEGC:g} … {HOTTEST_POSSIBLE_DEGC:g} °C would be taken for a broken sensor"
-                )
-        return self
-
-
-class SafeStateSection(Section):
-    """How the chamber may be left alone: it holds a temperature, or stands by, or is switched off."""
-
-    # YAML 1.1 reads an unquoted off as false.
-    action: Annotated[Literal["hold", "standby", "off"], BeforeValidator(lambda it: "off" if it is False else it)]
-    temperature: Celsius | None = None
-
-
-def _safe_state(given: object) -> SafeState:
-    section = validated_inside(SafeStateSection, given)
-    return SafeState(section.action, section.temperature)
+def _possible(limits: ChamberLimits) -> ChamberLimits:
+    low, high = limits.low_degC, limits.high_degC
+    if low >= high:
+        raise ValueError(f"low ({low:g} °C) must be below high ({high:g} °C)")
+    for name, value in (("low", low), ("high", high)):
+        if not COLDEST_POSSIBLE_DEGC <= value <= HOTTEST_POSSIBLE_DEGC:
+            raise ValueError(
+                f"{name}: no chamber that these drivers know reaches {value:.4g} °C; a reading outside "
+                f"{COLDEST_POSSIBLE_DEGC:g} … {HOTTEST_POSSIBLE_DEGC:g} °C would be taken for a broken sensor"
+            )
+    return limits
 
 
 def _layout(given: object) -> AsciiLayout | None:
@@ -99,9 +80,9 @@ class ChamberSection(Section):
     warning_limits: WarningLimits | None = None
     model: str = ""
     celsius_confirmed: bool = False
-    limits: LimitsSection
+    limits: Annotated[ChamberLimits, settings_of(ChamberLimits), AfterValidator(_possible)]
     native_margin: Annotated[CelsiusDifference, Field(le=100.0)] = 5.0
-    safe_state: Annotated[SafeState, BeforeValidator(_safe_state)]
+    safe_state: Annotated[SafeState, settings_of(SafeState)]
 
     @property
     def line(self) -> SerialLine:
@@ -118,9 +99,11 @@ class ChamberSection(Section):
         return self.dead_man if "dead_man" in self.model_fields_set else usual
 
     @property
-    def terminator_bytes(self) -> bytes | None:
-        """What ends a line, None for the driver's own."""
-        return None if self.terminator is None else {"CR": b"\r", "LF": b"\n", "CR LF": b"\r\n"}[self.terminator]
+    def spoken(self) -> dict[str, Any]:
+        """How it is spoken to, as `drivers.chambers.catalogue.Spoken` has it, but for the file that describes a box."""
+        end = None if self.terminator is None else {"CR": b"\r", "LF": b"\n", "CR LF": b"\r\n"}[self.terminator]
+        said = {name: getattr(self, name) for name in ("address", "framing", "layout", "warning_limits")}
+        return {**said, "terminator": end}
 
     @model_validator(mode="after")
     def _hangs_together(self) -> Self:
@@ -135,10 +118,9 @@ class ChamberSection(Section):
         simulated = self.port.startswith(SIMULATED_SCHEME)
         if self.ramp_port is not None and self.ramp_port.startswith(SIMULATED_SCHEME) != simulated:
             raise ValueError("ramp_port: simulated with the chamber, or neither; the simulated one is sim://ramp")
-        held = self.safe_state.temperature_degC
-        if held is not None and not self.limits.low <= held <= self.limits.high:
+        held, low, high = self.safe_state.temperature_degC, self.limits.low_degC, self.limits.high_degC
+        if held is not None and not low <= held <= high:
             raise ValueError(
-                f"safe_state.temperature: {held:.4g} °C lies outside the chamber's limits "
-                f"{self.limits.low:.4g} … {self.limits.high:.4g} °C"
+                f"safe_state.temperature: {held:.4g} °C lies outside the chamber's limits {low:.4g} … {high:.4g} °C"
             )
         return self

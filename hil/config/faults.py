@@ -31,14 +31,16 @@ def _text(value: object) -> object:
 
 @dataclass(frozen=True)
 class FaultKind:
-    """One thing that can go wrong: what it is in words, and what its size is.
+    """One thing that can go wrong: what it is in words and to a simulator, and what its size is and `sets` there.
 
     `size` is a kind of quantity, or "share" for a fraction of the frames; None where it has none, and then `usual` is
     meaningless. `lasts` is True for a state, which has a duration, and False for something that happens in a moment.
     """
 
     means: str
+    simulated: str
     size: Kind | Literal["share"] | None = None
+    sets: str = ""
     usual: float = 0.0
     lasts: bool = True
 
@@ -46,7 +48,8 @@ class FaultKind:
 _SIZES = {"time": TIME, "jump": _JUMP, "temperature": TEMPERATURE, "difference": DIFFERENCE}
 CATALOGUE: Mapping[Device, Mapping[str, FaultKind]] = {
     device: {
-        kind: FaultKind(**said | {"size": _SIZES.get(said.get("size"), said.get("size"))}) for kind, said in of.items()
+        kind: FaultKind(**{"simulated": kind} | said | {"size": _SIZES.get(said.get("size"), said.get("size"))})
+        for kind, said in of.items()
     }
     for device, of in packaged("hil.config", "faults.yaml").items()
 }

@@ -5,7 +5,8 @@ in one place, the procedures; what a file does not give keeps its default.
 """
 
 from collections.abc import Mapping
-from typing import Any, TypeVar, get_type_hints
+from dataclasses import MISSING, fields
+from typing import Any, TypeVar, get_args, get_type_hints
 
 from pydantic import BeforeValidator, create_model
 
@@ -28,17 +29,17 @@ _BY_SUFFIX: Mapping[str, Any] = {
     "_g": Gravities,
     "_s": Seconds,
 }
-_POINTS = frozenset({"unit_low_degC", "unit_high_degC"})  # the readings of a thermometer among the differences
+_POINTS = frozenset({"unit_low_degC", "unit_high_degC", "low_degC", "high_degC", "temperature_degC"})
+"""The readings of a thermometer among the differences."""
 
 SettingsT = TypeVar("SettingsT")
 
 
 def _key_and_type(name: str, plain: Any) -> tuple[str, Any]:
-    if name in _POINTS:
-        return name.removesuffix("_degC"), Celsius
     for suffix, quantity in _BY_SUFFIX.items():
         if name.endswith(suffix):
-            return name.removesuffix(suffix), quantity
+            quantity = Celsius if name in _POINTS else quantity
+            return name.removesuffix(suffix), quantity | None if type(None) in get_args(plain) else quantity
     return name, plain
 
 
@@ -52,8 +53,9 @@ def to_settings(given: object, settings: type[SettingsT]) -> SettingsT:
     hints = get_type_hints(settings, include_extras=True)
     keys = {name: _key_and_type(name, hint) for name, hint in hints.items()}
     # A key that is not given has no value here: the dataclass has the default.
-    fields: dict[str, Any] = {key: (quantity, None) for key, quantity in keys.values()}
-    model = create_model(f"{settings.__name__}Section", __base__=Section, __doc__=settings.__doc__, **fields)
+    needed = {item.name for item in fields(settings) if item.default is MISSING}  # type: ignore[arg-type]
+    given_by: dict[str, Any] = {key: (kind, ... if name in needed else None) for name, (key, kind) in keys.items()}
+    model = create_model(f"{settings.__name__}Section", __base__=Section, __doc__=settings.__doc__, **given_by)
     section = validated_inside(model, given)
     said = {name: key for name, (key, _) in keys.items() if key in section.model_fields_set}
     return settings(**{name: getattr(section, key) for name, key in said.items()})

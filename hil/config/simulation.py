@@ -5,7 +5,7 @@ from typing import Annotated
 from pydantic import BeforeValidator, Field, NonNegativeInt
 
 from drivers.simulators.chambers.controller import ChamberFault
-from drivers.simulators.faults import FaultWindow
+from drivers.simulators.unit import FaultWindow
 from hil.config.sections import to_settings
 from hil.files.strict import Section
 from hil.files.units import (

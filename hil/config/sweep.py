@@ -105,10 +105,10 @@ def check_sweep_against_bench(sweep: Sweep, bench: Bench) -> None:
     wanted = [(f"temperatures.{index}", value) for index, value in enumerate(sweep.temperatures)]
     wanted += [("final", sweep.final)] if sweep.final is not None else []
     for key, value in wanted:
-        if not limits.low <= value <= limits.high:
+        if not limits.low_degC <= value <= limits.high_degC:
             raise InputError(
                 f"{sweep.source}: {key}: {value:.4g} °C lies outside the limits of bench {bench.name}'s chamber, "
-                f"{limits.low:.4g} … {limits.high:.4g} °C"
+                f"{limits.low_degC:.4g} … {limits.high_degC:.4g} °C"
             )
     steps = planned(sweep, bench).steps
     keys = list(dict.fromkeys(name for step in steps for name in (step.key, step.stage)))

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hil.bench import LiveBench
-from hil.config.frames import must_be_typed
 from hil.errors import InputError
 from hil.files.strict import one_line
 from hil.records import SqliteJournal
@@ -47,7 +46,7 @@ def ask_serial(journal: SqliteJournal, live: LiveBench, attendant: Attendant) ->
 
     Raises `InterlockTripped` where nobody does.
     """
-    if not must_be_typed(live.bench, live.description) or "serial" in night_identity(journal):
+    if not live.bench.asks_serial or "serial" in night_identity(journal):
         return
     question = f"Type or scan the serial number of the unit ({live.bench.unit.model}): it does not tell its own."
     while True:

@@ -28,9 +28,8 @@ from drivers.frames.description import StreamDescription
 from drivers.imu import SampleBlock
 from drivers.imu.samples import FloatArray
 from drivers.imu.stream import StreamImu
-from hil.bench.closed_port import ClosedPort
+from drivers.transports.transport import ClosedPort
 from hil.config import Bench
-from hil.config.frames import load_frames
 from hil.config.recorded import configuration_of
 from hil.errors import Damaged, InputError
 from hil.files.document import picked
@@ -128,16 +127,15 @@ class _Stream:
         """Return that of each unit, by its name."""
         with tempfile.TemporaryDirectory(prefix="hil-") as folder:
             bench, sweep = configuration_of(configuration, Path(folder))
-            return {name: cls._of(own, load_frames(own), sweep.collect) for name, own in bench.each.items()}
+            return {name: cls._of(own, sweep.collect) for name, own in bench.each.items()}
 
     @classmethod
-    def _of(cls, bench: Bench, description: StreamDescription, settings: CollectSettings) -> _Stream:
-        if description.roles is None:
+    def _of(cls, bench: Bench, settings: CollectSettings) -> _Stream:
+        if (description := bench.frames).roles is None:
             raise InputError(f"{description.name}: roles: missing, so that no field is known to be a rate")
         clock = VirtualClock()
         port = ClosedPort(bench.imu.port, clock, TransportError("a replay has no port"))
-        imu = StreamImu(port, description, clock, sample_rate_hz=bench.imu.rate)
-        return cls(description, description.roles.frame, imu, settings)
+        return cls(description, description.roles.frame, StreamImu(port, description, clock), settings)
 
     def decode(self, raw: bytes, expected: int) -> dict[str, FloatArray]:
         """Return the columns of the frames in a collect's bytes, which begin where the decoder was reset."""

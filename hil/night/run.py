@@ -24,6 +24,7 @@ from collections.abc import Callable, Collection
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
@@ -52,6 +53,7 @@ from hil.records.rows import Night
 from hil.records.status import VERDICT
 from hil.records.units import refuse_unit, unit_folder
 from hil.records.witnesses import LOG_NAME, seal
+from hil.twin.motion import Resumed
 from procedures.attended import Attendant, Terminal
 from procedures.plan import StepKind
 from procedures.progress import Audience, Progress
@@ -60,6 +62,7 @@ from procedures.settings import Polling
 from procedures.stop import StopRequest
 from procedures.sweep_outcome import SweepOutcome, SweepState
 from procedures.verdict import Judgement
+from procedures.watch import Watch
 
 SIMULATED_DOWN_TIME_S = 1800.0
 """How long a simulated bench is taken to have been without a controller before a resume."""
@@ -179,11 +182,7 @@ def resume_night(
         live = build_bench(
             bench,
             start_utc=night.utc(last_s + down_s),
-            first_run=first_run,
-            visited=visited,
-            session=len(controllers),
-            gone_s=last_s + down_s,
-            begun=begun,
+            resumed=Resumed(first_run, visited, len(controllers), last_s + down_s, begun),
             ask=attendant,
             speed=speed,
         )
@@ -242,8 +241,7 @@ def _carry_out(
             journal.describe_fields(field_meanings(each), name)
         if live.faults is not None:
             journal.write_blocks_to(live.faults.disk)
-        sequencer = Sequencer(
-            journal.plan,
+        watch = Watch(
             live.devices.with_all(lambda one: logged(one, log.say), lambda one: logged(one, log.say)),
             journal,
             stop,
@@ -254,13 +252,12 @@ def _carry_out(
                 [*([live.faults] if live.faults else []), *shown, *([progress] if progress else [])],
                 lost=lambda error: journal.event("onlooker-lost", f"progress is no longer shown: {error!r}"),
             ),
-            powered_on=_powered_on(live),
             control=journal,
-            attendant=attendant,
-            first=lambda: ask_serial(journal, live, attendant),
             vital=heartbeat.alive,
             disk_free_mb=lambda: shutil.disk_usage(journal.folder).free / 1e6,
         )
+        first, on = partial(ask_serial, journal, live, attendant), _powered_on(live)
+        sequencer = Sequencer(journal.plan, watch, powered_on=on, attendant=attendant, first=first)
         with stop.on_signals() if threading.current_thread() is threading.main_thread() else contextlib.nullcontext():
             ended = sequencer.run()
         outcome = _outcome(journal.folder, ended)
@@ -381,7 +378,7 @@ def _powered_on(live: LiveBench) -> datetime | None:
 
 def field_meanings(live: LiveBench) -> dict[str, FieldMeaning]:
     """Return what every decoded field of the bench's unit is: unit, and role for one of the sensors."""
-    units = {name: field.unit for frame in live.description.frames.values() for name, field in frame.fields.items()}
+    units = {name: field.unit for frame in live.bench.frames.frames.values() for name, field in frame.fields.items()}
     meanings = {name: FieldMeaning(unit) for name, unit in units.items()}
     for number, channels in live.devices.imu.sensors.items():
         for channel, field in channels.rates.items():

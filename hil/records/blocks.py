@@ -95,12 +95,12 @@ class BlockWriter:
     `meanings` says what the decoded fields of each unit are, by their names.
     """
 
-    def __init__(self, folder: Path, *, simulated: bool, keep_raw: bool = True, disk: RealDisk | None = None) -> None:
+    def __init__(self, folder: Path, *, simulated: bool, keep_raw: bool = True) -> None:
         self._folder = folder
         self._simulated = simulated
         self.meanings: dict[str, Mapping[str, FieldMeaning]] = {}
         self._keep_raw = keep_raw
-        self.disk: RealDisk = disk or RealDisk()
+        self.disk = RealDisk()
         remove_partials(folder / BLOCKS)
 
     def write(self, step: Step, attempt: int, samples: SampleBlock) -> tuple[Block, ...]:

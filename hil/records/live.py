@@ -32,7 +32,7 @@ from hil.records.heartbeat import Heartbeat
 from hil.records.rows import to_json
 from hil.records.units import unit_folder
 from procedures.plan import Step
-from procedures.progress import Silent, Snapshot
+from procedures.progress import Progress, Snapshot
 
 LIVE_NAME, TRACE_NAME = "live.json", "live.trace"
 SCHEMA = "hil.live/1"
@@ -58,7 +58,7 @@ def trace_columns(sensors: Mapping[int, SensorRole]) -> list[str]:
 
 
 @dataclass(eq=False)
-class LiveFiles(Silent):
+class LiveFiles(Progress):
     """An onlooker that writes both files into a unit's folder. A full disk ends the writing, never the night.
 
     `every_s` is the real time from one poll to the next, `announced_s` the silence that the heartbeat of a poll asks

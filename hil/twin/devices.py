@@ -1,10 +1,9 @@
 """The simulated devices of a bench: one chamber, the units that lie in its air, and the bytes of them all."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from drivers.frames.description import StreamDescription
 from drivers.imu import ImuIdentity
 from drivers.simulators import SimulatedDevice
 from drivers.simulators.chambers.catalogue import CHAMBER_SIMULATORS, SimulatorOptions, ramp_port_of
@@ -14,6 +13,7 @@ from drivers.simulators.unit import IndexSettings, SimulatedImu
 from hil.config.bench import ASK, Bench
 from hil.errors import InputError
 from hil.model import load_model
+from hil.twin.motion import FROM_THE_START, Resumed
 from hil.twin.sensor import simulation_of
 from hil.twin.unit import SimulatedUnit
 
@@ -50,23 +50,11 @@ class SimulatedBench:
         return self.ramp
 
 
-def simulate_devices(
-    bench: Bench,
-    descriptions: Mapping[str, StreamDescription],
-    *,
-    begins_s: float,
-    first_run: int = 1,
-    visited: Sequence[str] = (),
-    session: int = 0,
-) -> SimulatedBench:
+def simulate_devices(bench: Bench, *, begins_s: float, resumed: Resumed = FROM_THE_START) -> SimulatedBench:
     """Return the devices that the bench's simulation section describes, at rest at `begins_s` on the caller's clock.
 
-    `descriptions` are those of the units' streams, by the unit's name.
     The chamber begins at the start temperature, whatever it held before: a chamber cools (or warms) while nobody
-    controls it. `first_run`, `visited` and `session` carry on a night: the number of the self-calibration that comes
-    next or is half done, which keeps its run-to-run scatter; the positions whose collects it has; and a number that no
-    earlier part of the night had, for new noise.
-    Raises `InputError` where the section, the model and the description do not go together.
+    controls it. Raises `InputError` where the section, the model and the description do not go together.
     """
     settings = simulation_of(bench)
     plant = ChamberPlant(
@@ -81,18 +69,12 @@ def simulate_devices(
     )
     imus, units = dict[str, SimulatedImu](), dict[str, SimulatedUnit]()
     for name, own in bench.each.items():
-        stream = descriptions[name]
-        night = {"first_run": first_run, "visited": visited, "session": session}
         alike = next((units[other] for other in units if _kind(bench.each[other]) == _kind(own)), None)
-        units[name] = _unit(own, stream, plant, begins_s, alike=alike, **night)
-        imus[name] = _imu(own, stream, units[name], begins_s)
+        units[name] = _unit(own, plant, begins_s=begins_s, resumed=resumed, alike=alike)
+        imus[name] = _imu(own, units[name], begins_s)
     options = SimulatorOptions(
-        address=bench.chamber.address,
-        terminator=bench.chamber.terminator_bytes,
-        framing=bench.chamber.framing,
         description=bench.chamber_description,
-        layout=bench.chamber.layout,
-        warning_limits=bench.chamber.warning_limits,
+        **bench.chamber.spoken,
         faults=settings.chamber_faults,
         begins_s=begins_s,
     )
@@ -110,11 +92,9 @@ def _kind(bench: Bench) -> tuple[object, ...]:
     return simulation, bench.sensors, bench.imu.model_copy(update={"port": ""}), bench.imu_description, bench.positions
 
 
-def _unit(
-    bench: Bench, description: StreamDescription, plant: ChamberPlant, begins_s: float, **night: Any
-) -> SimulatedUnit:
+def _unit(bench: Bench, plant: ChamberPlant, **night: Any) -> SimulatedUnit:
     """Return the physics of one unit in the chamber's air."""
-    roles = description.roles
+    roles = bench.frames.roles
     if roles is None or not set(bench.sensors) <= set(roles.sensors):
         raise InputError(
             f"{bench.source or bench.name}: imu.description: {bench.imu.description} does not say which fields are the "
@@ -124,12 +104,12 @@ def _unit(
     model = load_model(path)
     for number in bench.sensors:
         model.check_sensor(bench.sensor(number), path)
-    rate_hz = bench.imu.rate or description.sample_rate_hz
-    return SimulatedUnit(bench, model, roles, plant, sample_rate_hz=rate_hz, begins_s=begins_s, **night)
+    return SimulatedUnit(bench, model, roles, plant, sample_rate_hz=bench.frames.sample_rate_hz, **night)
 
 
-def _check_identity(bench: Bench, description: StreamDescription, told: Mapping[str, str]) -> None:
+def _check_identity(bench: Bench, told: Mapping[str, str]) -> None:
     """Raise `InputError` for what the frame in which a simulated unit says who it is has no room for."""
+    description = bench.frames
     role = None if description.roles is None else description.roles.identity
     if role is None or role.frame is None:
         return
@@ -142,15 +122,14 @@ def _check_identity(bench: Bench, description: StreamDescription, told: Mapping[
             )
 
 
-def _imu(bench: Bench, description: StreamDescription, unit: SimulatedUnit, begins_s: float) -> SimulatedImu:
+def _imu(bench: Bench, unit: SimulatedUnit, begins_s: float) -> SimulatedImu:
     """Return the bytes of one unit."""
     settings = simulation_of(bench)
     serial = "SIM-0001" if bench.unit.serial == ASK else bench.unit.serial
-    _check_identity(bench, description, {"model": bench.unit.model, "serial": serial})
+    _check_identity(bench, {"model": bench.unit.model, "serial": serial})
     return SimulatedImu(
-        description,
+        bench.frames,
         unit,
-        rate_hz=bench.imu.rate or description.sample_rate_hz,
         identity=ImuIdentity(bench.unit.model, serial, "simulated"),
         index=IndexSettings(bench.position_codes, settings.start.position, settings.index_time),
         faults=settings.imu_faults,

@@ -1,6 +1,6 @@
 """Makes the faults of a bench file happen on its simulated devices, clock, disk and controller.
 
-    injector = FaultInjector(bench.faults, clock, gone_s=0.0)
+    injector = FaultInjector(bench.faults, clock)
     injector.inject(simulators, {"imu.port": transport, "chamber.port": other})
     start a night with injector.disk, and injector as an onlooker: it sees the steps that faults wait for
 
@@ -12,34 +12,23 @@ import errno
 import math
 import os
 import signal
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from drivers.clock import Clock, VirtualClock
 from drivers.positioners.operator import AskOperator
 from drivers.simulators.chambers.controller import ChamberFault, ChamberFaultKind
-from drivers.simulators.faults import FaultWindow, ImuFault
 from drivers.simulators.memory import MemoryTransport
+from drivers.simulators.unit import FaultWindow, ImuFault
 from hil.config.faults import Fault
 from hil.config.ports import unit_port
 from hil.files.durable import RealDisk
 from hil.twin.devices import SimulatedBench
+from hil.twin.motion import FROM_THE_START, Resumed
 from procedures.plan import Step
-from procedures.progress import Silent, Snapshot
+from procedures.progress import Progress, Snapshot
 
-_OF_THE_UNIT: Mapping[str, ImuFault] = {
-    "silence": ImuFault.STALL,
-    "corrupted_bytes": ImuFault.FLIPPED_BITS,
-    "frozen_values": ImuFault.FROZEN,
-}
-_OF_THE_CHAMBER: Mapping[str, ChamberFaultKind] = {
-    "silence": ChamberFaultKind.DEAF,
-    "no_reply": ChamberFaultKind.SILENCE,
-    "corrupted_bytes": ChamberFaultKind.CORRUPTED,
-    "sensor_break": ChamberFaultKind.SENSOR_BROKEN,
-    "setpoint_not_followed": ChamberFaultKind.PLANT_DEAD,
-}
 _EXCHANGED_IN_S = 8.0
 
 
@@ -58,30 +47,22 @@ class FullDisk(RealDisk):
         super().write(path, data)
 
 
-class FaultInjector(Silent):
-    """The faults of one bench in one process. `gone_s` is how long the night had been going when its clock began.
+class FaultInjector(Progress):
+    """The faults of one bench in one process; what waited for a step that has begun before has happened."""
 
-    `begun` are the keys of the steps that had begun by then, of whichever unit: what waited for them has happened.
-    """
-
-    def __init__(
-        self, faults: Sequence[Fault], clock: Clock, *, gone_s: float = 0.0, begun: Collection[str] = ()
-    ) -> None:
+    def __init__(self, faults: Sequence[Fault], clock: Clock, resumed: Resumed = FROM_THE_START) -> None:
+        begun = resumed.begun
         over = {*begun, *(key.partition("@")[0] for key in begun)}  # a step, and the stage of all units
         self._waiting = [fault for fault in faults if fault.at_s is None and fault.at not in over]
         self._timed = [fault for fault in faults if fault.at_s is not None]
         self._clock = clock
-        self._begun_s = clock.now() - gone_s  # what the clock showed, or would have shown, when the night began
+        self._begun_s = clock.now() - resumed.gone_s  # what the clock showed, or would have shown, when the night began
         self._kill_s = math.inf
         self._operator: list[tuple[str, float, float]] = []
         self._devices: SimulatedBench | None = None
         self._ports: Mapping[str, MemoryTransport] = {}
-        self._disk = FullDisk(clock)
-
-    @property
-    def disk(self) -> RealDisk:
+        self.disk = FullDisk(clock)
         """The disk for the night's blocks."""
-        return self._disk
 
     def inject(self, devices: SimulatedBench, ports: Mapping[str, MemoryTransport]) -> None:
         """Let the faults happen to these devices at their times."""
@@ -138,7 +119,7 @@ class FaultInjector(Silent):
         tell: Mapping[str, Callable[[Fault, float, float], None]] = {
             "imu": self._to_the_unit,
             "chamber": self._to_the_chamber,
-            "disk": lambda _fault, begins_s, ends_s: self._disk.full_between.append((begins_s, ends_s)),
+            "disk": lambda _fault, begins_s, ends_s: self.disk.full_between.append((begins_s, ends_s)),
             "clock": self._to_the_clock,
             "operator": lambda fault, begins_s, ends_s: self._operator.append((fault.kind, begins_s, ends_s)),
             "controller": self._to_the_controller,
@@ -148,7 +129,7 @@ class FaultInjector(Silent):
     def _to_the_unit(self, fault: Fault, begins_s: float, ends_s: float) -> None:
         if self._unplugged(fault, begins_s, ends_s) or self._devices is None:
             return
-        kind = _OF_THE_UNIT.get(fault.kind) or ImuFault(fault.kind)
+        kind = ImuFault(fault.meaning.simulated)
         share = fault.amount if fault.meaning.size else 1.0
         for name in self._units(fault):
             self._devices.imus[name].inject(FaultWindow(kind, begins_s, ends_s, share))
@@ -162,16 +143,9 @@ class FaultInjector(Silent):
     def _to_the_chamber(self, fault: Fault, begins_s: float, ends_s: float) -> None:
         if self._unplugged(fault, begins_s, ends_s) or self._devices is None:
             return
-        kind = _OF_THE_CHAMBER.get(fault.kind) or ChamberFaultKind(fault.kind)
-        happens = ChamberFault(kind, begins_s, times=None, ends_s=ends_s)
-        match fault.kind:
-            case "late":
-                happens = replace(happens, delay_s=fault.amount)
-            case "sensor_break":
-                happens = replace(happens, reading=fault.amount)
-            case "runaway":
-                happens = replace(happens, astray_degC=fault.amount)
-        self._devices.chamber.inject(happens)
+        size: dict[str, Any] = {fault.meaning.sets: fault.amount} if fault.meaning.sets else {}
+        kind = ChamberFaultKind(fault.meaning.simulated)
+        self._devices.chamber.inject(ChamberFault(kind, begins_s, times=None, ends_s=ends_s, **size))
         if fault.kind == "power_cycle" and fault.duration_s is not None:
             self._devices.chamber.inject(ChamberFault(ChamberFaultKind.DEAF, begins_s, times=None, ends_s=ends_s))
 

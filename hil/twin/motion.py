@@ -4,7 +4,7 @@ The unit is one rigid body: both sensors turn by the same rotation. While it tur
 orders of magnitude above what is measured, so that a single sample of it in a collect shows.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +14,25 @@ from hil.campaign import FloatArray
 from hil.model.equation import Orientation
 
 Axes = Mapping[int, FloatArray]  # by sensor: its axes in the bench frame, one per row
+
+
+@dataclass(frozen=True)
+class Resumed:
+    """What of a night went before, where one is carried on; as it stands, nothing.
+
+    `first_run` is the self-calibration that comes next or is half done, which keeps its run-to-run scatter; `visited`
+    are the positions whose collects it has; `session` is a number that no earlier part of the night had, for new noise.
+    For `gone_s` the night has been going, and `begun` are the keys of the steps that have, of whichever unit.
+    """
+
+    first_run: int = 1
+    visited: Sequence[str] = ()
+    session: int = 0
+    gone_s: float = 0.0
+    begun: Collection[str] = ()
+
+
+FROM_THE_START = Resumed()
 
 
 @dataclass(frozen=True)
@@ -50,15 +69,14 @@ class Timeline:
         orientations: Mapping[int, Mapping[str, Orientation]],
         position: str,
         *,
-        first_run: int,
-        visited: Sequence[str] = (),
+        resumed: Resumed,
         new_run_after_s: float,
     ) -> None:
         self._orientations = orientations
         self._new_run_after_s = new_run_after_s
-        self._visited = set(visited)  # positions of the present run
+        self._visited = set(resumed.visited)  # positions of the present run
         here = self._axes_at(position)
-        self.legs = [Leg(position, -np.inf, -np.inf, first_run, here, here, np.zeros(3))]
+        self.legs = [Leg(position, -np.inf, -np.inf, resumed.first_run, here, here, np.zeros(3))]
 
     def place(self, position: str) -> None:
         """Put the unit where it is at power-on; only before the first move."""

@@ -22,7 +22,6 @@ from drivers.clock import SystemClock
 from drivers.simulators import SimulatedDevice
 from drivers.simulators.serve import DeviceServer
 from hil.config.bench import Bench
-from hil.config.frames import load_frames
 from hil.config.ports import SIMULATED_SCHEME
 from hil.errors import InputError
 from hil.twin.devices import SimulatedBench, simulate_devices
@@ -95,8 +94,7 @@ def serving(bench: Bench, *, tcp: bool) -> Iterator[tuple[DeviceServer, Simulati
     to simulate, or one of its ports cannot be served.
     """
     clock = SystemClock()
-    frames = {name: load_frames(own) for name, own in bench.each.items()}
-    devices = simulate_devices(bench, frames, begins_s=clock.now())
+    devices = simulate_devices(bench, begins_s=clock.now())
     FaultInjector(bench.faults, clock).inject(devices, {})
     wanted = {_device(name): own.imu.port for name, own in bench.each.items()} | {"chamber": bench.chamber.port}
     lines: dict[str, SimulatedDevice] = {_device(name): imu for name, imu in devices.imus.items()}
@@ -110,7 +108,7 @@ def serving(bench: Bench, *, tcp: bool) -> Iterator[tuple[DeviceServer, Simulati
         except OSError as error:
             where = ", ".join(wanted.values())
             raise InputError(f"{bench.source}: {where} cannot be served: {error.strerror or error}") from error
-        stack.callback(server.stop)
+        stack.callback(server.close)
         ports = dict(server.urls)
         for device, port in wanted.items():
             if "://" not in port:

@@ -29,7 +29,7 @@ from hil.config.simulation import SimulationSection
 from hil.errors import InputError
 from hil.model import Model
 from hil.twin.grid import ROTOR, FieldColumns, SlowGrid, Supply, field_columns
-from hil.twin.motion import Leg, Timeline
+from hil.twin.motion import FROM_THE_START, Leg, Resumed, Timeline
 from hil.twin.scatter import WhiteNoise
 from hil.twin.sensor import SimulatedSensor, simulation_of
 from hil.twin.terms import GridRows, Rest, ScatterRates, TermRates
@@ -51,7 +51,7 @@ class Truth:
 
 
 class SimulatedUnit:
-    """The physics of the simulated unit. `first_run`, `visited`, `session` carry on a night: see `simulate_devices`.
+    """The physics of the simulated unit, in a night that may have been `resumed`.
 
     A unit that is `alike` in all but its seed, in the same air, shares what moves slowly.
 
@@ -68,12 +68,10 @@ class SimulatedUnit:
         *,
         sample_rate_hz: float,
         begins_s: float = 0.0,
-        first_run: int = 1,
-        visited: Sequence[str] = (),
-        session: int = 0,
+        resumed: Resumed = FROM_THE_START,
         alike: SimulatedUnit | None = None,
     ) -> None:
-        settings = simulation_of(bench)
+        settings, session = simulation_of(bench), resumed.session
         if settings.start.position not in bench.positions:
             raise InputError(
                 f"{bench.source or bench.name}: simulation.start.position: there is no position "
@@ -89,8 +87,7 @@ class SimulatedUnit:
         self._timeline = Timeline(
             {n: bench.orientations(n) for n in self._sensors},
             settings.start.position,
-            first_run=first_run,
-            visited=visited,
+            resumed=resumed,
             new_run_after_s=settings.noise.new_run_after_rest,
         )
         self._white = WhiteNoise(settings.seed, session, len(self._columns.names))

@@ -17,7 +17,7 @@ from drivers.positioners.borrowed import BorrowedPositioner
 from drivers.simulators.chambers.described import simulated_box
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.memory import MemoryTransport
-from drivers.transports.transport import OwnPort
+from drivers.transports.transport import own_port
 from tests.drivers.chambers.chamber_benches import EXAMPLE_BOX
 
 
@@ -39,7 +39,7 @@ def test_pymeasures_temptronic_is_a_chamber() -> None:
 
     ats = temptronic.ATS545(Wire())
     controller = BorrowedController(
-        OwnPort("own://ats", clock), Value(ats, "temperature"), Value(ats, "temperature_setpoint"), model="ATS545"
+        own_port("own://ats", clock), Value(ats, "temperature"), Value(ats, "temperature_setpoint"), model="ATS545"
     )
     chamber = SupervisedChamber(
         controller,
@@ -79,7 +79,7 @@ def _chamber(device: _Plain) -> SupervisedChamber:
     clock = VirtualClock()
     values = Value(device, "temperature"), Value(device, "setpoint")
     controller = BorrowedController(
-        OwnPort("own://oven", clock), *values, model="Oven", unit="degC", running=Value(device, "running")
+        own_port("own://oven", clock), *values, model="Oven", unit="degC", running=Value(device, "running")
     )
     return SupervisedChamber(controller, clock, Supervision(limits=ChamberLimits(-20.0, 160.0), safe=SafeState("off")))
 
@@ -98,7 +98,7 @@ def test_a_borrowed_chamber_is_read_back_and_switched() -> None:
     with pytest.raises(ProtocolError, match="own://oven reads back setpoint 20 °C instead of 21 °C"):
         _chamber(_Plain(stuck=True)).prepare()
     with pytest.raises(TransportError, match="own://oven: only a driver that opens its device itself"):
-        OwnPort("own://oven", VirtualClock()).write(b"?")
+        own_port("own://oven", VirtualClock()).write(b"?")
 
 
 def test_an_ophyd_axis_is_a_positioner() -> None:

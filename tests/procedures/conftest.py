@@ -26,6 +26,7 @@ from procedures.sequencer import Sequencer
 from procedures.settings import CollectSettings, InterlockSettings, Polling, Restabilisation, SweepProcedure
 from procedures.stop import StopRequest
 from procedures.sweep_outcome import SweepOutcome
+from procedures.watch import Watch
 
 BEGAN = datetime(1985, 10, 1, 17, 0, tzinfo=UTC)
 RATE_HZ = 20.0
@@ -298,13 +299,10 @@ class FakeBench:
 
     def run(self, fails: Callable[[int, str], None] = lambda call, when: None, **more: Any) -> SweepOutcome:
         self.journal = ListJournal(self.record, fails)
-        more = {
-            "began": BEGAN,
-            "interlocks": self.interlocks,
-            "polling": self.polling,
-            "powered_on": BEGAN,
-        } | more
-        return Sequencer(self.plan, self.devices, self.journal, self.stop, **more).run()
+        of_sequencer = more.keys() & {"powered_on", "attendant", "first"}
+        own = {"powered_on": BEGAN} | {name: more.pop(name) for name in of_sequencer}
+        more = {"began": BEGAN, "interlocks": self.interlocks, "polling": self.polling} | more
+        return Sequencer(self.plan, Watch(self.devices, self.journal, self.stop, **more), **own).run()
 
     def reboot(self, after_s: float = 3600.0) -> None:
         """The power came back: the unit's position is not known, the stream begins anew."""

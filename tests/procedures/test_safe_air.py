@@ -12,7 +12,7 @@ import pytest
 from drivers.chambers import ChamberReading, SafeState
 from drivers.clock import VirtualClock
 from drivers.errors import CommandRefused, DeviceTimeout
-from procedures.progress import Silent
+from procedures.progress import Progress
 from procedures.safe_air import Left, Word, not_commanded, watch_air
 from procedures.settings import Polling
 from procedures.sweep_outcome import SweepState
@@ -120,7 +120,7 @@ def test_the_look_at_the_air_is_bounded_and_shows_signs_of_life(bench) -> None:
     def vital(silent_s: float) -> None:
         beats.append((bench.clock.now(), silent_s))
 
-    class Onlooker(Silent):
+    class Onlooker(Progress):
         def update(self, snapshot: object) -> None:
             if bench.clock.now() > 1500.0:
                 bench.stop.request("stopped by SIGINT")

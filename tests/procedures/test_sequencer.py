@@ -11,7 +11,7 @@ import pytest
 from drivers.errors import SetpointOutOfLimits, WrongDevice
 from procedures.journal_protocol import Outcome
 from procedures.plan import StepKind
-from procedures.progress import Silent
+from procedures.progress import Progress
 from procedures.sweep_outcome import SweepState
 from procedures.verdict import Verdict, self_calibration_verdict
 
@@ -156,7 +156,7 @@ def test_the_chambers_own_limits_are_set_before_anything_is_measured(bench):
 def test_a_unit_that_leaves_its_position_during_a_collect_is_brought_back_and_collected_again(bench):
     """The first collect ends somewhere else: FAILED; the unit is indexed again before the second take."""
 
-    class Slips(Silent):
+    class Slips(Progress):
         def update(self, snapshot):
             if snapshot.note == "sampling" and snapshot.step.key == "T1/S1/C1/collect" and snapshot.attempt == 1:
                 bench.table.where = "2"

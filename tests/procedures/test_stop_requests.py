@@ -7,7 +7,7 @@ import signal
 
 import pytest
 
-from procedures.progress import Silent
+from procedures.progress import Progress
 from procedures.stop import StopRequest, StopRequested
 from procedures.sweep_outcome import SweepState
 
@@ -66,7 +66,7 @@ def test_the_first_reason_is_kept():
 def test_a_second_interrupt_does_not_skip_the_safe_state(bench):
     """Ctrl-C in a soak, and again while the chamber is being brought to safety."""
 
-    class Impatient(Silent):
+    class Impatient(Progress):
         def update(self, snapshot):
             if snapshot.elapsed_s > 700.0:
                 os.kill(os.getpid(), signal.SIGINT)
@@ -88,7 +88,7 @@ def test_a_stop_is_heard_within_one_read_interval(bench):
     """Waiting is done in pieces, and the stop is asked for between them."""
     times = []
 
-    class Onlooker(Silent):
+    class Onlooker(Progress):
         def update(self, snapshot):
             if snapshot.elapsed_s > 700.0 and not times:
                 times.append(bench.clock.now())

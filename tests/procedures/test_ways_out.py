@@ -11,7 +11,7 @@ import pytest
 
 from drivers.imu import ImuIdentity
 from procedures.journal_protocol import Outcome
-from procedures.progress import Silent
+from procedures.progress import Progress
 from procedures.sweep_outcome import SweepState
 
 
@@ -23,7 +23,7 @@ def _at(t0, t1=1e9):
 def test_a_stop_request_at_any_time_ends_aborted_and_safe(bench, minute):
     """The open step is ABORTED; the campaign goes on from there after a resume."""
 
-    class Onlooker(Silent):
+    class Onlooker(Progress):
         def update(self, snapshot):
             if snapshot.elapsed_s >= 60.0 * minute:
                 bench.stop.request("stopped by SIGINT")
@@ -95,7 +95,7 @@ def test_no_step_begins_while_something_is_suspected(bench):
 def test_a_changed_setpoint_is_noticed(bench):
     """Somebody turned the knob: the chamber follows them, the sweep does not."""
 
-    class Knob(Silent):
+    class Knob(Progress):
         def update(self, snapshot):
             if snapshot.step.key == "T1/S1/restabilise":
                 bench.chamber.setpoint_degC = 21.0
@@ -124,7 +124,7 @@ def test_a_full_disk_ends_in_error_and_the_safe_state(bench, call):
 def test_an_interrupt_that_nobody_caught_still_reaches_the_safe_state(bench):
     """KeyboardInterrupt passes through, after the chamber is safe."""
 
-    class Interrupted(Silent):
+    class Interrupted(Progress):
         def update(self, snapshot):
             if snapshot.elapsed_s > 700:
                 raise KeyboardInterrupt
@@ -172,7 +172,7 @@ def test_somebody_who_watches_sees_that_the_safe_state_is_still_tried(bench):
     """Minutes without a word look like a program that hangs; the journal keeps the first of them."""
     said = []
 
-    class Onlooker(Silent):
+    class Onlooker(Progress):
         def event(self, kind, message):
             if kind == "safe-state-retry":
                 said.append(message)
@@ -189,7 +189,7 @@ def test_somebody_who_watches_sees_that_the_safe_state_is_still_tried(bench):
 def test_an_onlooker_that_fails_is_dropped_and_the_night_goes_on(bench):
     """The terminal was closed."""
 
-    class Closed(Silent):
+    class Closed(Progress):
         def update(self, snapshot):
             raise OSError("the terminal is gone")
 
@@ -203,7 +203,7 @@ def test_onlookers_see_a_finishing_time_that_holds(bench):
     seen = []
     bench.sweep = replace(bench.sweep, restabilisation=replace(bench.sweep.restabilisation, at_least_s=1800.0))
 
-    class Onlooker(Silent):
+    class Onlooker(Progress):
         def update(self, snapshot):
             seen.append(snapshot)
 

@@ -22,20 +22,17 @@ from drivers.transports import Transport
 
 
 class SetpointBox(Controller):
-    """A `Controller` as a description says. `settings` are of a Modbus box alone: `framing`, `timing`."""
+    """A `Controller` as a description says."""
 
-    def __init__(self, transport: Transport, clock: Clock, description: BoxDescription, **settings: Any) -> None:
+    def __init__(self, transport: Transport, clock: Clock, description: BoxDescription) -> None:
         super().__init__(transport, "chamber" if description.modbus else description.name)
         box = self._box = description
         self.resolution_degC = box.resolution_degC
         self.limits_alarm = box.low_limit is not None and box.limits_are == "alarm"
         self.can_stop = bool(box.stop)
         self.sees_programs = any("RUN" in (*each.modes.values(), each.otherwise) for each in box.state)
-        self._medium: TextMedium | RegisterMedium = (
-            TextMedium(transport, clock, box, self.device)
-            if box.modbus is None
-            else RegisterMedium(transport, clock, box, self.device, **settings)
-        )
+        kind = TextMedium if box.modbus is None else RegisterMedium
+        self._medium: TextMedium | RegisterMedium = kind(transport, clock, box, self.device)
         self._runs = False
         self._known: dict[str, object] = {
             "setpoint": 0.0,

@@ -33,6 +33,7 @@ from drivers.errors import InputError
 from drivers.given_file import read_text
 from drivers.strict_yaml import first_mistake, parse_yaml
 from drivers.transports.framing import Frame, Framings, Silence, lines
+from drivers.transports.transport import Timing
 
 _TERMINATORS = {"CR": b"\r", "LF": b"\n", "CR LF": b"\r\n"}
 
@@ -289,6 +290,11 @@ class BoxDescription(Entry):
         return lines(_TERMINATORS[self.terminator], reply, self.encoding)
 
     @property
+    def timing(self) -> Timing:
+        """How it wants to be spoken to."""
+        return Timing(self.timeout_s, self.pause_after_question_s, self.pause_after_setting_s, self.late_s)
+
+    @property
     def looked_at(self) -> list[Question]:
         """All that is asked at every look, in this order."""
         return [*self.believe, *(each for key in self.asked for each in self._entries(key))]
@@ -347,24 +353,32 @@ class BoxDescription(Entry):
                     raise ValueError(f"{key}: register {register} belongs to {other}; two numbers cannot share one")
 
 
-def load_box(
-    path: str | Path, variant: str | None = None, terminator: bytes | None = None, address: int | None = None
-) -> BoxDescription:
-    """Read a description, as one of its `variants`, with another terminator or address; `InputError` in a sentence."""
-    return parse_box(read_text(path), str(path), variant, terminator, address)
+def load_box(path: str | Path, **otherwise: Any) -> BoxDescription:
+    """Read a description, with what a bench file says otherwise (see `parse_box`); `InputError` in a sentence."""
+    return parse_box(read_text(path), str(path), **otherwise)
 
 
 @cache
 def parse_box(
-    text: str, source: str, variant: str | None = None, terminator: bytes | None = None, address: int | None = None
+    text: str,
+    source: str,
+    variant: str | None = None,
+    terminator: bytes | None = None,
+    address: int | None = None,
+    framing: str | None = None,
 ) -> BoxDescription:
-    """Read a description from YAML text as `load_box` does; `source` names it in messages. Raises `InputError`."""
+    """Read a description from YAML text, as one of its `variants`, with another terminator, address or framing.
+
+    `source` names it in messages. Raises `InputError` in a sentence.
+    """
     document = parse_yaml(text, source)
     if variant is not None:
         document |= document.get("variants", {}).get(variant, {})
     if terminator is not None:
         document["terminator"] = {end: name for name, end in _TERMINATORS.items()}[terminator]
     registers = document.get("modbus")
+    if framing is not None and isinstance(registers, dict):
+        registers["framing"] = framing
     if address is not None:
         (registers if isinstance(registers, dict) else document)["address"] = address
     try:

@@ -13,8 +13,8 @@ from drivers.chambers.controllers.templates import agrees, filled, found_in
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError
 from drivers.transports import Transport
-from drivers.transports.lines import LineExchange, LineTiming
-from drivers.transports.modbus import Framing, ModbusExchange, ModbusTiming, Table
+from drivers.transports.lines import LineExchange
+from drivers.transports.modbus import ModbusExchange, Table
 
 Answers = TypeVar("Answers")
 Block = tuple[Table, int, int]  # its first register, and how many
@@ -25,8 +25,7 @@ class TextMedium:
     """A box that speaks text."""
 
     def __init__(self, transport: Transport, clock: Clock, box: BoxDescription, device: str) -> None:
-        timing = LineTiming(box.timeout_s, box.pause_after_question_s, box.pause_after_setting_s, late_s=box.late_s)
-        self._exchange = LineExchange(transport, clock, device=device, framings=box.framings, timing=timing)
+        self._exchange = LineExchange(transport, clock, device=device, framings=box.framings, timing=box.timing)
         self.decimals: int | None = None
         self._device, self._box = device, box
         self._about = {each.ask: (each.length, each.hint) for _, each in box.named if isinstance(each, Question)}
@@ -92,18 +91,9 @@ class TextMedium:
 
 
 class RegisterMedium:
-    """A box that speaks Modbus; what a bench file says of `framing` is said here."""
+    """A box that speaks Modbus."""
 
-    def __init__(
-        self,
-        transport: Transport,
-        clock: Clock,
-        box: BoxDescription,
-        device: str,
-        *,
-        framing: Framing | None = None,
-        timing: ModbusTiming | None = None,
-    ) -> None:
+    def __init__(self, transport: Transport, clock: Clock, box: BoxDescription, device: str) -> None:
         self._map = box.modbus or ModbusSection()
         self._device = device
         self._exchange = ModbusExchange(
@@ -111,8 +101,8 @@ class RegisterMedium:
             clock,
             device=device,
             unit=self._map.address,
-            framing=framing or self._map.framing,
-            timing=timing or ModbusTiming(box.timeout_s, box.pause_after_question_s, box.late_s),
+            framing=self._map.framing,
+            timing=box.timing,
         )
         self._seen: dict[int, int] = {}
         self.decimals: int | None = None

@@ -30,7 +30,8 @@ from drivers.clock import Clock
 from drivers.errors import ProtocolError
 from drivers.transports import Transport
 from drivers.transports.framing import lines
-from drivers.transports.lines import LineExchange, LineTiming
+from drivers.transports.lines import LineExchange
+from drivers.transports.transport import Timing
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ class VoetschAscii(Controller):
         self._limits = limits
         self._layout = layout or AsciiLayout()
         self._address = f"${address:02d}"
-        timing = LineTiming(1.5, pause_after_query_s=0.2, pause_after_command_s=0.2, late_s=3.0)
+        timing = Timing(1.5, pause_after_query_s=0.2, pause_after_command_s=0.2, late_s=3.0)
         self._exchange = LineExchange(transport, clock, device=self.device, framings=lines(terminator), timing=timing)
         self._nominal = [0.0] * self._layout.written
         self._bits = "0" * self._layout.bits

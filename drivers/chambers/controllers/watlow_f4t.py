@@ -9,15 +9,14 @@ of a chamber maker's list and of public clients; Byte-exact is none of its repli
 stops a chamber left alone. Port 5025, LF; reply awaited 2 s, and 0.5 s after a setting. Ramp rates in 0.1 °C/min.
 """
 
-from typing import Any
-
 from drivers.chambers.controllers.described import SetpointBox
 from drivers.chambers.controllers.description import BoxDescription
 from drivers.clock import Clock
 from drivers.errors import ProtocolError, WrongDevice
 from drivers.transports import Transport
 from drivers.transports.framing import lines
-from drivers.transports.lines import LineExchange, LineTiming
+from drivers.transports.lines import LineExchange
+from drivers.transports.transport import Timing
 
 
 class WatlowF4t(SetpointBox):
@@ -30,12 +29,11 @@ class WatlowF4t(SetpointBox):
         description: BoxDescription,
         *,
         ramp_port: Transport | None = None,
-        **settings: Any,
     ) -> None:
-        super().__init__(transport, clock, description, **settings)
+        super().__init__(transport, clock, description)
         self._ramp_port = ramp_port
         if ramp_port is not None:
-            timing = LineTiming(pause_after_query_s=0.05, late_s=3.0)
+            timing = Timing(pause_after_query_s=0.05, late_s=3.0)
             device = f"chamber on {ramp_port.name}"
             self._scpi = LineExchange(ramp_port, clock, device=device, framings=lines(b"\n"), timing=timing)
 

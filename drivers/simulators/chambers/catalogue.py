@@ -3,11 +3,8 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
-from drivers.chambers.catalogue import SHIPPED, ChamberDriver, WarningLimits
-from drivers.chambers.controllers.description import load_box
-from drivers.chambers.controllers.voetsch_ascii import AsciiLayout
+from drivers.chambers.catalogue import SHIPPED, ChamberDriver, Spoken
 from drivers.outside import Catalogue
 from drivers.simulators import SimulatedDevice
 from drivers.simulators.chambers.controller import ChamberFault, SimulatedController
@@ -20,15 +17,9 @@ from drivers.simulators.chambers.watlow_f4t import SimulatedF4tScpi, SimulatedWa
 
 
 @dataclass(frozen=True)
-class SimulatorOptions:
-    """What a bench file says about its simulated chamber; None for the driver's own."""
+class SimulatorOptions(Spoken):
+    """What a bench file says about its simulated chamber."""
 
-    address: int | None = None
-    terminator: bytes | None = None
-    framing: Literal["rtu", "tcp"] | None = None
-    description: Path | None = None
-    layout: AsciiLayout | None = None
-    warning_limits: WarningLimits | None = None
     strict: bool | None = None
     faults: tuple[ChamberFault, ...] = ()
     begins_s: float = 0.0
@@ -59,9 +50,7 @@ def _box(description: Path | None, kind: Callable[..., SimulatedController] = si
         path = options.description or description
         if path is None:
             raise ValueError("it has no description, and no simulator of its own")
-        box = load_box(path, options.warning_limits, options.terminator, options.address)
-        said = {"framing": options.framing} if box.modbus else {}
-        return kind(plant, box, faults=options.faults, begins_s=options.begins_s, **said)
+        return kind(plant, options.box(path), faults=options.faults, begins_s=options.begins_s)
 
     return build
 

@@ -13,7 +13,7 @@ from abc import ABC
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from itertools import zip_longest
-from typing import Any, Literal
+from typing import Any
 
 from drivers.chambers import ChamberLimits
 from drivers.chambers.controllers.description import AlarmQuestion, BoxDescription, Command, Quantity, Question
@@ -153,21 +153,14 @@ class SimulatedRegisterBox(_Described, SimulatedModbus):
     any). Alarms have the numbers of their registers, and of their bits: `102`, `57.0`.
     """
 
-    def __init__(
-        self,
-        plant: ChamberPlant,
-        description: BoxDescription,
-        *,
-        framing: Literal["rtu", "tcp"] | None = None,
-        **settings: Any,
-    ) -> None:
+    def __init__(self, plant: ChamberPlant, description: BoxDescription, **settings: Any) -> None:
         self._box, self._map, own = description, description.modbus or ModbusSection(), description.simulated
         self.registers = {each: value for (a, b), value in own.registers.items() for each in range(a, b + 1)}
         self._usual_alarm = next((_alarm_id(each) for each in description.alarms), "")
         self._silent_refusals = own.silent_refusals
         self._coils = any(each.table in ("coil", "discrete") for _, each in description.named)
         settings = {"pause_s": own.pause_s, **settings}
-        super().__init__(plant, address=self._map.address, framing=framing or self._map.framing, **settings)
+        super().__init__(plant, address=self._map.address, framing=self._map.framing, **settings)
 
     def _register(self, address: int, now_s: float, table: Table) -> int:
         address, table = self._box.simulated.same.get(address, address), self._own(table)

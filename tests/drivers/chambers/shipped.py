@@ -16,36 +16,36 @@ from drivers.simulators.chambers.watlow_f4t import SimulatedWatlowF4t
 from drivers.transports import Transport
 
 
-def shipped(name: str) -> BoxDescription:
-    """Return the description of a driver, by the name that a bench file gives it."""
+def shipped(name: str, framing: str | None = None, **otherwise: float) -> BoxDescription:
+    """Return the description of a driver, by the name that a bench file gives it; some of it may be `otherwise`."""
     path = CHAMBER_DRIVERS[name].description
     assert path is not None
-    return load_box(path)
+    return load_box(path, framing=framing).model_copy(update=otherwise)
 
 
 def watlow_f4(transport: Transport, clock: Clock, **settings: Any) -> SetpointBox:
     """Return the driver of an F4."""
-    return SetpointBox(transport, clock, shipped("watlow-f4"), **settings)
+    return SetpointBox(transport, clock, shipped("watlow-f4", **settings))
 
 
-def watlow_f4t(transport: Transport, clock: Clock, **settings: Any) -> WatlowF4t:
+def watlow_f4t(transport: Transport, clock: Clock, ramp_port: Transport | None = None, **settings: Any) -> WatlowF4t:
     """Return the driver of an F4T."""
-    return WatlowF4t(transport, clock, shipped("watlow-f4t"), **settings)
+    return WatlowF4t(transport, clock, shipped("watlow-f4t", **settings), ramp_port=ramp_port)
 
 
-def ezt570i(transport: Transport, clock: Clock, **settings: Any) -> SetpointBox:
+def ezt570i(transport: Transport, clock: Clock) -> SetpointBox:
     """Return the driver of an EZT-570i."""
-    return SetpointBox(transport, clock, shipped("ezt-570i"), **settings)
+    return SetpointBox(transport, clock, shipped("ezt-570i"))
 
 
-def simulated_f4(plant: ChamberPlant, **settings: Any) -> SimulatedRegisterBox:
+def simulated_f4(plant: ChamberPlant, framing: str | None = None, **settings: Any) -> SimulatedRegisterBox:
     """Return a simulated F4."""
-    return SimulatedRegisterBox(plant, shipped("watlow-f4"), **settings)
+    return SimulatedRegisterBox(plant, shipped("watlow-f4", framing), **settings)
 
 
-def simulated_f4t(plant: ChamberPlant, **settings: Any) -> SimulatedWatlowF4t:
+def simulated_f4t(plant: ChamberPlant, framing: str | None = None, **settings: Any) -> SimulatedWatlowF4t:
     """Return a simulated F4T."""
-    return SimulatedWatlowF4t(plant, shipped("watlow-f4t"), **settings)
+    return SimulatedWatlowF4t(plant, shipped("watlow-f4t", framing), **settings)
 
 
 def simulated_ezt570i(plant: ChamberPlant, **settings: Any) -> SimulatedRegisterBox:
@@ -53,9 +53,9 @@ def simulated_ezt570i(plant: ChamberPlant, **settings: Any) -> SimulatedRegister
     return SimulatedRegisterBox(plant, shipped("ezt-570i"), **settings)
 
 
-def thermotron(transport: Transport, clock: Clock, **settings: Any) -> SetpointBox:
+def thermotron(transport: Transport, clock: Clock) -> SetpointBox:
     """Return the driver of a Thermotron."""
-    return SetpointBox(transport, clock, shipped("thermotron"), **settings)
+    return SetpointBox(transport, clock, shipped("thermotron"))
 
 
 def simulated_thermotron(
@@ -70,9 +70,9 @@ def simulated_thermotron(
     return SimulatedSetpointBox(plant, box, **settings)
 
 
-def julabo(transport: Transport, clock: Clock, **settings: Any) -> SetpointBox:
+def julabo(transport: Transport, clock: Clock) -> SetpointBox:
     """Return the driver of a Julabo."""
-    return SetpointBox(transport, clock, shipped("julabo"), **settings)
+    return SetpointBox(transport, clock, shipped("julabo"))
 
 
 def simulated_julabo(plant: ChamberPlant, **settings: Any) -> SimulatedSetpointBox:
@@ -80,6 +80,6 @@ def simulated_julabo(plant: ChamberPlant, **settings: Any) -> SimulatedSetpointB
     return SimulatedSetpointBox(plant, shipped("julabo"), **settings)
 
 
-def simserv(transport: Transport, clock: Clock, **settings: Any) -> SimServ:
+def simserv(transport: Transport, clock: Clock) -> SimServ:
     """Return the driver of SimServ."""
-    return SimServ(transport, clock, shipped("simserv"), **settings)
+    return SimServ(transport, clock, shipped("simserv"))

@@ -26,10 +26,10 @@ from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.memory import MemoryTransport
 from drivers.simulators.serve import DeviceServer
 from drivers.transports import open_port
-from drivers.transports.modbus import ModbusTiming
 from tests.drivers.chambers.chamber_benches import EXAMPLE_BOX
 from tests.drivers.chambers.modbus_peer import modbus_server
 from tests.drivers.chambers.shipped import shipped
+from tests.drivers.simulators.running import running
 from tests.drivers.transcript import TranscriptDevice
 
 LIMITS = ChamberLimits(-35.0, 65.0)
@@ -192,7 +192,7 @@ def test_all_four_tables_are_read_and_written_on_pymodbus_server() -> None:
     inputs = {0: 0xFFFF, 1: (-3000) & 0xFFFF, 8: 0b1010}
     with modbus_server(holding, FramerType.RTU, inputs=inputs, coils=[0] * 8, discretes=[0] * 8) as url:
         port = open_port(url, clock=clock)
-        controller = SetpointBox(port, clock, _plc(), timing=ModbusTiming(2.0, 0.001))
+        controller = SetpointBox(port, clock, _plc(timeout_s=2.0, pause_after_question_s=0.001))
         try:
             assert controller.identify().model == "PLC 77"
             state = controller.state()
@@ -263,8 +263,8 @@ def test_limits_the_wrong_way_round_are_another_controllers() -> None:
 )
 def test_what_public_clients_read_is_answered(name: str, registers: list[int]) -> None:
     """By minimalmodbus: identity, clock, power and event outputs, which our drivers do not ask."""
-    device = SimulatedRegisterBox(ChamberPlant(), shipped(name), framing="rtu", latency_s=0.0)
-    with DeviceServer({"chamber": device}, SystemClock()) as server:
+    device = SimulatedRegisterBox(ChamberPlant(), shipped(name, "rtu"), latency_s=0.0)
+    with running(DeviceServer({"chamber": device}, SystemClock())) as server:
         client = minimalmodbus.Instrument(server.urls["chamber"], 1)
         client.serial.timeout = 5.0
         try:

@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from drivers.chambers.controllers import espec_replies as replies
-from drivers.chambers.controllers.espec_replies import meaning_of, understood
+from drivers.chambers.controllers import espec as replies
+from drivers.chambers.controllers.espec import meaning_of, understood
 from drivers.errors import CommandRefused, ProtocolError
 
 DEVICE = "chamber on /dev/ttyUSB0"

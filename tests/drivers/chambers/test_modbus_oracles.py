@@ -13,12 +13,12 @@ from drivers.errors import CommandRefused, WrongDevice
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.serve import DeviceServer
 from drivers.transports import open_port
-from drivers.transports.modbus import ModbusTiming
 from tests.drivers.chambers.modbus_peer import modbus_server
 from tests.drivers.chambers.shipped import simulated_ezt570i, simulated_f4, watlow_f4
+from tests.drivers.simulators.running import running
 
 LIMITS = ChamberLimits(-35.0, 65.0)
-QUICK = ModbusTiming(timeout_s=2.0, pause_s=0.001)
+QUICK = {"timeout_s": 2.0, "pause_after_question_s": 0.001}
 
 # An F4 as a bank of registers: -30.0 °C with setpoint 25.0 °C, switched off.
 F4 = {0: 5270, 100: -300} | dict.fromkeys(range(101, 107), 0)
@@ -35,7 +35,7 @@ def _client(port: str) -> minimalmodbus.Instrument:
 def test_minimalmodbus_reads_and_sets_our_f4() -> None:
     """Scaled, signed reads and writes, a block, and an exception, through a pseudo-terminal."""
     device = simulated_f4(ChamberPlant(ambient_degC=-30.0), latency_s=0.0)
-    with DeviceServer({"chamber": device}, SystemClock()) as server:
+    with running(DeviceServer({"chamber": device}, SystemClock())) as server:
         client = _client(server.urls["chamber"])
         try:
             assert client.read_register(0) == 5270
@@ -56,7 +56,7 @@ def test_minimalmodbus_reads_and_sets_our_f4() -> None:
 def test_minimalmodbus_reads_and_sets_our_ezt570i() -> None:
     """The manual's own examples, and silence where there is no register."""
     device = simulated_ezt570i(ChamberPlant(ambient_degC=32.8), setpoint_degC=40.0, latency_s=0.0, pause_s=0.0)
-    with DeviceServer({"chamber": device}, SystemClock()) as server:
+    with running(DeviceServer({"chamber": device}, SystemClock())) as server:
         client = _client(server.urls["chamber"])
         try:
             assert client.read_registers(60, 2) == [400, 328]
@@ -76,7 +76,7 @@ def test_our_f4_driver_works_against_pymodbus_server(framing: str) -> None:
     framer = FramerType.RTU if framing == "rtu" else FramerType.SOCKET
     with modbus_server(F4, framer) as url:
         port = open_port(url, clock=clock)
-        controller = watlow_f4(port, clock, framing="rtu" if framing == "rtu" else "tcp", timing=QUICK)
+        controller = watlow_f4(port, clock, framing=framing, **QUICK)
         chamber = SupervisedChamber(controller, clock, Supervision(limits=LIMITS, safe=SafeState("off")))
         try:
             assert chamber.identify().model == "F4"
@@ -96,7 +96,7 @@ def test_our_f4_driver_understands_pymodbus_refusals() -> None:
     clock = SystemClock()
     with modbus_server({0: 5270, 606: 1, 608: 0, 901: 1}, FramerType.RTU) as url:
         port = open_port(url, clock=clock)
-        controller = watlow_f4(port, clock, timing=QUICK)
+        controller = watlow_f4(port, clock, **QUICK)
         try:
             assert controller.identify().unit == "degC"
             with pytest.raises(CommandRefused, match="exception 2: it has no such register"):
@@ -112,6 +112,6 @@ def test_another_model_number_is_refused() -> None:
         port = open_port(url, clock=clock)
         try:
             with pytest.raises(WrongDevice, match="model number 988, an F4 has 5270"):
-                watlow_f4(port, clock, timing=QUICK).identify()
+                watlow_f4(port, clock, **QUICK).identify()
         finally:
             port.close()

@@ -22,7 +22,7 @@ from drivers.chambers.setpoints import (
 )
 from drivers.clock import VirtualClock
 from drivers.errors import ProtocolError, SensorFault, SetpointOutOfLimits, WrongDevice
-from drivers.transports.transport import OwnPort
+from drivers.transports.transport import own_port
 
 LIMITS = ChamberLimits(-35.0, 65.0)
 
@@ -114,7 +114,7 @@ def test_read_back_must_agree_within_half_a_step() -> None:
 
 def test_a_native_limit_is_never_drawn_through_the_air() -> None:
     """It would raise an alarm at once; a sensor that cannot be believed moves no limit."""
-    controller = Espec(OwnPort("own://chamber", VirtualClock()), VirtualClock())
+    controller = Espec(own_port("own://chamber", VirtualClock()), VirtualClock())
     native = NativeLimits(controller, ChamberLimits(30.0, 65.0), 5.0)
     assert native.around(45.0, 45.0) == (25.0, 45.0, 70.0)
     assert native.around(45.0, 22.04) == (17.0, 45.0, 70.0)

@@ -15,6 +15,7 @@ from drivers.simulators.chambers.described import SimulatedSetpointBox
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.serve import DeviceServer
 from tests.drivers.chambers.shipped import simulated_thermotron
+from tests.drivers.simulators.running import running
 
 
 @pytest.fixture(autouse=True)
@@ -25,7 +26,7 @@ def _without_its_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
 @contextmanager
 def _client(replies: Literal["echo", "code"]) -> Iterator[tuple[Any, SimulatedSetpointBox]]:
     device = simulated_thermotron(ChamberPlant(ambient_degC=23.5), replies=replies, latency_s=0.0)
-    with DeviceServer({"chamber": device}, SystemClock()) as server:
+    with running(DeviceServer({"chamber": device}, SystemClock())) as server:
         adapter = SerialAdapter(server.urls["chamber"], timeout=2.0, write_termination="\r", read_termination="\r")
         try:
             yield thermotron3800.Thermotron3800(adapter), device

@@ -17,7 +17,6 @@ from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.chambers.watlow_f4t import SimulatedF4tScpi, SimulatedWatlowF4t
 from drivers.simulators.memory import MemoryTransport
 from drivers.transports import open_port
-from drivers.transports.modbus import ModbusTiming
 from tests.drivers.chambers.modbus_peer import modbus_server
 from tests.drivers.chambers.shipped import shipped, simulated_f4t, watlow_f4t
 from tests.drivers.transcript import TranscriptDevice
@@ -39,7 +38,7 @@ def test_our_driver_works_against_pymodbus_server() -> None:
     registers |= _floats(r2774=-40.0, r2776=70.0, r2782=20.0, r2820=21.5)
     clock = SystemClock()
     with modbus_server(registers, FramerType.SOCKET) as url:
-        controller = watlow_f4t(open_port(url, clock=clock), clock, timing=ModbusTiming(2.0, 0.001))
+        controller = watlow_f4t(open_port(url, clock=clock), clock, timeout_s=2.0, pause_after_question_s=0.001)
         chamber = SupervisedChamber(controller, clock, Supervision(limits=LIMITS, safe=SafeState("hold", 25.0)))
         try:
             assert chamber.identify().model == "F4T hardware 124"

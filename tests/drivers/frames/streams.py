@@ -81,9 +81,9 @@ frames:
 
 
 @cache
-def mfs() -> StreamDescription:
-    """Return the project's own frame description."""
-    return load_description(MFS_FILE)
+def mfs(rate_hz: float | None = None) -> StreamDescription:
+    """Return the project's own frame description, of a unit that may be set to another rate."""
+    return load_description(MFS_FILE, sample_rate_hz=rate_hz)
 
 
 @cache

@@ -10,9 +10,8 @@ from drivers.clock import VirtualClock
 from drivers.imu import ImuIdentity, SampleBlock
 from drivers.imu.stream import StreamImu
 from drivers.positioners.indexing import IndexingPositioner
-from drivers.simulators.faults import FaultWindow
 from drivers.simulators.memory import MemoryTransport
-from drivers.simulators.unit import IndexSettings, SimulatedImu
+from drivers.simulators.unit import FaultWindow, IndexSettings, SimulatedImu
 from tests.drivers.frames.streams import SteadyPhysics, mfs
 
 POSITIONS = {"1": 1, "2": 2, "3": 3}

@@ -12,9 +12,8 @@ from drivers.errors import DeviceTimeout, TransportError, WrongDevice
 from drivers.frames.layout import encode
 from drivers.imu import ImuIdentity
 from drivers.imu.stream import StreamImu
-from drivers.simulators.faults import FaultWindow, ImuFault
 from drivers.simulators.memory import MemoryTransport
-from drivers.simulators.unit import SimulatedImu
+from drivers.simulators.unit import FaultWindow, ImuFault, SimulatedImu
 from tests.drivers.frames.streams import SteadyPhysics, mfs
 from tests.drivers.imu.simulated_unit import Bench, joined
 
@@ -139,7 +138,7 @@ def test_a_unit_whose_oscillator_is_slow_or_fast_stays_on_the_clock() -> None:
     """At 100 ppm a night would be seconds off if the nominal rate were believed."""
     for rate_hz in (20.0 * (1 - 1e-4), 20.0 * (1 + 1e-4)):
         clock = VirtualClock()
-        transport = MemoryTransport(SimulatedImu(mfs(), SteadyPhysics(), rate_hz=rate_hz), clock, "sim://imu")
+        transport = MemoryTransport(SimulatedImu(mfs(rate_hz), SteadyPhysics()), clock, "sim://imu")
         imu = StreamImu(transport, mfs(), clock)
         for _ in range(1200):
             clock.sleep(30.0)

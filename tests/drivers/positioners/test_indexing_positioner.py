@@ -10,9 +10,8 @@ from drivers.clock import VirtualClock
 from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError
 from drivers.imu.stream import StreamImu
 from drivers.positioners.indexing import IndexingPositioner
-from drivers.simulators.faults import FaultWindow, ImuFault
 from drivers.simulators.memory import MemoryTransport
-from drivers.simulators.unit import SimulatedImu
+from drivers.simulators.unit import FaultWindow, ImuFault, SimulatedImu
 from tests.drivers.frames.streams import SteadyPhysics, mfs, stim300
 from tests.drivers.imu.simulated_unit import POSITIONS, Bench, joined
 

@@ -7,8 +7,7 @@ import pytest
 
 from drivers.frames.counts import StreamCounts
 from drivers.frames.decoder import StreamDecoder
-from drivers.simulators.faults import FaultWindow, ImuFault
-from drivers.simulators.unit import IndexSettings, SimulatedImu
+from drivers.simulators.unit import FaultWindow, ImuFault, IndexSettings, SimulatedImu
 from tests.drivers.frames.status_bits import bits
 from tests.drivers.frames.streams import SteadyPhysics, mfs, stim300
 

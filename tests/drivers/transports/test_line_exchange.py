@@ -8,10 +8,11 @@ from drivers.clock import VirtualClock
 from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError, TransportError
 from drivers.simulators.memory import MemoryTransport
 from drivers.transports.framing import lines
-from drivers.transports.lines import LineExchange, LineTiming
+from drivers.transports.lines import LineExchange
+from drivers.transports.transport import Timing
 from tests.drivers.transcript import TranscriptDevice
 
-TIMING = LineTiming(timeout_s=2.0, pause_after_query_s=0.3, pause_after_command_s=0.5)
+TIMING = Timing(timeout_s=2.0, pause_after_query_s=0.3, pause_after_command_s=0.5)
 
 
 def _exchange(*exchanges: tuple[bytes, bytes]) -> tuple[LineExchange, TranscriptDevice, VirtualClock]:

@@ -22,6 +22,7 @@ from drivers.simulators.unit import SimulatedImu
 from drivers.transports import open_port
 from drivers.transports.live_reader import LiveReader
 from tests.drivers.frames.streams import SteadyPhysics, mfs
+from tests.drivers.simulators.running import running
 
 
 class Port:
@@ -244,11 +245,11 @@ def test_a_real_terminal_is_drained_while_nobody_reads() -> None:
 def test_unplugging_and_replugging_a_server_is_survived() -> None:
     """The connection is lost and comes back by itself; the driver sees one error and then samples."""
     clock = SystemClock()
-    server = DeviceServer({"imu": SimulatedImu(mfs(), SteadyPhysics(), rate_hz=200.0)}, clock, tcp_ports={"imu": 0})
-    with server:
+    server = DeviceServer({"imu": SimulatedImu(mfs(200.0), SteadyPhysics())}, clock, tcp_ports={"imu": 0})
+    with running(server):
         url = server.urls["imu"]
         reader = LiveReader(open_port(url, clock=clock), clock)
-        imu = StreamImu(reader, mfs(), clock, sample_rate_hz=200.0)
+        imu = StreamImu(reader, mfs(200.0), clock)
         until(lambda: imu.read_block().counts.ok)
 
     def is_down() -> bool:
@@ -261,8 +262,8 @@ def test_unplugging_and_replugging_a_server_is_survived() -> None:
     with pytest.raises(TransportError, match="socket://"):
         imu.read_block()
     begins_s = clock.now()
-    device = SimulatedImu(mfs(), SteadyPhysics(), rate_hz=200.0, starts_s=begins_s)
-    with DeviceServer({"imu": device}, clock, tcp_ports={"imu": int(url.rsplit(":", 1)[1])}):
+    device = SimulatedImu(mfs(200.0), SteadyPhysics(), starts_s=begins_s)
+    with running(DeviceServer({"imu": device}, clock, tcp_ports={"imu": int(url.rsplit(":", 1)[1])})):
         counts = StreamCounts()
 
         def reads() -> bool:

@@ -23,6 +23,7 @@ from drivers.simulators.unit import IndexSettings, SimulatedImu
 from drivers.transports import open_port, serial_port
 from drivers.transports.serial_port import SerialTransport
 from tests.drivers.frames.streams import SteadyPhysics, mfs
+from tests.drivers.simulators.running import running
 
 
 @pytest.fixture
@@ -219,7 +220,7 @@ class Echo:
 def test_devices_are_served_on_terminals_and_on_tcp_and_clients_may_come_again() -> None:
     """Two devices in one loop; a client that left is followed by another."""
     clock = SystemClock()
-    with DeviceServer({"pty": Echo(), "tcp": Echo()}, clock, tcp_ports={"tcp": 0}) as server:
+    with running(DeviceServer({"pty": Echo(), "tcp": Echo()}, clock, tcp_ports={"tcp": 0})) as server:
         for _ in range(2):
             for name in ("pty", "tcp"):
                 transport = open_port(server.urls[name], clock=clock)
@@ -233,7 +234,7 @@ def test_devices_are_served_on_terminals_and_on_tcp_and_clients_may_come_again()
 def test_a_large_answer_reaches_a_slow_client_completely() -> None:
     """What does not fit in the line waits for the client."""
     clock = SystemClock()
-    with DeviceServer({"pty": Echo(), "tcp": Echo()}, clock, tcp_ports={"tcp": 0}) as server:
+    with running(DeviceServer({"pty": Echo(), "tcp": Echo()}, clock, tcp_ports={"tcp": 0})) as server:
         for name in ("pty", "tcp"):
             transport = open_port(server.urls[name], clock=clock)
             for number in range(20):
@@ -245,23 +246,18 @@ def test_a_large_answer_reaches_a_slow_client_completely() -> None:
 
 
 @pytest.mark.usefixtures("nothing_leaks")
-def test_an_error_in_a_simulated_device_is_raised_where_the_server_is_stopped() -> None:
-    """Nothing dies in silence in a thread."""
+def test_an_error_in_a_simulated_device_ends_the_server() -> None:
+    """And everything is released."""
     echo = Echo()
-    server = DeviceServer({"echo": echo}, SystemClock())
-    with server:
-        echo.fails = True
-        assert server._thread is not None
-        server._thread.join(10.0)
-        with pytest.raises(RuntimeError, match="is broken"):
-            server.stop()
-    server.stop()
+    echo.fails = True
+    with pytest.raises(RuntimeError, match="is broken"):
+        DeviceServer({"echo": echo}, SystemClock()).run()
 
 
 @pytest.mark.usefixtures("nothing_leaks")
 def test_a_server_that_was_never_started_and_one_whose_port_is_taken_release_everything() -> None:
     """Every way out closes the descriptors."""
-    DeviceServer({"echo": Echo()}, SystemClock()).stop()
+    DeviceServer({"echo": Echo()}, SystemClock()).close()
     with socket.create_server(("127.0.0.1", 0)) as held, pytest.raises(OSError, match=r"[Aa]ddress already in use"):
         DeviceServer({"a": Echo(), "b": Echo()}, SystemClock(), tcp_ports={"b": held.getsockname()[1]})
 
@@ -271,9 +267,9 @@ def test_a_server_that_was_never_started_and_one_whose_port_is_taken_release_eve
 def test_a_simulated_unit_is_identified_indexed_and_read_through_real_pyserial(tcp_ports: dict[str, int]) -> None:
     """The production driver at a real port, under the system clock, without losing a frame."""
     clock = SystemClock()
-    device = SimulatedImu(mfs(), SteadyPhysics(), rate_hz=500.0, starts_s=clock.now())
-    with DeviceServer({"imu": device}, clock, tcp_ports=tcp_ports) as server:
-        imu = StreamImu(open_port(server.urls["imu"], clock=clock), mfs(), clock, sample_rate_hz=500.0)
+    device = SimulatedImu(mfs(500.0), SteadyPhysics(), starts_s=clock.now())
+    with running(DeviceServer({"imu": device}, clock, tcp_ports=tcp_ports)) as server:
+        imu = StreamImu(open_port(server.urls["imu"], clock=clock), mfs(500.0), clock)
         assert imu.identify().serial == "SIM-0001"
         imu.discard()
         blocks = []
@@ -291,10 +287,10 @@ def test_a_simulated_unit_indexes_through_real_pyserial() -> None:
     clock = SystemClock()
     index = {"1": 1, "2": 2}
     device = SimulatedImu(
-        mfs(), SteadyPhysics(), rate_hz=200.0, starts_s=clock.now(), index=IndexSettings(index, "1", move_s=0.1)
+        mfs(200.0), SteadyPhysics(), starts_s=clock.now(), index=IndexSettings(index, "1", move_s=0.1)
     )
-    with DeviceServer({"imu": device}, clock) as server:
-        imu = StreamImu(open_port(server.urls["imu"], clock=clock), mfs(), clock, sample_rate_hz=200.0)
+    with running(DeviceServer({"imu": device}, clock)) as server:
+        imu = StreamImu(open_port(server.urls["imu"], clock=clock), mfs(200.0), clock)
         positioner = IndexingPositioner(imu, clock, index, poll_s=0.02, confirm_s=0.05, reaction_s=0.05)
         positioner.move_to("2", timeout_s=20.0)
         assert positioner.position() == "2"

@@ -16,6 +16,7 @@ from drivers.transports import Transport
 from hil.bench import build_bench
 from hil.config import Bench, load_bench, parse_bench
 from hil.errors import InputError
+from hil.twin.motion import Resumed
 
 _TEXT = load_bench("simulated").text
 
@@ -60,7 +61,7 @@ def test_the_chamber_and_the_unit_share_one_air() -> None:
 def test_a_night_that_is_carried_on_goes_on_in_time_with_a_chamber_that_nobody_controlled() -> None:
     """The virtual clock begins where it is told, the chamber at the room's temperature and switched off."""
     began = datetime(1985, 10, 2, 3, 0, tzinfo=UTC)
-    with build_bench(load_bench("simulated"), start_utc=began, first_run=4, session=1) as live:
+    with build_bench(load_bench("simulated"), start_utc=began, resumed=Resumed(4, session=1)) as live:
         assert live.devices.clock.utc() == began
         reading = live.devices.chamber.read()
         assert (reading.temperature_degC, reading.mode) == (23.0, "OFF")

@@ -12,7 +12,6 @@ from drivers.simulators.serve import DeviceServer
 from drivers.transports import open_port
 from hil.bench import build_bench
 from hil.config import Bench, load_bench, parse_bench
-from hil.config.frames import load_frames
 from hil.errors import InputError
 
 _STIM300 = load_bench("espec-stim300-example").text
@@ -26,7 +25,7 @@ def _stim300(parameters: str) -> Bench:
 
 def test_parameters_and_rate_of_the_bench_file_set_scales_and_counter() -> None:
     """A 10 g unit at 500 Hz: its accelerations count half as much, its counter moves by 4."""
-    description = load_frames(_stim300("{acceleration_range: 10 g, datagram: rate_acc_temp}"))
+    description = _stim300("{acceleration_range: 10 g, datagram: rate_acc_temp}").frames
     frame = description.frames["rate_acc_temp"]
     assert frame.fields["acc_x"].scale == 2.0**-19
     assert frame.counter is not None
@@ -41,7 +40,7 @@ def test_a_parameter_that_the_unit_does_not_have_is_bad_input() -> None:
     with pytest.raises(
         InputError, match=r"stim300\.yaml: parameters\.range: there is no such parameter; there are: acc"
     ):
-        load_frames(_stim300("{range: 10}"))
+        _ = _stim300("{range: 10}").frames
 
 
 def test_a_real_stream_is_drained_by_a_thread_that_ends_with_the_bench(tmp_path: Path) -> None:

@@ -154,6 +154,16 @@ def test_a_fault_that_no_chamber_has_is_one_sentence() -> None:
         parse_bench(text, "my-bench.yaml")
 
 
+@pytest.mark.parametrize(("driver", "usual", "other"), [("watlow-f4", "rtu", "tcp"), ("watlow-f4t", "tcp", "rtu")])
+def test_the_framing_of_the_file_is_spoken_on_both_sides(driver: str, usual: str, other: str) -> None:
+    """And its maker's where it says nothing."""
+    for said, spoken in ((None, usual), (other, other)):
+        with build_bench(bench_with(driver, framing=said)) as live:
+            assert live.devices.chamber.identify().unit == "degC"
+            assert live.simulators is not None
+            assert vars(live.simulators.chamber)["_framing"] == spoken
+
+
 def test_a_ramp_and_a_dead_man_reach_the_chamber() -> None:
     """The box arms its own timer, and the host steps its setpoint."""
     with build_bench(bench_with("box", dead_man="3 h", ramp="1 degC/min")) as live:

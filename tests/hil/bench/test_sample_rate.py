@@ -5,10 +5,12 @@ from __future__ import annotations
 import re
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from drivers.frames.description import StreamDescription
 from drivers.frames.layout import encode
 from drivers.imu import SampleBlock
 from drivers.imu.stream import StreamImu
@@ -41,8 +43,8 @@ def unit_at(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     rate: list[float] = []
 
     class Another(SimulatedImu):
-        def __init__(self, *arguments: object, **options: object) -> None:
-            super().__init__(*arguments, **options | {"rate_hz": rate[0]})  # type: ignore[arg-type]
+        def __init__(self, said: StreamDescription, *arguments: Any, **options: Any) -> None:
+            super().__init__(said.model_copy(update={"sample_rate_hz": rate[0]}), *arguments, **options)
 
     monkeypatch.setattr(devices, "SimulatedImu", Another)
     return rate
@@ -108,8 +110,8 @@ def described(folder: Path, name: str, line: str) -> str:
 
 def stream_found(folder: Path, monkeypatch: pytest.MonkeyPatch, *, true: str, said: str) -> Finding:
     """Return what hil check finds of a unit whose counter is `true` where its description says `said`."""
-    real, truth = assemble.simulate_devices, load_frames_named(described(folder, "true", true))
-    monkeypatch.setattr(assemble, "simulate_devices", lambda bench, _said, **more: real(bench, {"": truth}, **more))
+    real, truth = assemble.simulate_devices, bench_at(description=described(folder, "true", true))
+    monkeypatch.setattr(assemble, "simulate_devices", lambda _said, **more: real(truth, **more))
     bench = bench_at(description=described(folder, "said", said))
     return next(each for each in preflight(None, bench, folder) if each.subject == "stream")
 

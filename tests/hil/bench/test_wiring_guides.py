@@ -13,7 +13,6 @@ from drivers.chambers import CHAMBER_DRIVERS
 from drivers.frames.description import StreamDescription, whole_text
 from hil.bench import build_bench
 from hil.config import Bench, load_bench, load_sweep, parse_bench
-from hil.config.frames import load_frames
 from hil.files.strict import config_folders
 
 _ROOT = Path(__file__).parents[3]
@@ -71,14 +70,14 @@ def test_a_chamber_section_is_read_and_drives_its_simulator(section: dict[str, A
 def test_an_imu_section_is_read_and_has_its_description(section: dict[str, Any]) -> None:
     """As it is written; the description knows rates."""
     bench = bench_around(imu=section, clock="system")
-    assert load_frames(bench).roles is not None
+    assert bench.frames.roles is not None
 
 
 @pytest.mark.parametrize("name", _EXAMPLES)
 def test_an_example_names_the_unit_that_its_description_reports(name: str) -> None:
     """A unit that says nothing but its stream has the description's name; the channels are those of the stream."""
     bench = load_bench(name)
-    description: StreamDescription = load_frames(bench)
+    description: StreamDescription = bench.frames
     assert description.roles is not None
     assert not bench.simulated
     if description.roles.identity is None:

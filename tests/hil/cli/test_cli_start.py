@@ -13,7 +13,6 @@ from hil.bench.new_file import Asked, new_bench
 from hil.cli import start
 from hil.cli.app import run
 from hil.config import cautions, check_sweep_against_bench, load_bench, load_sweep
-from hil.config.frames import load_frames
 from hil.errors import InputError
 from hil.files.strict import config_folders
 
@@ -35,9 +34,9 @@ def test_six_options_give_a_bench_that_check_reads(tmp_path: Path, capsys: pytes
     assert run(["init", str(out), *OPTIONS]) == 0
     bench = load_bench(out)
     assert (bench.name, bench.chamber.port, bench.imu.port) == ("my-bench", "COM3", "socket://127.0.0.1:1")
-    assert (bench.chamber.limits.low, bench.chamber.limits.high) == (-40.0, pytest.approx(85.0))
+    assert (bench.chamber.limits.low_degC, bench.chamber.limits.high_degC) == (-40.0, pytest.approx(85.0))
     assert bench.site.latitude_deg == 59.9
-    assert load_frames(bench).name == bench.unit.model == "STIM300"
+    assert bench.frames.name == bench.unit.model == "STIM300"
     sweep = load_sweep("triad-six-positions")
     check_sweep_against_bench(sweep, bench)
     assert cautions(sweep, bench) == []

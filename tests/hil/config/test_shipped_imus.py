@@ -11,7 +11,6 @@ import yaml
 from drivers.frames.decoder import StreamDecoder
 from drivers.frames.description import load_description
 from hil.config import load_bench, load_sweep, parse_bench
-from hil.config.frames import load_frames
 from hil.config.recorded import configuration_of, configuration_text
 from hil.files.strict import find_config
 
@@ -41,4 +40,4 @@ def test_the_record_keeps_what_a_description_includes(tmp_path: Path) -> None:
     bench = parse_bench(yaml.safe_dump(document), "bench.yaml")
     kept, _ = configuration_of(configuration_text(bench, load_sweep("quick")), tmp_path)
     assert kept.imu_description == tmp_path / "imu.yaml"
-    assert load_frames(kept) == load_frames(bench)
+    assert kept.frames == bench.frames

@@ -36,7 +36,7 @@ from hil.records.reader import JOURNAL_NAME
 from hil.records.witnesses import LOG_NAME
 from hil.solve import solve_campaign
 from hil.solve.document import solution_document
-from procedures.progress import Silent, Snapshot
+from procedures.progress import Progress, Snapshot
 
 SWEEP = {
     "title": "Two at 30 degrees",
@@ -52,7 +52,7 @@ SENSORS = {number: SensorRole(rates={"RA": "a", "RB": "b"}, temperature="t") for
 Watched = tuple[Path, dict[str, Any], NightFacts]
 
 
-class Onlooker(Silent):
+class Onlooker(Progress):
     """Looks at the night's facts at one moment of it, as the dashboard would."""
 
     def __init__(self, folder: Path, at: str) -> None:

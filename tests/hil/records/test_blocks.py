@@ -134,7 +134,8 @@ def test_file_and_folder_are_forced_to_the_disk(tmp_path: Path, monkeypatch: pyt
 def test_a_full_disk_leaves_neither_block_nor_rubbish(tmp_path: Path, operation: str) -> None:
     """Nothing stands under the block's name, and the half-written file is removed."""
     (tmp_path / BLOCKS).mkdir()
-    writer = BlockWriter(tmp_path, simulated=True, disk=RecordingDisk(full_at=operation))
+    writer = BlockWriter(tmp_path, simulated=True)
+    writer.disk = RecordingDisk(full_at=operation)
     with pytest.raises(OSError, match="No space left"):
         writer.write(_STEP, 1, _SAMPLES)
     assert list((tmp_path / BLOCKS).iterdir()) == []

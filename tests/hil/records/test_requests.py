@@ -24,14 +24,14 @@ from hil.records.requests import request, standing_prompt, wait_for_answer
 from hil.records.status import night_status
 from hil.records.verify import verify_night
 from procedures.journal_protocol import Outcome
-from procedures.progress import Silent, Snapshot
+from procedures.progress import Progress, Snapshot
 from procedures.requests import RequestKind
 from tests.hil.short_sweeps import short_sweep
 
 SHORT = parse_sweep(short_sweep("settle: 5 s, duration: 20 s, index_timeout: 5 min"), "short.yaml")
 
 
-class Shell(Silent):
+class Shell(Progress):
     """Does `act()` once, at the first update for which `when` is true; then the next of the list."""
 
     def __init__(self, *acts: tuple[Callable[[Snapshot], bool], Callable[[], Any]]) -> None:

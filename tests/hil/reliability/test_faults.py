@@ -102,6 +102,26 @@ def test_everything_in_the_catalogue_can_happen(device: str, kind: str) -> None:
             live.devices.clock.sleep(2.0)
 
 
+@pytest.mark.parametrize(
+    ("kind", "size", "told"),
+    [
+        ("late", "4 s", {"delay_s": 4.0}),
+        ("sensor_break", "-150 degC", {"reading": -150.0}),
+        ("runaway", "30 kelvin", {"astray_degC": 30.0}),
+        ("corrupted_bytes", None, {"delay_s": 3.0, "astray_degC": 60.0}),
+    ],
+)
+def test_the_size_of_a_chambers_fault_reaches_its_simulator(
+    kind: str, size: str | None, told: dict[str, float]
+) -> None:
+    """Under the name that it has there, and nothing else is set."""
+    fault = Fault.model_validate({"at": "1 h", "device": "chamber", "kind": kind, "size": size})
+    with build_bench(with_faults(load_bench("simulated"), [fault])) as live:
+        assert live.simulators is not None
+        (happens,) = live.simulators.chamber._faults
+        assert {name: getattr(happens, name) for name in told} == told
+
+
 def test_silence_ends_when_it_is_said_to(tmp_path: Path) -> None:
     """A stream that stops for 40 s is suspected, comes back, and the night goes on to its end."""
     bench = bench_with("{at: T1/S1/restabilise, device: imu, kind: silence, duration: 40 s}")

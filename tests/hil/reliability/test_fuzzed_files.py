@@ -149,9 +149,9 @@ def test_a_changed_bench_file_is_understood_or_refused(tmp_path: Path, name: str
     status, out, _ = asked("plan", "rd-gc-86-1", "--bench", path, "--json")
     if status == 0:
         limits = load_bench(path).chamber.limits
-        assert math.isfinite(limits.low)
-        assert math.isfinite(limits.high)
-        safe_setpoints(out, limits.low, limits.high)
+        assert math.isfinite(limits.low_degC)
+        assert math.isfinite(limits.high_degC)
+        safe_setpoints(out, limits.low_degC, limits.high_degC)
 
 
 @pytest.mark.parametrize("name", ["rd-gc-86-1", pytest.param("quick", marks=pytest.mark.slow)])

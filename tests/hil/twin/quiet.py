@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import yaml
 
-from drivers.frames.description import load_description
 from drivers.simulators.chambers.plant import ChamberPlant
 from hil.bench import LiveBench
 from hil.campaign import Conditions
@@ -69,7 +68,7 @@ def collect(live: LiveBench, position: str, settle_s: float = 30.0, duration_s: 
 
 def averages(bench: Bench, runs: int, **how: Any) -> dict[int, tuple[Conditions, np.ndarray]]:
     """Return by sensor the conditions and the averages of collects, (3 runs, 2), deg/hr, taken without any bytes."""
-    roles = load_description(bench.imu_description).roles
+    roles = bench.frames.roles
     assert roles is not None
     assert bench.simulation is not None
     assert bench.simulation_model is not None

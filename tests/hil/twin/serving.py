@@ -9,12 +9,13 @@ import yaml
 from hil.config.bench import Bench, parse_bench
 from hil.files.strict import parse_yaml
 from hil.twin.serve import Simulation, port_keys, serving
+from tests.drivers.simulators.running import running
 
 
 @contextmanager
 def served(bench: Bench, *, tcp: bool = False) -> Iterator[Simulation]:
     """Serve a bench's devices from a thread for as long as the context lasts."""
-    with serving(bench, tcp=tcp) as (server, simulation), server:
+    with serving(bench, tcp=tcp) as (server, simulation), running(server):
         yield simulation
 
 

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.frames.description import load_description
 from drivers.simulators.chambers.plant import ChamberPlant
 from hil.bench import build_bench
 from hil.config import Bench
 from hil.model import load_model
 from hil.twin import SimulatedUnit
 from hil.twin.devices import SimulatedBench, simulate_devices
+from hil.twin.motion import Resumed
 from hil.twin.scatter import run_scatter
 from tests.hil.twin.quiet import changed_bench, quiet_bench
 
@@ -22,11 +22,11 @@ _MINUTE = 1200  # samples
 
 
 def _devices(bench: Bench, **how: Any) -> SimulatedBench:
-    return simulate_devices(bench, {"": load_description(bench.imu_description)}, begins_s=0.0, **how)
+    return simulate_devices(bench, begins_s=0.0, resumed=Resumed(**how))
 
 
 def _unit(bench: Bench, **how: Any) -> SimulatedUnit:
-    roles = load_description(bench.imu_description).roles
+    roles = bench.frames.roles
     assert roles is not None
     assert bench.simulation_model is not None
     plant = how.pop("plant", None) or ChamberPlant(ambient_degC=23.0)
@@ -200,7 +200,7 @@ def test_run_to_run_scatter_has_the_models_size_and_correlation(tmp_path: Path) 
 def test_a_night_that_is_carried_on_keeps_the_scatter_of_its_self_calibrations(tmp_path: Path) -> None:
     """The fifth self-calibration is the same unit whether or not the controller died before it."""
     bench = changed_bench(tmp_path)
-    straight, resumed = _unit(bench), _unit(bench, first_run=5, session=1)
+    straight, resumed = _unit(bench), _unit(bench, resumed=Resumed(5, session=1))
     _runs_of(straight, [(3000.0 * n + dt, position) for n in range(1, 6) for dt, position in ((0, "1"), (90, "2"))])
     _runs_of(resumed, [(3000.0, "2")])  # its second collect was the one that was lost
     for number in (1, 2):
@@ -212,7 +212,7 @@ def test_a_night_that_is_carried_on_keeps_the_scatter_of_its_self_calibrations(t
 def test_the_self_calibration_after_a_resumed_one_is_another_run(tmp_path: Path) -> None:
     """A controller that died between two collects does not make the unit repeat itself in the next self-calibration."""
     bench = changed_bench(tmp_path)
-    straight, resumed = _unit(bench), _unit(bench, first_run=5, visited=("1",), session=1)
+    straight, resumed = _unit(bench), _unit(bench, resumed=Resumed(5, ("1",), 1))
     _runs_of(straight, [(3000.0 * n + dt, position) for n in range(1, 7) for dt, position in ((0, "1"), (90, "2"))])
     assert _runs_of(resumed, [(3000.0, "2"), (6000.0, "1"), (6090.0, "2")]) == [5, 6, 6]
     assert _scatter(resumed, bench, 6, 2) == pytest.approx(_scatter(straight, bench, 6, 2), abs=1e-9)

@@ -15,6 +15,7 @@ from hil.campaign import FloatArray
 from hil.config import Bench
 from hil.model import load_model
 from hil.model.effects.catalogue import VARIANCE_EFFECTS, variance_effect_by_id
+from hil.twin.motion import Resumed
 from hil.twin.scatter import _correlated
 from tests.hil.twin.quiet import SILENT, averages, quiet_bench
 from tests.hil.twin.test_twin_noise import _devices, _night
@@ -130,7 +131,7 @@ def test_the_bytes_of_a_scattering_unit_do_not_depend_on_how_often_it_is_polled(
 def test_a_night_that_is_carried_on_keeps_what_is_drawn_by_run(tmp_path: Path) -> None:
     """The third self-calibration reseats as it would have; what wanders begins anew."""
     bench = scattering_bench(tmp_path, [scattering("MU_rr")], **_COLD)
-    straight, resumed = averages(bench, 4)[2][1], averages(bench, 2, first_run=3, session=1)[2][1]
+    straight, resumed = averages(bench, 4)[2][1], averages(bench, 2, resumed=Resumed(3, session=1))[2][1]
     assert resumed == pytest.approx(straight[6:], abs=1e-9)
 
 
@@ -150,7 +151,7 @@ def test_what_changes_from_collect_to_collect_is_the_same_within_one(tmp_path: P
     assert len(np.unique(np.round(found[:, 0], 6))) == len(found)
     assert np.std(found[:, 0]) == pytest.approx(_SIZE, rel=0.3)
     assert np.array_equal(found, rates())
-    for other in (rates(seed=2), rates(session=1)):
+    for other in (rates(seed=2), rates(resumed=Resumed(session=1))):
         assert abs(np.corrcoef(found[:, 0], other[:, 0])[0, 1]) < 0.5
     bench = scattering_bench(tmp_path, [], stated, **_COLD)
     often = [*np.arange(397.0, 470.0, 3.7).tolist(), 480.0]
