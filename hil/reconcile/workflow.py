@@ -183,7 +183,9 @@ def _result(
     after = after if after == model else after.model_copy(update={"version": model.version + 1})
     notes = [*campaign.warnings, *in_words(beside), *problem.notes]
     notes += filter(None, [model.of_other_sensors(campaign.sensors)])
-    notes += mistakes.mistake_notes(reading.mistakes, fit, campaign)
+    outliers = mistakes.outliers_found(fit)
+    rows = mistakes.rows_found(reading.mistakes, fit, campaign, outliers)
+    notes += in_words({"rows": rows}, searched=True)
     notes += findings.laws_that_fail(fit, problem.sensors)
     why = [f"what is known taken off: {each}" for each in left.reasons if each not in solved.reasons]
     notes += [] if both is None else both.together
@@ -191,8 +193,6 @@ def _result(
     notes += [f"{n.name}: the gap on held-out data did not shrink, so it was not added" for n in reverted]
     notes += [findings.NOT_HELD_OUT] if prove and proof is None and names else []
     notes += [*values_off(standing, gap), *((*scatter_in_words(noise), *stated_in_words(noise)) if tested else ())]
-    outliers = mistakes.outliers_found(fit)
-    rows = mistakes.rows_found(reading.mistakes, fit, campaign, outliers)
     outliers += mistakes.at_limits(campaign, problem)
     notes += otherwise(campaign, rows)
     return Reconciliation(

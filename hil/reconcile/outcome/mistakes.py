@@ -20,7 +20,6 @@ from hil.reconcile.search.sets import Set
 from hil.reconcile.search.terms import Term
 from hil.solve.causes import Cause, all_of
 from hil.solve.explained import LISTED
-from hil.solve.omissions import in_words
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED
 from hil.solve.wrong_rows import MENDED, USED, Wrong, cause_in_words, clipped_rows
 from procedures.words import numbered
@@ -126,11 +125,6 @@ def mended(sensors: Mapping[int, SensorProblem], wrong: Mistakes) -> dict[int, S
         rates = np.where(spoiled, np.nan, collects.rates_deg_per_hr - exchanged)
         out[n] = replace(out[n], collects=replace(collects, rates_deg_per_hr=rates))
     return out
-
-
-def mistake_notes(wrong: Mistakes, fit: Fitted, campaign: Campaign) -> list[str]:
-    """Say which rows of the file carry each other's labels, and which runs are left out."""
-    return in_words({"rows": rows_found(wrong, fit, campaign, ())}, searched=True)
 
 
 def mistake_places(wrong: Mistakes, fit: Fitted, chance: float) -> list[Disagreement]:
