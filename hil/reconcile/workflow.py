@@ -91,7 +91,7 @@ def searched(
     problem = pose(usable(campaign), model, effects)
     posterior, reading = _weighed(problem, scattering, (1.0 - _INSIDE) * alpha if campaign.series_files else alpha)
     proof = _proof(posterior, reading) if prove else None
-    reading, reverted = _kept(reading, proof)
+    reading, reverted = _kept(posterior, reading, proof)
     return problem, posterior, reading, proof, reverted
 
 
@@ -116,11 +116,17 @@ def _proof(posterior: Posterior, reading: Reading) -> tuple[HeldOut, HeldOut] | 
     return None if runs is None else (runs, blocks or runs)
 
 
-def _kept(reading: Reading, proof: tuple[HeldOut, HeldOut] | None) -> tuple[Reading, Sequence[Named]]:
-    """Take back what does not predict held-out rows better, by the log score that serves mean and scatter alike."""
+def _kept(
+    posterior: Posterior, reading: Reading, proof: tuple[HeldOut, HeldOut] | None
+) -> tuple[Reading, Sequence[Named]]:
+    """Take back what does not predict held-out rows better, by the log score that serves mean and scatter alike.
+
+    What is wrong with the data without those names stands, and is in what is fitted.
+    """
     if not reading.names or proof is None or proof[0].log_score[1] > proof[0].log_score[0]:
         return reading, ()
-    return replace(reading, names=(), found=reading.nothing), reading.names
+    mended = reading.mended
+    return replace(reading, names=(), found=mended, mistakes=posterior.mistakes(mended)), reading.names
 
 
 def _result(

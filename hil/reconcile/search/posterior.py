@@ -54,6 +54,10 @@ class Posterior:
         """Return the terms of a set, each with its sensor."""
         return [(number, self.term(number, place)) for number, places in found.terms.items() for place in places]
 
+    def mistakes(self, found: Found) -> list[tuple[int, Term]]:
+        """Return the mistakes in the data that are in a set, each with its sensor."""
+        return [(number, term) for number, term in self.members(found) if term.is_mistake]
+
     def names(self, found: Found) -> frozenset[str]:
         """Return the names in a set: of what moves averages, all without a name as one, and of what scatters them."""
         return frozenset({found.kind, *(term.called for _, term in self.members(found))} - {""})
