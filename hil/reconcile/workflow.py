@@ -182,7 +182,8 @@ def _result(
         values = before_and_after(sensors, added, calibrated)
     solved = Solved.of(campaign)
     known = added or scattered or reading.mistakes or model.terms or model.noise
-    left = Solved.of(taken_out(problem, sensors, added, scattered)) if known else solved
+    sure = mistakes.mended(problem.sensors, mistakes.certain(reading.mistakes, fit, campaign))
+    left = Solved.of(taken_out(problem, sure, added, scattered)) if known else solved
     tested = any(search.terms for search in posterior.searches.values())
     after = scatter.with_ordinary(after, noise if tested else (), fit.conditions)
     after = findings.with_inside(after, within, campaign)

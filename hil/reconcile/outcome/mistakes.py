@@ -115,6 +115,11 @@ def _exchange(candidate: Candidate, campaign: Campaign) -> str:
     return cause_in_words(collects, Cause(what, run, tuple(rows.tolist()), channel))
 
 
+def certain(wrong: Mistakes, fit: Fitted, campaign: Campaign) -> Mistakes:
+    """Return those of the mistakes that are done something about: of labels that may be exchanged elsewhere nothing."""
+    return [(n, t) for n, t in wrong if t.candidate.effect is None or _which(n, t, fit.posterior, campaign)[2]]
+
+
 def mended(sensors: Mapping[int, SensorProblem], wrong: Mistakes) -> dict[int, SensorProblem]:
     """Return the sensors with what was exchanged put right, and without the rates that are wrong."""
     out = dict(sensors)
