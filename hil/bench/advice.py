@@ -48,19 +48,20 @@ def advice_for(error: DeviceError, bench: Bench, device: Device) -> str:
         return str(ADVICE["simulated"])
     kinds = [kind.__name__ for kind in type(error).__mro__]
     if device == "chamber" and isinstance(error, TransportError):
-        advice = closed_port_advice(section.port)
+        advice = closed_port_advice(error, section.port)
     elif device == "chamber" and isinstance(error, WrongDevice) and ("°F" in words or "unit" in words):
         advice = said["unit"]
     elif device == "unit" and isinstance(error, DeviceTimeout) and "nothing arrived" in words:
         advice = said["nothing arrived"]
     else:
         advice = next((said[kind] for kind in kinds if kind in said), said.get(_way(section.port), ""))
-    return f"{advice.format(section=section, parity=_PARITY[section.line.parity])} ({_GUIDES[device]})"
+    return f"{advice.format(section=section, parity=_PARITY[section.line.parity])} ({_GUIDES[device]})".lstrip()
 
 
-def closed_port_advice(port: str) -> str:
-    """Return what to do about a port that does not open."""
-    return str(ADVICE["closed_port"][_way(port)])
+def closed_port_advice(error: DeviceError, port: str) -> str:
+    """Return what to do about a port that does not open, where the error does not say it itself."""
+    said, words = ADVICE["closed_port"], str(error)
+    return str(next((said[each] for each in said if each in words), said.get(_way(port), "")))
 
 
 def _way(port: str) -> str:

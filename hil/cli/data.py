@@ -21,13 +21,19 @@ if TYPE_CHECKING:  # `hil --help` loads no arithmetic
 
 Format = Literal["hdf5", "netcdf", "mat", "documents"]
 Source = Annotated[Path, Argument(help="A campaign folder, or a night's folder.")]
+EARLIER = "the earlier one: "
 
 
-def read_source(source: Path) -> Campaign:
-    """Read a campaign folder, or the collects of a night as one; raise `InputError` where it is neither."""
+def read_source(source: Path, which: str = "") -> Campaign:
+    """Read a campaign folder, or the collects of a night as one, and say what is suspicious, `which` of two it is.
+
+    It is said whatever becomes of the command. Raises `InputError` where it is neither.
+    """
     from hil.records.export import open_source
 
-    return open_source(source).campaign
+    campaign = open_source(source).campaign
+    warn([f"{which}{each}" for each in campaign.warnings])
+    return campaign
 
 
 def solve(
@@ -59,7 +65,7 @@ def solve(
     both = common_and_differential(campaign)
     document = solution_document(campaign, solutions)
     document["both_sensors"] = None if both is None else both.document()
-    comparison = None if against is None else compare(campaign, read_source(against))
+    comparison = None if against is None else compare(campaign, read_source(against, EARLIER))
     unit = in_spec_of(source, campaign, solutions, limits, comparison)
     document["in_spec"] = None if unit is None else unit.document()
     of_all = [*(() if both is None else both.sentences()), *(() if unit is None else unit.sentences())]
@@ -167,12 +173,7 @@ def parameters(source: Source, out: _Out, sensor: _OfSensor = None) -> None:
     """Draw every parameter of a sensor against temperature, with the curves that `hil thermal` fits."""
     from hil.report.plots import draw_parameters
 
-    def drawn() -> Figure:
-        campaign = read_source(source)
-        warn(tuple(campaign.warnings))
-        return draw_parameters(source, campaign, sensor)
-
-    _plot(out, drawn)
+    _plot(out, lambda: draw_parameters(source, read_source(source), sensor))
 
 
 COMMANDS = (solve, export, replay)

@@ -136,9 +136,8 @@ def scatter(source: Source) -> Answer:
     """Tell what makes repeats scatter: noise, the bias, MU, base, cold; or say that they cannot tell."""
     from hil.reconcile.scattering import what_scatters
 
-    found = what_scatters(read_source(source))
-    document = found.document()
-    return Answer(document, told(document, warnings=found.campaign.warnings))
+    document = what_scatters(read_source(source)).document()
+    return Answer(document, told(document))
 
 
 COMMANDS = (budget, design, scatter)

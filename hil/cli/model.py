@@ -13,7 +13,7 @@ from typer import Argument, Option
 
 from hil.cli.answer import Answer, told
 from hil.cli.data import Source, read_source
-from hil.cli.output import Aside, check_named, check_result_folder, messages
+from hil.cli.output import check_named, check_result_folder, messages
 
 if TYPE_CHECKING:
     from hil.model import Model
@@ -153,8 +153,8 @@ def visibility(
         document = sweep_document(load_sweep(source), load_bench(bench), chosen)
         return Answer(document, lambda: [visibility_text(document)])
     campaign = read_source(Path(source))
-    document, warned = campaign_document(campaign, chosen), [Aside(f"warning: {each}") for each in campaign.warnings]
-    return Answer(document, lambda: [*warned, visibility_text(document)])
+    document = campaign_document(campaign, chosen)
+    return Answer(document, lambda: [visibility_text(document)])
 
 
 def effects() -> Answer:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
-from hil.cli.data import Source, read_source
+from hil.cli.data import EARLIER, Source, read_source
 from hil.cli.exit_status import Exit, Limits, Strict, of_unit
-from hil.cli.output import messages, results, warn
+from hil.cli.output import messages, results
 from hil.errors import InputError
 
 if TYPE_CHECKING:
@@ -103,8 +103,7 @@ def write_report(
     night = night_content(source) if is_night(source) else None
     campaign = _campaign(source, night)
     path = page_file(out or writable(source) / "report.html")
-    warn(tuple(campaign.warnings))
-    comparison = None if against is None else compare(campaign, read_source(against))
+    comparison = None if against is None else compare(campaign, read_source(against, EARLIER))
     content = gather(campaign, night, comparison)
     state = "" if night is None else night.state
     content = replace(content, in_spec=in_spec_of(source, campaign, content.solutions, limits, comparison, state))

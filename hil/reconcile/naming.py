@@ -89,8 +89,8 @@ def read(posterior: Posterior, alpha: float) -> Reading:
     # Of what is as sure, that which moves averages comes first.
     names = sorted(names, key=lambda named: (-round(named.probability, 2), named.acts_on, -named.probability))
     mended = unnamed[0] if unnamed else as_filed
-    mistakes = [term for term in posterior.members(found) if term.is_mistake]
-    return Reading(found, as_filed, mended, names, chance, _follows(posterior) if lead else (), mistakes)
+    follows = _follows(posterior) if lead else ()
+    return Reading(found, as_filed, mended, names, chance, follows, posterior.mistakes(found))
 
 
 def _surely_wrong(posterior: Posterior, sets: Sequence[Found], among: Sequence[Found], sure: float) -> list[Found]:

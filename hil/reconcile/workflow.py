@@ -91,7 +91,7 @@ def searched(
     problem = pose(usable(campaign), model, effects)
     posterior, reading = _weighed(problem, scattering, (1.0 - _INSIDE) * alpha if campaign.series_files else alpha)
     proof = _proof(posterior, reading) if prove else None
-    reading, reverted = _kept(reading, proof)
+    reading, reverted = _kept(posterior, reading, proof)
     return problem, posterior, reading, proof, reverted
 
 
@@ -116,11 +116,17 @@ def _proof(posterior: Posterior, reading: Reading) -> tuple[HeldOut, HeldOut] | 
     return None if runs is None else (runs, blocks or runs)
 
 
-def _kept(reading: Reading, proof: tuple[HeldOut, HeldOut] | None) -> tuple[Reading, Sequence[Named]]:
-    """Take back what does not predict held-out rows better, by the log score that serves mean and scatter alike."""
+def _kept(
+    posterior: Posterior, reading: Reading, proof: tuple[HeldOut, HeldOut] | None
+) -> tuple[Reading, Sequence[Named]]:
+    """Take back what does not predict held-out rows better, by the log score that serves mean and scatter alike.
+
+    What is wrong with the data without those names stands, and is in what is fitted.
+    """
     if not reading.names or proof is None or proof[0].log_score[1] > proof[0].log_score[0]:
         return reading, ()
-    return replace(reading, names=(), found=reading.nothing), reading.names
+    mended = reading.mended
+    return replace(reading, names=(), found=mended, mistakes=posterior.mistakes(mended)), reading.names
 
 
 def _result(
@@ -176,14 +182,17 @@ def _result(
         values = before_and_after(sensors, added, calibrated)
     solved = Solved.of(campaign)
     known = added or scattered or reading.mistakes or model.terms or model.noise
-    left = Solved.of(taken_out(problem, sensors, added, scattered)) if known else solved
+    sure = mistakes.mended(problem.sensors, mistakes.certain(reading.mistakes, fit, campaign))
+    left = Solved.of(taken_out(problem, sure, added, scattered)) if known else solved
     tested = any(search.terms for search in posterior.searches.values())
     after = scatter.with_ordinary(after, noise if tested else (), fit.conditions)
     after = findings.with_inside(after, within, campaign)
     after = after if after == model else after.model_copy(update={"version": model.version + 1})
     notes = [*campaign.warnings, *in_words(beside), *problem.notes]
     notes += filter(None, [model.of_other_sensors(campaign.sensors)])
-    notes += mistakes.mistake_notes(reading.mistakes, fit, campaign)
+    outliers = mistakes.outliers_found(fit)
+    rows = mistakes.rows_found(reading.mistakes, fit, campaign, outliers)
+    notes += in_words({"rows": rows}, searched=True)
     notes += findings.laws_that_fail(fit, problem.sensors)
     why = [f"what is known taken off: {each}" for each in left.reasons if each not in solved.reasons]
     notes += [] if both is None else both.together
@@ -191,8 +200,6 @@ def _result(
     notes += [f"{n.name}: the gap on held-out data did not shrink, so it was not added" for n in reverted]
     notes += [findings.NOT_HELD_OUT] if prove and proof is None and names else []
     notes += [*values_off(standing, gap), *((*scatter_in_words(noise), *stated_in_words(noise)) if tested else ())]
-    outliers = mistakes.outliers_found(fit)
-    rows = mistakes.rows_found(reading.mistakes, fit, campaign, outliers)
     outliers += mistakes.at_limits(campaign, problem)
     notes += otherwise(campaign, rows)
     return Reconciliation(

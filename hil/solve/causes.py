@@ -69,11 +69,13 @@ class Cause:
 class OtherSensor:
     """What another sensor shows in the same collects: its `rates` (n, c), NaN where it took none.
 
-    `labels` says of a run how much likelier they are, in logs, with two of its places exchanged.
+    `labels` says of a run how much likelier they are, in logs, with two of its places exchanged; `instead` how much
+    with the rates that this sensor shows in it.
     """
 
     rates: FloatArray
     labels: Callable[[int], Mapping[tuple[int, ...], float]]
+    instead: Callable[[int], float]
 
     def rows(self, rows: IntArray) -> Self:
         """Return what it shows in some of them."""
@@ -177,6 +179,12 @@ class Asked:
         likelier = self._evidence(np.array([each.left for each in tried])) - self.as_filed
         return {own.places(each.cause): float(logs) for each, logs in zip(tried, likelier, strict=True)}
 
+    def with_others(self, run: int, rates: FloatArray) -> float:
+        """Return how much likelier, in logs, these rates are with others (k, c) in a run: not at all if one lacks."""
+        own = _Run(self.rates, run, self.rates.collects.conditions.of_each_run[run])
+        left = next((each.left for each in own.otherwise(Cause("sensors", run, own.rows), rates)), np.inf)
+        return float(self._evidence(np.array([left]))[0]) - self.as_filed
+
     def seen_from(self) -> FloatArray:
         """Return how far off each rate must be to be doubted, deg/hr, (n, c); infinite where nothing tells."""
         rates, size = self.rates, np.geomspace(1.0, 1e6, 300)
@@ -223,8 +231,10 @@ class Asked:
                     tried += each.otherwise(Cause("channels", run, each.rows), each.measured[:, ::-1])
                 if self._beside is not None:
                     other = self._beside.rates[list(each.rows)]
-                    tried += each.otherwise(
-                        Cause("sensors", run, each.rows, instead=(*map(tuple, other.tolist()),)), other
+                    exchanged = Cause("sensors", run, each.rows, instead=(*map(tuple, other.tolist()),))
+                    # What is no longer this sensor's is the other's, which has to agree with it.
+                    tried += (
+                        replace(of, log_odds=self._beside.instead(run)) for of in each.otherwise(exchanged, other)
                     )
                 if len(runs) > 1:
                     tried += each.anywhere(Cause("run", run, each.rows), np.eye(each.known.size))

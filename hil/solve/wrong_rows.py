@@ -125,7 +125,12 @@ def _other_sensor(collects: Collects, other: Collects | None) -> OtherSensor | N
         return None
     shown, asked = beside(collects, other), Asked(Whitened(with_every_error(unclipped(other))))
     same = {run for run, rows in collects.conditions.of_each_run.items() if np.isfinite(shown[rows]).any()}
-    return OtherSensor(shown, cache(lambda run: asked.labels(run) if run in same else {}))
+    own, theirs = beside(other, collects), other.conditions.of_each_run
+    return OtherSensor(
+        shown,
+        cache(lambda run: asked.labels(run) if run in same else {}),
+        cache(lambda run: asked.with_others(run, own[theirs[run]]) if run in same else -np.inf),
+    )
 
 
 def failed(campaign: Campaign, number: int, *, unless_mended: bool = False) -> set[int]:

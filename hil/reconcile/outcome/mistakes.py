@@ -21,7 +21,6 @@ from hil.reconcile.search.sets import Set
 from hil.reconcile.search.terms import Term
 from hil.solve.causes import Cause, all_of
 from hil.solve.explained import LISTED
-from hil.solve.omissions import in_words
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED
 from hil.solve.wrong_rows import MENDED, USED, Wrong, cause_in_words, clipped_rows
 from procedures.words import numbered
@@ -101,6 +100,11 @@ def _exchange(candidate: Candidate, campaign: Campaign) -> str:
     return cause_in_words(collects, Cause(what, run, tuple(rows.tolist()), channel))
 
 
+def certain(wrong: Sequence[Term], fit: Fitted, campaign: Campaign) -> list[Term]:
+    """Return those of the mistakes that are done something about: of labels that may be exchanged elsewhere nothing."""
+    return [t for t in wrong if t.candidate.effect is None or _which(t, fit.posterior, campaign)[2]]
+
+
 def mended(sensors: Mapping[int, SensorProblem], wrong: Sequence[Term]) -> dict[int, SensorProblem]:
     """Return the sensors with what was exchanged put right, and without the rates that are wrong."""
     out = dict(sensors)
@@ -112,11 +116,6 @@ def mended(sensors: Mapping[int, SensorProblem], wrong: Sequence[Term]) -> dict[
         rates = np.where(spoiled, np.nan, collects.rates_deg_per_hr - exchanged)
         out[n] = replace(out[n], collects=replace(collects, rates_deg_per_hr=rates))
     return out
-
-
-def mistake_notes(wrong: Sequence[Term], fit: Fitted, campaign: Campaign) -> list[str]:
-    """Say which rows of the file carry each other's labels, and which runs are left out."""
-    return in_words({"rows": rows_found(wrong, fit, campaign, ())}, searched=True)
 
 
 def mistake_places(wrong: Sequence[Term], fit: Fitted, chance: float) -> list[Disagreement]:

@@ -57,7 +57,7 @@ def _search(
         return SensorSearch(laid, [])
     candidates = [c for c in problem.candidates if c.sensor == sensor.number]
     solved = AsSolved.of(problem.campaign, sensor.number)
-    candidates += may_be_wrong(sensor.number, blocks, conditions, solved.named)
+    candidates += may_be_wrong(sensor.number, blocks, conditions, solved)
     if any(isinstance(effect, Mislabelled) for effect in mislabelled):
         candidates += exchanges(sensor, blocks, solved)
     site = problem.campaign.site

@@ -1,12 +1,13 @@
 """Mistakes that there may be in the data: rows and runs that are spoiled, labels that are exchanged.
 
 solved = AsSolved.of(campaign, 2)                            # what `hil solve` does about rows
-may_be_wrong(2, blocks, conditions, solved.named)            # candidates: what stands there says nothing
+may_be_wrong(2, blocks, conditions, solved)                  # candidates: what stands there says nothing
 found = exchanges(sensor, blocks, solved)                    # one candidate per exchange in one run
 terms = as_told(terms, collects, exchanged)                  # with odds by what accelerometers show
 solved.among(terms)                                          # the terms that are that answer: a set to start from
 
-Each competes with every effect. Of a year of nights those are asked about that differ most from their neighbours.
+Each competes with every effect. Of a year of nights those are asked about that differ most from their neighbours; of a
+run with which nothing can be compared, what `hil solve` says of it.
 """
 
 from __future__ import annotations
@@ -20,32 +21,35 @@ import numpy as np
 from hil.campaign import BoolArray, Campaign, Collects, Conditions, FloatArray, IntArray
 from hil.model.effects.base import Parameter
 from hil.model.effects.data import OTHER_SENSOR, Mislabelled
+from hil.model.forms import default_form
 from hil.reconcile.search.candidates import MANY, Candidate
 from hil.reconcile.search.problem import SensorProblem
 from hil.reconcile.search.terms import Term
 from hil.solve.causes import AS_IT_LAY
 from hil.solve.rows import Block
+from hil.solve.temperatures import runs_by_temperature
 from hil.solve.wrong_rows import MENDED, USED, Wrong, alike, beside, wrong_rows
 
 NEIGHBOURS = 4
 """Rows to either side, in the same position, that say what a row should be."""
 
 
-def may_be_wrong(number: int, blocks: Sequence[Block], conditions: Conditions, named: BoolArray) -> Iterator[Candidate]:
+def may_be_wrong(number: int, blocks: Sequence[Block], conditions: Conditions, solved: AsSolved) -> Iterator[Candidate]:
     """Yield one candidate per rate, one per collect, and one per run and block: what is there says nothing.
 
-    Where there are very many, of collects (n,) that are `named` and of those that differ most from their neighbours.
+    Where there are very many, of collects that `hil solve` names and of those that differ most from their neighbours.
     """
     shape = (len(conditions), len(conditions.sensor.channels))
-    odd = _odd(blocks, conditions, named)
+    odd = _odd(blocks, conditions, solved.named)
     rows = np.unique(np.concatenate([block.rows for block in blocks]))
+    rows = rows[np.isin(conditions.run[rows], solved.told)]
     for row in sorted(rows[np.argsort(-odd[rows], kind="stable")][:MANY].tolist()):
         several = np.zeros((*shape, shape[1]))
         several[row] = np.eye(shape[1])
         yield _wrong("row", number, several, {"row": float(row)})
         for channel in range(shape[1]):
             yield _wrong("row", number, several[:, :, channel : channel + 1], {"row": float(row), "channel": channel})
-    odd_runs = runs_to_ask(blocks, conditions, named, MANY)
+    odd_runs = runs_to_ask(blocks, conditions, solved, MANY)
     for block in blocks:
         for run in np.unique(block.run[np.isin(conditions.run[block.rows], odd_runs)]).tolist():
             here = np.flatnonzero(block.run == run)
@@ -57,9 +61,9 @@ def may_be_wrong(number: int, blocks: Sequence[Block], conditions: Conditions, n
             yield _wrong("run", number, columns, of_block)
 
 
-def runs_to_ask(blocks: Sequence[Block], conditions: Conditions, named: BoolArray, most: int) -> IntArray:
-    """Return the numbers of at most so many runs (k,): `named` ones, and those that differ most from neighbours."""
-    odd, runs = _odd(blocks, conditions, named), np.unique(conditions.run)
+def runs_to_ask(blocks: Sequence[Block], conditions: Conditions, solved: AsSolved, most: int) -> IntArray:
+    """Return the numbers of at most so many runs (k,): named ones, and those that differ most from neighbours."""
+    odd, runs = _odd(blocks, conditions, solved.named), np.array(solved.told, dtype=np.int64)
     of_run = np.array([odd[conditions.run == run].mean() for run in runs.tolist()])
     return np.asarray(np.sort(runs[np.argsort(-of_run, kind="stable")[:most]]))
 
@@ -96,20 +100,38 @@ class AsSolved:
 
     What it is not certain of, and so leaves as it is filed, is among them: a search knows more.
 
-    `others` are those of another sensor in the same collects, NaN where there is none, or it took others.
+    `others` are those of another sensor in the same collects, NaN where there is none, or it took others. `alone` are
+    the runs that it cannot compare with others.
     """
 
     filed: Collects
     laid: FloatArray
     others: FloatArray
     rows: Sequence[Wrong]
+    alone: Collection[int] = ()
 
     @classmethod
     def of(cls, campaign: Campaign, number: int) -> AsSolved:
         """Ask it of a sensor."""
         filed, solved = campaign.sensors[number], wrong_rows(campaign)[number]
         rows = [row for row in (*solved.rows, *solved.may_be) if row.done != USED]
-        return cls(filed, solved.likeliest.rates_deg_per_hr, beside(filed, alike(campaign, number)), rows)
+        others = beside(filed, alike(campaign, number))
+        return cls(filed, solved.likeliest.rates_deg_per_hr, others, rows, solved.not_compared)
+
+    @property
+    def told(self) -> list[int]:
+        """The runs of which something tells: others, what its own rates leave over, or what it changes in them.
+
+        A run that is the only one at its temperature may differ from others by nothing but that.
+        """
+        conditions, many = self.filed.conditions, len(default_form(self.filed.conditions).names)
+        single = {runs[0] for _, runs in runs_by_temperature(conditions) if len(runs) == 1}.intersection(self.alone)
+        known = np.isfinite(self.filed.rates_deg_per_hr)
+        return [
+            run
+            for run, rows in conditions.of_each_run.items()
+            if run not in single or known[rows].sum() > many or self.named[rows].any()
+        ]
 
     @property
     def named(self) -> BoolArray:
@@ -146,7 +168,7 @@ def exchanges(sensor: SensorProblem, blocks: Sequence[Block], solved: AsSolved) 
     """
     conditions, rates, effect = sensor.collects.conditions, sensor.collects.rates_deg_per_hr, Mislabelled()
     grid, runs = list(effect.shape_grid(conditions)), len(conditions.of_each_run)
-    asked = runs_to_ask(blocks, conditions, solved.named, MANY * runs // max(len(grid), 1)).tolist()
+    asked = runs_to_ask(blocks, conditions, solved, MANY * runs // max(len(grid), 1)).tolist()
     laid = [(shape, effect.exchanged(conditions, rates, shape)) for shape in grid if shape["run"] in asked]
     for run in asked:
         own = conditions.run == run

@@ -54,6 +54,10 @@ class Posterior:
         """Return the terms of a set."""
         return [self.term(number, place) for number, places in found.terms.items() for place in places]
 
+    def mistakes(self, found: Found) -> list[Term]:
+        """Return the mistakes in the data that are in a set."""
+        return [term for term in self.members(found) if term.is_mistake]
+
     def names(self, found: Found) -> frozenset[str]:
         """Return the names in a set: of what moves averages, all without a name as one, and of what scatters them."""
         return frozenset({found.kind, *(term.called for term in self.members(found))} - {""})

@@ -14,7 +14,7 @@ from hil.campaign import Campaign, Collects, Conditions
 from hil.campaign.plausibility import judged_by_its_records
 from hil.campaign.reader import read_campaign
 from hil.campaign.writer import write_campaign
-from tests.hil.analysis.thermal.nights import TRIAD
+from tests.hil.analysis.thermal.nights import TRIAD, rotor_night
 from tests.hil.solve.test_other_runs import campaign, repeated, with_rates
 
 
@@ -207,6 +207,27 @@ def _triad(wrong: bool = False) -> Campaign:
     return Campaign("poses", "", {1: Collects(conditions, rates, np.full((24, 3), 5.0))})
 
 
+def _one_run_far_off_beside_another_sensor() -> Campaign:
+    """Four collects of two sensors, one rate of sensor 2 off by 300: the other sensor fits as well."""
+    one, other = (repeated(1, 1, (0, 2, 5, 1), seed=seed).sensors[2] for seed in (0, 50))
+    rates, layout = one.rates_deg_per_hr.copy(), replace(other.conditions.sensor, number=1)
+    rates[1, 0] += 300.0
+    conditions = replace(other.conditions, sensor=layout, collect=other.conditions.collect + len(one))
+    first = Collects(conditions, 20.0 - 0.7 * other.rates_deg_per_hr[:, ::-1], other.rates_se_deg_per_hr)
+    return Campaign("made", "", {1: first, 2: replace(one, rates_deg_per_hr=rates)})
+
+
+def night_that_ended_early(seed: int = 2) -> Campaign:
+    """Three runs at one temperature and one at another, where all parameters are others: no run is wrong."""
+    at_0 = {"BA": 22.0, "BB": -14.0, "GSA": 55.0, "GSB": -22.5, "MUA": 6.0, "MUB": -13.0}
+    slope = {"BA": -0.23, "BB": 1.2, "GSA": 0.21, "GSB": -0.085, "MUA": -0.05, "MUB": 0.4}
+    curves = {name: lambda degC, name=name: at_0[name] + slope[name] * degC for name in at_0}
+    scatter = {"BA": 0.5, "BB": 3.0, "MUA": 1.5, "MUB": 1.5}
+    one = rotor_night(np.random.default_rng(seed), curves, temperatures_degC=(-10.0, 30.0), run_to_run=scatter)
+    rows = one.sensors[2]
+    return replace(one, sensors={2: rows.rows(rows.conditions.run < 5)})
+
+
 def _dead(one: Campaign, number: int) -> Campaign:
     """The second channel of a sensor shows exactly 0 throughout."""
     alive = np.arange(one.sensors[number].rates_deg_per_hr.shape[1]) != 1
@@ -252,6 +273,8 @@ FOLDERS: dict[str, Callable[[], Campaign]] = {
     "one channel noisy, five collects": _one_noisy_that_residuals_show,
     "two plans": _two_plans,
     "one run": lambda: campaign(1, 1, seed=3),
+    "one run, one rate far off, beside another sensor": _one_run_far_off_beside_another_sensor,
+    "night that ended early": night_that_ended_early,
     "not whole": lambda: replace(_good(), missing=["self-calibration 13 at 40.0 °C: all of it"]),
     "one temperature": lambda: campaign(8, 8, seed=5, scatter=2.0),
     "one temperature, three runs": lambda: campaign(3, 3, seed=5, scatter=2.0),

@@ -54,6 +54,7 @@ AT_ONCE = (
     "position missing at one temperature",
     "one rate far off",
     "one run",
+    "one run, one rate far off, beside another sensor",
     "poses, one wrong",
 )
 

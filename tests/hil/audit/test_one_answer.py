@@ -32,10 +32,11 @@ from hil.reconcile.scattering import what_scatters
 from hil.report.content import gather, headline, to_do
 from hil.solve import repeats, solve_campaign
 from hil.solve.both_sensors import common_and_differential
+from hil.solve.wrong_rows import USED, wrong_rows
 from procedures.plan import make_plan
-from tests.hil.audit.folders import FOLDERS, written
+from tests.hil.audit.folders import FOLDERS, night_that_ended_early, written
 from tests.hil.audit.questions import ANSWERS, AT_ONCE, BESIDE, COMMANDS, FIRST, IN_COMMON, MODEL, QUICK, READ, Ask
-from tests.hil.solve.test_other_runs import campaign
+from tests.hil.solve.test_other_runs import campaign, with_rates
 
 
 @pytest.fixture
@@ -94,13 +95,14 @@ def test_all_commands_agree(ask: Ask) -> None:
 
 
 def test_what_is_suspicious_is_said_to_people_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Beside the result, by every command that has it in its document."""
-    folder = written("labels exchanged", tmp_path / "campaign")
-    (suspicious,) = read_campaign(folder).warnings
-    for command in ("solve", "thermal", "budget", "visibility", "scatter", "report"):
-        words = {**COMMANDS, **BESIDE}[command](folder, "matrix-6")
-        assert run([word for word in words if word != "--json"]) == 0
-        assert f"warning: {suspicious}" in capsys.readouterr().err, command
+    """Beside the result, or instead of one, by every command that reads the folder."""
+    for name, refuses in (("labels exchanged", ()), ("poses, one wrong", ("thermal",))):
+        folder = written(name, tmp_path / name)
+        (suspicious,) = read_campaign(folder).warnings
+        for command in ("solve", "thermal", "budget", "visibility", "scatter", "report"):
+            words = {**COMMANDS, **BESIDE}[command](folder, "matrix-6")
+            assert run([word for word in words if word != "--json"]) == (2 if command in refuses else 0)
+            assert capsys.readouterr().err.count(f"warning: {suspicious}\n") == 1, command
 
 
 def test_a_screen_says_which_runs_fail(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -199,7 +201,13 @@ def test_a_dead_channel_has_no_value_and_no_pass(ask: Ask) -> None:
 
 @pytest.mark.parametrize(
     "ask",
-    ["labels exchanged", "labels exchanged, two runs", "one rate far off", "poses, one wrong"],
+    [
+        "labels exchanged",
+        "labels exchanged, two runs",
+        "one rate far off",
+        "poses, one wrong",
+        "one run, one rate far off, beside another sensor",
+    ],
     indirect=True,
 )
 def test_no_run_that_rests_on_a_wrong_row_passes(ask: Ask) -> None:
@@ -211,6 +219,33 @@ def test_no_run_that_rests_on_a_wrong_row_passes(ask: Ask) -> None:
         (solved,) = (s for s in document["solutions"] if (s["run"], s["sensor"]) == (each["run"], each["sensor"]))
         assert solved["verdict"] != "PASS"
         assert str(each["collects"][0]) in solved["reason"] or each["done"] == "used"
+
+
+def test_what_fits_another_sensor_as_well_as_any_is_not_this_ones() -> None:
+    """Its rates leave nothing over here, as those of any sensor; what is said to be the other's has to agree there."""
+    found = wrong_rows(FOLDERS["one run, one rate far off, beside another sensor"]())
+    assert [(row.run, row.done) for row in found[2].rows] == [(1, USED)]
+    assert "contradicts itself: collect 2: RA is +300.8 deg/hr, or collect 3" in found[2].rows[0].why
+    assert not found[1].rows
+
+
+@pytest.mark.parametrize("seed", [2, pytest.param(7, marks=pytest.mark.slow)])
+def test_the_only_run_at_a_temperature_is_not_wrong_for_being_there(seed: int) -> None:
+    """Nor any of its collects, nor its labels: nothing is there to compare it with."""
+    result = reconcile(night_that_ended_early(seed), "matrix-6", prove=False)
+    assert result.rows == []
+    assert not [effect for effect in result.effects if effect.mends_labels or "run 4" in effect.id]
+
+
+def test_of_two_collects_that_contradict_each_other_people_are_told_both() -> None:
+    """Of two runs nobody knows which is wrong: the search's note says so, as its document does."""
+    one = campaign(2, 2, seed=1, scatter=0.5)
+    rates = one.sensors[2].rates_deg_per_hr.copy()
+    rates[4, 0] += 60.0
+    result = reconcile(with_rates(one, rates), "matrix-6", prove=False)
+    (row,) = result.rows
+    assert "collect 2 may be, in its place" in row["why"] or "collect 5 may be, in its place" in row["why"]
+    assert [note for note in result.notes if row["why"] in note]
 
 
 @pytest.mark.parametrize("ask", ["short soaks"], indirect=True)

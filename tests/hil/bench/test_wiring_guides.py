@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import errno
 import re
 from pathlib import Path
 from typing import Any
 
 import pytest
+import serial
 import yaml
 
 from drivers.chambers import CHAMBER_DRIVERS
+from drivers.clock import VirtualClock
+from drivers.errors import TransportError
 from drivers.frames.description import StreamDescription, whole_text
+from drivers.transports import open_port
 from hil.bench import build_bench
+from hil.bench.advice import closed_port_advice
 from hil.config import Bench, load_bench, load_sweep, parse_bench
 from hil.files.strict import config_folders
 
@@ -110,3 +116,21 @@ def test_every_bench_to_start_from_has_a_sweep_that_fits() -> None:
         for path in folder.glob("*.yaml"):
             known = set(load_bench(path).positions)
             assert any(set(sweep.positions) <= known for sweep in sweeps), path.stem
+
+
+@pytest.mark.parametrize(
+    ("number", "advice"),
+    [(errno.EACCES, ""), (errno.EBUSY, ""), (errno.ENOENT, "plug the adapter"), (5, "plug the")],
+)
+def test_a_port_that_does_not_open_has_one_advice(number: int, advice: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever lacks the permission, or has another program there, is told so by the error, and plugs nothing in."""
+
+    def refuse(url: str, **settings: object) -> None:
+        raise serial.SerialException(number, f"could not open port {url}")
+
+    monkeypatch.setattr(serial, "serial_for_url", refuse)
+    with pytest.raises(TransportError) as refused:
+        open_port("/dev/ttyUSB0", clock=VirtualClock())
+    said = closed_port_advice(refused.value, "/dev/ttyUSB0")
+    assert said.startswith(advice)
+    assert bool(said) is bool(advice)

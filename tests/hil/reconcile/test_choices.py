@@ -157,16 +157,19 @@ def test_what_the_base_has_is_no_law_for_having_a_value_at_each_setpoint() -> No
 def test_what_predicts_held_out_rows_no_better_is_taken_back(
     supplied: tuple[Posterior, Reading], better: float, kept: bool
 ) -> None:
-    """By the log density of the rows, whatever the squares of the errors are."""
-    reading = supplied[1]
+    """By the log density of the rows, whatever the squares of errors; what is told to be wrong is what is fitted."""
+    posterior, reading = supplied
+    wrong = next(j for j, term in enumerate(posterior.searches[2].terms) if term.is_mistake)
+    reading = replace(reading, mended=Found({2: (wrong,)}, "", 0.0))
     assert [named.name for named in reading.names] == ["supply"]
     flat = np.ones((2, 4))
     proof = HeldOut(flat, flat, np.full(4, 8), np.stack([np.zeros(4), np.full(4, better)]), [])
-    left, reverted = _kept(reading, (proof, proof))
+    left, reverted = _kept(posterior, reading, (proof, proof))
     assert bool(left.names) is kept
     assert bool(reverted) is not kept
-    assert (left.found == reading.found) is kept
-    assert _kept(replace(reading, names=()), (proof, proof))[1] == ()
+    assert left.found == (reading.found if kept else reading.mended)
+    assert left.mistakes == posterior.mistakes(left.found)
+    assert _kept(posterior, replace(reading, names=()), (proof, proof))[1] == ()
 
 
 def test_of_drivers_as_sure_as_one_another_that_of_what_moves_averages_comes_first() -> None:

@@ -14,6 +14,7 @@ from hil.model.curve import Polynomial
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.naming import CERTAIN
 from hil.reconcile.outcome.page import page
+from hil.reconcile.outcome.sentences import what_to_do
 from hil.reconcile.scattering import what_scatters
 from hil.solve.omissions import otherwise
 from hil.solve.wrong_rows import MENDED, USED, wrong_rows
@@ -174,8 +175,11 @@ def test_of_three_runs_at_one_temperature_either_one_or_the_other_two_are_exchan
     wrong = exchanged(campaign, *pairs)
     (why, *_), done = zip(*((row.why, row.done) for row in wrong_rows(wrong)[2].rows), strict=True)
     assert done == (USED,) * 3
-    (row,) = found(wrong, "matrix-6", prove=False).rows
+    result = found(wrong, "matrix-6", prove=False)
+    (row,) = result.rows
     assert row["done"] == USED
+    assert result.left.not_passed == {"INCONCLUSIVE": [1, 2, 3]}
+    assert "hil solve does not pass (hil report says why): runs 1–3 (INCONCLUSIVE)" in what_to_do(result)[1]
     one, two, three = (f"collects {of}, at positions 1 and 2, look exchanged" for of in ("4–5", "1–2", "7–8"))
     for said in (why, row["why"]):
         assert f"{one}, or both {two}, and {three}; these rates" in said.replace("; or", ", or")
