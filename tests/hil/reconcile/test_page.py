@@ -157,7 +157,7 @@ def test_physics_expects_no_curve(aged: Reconciliation) -> None:
 def test_a_title_beside_an_id_keeps_its_own_words(aged: Reconciliation) -> None:
     """A title may have a word in it that is another effect's id: it is that title's word."""
     rivals = [Rival("drift", 0.2, 0.99, "Linear drift between collects"), Rival("k2", 0.1, 0.99, "g squared")]
-    first = FoundEffect("MU_real", "Axial drift (MUA, MUB)", "", [], 0.6, rivals, "ambiguous")
+    first = FoundEffect("MU_real", "Axial drift (MUA, MUB)", 0.6, "ambiguous", confusable_with=rivals)
     told = titled(replace(aged, effects=[first]), "separates MU_real from k2, not from drift")
     wanted = "separates Axial drift (MUA, MUB) (MU_real) from g squared (k2), not from Linear drift between collects"
     assert told == f"{wanted} (drift)"
