@@ -145,10 +145,9 @@ class Actions:
     def _restabilise(self, step: Step) -> StepResult:
         """Wait for the evidence; at the ceiling go on to an INCONCLUSIVE self-calibration, or give it up."""
         settings = Restabilisation.from_parameters(step.parameters)
-        result = restabilise(self.watch, settings)
-        self._soak = result.data
-        outcome = Outcome.DONE if result.met or settings.collect_at_ceiling else Outcome.TIMEOUT
-        return StepResult(outcome, result.reason, {"setpoint_degC": step.temperature_degC, **result.data})
+        self._soak = soak = restabilise(self.watch, settings)
+        outcome = Outcome.TIMEOUT if soak["waiting_for"] and not settings.collect_at_ceiling else Outcome.DONE
+        return StepResult(outcome, soak["reason"], {"setpoint_degC": step.temperature_degC, **soak})
 
     def _index(self, step: Step, units: Sequence[str]) -> Results:
         """Bring the units to their position and see it confirmed."""
