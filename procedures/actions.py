@@ -13,7 +13,7 @@ from drivers.chambers import SafeState
 from drivers.errors import DeviceError, WrongDevice
 from drivers.imu import ImuIdentity
 from drivers.positioners.positioner import move_all
-from procedures.collect import Collected, Times, WrongPose, take_collects
+from procedures.collect import Collected, Times, take_collects
 from procedures.interlocks import InterlockTripped
 from procedures.journal_protocol import Outcome, StepResult, of_unit
 from procedures.plan import Step, StepKind
@@ -145,10 +145,9 @@ class Actions:
     def _restabilise(self, step: Step) -> StepResult:
         """Wait for the evidence; at the ceiling go on to an INCONCLUSIVE self-calibration, or give it up."""
         settings = Restabilisation.from_parameters(step.parameters)
-        result = restabilise(self.watch, settings)
-        self._soak = result.data
-        outcome = Outcome.DONE if result.met or settings.collect_at_ceiling else Outcome.TIMEOUT
-        return StepResult(outcome, result.reason, {"setpoint_degC": step.temperature_degC, **result.data})
+        self._soak = soak = restabilise(self.watch, settings)
+        outcome = Outcome.TIMEOUT if soak["waiting_for"] and not settings.collect_at_ceiling else Outcome.DONE
+        return StepResult(outcome, soak["reason"], {"setpoint_degC": step.temperature_degC, **soak})
 
     def _index(self, step: Step, units: Sequence[str]) -> Results:
         """Bring the units to their position and see it confirmed."""
@@ -182,10 +181,9 @@ class Actions:
         taken = take_collects(self.watch, those, settings, step.position or "", self.times)
         return {name: self._collected(name, each) for name, each in taken.items()}
 
-    def _collected(self, unit: str, taken: Collected | WrongPose) -> StepResult:
-        if isinstance(taken, WrongPose):
-            lies = str(taken)
-            return StepResult(Outcome.FAILED, lies, {"verdict": Verdict.FAIL.value, "wrong_pose": lies})
+    def _collected(self, unit: str, taken: Collected | str) -> StepResult:
+        if isinstance(taken, str):
+            return StepResult(Outcome.FAILED, taken, {"verdict": Verdict.FAIL.value, "wrong_pose": taken})
         outcome = Outcome.DONE if taken.usable else Outcome.FAILED
         own, soak = taken.judgement, of_unit(self._soak, unit)
         soaked = [Judgement(Verdict(soak["verdict"]), soak["reason"])] if soak else []

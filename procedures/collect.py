@@ -31,10 +31,6 @@ _LEAST_BATCHES = 3  # polls whose means scatter enough to say something about th
 _SHORT_LOSS = 0.002  # of the samples: more than this is worth a remark
 
 
-class WrongPose(Exception):
-    """The unit does not lie as the collect wants it; says how it lies."""
-
-
 @dataclass(frozen=True)
 class Collected:
     """A collect: its data as JSON can hold it, its judgement, and its samples (times in campaign seconds)."""
@@ -229,19 +225,19 @@ class Times:
 
 def take_collects(
     watch: Watch, units: Mapping[str, BenchDevices], settings: CollectSettings, position: str, times: Times
-) -> Mapping[str, Collected | WrongPose]:
+) -> Mapping[str, Collected | str]:
     """Settle, sample and reduce a collect of each of `units`, at once, at the position where they stand.
 
     A unit that is set aside meanwhile is missing in it; of one that does not lie as it should, by its accelerations
-    at the end of settling, no sample is taken: `WrongPose`. A position that is not confirmed before and after, or that
-    accelerations over the collect contradict, is a FAIL. Raises what a poll raises.
+    at the end of settling, no sample is taken, and how it lies is returned. A position that is not confirmed before and
+    after, or that accelerations over the collect contradict, is a FAIL. Raises what a poll raises.
     """
     before = {name: devices.positioner.position() for name, devices in units.items()}
-    taken, watch.note = dict[str, Collected | WrongPose](), "settling"
+    taken, watch.note = dict[str, Collected | str](), "settling"
     if settings.settle_s > 0.0:
         last = _settled(watch, units, settings.settle_s)
         found = {name: _pose(devices, position, last[name]) for name, devices in units.items() if name in last}
-        taken = {name: WrongPose(lies) for name, lies in found.items() if lies}
+        taken.update((name, lies) for name, lies in found.items() if lies)
         units = {name: units[name] for name in found if name not in taken}
     if not units:
         return taken

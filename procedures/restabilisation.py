@@ -156,17 +156,10 @@ def _evidence(looks: list[tuple[float, float]]) -> dict[str, float | None]:
     return {"temperature_degC": looks[-1][1], "slope_degC_per_min": known, "span_degC": _span(looks)}
 
 
-@dataclass(frozen=True)
-class Restabilised:
-    """How a restabilisation ended: whether the evidence was there, and everything that decided."""
+def restabilise(watch: Watch, settings: Restabilisation) -> Mapping[str, Any]:
+    """Wait for the evidence of every unit, never longer than the ceiling; return everything that decided.
 
-    met: bool
-    reason: str
-    data: Mapping[str, Any]
-
-
-def restabilise(watch: Watch, settings: Restabilisation) -> Restabilised:
-    """Wait for the evidence of every unit, never longer than the ceiling. Raises what a poll raises.
+    `waiting_for` is empty where the evidence was there. Raises what a poll raises.
 
     Every sensor that has a temperature of its own is judged, and a silent one is no evidence; one of a unit that is set
     aside meanwhile is waited for no more. Where there are none, the result says that only chamber and time were judged.
@@ -209,7 +202,7 @@ def _take_in(gate: RestabilisationGate, watch: Watch, looks: Looks) -> None:
     gate.look(look.time_s, look.chamber.temperature_degC, watch.commanded_degC, shown)
 
 
-def _result(gate: RestabilisationGate, waited_s: float, watch: Watch) -> Restabilised:
+def _result(gate: RestabilisationGate, waited_s: float, watch: Watch) -> Mapping[str, Any]:
     """Return the result in words and numbers: of all, and where units are listed of each, which the others are not."""
     decision, thermometers = gate.decision, _thermometers(watch)
     waiting = decision.waiting_for
@@ -224,7 +217,7 @@ def _result(gate: RestabilisationGate, waited_s: float, watch: Watch) -> Restabi
         its, why = _judged(decision, own, waited_s, thermometers)
         each[unit] = {"verdict": its.value, "reason": why, "waiting_for": own}
     units = {"units": each} if each else {}
-    return Restabilised(decision.met, reason, {**told, **by, **restarts, **decision.evidence, **units})
+    return {**told, **by, **restarts, **decision.evidence, **units}
 
 
 def _judged(

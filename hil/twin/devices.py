@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from drivers.imu import ImuIdentity
@@ -22,15 +23,13 @@ from hil.twin.unit import SimulatedUnit
 class SimulatedBench:
     """The chamber's device and every unit's, by the unit's name, and what they share.
 
-    Tests ask `unit` for the truth and inject faults into the devices. `ramp` is the chamber's second port, where its
-    controller takes its ramp on one.
+    Tests ask `unit` for the truth and inject faults into the devices.
     """
 
     imus: Mapping[str, SimulatedImu]
     chamber: SimulatedController
     units: Mapping[str, SimulatedUnit]
     plant: ChamberPlant
-    ramp: SimulatedDevice | None = None
 
     @property
     def imu(self) -> SimulatedImu:
@@ -42,12 +41,10 @@ class SimulatedBench:
         """The first unit, or the only one."""
         return next(iter(self.units.values()))
 
-    @property
+    @cached_property
     def ramp_port(self) -> SimulatedDevice:
-        """The chamber's second port; raise `ValueError` where it has none."""
-        if self.ramp is None:
-            raise ValueError("this chamber has no second port for its ramp")
-        return self.ramp
+        """The chamber's second port; raise `ValueError` where its controller has none."""
+        return ramp_port_of(self.chamber)
 
 
 def simulate_devices(bench: Bench, *, begins_s: float, resumed: Resumed = FROM_THE_START) -> SimulatedBench:
@@ -82,7 +79,7 @@ def simulate_devices(bench: Bench, *, begins_s: float, resumed: Resumed = FROM_T
         chamber = CHAMBER_SIMULATORS[bench.chamber.driver](plant, options)
     except ValueError as error:
         raise InputError(f"{bench.source or bench.name}: the simulated chamber: {error}") from error
-    return SimulatedBench(imus, chamber, units, plant, ramp_port_of(chamber))
+    return SimulatedBench(imus, chamber, units, plant)
 
 
 def _kind(bench: Bench) -> tuple[object, ...]:

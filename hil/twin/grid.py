@@ -12,7 +12,7 @@ from drivers.frames.roles import Roles
 from hil.campaign import FloatArray
 from hil.config.simulation import SimulationSection
 from hil.errors import InputError
-from hil.twin.scatter import Wander
+from hil.twin.scatter import SUPPLY, correlated, stream
 from hil.twin.sensor import SimulatedSensor
 from hil.twin.thermal import GRID_S, ThermalUnit
 
@@ -123,16 +123,18 @@ class Supply:
     """What one unit is supplied with at the grid points, V: it wanders."""
 
     def __init__(self, settings: SimulationSection, session: int) -> None:
-        self._nominal = settings.supply
-        self._wander = Wander(settings.seed, session, settings.noise.supply_wander, _SUPPLY_LAG_S)
-        self._table = GrowingTable(1)
+        self._nominal, self._stream = settings.supply, stream(settings.seed, SUPPLY, session)
+        self._keep = float(np.exp(-GRID_S / _SUPPLY_LAG_S))
+        self._kick = settings.noise.supply_wander * float(np.sqrt(1.0 - self._keep**2))
+        self._table = GrowingTable(1)  # by how much it departs from the nominal
 
     def at(self, nodes: NDArray[np.int64]) -> FloatArray:
         """Return it at rising grid points, (n,), n ≥ 1."""
-        lacking = int(nodes[-1]) + 1 - len(self._table.rows)
-        if lacking > 0:
-            self._table.append((self._nominal + self._wander.advance(lacking))[:, None])
-        return self._table.at(nodes)[:, 0]
+        known = self._table.rows
+        if (lacking := int(nodes[-1]) + 1 - len(known)) > 0:
+            steps = self._kick * self._stream.standard_normal((lacking, 1))
+            self._table.append(correlated(self._keep, steps, known[-1] if len(known) else np.zeros(1)))
+        return self._nominal + self._table.at(nodes)[:, 0]
 
 
 class SlowGrid:

@@ -16,29 +16,18 @@ from hil.model.effects.base import Scatter
 from hil.model.stated_noise import SensorNoise
 from hil.twin.thermal import GRID_S
 
-_WHITE, _RUNS, _WANDER, _NAMED, _COLLECTS = 0, 2, 3, 4, 5
+WHITE, _RUNS, SUPPLY, _NAMED, _COLLECTS = 0, 2, 3, 4, 5
 
 
-def _generator(seed: int, *key: int) -> np.random.Generator:
+def stream(seed: int, *key: int) -> np.random.Generator:
+    """Return the stream of one kind of noise."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
 
-def _correlated(keep: float, steps: FloatArray, before: FloatArray) -> FloatArray:
+def correlated(keep: float, steps: FloatArray, before: FloatArray) -> FloatArray:
     """Return x_k = keep x_(k-1) + steps_k, (m, p), from the x before the first, (p,): the same wherever interrupted."""
     columns = zip(steps.T.tolist(), before.tolist(), strict=True)
     return np.array([[*accumulate(own, lambda x, s: keep * x + s, initial=x)][1:] for own, x in columns]).T
-
-
-class WhiteNoise:
-    """Standard normal numbers, one row per sample, in the order of the samples."""
-
-    def __init__(self, seed: int, session: int, columns: int) -> None:
-        self._generator = _generator(seed, _WHITE, session)
-        self._columns = columns
-
-    def draw(self, samples: int) -> FloatArray:
-        """Return the next rows, shape (samples, columns)."""
-        return self._generator.standard_normal((samples, self._columns))
 
 
 class NamedNoise:
@@ -50,7 +39,7 @@ class NamedNoise:
 
     def __init__(self, seed: int, session: int, name: Sequence[int], part: Scatter) -> None:
         self._seed, self._name, self._part = seed, name, part
-        self._generator = _generator(seed, _NAMED, *name, session)
+        self._generator = stream(seed, _NAMED, *name, session)
         self._drawn: dict[int, FloatArray] = {}
         self._count = int(part.columns.shape[2])
         self._before = np.asarray(self._generator.standard_normal(self._count))  # the sample before the first
@@ -60,7 +49,7 @@ class NamedNoise:
     def of_groups(self, labels: IntArray) -> FloatArray:
         """Return the coefficients of each row's group, (m, p), by the labels of the rows, (m,)."""
         for label in set(labels.tolist()) - set(self._drawn):
-            own = _generator(self._seed, _NAMED, *self._name, 0, label % 2**32)  # a power cycle may lie before 0
+            own = stream(self._seed, _NAMED, *self._name, 0, label % 2**32)  # a power cycle may lie before 0
             self._drawn[label] = np.asarray(own.standard_normal(self._count))
         return np.array([self._drawn[label] for label in labels.tolist()])
 
@@ -73,7 +62,7 @@ class NamedNoise:
             before = self._wandered[-1] if known else np.zeros(self._count)
             if not known:
                 steps[0] = 0.0 if self._part.walk else self._before
-            self._wandered = np.concatenate([self._wandered, _correlated(keep, steps, before)])
+            self._wandered = np.concatenate([self._wandered, correlated(keep, steps, before)])
         self._from, self._wandered = first, self._wandered[first - self._from :]
         return self._wandered[: last + 1 - first]
 
@@ -87,23 +76,6 @@ class NamedNoise:
         return np.asarray(np.diff(angles, axis=0) / np.sqrt(2.0))
 
 
-class Wander:
-    """A quantity that wanders about its nominal value with a standard deviation and a correlation time."""
-
-    def __init__(self, seed: int, session: int, sigma: float, lag_s: float) -> None:
-        self._generator = _generator(seed, _WANDER, session)
-        self._keep = float(np.exp(-GRID_S / lag_s))
-        self._kick = sigma * float(np.sqrt(1.0 - self._keep**2))
-        self._value = np.zeros(1)
-
-    def advance(self, points: int) -> FloatArray:
-        """Return the next grid points, shape (points,), as departures from the nominal value."""
-        steps = self._kick * self._generator.standard_normal((points, 1))
-        values = _correlated(self._keep, steps, self._value)
-        self._value = values[-1] if points else self._value
-        return values[:, 0]
-
-
 def drawn_base(
     seed: int, key: Sequence[int], sizes: Mapping[str, Curve], factor: FloatArray, temperature_degC: float
 ) -> dict[str, float]:
@@ -113,7 +85,7 @@ def drawn_base(
     """
     names, at = sorted(sizes), np.array([temperature_degC])
     sigmas = np.array([float(sizes[name].at(at)[0]) for name in names])
-    drawn = sigmas * (factor @ _generator(seed, *key).standard_normal(len(names)))
+    drawn = sigmas * (factor @ stream(seed, *key).standard_normal(len(names)))
     return dict(zip(names, drawn.tolist(), strict=True))
 
 

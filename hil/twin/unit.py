@@ -30,7 +30,7 @@ from hil.errors import InputError
 from hil.model import Model
 from hil.twin.grid import ROTOR, FieldColumns, SlowGrid, Supply, field_columns
 from hil.twin.motion import FROM_THE_START, Leg, Resumed, Timeline
-from hil.twin.scatter import WhiteNoise
+from hil.twin.scatter import WHITE, stream
 from hil.twin.sensor import SimulatedSensor, simulation_of
 from hil.twin.terms import GridRows, Rest, ScatterRates, TermRates
 from hil.twin.thermal import ThermalUnit
@@ -90,7 +90,7 @@ class SimulatedUnit:
             resumed=resumed,
             new_run_after_s=settings.noise.new_run_after_rest,
         )
-        self._white = WhiteNoise(settings.seed, session, len(self._columns.names))
+        self._white = stream(settings.seed, WHITE, session)  # in the order of the samples
         spun_up_s = begins_s - settings.start.powered_for
         self._rows = {n: GridRows(one, self._grid, self._supply, spun_up_s, plant) for n, one in self._sensors.items()}
         self._terms = {n: TermRates(rows) for n, rows in self._rows.items() if model.terms_for(rows.sensor.sensor)}
@@ -125,7 +125,7 @@ class SimulatedUnit:
     def signals(self, times_s: FloatArray) -> Mapping[str, FloatArray]:
         """Return every field's readings at rising times, each of shape (n,), in the unit of its field."""
         times = np.asarray(times_s, dtype=np.float64)
-        readings = self._white.draw(len(times))
+        readings = self._white.standard_normal((len(times), len(self._columns.names)))
         if len(times):
             self._grid.advance(float(times[-1]), self)
             white = self._white_scatter(len(times))

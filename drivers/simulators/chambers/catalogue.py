@@ -25,9 +25,11 @@ class SimulatorOptions(Spoken):
     begins_s: float = 0.0
 
 
-def ramp_port_of(chamber: object) -> SimulatedDevice | None:
-    """Return the simulated second port on which a controller takes its ramp, None where it has none."""
-    return SimulatedF4tScpi(chamber) if isinstance(chamber, SimulatedWatlowF4t) else None
+def ramp_port_of(chamber: object) -> SimulatedDevice:
+    """Return the simulated second port on which a controller takes its ramp; raise `ValueError` where it has none."""
+    if not isinstance(chamber, SimulatedWatlowF4t):
+        raise ValueError("this chamber has no second port for its ramp")
+    return SimulatedF4tScpi(chamber)
 
 
 Build = Callable[[ChamberPlant, SimulatorOptions], SimulatedController]

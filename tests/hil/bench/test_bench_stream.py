@@ -13,6 +13,7 @@ from drivers.transports import open_port
 from hil.bench import build_bench
 from hil.config import Bench, load_bench, parse_bench
 from hil.errors import InputError
+from tests.drivers.simulators.running import running
 
 _STIM300 = load_bench("espec-stim300-example").text
 
@@ -50,7 +51,7 @@ def test_a_real_stream_is_drained_by_a_thread_that_ends_with_the_bench(tmp_path:
         before = set(threading.enumerate())
         assert served.simulators is not None
         devices = {"imu": served.simulators.imu, "chamber": served.simulators.chamber}
-        with DeviceServer(devices, SystemClock()) as server:
+        with running(DeviceServer(devices, SystemClock())) as server:
             text = simulated.text.replace("clock: virtual", "clock: system")
             for name in devices:
                 text = text.replace(f"sim://{name}", server.urls[name])

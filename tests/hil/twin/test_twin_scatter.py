@@ -16,7 +16,7 @@ from hil.config import Bench
 from hil.model import load_model
 from hil.model.effects.catalogue import VARIANCE_EFFECTS, variance_effect_by_id
 from hil.twin.motion import Resumed
-from hil.twin.scatter import _correlated
+from hil.twin.scatter import correlated
 from tests.hil.twin.quiet import SILENT, averages, quiet_bench
 from tests.hil.twin.test_twin_noise import _devices, _night
 
@@ -90,9 +90,9 @@ def test_averages_scatter_as_the_model_states_over_many_nights(effect: str, tmp_
 def test_what_wanders_is_handed_on_wherever_it_is_interrupted() -> None:
     """Half of what it was, and what is new; nothing asked for is nothing."""
     steps, before = np.array([[1.0, 0.0], [0.0, 4.0], [2.0, 0.0]]), np.array([4.0, -8.0])
-    np.testing.assert_array_equal(_correlated(0.5, steps, before), [[3.0, -4.0], [1.5, 2.0], [2.75, 1.0]])
-    np.testing.assert_array_equal(_correlated(0.5, steps[2:], np.array([1.5, 2.0])), [[2.75, 1.0]])
-    assert _correlated(0.5, steps[:0], before).shape == (0, 2)
+    np.testing.assert_array_equal(correlated(0.5, steps, before), [[3.0, -4.0], [1.5, 2.0], [2.75, 1.0]])
+    np.testing.assert_array_equal(correlated(0.5, steps[2:], np.array([1.5, 2.0])), [[2.75, 1.0]])
+    assert correlated(0.5, steps[:0], before).shape == (0, 2)
 
 
 def test_what_moves_the_base_is_the_same_in_both_sensors(tmp_path: Path) -> None:
