@@ -232,10 +232,9 @@ class Asked:
                 if self._beside is not None:
                     other = self._beside.rates[list(each.rows)]
                     exchanged = Cause("sensors", run, each.rows, instead=(*map(tuple, other.tolist()),))
-                    # What is no longer this sensor's is the other's, which has to agree with it.
-                    tried += (
-                        replace(of, log_odds=self._beside.instead(run)) for of in each.otherwise(exchanged, other)
-                    )
+                    # What is no longer this sensor's is the other's, which must not agree less with it for that.
+                    theirs = min(self._beside.instead(run), 0.0)
+                    tried += (replace(of, log_odds=theirs) for of in each.otherwise(exchanged, other))
                 if len(runs) > 1:
                     tried += each.anywhere(Cause("run", run, each.rows), np.eye(each.known.size))
             yield from (replace(of, log_odds=of.log_odds + log_odds[of.cause.what]) for of in tried)
