@@ -5,15 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hil.campaign import Collects
+from hil.campaign import Collects, FloatArray
 from hil.model import load_model
 from hil.model.effects.catalogue import SERIES_EFFECTS, effect_by_id
 from hil.model.effects.prior import MANY as SHAPES
 from hil.reconcile.inside import named_within
 from hil.reconcile.search.candidates import MANY, catalogue_candidates
 from hil.reconcile.search.layout import searches
+from hil.reconcile.search.likely_noise import _Rows
 from hil.reconcile.search.mistakes import AsSolved, exchanges, may_be_wrong
-from hil.reconcile.search.noise import FIXED, FOLLOWS, Noise, log_profile
+from hil.reconcile.search.noise import FIXED, FOLLOWS, Noise, Profile, log_profile
 from hil.reconcile.search.problem import Problem, pose
 from hil.reconcile.search.sets import BlockSearch
 from tests.hil.reconcile.hidden_effects import Rows, base_rates, both, hidden_campaign
@@ -152,3 +153,22 @@ def test_rates_beyond_all_measure_are_weighed_as_others_are() -> None:
     noise = Noise(problem.blocks[0], problem.sensors[2].collects.conditions, (), calibrated=True)
     points = BlockSearch.of(problem.blocks[0], noise).points
     assert np.all(np.isfinite(points.log_prior))
+
+
+def test_every_set_climbs_by_its_own_heights(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the rows are beside a profile is said once for all sets, and yet of each with its own columns."""
+    problem, climb, checked = season(), _Rows.climb, []
+
+    def compared(rows: _Rows) -> list[tuple[list[Profile], FloatArray]]:
+        profile = (FOLLOWS[3],) * len(rows.noise.profiles[0])
+        every = rows.heights(np.arange(len(rows.grid)), [profile])[:, :, 0]
+        for v, heights in enumerate(every):
+            np.testing.assert_allclose(rows._everywhere(v, profile), heights)
+        checked.append(float(np.ptp(every, axis=0).max()))
+        return climb(rows)
+
+    monkeypatch.setattr(_Rows, "climb", compared)
+    noise = Noise(problem.blocks[0], problem.sensors[2].collects.conditions, (), calibrated=True)
+    search = BlockSearch.of(problem.blocks[0], noise)
+    search.choose([np.zeros((len(search.y), 0)), (np.arange(len(search.y)) % 7 > 3)[:, None].astype(np.float64)])
+    assert checked[1] > 0.1
