@@ -28,22 +28,28 @@ def _scatter(title: str, sentence: str = "they cannot tell") -> list[str | Table
         "noise": [_NOISE],
         "sentences": [sentence],
     }
-    return list(told(document, warnings=["row 3 is odd"])())
+    return list(told(document)())
 
 
-def test_lines_tables_and_what_goes_beside_come_in_the_order_of_the_template() -> None:
+def test_lines_and_tables_come_in_the_order_of_the_template() -> None:
     """A table is one line of the template, whatever rows it gets; a number that is not known is a dash."""
-    beside, title, table, sentence = _scatter("night 014")
-    assert beside == "warning: row 3 is odd"
-    assert isinstance(beside, Aside)
+    title, table, sentence = _scatter("night 014")
     assert (title, sentence) == ("night 014  SIMULATED", "they cannot tell")
     assert isinstance(table, Table)
     assert [list(column.cells) for column in table.columns] == [["2 RA"], ["–"], ["3.00"], ["1.00"]]
 
 
+def test_what_goes_beside_the_answer_is_no_line_of_it() -> None:
+    """It stands where the template has it, and is known for what it is."""
+    document = {"schema": "hil.fleet/1", "said": ["row 3 is odd"], "not_screened": [], "units": []}
+    beside, sentence = told(document, found=["0 of 0 units"], written=[])()
+    assert (beside, sentence) == ("warning: row 3 is odd", "0 of 0 units")
+    assert (isinstance(beside, Aside), isinstance(sentence, Aside)) == (True, False)
+
+
 def test_a_document_cannot_pass_for_a_line_of_the_template() -> None:
     """Titles come from others' files: what would steer a terminal, or stand for a table, is taken out."""
-    _, title, _, sentence = _scatter("\x1f0 \x1b[2J", "\x1f1")
+    title, _, sentence = _scatter("\x1f0 \x1b[2J", "\x1f1")
     assert (title, sentence) == (
         "\N{REPLACEMENT CHARACTER}0 \N{REPLACEMENT CHARACTER}[2J  SIMULATED",
         "\N{REPLACEMENT CHARACTER}1",
