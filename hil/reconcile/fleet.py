@@ -65,20 +65,28 @@ class UnitFinding:
 
 @dataclass(frozen=True)
 class SharedFinding:
-    """What a `fraction` of a fleet lacks: the leading name, its share, and the p-value of any name."""
+    """What a `fraction` of a fleet lacks: the leading name, its share, and the p-value of any name.
+
+    `follows`: beside values of the base that follow temperature, so that none of these can be missing for that.
+    """
 
     name: str
     share: float
     p_value: float
     fraction: float
+    follows: bool
 
 
 @dataclass(frozen=True)
 class Asked:
-    """The n names that a screen asks about, and their log odds (n,): all that is needed once units are weighed."""
+    """The n names that a screen asks about, and their log odds (n,): all that is needed once units are weighed.
+
+    `follows`: beside values of the base that follow temperature.
+    """
 
     names: Sequence[str]
     log_odds: FloatArray
+    follows: bool
 
     def findings(self, by_name: FloatArray) -> list[UnitFinding]:
         """Return what is found of each unit, by what `weigh` says of all of them, (n, u)."""
@@ -105,7 +113,7 @@ class Asked:
         share = np.exp(posterior - statistic)
         leader, p_value = int(np.argmax(share.sum(axis=0))), float(_ville(np.array([statistic]))[0])
         fraction = FRACTIONS[int(np.argmax(share[:, leader]))]
-        return SharedFinding(self.names[leader], float(share[:, leader].sum()), p_value, fraction)
+        return SharedFinding(self.names[leader], float(share[:, leader].sum()), p_value, fraction, self.follows)
 
 
 @dataclass(frozen=True)
@@ -194,7 +202,8 @@ class Screen:
                 of_name.setdefault(term.name, []).append(term.log_odds)
             for name, every in of_name.items():
                 odds[name] = max(odds.get(name, -np.inf), float(np.logaddexp.reduce(every)))
-        return Asked(list(odds), np.array(list(odds.values())))
+        follows = any(block.noise.calibrated for search in self.found.values() for block in search.blocks)
+        return Asked(list(odds), np.array(list(odds.values())), follows)
 
     def weigh(self, units: Sequence[Sequence[FloatArray]]) -> FloatArray:
         """Log Bayes factor of each of n names in each of u units, (n, u), whose `rates` these are, (N,) each."""

@@ -33,7 +33,7 @@ def fleet_document(found: Screened) -> dict[str, Any]:
         "shared": [
             {
                 "layout_number": number,
-                **picked(each, "id=name probability=share p_value fraction"),
+                **picked(each, "id=name probability=share p_value fraction values_follow_temperature=follows"),
             }
             for number, each in found.shared
         ],
@@ -87,6 +87,11 @@ def fleet_sentences(found: Screened) -> Iterator[str]:
         "a screen asks for what moves averages; a full hil reconcile also asks what only scatters them, "
         "hil solve whether runs are good"
     )
+    if any(each.follows for _, each in found.shared):
+        yield (
+            f"screened beside values of {found.model} that follow temperature: that they do is no finding here, and a "
+            "full hil reconcile may give it a name"
+        )
     if found.not_screened:
         yield f"{counted(len(found.not_screened), 'campaign')} could not be screened"
 

@@ -26,9 +26,9 @@ from hil.campaign.fleet_file import pieces_of, read_piece, write_fleet_file
 from hil.campaign.writer import write_campaign
 from hil.cli.app import run
 from hil.errors import InputError
-from hil.reconcile.campaigns import Facts, pieces_in, screen_folders
-from hil.reconcile.fleet import Screen
-from hil.reconcile.outcome.fleet import fleet_csv, fleet_document, fleet_page
+from hil.reconcile.campaigns import Facts, Screened, pieces_in, screen_folders
+from hil.reconcile.fleet import Screen, SharedFinding
+from hil.reconcile.outcome.fleet import fleet_csv, fleet_document, fleet_page, fleet_sentences
 from hil.reconcile.proof.places import false_discovery
 from procedures.verdict import Judgement, Verdict
 from tests.hil.reconcile.hidden_effects import base_rates, both, campaign_of, lay_out, noise
@@ -356,6 +356,17 @@ def test_values_that_follow_temperature_are_no_finding_by_a_model_of_constants()
         return campaign_of(rows, np.stack([of_a, of_b], 1) + noise(rows, rng) + effect)
 
     units = [of_unit(i, 25.0 * (i % 10 == 3)) for i in range(40)]
-    found = Screen.of(units, "matrix-6").units(units)
-    called = {i: each.leader for i, each in enumerate(found) if each.q_value < 0.05}
+    screen = Screen.of(units, "matrix-6")
+    called = {i: each.leader for i, each in enumerate(screen.units(units)) if each.q_value < 0.05}
     assert called == dict.fromkeys((3, 13, 23, 33), "supply")
+    assert screen.asked.follows
+
+
+@pytest.mark.parametrize("follows", [True, False])
+def test_a_screen_says_beside_which_values_it_asked(follows: bool) -> None:
+    """Beside values that follow temperature it finds no law of temperature, and says that a reconcile may."""
+    shared = SharedFinding("supply", 0.5, 0.9, 0.01, follows)
+    found = Screened("matrix-6", [], [(1, shared)], {}, ())
+    said = [line for line in fleet_sentences(found) if "beside values of matrix-6 that follow temperature" in line]
+    assert len(said) == follows
+    assert fleet_document(found)["shared"][0]["values_follow_temperature"] is follows
