@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks.blind.cases import Design, make_case, write_case
+from hil.campaign.reader import read_campaign
 from hil.model.effects.dynamics import IndexSettling
 from hil.model.effects.empirical import EmpiricalTerm
 from hil.model.effects.followed import driver_reference
@@ -99,3 +102,12 @@ def test_each_sensor_has_a_shape_of_its_own() -> None:
     assert (
         starts == {"1": 15, "2": 6} == {str(term.sensor): term.shape["from_run"] for term in result.model_after.terms}
     )
+
+
+def test_what_turns_or_delays_the_base_is_measured_by_the_base_that_is_beside_it(tmp_path: Path) -> None:
+    """Of a base that was fitted without a late thermometer slopes are flatter, and the lag by so much longer."""
+    case = make_case(7003, ("T_lag",), d=15.0, design=Design(positions=("1", "3", "4", "2")))
+    late_min = float(np.nanmedian(case.signals[0] / (case.truth.slope * case.night.rotor_slope[:, None])))
+    result = reconcile(read_campaign(write_case(case, tmp_path / "c")), "matrix-6-thermal", prove=False)
+    (lag,) = (each for effect in result.effects if effect.id == "T_lag" for each in effect.parameters)
+    assert abs(lag["value"] - late_min) < 2.0 * lag["se"]
