@@ -22,7 +22,16 @@ from hil.reconcile.search.problem import pose
 from hil.reconcile.search.set_in_block import CLOSE, Inner, Sets, instead
 from hil.reconcile.search.tied import tied_gain
 from hil.reconcile.workflow import _kept
-from tests.hil.reconcile.hidden_effects import EIGHT, Rows, both, campaign_of, hidden_campaign, lay_out
+from tests.hil.reconcile.hidden_effects import (
+    EIGHT,
+    Rows,
+    base_rates,
+    both,
+    campaign_of,
+    hidden_campaign,
+    lay_out,
+    noise,
+)
 from tests.hil.solve.test_other_runs import campaign, with_rates
 
 
@@ -203,3 +212,15 @@ def test_a_row_is_left_out_where_it_is_as_sure_as_is_asked(sure: float, left_out
     wrong, nothing = Found({2: (0,)}, "", float(np.log(0.66))), Found({2: ()}, "", float(np.log(0.34)))
     kept = _surely_wrong(posterior, [wrong, nothing], [wrong, nothing], sure)
     assert [len(each.terms[2]) for each in kept] == left_out
+
+
+def test_quiet_noise_is_asked_about_however_loud_a_night_is() -> None:
+    """What is loud may be an effect that nobody has named yet: the base alone takes it for noise."""
+    rng = np.random.default_rng(3)
+    rows = lay_out(rng, EIGHT, 3)
+    loud = campaign_of(rows, base_rates(rows) + noise(rows, rng, run_bias=30.0))
+    problem = pose(loud, load_model("matrix-6-thermal"), ())
+    for block in searches(problem, (), VARIANCE_EFFECTS)[2].blocks:
+        quiet = (block.points.kind < 0) & (block.points.offset < 1.0)
+        assert quiet.any()
+        assert not quiet[int(np.argmax(block.beside.log_null() + block.points.log_prior))]
