@@ -214,8 +214,8 @@ def test_a_row_is_left_out_where_it_is_as_sure_as_is_asked(sure: float, left_out
     assert [len(each.terms[2]) for each in kept] == left_out
 
 
-def test_quiet_noise_is_asked_about_however_loud_a_night_is() -> None:
-    """What is loud may be an effect that nobody has named yet: the base alone takes it for noise."""
+def test_quiet_noise_and_every_scatter_are_asked_about_however_loud_a_night_is() -> None:
+    """What is loud may be an effect that nobody has named yet; what this block speaks against another may ask for."""
     rng = np.random.default_rng(3)
     rows = lay_out(rng, EIGHT, 3)
     loud = campaign_of(rows, base_rates(rows) + noise(rows, rng, run_bias=30.0))
@@ -223,4 +223,5 @@ def test_quiet_noise_is_asked_about_however_loud_a_night_is() -> None:
     for block in searches(problem, (), VARIANCE_EFFECTS)[2].blocks:
         quiet = (block.points.kind < 0) & (block.points.offset < 1.0)
         assert quiet.any()
+        assert set(block.points.kind.tolist()) == {-1, *range(len(block.noise.kinds))}
         assert not quiet[int(np.argmax(block.beside.log_null() + block.points.log_prior))]
