@@ -13,12 +13,12 @@ import pytest
 from hil.campaign import Campaign
 from hil.model import load_model
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS
-from hil.reconcile import naming, reconcile
+from hil.reconcile import naming, reconcile, workflow
 from hil.reconcile.naming import Reading, _surely_wrong, read
 from hil.reconcile.proof.held_out import HeldOut, likeliest_without
 from hil.reconcile.search.layout import searches, values_follow
 from hil.reconcile.search.posterior import Found, Posterior, weigh
-from hil.reconcile.search.problem import pose
+from hil.reconcile.search.problem import Problem, pose
 from hil.reconcile.search.set_in_block import CLOSE, Inner, Sets, instead
 from hil.reconcile.search.tied import tied_gain
 from hil.reconcile.workflow import _kept
@@ -225,3 +225,18 @@ def test_quiet_noise_and_every_scatter_are_asked_about_however_loud_a_night_is()
         assert quiet.any()
         assert set(block.points.kind.tolist()) == {-1, *range(len(block.noise.kinds))}
         assert not quiet[int(np.argmax(block.beside.log_null() + block.points.log_prior))]
+
+
+@pytest.mark.parametrize(("likelier", "follows"), [(np.log(4.9), False), (np.log(5.1), True)])
+def test_a_form_in_which_values_stand_is_five_times_as_probable_before_the_data(
+    monkeypatch: pytest.MonkeyPatch, likelier: float, follows: bool
+) -> None:
+    """Values that follow temperature are read where the data make them so much likelier, and no sooner."""
+    weighed = iter([SimpleNamespace(log_evidence=0.0, searches={}), SimpleNamespace(log_evidence=likelier)])
+    monkeypatch.setattr(workflow, "weigh", lambda _: next(weighed))
+    monkeypatch.setattr(workflow, "searches", lambda *_, **__: {})
+    monkeypatch.setattr(workflow, "read", lambda *_: SimpleNamespace(found=SimpleNamespace(terms={})))
+    for asked in ("may_be_calibrated", "values_follow"):
+        monkeypatch.setattr(workflow, asked, lambda *_: True)
+    posterior, _ = workflow._weighed(cast(Problem, None), (), 0.05)
+    assert (posterior.log_evidence > 0.0) == follows
