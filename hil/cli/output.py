@@ -102,7 +102,11 @@ def listing(*headings: str, left: Collection[str] | None = None) -> Table:
 
 
 def check_result_folder(out: Path, another: str, command: str) -> None:
-    """Raise `InputError` for an --out that is a file, or holds `another`: what a `command` left with its model.yaml."""
+    """Raise `InputError` for an --out that is a file or a night, or holds `another`: what a `command` left there."""
+    from hil.records.reader import is_night
+
+    if is_night(out):
+        raise InputError(f"{out}: is a night's folder, which keeps what was recorded; name another for the result")
     for above in (out, *out.parents):
         if above.exists() and not above.is_dir():
             raise InputError(f"{above}: is a file; the result needs a folder")

@@ -219,7 +219,9 @@ def _campaign(journal: JournalReader) -> tuple[Campaign, Sequence[_Row]]:
     taken = {each.step_key: each for each in attempts if each.outcome is Outcome.DONE}
     collects, verdicts = _collects(journal, taken), _verdicts(journal, done, taken)
     if not collects:
-        raise InputError(f"{journal.folder}: no collect of this night was completed, so there is nothing to export")
+        raise InputError(
+            f"{journal.folder}: no collect of this night was completed, so there is nothing to export or to analyse"
+        )
     # A unit may stream sensors that the bench file does not orient: their rates mean nothing without f and w.
     sensors = [
         number for number in sorted(bench.sensors) if any(str(number) in each.data["sensors"] for each in collects)

@@ -8,6 +8,7 @@ Both come from the events of the newest controller alone. Times are of the campa
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 from hil.records.rows import Event, Night
@@ -23,9 +24,9 @@ _BY_VERDICT = {
 }
 
 
-def to_do(folder: Path, status: Mapping[str, Any]) -> str:
+def to_do(place: Path, status: Mapping[str, Any]) -> str:
     """Return what has to be done about a night (hil.status/1, and the `verdict` on it): first about its chamber."""
-    own, folder = folder, night_of(folder)
+    own, folder = quote(str(place)), quote(str(night_of(place)))
     if status["prompt"]:
         return f"answer it: hil confirm {folder}{' --text …' if status['prompt']['wants_words'] else ''}, or --no"
     if status["state"] == "paused":
@@ -38,7 +39,7 @@ def to_do(folder: Path, status: Mapping[str, Any]) -> str:
     if status["working"]:
         return "wait until the chamber has been made safe, and look again"
     if status["killed"]:
-        return made_safe(folder)
+        return made_safe(night_of(place))
     first = "go to the chamber and stop it there; then " if status["chamber"] not in (None, "SAFE") else ""
     if status["reason"].startswith("ERROR"):
         return f"{first}use no number of it: hil repair {folder} --out NEW brings back what is proven"
@@ -55,7 +56,8 @@ def to_do(folder: Path, status: Mapping[str, Any]) -> str:
 
 def made_safe(folder: Path) -> str:
     """Return what is to be done where nobody commands the chamber any more."""
-    return f"hil watchdog {folder} brings it to its safe state, hil resume {folder} carries on"
+    named = quote(str(folder))
+    return f"hil watchdog {named} brings it to its safe state, hil resume {named} carries on"
 
 
 def troubles(night: Night, events: Sequence[Event], last_s: float, trying: str) -> tuple[list[str], list[str]]:

@@ -147,3 +147,11 @@ def test_whoever_asks_how_it_stands_is_told_what_to_do(standing: dict[str, Any],
     told = to_do(Path("n"), status | standing)
     assert said in told
     assert never not in told
+
+
+@pytest.mark.parametrize("standing", [{}, {"state": "incomplete", "killed": True}, {"state": "paused"}], ids=str)
+def test_what_is_to_be_typed_can_be_typed_as_it_stands(standing: dict[str, Any]) -> None:
+    """A folder whose name has a space is one word of the command."""
+    status = {"state": "complete", "reason": "", "verdict": {"verdict": "PASS"}, "steps_done": 10, "steps_total": 10}
+    status |= {"prompt": None, "working": False, "killed": False, "chamber": "SAFE", "problems": [], "old": ""}
+    assert "'my night'" in to_do(Path("my night"), status | standing)
