@@ -104,7 +104,7 @@ def independent_columns(columns: FloatArray, tolerance: float = RANK_TOLERANCE) 
     if 0 < columns.shape[1] <= columns.shape[0]:
         left = np.abs(np.diagonal(np.linalg.qr(columns, mode="r")))
         if np.all(left > tolerance * np.linalg.norm(columns, axis=0)) and np.all(left > 0):
-            return columns[:, list(range(columns.shape[1]))].astype(np.float64)
+            return columns.astype(np.float64)
     kept: list[int] = []
     basis = np.zeros(columns.shape)
     for place, column in enumerate(columns.T):

@@ -191,10 +191,9 @@ def titled(result: Reconciliation, said: str) -> str:
     """Put its title beside every id of an effect or of a rival that stands alone: a title may have an id in it."""
     titles = {effect.id: effect.title for effect in result.effects}
     titles |= {each.id: each.title for effect in result.effects for each in effect.confusable_with}
-    ids = "|".join(re.escape(each) for each, title in titles.items() if title not in ("", each))
-    return (
-        re.sub(rf"(?<![(\w])(?:{ids})(?![\w)])", lambda each: f"{titles[each[0]]} ({each[0]})", said) if ids else said
-    )
+    titles = {each: title for each, title in titles.items() if title not in ("", each)}
+    alone = rf"(?<![(\w])(?:{'|'.join(map(re.escape, titles))})(?![\w)])"
+    return re.sub(alone, lambda each: f"{titles[each[0]]} ({each[0]})", said) if titles else said
 
 
 def number(value: float | None) -> str:

@@ -38,7 +38,7 @@ class _Rows:
     half_log_det: FloatArray
     variants: Sequence[IntArray]
     data: Sequence[int]
-    _known: dict[Profile, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
+    _known: dict[Profile, tuple[FloatArray, FloatArray]] = field(default_factory=dict, init=False)
 
     def heights(self, at: IntArray, profiles: Sequence[Profile]) -> FloatArray:
         """Log evidence (v, k, f) of variants at some of the noises (k,) with profiles (f,), all priors included."""

@@ -137,7 +137,7 @@ class Noise:
         # Where nothing was repeated a value that is another in each run is one that is another at each temperature.
         of_values = by_station[:few].reshape(few, self.block.values.shape[1], -1)
         known += [own @ own.T for own in np.moveaxis(of_values, 1, 0) if own.shape[1] > 1]
-        known = [own / max(float(np.linalg.norm(own)), 1e-300) for own in known]
+        known = [_unit(own) for own in known]
         for effect in effects:
             if not effect.applies_to(conditions.sensor) or effect.missing(conditions):
                 continue
@@ -145,8 +145,7 @@ class Noise:
                 parts = [chain_of(part, conditions, rows, channel) for part in effect.scatter(conditions, shape)]
                 chain = joined(parts, len(rows))
                 size = float(np.mean(chain.variance))
-                covariance = chain.first(few).covariance
-                own = covariance / max(float(np.linalg.norm(covariance)), 1e-300)
+                own = _unit(chain.first(few).covariance)
                 if size <= 0.0 or any(np.vdot(own, other) > ALIKE for other in known):
                     continue
                 known.append(own)
@@ -285,3 +284,8 @@ def _root(covariance: FloatArray) -> FloatArray:
     """Return F with FF' a covariance, which may be singular."""
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def _unit(covariance: FloatArray) -> FloatArray:
+    """Return a covariance (n, n) over its norm: how alike two are is then their inner product."""
+    return np.asarray(covariance / max(float(np.linalg.norm(covariance)), 1e-300))
