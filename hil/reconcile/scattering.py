@@ -8,6 +8,7 @@ It is asked about the form of model that fits the sensor; what moves the mean, w
 compete there, so that nothing is called scatter which something else explains.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,9 +22,8 @@ from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS
 from hil.model.effects.prior import ALPHA
 from hil.model.forms import default_form
 from hil.reconcile.naming import CERTAIN
-from hil.reconcile.outcome import mistakes, scatter
+from hil.reconcile.outcome import scatter
 from hil.reconcile.outcome.sentences import scatter_in_words
-from hil.reconcile.search.fitted import fitted
 from hil.reconcile.unrecorded import with_stand_ins
 from hil.reconcile.workflow import searched
 from hil.solve.both_sensors import BothSensors, common_and_differential
@@ -46,8 +46,8 @@ class Scattering:
     named: tuple[str, ...]
     moves: tuple[str, ...]
     sizes: tuple[scatter.FoundScatter, ...]
-    noise: list[dict[str, Any]]
-    rows: list[dict[str, Any]]
+    noise: Sequence[dict[str, Any]]
+    rows: Sequence[dict[str, Any]]
     both: BothSensors | None
 
     def sentences(self) -> list[str]:
@@ -105,15 +105,14 @@ def what_scatters(campaign: Campaign) -> Scattering:
     """Weigh what may scatter in a campaign; raises `InputError` where no form fits a sensor."""
     both, campaign = common_and_differential(campaign), with_stand_ins(pooled(campaign))
     model = load_model(default_form(next(iter(usable(campaign).sensors.values())).conditions).name)
-    _, posterior, reading, *_ = searched(campaign, model, (*BASE_EFFECTS, *EFFECTS), VARIANCE_EFFECTS, ALPHA)
-    fit, asked = fitted(posterior, reading.found), posterior.scatter
-    titles = {ORDINARY: "white noise, and an offset of each run", **{n: e.title for n, e in asked.items()}}
+    answer = searched(campaign, model, (*BASE_EFFECTS, *EFFECTS), VARIANCE_EFFECTS, ALPHA)
+    posterior, names = answer.posterior, answer.reading.names
+    titles = {ORDINARY: "white noise, and an offset of each run"}
+    titles |= {name: effect.title for name, effect in posterior.scatter.items()}
     weights = {name: float(sum(np.exp(f.log_weight) for f in posterior.sets if f.kind == name)) for name in titles}
     weights[ORDINARY] = 1.0 - sum(weights.values())
-    ranked = dict(sorted(weights.items(), key=lambda pair: -pair[1])) if asked else {}
-    found = scatter.found_scatter(fit, reading.found.kind) if asked and reading.found.kind else []
-    rows = mistakes.rows_found(reading.mistakes, fit, campaign, mistakes.outliers_found(fit))
-    moves = tuple(each.name for each in reading.names if each.acts_on == "mean")
-    noise = scatter.ordinary(fit, found, [model.title, *moves])
-    named = tuple(each.name for each in reading.names if each.name in ranked and each.kind == "named")
-    return Scattering(campaign, ranked, titles, named, moves, tuple(scatter.pooled(found)), noise, rows, both)
+    ranked = dict(sorted(weights.items(), key=lambda pair: -pair[1])) if posterior.scatter else {}
+    moves = tuple(each.name for each in names if each.acts_on == "mean")
+    named = tuple(each.name for each in names if each.acts_on == "scatter" and each.kind == "named")
+    sizes = tuple(scatter.pooled(answer.scatter))
+    return Scattering(campaign, ranked, titles, named, moves, sizes, answer.noise, answer.rows, both)

@@ -16,7 +16,7 @@ from hil.model.model_file import InsideCollects
 from hil.reconcile.naming import LEAST, Named
 from hil.reconcile.outcome.improve import described_parameters
 from hil.reconcile.outcome.scatter import FoundScatter
-from hil.reconcile.proof.held_out import HeldOut
+from hil.reconcile.proof.held_out import Proof
 from hil.reconcile.result import FoundEffect, Gap, Shape
 from hil.reconcile.search.fitted import Fitted, Values, fitted
 from hil.reconcile.search.noise import FEWEST_RUNS
@@ -31,7 +31,7 @@ FEWEST_REPEATS = 30
 """Degrees of freedom from which repeats measure the noise to an eighth."""
 
 
-def gap_of(proof: tuple[HeldOut, HeldOut] | None, fit: Fitted, before: Fitted, chance: float) -> Gap:
+def gap_of(proof: Proof | None, fit: Fitted, before: Fitted, chance: float) -> Gap:
     """Return the held-out gap before and after; that of the fits themselves where nothing can be held out.
 
     `chance` is that of nothing missing at all.
@@ -215,7 +215,7 @@ def _number(value: float) -> float | None:
     return round(float(value), 4) if np.isfinite(value) else None
 
 
-def picture(fit: Fitted, before: Fitted, proof: tuple[HeldOut, HeldOut] | None) -> dict[str, Any]:
+def picture(fit: Fitted, before: Fitted, proof: Proof | None) -> dict[str, Any]:
     """Residuals by row before and after, for the page; minutes from one collect to the next.
 
     `held_*` are those of held-out rows (of the fit where nothing is held out), `noise_after` what they may scatter by,

@@ -218,10 +218,9 @@ def _grown(stated: Curve | None, size: float, se: float, conditions: Conditions)
     return stated.scaled(float(np.hypot(1.0, size / before)))
 
 
-def places(found: Mapping[str, Sequence[FoundScatter]], chance: float) -> list[Disagreement]:
+def places(found: Sequence[FoundScatter], chance: float) -> list[Disagreement]:
     """Return the channels that an effect scatters, with by how much."""
     return [
         Disagreement({"sensor": f.sensor, "channel": f.channel}, f.deg_per_hr, f.deg_per_hr * f.relative, chance)
-        for several in found.values()
-        for f in several
+        for f in found
     ]

@@ -6,7 +6,7 @@ The evidence of a set from the other rows alone is that from all, less the log d
 the set is chosen that the other rows make most probable, and H is predicted with it.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,13 +74,16 @@ class HeldOut:
         return float((1 + np.sum(flipped >= gains.sum())) / (1 + FLIPS))
 
 
-def held_out(
-    posterior: Posterior, before: Found, lead: Found, *folds: Callable[[FittedBlock], IntArray]
-) -> list[HeldOut | None]:
-    """Predict every fold from the others, before and after, for each way to cut; None where no row can be predicted.
+Proof = tuple[HeldOut, HeldOut]
+"""What is predicted of rows that were held out: by run, and by contiguous block."""
 
-    `folds` number the rows of a block, (N,). Rows that the lead calls wrong are predicted by nobody.
+
+def held_out(posterior: Posterior, before: Found, lead: Found) -> Proof | None:
+    """Predict every run from the others, and every block of runs, before and after; None where no run can be.
+
+    Rows that the lead calls wrong are predicted by nobody.
     """
+    folds = (by_run, in_blocks)
     sets = [before, lead, *(f for f in posterior.sets[:SETS] if f not in (before, lead))]
     known: list[dict[tuple[object, ...], dict[int, Predicted]]] = [{} for _ in folds]
     whitened: dict[tuple[int, int, int], tuple[FloatArray, list[_Folds]]] = {}  # most sets share their noise
@@ -99,7 +102,8 @@ def held_out(
         beside = block.beside_noise(white)
         for own, of_folds in zip(known, products, strict=True):
             own[key] = dict(_predicted(block, white, beside, of_folds))
-    return [_together(posterior, sets, own) for own in known]
+    runs, blocks = (_together(posterior, sets, own) for own in known)
+    return None if runs is None else (runs, blocks or runs)
 
 
 def _together(

@@ -1,0 +1,106 @@
+"""What a search came to, whole: what was asked, what is probable, what it is called, and what held-out rows say."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from hil.campaign import Campaign
+from hil.reconcile.naming import Named, Reading
+from hil.reconcile.outcome.findings import gap_of
+from hil.reconcile.outcome.mistakes import mended, outliers_found, rows_found
+from hil.reconcile.outcome.scatter import FoundScatter, found_scatter, ordinary
+from hil.reconcile.proof.held_out import Proof, held_out
+from hil.reconcile.result import Gap
+from hil.reconcile.search.candidates import Candidate
+from hil.reconcile.search.fitted import Fitted, Values, fitted
+from hil.reconcile.search.posterior import Posterior
+from hil.reconcile.search.problem import Problem, SensorProblem
+from hil.reconcile.unrecorded import beside_unasked
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What is asked of a campaign, what is probable, how it reads, its proof, and the names that the proof took back.
+
+    `alpha` is the rate of false alarms of the whole search; `prove`, whether rows were to be held out.
+    """
+
+    campaign: Campaign
+    problem: Problem
+    posterior: Posterior
+    reading: Reading
+    proof: Proof | None
+    reverted: Sequence[Named]
+    alpha: float
+    prove: bool
+
+    @cached_property
+    def fit(self) -> Fitted:
+        """All that was found, fitted."""
+        return fitted(self.posterior, self.reading.found)
+
+    @cached_property
+    def before(self) -> Fitted:
+        """What is without anything that was found, fitted."""
+        return fitted(self.posterior, self.reading.nothing)
+
+    @cached_property
+    def names(self) -> Sequence[Named]:
+        """The names, as sure as what was not recorded leaves them."""
+        return [beside_unasked(named, self.fit) for named in self.reading.names]
+
+    @cached_property
+    def terms(self) -> Sequence[tuple[Candidate, Values]]:
+        """What the names are in each sensor, with their values."""
+        places = [(n, j) for named in self.names for n, js in named.terms.items() for j in js]
+        return [(self.posterior.term(n, j).candidate, self.fit.of_term(n, j, alone=True)) for n, j in places]
+
+    @cached_property
+    def scatter(self) -> Sequence[FoundScatter]:
+        """What the effect on the scatter is, if one was found, channel by channel."""
+        return [each for n in self.names if n.acts_on == "scatter" for each in found_scatter(self.fit, n.name)]
+
+    @cached_property
+    def noise(self) -> Sequence[dict[str, Any]]:
+        """What every channel's averages scatter by: key `noise`."""
+        about = [self.problem.model.title, *(n.name for n in self.names if n.acts_on == "mean")]
+        return ordinary(self.fit, self.scatter, about)
+
+    @cached_property
+    def outliers(self) -> Sequence[dict[str, Any]]:
+        """Single rates that are wrong."""
+        return outliers_found(self.fit)
+
+    @cached_property
+    def rows(self) -> Sequence[dict[str, Any]]:
+        """What is wrong with the rows: key `rows`."""
+        return rows_found(self.reading.mistakes, self.fit, self.campaign, self.outliers)
+
+    @cached_property
+    def sensors(self) -> Mapping[int, SensorProblem]:
+        """The sensors with what is wrong in their rows put right."""
+        return mended(self.problem.sensors, self.reading.mistakes)
+
+    @cached_property
+    def calibrated(self) -> frozenset[int]:
+        """The sensors whose values are calibrated at each temperature."""
+        return frozenset(block.search.block.sensor for block in self.fit.blocks if block.calibrated)
+
+    @cached_property
+    def gap(self) -> Gap:
+        """The gap before and after."""
+        return gap_of(self.proof, self.fit, self.before, self.reading.chance)
+
+    @property
+    def gap_of_names(self) -> Gap:
+        """What the names by themselves close of it, where mistakes in the data closed a part."""
+        if not (self.reading.mistakes and self.proof):
+            return self.gap
+        proof = held_out(self.posterior, self.reading.mended, self.reading.found)
+        return gap_of(proof, self.fit, self.before, self.reading.chance)
+
+    @property
+    def tested(self) -> bool:
+        """Whether there was anything to be asked about."""
+        return any(search.terms for search in self.posterior.searches.values())

@@ -1,0 +1,133 @@
+"""The result: what was found, what was added, how much of the gap that closes, and what to measure next."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from hil.campaign import Campaign
+from hil.reconcile.outcome import findings, mistakes, scatter
+from hil.reconcile.outcome.added import Added
+from hil.reconcile.outcome.answer import Answer
+from hil.reconcile.outcome.sentences import scatter_in_words, stated_in_words, values_off
+from hil.reconcile.proof.experiment import next_experiment
+from hil.reconcile.proof.places import channels_touched, places
+from hil.reconcile.result import Disagreement, FoundEffect, Reconciliation, without_collects
+from hil.solve.both_sensors import common_and_differential
+from hil.solve.omissions import in_words, otherwise, without
+from procedures.verdict import NOT_GOOD
+
+_CERTAIN = 0.1  # of alpha: a chance below it is a disagreement, whatever is not predicted
+_FEW = 4  # runs are told why they do not agree even with what is known taken off
+
+
+def shown(campaign: Campaign, found: Answer, inside: Sequence[dict[str, Any]], added: Added) -> Reconciliation:
+    """Return the result of a campaign as it was filed; `inside` is what its series show."""
+    fit, reading, asked = found.fit, found.reading, found.campaign
+    wrong = mistakes.mistakes_found(reading.mistakes, fit, asked, reading.chance)
+    sizes = scatter.pooled(found.scatter)
+    results = [findings.described(n, fit, sizes if n.acts_on == "scatter" else ()) for n in found.names]
+    certain = bool(found.reverted) and reading.chance < _CERTAIN * found.alpha
+    both = common_and_differential(campaign)
+    standing = findings.as_it_stands(added.before, found.problem.campaign, reading.mistakes)
+    notes = [*asked.warnings, *in_words(without(campaign)), *found.problem.notes]
+    notes += filter(None, [added.before.of_other_sensors(asked.sensors)])
+    notes += in_words({"rows": found.rows}, searched=True)
+    notes += findings.laws_that_fail(fit, found.problem.sensors)
+    notes += [] if both is None else both.together
+    notes += [*_why_left(added), *_not_proved(found), *values_off(standing, found.gap)]
+    notes += [*scatter_in_words(found.noise), *stated_in_words(found.noise)] if found.tested else []
+    notes += otherwise(asked, found.rows)
+    return Reconciliation(
+        campaign=asked.title,
+        model_before=added.before.title,
+        verdict=findings.verdict_of(found.names, [*wrong, *added.within], unresolved=certain),
+        disagreements=_where(found),
+        effects=[*wrong, *results, *added.within],
+        gap=found.gap,
+        false_alarm_rate=found.alpha,
+        p_value=reading.chance,
+        next_experiment=_next(found) or _between(added.within) or mistakes.look_up(reading.mistakes),
+        model_after=added.model,
+        input_model=added.before,
+        outliers=[*found.outliers, *mistakes.at_limits(asked, found.problem)],
+        within_collects=inside,
+        as_it_stands=standing,
+        notes=notes,
+        simulated=asked.simulated,
+        calibration="per temperature" if found.calibrated else "one set",
+        picture=findings.picture(fit, found.before, found.proof),
+        follows=reading.follows,
+        noise=found.noise,
+        rows=found.rows,
+        tested=found.tested,
+        contradicted=sorted({run for run, _ in asked.contradicted}),
+        doubtful=_doubtful(asked),
+        without=without(campaign),
+        solved=added.solved,
+        left=added.left,
+        both=both,
+        values=added.values,
+    )
+
+
+def _where(found: Answer) -> list[Disagreement]:
+    """Return where simulation and measurement disagree: by mistakes, by what moves averages, by what scatters them."""
+    fit, chance = found.fit, found.reading.chance
+    terms = [{(n, j) for n, js in named.terms.items() for j in js} for named in found.names if named.terms]
+    moved = (places(fit, terms, chance, found.alpha) or channels_touched(fit, chance)) if terms else []
+    spoiled = mistakes.mistake_places(found.reading.mistakes, fit, chance)
+    return [*spoiled, *moved, *scatter.places(found.scatter, chance)]
+
+
+def _why_left(added: Added) -> Iterator[str]:
+    """Say why runs do not agree even with what is known taken off, of a few."""
+    why = [f"what is known taken off: {each}" for each in added.left.reasons if each not in added.solved.reasons]
+    yield from why[:_FEW]
+    if len(why) > _FEW:
+        yield f"what is known taken off: {len(why) - _FEW} more such runs"
+
+
+def _not_proved(found: Answer) -> Iterator[str]:
+    """Say what held-out rows took back, and where nothing could be held out."""
+    yield from (f"{n.name}: the gap on held-out data did not shrink, so it was not added" for n in found.reverted)
+    if found.proof is None and found.names and found.prove:
+        yield findings.NOT_HELD_OUT
+
+
+def _doubtful(campaign: Campaign) -> dict[str, list[int]]:
+    """Return the runs whose measurement failed, or of which nobody can tell, by verdict."""
+    there = {run for rows in campaign.sensors.values() for run in rows.conditions.run.tolist()}
+    judged = {run: each.verdict for run, each in campaign.verdicts.items() if run in there}
+    found = {str(verdict): sorted(run for run in judged if judged[run] is verdict) for verdict in NOT_GOOD}
+    return {verdict: runs for verdict, runs in found.items() if runs}
+
+
+def _next(found: Answer) -> dict[str, Any] | None:
+    """The experiment for the first effect whose name is not settled."""
+    fit = found.fit
+    for named in found.names:
+        if named.kind != "ambiguous" or not named.terms:
+            continue
+        rival = next((r for r in named.rivals if r.terms or r.remedy), None)
+        shared = [n for n in named.terms if rival is not None and n in rival.terms]
+        number = shared[0] if shared else next(iter(named.terms))
+        at = named.terms[number]
+        candidate = fit.posterior.term(number, at[0]).candidate
+        values = np.zeros(candidate.size)
+        for column, (value, _) in fit.of_term(number, at[0]).items():
+            values[column] = value
+        sigma = float(np.sqrt(np.mean([np.median(b.variance) for b in fit.blocks])))
+        other = fit.posterior.term(number, rival.terms[number]).candidate if rival and shared else None
+        other = other if other is not None and other.effect is not None else None
+        return next_experiment((candidate, values), other, rival, found.problem.sensors[number], sigma)
+    return None
+
+
+def _between(inside: Sequence[FoundEffect]) -> dict[str, Any] | None:
+    """The experiment for what shows inside collects under a name that is not settled: no further collect parts it."""
+    for effect in inside:
+        if effect.kind == "ambiguous":
+            rivals = " or ".join(rival.id for rival in effect.confusable_with) or "chance"
+            return without_collects(f"separates {effect.id} from {rivals}: {effect.experiment}")
+    return None
