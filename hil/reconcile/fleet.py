@@ -135,8 +135,9 @@ class Screen:
         chosen = load_model(model) if isinstance(model, str) else model
         problem = pose(fleet[0], chosen, (*BASE_EFFECTS, *EFFECTS))
         conditions = {number: sensor.collects.conditions for number, sensor in problem.sensors.items()}
-        ways = (False, True) if may_be_calibrated(problem) else (False,)
-        laid = [cls(conditions, searches(problem, (), VARIANCE_EFFECTS, calibrated=way)) for way in ways]
+        laid = [cls(conditions, stand := searches(problem, (), VARIANCE_EFFECTS))]
+        if may_be_calibrated(problem):
+            laid.append(cls(conditions, searches(problem, (), VARIANCE_EFFECTS, stand)))
         if all(term.is_mistake for search in laid[0].found.values() for term in search.terms):
             raise InputError(
                 f"{fleet[0].title}: too few rows to test anything by; a screen needs several runs of each unit"

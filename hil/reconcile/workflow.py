@@ -95,7 +95,7 @@ def _weighed(problem: Problem, scattering: Sequence[VarianceEffect], alpha: floa
     reading = read(plain, alpha)
     if not may_be_calibrated(problem) or not values_follow(problem, plain.searches, reading.found.terms):
         return plain, reading
-    calibrated = weigh(searches(problem, EFFECTS, scattering, calibrated=True))
+    calibrated = weigh(searches(problem, EFFECTS, scattering, plain.searches))
     stands = plain.log_evidence + np.log(PLAIN) >= calibrated.log_evidence
     return (plain, reading) if stands else (calibrated, read(calibrated, alpha))
 

@@ -16,7 +16,8 @@ from hil.model.stated_noise import SensorNoise
 from hil.reconcile.result import Disagreement
 from hil.reconcile.search.fitted import Fitted, FittedBlock
 from hil.reconcile.search.likely_noise import DEPTH
-from hil.reconcile.search.noise import Points, log_profile
+from hil.reconcile.search.noise import Points
+from hil.reconcile.search.profiles import log_profile
 from hil.reconcile.search.set_in_block import SetInBlock
 from hil.reconcile.search.sets import SensorSearch
 from hil.solve.repeats import CONFIDENCE
@@ -83,7 +84,7 @@ def _finely(fit: Fitted, block: FittedBlock, likely: Points) -> tuple[Points, Se
     the search keeps what was so before there was a set, and its grid is coarser than what a night tells of a size.
     """
     noise, profiles = block.search.noise, np.unique(likely.profile)
-    grid = noise.grid()
+    grid = noise.grid
     grid = grid.take(np.flatnonzero(np.isin(grid.kind, likely.kind)))
     prior = [log_profile(noise.profiles[p]) if noise.calibrated else 0.0 for p in profiles]
     every = grid.take(np.tile(np.arange(len(grid)), len(profiles)))

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -23,17 +24,20 @@ BEYOND = 1.6
 
 
 def searches(
-    problem: Problem, mislabelled: Sequence[Effect], scatter: Sequence[VarianceEffect], *, calibrated: bool = False
+    problem: Problem,
+    mislabelled: Sequence[Effect],
+    scatter: Sequence[VarianceEffect],
+    stand: Mapping[int, SensorSearch] = MappingProxyType({}),
 ) -> Mapping[int, SensorSearch]:
     """Return the search of every sensor, with its points of the noise chosen.
 
-    `calibrated`: the base has values of its own at each temperature, where a sensor was at several.
+    Beside the searches with values that `stand`, the base has values of its own at each temperature.
     """
     out = {}
     for number in sorted({block.sensor for block in problem.blocks}):
         sensor = problem.sensors[number]
         blocks = [block for block in problem.blocks if block.sensor == number]
-        out[number] = _search(problem, sensor, blocks, mislabelled, scatter, calibrated=calibrated)
+        out[number] = _search(problem, sensor, blocks, mislabelled, scatter, stand.get(number))
     return out
 
 
@@ -43,16 +47,16 @@ def _search(
     blocks: Sequence[Block],
     mislabelled: Sequence[Effect],
     scatter: Sequence[VarianceEffect],
-    *,
-    calibrated: bool,
+    stands: SensorSearch | None,
 ) -> SensorSearch:
     conditions = sensor.collects.conditions
     stated = problem.model.stated_scatter(conditions)
     testable = min(len(block.y) - block.base.shape[1] for block in blocks) >= LEAST_FREEDOM
-    laid = []
-    for block in blocks:
-        own = Noise(block, conditions, scatter if testable else (), calibrated=calibrated and testable, stated=stated)
-        laid.append(BlockSearch.of(block, own))
+    if stands is not None and testable:
+        noises = [own.noise.at_each_temperature() for own in stands.blocks]
+    else:
+        noises = [Noise(block, conditions, scatter if testable else (), stated) for block in blocks]
+    laid = [BlockSearch.of(block, own) for block, own in zip(blocks, noises, strict=True)]
     if not testable:
         return SensorSearch(laid, [])
     candidates = [c for c in problem.candidates if c.sensor == sensor.number]
@@ -88,7 +92,7 @@ def values_follow(problem: Problem, searched: Mapping[int, SensorSearch], found:
     for number, search in searched.items():
         conditions = problem.sensors[number].collects.conditions
         stated = problem.model.stated_scatter(conditions)
-        noises = [Noise(own.block, conditions, (), calibrated=True, stated=stated) for own in search.blocks]
+        noises = [Noise(own.block, conditions, (), stated).at_each_temperature() for own in search.blocks]
         other = SensorSearch([BlockSearch.of(noise.block, noise) for noise in noises], search.terms)
         every = range(len(search.blocks))
         for chosen in {(), found[number]}:

@@ -14,7 +14,8 @@ import numpy as np
 
 from hil.campaign import BoolArray, FloatArray, IntArray
 from hil.reconcile.search.evidence import LEAST, ROUNDING, SEEN, Scale, log_sum, student
-from hil.reconcile.search.noise import FOLLOWS, Noise, Points, Profile, log_profile
+from hil.reconcile.search.noise import Noise, Points
+from hil.reconcile.search.profiles import FOLLOWS, Profile, log_profile
 from hil.solve.identifiability import independent_columns
 
 POINTS = 48
@@ -127,8 +128,8 @@ def likely_points(
     columns = np.column_stack([noise.by_station, *(own[noise.order] for own in (base, *free, *data))])
     first, ends = base.shape[1], np.cumsum([base.shape[1], *(own.shape[1] for own in free)])
     variants = [np.append(np.arange(first), np.arange(a, b)) for a, b in pairwise(ends)]
-    grid = noise.grid()
-    gram, half_log_det = noise.products(grid, columns)
+    grid = noise.grid
+    gram, half_log_det = noise.products(columns)
     pairs = [(v, int(ends[-1]) + y) for v in variants for y in range(len(data))]
     rows = _Rows(noise, grid, scales, gram, half_log_det, [v for v, _ in pairs], [y for _, y in pairs])
 

@@ -12,8 +12,9 @@ All but T is handed on from row to row; T is as many columns as there are temper
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
-from functools import cache
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -21,6 +22,7 @@ import numpy as np
 from hil.campaign import Conditions, FloatArray, IntArray
 from hil.model.effects.base import Parameter, Scatter, VarianceEffect
 from hil.reconcile.search.chains import PIECE, Chain, Filter, chain_of, filter_of, grouped, in_time, joined
+from hil.reconcile.search.profiles import FIXED, Profile, values_over_temperature
 from hil.solve.rows import Block
 
 OFFSETS = (0.0, 0.7, 1.4, 2.8, 5.6, 11.0)
@@ -29,27 +31,16 @@ LEVELS = {0.15: 0.3, 1.0: 0.7}
 """Share of the mean variance in every row's own, with its prior: standard errors leave out what differs by collect."""
 HUGE = 100.0
 """Times the usual variance, from which on that of a row says no more of the others'."""
-CALIBRATIONS = (4.0, 12.0, 36.0, 108.0, 324.0)
-"""How far a value of the base follows temperature, in white noises: wide priors of what the data then settle."""
-SHAPES = ((1.0, 0.0, 0.0), (0.5, 0.49, 0.01), (0.45, 0.45, 0.1), (0.0, 0.0, 1.0))
-"""Shares of a straight line, of a smooth curve, and of what each temperature has for itself."""
-FIXED = (0.0, 0)
-FOLLOWS = (FIXED, *product(CALIBRATIONS, range(len(SHAPES))))
-"""What one value of the base may do over temperature: how far it follows, and in what shape."""
-ALONE = 0.5
-"""How probably a value follows temperature in its own way, not in that of the unit's others."""
-SMOOTH_DEGC = 30.0
-"""Over which a smooth curve forgets itself: values of a unit turn two or three times over a sweep, not more."""
 FEWEST_RUNS = 4
 """Runs of which one can be held out, and that tell what changes from one to the next: of fewer, collects do."""
 ALIKE = 0.985
 """Covariances of which the cosine is larger are one and the same to these rows."""
 LARGEST = 4_000_000
 """Numbers that are whitened at once: some tens of megabytes, and still in step with the processor's cache."""
+KEPT = 500_000
+"""Rows times models of the noise up to which what whitens them is kept: some two hundred megabytes."""
 COMPARED = 256
 """Rows by which covariances are compared: what is the same in so many is the same in all."""
-Profile = tuple[tuple[float, int], ...]
-"""Of every value of the base, how far it follows temperature, and in which of the shapes."""
 
 
 @dataclass(frozen=True)
@@ -96,11 +87,9 @@ class Noise:
         block: Block,
         conditions: Conditions,
         effects: Sequence[VarianceEffect],
-        *,
-        calibrated: bool,
         stated: Sequence[Scatter] = (),
     ) -> None:
-        """`calibrated`: the base has values at each temperature. `stated` is what the model states beside D."""
+        """`stated` is what the model states beside D. The base has values that stand."""
         self.block, self.conditions = block, conditions
         self.order = in_time(conditions, block.rows)
         rows, channel, run = (own[self.order] for own in (block.rows, block.channel, block.run))
@@ -110,18 +99,28 @@ class Noise:
         self.offset = grouped(apart, run)
         known = [chain_of(part, conditions, rows, channel) for part in stated]
         self.stated = joined([c.scaled(1.0 / np.sqrt(self.unit)) for c in known], len(rows))
-        self.calibrated = calibrated and len(np.unique(block.station)) > 1 and bool(block.values.shape[1])
-        by_station, shapes = _by_station(block, conditions, self.order)
-        many = by_station.shape[1] * self.calibrated  # values that stand are the base's own
-        self.by_station, self._shapes = by_station[:, :many], [own[:many, :many] for own in shapes]
-        self._known: dict[int, FloatArray] = {}
-        self.profiles: list[Profile] = [(FIXED,) * block.values.shape[1]]
+        self._laid = by_station, _ = values_over_temperature(block, conditions, self.order)
+        self._follow(calibrated=False)
         runs = len(np.unique(run))
         self.has_offsets = runs > 1 and len(rows) / runs / apart.shape[1] > 1.5
         self.kinds = list(self._kinds(conditions, effects, rows, channel, by_station)) if self.has_offsets else []
         ordinary = [self.stated, self.offset]
         self._chains = {k: joined([*ordinary, kind.chain], len(rows)) for k, kind in enumerate(self.kinds)}
         self._chains[-1] = joined(ordinary, len(rows))
+
+    def at_each_temperature(self) -> Noise:
+        """Return the same noise beside a base that has values at each temperature, where it was at several."""
+        out = copy(self)
+        out._follow(calibrated=len(np.unique(self.block.station)) > 1 and bool(self.block.values.shape[1]))
+        return out
+
+    def _follow(self, *, calibrated: bool) -> None:
+        by_station, shapes = self._laid
+        many = by_station.shape[1] * calibrated  # values that stand are the base's own
+        self.calibrated, self.by_station = calibrated, by_station[:, :many]
+        self._shapes = [own[:many, :many] for own in shapes]
+        self._known: dict[int, FloatArray] = {}
+        self.profiles: list[Profile] = [(FIXED,) * self.block.values.shape[1]]
 
     def _kinds(
         self,
@@ -152,6 +151,7 @@ class Noise:
                 (parameter,) = effect.parameters_for(conditions)[:1]
                 yield Kind(effect, shape, chain.scaled(1.0 / np.sqrt(size)), float(np.sqrt(size)), parameter)
 
+    @cached_property
     def grid(self) -> Points:
         """Return ordinary noise and every effect on the scatter beside it, with a base that stands."""
         offsets = OFFSETS if self.has_offsets else OFFSETS[:1]
@@ -170,16 +170,21 @@ class Noise:
         kind_of, amount, offset, level, profile, log_prior = np.array(rows, dtype=np.float64).T
         return Points(kind_of.astype(np.int64), amount, offset, level, profile.astype(np.int64), log_prior)
 
-    def products(self, points: Points, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return inner products (t, k, k) of whitened columns (N, k), and half the log determinants (t,)."""
-        gram, half_log_det = np.empty((len(points), *[columns.shape[1]] * 2)), np.empty(len(points))
+    def products(self, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return inner products (t, k, k) of columns (N, k) whitened all over the grid, half the log dets (t,)."""
+        gram, half_log_det = np.empty((len(self.grid), *[columns.shape[1]] * 2)), np.empty(len(self.grid))
         most = max(1, LARGEST // max(columns.size, 1))
-        for at, own in self.filters(points):
+        for at, own in self._of_grid or self.filters(self.grid):
             half_log_det[at] = own.half_log_det
             for few in (np.arange(first, min(first + most, len(at))) for first in range(0, len(at), most)):
                 white = own.take(few).whiten(columns)
                 gram[at[few]] = np.swapaxes(white, 1, 2) @ white
         return gram, half_log_det
+
+    @cached_property
+    def _of_grid(self) -> Sequence[tuple[IntArray, Filter]]:
+        """What whitens all over the grid, none where that is too much to be kept."""
+        return list(self.filters(self.grid)) if len(self.grid) * len(self.order) <= KEPT else []
 
     def filters(self, points: Points) -> Iterator[tuple[IntArray, Filter]]:
         """Yield places (k,) among the points with what whitens there, the base's values apart.
@@ -249,41 +254,9 @@ class Noise:
         return np.asarray((1.0 - share) * self.white + share)
 
 
-@cache
-def log_profile(profile: Profile) -> float:
-    """Log prior of what the values of the base do: some way that is the unit's, of which some of them depart."""
-    alone = ALONE / len(FOLLOWS)
-    alike = [np.prod([alone + (1.0 - ALONE) * (own == way) for own in profile]) for way in FOLLOWS]
-    return float(np.log(np.mean(alike)))
-
-
 def _log_offset(offset: float) -> float:
     """How much less probable an offset is for its size (log)."""
     return float(np.log1p((offset / 4.0) ** 2))
-
-
-def _by_station(block: Block, conditions: Conditions, order: IntArray) -> tuple[FloatArray, list[FloatArray]]:
-    """Return the base's values anew at each temperature (N, r), and factors (S, S) of every shape over temperature.
-
-    Where nobody knows the temperature, all shapes but the last are one value.
-    """
-    stations = np.unique(block.station)
-    laid = block.at_each_temperature(block.values / np.sqrt(np.mean(block.values**2, axis=0)))[order]
-    temperature = conditions.columns.get("temperature_degC")
-    known = temperature is not None and bool(np.all(np.isfinite(temperature[block.rows])))
-    own = temperature[block.rows] if known and temperature is not None else np.zeros(len(block.y))
-    centre = np.array([np.mean(own[block.station == k]) for k in stations])
-    mean, spread = float(np.mean(own)), float(own.std())
-    line = (centre - mean) / max(spread, 1.0)
-    curve = np.exp(-0.5 * (np.subtract.outer(centre, centre) / SMOOTH_DEGC) ** 2)
-    of_all = [np.outer(line, line), curve, np.eye(len(stations))]
-    return laid, [_root(sum(share * part for share, part in zip(shape, of_all, strict=True))) for shape in SHAPES]
-
-
-def _root(covariance: FloatArray) -> FloatArray:
-    """Return F with FF' a covariance, which may be singular."""
-    values, vectors = np.linalg.eigh(covariance)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def _unit(covariance: FloatArray) -> FloatArray:

@@ -67,7 +67,7 @@ class BlockSearch:
         scales = HOLDS if block.sigma_stated else HOLDS[1:]
         cube, flat, line = (np.zeros((0,) * n) for n in (3, 2, 1))
         nothing = Beside(scales, cube, cube, flat, line, line, line, 0)
-        out = cls(block, noise, noise.grid(), scales, block.y / unit, unit, nothing, np.zeros(0, dtype=np.int64))
+        out = cls(block, noise, noise.grid, scales, block.y / unit, unit, nothing, np.zeros(0, dtype=np.int64))
         out.choose([np.zeros((len(block.y), 0))])
         out.scanned = out.scanned[:GLANCED]
         return out

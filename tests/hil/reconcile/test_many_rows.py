@@ -14,8 +14,9 @@ from hil.reconcile.search.candidates import MANY, catalogue_candidates
 from hil.reconcile.search.layout import searches
 from hil.reconcile.search.likely_noise import _Rows
 from hil.reconcile.search.mistakes import AsSolved, exchanges, may_be_wrong
-from hil.reconcile.search.noise import FIXED, FOLLOWS, Noise, Profile, log_profile
+from hil.reconcile.search.noise import Noise
 from hil.reconcile.search.problem import Problem, pose
+from hil.reconcile.search.profiles import FIXED, FOLLOWS, Profile, log_profile
 from hil.reconcile.search.sets import BlockSearch
 from tests.hil.reconcile.hidden_effects import Rows, base_rates, both, hidden_campaign
 
@@ -116,7 +117,8 @@ def test_each_value_of_the_base_follows_temperature_in_its_own_way() -> None:
         return both(0.4 * rows.temperature, 1.0, 1.0) + both(mu, 1.0, -1.0)
 
     campaign = hidden_campaign(5, hidden, thermal=False)
-    search = searches(pose(campaign, load_model("matrix-6"), ()), (), (), calibrated=True)[2]
+    problem = pose(campaign, load_model("matrix-6"), ())
+    search = searches(problem, (), (), searches(problem, (), ()))[2]
     for own in search.blocks:
         weight = own.beside.log_null() + own.points.log_prior
         profile = own.noise.profiles[int(own.points.profile[np.argmax(weight)])]
@@ -150,7 +152,7 @@ def test_rates_beyond_all_measure_are_weighed_as_others_are() -> None:
     """Of 10^10 deg/hr values at each temperature explain all but rounding, which may come out as less than nothing."""
     campaign = hidden_campaign(5, lambda rows: both(np.full(len(rows.run), 1e10), 1.0, -1.0), thermal=False)
     problem = pose(campaign, load_model("matrix-6"), ())
-    noise = Noise(problem.blocks[0], problem.sensors[2].collects.conditions, (), calibrated=True)
+    noise = Noise(problem.blocks[0], problem.sensors[2].collects.conditions, ()).at_each_temperature()
     points = BlockSearch.of(problem.blocks[0], noise).points
     assert np.all(np.isfinite(points.log_prior))
 
@@ -168,7 +170,7 @@ def test_every_set_climbs_by_its_own_heights(monkeypatch: pytest.MonkeyPatch) ->
         return climb(rows)
 
     monkeypatch.setattr(_Rows, "climb", compared)
-    noise = Noise(problem.blocks[0], problem.sensors[2].collects.conditions, (), calibrated=True)
+    noise = Noise(problem.blocks[0], problem.sensors[2].collects.conditions, ()).at_each_temperature()
     search = BlockSearch.of(problem.blocks[0], noise)
     search.choose([np.zeros((len(search.y), 0)), (np.arange(len(search.y)) % 7 > 3)[:, None].astype(np.float64)])
     assert checked[1] > 0.1
