@@ -15,7 +15,6 @@ import numpy as np
 
 from hil.campaign import Campaign, Collects, Conditions, FloatArray
 from hil.campaign.plausibility import usable
-from hil.campaign.stand_ins import with_stand_ins
 from hil.config.bench import Bench
 from hil.config.sweep import Sweep, check_sweep_against_bench
 from hil.design.conditions import planned_conditions
@@ -133,7 +132,6 @@ def sweep_document(sweep: Sweep, bench: Bench, model: Model | None = None) -> di
 
 def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[str, object]:
     """Return the map of collects that were measured, with their own standard errors, gaps, and scatter of repeats."""
-    campaign = with_stand_ins(campaign)
     told = {"simulated": campaign.simulated, "warnings": list(campaign.warnings), **what_is_wrong(campaign)}
     sensors = {number: _with_typical_noise(rows) for number, rows in campaign.sensors.items()}
     stated = replace(campaign, sensors=sensors)

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray
-from hil.campaign.stand_ins import stood_in
 from hil.design.visibility.promise import Rows, Smallest, found_from
 from hil.model import Model
 from hil.model.effects.base import Base, Effect, flattened
@@ -102,7 +101,7 @@ def visibility(
     Without a model it is the fullest that the collects are meant for, with temperature terms where temperature varies.
     `sigma` (n, c) gives standard errors known for each average (NaN: not measured) instead of the noise level's.
     """
-    conditions, noise = stood_in(conditions), noise or NoiseLevel()
+    noise = noise or NoiseLevel()
     form = default_model_name(conditions) if model is None else model.form
     base = base_values(conditions, model)
     asked, reasons = askable(conditions, base)

@@ -196,17 +196,6 @@ def test_document_says_everything_a_program_needs(published: dict[int, Condition
     assert {"arw", "rrw", "beat"} <= set(document["not_in_averages"])  # type: ignore[call-overload]
 
 
-def test_what_stands_in_for_the_units_thermometer_stands_in_here_as_in_the_search() -> None:
-    """The chamber's beside no thermometer of the unit: what follows it is mapped as `hil reconcile` asks about it."""
-    night = runs_at_their_temperatures(24, 3, seed=11, scatter=0.5)
-    own = night.sensors[2].conditions
-    columns = {name: values for name, values in own.columns.items() if name != "temperature_degC"}
-    alone = replace(night, sensors={2: replace(night.sensors[2], conditions=replace(own, columns=columns))})
-    document = campaign_document(alone, built_in_model("matrix-6"))
-    assert "bias_T" in {effect["id"] for effect in document["effects"]}  # type: ignore[attr-defined]
-    assert any("chamber_degC stands in for it" in each for each in document["warnings"])  # type: ignore[attr-defined]
-
-
 def test_a_campaign_is_mapped_with_its_own_errors_and_gaps() -> None:
     """Rates that were not measured tell nothing: half the rows, about √2 in the smallest size; stated errors count."""
     conditions = campaign()
