@@ -82,7 +82,11 @@ def messages() -> Console:
 
 def print_json(document: Mapping[str, Any]) -> None:
     """Write one JSON document. NaN is no JSON: a number that is not known must already be null."""
-    sys.stdout.write(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
+    try:
+        print(text, flush=True)  # noqa: T201 - no console changes a character
+    except BrokenPipeError:
+        results().on_broken_pipe()
 
 
 def printed(document: Mapping[str, Any], as_json: bool) -> bool:
