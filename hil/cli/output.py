@@ -105,8 +105,11 @@ def listing(*headings: str, left: Collection[str] | None = None) -> Table:
     return table
 
 
-def check_result_folder(out: Path, another: str, command: str) -> None:
-    """Raise `InputError` for an --out that is a file or a night, or holds `another`: what a `command` left there."""
+def check_result_folder(out: Path, own: str, given: str = "") -> None:
+    """Raise `InputError` for an --out that is a file or a night, or holds a model that would be lost.
+
+    That is the `given` one, and any that is not beside `own`, the document that the command wrote with it.
+    """
     from hil.records.reader import is_night
 
     if is_night(out):
@@ -114,8 +117,13 @@ def check_result_folder(out: Path, another: str, command: str) -> None:
     for above in (out, *out.parents):
         if above.exists() and not above.is_dir():
             raise InputError(f"{above}: is a file; the result needs a folder")
-    if (out / another).is_file():
-        raise InputError(f"{out}: holds the model.yaml of hil {command}, which would be lost; name another folder")
+    model = out / "model.yaml"
+    if model.exists() and Path(given).exists() and model.samefile(given):
+        raise InputError(
+            f"{model}: is the model to start from, which would be lost; name another folder for the result"
+        )
+    if model.exists() and not (out / own).is_file():
+        raise InputError(f"{out}: holds a model.yaml beside no {own}, which would be lost; name another folder")
 
 
 def check_named(path: Path, ending: str) -> None:

@@ -17,6 +17,7 @@ import numpy as np
 
 from hil.campaign import Campaign
 from hil.campaign.plausibility import usable
+from hil.campaign.stand_ins import with_stand_ins
 from hil.errors import InputError
 from hil.model import Model, load_model
 from hil.model.effects.base import Effect, VarianceEffect
@@ -37,7 +38,7 @@ from hil.reconcile.search.layout import may_be_calibrated, searches, values_foll
 from hil.reconcile.search.posterior import Posterior, weigh
 from hil.reconcile.search.problem import Problem, pose
 from hil.reconcile.search.terms import PLAIN
-from hil.reconcile.unrecorded import beside_unasked, with_stand_ins
+from hil.reconcile.unrecorded import beside_unasked
 from hil.solve.both_sensors import BothSensors, common_and_differential
 from hil.solve.omissions import in_words, otherwise, without
 from hil.solve.wrong_rows import pooled
