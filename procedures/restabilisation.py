@@ -227,7 +227,7 @@ def _judged(
     if decision.met:
         reason = f"restabilised after {minutes:.1f} min, decided by {decision.decided_by}"
     elif waiting:
-        reason = f"not restabilised within {minutes:.0f} min: {', '.join(waiting)}"
+        reason = f"not restabilised within {minutes:.0f} min, as long as the sweep lets it: {', '.join(waiting)}"
     else:
         reason = f"restabilised within {minutes:.0f} min; other units were not"
     if not thermometers:

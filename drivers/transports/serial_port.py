@@ -16,6 +16,7 @@ import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
 from typing import Any, TypeVar
 
 import serial
@@ -155,6 +156,18 @@ def existing_ports() -> list[str]:
     return sorted(port.device for port in list_ports.comports())
 
 
+def no_such_port(port: str) -> str:
+    """Say that this machine does not have a port, and which it has."""
+    return f"{port}: there is no such port; the ports that exist: {', '.join(existing_ports()) or 'none'}"
+
+
+def _how_to_be_permitted(port: str) -> str:
+    with suppress(OSError, KeyError, NotImplementedError):
+        if (group := Path(port).group()) != "root":
+            return f"its group is {group}: add this user to it (sudo usermod -aG {group} $USER), log in again"
+    return "see whose it is (ls -lL), and let a group have it that this user is in"
+
+
 def _error_number(error: BaseException) -> int | None:
     """Return the operating system's error number; pyserial sometimes only has it in its text."""
     number: int | None = getattr(error, "errno", None)
@@ -176,8 +189,7 @@ def _why_not_open(url: str, error: Exception) -> str:
     if number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in str(error):
         return f"{url}: somebody else has the port open; close the other program (fuser {url} names it)"
     if number in (errno.EACCES, errno.EPERM):
-        return f"{url}: no permission; add this user to the port's group (sudo usermod -aG dialout $USER), log in again"
+        return f"{url}: no permission; {_how_to_be_permitted(url)}"
     if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
-        ports = ", ".join(existing_ports()) or "none"
-        return f"{url}: there is no such port; the ports that exist: {ports}"
+        return no_such_port(url)
     return f"{url}: cannot be opened ({error}); is it a serial port?"

@@ -26,7 +26,8 @@ def night_solutions(folder: Path) -> tuple[Campaign | None, list[RunSolution]]:
 
 def night_verdict(state: str, solutions: Iterable[RunSolution]) -> Judgement:
     """Return the verdict on a night that has ended in `state` (of hil.status/1), with its first reason."""
-    judged = [Judgement(each.verdict, f"sensor {each.sensor}, run {each.run}: {each.reason}") for each in solutions]
+    in_turn = sorted(solutions, key=lambda each: (each.run, each.sensor))
+    judged = [Judgement(each.verdict, f"sensor {each.sensor}, run {each.run}: {each.reason}") for each in in_turn]
     nothing = Judgement(Verdict.INCONCLUSIVE, "nothing was solved")
     whole = max(judged, key=lambda each: each.severity, default=nothing)
     bad = sum(each.verdict is whole.verdict for each in judged)
@@ -49,4 +50,6 @@ def of_units(
     unit = max(in_spec, key=lambda name: order.index(in_spec[name]["verdict"]), default=None)
     if unit is None:
         return whole, None
-    return whole, {**in_spec[unit], "reason": f"unit {unit}: {in_spec[unit]['reason']}"}
+    alike = [name for name, each in in_spec.items() if each["verdict"] == in_spec[unit]["verdict"]]
+    how_many = f"{counted(len(alike), 'unit')} of {len(in_spec)}"
+    return whole, {**in_spec[unit], "reason": f"{how_many}; {unit}: {in_spec[unit]['reason']}"}

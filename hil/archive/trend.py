@@ -87,8 +87,9 @@ class Trend:
 
 def trend(months: FloatArray, values: FloatArray, sd: FloatArray) -> Trend:
     """Say what n values (n,) with standard deviations (n,) did over `months` (n,), which rise."""
-    if len(values) < LEAST or not np.all(np.isfinite(sd)) or not np.all(sd > 0.0):
-        if len(values) > 2 and np.all(np.isfinite(sd)) and np.all(sd > 0.0):
+    tell = np.all(np.isfinite(sd)) and np.all(sd > 0.0) and np.ptp(months) > 0.0  # one instant tells no drift
+    if len(values) < LEAST or not tell:
+        if len(values) > 2 and tell:
             line = Fit(months, values, sd, line=True)
             return Trend(_UNKNOWN, line, line.of(1))
         return Trend(_UNKNOWN, None)

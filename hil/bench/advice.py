@@ -3,6 +3,7 @@
 advice_for(error, bench, "chamber")
 """
 
+import shlex
 from dataclasses import dataclass
 from typing import Literal
 
@@ -48,7 +49,7 @@ def advice_for(error: DeviceError, bench: Bench, device: Device) -> str:
         return str(ADVICE["simulated"])
     kinds = [kind.__name__ for kind in type(error).__mro__]
     if device == "chamber" and isinstance(error, TransportError):
-        advice = closed_port_advice(error, section.port)
+        advice = closed_port_advice(str(error), section.port, bench)
     elif device == "chamber" and isinstance(error, WrongDevice) and ("°F" in words or "unit" in words):
         advice = said["unit"]
     elif device == "unit" and isinstance(error, DeviceTimeout) and "nothing arrived" in words:
@@ -58,9 +59,11 @@ def advice_for(error: DeviceError, bench: Bench, device: Device) -> str:
     return f"{advice.format(section=section, parity=_PARITY[section.line.parity])} ({_GUIDES[device]})".lstrip()
 
 
-def closed_port_advice(error: DeviceError, port: str) -> str:
-    """Return what to do about a port that does not open, where the error does not say it itself."""
-    said, words = ADVICE["closed_port"], str(error)
+def closed_port_advice(words: str, port: str, bench: Bench) -> str:
+    """Return what to do about a port that does not open, where the error does not say it itself in its `words`."""
+    said = ADVICE["closed_port"]
+    if bench.simulated and "no such port" in words:
+        return str(ADVICE["no_simulation"]).format(bench=shlex.quote(bench.source or bench.name))
     return str(next((said[each] for each in said if each in words), said.get(_way(port), "")))
 
 

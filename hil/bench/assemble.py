@@ -30,8 +30,9 @@ from drivers.simulators import SimulatedDevice
 from drivers.simulators.memory import MemoryTransport
 from drivers.transports import Transport, open_port
 from drivers.transports.live_reader import LiveReader
-from drivers.transports.serial_port import SerialTransport, existing_ports
+from drivers.transports.serial_port import SerialTransport, existing_ports, no_such_port
 from drivers.transports.transport import ClosedPort, own_port
+from hil.bench.advice import closed_port_advice
 from hil.bench.lock import port_lock
 from hil.config.bench import ASK, Bench
 from hil.config.ports import COM_PORT, OWN_SCHEME, SIMULATED_SCHEME, unit_port
@@ -174,7 +175,7 @@ def ports_of(bench: Bench) -> list[tuple[str, str]]:
     return urls if bench.chamber.ramp_port is None else [*urls, ("chamber.ramp_port", bench.chamber.ramp_port)]
 
 
-def _is_missing(port: str) -> bool:
+def is_missing(port: str) -> bool:
     """Tell a path that this machine does not have. Network and simulated ports are no paths."""
     if COM_PORT.fullmatch(port):
         return port.upper() not in existing_ports() and not port.startswith("\\\\")
@@ -187,11 +188,9 @@ def _is_missing(port: str) -> bool:
 
 
 def _check_port(bench: Bench, key: str, port: str) -> None:
-    if _is_missing(port):
-        there = ", ".join(existing_ports()) or "none"
-        raise InputError(
-            f"{bench.source or bench.name}: {key}: the port {port} does not exist; ports on this machine: {there}"
-        )
+    if is_missing(port):
+        there = no_such_port(port)
+        raise InputError(f"{bench.source or bench.name}: {key}: {there}; {closed_port_advice(there, port, bench)}")
 
 
 class _Ports:

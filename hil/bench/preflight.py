@@ -93,7 +93,7 @@ def _guarded(
 def _ports(live: LiveBench, closed: dict[str, DeviceError]) -> Iterator[Finding]:
     for key, url in ports_of(live.bench):
         if key in closed:
-            yield Finding(key, False, str(closed[key]), closed_port_advice(closed[key], url))
+            yield Finding(key, False, (words := str(closed[key])), closed_port_advice(words, url, live.bench))
         elif url.startswith(SIMULATED_SCHEME):
             yield Finding(key, True, f"{url}: simulated in this process")
         elif key == "chamber.ramp_port":

@@ -4,8 +4,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hil.campaign.data import TELL_TEMPERATURE, Collects, Conditions
+from hil.campaign.data import TELL_TEMPERATURE, Collects
 from hil.campaign.header import OF_A_SENSOR, Header
+from hil.campaign.stand_ins import instead_of_temperature, not_recorded
 from hil.campaign.table import Table, rows_in_words
 from procedures.words import listed, numbered
 
@@ -16,9 +17,6 @@ F_SUSPICIOUS = 0.02
 
 _USUAL_DEGC = (-100.0, 100.0)
 """Beyond these a temperature is rather in K or °F."""
-
-_STAND_INS = ("case_degC", "chamber_degC", "setpoint_degC")
-"""What stands in for the unit's own temperature where that is not recorded, the best first."""
 
 
 def suspicions(
@@ -82,19 +80,6 @@ def _of_sensor(where: str, collects: Collects, rows: np.ndarray, centrifuge: boo
     if not conditions.w_deg_per_hr.any() and not centrifuge:
         found.append(f"{where}: w is 0 in every row: what there is of the earth rate (15 deg/hr) is in the parameters")
     return found
-
-
-def instead_of_temperature(conditions: Conditions) -> str | None:
-    """Return the column that stands in for the unit's own temperature; None where that, or nothing, is recorded."""
-    whole = {name for name, values in conditions.columns.items() if np.all(np.isfinite(values))}
-    return next((name for name in _STAND_INS if name in whole and "temperature_degC" not in whole), None)
-
-
-def not_recorded(conditions: Conditions, name: str, other: str) -> str:
-    """Say that another column stands in for one, and in which runs that was not recorded, where it was in some."""
-    lacking = ~np.isfinite(conditions.columns.get(name, np.full(len(conditions), np.nan)))
-    some = "" if lacking.all() else f" in {numbered('run', np.unique(conditions.run[lacking]).tolist())}"
-    return f"sensor {conditions.sensor.number}: {name} is not recorded{some}; {other} stands in for it"
 
 
 def _zero_errors(table: Table, sensors: Mapping[int, Collects]) -> list[str]:

@@ -31,7 +31,7 @@ def check(
 
     `hil check BENCH`, `hil check BENCH --sweep SWEEP` and `hil check SWEEP --bench BENCH` are the three forms.
     """
-    from hil.bench.assemble import check_ports
+    from hil.bench.assemble import is_missing, ports_of
 
     asked, on = _bench_and_sweep(target, bench, sweep)
     found = _look(asked, on, Path.cwd())
@@ -40,7 +40,8 @@ def check(
     if not printed(document, as_json):
         results().print(f"{on.name}{'  SIMULATED' if on.simulated else ''}")
         _show(results(), found)
-    check_ports(on)  # one that is not there is bad input
+    if any(is_missing(port) for _, port in ports_of(on)):
+        return Exit.BAD_INPUT
     return Exit.DONE if good else Exit.STOPPED_SAFE
 
 

@@ -122,7 +122,7 @@ def thermal(
     if apart_degC == 0.0:
         raise InputError("--apart: two temperatures must be more than 0 °C apart")
     if out is not None:
-        check_result_folder(out, "reconciliation.json", "reconcile")
+        check_result_folder(out, "thermal.json")
     campaign = read_source(source)
     result = fit_thermal(campaign, model, highest_order=highest_order, apart_degC=apart_degC)
     written = [] if out is None else write_thermal(result, out)

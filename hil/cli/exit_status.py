@@ -96,10 +96,6 @@ def run_to_exit(application: Callable[[], object]) -> int:
         return _say(error, Exit.STOPPED_SAFE)
     except KeyboardInterrupt:
         return _say(_STOPPED, Exit.FAILED)
-    except BrokenPipeError:
-        # The reader (head, less) has gone; keep the interpreter from complaining when it flushes.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return Exit.DONE
     except sqlite3.OperationalError as error:  # a full disk, a journal that cannot be opened
         return _say(f"the journal: {error}", Exit.FAILED)
     except sqlite3.DatabaseError as error:

@@ -43,7 +43,7 @@ def reconcile(
 
     data = read_source(campaign)
     if out is not None:  # a notebook asks without files
-        check_result_folder(out, "thermal.json", "thermal")
+        check_result_folder(out, "reconciliation.json", model)
     result = search(data, model, alpha=alpha)
     if with_twin and out is not None:
         each_temperature = True if result.calibration == "per temperature" else None

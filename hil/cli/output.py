@@ -82,7 +82,11 @@ def messages() -> Console:
 
 def print_json(document: Mapping[str, Any]) -> None:
     """Write one JSON document. NaN is no JSON: a number that is not known must already be null."""
-    sys.stdout.write(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
+    try:
+        print(text, flush=True)  # noqa: T201 - no console changes a character
+    except BrokenPipeError:
+        results().on_broken_pipe()
 
 
 def printed(document: Mapping[str, Any], as_json: bool) -> bool:
@@ -101,8 +105,11 @@ def listing(*headings: str, left: Collection[str] | None = None) -> Table:
     return table
 
 
-def check_result_folder(out: Path, another: str, command: str) -> None:
-    """Raise `InputError` for an --out that is a file or a night, or holds `another`: what a `command` left there."""
+def check_result_folder(out: Path, own: str, given: str = "") -> None:
+    """Raise `InputError` for an --out that is a file or a night, or holds a model that would be lost.
+
+    That is the `given` one, and any that is not beside `own`, the document that the command wrote with it.
+    """
     from hil.records.reader import is_night
 
     if is_night(out):
@@ -110,8 +117,13 @@ def check_result_folder(out: Path, another: str, command: str) -> None:
     for above in (out, *out.parents):
         if above.exists() and not above.is_dir():
             raise InputError(f"{above}: is a file; the result needs a folder")
-    if (out / another).is_file():
-        raise InputError(f"{out}: holds the model.yaml of hil {command}, which would be lost; name another folder")
+    model = out / "model.yaml"
+    if model.exists() and Path(given).exists() and model.samefile(given):
+        raise InputError(
+            f"{model}: is the model to start from, which would be lost; name another folder for the result"
+        )
+    if model.exists() and not (out / own).is_file():
+        raise InputError(f"{out}: holds a model.yaml beside no {own}, which would be lost; name another folder")
 
 
 def check_named(path: Path, ending: str) -> None:

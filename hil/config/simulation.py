@@ -6,7 +6,7 @@ from pydantic import BeforeValidator, Field, NonNegativeInt
 
 from drivers.simulators.chambers.controller import ChamberFault
 from drivers.simulators.unit import FaultWindow
-from hil.config.sections import to_settings
+from hil.config.sections import settings_of
 from hil.files.strict import Section
 from hil.files.units import (
     Celsius,
@@ -75,15 +75,6 @@ class SimulatedChamberSection(Section):
     leak: PositiveSeconds = 3600.0
 
 
-def _faults(kind: type) -> BeforeValidator:
-    def convert(given: object) -> object:
-        if not isinstance(given, list | tuple):
-            raise ValueError("faults are a list, one mapping for each")
-        return tuple(to_settings(fault, kind) for fault in given)
-
-    return BeforeValidator(convert)
-
-
 class SimulationSection(Section):
     """What is simulated. The seed makes a night reproducible to the byte; it is in the record."""
 
@@ -96,5 +87,5 @@ class SimulationSection(Section):
     supply: Volts = 28.0
     index_time: PositiveSeconds = 5.0
     chamber: SimulatedChamberSection = SimulatedChamberSection()
-    imu_faults: Annotated[tuple[FaultWindow, ...], _faults(FaultWindow)] = ()
-    chamber_faults: Annotated[tuple[ChamberFault, ...], _faults(ChamberFault)] = ()
+    imu_faults: tuple[Annotated[FaultWindow, settings_of(FaultWindow)], ...] = ()
+    chamber_faults: tuple[Annotated[ChamberFault, settings_of(ChamberFault)], ...] = ()

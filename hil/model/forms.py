@@ -15,6 +15,7 @@ from functools import partial
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, Sensor
+from hil.campaign.stand_ins import instead_of_temperature
 from hil.errors import InputError
 from hil.model.equation import pickoff_rates, rotor_matrix
 
@@ -157,7 +158,8 @@ def matrix_6_thermal_form(conditions: Conditions) -> LinearForm:
     """
     form = matrix_6_form(conditions.sensor)
     where = f"sensor {conditions.sensor.number}: matrix-6-thermal"
-    temperature = conditions.columns.get("temperature_degC")
+    told_by = instead_of_temperature(conditions) or "temperature_degC"
+    temperature = conditions.columns.get(told_by)
     if temperature is None:
         raise InputError(f"{where} needs the column temperature_degC, which this campaign lacks")
     if np.any(np.isnan(temperature)):
@@ -165,14 +167,14 @@ def matrix_6_thermal_form(conditions: Conditions) -> LinearForm:
     reference = float(np.round(np.mean(temperature)))
 
     def build(rows: Conditions) -> FloatArray:
-        return temperature_columns(form.columns(rows), rows.columns["temperature_degC"], reference)
+        return temperature_columns(form.columns(rows), rows.columns[told_by], reference)
 
     return LinearForm(
         "matrix-6-thermal",
         tuple(f"{name}{power}" for name in form.names for power in ("", "_per_degC", "_per_degC2")),
         tuple(f"{unit}{power}" for unit in form.units for power in ("", "/degC", "/degC2")),
         build,
-        f"quadratics in temperature_degC about {reference:g} degC",
+        f"quadratics in {told_by} about {reference:g} degC",
         reference,
     )
 

@@ -28,6 +28,7 @@ from hil.campaign import Campaign, FloatArray
 from hil.campaign.fleet_file import pieces_of, read_piece
 from hil.campaign.header import day_of
 from hil.campaign.reader import HEADER_FILE
+from hil.campaign.stand_ins import with_stand_ins
 from hil.errors import InputError
 from hil.files.processes import Map, processes
 from hil.model import Model, load_model
@@ -152,6 +153,7 @@ def screen_folders(
             ]:
                 told[place] = "; ".join(still)
                 continue
+            read = with_stand_ins(read)
             group = next((each for each in groups if each.has_like(read)), None)
             if group is None:
                 groups.append(group := _Group(read, Stood({n: rows.conditions for n, rows in read.sensors.items()})))

@@ -16,6 +16,7 @@ import numpy as np
 
 from hil.campaign import Campaign
 from hil.campaign.plausibility import usable
+from hil.campaign.stand_ins import with_stand_ins
 from hil.files.document import picked
 from hil.model import load_model
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS
@@ -24,7 +25,6 @@ from hil.model.forms import default_form
 from hil.reconcile.naming import CERTAIN
 from hil.reconcile.outcome import scatter
 from hil.reconcile.outcome.sentences import scatter_in_words
-from hil.reconcile.unrecorded import with_stand_ins
 from hil.reconcile.workflow import searched
 from hil.solve.both_sensors import BothSensors, common_and_differential
 from hil.solve.omissions import in_words, otherwise, without

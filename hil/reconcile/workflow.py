@@ -16,6 +16,7 @@ import numpy as np
 
 from hil.campaign import Campaign
 from hil.campaign.plausibility import usable
+from hil.campaign.stand_ins import with_stand_ins
 from hil.errors import InputError
 from hil.model import Model, load_model
 from hil.model.effects.base import Effect, VarianceEffect
@@ -32,7 +33,6 @@ from hil.reconcile.search.layout import may_be_calibrated, searches, values_foll
 from hil.reconcile.search.posterior import Posterior, weigh
 from hil.reconcile.search.problem import Problem, pose
 from hil.reconcile.search.terms import PLAIN
-from hil.reconcile.unrecorded import with_stand_ins
 from hil.solve.wrong_rows import pooled
 
 _INSIDE = 0.2  # share of the rate of false alarms that the series' tests have, where there are series

@@ -21,6 +21,7 @@ from textwrap import shorten
 from typing import Any, Self
 from urllib.parse import quote
 
+from drivers.given_file import check_folder
 from hil.errors import Damaged, InputError
 from hil.files.folder import is_new
 from hil.files.lock import Owner, living_owner
@@ -286,6 +287,7 @@ def journal_of(folder: Path) -> Path:
     path = folder / JOURNAL_NAME
     if path.is_file() and path.stat().st_size:
         return path
+    check_folder(folder)
     if not _written_beside(folder) and (path.is_file() or not os.path.lexists(path)):
         what = f"{JOURNAL_NAME} is empty, and nothing is beside it" if path.is_file() else f"there is no {JOURNAL_NAME}"
         raise InputError(f"{folder}: holds no night ({what} in it)")

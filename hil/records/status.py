@@ -334,7 +334,8 @@ def missing_in_words(plan: Plan, done: Mapping[str, object], attempts: Sequence[
         for each in attempts
         if each.outcome is not None
     }
-    of_each = {unit: list(_missing(plan.of_unit(unit), done, reasons)) for unit in plan.units}
+    # A setpoint may be asked for twice: it is missing once.
+    of_each = {unit: dict.fromkeys(_missing(plan.of_unit(unit), done, reasons)) for unit in plan.units}
     units_of: dict[str, list[str]] = {}
     for unit, sentences in of_each.items():
         for sentence in sentences:

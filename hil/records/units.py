@@ -37,10 +37,15 @@ def night_of(folder: Path) -> Path:
 
 
 def writable(folder: Path) -> Path:
-    """Return the folder of a night or a unit; a unit's that was deleted is made again: the journal has what matters."""
+    """Return the folder of a night or a unit; a unit's that was deleted is made again: the journal has what matters.
+
+    Raises `InputError` where nothing may be written into it.
+    """
     if place_of(folder)[1]:
         with suppress(OSError):  # who writes in it says why not
             make_folders(RealDisk(), folder)
+    if folder.is_dir() and not os.access(folder, os.W_OK):
+        raise InputError(f"{folder}: is read-only; --out says where else the page is to be written")
     return folder
 
 

@@ -4,8 +4,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from hil.analysis.thermal.choice import FALSE_ALARM, Improvement
-from hil.analysis.thermal.estimate import Estimates
+from hil.analysis.thermal.estimate import Estimates, told_by
 from hil.analysis.thermal.fit import DESCRIBES, ParameterFit, SensorFit, ThermalFit
+from hil.campaign import Conditions
 from hil.files.document import picked, plain
 from hil.solve.document import not_passed, runs_in_words
 from hil.solve.omissions import what_is_wrong
@@ -31,7 +32,7 @@ def thermal_document(result: ThermalFit) -> dict[str, Any]:
         ),
         "confidence": CONFIDENCE,
         "false_alarm": FALSE_ALARM,
-        "sensors": [_sensor(each) for each in result.sensors.values()],
+        "sensors": [_sensor(each, result.campaign.sensors[each.number].conditions) for each in result.sensors.values()],
         "not_fitted": [{"sensor": number, "why": why} for number, why in result.not_fitted.items()],
     }
 
@@ -43,14 +44,14 @@ def first_in_words(document: Mapping[str, Any]) -> list[str]:
     return [f"{first}: {runs}"] if runs else []
 
 
-def _sensor(fit: SensorFit) -> dict[str, Any]:
+def _sensor(fit: SensorFit, conditions: Conditions) -> dict[str, Any]:
     stations = fit.layout.stations
     return {
         "sensor": fit.number,
         "model": fit.layout.form.name,
         "range_degC": list(fit.layout.range_degC),
         "temperatures_degC": stations.centre_degC.tolist(),
-        "temperature_of": "temperature_degC",
+        "temperature_of": told_by(conditions),
         "both_directions_degC": stations.centre_degC[stations.both_directions].tolist(),
         "parameters": {name: _parameter(each, fit) for name, each in fit.parameters.items()},
         "rates": {

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from hil.campaign import Collects, Conditions, FloatArray, IntArray
+from hil.campaign.stand_ins import instead_of_temperature
 from hil.errors import InputError
 from hil.model.forms import LinearForm, default_form, named_form
 from hil.solve import solve
@@ -231,12 +232,18 @@ def layout_of(
     return layout, notes
 
 
+def told_by(conditions: Conditions) -> str:
+    """Return the column that parameters are held against: the unit's own temperature, or what stands in for it."""
+    own = np.isfinite(conditions.columns.get("temperature_degC", np.nan)).any()
+    return "temperature_degC" if own else instead_of_temperature(conditions) or "temperature_degC"
+
+
 def _at_known_temperatures(number: int, collects: Collects, apart_degC: float | None) -> tuple[Collects, list[str]]:
     """Take rows without the unit's temperature at its mean through the same setpoint, or leave them out; say so."""
     conditions = collects.conditions
-    shown = conditions.columns.get("temperature_degC", np.zeros(0))
+    shown = conditions.columns.get(told_by(conditions), np.zeros(0))
     known = np.isfinite(shown)
-    if known.all() or not known.any():
+    if not known.any():
         return collects, []
     at, filled = same_temperature(conditions, apart_degC), shown.copy()
     for place in np.unique(at[known]).tolist():

@@ -15,6 +15,7 @@ import numpy as np
 
 from hil.campaign import Campaign, Collects, Conditions, FloatArray
 from hil.campaign.plausibility import usable
+from hil.campaign.stand_ins import with_stand_ins
 from hil.config.bench import Bench
 from hil.config.sweep import Sweep, check_sweep_against_bench
 from hil.design.conditions import planned_conditions
@@ -136,7 +137,7 @@ def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[st
     sensors = {number: _with_typical_noise(rows) for number, rows in campaign.sensors.items()}
     stated = replace(campaign, sensors=sensors)
     shown = repeats(stated, solve_campaign(stated))
-    used = usable(treated(stated)).sensors
+    used = with_stand_ins(usable(treated(stated))).sensors
     conditions = {number: rows.conditions for number, rows in used.items()}
     sigmas = {  # as large as residuals and repeats show them to be
         number: np.where(np.isfinite(rows.rates_deg_per_hr), rows.rates_se_deg_per_hr, np.nan)

@@ -50,7 +50,7 @@ def fleet_csv(found: Screened) -> str:
 def fleet_page(found: Screened) -> str:
     """Return the page as one HTML document: no scripts, no other files."""
     worth = [each for each in found.units if each.worth]
-    title = f"{counted(len(found.units), 'unit')} screened: what the model lacks"
+    title = f"{_counted(found.units)} screened: what the model lacks"
     view = {
         "title": title,
         "running_title": in_style(title),
@@ -71,15 +71,16 @@ def fleet_sentences(found: Screened) -> Iterator[str]:
     """Yield what was found in a screenful: how many units, which effects, what many have in common."""
     worth = [each for each in found.units if each.worth]
     yield (
-        f"{len(worth)} of {counted(len(found.units), 'unit')} deserve{'s' * (len(found.units) == 1)} a full "
+        f"{len(worth)} of {_counted(found.units)} deserve{'s' * (len(found.units) == 1)} a full "
         f"hil reconcile: of those called, at most {LEVEL:.0%} on average lack nothing"
     )
-    for name, count, _ in _by_effect(worth):
-        yield f"{name} leads in {counted(count, 'unit')}"
+    for name, _, _ in _by_effect(worth):
+        yield f"{name} leads in {_counted([each for each in worth if each.finding.leader == name])}"
     for number, each in _shared(found):
+        own = [unit for unit in found.units if unit.layout == number]
         yield (
-            f"layout {number}: its units together seem to lack {each.name} (p = {each.p_value:.1g}), most probably "
-            f"{each.fraction:.0%} of them; a few of them deserve a full hil reconcile"
+            f"layout {number}: its {_counted(own)} together seem to lack {each.name} (p = {each.p_value:.1g}), most "
+            f"probably {each.fraction:.0%} of them; a few of them deserve a full hil reconcile"
         )
     if bad := [f"{each.title} ({numbered('run', each.runs_failed)})" for each in found.units if each.runs_failed]:
         yield f"FAIL by what was recorded, and screened as filed: {listed(bad)}; hil solve says why"
@@ -96,8 +97,17 @@ def fleet_sentences(found: Screened) -> Iterator[str]:
         yield f"{counted(len(found.not_screened), 'campaign')} could not be screened"
 
 
+def _counted(units: Sequence[ScreenedUnit]) -> str:
+    """Say how many there are: units, or calibrations of fewer units, as far as serial numbers tell."""
+    known = len({each.serial or each.folder for each in units})
+    same = known == len(units)
+    return counted(known, "unit") if same else f"{counted(len(units), 'calibration')} of {counted(known, 'unit')}"
+
+
 def _shared(found: Screened) -> list[tuple[int, Any]]:
-    return [(number, each) for number, each in found.shared if each.p_value < LEVEL]
+    """Return what the calibrations of a layout share, by its number: one alone has nothing in common."""
+    several = {number for number, count in Counter(each.layout for each in found.units).items() if count > 1}
+    return [(number, each) for number, each in found.shared if each.p_value < LEVEL and number in several]
 
 
 def _row(each: ScreenedUnit) -> dict[str, Any]:

@@ -130,15 +130,17 @@ def test_a_port_that_somebody_else_has_open_is_refused(terminal: tuple[int, str]
 
 
 @pytest.mark.parametrize(
-    ("number", "message"), [(errno.EACCES, "usermod -aG dialout"), (errno.EBUSY, "somebody else has the port open")]
+    ("number", "message"),
+    [(errno.EACCES, "no permission; its group is tape"), (errno.EBUSY, "somebody else has the port open")],
 )
 def test_what_the_system_refuses_is_explained(number: int, message: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Permission and occupation have their own advice."""
+    """Permission and occupation have their own advice; who may open a port, its own group says."""
 
     def refuse(url: str, **settings: object) -> None:
         raise serial.SerialException(number, f"could not open port {url}")
 
     monkeypatch.setattr(serial, "serial_for_url", refuse)
+    monkeypatch.setattr(Path, "group", lambda _: "tape")
     with pytest.raises(TransportError, match=f"/dev/ttyUSB0: .*{message}"):
         open_port("/dev/ttyUSB0", clock=VirtualClock())
 

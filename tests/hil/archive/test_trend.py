@@ -45,12 +45,14 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
 
 
 def test_few_calibrations_tell_nothing() -> None:
-    """Of three there is a line and no finding, of two nothing; nor without standard deviations."""
+    """Of three there is a line and no finding, of two nothing; nor without standard deviations, nor on one day."""
     three = np.arange(3.0)
     assert trend(three, three, np.ones(3)).word == "cannot tell"
     assert trend(three, three, np.ones(3)).per_month is not None
     assert trend(three[:2], three[:2], np.ones(2)).per_month is None
     assert trend(np.arange(9.0), np.arange(9.0), np.full(9, np.nan)).word == "cannot tell"
+    of_one_day = trend(np.zeros(9), np.arange(9.0), np.ones(9))
+    assert (of_one_day.word, of_one_day.per_month) == ("cannot tell", None)
 
 
 def test_control_limits_are_passed_by_chance_as_three_sigma_are() -> None:

@@ -127,6 +127,16 @@ def _one_not_shown() -> Campaign:
     return replace(one, sensors={2: replace(one.sensors[2], conditions=conditions)})
 
 
+def _no_thermometer() -> Campaign:
+    """The unit has no thermometer of its own: the chamber's stands in for it."""
+    one = _good()
+    columns = dict(one.sensors[2].conditions.columns)
+    columns["chamber_degC"] = columns.pop("temperature_degC")
+    return replace(
+        one, sensors={2: replace(one.sensors[2], conditions=replace(one.sensors[2].conditions, columns=columns))}
+    )
+
+
 def _two_sensors() -> Campaign:
     one, other = _good(), campaign(12, 3, seed=2, scatter=2.0).sensors[2]
     layout = replace(other.conditions.sensor, number=1)
@@ -266,6 +276,7 @@ FOLDERS: dict[str, Callable[[], Campaign]] = {
     "poses, dead channel": lambda: _dead(_triad(), 1),
     "short soaks": _short_soaks,
     "one run without its thermometer": _one_not_shown,
+    "no thermometer of its own": _no_thermometer,
     "two sensors": _two_sensors,
     "both sensors disturbed": _both_disturbed,
     "labels exchanged for both sensors, another bias": _both_exchanged_and_another_bias,

@@ -47,6 +47,7 @@ QUICK = ("solve", "thermal", "budget", "visibility", "history", "report")
 AT_ONCE = (
     "contradicted",
     "short soaks",
+    "no thermometer of its own",
     "no standard errors",
     "labels exchanged",
     "labels exchanged, two runs",

@@ -25,7 +25,7 @@ from hil.design.conditions import planned_conditions
 from hil.design.sequence.sequences import scene_of, sequence_worth
 from hil.design.visibility.document import campaign_document, sweep_document
 from hil.design.visibility.map import NoiseLevel
-from hil.model.forms import default_form
+from hil.model.forms import default_form, named_form
 from hil.reconcile import reconcile
 from hil.reconcile.outcome.sentences import scatter_in_words, what_to_do
 from hil.reconcile.scattering import what_scatters
@@ -263,6 +263,20 @@ def test_a_temperature_says_whose_it_is_and_a_soak_that_did_not_end_is_no_pass(a
     for mean in document["repeats"]["2"]["means"]:
         assert mean["unit_degC"][1] - mean["unit_degC"][0] > 4.0
     ask("thermal")  # says that it cannot, or answers with finite numbers; no internal error
+
+
+@pytest.mark.parametrize("ask", ["no thermometer of its own"], indirect=True)
+def test_what_stands_in_for_a_thermometer_does_so_whoever_asks(ask: Ask) -> None:
+    """A fit against temperature, a map of what can be seen, a form: none says beside it that temperature is lacking."""
+    solved, fitted, seen = ask("solve"), ask("thermal"), ask("visibility")
+    assert solved is not None
+    assert solved["warnings"] == ["sensor 2: temperature_degC is not recorded; chamber_degC stands in for it"]
+    assert fitted is not None
+    assert [each["temperature_of"] for each in fitted["sensors"]] == ["chamber_degC"]
+    assert seen is not None
+    assert seen["forms"] == {"2": "matrix-6-thermal"}
+    conditions = FOLDERS["no thermometer of its own"]().sensors[2].conditions
+    assert "chamber_degC" in named_form("matrix-6-thermal", conditions).reason
 
 
 @pytest.mark.parametrize("order", ["1-2-3", "1-3-2", pytest.param("1-2-3-2-1", marks=pytest.mark.slow)])

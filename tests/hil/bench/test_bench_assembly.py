@@ -73,7 +73,7 @@ def test_a_port_that_does_not_exist_is_bad_input(key: str, tmp_path: Path) -> No
     there, nowhere = tmp_path / "there", tmp_path / "ttyUSB7"
     there.touch()
     bench = _real(*(str(nowhere if key == name else there) for name in ("imu", "chamber")))
-    with pytest.raises(InputError, match=rf"my-bench\.yaml: {key}\.port: the port {nowhere} does not exist"):
+    with pytest.raises(InputError, match=rf"my-bench\.yaml: {key}\.port: {nowhere}: there is no such port"):
         build_bench(bench)
 
 

@@ -131,6 +131,6 @@ def test_a_port_that_does_not_open_has_one_advice(number: int, advice: str, monk
     monkeypatch.setattr(serial, "serial_for_url", refuse)
     with pytest.raises(TransportError) as refused:
         open_port("/dev/ttyUSB0", clock=VirtualClock())
-    said = closed_port_advice(refused.value, "/dev/ttyUSB0")
+    said = closed_port_advice(str(refused.value), "/dev/ttyUSB0", load_bench("espec-stim300-example"))
     assert said.startswith(advice)
     assert bool(said) is bool(advice)

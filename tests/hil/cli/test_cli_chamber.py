@@ -146,7 +146,7 @@ def real_bench(tmp_path: Path) -> tuple[Path, Bench]:
     return path, parse_bench(path.read_text(), "real.yaml")
 
 
-@pytest.mark.parametrize(("answer", "asked"), [(False, "not set"), (True, "/dev/ttyNONE7 does not exist")])
+@pytest.mark.parametrize(("answer", "asked"), [(False, "not set"), (True, "/dev/ttyNONE7: there is no such port")])
 def test_a_real_chamber_moves_only_when_somebody_agreed(
     hil: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, answer: bool, asked: str
 ) -> None:
@@ -164,7 +164,7 @@ def test_yes_and_stop_do_not_ask(hil: Any, monkeypatch: pytest.MonkeyPatch, tmp_
     monkeypatch.setattr(typer, "confirm", lambda *_, **__: pytest.fail("asked"))
     path, _ = real_bench(tmp_path)
     for arguments in (("set", "30", "--yes"), ("stop",), ("read",)):
-        assert "does not exist" in hil("chamber", path, *arguments).stderr
+        assert "there is no such port" in hil("chamber", path, *arguments).stderr
 
 
 def test_a_ramp_is_stepped_to_its_end(hil: Any, tmp_path: Path) -> None:

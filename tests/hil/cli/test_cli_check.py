@@ -207,7 +207,7 @@ def test_what_happens_to_a_chamber_that_is_left_alone_is_said(hil: Any, tmp_path
 
 @pytest.mark.slow
 def test_a_port_that_is_not_there_is_bad_input_and_the_rest_is_looked_at(hil: Any, tmp_path: Path) -> None:
-    """The chamber's adapter is unplugged: status 2, a sentence with the key, and the unit was heard."""
+    """The chamber's simulation is not there: status 2, told once with what to begin, and the unit was heard."""
     with served(load_bench("simulated")) as simulation:
         client = client_bench(load_bench("simulated"), {"imu": simulation.ports["imu"], "chamber": "/dev/ttyNONE7"})
         path = tmp_path / "bench.yaml"
@@ -215,11 +215,12 @@ def test_a_port_that_is_not_there_is_bad_input_and_the_rest_is_looked_at(hil: An
         ended = hil("check", path, "--json")
     found = told(ended)
     assert ended.returncode == 2
-    assert "chamber.port: the port /dev/ttyNONE7 does not exist" in ended.stderr
+    assert "no such port" not in ended.stderr
     assert found["unit"]["good"] is True
     assert found["stream"]["good"] is True
     assert found["chamber.port"]["good"] is False
-    assert "/dev/serial/by-id" in found["chamber.port"]["advice"]
+    assert "/dev/ttyNONE7: there is no such port" in found["chamber.port"]["message"]
+    assert found["chamber.port"]["advice"].startswith(f"begin hil simulate {path} in another shell")
     assert "chamber" not in found
 
 

@@ -48,7 +48,7 @@ def _changed(text: str, old: str, new: str) -> str:
         ),
         ("{action: standby}", "{temperature: 20 degC}", "chamber.safe_state.action: this key is missing"),
         ("low: -45 degC, ", "", "chamber.limits.low: this key is missing"),
-        ("seed: 861", "seed: 861\n  imu_faults: [{begins: 3 s}]", "simulation.imu_faults.fault: this key is missing"),
+        ("seed: 861", "seed: 861\n  imu_faults: [{begins: 3 s}]", "simulation.imu_faults.0.fault: this key is missing"),
         ("{action: standby}", "{action: hold}", "chamber.safe_state: a safe state has a temperature when"),
         ("unit: {model: MFS-IMU, serial: SIM-0001}", "unit: {model: MFS-IMU}", "unit.serial: this key is missing"),
         ("seed: 861", "seed: -1", "simulation.seed: must be at least 0, not -1"),
@@ -297,5 +297,5 @@ def test_faults_of_simulated_devices_are_configuration() -> None:
     assert settings is not None
     assert (settings.imu_faults[0].fault, settings.imu_faults[0].ends_s) == ("stall", 7200.0)
     assert (settings.chamber_faults[0].kind, settings.chamber_faults[0].begins_s) == ("alarm", 10800.0)
-    with pytest.raises(InputError, match=r"simulation\.imu_faults\.fault: .gremlins..* allowed: .dropped_frames., "):
-        parse_bench(_BENCH + "  imu_faults: [{fault: gremlins}]\n", "b")
+    with pytest.raises(InputError, match=r"simulation\.imu_faults\.1\.fault: .gremlins..* allowed: .dropped_frames., "):
+        parse_bench(_BENCH + "  imu_faults: [{fault: stall}, {fault: gremlins}]\n", "b")

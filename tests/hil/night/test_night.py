@@ -103,7 +103,7 @@ def test_bad_input_leaves_nothing_behind(tmp_path: Path) -> None:
     no_port = parse_bench(text, bench.source)
     for target, sweep, where, words in (
         (tmp_path / "a" / "b", hot, bench, "outside the limits"),
-        (tmp_path / "a" / "b", SHORT, no_port, "does not exist"),
+        (tmp_path / "a" / "b", SHORT, no_port, "there is no such port"),
         (tmp_path / "file" / "b", SHORT, bench, "is not a folder"),
     ):
         with pytest.raises(InputError, match=words):

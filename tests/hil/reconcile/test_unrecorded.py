@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from hil.campaign import Campaign, Collects, FloatArray, Series
+from hil.campaign.stand_ins import with_stand_ins
 from hil.model.effects.series import JumpInCollect, SettlingInCollect
 from hil.model.effects.thermal import InsufficientSoak, WarmUp
 from hil.reconcile import Reconciliation, reconcile
-from hil.reconcile.unrecorded import with_stand_ins
 from tests.hil.model.effect_conditions import ROTOR
 from tests.hil.reconcile.hidden_effects import Rows, both, hidden_campaign
 from tests.hil.solve.test_other_runs import campaign as runs_at_their_temperatures

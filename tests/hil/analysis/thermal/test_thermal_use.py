@@ -176,17 +176,25 @@ def test_few_temperatures_are_said_to_choose_and_to_judge_at_once() -> None:
     assert "too few temperatures to confirm the forms" in sensor["verdict"]["words"]
 
 
-@pytest.mark.parametrize(("command", "there"), [("thermal", "reconciliation.json"), ("reconcile", "thermal.json")])
+@pytest.mark.parametrize(
+    ("command", "there", "model"),
+    [
+        ("thermal", "reconciliation.json", "matrix-6"),
+        ("reconcile", "thermal.json", "matrix-6"),
+        ("reconcile", "mine.txt", "matrix-6"),
+        ("reconcile", "reconciliation.json", "out/model.yaml"),
+    ],
+)
 def test_one_result_does_not_take_the_place_of_another(
-    command: str, there: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    command: str, there: str, model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Both commands write model.yaml: the second into a folder is refused, and nothing in it changes."""
+    """Both commands write model.yaml: where one is that the command did not make, or begins with, nothing changes."""
     write_campaign(small_night(rotor_night), tmp_path / "campaign")
     (tmp_path / "out").mkdir()
     for name in (there, "model.yaml"):
         (tmp_path / "out" / name).write_text("kept\n")
-    model = ["--model", "matrix-6"] if command == "reconcile" else []
-    assert run([command, str(tmp_path / "campaign"), *model, "--out", str(tmp_path / "out")]) == 2
+    from_model = ["--model", str(tmp_path / model) if "/" in model else model]
+    assert run([command, str(tmp_path / "campaign"), *from_model, "--out", str(tmp_path / "out")]) == 2
     assert "name another folder" in " ".join(capsys.readouterr().err.split())
     assert {path.read_text() for path in (tmp_path / "out").iterdir()} == {"kept\n"}
     assert len(list((tmp_path / "out").iterdir())) == 2
