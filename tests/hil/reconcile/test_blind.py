@@ -22,6 +22,13 @@ def test_a_night_with_nothing_hidden_gets_no_name(kind: str) -> None:
 
 
 @pytest.mark.slow
+def test_what_wanders_from_run_to_run_is_no_sure_name_on_the_averages() -> None:
+    """Offsets correlated .97 look like ageing (.91): that nothing stands in its place is too probable to call it so."""
+    document = reconcile_job(Job("offsets", 5_758_023, noise=Noise(rho=0.97)))
+    assert not confidently_wrong(document, ())
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*QUICK, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
 def test_a_sealed_effect_of_twelve_sigma_is_in_the_first_class(name: str) -> None:
     """Continuous time constants and a Preisach hysteresis, which the catalogue's columns only approximate."""
