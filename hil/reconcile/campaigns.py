@@ -154,8 +154,7 @@ def screen_folders(
                 told[place] = "; ".join(still)
                 continue
             read = with_stand_ins(read)
-            group = next((each for each in groups if each.has_like(read)), None)
-            if group is None:
+            if (group := next((each for each in groups if each.has_like(read)), None)) is None:
                 groups.append(group := _Group(read, Stood({n: rows.conditions for n, rows in read.sensors.items()})))
             values = beside_the_earth(read)
             told_apart_by = hashlib.sha256(b"".join(own.tobytes() for own in values.values())).digest()

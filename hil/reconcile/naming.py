@@ -180,7 +180,8 @@ def _rival(
         follows = next((posterior.term(n, places[0]).follows for n, places in own.items()), "time")
         rival, remedy = f"{NO_NAME}: {term.name}", f"let {term.follows} go in another order than {follows}"
         overlap = 0.0 if term.follows == follows else overlap  # a curve over the same says nothing else
-    likely = effect is not None and not effect.incidental and effect.odds >= 1.0
+    usual = effect is not None and any(effect.odds_for(each) >= 1.0 for each in fit.conditions.values())
+    likely = usual and effect is not None and not effect.incidental
     return Rival(rival, probability, overlap, title, factor, odds / max(factor, 1e-300), terms, remedy, likely)
 
 

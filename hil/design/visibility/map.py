@@ -125,7 +125,7 @@ def visibility(
     kept = [float(np.median([one.kept for one in several])) for several in seen]
     groups = classes(overlaps * np.outer(np.array(kept) >= CANNOT_BE_SEEN, np.array(kept) >= CANNOT_BE_SEEN))
     members = {index: tuple(asked[other].id for other in group) for group in groups for index in group}
-    rows, odds = Rows(whiten, absorbed, len(conditions.sensor.channels)), name_odds(asked)
+    rows, odds = Rows(whiten, absorbed, len(conditions.sensor.channels)), name_odds(asked, conditions)
     sights = []
     for index, effect in enumerate(asked):
         log_prior = math.log(odds[named(effect).id] / len(tried[effect.id])) + log_in_one(effect, sensors)

@@ -174,6 +174,10 @@ class Described(ABC):
             if not any(np.any(np.isfinite(conditions.columns.get(name, np.nan))) for name in need.split("|"))
         )
 
+    def odds_for(self, conditions: Conditions) -> float:
+        """Return its `odds`, or what these rows make of them before any rate is seen."""
+        return self.odds
+
     def parameters_for(self, conditions: Conditions) -> tuple[Parameter, ...]:
         """Return the parameters as they are for these rows, one per column of `columns`, in that order."""
         declared, labels = [each.for_sensor(conditions.sensor) for each in self.parameters], self.labels_for(conditions)

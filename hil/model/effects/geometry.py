@@ -6,6 +6,9 @@ import numpy as np
 
 from hil.campaign import Conditions, FloatArray
 
+LEVEL = 0.05
+"""Of 1 g, along an axis that is called horizontal: three degrees."""
+
 
 @dataclass(frozen=True)
 class LocalFrame:
@@ -27,6 +30,20 @@ def local_frame(conditions: Conditions) -> LocalFrame:
     length = np.linalg.norm(horizontal, axis=1, keepdims=True)
     north = np.divide(horizontal, length, out=np.zeros_like(horizontal), where=length > 1e-6)
     return LocalFrame(up, north, np.cross(up, north))
+
+
+def frame_of_one_axis(conditions: Conditions) -> LocalFrame:
+    """Return the frame, its north where no earth rate tells it from the one axis that the unit was turned about.
+
+    That stays horizontal, and points where it did: north is then a right angle from it, wherever that is.
+    """
+    frame = local_frame(conditions)
+    _, size, axes = np.linalg.svd(frame.up, full_matrices=False)
+    if np.any(frame.north) or len(size) < 3 or size[2] > LEVEL * np.sqrt(len(conditions)) or size[1] < size[0] * LEVEL:
+        return frame
+    north = np.cross(axes[2], frame.up)
+    north /= np.linalg.norm(north, axis=1, keepdims=True)
+    return LocalFrame(frame.up, north, np.cross(frame.up, north))
 
 
 def turned_about_index_axis(vectors: FloatArray) -> FloatArray:

@@ -33,11 +33,11 @@ UNSEEN = 0.03
 """A column of which the base leaves less is not asked about, nor in a block that it moves less than another."""
 
 
-def name_odds(effects: Iterable[Effect]) -> dict[str, float]:
+def name_odds(effects: Iterable[Effect], conditions: Conditions) -> dict[str, float]:
     """Share the odds of the catalogue out over the names of these effects."""
     odds: dict[str, float] = {}
     for effect in effects:
-        odds[named(effect).id] = max(odds.get(named(effect).id, 0.0), effect.odds)
+        odds[named(effect).id] = max(odds.get(named(effect).id, 0.0), effect.odds_for(conditions))
     return {name: (1.0 - SECOND_TIER) * own / sum(odds.values()) for name, own in odds.items()}
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from hil.campaign import Conditions, FloatArray
 from hil.campaign.data import EARTH_RATE_DEG_PER_HR
 from hil.model.effects.base import OUTSIDE, Base, Effect, Parameter, required_base
-from hil.model.effects.geometry import local_frame, turned_about_index_axis
+from hil.model.effects.geometry import frame_of_one_axis, turned_about_index_axis
 from hil.model.equation import pickoff_rates
 
 MILLI = 1e-3
@@ -89,7 +89,7 @@ class IndexPositionError(_IndexedRotorEffect):
 
 
 class EarthRateError(Effect):
-    """The earth rate that was subtracted is wrong: latitude, heading, or a mount that is not where the map says."""
+    """The earth rate that was subtracted is wrong, or none was: latitude, heading, a mount not where the map says."""
 
     id = "earth"
     follows = "heading"
@@ -106,6 +106,10 @@ class EarthRateError(Effect):
     odds = OUTSIDE
     experiment = "A second heading: gravity stays, earth rate turns. MUB shifts and MUA does not."
 
+    def odds_for(self, conditions: Conditions) -> float:
+        """Return those of a term of the standard models where no earth rate was subtracted: every gyro shows it."""
+        return self.odds if np.any(np.nan_to_num(conditions.w_deg_per_hr)) else 5.0
+
     def known_amplitudes(
         self, conditions: Conditions, site: Mapping[str, float]
     ) -> Sequence[tuple[float, FloatArray, FloatArray]]:
@@ -119,7 +123,7 @@ class EarthRateError(Effect):
         return ((LEFT_OUT, np.zeros(3), np.array([EARTH_RATE_DEG_PER_HR / 2.0, *level])),)
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return the negative direction cosines of each channel's axis, shape (n, c, 3); north 0 where w is unknown."""
-        frame = local_frame(conditions)
+        """Return the negative direction cosines of each channel's axis, (n, c, 3); north 0 where unknown."""
+        frame = frame_of_one_axis(conditions)
         directions = np.stack([frame.up, frame.north, frame.east], -1)
         return -directions[:, conditions.sensor.channel_axes, :]

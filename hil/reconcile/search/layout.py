@@ -68,14 +68,14 @@ def _search(
     known = {c.name: c.effect.known_amplitudes(conditions, site) for c in candidates if c.effect is not None and c.tier}
     noise = float(np.sqrt(np.mean([b.noise.unit for b in laid])))
     own_values = all(b.noise.calibrated for b in laid)
-    found = terms(candidates, blocks, noise, known, calibrated=own_values)
+    found = terms(candidates, blocks, conditions, noise, known, calibrated=own_values)
     told = as_told(found, sensor.collects, problem.campaign.exchanged.get(sensor.number, ()))
     search = SensorSearch(laid, told, solved.among(told))
     search.refine()
     parents = [term for j in search.leading() if (term := search.terms[j]).tier == 1]
     finer = [(parent, list(_between(sensor, parent.candidate))) for parent in parents]
     log_odds = {id(c): parent.log_odds - float(np.log(len(own) + 1.0)) for parent, own in finer for c in own}
-    found = terms([c for _, own in finer for c in own], blocks, noise, known, calibrated=own_values)
+    found = terms([c for _, own in finer for c in own], blocks, conditions, noise, known, calibrated=own_values)
     search.terms += [replace(t, log_odds=log_odds[id(t.candidate)]) for t in found]
     return search
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hil.campaign import FloatArray, IntArray
+from hil.campaign import Conditions, FloatArray, IntArray
 from hil.model.effects.data import OTHER_SENSOR, Mislabelled
 from hil.model.effects.followed import driver_of
 from hil.model.effects.prior import SECOND_TIER, UNSEEN, ladder, middle, name_odds
@@ -101,6 +101,7 @@ class Term:
 def terms(
     candidates: Sequence[Candidate],
     blocks: Sequence[Block],
+    conditions: Conditions,
     noise_deg_per_hr: float,
     known: Mapping[str, Sequence[tuple[float, FloatArray, FloatArray]]],
     *,
@@ -133,7 +134,7 @@ def terms(
         if any(parts) and (c.form != "table" or values.get(id(c.effect), False))  # else it is no law of temperature
     ]
     out = []
-    for (candidate, scale, parts), odds in zip(seen, _prior_odds([c for c, _, _ in seen]), strict=True):
+    for (candidate, scale, parts), odds in zip(seen, _prior_odds([c for c, _, _ in seen], conditions), strict=True):
         amplitudes = _amplitudes(candidate, scale, noise_deg_per_hr, known.get(candidate.name, ()))
         own = tuple(() if p is None else tuple(_of_part(a, p, scale) for a in amplitudes) for p in parts)
         acting = [set(part.parameters.tolist()) for part in parts if part is not None]
@@ -163,13 +164,13 @@ def _undescribed(found: Sequence[Term], bases: Sequence[FloatArray]) -> list[Ter
     return [term for term in found if term.tier != 2 or not known(term)]
 
 
-def _prior_odds(candidates: Sequence[Candidate]) -> list[float]:
+def _prior_odds(candidates: Sequence[Candidate], conditions: Conditions) -> list[float]:
     """Share the odds out: over tiers, over names by their class's odds, over the shapes and forms of a name."""
     within: dict[tuple[int, str], float] = {}
     for c in candidates:
         within[c.tier, c.name] = within.get((c.tier, c.name), 0.0) + _form_weight(c)
     nameless = [name for tier, name in within if tier == 2]
-    of_names = name_odds(c.effect for c in candidates if c.tier == 1 and c.effect is not None)
+    of_names = name_odds((c.effect for c in candidates if c.tier == 1 and c.effect is not None), conditions)
     odds = (WRONG, of_names, dict.fromkeys(nameless, SECOND_TIER / max(len(nameless), 1)))
     return [odds[c.tier][c.name] * _form_weight(c) / within[c.tier, c.name] for c in candidates]
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from hil.model.effects.catalogue import effect_by_id
-from tests.hil.model.effect_conditions import TERMS, W, moved, one_run, rotor_base
+from tests.hil.model.effect_conditions import TERMS, W, moved, one_run, rotor_base, triad_poses
 
 W1, W2, W3 = W
 BA, BB, GSA, GSB, MUA, MUB = (TERMS[name] for name in ("BA", "BB", "GSA", "GSB", "MUA", "MUB"))
@@ -116,6 +116,26 @@ def test_earth_rate_error_moves_what_the_reference_says_and_leaves_axis_b_alone(
     # The sensor's triad is left-handed, so its east is the bench's mirrored.
     values = {"dW_up": wrong @ up, "dW_north": wrong @ north / level, "dW_east": -(wrong @ east) / level}
     assert np.allclose(_six("earth", values), [0.3, -0.3, 0.4, -0.2, -0.2, -0.2])
+
+
+def test_an_earth_rate_that_nobody_recorded_turns_with_the_unit_about_its_index_axis() -> None:
+    """Three collects about the B axis: what all of the earth's does to them is known but for that axis's heading."""
+    known, earth = one_run(), effect_by_id("earth")
+    unknown = replace(known, w_deg_per_hr=np.zeros((3, 3)))
+    left_out = known.w_channels_deg_per_hr.ravel()
+    columns = earth.columns(unknown, None, {}).reshape(6, 3)
+    values, *_ = np.linalg.lstsq(columns, -left_out)
+    assert np.allclose(columns @ values, -left_out, atol=1e-9)
+    assert np.hypot(values[1], values[2]) == pytest.approx(np.hypot(W2, W3))
+    assert earth.odds_for(unknown) > earth.odds_for(known)
+
+
+def test_of_a_unit_that_was_turned_about_several_axes_nobody_knows_where_north_is() -> None:
+    """Six poses of a triad: only the earth's vertical part has columns."""
+    conditions = replace(triad_poses(), w_deg_per_hr=np.zeros((len(triad_poses()), 3)))
+    columns = effect_by_id("earth").columns(conditions, None, {})
+    assert not columns[:, :, 1:].any()
+    assert columns[:, :, 0].any()
 
 
 @pytest.mark.parametrize(

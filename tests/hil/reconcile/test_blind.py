@@ -38,6 +38,14 @@ def test_a_sealed_effect_of_twelve_sigma_is_in_the_first_class(name: str) -> Non
 
 
 @pytest.mark.slow
+def test_what_may_be_the_earths_rate_is_not_called_a_mass_unbalance() -> None:
+    """Four collects about one axis, no earth rate recorded: its level part is MUB to these, and no MUA is beside it."""
+    effect = reconcile_job(Job("earth", 3_610_000, ("earth@left out",), model="collins-4"))["effects"][0]
+    assert (effect["id"], effect["kind"]) == ("earth", "ambiguous")
+    assert "MU_real" in {rival["id"] for rival in effect["confusable_with"]}
+
+
+@pytest.mark.slow
 def test_a_sealed_effect_outside_the_catalogue_is_called_empirical() -> None:
     """An unbalance that follows the supply has no name, and gets none."""
     document = reconcile_job(Job("MU × supply", 93_000, ("MU × supply",), 12.0))

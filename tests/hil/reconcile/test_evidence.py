@@ -207,9 +207,9 @@ def test_in_which_unit_a_column_is_given_changes_nothing(search: SensorSearch) -
     sizes = [replace(p, typical=(1e-9 * p.typical[0], 1e-9 * p.typical[1])) for p in candidates[1].parameters]
     other = replace(candidates[1], columns=1e9 * candidates[1].columns, parameters=tuple(sizes))
     blocks = [own.block for own in search.blocks]
-    both_ways = [
-        SensorSearch(search.blocks, terms([candidates[0], one], blocks, 1.0, {})) for one in (candidates[1], other)
-    ]
+    conditions = search.blocks[0].noise.conditions
+    laid = (terms([candidates[0], one], blocks, conditions, 1.0, {}) for one in (candidates[1], other))
+    both_ways = [SensorSearch(search.blocks, own) for own in laid]
     same, scaled = (one.in_block((0, 1), 0) for one in both_ways)
     np.testing.assert_allclose(scaled.terms_log, same.terms_log, atol=1e-6)
     assert scaled.best == same.best
