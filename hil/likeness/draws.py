@@ -26,7 +26,7 @@ from hil.files.strict import read_text
 from hil.likeness.again import configuration
 from hil.likeness.features import features, levels
 from hil.likeness.verdict import verdict
-from hil.model import Model
+from hil.model import Model, fitting
 from hil.model.curve import Constant, Table
 from hil.model.model_file import save_model
 from hil.model.stated_noise import SensorNoise
@@ -59,7 +59,7 @@ class Agrees:
 
 def likeness(
     folder: Path,
-    model: Model,
+    model: Model | str,
     *,
     draws: int = 20,
     seed: int = 1,
@@ -70,22 +70,23 @@ def likeness(
 ) -> dict[str, Any]:
     """Return hil.twin/1: whether nights simulated with `model` can be told from the night or campaign in `folder`.
 
-    A built-in is fitted first; at each temperature where `calibrated`, else as one set. `keep` is the folder of draws,
-    `workers` how many processes make them (one for each core), `done` is told how many there are. Raises `InputError`
-    where the night cannot be carried out again, or a draw does not end.
+    What has no values, as a built-in, is fitted first; at each temperature where `calibrated`, else as one set. `keep`
+    is the folder of draws, `workers` how many processes make them (one for each core), `done` is told how many there
+    are. Raises `InputError` where the night cannot be carried out again, or a draw does not end.
     """
     if draws < FEWEST:
         raise InputError(f"--draws {draws}: {FEWEST} at least; 20 tell at a level of 5 %")
     source = open_source(folder)
     sensors = [rows.conditions.sensor for rows in source.campaign.sensors.values()]
-    for sensor in sensors:
-        model.check_sensor(sensor)
+    model = fitting(model, sensors)
     own = [curve for sensor in sensors for curve in model.sensors.get(sensor.number, {}).values()]
     follows = any(curve.depends_on_temperature for curve in own) if calibrated is None else calibrated
     follows &= all(same_temperature(rows.conditions).max() > 0 for rows in source.campaign.sensors.values())
     form = model.model_copy(update={"sensors": {}})
-    known = model if own else fitted(source.campaign, form, calibrated=follows)
-    known = with_white_noise(known, source.campaign)
+    if not all(map(model.has_values, sensors)):
+        values = fitted(source.campaign, form, calibrated=follows)
+        model = values.model_copy(update={"sensors": {**values.sensors, **model.sensors}})
+    known = with_white_noise(model, source.campaign)
     document, assumed = configuration(source)
     nights = [features(source, form, calibrated=follows)]
     told = json.dumps([document, known.model_dump(mode="json"), follows, seed, sorted(nights[0])])

@@ -1,6 +1,6 @@
 """Find, name, add, prove: the discrepancy workflow on one campaign.
 
-    result = reconcile(read_campaign("my-campaign"), load_model("collins-4"))
+    result = reconcile(read_campaign("my-campaign"), "collins-4")
     result.verdict                       # "named", "ambiguous", "empirical", "unresolved" or "none"
     write_result(result, Path("out"))    # reconciliation.json, model.yaml, reconciliation.html
 
@@ -18,7 +18,7 @@ import numpy as np
 from hil.campaign import Campaign
 from hil.campaign.plausibility import usable
 from hil.errors import InputError
-from hil.model import Model, load_model
+from hil.model import Model, fitting
 from hil.model.effects.base import Effect, VarianceEffect
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS
 from hil.model.effects.prior import ALPHA
@@ -64,10 +64,8 @@ def reconcile(
     """
     if not 0.0 < alpha < 0.5:
         raise InputError(f"alpha {alpha}: the false-alarm rate must lie between 0 and 0.5")
-    chosen = load_model(model) if isinstance(model, str) else model
+    chosen = fitting(model, [collects.conditions.sensor for collects in campaign.sensors.values()])
     effects = (*BASE_EFFECTS, *EFFECTS) if catalogue is None else tuple(catalogue)
-    for collects in campaign.sensors.values():
-        chosen.check_sensor(collects.conditions.sensor)
     beside, both = without(campaign), common_and_differential(campaign)
     campaign = with_stand_ins(pooled(campaign))
     inside = within_collects(campaign, SERIES_EFFECTS, _INSIDE * alpha)
@@ -189,7 +187,6 @@ def _result(
     after = findings.with_inside(after, within, campaign)
     after = after if after == model else after.model_copy(update={"version": model.version + 1})
     notes = [*campaign.warnings, *in_words(beside), *problem.notes]
-    notes += filter(None, [model.of_other_sensors(campaign.sensors)])
     outliers = mistakes.outliers_found(fit)
     rows = mistakes.rows_found(reading.mistakes, fit, campaign, outliers)
     notes += in_words({"rows": rows}, searched=True)
