@@ -20,7 +20,7 @@ from hil.config.sweep import parse_sweep
 from hil.errors import InputError
 from hil.likeness import draws, likeness
 from hil.likeness.again import configuration
-from hil.likeness.features import RESOLUTION
+from hil.likeness.features import RESOLUTION, features
 from hil.model import Model, load_model
 from hil.night import start_night
 from hil.records.export import open_source
@@ -69,6 +69,29 @@ def test_draws_are_kept_and_not_simulated_again(night: Path, tmp_path: Path, mon
     for other in ({"seed": 2}, {"model": load_model(TRUTH).model_copy(update={"noise": {}})}):
         with pytest.raises(KeyboardInterrupt):
             ask(night, tmp_path, **other)
+
+
+def test_that_a_night_was_interrupted_tells_it_from_no_other(tmp_path: Path) -> None:
+    """An hour between two of its runs is no condition of its model; an hour between all of them is."""
+    source = open_source(write_case(make_case(1, ("k2",), d=0.01), tmp_path / "campaign"))
+    form = load_model("matrix-6")
+
+    def late(*runs: int) -> dict[str, float]:
+        sensors = {}
+        for number, collects in source.campaign.sensors.items():
+            rows = collects.conditions
+            by = 3600.0 * np.isin(rows.run, runs) * (1.0 + np.searchsorted(runs, rows.run))
+            since = {"time_since_setpoint_s": rows.columns["time_since_setpoint_s"] + by}
+            late = replace(rows, start_s=rows.start_s + by, columns={**rows.columns, **since})
+            sensors[number] = replace(collects, conditions=late)
+        laid = replace(source, campaign=replace(source.campaign, sensors=sensors))
+        found = features(laid, form, calibrated=True)
+        return {key: value for key, value in found.items() if json.loads(key)[0] == "conditions"}
+
+    plain = late()
+    floor = {key: RESOLUTION.get(key.rstrip('"]').split("_")[-1], 0.01) for key in plain}
+    assert max(abs(value - plain[key]) / floor[key] for key, value in late(11).items()) < 2.0
+    assert max(abs(value - plain[key]) / floor[key] for key, value in late(*range(2, 25)).items()) > 10.0
 
 
 def test_too_few_draws_and_a_model_that_is_no_ones_are_refused(night: Path, tmp_path: Path) -> None:
