@@ -108,7 +108,11 @@ def twin(
     out: Annotated[Path | None, Option(help="Keeps what was simulated; default: NIGHT-twin, beside it.")] = None,
 ) -> Answer:
     """Simulate the same night with a model, many times, through bytes; say whether the measured one can be told."""
-    keep = out or campaign.resolve().with_name(f"{campaign.resolve().name}-twin")
+    from hil.records.units import place_of
+
+    night, unit = place_of(campaign.resolve())
+    keep = out or night.with_name("-".join(filter(None, (night.name, unit, "twin"))))
+    check_result_folder(keep, "thermal.json", "thermal")
     document = _likeness(campaign, model, keep, draws=draws, seed=seed)
     return Answer(document, told(document, keep=keep, level=_LEVEL))
 

@@ -185,7 +185,8 @@ def _result(
     tested = any(search.terms for search in posterior.searches.values())
     after = scatter.with_ordinary(after, noise if tested else (), fit.conditions)
     after = findings.with_inside(after, within, campaign)
-    after = after if after == model else after.model_copy(update={"version": model.version + 1})
+    if after != model:
+        after = scatter.with_white_noise(after, campaign).model_copy(update={"version": model.version + 1})
     notes = [*campaign.warnings, *in_words(beside), *problem.notes]
     outliers = mistakes.outliers_found(fit)
     rows = mistakes.rows_found(reading.mistakes, fit, campaign, outliers)
