@@ -108,14 +108,16 @@ def twin(
     out: Annotated[Path | None, Option(help="Keeps what was simulated; default: NIGHT-twin, beside it.")] = None,
 ) -> Answer:
     """Simulate the same night with a model, many times, through bytes; say whether the measured one can be told."""
-    from hil.model import load_model
+    from hil.records.units import place_of
 
-    keep = out or campaign.resolve().with_name(f"{campaign.resolve().name}-twin")
-    document = _likeness(campaign, load_model(model), keep, draws=draws, seed=seed)
+    night, unit = place_of(campaign.resolve())
+    keep = out or night.with_name("-".join(filter(None, (night.name, unit, "twin"))))
+    check_result_folder(keep, "thermal.json", "thermal")
+    document = _likeness(campaign, model, keep, draws=draws, seed=seed)
     return Answer(document, told(document, keep=keep, level=_LEVEL))
 
 
-def _likeness(folder: Path, model: Model, keep: Path, *, draws: int, **how: Any) -> dict[str, Any]:
+def _likeness(folder: Path, model: Model | str, keep: Path, *, draws: int, **how: Any) -> dict[str, Any]:
     """Ask `hil.likeness`, and show how far it is."""
     from hil.likeness import likeness
 

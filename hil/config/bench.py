@@ -140,7 +140,7 @@ _OF_ALL = ("positioner", "positioner_options")
 """What the units of one chamber cannot have each for itself."""
 
 
-def _of_each(document: dict[str, Any]) -> dict[str, Any]:
+def of_each(document: dict[str, Any]) -> dict[str, Any]:
     """Return the bench of each unit of a file's list, by serial number: what is the unit's own laid over the rest.
 
     Raises `ValueError` for a list that names no units, or two alike.
@@ -236,7 +236,7 @@ class Bench(WholeFile):
     def _units_are_benches(cls, given: object) -> object:
         if not isinstance(given, dict) or "units" not in given:
             return given
-        own = _of_each(given)
+        own = of_each(given)
         units = {}
         for place, (serial, bench) in enumerate(own.items()):
             try:
@@ -254,7 +254,7 @@ class Bench(WholeFile):
     def parse(cls, text: str, source: str) -> Self:
         """Read from YAML text; `source` names it in messages. Raises `InputError` in one sentence, no `ValueError`."""
         found = super().parse(text, source)
-        own = _of_each(parse_yaml(text, source)) if found.units else {}
+        own = of_each(parse_yaml(text, source)) if found.units else {}
         for serial, bench in found.units.items():  # each is a bench of one unit
             bench._text = yaml.safe_dump(own[serial], sort_keys=False, allow_unicode=True)
             bench._source = source

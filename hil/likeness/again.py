@@ -13,6 +13,7 @@ import yaml
 
 from hil.campaign import Campaign, Conditions, FloatArray
 from hil.campaign.data import EARTH_RATE_DEG_PER_HR
+from hil.config.bench import of_each
 from hil.config.recorded import SCHEMA, understood
 from hil.errors import InputError
 from hil.files.strict import find_config, parse_yaml, read_text
@@ -20,6 +21,7 @@ from hil.model.earth import Site
 from hil.records import reading
 from hil.records.export import Source
 from hil.records.reader import is_night
+from hil.records.units import place_of
 from hil.solve.temperatures import level_degC, same_temperature
 
 _LOOKED_AT = {"interval": "90 s", "read_interval": "90 s"}  # seldom: simulated devices keep every byte
@@ -36,6 +38,9 @@ def configuration(source: Source) -> tuple[dict[str, Any], bool]:
     if is_night(source.folder):
         with reading(source.folder) as journal:
             document = understood(journal.night.configuration)
+        if unit := place_of(source.folder)[1]:
+            document["bench"] = of_each(document["bench"])[unit]
+            document["imu"] = document.get(f"imu-{unit}", document["imu"])
     else:
         document = _inferred(source.campaign)
     bench = document["bench"]

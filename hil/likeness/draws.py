@@ -7,17 +7,19 @@ there already and was made alike is not made again, so that whoever was interrup
 import json
 import os
 import tempfile
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import sha256
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
 
-from hil.campaign import Campaign
+from hil.campaign import Campaign, Collects, Conditions
 from hil.config.recorded import configuration_of
 from hil.errors import InputError
 from hil.files.durable import RealDisk, write_durably
@@ -26,20 +28,22 @@ from hil.files.strict import read_text
 from hil.likeness.again import configuration
 from hil.likeness.features import features, levels
 from hil.likeness.verdict import verdict
-from hil.model import Model
-from hil.model.curve import Constant, Table
+from hil.model import Model, fitting
 from hil.model.model_file import save_model
-from hil.model.stated_noise import SensorNoise
 from hil.night import start_night
 from hil.reconcile.outcome.improve import improved
+from hil.reconcile.outcome.scatter import with_white_noise
 from hil.reconcile.search.problem import fitted_sensors
+from hil.reconcile.unrecorded import with_stand_ins
 from hil.records.export import open_source
+from hil.records.reader import is_night
+from hil.solve.omissions import without
 from hil.solve.temperatures import same_temperature
+from hil.solve.wrong_rows import pooled
 
 SCHEMA = "hil.twin/1"
 FEWEST = 3
 _ASSUMED = 10.0  # times as much may conditions differ where chamber and unit are assumed
-_WHITE = "deg/sqrt(hr)"
 _ANGLE_RANDOM_WALK = 0.12  # deg/√hr, of a campaign that states no errors
 
 
@@ -57,9 +61,37 @@ class Agrees:
         """Hear how it ended."""
 
 
+@dataclass(frozen=True)
+class _Kept:
+    """What of a sensor is compared: the measured collects, by run, position and how often, and what was recorded."""
+
+    collects: Collection[tuple[int, str, int]]
+    columns: Collection[str]
+
+    def of(self, rows: Collects) -> Collects:
+        """Return that of a simulated night."""
+        columns = {name: each for name, each in rows.conditions.columns.items() if name in self.columns}
+        known = replace(rows, conditions=replace(rows.conditions, columns=columns))
+        return known.rows(np.array([each in self.collects for each in _collects(rows.conditions)]))
+
+
+def _collects(rows: Conditions, *, as_listed: bool = False) -> list[tuple[int, str, int]]:
+    """Return which collect of the plan each row is: its run, its position, and how often that had been there in it.
+
+    Runs are called as the plan calls them, or numbered `as_listed`.
+    """
+    runs = np.unique(rows.run, return_inverse=True)[1] + 1 if as_listed else rows.run
+    seen: Counter[tuple[int, str]] = Counter()
+    out = []
+    for place in zip(runs.tolist(), rows.position.tolist(), strict=True):
+        seen[place] += 1
+        out.append((*place, seen[place]))
+    return out
+
+
 def likeness(
     folder: Path,
-    model: Model,
+    model: Model | str,
     *,
     draws: int = 20,
     seed: int = 1,
@@ -70,28 +102,36 @@ def likeness(
 ) -> dict[str, Any]:
     """Return hil.twin/1: whether nights simulated with `model` can be told from the night or campaign in `folder`.
 
-    A built-in is fitted first; at each temperature where `calibrated`, else as one set. `keep` is the folder of draws,
-    `workers` how many processes make them (one for each core), `done` is told how many there are. Raises `InputError`
-    where the night cannot be carried out again, or a draw does not end.
+    What has no values, as a built-in, is fitted first; at each temperature where `calibrated`, else as one set. `keep`
+    is the folder of draws, `workers` how many processes make them (one for each core), `done` is told how many there
+    are. Raises `InputError` where the night cannot be carried out again, or a draw does not end.
     """
     if draws < FEWEST:
         raise InputError(f"--draws {draws}: {FEWEST} at least; 20 tell at a level of 5 %")
     source = open_source(folder)
+    document, assumed = configuration(source)
+    left_out, taken = without(source.campaign), pooled(source.campaign)
+    kept = {}
+    for number, rows in source.campaign.sensors.items():
+        used = np.isin(rows.conditions.collect, taken.sensors[number].conditions.collect)
+        collects = set(compress(_collects(rows.conditions, as_listed=not is_night(folder)), used))
+        kept[number] = _Kept(collects, frozenset(rows.conditions.columns))
+    source = replace(source, campaign=with_stand_ins(taken))
     sensors = [rows.conditions.sensor for rows in source.campaign.sensors.values()]
-    for sensor in sensors:
-        model.check_sensor(sensor)
+    model = fitting(model, sensors)
     own = [curve for sensor in sensors for curve in model.sensors.get(sensor.number, {}).values()]
     follows = any(curve.depends_on_temperature for curve in own) if calibrated is None else calibrated
     follows &= all(same_temperature(rows.conditions).max() > 0 for rows in source.campaign.sensors.values())
     form = model.model_copy(update={"sensors": {}})
-    known = model if own else fitted(source.campaign, form, calibrated=follows)
-    known = with_white_noise(known, source.campaign)
-    document, assumed = configuration(source)
+    if not all(map(model.has_values, sensors)):
+        values = fitted(source.campaign, form, calibrated=follows)
+        model = values.model_copy(update={"sensors": {**values.sensors, **model.sensors}})
+    known = with_white_noise(model, source.campaign, _ANGLE_RANDOM_WALK)
     nights = [features(source, form, calibrated=follows)]
-    told = json.dumps([document, known.model_dump(mode="json"), follows, seed, sorted(nights[0])])
+    told = json.dumps([document, known.model_dump(mode="json"), follows, seed, sorted(nights[0]), left_out])
     keep.mkdir(parents=True, exist_ok=True)
     alike = sha256(told.encode()).hexdigest()
-    make = partial(_drawn, document, known, source.campaign, form, follows, seed, keep, alike)
+    make = partial(_drawn, document, known, source.campaign, kept, form, follows, seed, keep, alike)
     count = min(workers or os.cpu_count() or 1, draws)
     with processes(count) as mapped:
         for number, night in enumerate(mapped(make, range(draws))):
@@ -99,7 +139,7 @@ def likeness(
             done(number + 1)
     head = {"schema": SCHEMA, "campaign": source.campaign.title, "simulated": source.campaign.simulated}
     asked = {"model": model.full_title, "draws": draws, "seed": seed}
-    return {**head, **asked, **verdict(nights, _ASSUMED if assumed else 1.0)}
+    return {**head, **asked, **left_out, **verdict(nights, _ASSUMED if assumed else 1.0)}
 
 
 def fitted(campaign: Campaign, form: Model, *, calibrated: bool) -> Model:
@@ -147,27 +187,11 @@ def night_of_averages(campaign: Campaign, model: Model, rng: np.random.Generator
     return replace(campaign, sensors=sensors)
 
 
-def with_white_noise(model: Model, campaign: Campaign) -> Model:
-    """Return the model with the white noise that the standard errors show, where it states none."""
-    noise, called = dict(model.noise), levels(campaign)
-    for number, rows in campaign.sensors.items():
-        stated, own = noise.get(number, SensorNoise()), rows.conditions
-        if "angle_random_walk" in stated.model_fields_set:
-            continue
-        white = np.nan_to_num(rows.rates_se_deg_per_hr * np.sqrt(own.duration_s / 3600.0)[:, None])
-        white = np.median(np.where(white > 0.0, white, _ANGLE_RANDOM_WALK), axis=1)
-        station = same_temperature(own)
-        at = {float(each): float(np.median(white[station == k])) for k, each in enumerate(called) if k in station}
-        curve = Constant(unit=_WHITE, value=float(np.median(white)))
-        told = Table(unit=_WHITE, table={"temperature_degC": [*at], "value": [*at.values()]}) if len(at) > 1 else curve
-        noise[number] = stated.model_copy(update={"angle_random_walk": told})
-    return model.model_copy(update={"noise": noise})
-
-
 def _drawn(
     document: Mapping[str, Any],
     model: Model,
     campaign: Campaign,
+    kept: Mapping[int, _Kept],
     form: Model,
     calibrated: bool,
     seed: int,
@@ -193,6 +217,8 @@ def _drawn(
         if ended.exit_status != 0:
             raise InputError(f"the simulated night {number + 1} did not end well: {ended.reason}")
         source = open_source(folder / "night")
+        sensors = {n: kept[n].of(rows) for n, rows in source.campaign.sensors.items() if n in kept}
+        source = replace(source, campaign=with_stand_ins(replace(source.campaign, sensors=sensors)))
         found = features(source, form, calibrated=calibrated, levels_degC=levels(campaign))
     made = {"simulated": True, "of": alike, "numbers": found}
     write_durably(RealDisk(), path, json.dumps(made).encode())

@@ -25,7 +25,7 @@ PARTS = ("averages", "run_scatter", "series", "conditions")
 RESOLUTION: Mapping[str, float] = {"degC": 0.5, "min": 0.05, "s": 60.0, "se": 0.03}
 """Differences that count as none, by the unit that ends a name: no bench repeats its conditions better."""
 
-_CONDITIONS = ("temperature_degC", "dTdt_degC_per_min", "time_since_setpoint_s")
+_CONDITIONS = ("temperature_degC", "dTdt_degC_per_min")
 _OF_A_BENCH = ("chamber_degC", "case_degC")  # which a campaign's is not known to have
 _INSIDE = ("slope", "size of slope", "head", "log steps", "lag", "kurtosis")
 NORMAL = 2.0 / 3.0  # to this power a size is nearly normal (Wilson, Hilferty)
@@ -48,9 +48,11 @@ def features(
         known = (*_CONDITIONS, *(_OF_A_BENCH if is_night(source.folder) else ()), "duration_s")
         columns = {"duration_s": rows.duration_s, **rows.columns}
         told = [("conditions", name, columns[name], "by temperature") for name in known if name in columns]
-        times_s = {
+        begins_s = rows.start_s[np.unique(rows.run, return_index=True)[1]]
+        times_s = {  # as they mostly were: where a night was interrupted, no model says that it would be
             "from collect to collect_s": collect_interval_s(rows),
-            "the whole night_s": float(np.ptp(rows.start_s)),
+            "from run to run_s": float(np.median(np.diff(begins_s))) if len(begins_s) > 1 else np.nan,
+            "since the setpoint_s": float(np.median(rows.columns.get("time_since_setpoint_s", np.nan))),
         }
         told += [("conditions", name, np.full(len(rows), value), "once") for name, value in times_s.items()]
         places = {how: list(_places(rows, called, how)) for how in ("once", "by temperature", "everywhere")}

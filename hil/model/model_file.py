@@ -8,7 +8,7 @@ The same file is what `hil reconcile` compares with, what it writes with a term 
 built-in (`matrix-6`, `collins-4` …) is the same object without values: they are fitted to the data.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -103,21 +103,6 @@ class Model(Entry):
         noise = self.noise.get(conditions.sensor.number)
         return () if noise is None else noise.parts(conditions, value_form(self.form, conditions.sensor))
 
-    def check_sensor(self, sensor: Sensor, source: str | Path = "") -> None:
-        """Raise `InputError` where the model does not fit a sensor of this layout: names, units, shapes, effects.
-
-        `source` is the file, for the message. What can be told without the layout, `load_model` has told already.
-        """
-        _check_layout(str(source) or f"model {self.title}", self, sensor, exact=True)
-
-    def of_other_sensors(self, numbers: Collection[int]) -> str:
-        """Say which terms and noise are of sensors that are not among `numbers` and have no values; or nothing."""
-        terms = {f"terms.{index}": term.sensor for index, term in enumerate(self.terms) if term.sensor is not None}
-        of = terms | {f"noise.{number}": number for number in self.noise}
-        other = {key: number for key, number in of.items() if number not in {*numbers, *self.sensors}}
-        said = ", ".join(f"{key} (sensor {number})" for key, number in other.items())
-        return f"model {self.title}: not used: {said}: there is no such sensor" if other else ""
-
     def base_at(self, sensor: Sensor, temperature_degC: FloatArray) -> Base:
         """Return base terms and their slopes at temperatures (n,), °C; `rates` is zero, for it needs an orientation.
 
@@ -182,6 +167,24 @@ def load_model(path_or_name: str | Path) -> Model:
         return built_in_model(name)
     path = _find(name)
     return _parse(path, parse_yaml(read_text(path), str(path)))
+
+
+def fitting(model: Model | str | Path, sensors: Sequence[Sensor]) -> Model:
+    """Return a model, read where its file or its name is given, that fits sensors of these layouts.
+
+    Raises `InputError`, naming file and key, where it does not: names, units, shapes, effects, and terms or noise of a
+    sensor that nobody has. (One of several sensors has the values of those that are not here.)
+    """
+    chosen = model if isinstance(model, Model) else load_model(model)
+    where = f"model {chosen.title}" if isinstance(model, Model) or str(model) in MODEL_NAMES else str(_find(str(model)))
+    of = {f"terms.{k}.sensor": term.sensor for k, term in enumerate(chosen.terms) if term.sensor is not None}
+    there = [sensor.number for sensor in sensors]
+    for key, number in (of | {f"noise.{number}": number for number in chosen.noise}).items():
+        if number not in {*there, *chosen.sensors}:
+            raise InputError(f"{where}: {key}: there is no sensor {number}; there are {listed(there)}")
+    for sensor in sensors:
+        _check_layout(where, chosen, sensor, exact=True)
+    return chosen
 
 
 def save_model(model: Model, path: Path) -> None:

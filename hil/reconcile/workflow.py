@@ -1,6 +1,6 @@
 """Find, name, add, prove: the discrepancy workflow on one campaign.
 
-    result = reconcile(read_campaign("my-campaign"), load_model("collins-4"))
+    result = reconcile(read_campaign("my-campaign"), "collins-4")
     result.verdict                       # "named", "ambiguous", "empirical", "unresolved" or "none"
     write_result(result, Path("out"))    # reconciliation.json, model.yaml, reconciliation.html
 
@@ -18,7 +18,7 @@ from hil.campaign import Campaign
 from hil.campaign.plausibility import usable
 from hil.campaign.stand_ins import with_stand_ins
 from hil.errors import InputError
-from hil.model import Model, load_model
+from hil.model import Model, fitting
 from hil.model.effects.base import Effect, VarianceEffect
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS
 from hil.model.effects.prior import ALPHA
@@ -54,10 +54,8 @@ def reconcile(
     """
     if not 0.0 < alpha < 0.5:
         raise InputError(f"alpha {alpha}: the false-alarm rate must lie between 0 and 0.5")
-    chosen = load_model(model) if isinstance(model, str) else model
+    chosen = fitting(model, [collects.conditions.sensor for collects in campaign.sensors.values()])
     effects = (*BASE_EFFECTS, *EFFECTS) if catalogue is None else tuple(catalogue)
-    for collects in campaign.sensors.values():
-        chosen.check_sensor(collects.conditions.sensor)
     asked = with_stand_ins(pooled(campaign))
     inside = within_collects(asked, SERIES_EFFECTS, _INSIDE * alpha)
     found = searched(asked, chosen, effects, scattering, alpha, prove=prove)

@@ -13,7 +13,7 @@ from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.unit import IndexSettings, SimulatedImu
 from hil.config.bench import ASK, Bench
 from hil.errors import InputError
-from hil.model import load_model
+from hil.model import fitting
 from hil.twin.motion import FROM_THE_START, Resumed
 from hil.twin.sensor import simulation_of
 from hil.twin.unit import SimulatedUnit
@@ -98,9 +98,9 @@ def _unit(bench: Bench, plant: ChamberPlant, **night: Any) -> SimulatedUnit:
             f"rates of sensor {', '.join(map(str, bench.sensors))}"
         )
     path = bench.simulation_model or ""
-    model = load_model(path)
-    for number in bench.sensors:
-        model.check_sensor(bench.sensor(number), path)
+    model = fitting(path, [bench.sensor(number) for number in bench.sensors])
+    for number in set(bench.sensors) - set(model.sensors):
+        raise InputError(f"{path}: sensors.{number}: missing: a simulated unit needs values of its {model.form}")
     return SimulatedUnit(bench, model, roles, plant, sample_rate_hz=bench.frames.sample_rate_hz, **night)
 
 

@@ -235,8 +235,8 @@ class Effect(Described):
     known_as: ClassVar[str] = ""
     """Id of the effect under whose name it is found, where both are one cause, at one and at several temperatures."""
 
-    followed_title: ClassVar[str] = ""
-    """What a search calls it that looks for it only where it follows temperature: every model has the plain one."""
+    in_every_model: ClassVar[bool] = False
+    """Whether a search looks for it only where it follows temperature: every model has the plain one."""
 
     may_follow_temperature: ClassVar[bool] = False
     """Whether its values may follow temperature: then powers of it and a value at each setpoint are tried as well."""

@@ -86,9 +86,10 @@ def effect_by_id(identifier: str) -> Effect:
             return effect
     if identifier.startswith(PREFIX):
         return empirical_from_id(identifier)
-    known = {entry.id for entry in entries()}
-    if identifier in known:
-        raise InputError(f"effect {identifier} has no values of its own: it scatters averages or shows within collects")
+    if identifier in {entry.id for entry in VARIANCE_EFFECTS}:
+        raise InputError(f"effect {identifier} scatters averages: write it in noise, as noise.2.scatter.0.effect")
+    if identifier in {entry.id for entry in SERIES_EFFECTS}:
+        raise InputError(f"effect {identifier} shows within collects and moves no average: take it out of the terms")
     raise InputError(f"no effect of the catalogue has the id {identifier}; `hil effects` lists them")
 
 

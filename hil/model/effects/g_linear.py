@@ -26,7 +26,7 @@ class Bias(Effect):
     signature = "The same in every position."
     confusable_with = ("bias_T", "turnon", "k2")
     known_as = "bias_T"
-    followed_title = "Bias that follows temperature"
+    in_every_model = True
     series_in_temperature = True
     may_follow_temperature = True
     experiment = "None needed: every set of collects gives it, unless all stand the same way up."

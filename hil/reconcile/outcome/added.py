@@ -47,7 +47,7 @@ def added(model: Model, found: Answer, inside: Sequence[dict[str, Any]]) -> Adde
     after = scatter.with_ordinary(after, found.noise, fit.conditions) if found.tested else after
     after = findings.with_inside(after, within, found.campaign)
     if after != model:
-        after = after.model_copy(update={"version": model.version + 1})
+        after = scatter.with_white_noise(after, found.campaign).model_copy(update={"version": model.version + 1})
     left = solved = Solved.of(found.campaign)
     if found.names or wrong or model.terms or model.noise:
         sure = mistakes.mended(found.problem.sensors, mistakes.certain(wrong, fit, found.campaign))

@@ -11,7 +11,8 @@ from drivers.clock import SystemClock
 from hil.campaign import Campaign
 from hil.files.document import picked
 from hil.model import Model
-from hil.model.effects.base import Described
+from hil.model.effects.base import Described, Effect
+from hil.model.effects.catalogue import named as known_as
 from hil.model.model_file import InsideCollects
 from hil.reconcile.naming import LEAST, Named
 from hil.reconcile.outcome.improve import described_parameters
@@ -168,8 +169,8 @@ def physics(effect: Described | None) -> str:
     """Return what the class of an effect says of it."""
     if effect is None:
         return "No effect of the catalogue behaves like this; what is certain is what it follows, not what causes it."
-    text = " ".join((type(effect).__doc__ or "").split())
-    return f"{text} {effect.signature}".strip()
+    called = known_as(effect) if isinstance(effect, Effect) else effect
+    return f"{' '.join((type(called).__doc__ or '').split())} {called.signature}"
 
 
 def with_inside(model: Model, found: Sequence[FoundEffect], campaign: Campaign) -> Model:

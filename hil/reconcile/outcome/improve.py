@@ -9,6 +9,7 @@ from scipy.special import stdtr, stdtrit
 from hil.campaign import Conditions, FloatArray
 from hil.model import Model, Term
 from hil.model.curve import Constant, Curve, Polynomial, Table, TableRows
+from hil.model.effects.catalogue import named as known_as
 from hil.model.effects.empirical import EmpiricalTerm
 from hil.model.effects.followed import driver_reference
 from hil.model.stated_noise import ScatterTerm, SensorNoise
@@ -51,8 +52,10 @@ def described_parameters(
             "at": at or _range(conditions),
             "sensor": candidate.sensor,
         }
-        if power == 0 and candidate.tier == 1:
-            entry["typical"] = parameter.typical
+        called = () if candidate.effect is None else known_as(candidate.effect).parameters
+        typical = {each.unit: each.typical for each in called} | {parameter.unit: parameter.typical}
+        if candidate.tier == 1 and entry["unit"] in typical:
+            entry["typical"] = typical[entry["unit"]]
         if candidate.tier == 2:
             channel, _ = _channel_and_power(candidate, number)
             own = [n for n in values if _channel_and_power(candidate, n)[0] == channel]

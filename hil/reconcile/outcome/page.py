@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,13 +22,18 @@ if TYPE_CHECKING:
 
 _MOST_PLACES = 12
 _MOST_PANELS = 4
+_SHORT = 6  # lines of values that stand open
 _MOST_LEVEL = 8  # labels that are written side by side
+_WIDE = 0.7  # of the distance of two positions: over so much their collects are spread
+_LIKELY = 0.5  # what is followed so probably may be what a picture runs over
 
 
 def page(result: Reconciliation) -> str:
     """Return the page as one HTML document: no scripts, no other files."""
     rows = list(result.picture.get("rows", []))
-    panels, driver = panels_of(rows), driver_of(result, rows)
+    disagree = {(each.where["sensor"], each.where["channel"]) for each in result.disagreements}
+    panels, driver = panels_of(rows, disagree), driver_of(result, rows)
+    acting = [own for own in panels if any(row["effect"] for row in own)]
     on_mean = any(effect.acts_on == "mean" and not effect.inside_collects for effect in result.effects)
     minutes = result.picture.get("minutes_per_collect")
     following = dict(result.next_experiment or {})
@@ -48,7 +53,7 @@ def page(result: Reconciliation) -> str:
         "scatters_more": bool(at_most(result.noise)),
         "held_out": np.isfinite(result.gap.improved_p_value),
         "before": list(pictures(panels, driver, "held_before", "before", known)),
-        "curves": list(pictures(panels, driver, "left", "with what was added", {}, curve=True)) if on_mean else [],
+        "curves": list(pictures(acting, driver, "left", "with what was added", {}, curve=True)) if on_mean else [],
         "after": list(pictures(panels, driver, "held_after", "after", {})) if result.effects else [],
         "nights": list(beside_simulated(result.twin or {}, panels)),
         "most_places": _MOST_PLACES,
@@ -77,7 +82,8 @@ def _effect(effect: FoundEffect) -> dict[str, Any]:
         cells = {(at, name): value for name, at, value in told}
         places, names = (list(dict.fromkeys(each[i] for each in told)) for i in (1, 0))
         tables.append((sensor, names, [(at or "value", [cells.get((at, n), "–") for n in names]) for at in places]))
-    return {"of": effect, "tables": tables, "size": _size(effect)}
+    short = sum(len(lines) for _, _, lines in tables) <= _SHORT
+    return {"of": effect, "tables": tables, "short": short, "size": _size(effect)}
 
 
 def _sensor(parameter: Mapping[str, Any]) -> str:
@@ -89,7 +95,7 @@ def _size(effect: FoundEffect) -> str:
     known = [each for each in effect.parameters if "typical" in each]
     if not known:
         return ""
-    each = max(known, key=lambda each: abs(each["value"]))
+    each = max(known, key=lambda each: abs(each["value"]) / (each["typical"][1] or 1.0))
     size, (low, high) = abs(each["value"]), each["typical"]
     word = "larger than" if size > high else "smaller than" if size < low else "within"
     return f"At most {size:.3g} {unit_in_words(each['unit'])}: {word} what is typical, {low:g} to {high:g}."
@@ -118,29 +124,43 @@ def write_result(result: Reconciliation, out_dir: Path) -> None:
 
 
 def driver_of(result: Reconciliation, rows: Sequence[Mapping[str, Any]]) -> str:
-    """Choose what the pictures run over: what the disagreement follows, as far as that is one of the three.
+    """Choose what the pictures run over: of the three that it can be, and that are likely, what most of it follows.
 
     Nothing runs over the only run.
     """
     over_runs = "run" if len({row["run"] for row in rows}) > 1 else "position"
-    for follows, _ in result.follows:
-        if follows == "pose":
-            return "position"
-        if follows.startswith("temperature"):
-            break
-        if follows != "run":
-            return over_runs
     known = {row["temperature_degC"] for row in rows if row["temperature_degC"] is not None}
-    return "temperature, °C" if len({round(t) for t in known if np.isfinite(t)}) > 1 else over_runs
+    over_all = "temperature, °C" if len({round(t) for t in known if np.isfinite(t)}) > 1 else over_runs
+    likely = [follows for follows, chance in result.follows if chance > _LIKELY] or [f for f, _ in result.follows[:1]]
+    drivers = {"position" if f == "pose" else over_all if f.startswith(("run", "temp")) else over_runs for f in likely}
+    return min(sorted(drivers), key=lambda driver: _left_within(rows, driver), default=over_all)
 
 
-def panels_of(rows: Sequence[Mapping[str, Any]]) -> list[list[Mapping[str, Any]]]:
-    """Return the rows of the channels that disagree most, the worst first."""
+def _left_within(rows: Sequence[Mapping[str, Any]], driver: str) -> float:
+    """Return the mean square of what differs among a channel's rows at one value of a driver, (deg/hr)²."""
+    labels = sorted({row["position"] for row in rows})
+    alike: dict[tuple[Any, ...], list[float]] = {}
+    for row in rows:
+        place = (row["sensor"], row["channel"], f"{_along(row, driver, labels):.0f}")
+        alike.setdefault(place, []).append(row["held_before"])
+    squares = sum(float(np.var(each)) * len(each) for each in alike.values())
+    return squares / max(len(rows) - len(alike), 1)
+
+
+def panels_of(
+    rows: Sequence[Mapping[str, Any]], disagree: Collection[tuple[int, str]] = ()
+) -> list[list[Mapping[str, Any]]]:
+    """Return the rows of the channels that disagree most, the worst first.
+
+    Of those that `disagree` or to which something was added, if there are any.
+    """
     channels: dict[tuple[int, str], list[Mapping[str, Any]]] = {}
     for row in rows:
         channels.setdefault((row["sensor"], row["channel"]), []).append(row)
     squares = {key: np.mean([(r["held_before"] / r["noise_after"]) ** 2 for r in own]) for key, own in channels.items()}
-    return [channels[key] for key in sorted(channels, key=lambda key: -squares[key])[:_MOST_PANELS]]
+    acting = {key for key, own in channels.items() if any(row["effect"] for row in own)}
+    asked = acting.union(disagree) & channels.keys() or channels
+    return [channels[key] for key in sorted(asked, key=lambda key: -squares[key])[:_MOST_PANELS]]
 
 
 def pictures(
@@ -169,6 +189,7 @@ def pictures(
         ):
             at = [r for r in own if r["position"] == label]
             x = np.array([_along(r, driver, labels) for r in at])
+            x += (driver == "position") * (_WIDE * (np.arange(len(at)) + 0.5) / len(at) - 0.5 * _WIDE)
             added = np.array([curve * r["effect"] for r in at])
             marks = {**look, "linestyle": "none"}
             axes.plot(
@@ -188,7 +209,7 @@ def pictures(
             upright = len(labels) > _MOST_LEVEL
             axes.set_xticks(range(len(labels)), labels, rotation=90 * upright)
             figure.subplots_adjust(bottom=0.35 if upright else None)
-        axes.set_xlabel(driver)
+        axes.set_xlabel("position, at each in the order of the night" if driver == "position" else driver)
         axes.set_ylabel("deg/hr")
         title = f"sensor {own[0]['sensor']}, {own[0]['channel']}, {when}"
         _headed(axes, title, legend=len(labels) <= len(LOOKS))

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtri
 
-from hil.campaign import Conditions
+from hil.campaign import Campaign, Conditions
 from hil.model import Model
-from hil.model.curve import Constant, Curve
+from hil.model.curve import Constant, Curve, Table
 from hil.model.effects.base import Parameter, VarianceEffect
 from hil.model.forms import bias_names
 from hil.model.stated_noise import SensorNoise
@@ -21,6 +21,10 @@ from hil.reconcile.search.profiles import log_profile
 from hil.reconcile.search.set_in_block import SetInBlock
 from hil.reconcile.search.sets import SensorSearch
 from hil.solve.repeats import CONFIDENCE
+from hil.solve.temperatures import level_degC, same_temperature
+
+_WHITE = "deg/sqrt(hr)"
+_OF_A_MEDIAN = 1.25  # times as uncertain as a mean is a median of normal numbers
 
 
 @dataclass(frozen=True)
@@ -199,6 +203,31 @@ def with_ordinary(model: Model, noise: Sequence[Mapping[str, Any]], conditions: 
             stated = getattr(section, key)
             grown = _grown(stated.get(name), size, se, own)
             sections[each["sensor"]] = section.model_copy(update={key: {**stated, name: grown}})
+    return model.model_copy(update={"noise": sections})
+
+
+def with_white_noise(model: Model, campaign: Campaign, otherwise: float = 0.0) -> Model:
+    """Return the model with the white noise that the standard errors show at each temperature, where it states none.
+
+    `otherwise`, deg/√hr, is what it is of a sensor without stated errors; 0: nobody knows.
+    """
+    sections = dict(model.noise)
+    for number, rows in campaign.sensors.items():
+        section, own = sections.get(number, SensorNoise()), rows.conditions
+        white = rows.rates_se_deg_per_hr * np.sqrt(own.duration_s / 3600.0)[:, None]
+        white[~np.isfinite(white) | (white <= 0.0)] = np.nan
+        usual = float(np.nanmedian(white)) if np.isfinite(white).any() else otherwise
+        if "angle_random_walk" in section.model_fields_set or usual <= 0.0:
+            continue
+        white, station, level = np.nan_to_num(white, nan=usual), same_temperature(own), level_degC(own)
+        at = [station == k for k in np.unique(station[station >= 0])]
+        value = [float(np.median(white[here])) for here in at]
+        se = [_OF_A_MEDIAN * float(white[here].std()) / white[here].size ** 0.5 for here in at]
+        curve: Curve = Constant(unit=_WHITE, value=usual, se=_OF_A_MEDIAN * float(white.std()) / white.size**0.5)
+        if level is not None and len(at) > 1:
+            known = [float(np.nanmean(level[here])) for here in at]
+            curve = Table(unit=_WHITE, table={"temperature_degC": known, "value": value, "se": se})
+        sections[number] = section.model_copy(update={"angle_random_walk": curve})
     return model.model_copy(update={"noise": sections})
 
 

@@ -31,7 +31,6 @@ def shown(campaign: Campaign, found: Answer, inside: Sequence[dict[str, Any]], a
     both = common_and_differential(campaign)
     standing = findings.as_it_stands(added.before, found.problem.campaign, reading.mistakes)
     notes = [*asked.warnings, *in_words(without(campaign)), *found.problem.notes]
-    notes += filter(None, [added.before.of_other_sensors(asked.sensors)])
     notes += in_words({"rows": found.rows}, searched=True)
     notes += findings.laws_that_fail(fit, found.problem.sensors)
     notes += [] if both is None else both.together

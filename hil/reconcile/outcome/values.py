@@ -60,10 +60,18 @@ def before_and_after(
                 "after": float(now[p]),
             }
             for p in changed
-            for at, was, now in rows
+            for at, was, now in _told(rows, int(p))
             if np.isfinite(was[p] + now[p])
         ]
     return out
+
+
+def _told(
+    rows: Sequence[tuple[float | None, FloatArray, FloatArray]], p: int
+) -> Sequence[tuple[float | None, FloatArray, FloatArray]]:
+    """Return the temperatures at which a parameter is told: once, without one, where it is the same at all."""
+    alike = len({(was[p], now[p]) for _, was, now in rows}) == 1
+    return [(None, *rows[0][1:])] if alike else rows
 
 
 def left_by(

@@ -95,18 +95,19 @@ def catalogue_candidates(
             if float(np.abs(columns * high).max(initial=0.0)) < _NOTHING or same in tried:
                 continue
             tried.add(same)
+            called = named(effect)
             plain = Candidate(
-                name=named(effect).id,
+                name=called.id,
                 tier=1,
                 sensor=number,
                 columns=columns,
                 parameters=parameters,
                 shape=shape,
-                title=effect.followed_title or effect.title,
-                equation=effect.equation,
+                title=called.title,
+                equation=called.equation,
                 effect=effect,
             )
-            if not effect.followed_title:
+            if not effect.in_every_model:
                 yield plain
             if effect.may_follow_temperature:
                 yield from _over_temperature(plain, conditions)

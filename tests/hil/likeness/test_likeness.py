@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import csv
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,16 +17,16 @@ import yaml
 from benchmarks.blind.cases import make_case, write_case
 from benchmarks.blind.night import Design
 from benchmarks.blind.poses import write_triad
-from hil.config import load_bench
+from hil.config import load_bench, load_sweep
 from hil.config.recorded import configuration_of, configuration_text
 from hil.config.sweep import parse_sweep
 from hil.errors import InputError
 from hil.likeness import draws, likeness
 from hil.likeness.again import configuration
-from hil.likeness.features import RESOLUTION
+from hil.likeness.features import RESOLUTION, features
 from hil.model import Model, load_model
 from hil.night import start_night
-from hil.records.export import open_source
+from hil.records.export import export_campaign, open_source
 from tests.hil.short_sweeps import short_sweep
 
 TRUTH = "rd-gc-86-1-truth"
@@ -69,6 +72,63 @@ def test_draws_are_kept_and_not_simulated_again(night: Path, tmp_path: Path, mon
     for other in ({"seed": 2}, {"model": load_model(TRUTH).model_copy(update={"noise": {}})}):
         with pytest.raises(KeyboardInterrupt):
             ask(night, tmp_path, **other)
+
+
+def test_that_a_night_was_interrupted_tells_it_from_no_other(tmp_path: Path) -> None:
+    """An hour between two of its runs is no condition of its model; an hour between all of them is."""
+    source = open_source(write_case(make_case(1, ("k2",), d=0.01), tmp_path / "campaign"))
+    form = load_model("matrix-6")
+
+    def late(*runs: int) -> dict[str, float]:
+        sensors = {}
+        for number, collects in source.campaign.sensors.items():
+            rows = collects.conditions
+            by = 3600.0 * np.isin(rows.run, runs) * (1.0 + np.searchsorted(runs, rows.run))
+            since = {"time_since_setpoint_s": rows.columns["time_since_setpoint_s"] + by}
+            late = replace(rows, start_s=rows.start_s + by, columns={**rows.columns, **since})
+            sensors[number] = replace(collects, conditions=late)
+        laid = replace(source, campaign=replace(source.campaign, sensors=sensors))
+        found = features(laid, form, calibrated=True)
+        return {key: value for key, value in found.items() if json.loads(key)[0] == "conditions"}
+
+    plain = late()
+    floor = {key: RESOLUTION.get(key.rstrip('"]').split("_")[-1], 0.01) for key in plain}
+    assert max(abs(value - plain[key]) / floor[key] for key, value in late(11).items()) < 2.0
+    assert max(abs(value - plain[key]) / floor[key] for key, value in late(*range(2, 25)).items()) > 10.0
+
+
+def test_what_every_command_leaves_out_is_compared_with_nothing(
+    night: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run that its own samples contradict: it is told, and no night is asked for it. Nor for a unit's temperature."""
+    export_campaign(night, tmp_path / "campaign")
+    table = tmp_path / "campaign" / "collects.csv"
+    head, *rows = csv.reader(table.read_text().splitlines())
+    for row in rows:
+        if (row[head.index("sensor")], row[head.index("run")]) == ("2", "2"):
+            row[head.index("RA_deg_per_hr")] = str(float(row[head.index("RA_deg_per_hr")]) + 400.0)
+    head[head.index("temperature_degC")] = "remark"  # the chamber's stands in for it, which the model asks for
+    table.write_text("\n".join(",".join(row) for row in (head, *rows)) + "\n")
+
+    def copied(folder: Path, *_: Any, **__: Any) -> SimpleNamespace:
+        shutil.copytree(night, folder)
+        return SimpleNamespace(exit_status=0)
+
+    monkeypatch.setattr(draws, "start_night", copied)
+    found = ask(tmp_path / "campaign", tmp_path / "kept")
+    assert found["runs_not_used"] == {"2": [2]}
+    # The same collects of the same night; inside them a table has fewer digits.
+    assert found["parts"]["averages"] == found["parts"]["run_scatter"] == 1.0
+
+
+def test_of_several_units_one_is_simulated_by_itself(tmp_path: Path) -> None:
+    """Its own bench, and what it has for itself."""
+    assert start_night(tmp_path / "four", load_sweep("quick"), load_bench("simulated-four")).exit_status == 0
+    document, assumed = configuration(open_source(tmp_path / "four" / "units" / "SIM-0002"))
+    assert not assumed
+    model = Path(load_bench("simulated").simulation_model or "").read_text()
+    bench, _ = configuration_of(yaml.safe_dump({**document, "model": model}), tmp_path / "files")
+    assert (bench.unit.serial, bench.units) == ("SIM-0002", {})
 
 
 def test_too_few_draws_and_a_model_that_is_no_ones_are_refused(night: Path, tmp_path: Path) -> None:

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from hil.errors import InputError
-from hil.model import load_model
-from tests.hil.model.effect_conditions import campaign
+from hil.model import fitting, load_model
+from tests.hil.model.effect_conditions import ROTOR, campaign
 from tests.hil.model.test_models import document, model, written
 
 
@@ -55,7 +55,7 @@ WARMUP = {"effect": "warmup", "parameters": {"W_A": {"unit": "deg/hr", "value": 
         ({"terms": [{**WARMUP, "effect": "warm"}]}, "terms.0.effect: no effect of the catalogue"),
         ({"terms": [{"effect": "warm", "parameters": {}}]}, "terms.0.effect: no effect of the catalogue"),
         ({"terms": [{**WARMUP, "effect": "swap"}]}, "terms.0.effect: swap is a mistake in a record"),
-        ({"terms": [{**WARMUP, "effect": "arw"}]}, "terms.0.effect: effect arw has no values of its own"),
+        ({"terms": [{**WARMUP, "effect": "arw"}]}, "terms.0.effect: effect arw scatters averages: write it in noise"),
         (
             {"terms": [{**WARMUP, "parameters": {"Q": {"unit": "1", "value": 1.0}}}]},
             "terms.0.parameters.Q: unknown key",
@@ -127,11 +127,12 @@ def test_a_term_that_follows_temperature_refuses_rows_without_one(tmp_path: Path
         model(tmp_path, terms=[{"effect": "ageing", "parameters": {"a_A": curve}}]).rates(campaign(every_column=False))
 
 
-def test_terms_and_noise_of_sensors_that_are_not_there_are_told(tmp_path: Path) -> None:
-    """A model of several sensors serves a campaign of one of them; a number that is nobody's may be a slip."""
+def test_terms_and_noise_of_sensors_that_are_not_there_are_refused(tmp_path: Path) -> None:
+    """A model of several sensors serves a campaign of one of them; a number that is nobody's is a slip."""
+    values = document()["sensors"][2]  # type: ignore[index]
     warm = {**WARMUP, "sensor": 7, "shape": {"tau_min": 30.0}}
-    noise = {"angle_random_walk": {"unit": "deg/sqrt(hr)", "value": 0.1}}
-    one = model(tmp_path, terms=[warm], noise={2: noise, 3: noise})
-    told = one.of_other_sensors([1, 2])
-    assert "not used: terms.0 (sensor 7), noise.3 (sensor 3): there is no such sensor" in told
-    assert one.of_other_sensors([3, 7]) == ""
+    noise = {3: {"angle_random_walk": {"unit": "deg/sqrt(hr)", "value": 0.1}}}
+    for changes, key in (({"terms": [warm]}, r"terms\.0\.sensor: .* 7"), ({"noise": noise}, r"noise\.3: .* 3")):
+        with pytest.raises(InputError, match=rf"model\.yaml: {key}; there are 2"):
+            fitting(written(tmp_path, document(**changes)), [ROTOR])
+        fitting(model(tmp_path, sensors=dict.fromkeys((2, 3, 7), values), **changes), [ROTOR])

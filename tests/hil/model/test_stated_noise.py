@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from hil.errors import InputError
-from hil.model import Model, load_model, save_model
+from hil.model import Model, fitting, load_model, save_model
 from hil.model.effects.catalogue import variance_effect_by_id
 from tests.hil.model.effect_conditions import ROTOR, TRIAD, campaign
 from tests.hil.model.test_models import document, model, written
@@ -172,29 +172,29 @@ def test_names_and_units_that_the_layout_gives_are_checked_once_it_is_known(
 ) -> None:
     """A model of the form constant may be of any sensor: only the sensor itself can say whether they exist."""
     term = {"effect": effect, "parameters": {parameter: {"unit": "deg/hr/g^2", "value": 1.0}}, "shape": shape}
-    loaded = model(tmp_path, form="constant", sensors={}, terms=[term])
-    with pytest.raises(InputError, match=re.escape(f"unit.yaml: terms.0.{sentence}")):
-        loaded.check_sensor(ROTOR, "unit.yaml")
+    path = written(tmp_path, document(form="constant", sensors={}, terms=[term]))
+    with pytest.raises(InputError, match=re.escape(f"{path}: terms.0.{sentence}")):
+        fitting(path, [ROTOR])
     with pytest.raises(InputError, match="it is not a two-channel rotor sensor"):
-        model(tmp_path).check_sensor(TRIAD)
+        fitting(model(tmp_path), [TRIAD])
 
 
 def test_an_effect_that_a_sensor_cannot_have_is_refused_where_it_is_meant_for_that_sensor(tmp_path: Path) -> None:
     """MU in a triad; a term for every sensor in which it can exist is left alone."""
     mass = {"effect": "MU_real", "parameters": {"MUA": {"unit": "deg/hr/g", "value": 1.0}}}
     triad: dict[str, Any] = {"form": "triad-12", "sensors": {}}
-    model(tmp_path, terms=[mass], **triad).check_sensor(TRIAD, "unit.yaml")
+    fitting(model(tmp_path, terms=[mass], **triad), [TRIAD])
     for changes, place in (
         ({"terms": [{**mass, "sensor": 1}]}, "terms.0"),
         ({"noise": {1: {"scatter": [RESEATS]}}}, ""),
     ):
-        with pytest.raises(InputError, match=rf"^unit.yaml: {place or 'noise.1.scatter.0'}.effect: .* cannot be in"):
-            model(tmp_path, **changes, **triad).check_sensor(TRIAD, "unit.yaml")
+        with pytest.raises(InputError, match=rf"model.yaml: {place or 'noise.1.scatter.0'}.effect: .* cannot be in"):
+            fitting(written(tmp_path, document(**changes, **triad)), [TRIAD])
 
 
 def test_the_shipped_model_fits_its_sensors() -> None:
     """Nothing is said where nothing is wrong, also of parameters that only the data name."""
-    load_model("rd-gc-86-1-truth").check_sensor(ROTOR)
+    assert fitting("rd-gc-86-1-truth", [ROTOR]) == load_model("rd-gc-86-1-truth")
 
 
 def test_a_drift_through_all_runs_is_refused_and_within_runs_is_read(tmp_path: Path) -> None:

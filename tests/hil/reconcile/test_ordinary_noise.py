@@ -44,6 +44,9 @@ def test_ordinary_noise_is_in_the_model_though_nothing_is_named(found: Reconcili
             assert isinstance(curve, Constant)
             assert curve.se is not None
             assert abs(curve.value - truth) < 2.5 * curve.se
+    rows = laid()[0].sensors[2].conditions  # and what shows inside the collects, at each temperature
+    white = STATED * np.sqrt(rows.duration_s[0] / 3600.0)
+    assert stated.angle_random_walk.at(rows.columns["temperature_degC"]) == pytest.approx(white)
     assert found.model_after.model_copy(update={"noise": {}, "version": 1}) == found.input_model
     assert found.model_after.version == 2
     (said,) = (note for note in found.notes if note.startswith("the noise of model.yaml states"))

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
@@ -14,7 +15,7 @@ from benchmarks.blind.cases import make_case, write_case
 from hil.campaign.reader import read_campaign
 from hil.files.numbers import rounded
 from hil.reconcile import Reconciliation, reconcile
-from hil.reconcile.outcome.page import page, pictures
+from hil.reconcile.outcome.page import driver_of, page, panels_of, pictures
 from hil.reconcile.outcome.sentences import summary, titled, what_to_do
 from hil.reconcile.result import FoundEffect, Rival
 from tests.hil.reconcile.hidden_effects import hidden_campaign
@@ -57,6 +58,33 @@ def test_no_legend_lies_on_points(monkeypatch: pytest.MonkeyPatch) -> None:
     assert extent.y0 >= inside.y1
     assert extent.x1 <= inside.x1 + 5.0
     assert axes.get_title(loc="left") == "sensor 2, RA, before"
+
+
+def test_pictures_run_over_what_most_of_it_follows_and_show_where_something_is(
+    aged: Reconciliation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of two drivers that are as likely the one that leaves less; channels with nothing are left to their sensor."""
+    row = {"noise_after": 1.0, "held_after": 0.0, "effect": 0.0}
+    rows = [
+        {**row, "sensor": n, "channel": "RA", "run": run, "position": at, "temperature_degC": 10.0 * run}
+        | {"held_before": (n == 2) * (20.0 * run + (at == "2"))}
+        for n in (1, 2)
+        for run in range(6)
+        for at in "12"
+    ]
+    both = replace(aged, follows=[("pose", 1.0), ("temperature", 0.9), ("time", 0.1)])
+    assert driver_of(both, rows) == "temperature, °C"
+    assert driver_of(replace(both, follows=[("pose", 1.0), ("temperature", 0.4)]), rows) == "position"
+    assert [own[0]["sensor"] for own in panels_of(rows)] == [2, 1]
+    assert [own[0]["sensor"] for own in panels_of(rows, {(1, "RA")})] == [1]
+    assert [own[0]["sensor"] for own in panels_of([{**each, "effect": each["held_before"]} for each in rows])] == [2]
+    figures: list[Figure] = []
+    monkeypatch.setattr("hil.reconcile.outcome.page.inline_svg", lambda figure, _: figures.append(figure))
+    list(pictures(panels_of(rows)[:1], "position", "held_before", "before", {}, curve=True))
+    points, curve, *_ = figures[0].axes[0].get_lines()
+    for line in (points, curve):  # a position's collects stand side by side, within its own place
+        assert (np.diff(line.get_xdata()) > 0.0).all()
+        assert np.abs(line.get_xdata()).max() < 0.5
 
 
 def test_whether_the_twin_is_told_apart_stands_on_the_first_line() -> None:

@@ -139,7 +139,7 @@ def test_the_page_says_whether_simulated_nights_are_like_the_measured_one(plain:
         "(p below 0.0001), from those with the model as it is now it cannot be told (p = 0.41)."
     )
     text = page(replace(plain, twin=asked))
-    assert text.index("How much smaller the gap is") < text.index(told) < text.index("What to measure next")
+    assert text.index("the gap is</h2>") < text.index(told) < text.index("What to measure next")
     assert text.count("2 of 2 measured sizes lie among the simulated ones") == 1
     assert "simulated ones" not in page(plain)
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from hil.campaign import Campaign
+from hil.model.effects.catalogue import effect_by_id
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.sentences import scatter_in_words, summary
 from hil.reconcile.scattering import what_scatters
@@ -262,7 +263,12 @@ def test_a_bad_last_collect_is_left_out_beside_what_is_named(seed: int) -> None:
     rates = one.sensors[2].rates_deg_per_hr.copy()
     rates[35, 0] += 25.0
     found = reconcile(with_rates(one, rates), "matrix-6", prove=False)
-    assert [each.id for each in found.effects] == ["bias_T"]
+    (effect,) = found.effects
+    catalogued = effect_by_id("bias_T")  # found by the bias's own columns, and told as what it is called
+    assert (effect.id, effect.title, effect.equation) == ("bias_T", catalogued.title, catalogued.equation)
+    assert catalogued.signature in effect.physics
+    (typical,) = {each["typical"] for each in effect.parameters if each["unit"] == "deg/hr/degC"}
+    assert typical == catalogued.parameters[0].typical
     assert [(row["done"], row["collects"]) for row in found.rows] == [("left out", [36])]
 
 

@@ -91,7 +91,7 @@ def test_a_model_without_values_cannot_drive_the_unit(tmp_path: Path) -> None:
     bench = quiet_bench(tmp_path, {})
     (tmp_path / "quiet.yaml").write_text("schema: hil.model/1\ntitle: empty\nform: matrix-6\n")
     assert load_model(tmp_path / "quiet.yaml").title == "empty"
-    with pytest.raises(InputError, match="no values for sensor 1"):
+    with pytest.raises(InputError, match=r"quiet\.yaml: sensors\.1: missing: .* values"):
         build_bench(bench)
 
 
