@@ -74,7 +74,10 @@ def _watch(folder: Path, on: Bench, timeout: float, *, kill: bool, stop: StopReq
     from hil.night.watchdog import Patience, Watchdog
 
     if on.chamber.port.startswith(SIMULATED_SCHEME):
-        raise InputError(f"{folder}: its chamber is simulated inside the controller and dies with it; nothing to watch")
+        gone = "its chamber is simulated inside the controller and dies with it"
+        raise InputError(
+            f"{folder}: {gone}: nothing to watch or to make safe; a night that was killed hil resume carries on"
+        )
     patience = Patience(timeout_s=timeout, look_s=min(1.0, timeout / 5.0), term_s=min(10.0, timeout))
     notifier = Notifier(on.notify, f"{on.name}{' SIMULATED' if on.simulated else ''}, {folder.name}", _say)
     try:

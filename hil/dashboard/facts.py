@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.clock import SystemClock
-from hil.analysis.night_verdict import night_solutions, night_verdict
+from hil.analysis.night_verdict import night_solutions
 from hil.config.recorded import understood
 from hil.dashboard.curves import NightCurves
 from hil.errors import Damaged
@@ -103,12 +103,11 @@ class NightFacts:
         made, recorded = _stamp(path), _stamp(self.night / HEAD_NAME)
         return path if made and recorded and made[2] >= recorded[2] else None
 
-    def _verdict(self) -> Part:
+    def _verdict(self) -> Part | None:
+        """Return what its end recorded, as `hil status` does, or that records are damaged."""
         if self._results.damage:
             return {"verdict": "ERROR", "reason": self._results.damage.removeprefix("ERROR: ")}
-        if self._status["units"]:  # judged each for itself
-            return self._recorded or {"verdict": "INCONCLUSIVE", "reason": "its units are judged at its end"}
-        return vars(night_verdict(self._status["state"], self._results.solutions))
+        return self._recorded
 
     @property
     def working(self) -> bool:

@@ -20,6 +20,7 @@ import numpy as np
 import yaml
 
 from hil.campaign import Campaign, Collects, Conditions
+from hil.campaign.stand_ins import with_stand_ins
 from hil.config.recorded import configuration_of
 from hil.errors import InputError
 from hil.files.durable import RealDisk, write_durably
@@ -34,7 +35,6 @@ from hil.night import start_night
 from hil.reconcile.outcome.improve import improved
 from hil.reconcile.outcome.scatter import with_white_noise
 from hil.reconcile.search.problem import fitted_sensors
-from hil.reconcile.unrecorded import with_stand_ins
 from hil.records.export import open_source
 from hil.records.reader import is_night
 from hil.solve.omissions import without

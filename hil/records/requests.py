@@ -109,5 +109,7 @@ def _require_controller(folder: Path, kind: RequestKind) -> None:
     nobody = f"{folder}: no controller is at work here, so nobody would hear {kind.value}"
     if forsaken:
         raise InputError(f"{nobody}: it was killed, or lost its power, and {forsaken}; {made_safe(folder)}")
-    how = f" (the last one ended: {controllers[-1].ended})" if controllers else ""
-    raise InputError(f"{nobody}{how}; hil status {folder} says what became of it, hil resume {folder} carries on")
+    ended = (controllers[-1].ended or "") if controllers else ""
+    how = f" (the last one ended: {ended})" if ended else ""
+    on = "" if ended.startswith("complete") else f", hil resume {folder} carries on"
+    raise InputError(f"{nobody}{how}; hil status {folder} says what became of it{on}")

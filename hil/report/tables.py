@@ -76,6 +76,7 @@ def _parameters(content: ReportContent) -> Iterator[dict[str, Any]]:
     for sensor in content.sensors:
         temperature = {run: repeat.temperature_degC for repeat in sensor.shown.means for run in repeat.runs}
         for solution in [*sensor.solutions, *sensor.contractor.values()]:
+            beside = {name: of.document() for name, of in sensor.shown.of_run(solution).items()}
             for name, each in solution.parameters.items():
                 yield {
                     "sensor": solution.sensor,
@@ -85,4 +86,5 @@ def _parameters(content: ReportContent) -> Iterator[dict[str, Any]]:
                     "parameter": name,
                     **picked(each, "value se unit"),
                     "verdict": str(solution.verdict),
+                    **{key: beside.get(name, {}).get(key) for key in ("sd", "low", "high")},
                 }

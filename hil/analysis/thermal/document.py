@@ -4,9 +4,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from hil.analysis.thermal.choice import FALSE_ALARM, Improvement
-from hil.analysis.thermal.estimate import Estimates, told_by
+from hil.analysis.thermal.estimate import Estimates
 from hil.analysis.thermal.fit import DESCRIBES, ParameterFit, SensorFit, ThermalFit
 from hil.campaign import Conditions
+from hil.campaign.stand_ins import instead_of_temperature
 from hil.files.document import picked, plain
 from hil.solve.document import not_passed, runs_in_words
 from hil.solve.omissions import what_is_wrong
@@ -51,7 +52,7 @@ def _sensor(fit: SensorFit, conditions: Conditions) -> dict[str, Any]:
         "model": fit.layout.form.name,
         "range_degC": list(fit.layout.range_degC),
         "temperatures_degC": stations.centre_degC.tolist(),
-        "temperature_of": told_by(conditions),
+        "temperature_of": instead_of_temperature(conditions) or "temperature_degC",
         "both_directions_degC": stations.centre_degC[stations.both_directions].tolist(),
         "parameters": {name: _parameter(each, fit) for name, each in fit.parameters.items()},
         "rates": {

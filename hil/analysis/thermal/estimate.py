@@ -9,14 +9,13 @@ left of the scatter is without it.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from scipy.special import stdtrit
 
 from hil.campaign import Collects, Conditions, FloatArray, IntArray
-from hil.campaign.stand_ins import instead_of_temperature
 from hil.errors import InputError
 from hil.model.forms import LinearForm, default_form, named_form
 from hil.solve import solve
@@ -193,7 +192,7 @@ def layout_of(
 
     Raises `InputError` where fewer than three temperatures are left.
     """
-    collects, notes = _at_known_temperatures(number, collects, apart_degC)
+    collects, notes = _at_known_temperatures(number, collects)
     stations = find_stations(collects.conditions, apart_degC)
     form = named_form(model_name, collects.conditions) if model_name else default_form(collects.conditions)
     if form.reason:
@@ -232,30 +231,14 @@ def layout_of(
     return layout, notes
 
 
-def told_by(conditions: Conditions) -> str:
-    """Return the column that parameters are held against: the unit's own temperature, or what stands in for it."""
-    own = np.isfinite(conditions.columns.get("temperature_degC", np.nan)).any()
-    return "temperature_degC" if own else instead_of_temperature(conditions) or "temperature_degC"
-
-
-def _at_known_temperatures(number: int, collects: Collects, apart_degC: float | None) -> tuple[Collects, list[str]]:
-    """Take rows without the unit's temperature at its mean through the same setpoint, or leave them out; say so."""
-    conditions = collects.conditions
-    shown = conditions.columns.get(told_by(conditions), np.zeros(0))
-    known = np.isfinite(shown)
-    if not known.any():
+def _at_known_temperatures(number: int, collects: Collects) -> tuple[Collects, list[str]]:
+    """Leave out rows of which neither the unit's temperature nor what stands in for it is known; say so."""
+    known = np.isfinite(collects.conditions.columns.get("temperature_degC", np.zeros(0)))
+    if known.all() or not known.any():
         return collects, []
-    at, filled = same_temperature(conditions, apart_degC), shown.copy()
-    for place in np.unique(at[known]).tolist():
-        filled[(at == place) & ~known] = shown[(at == place) & known].mean()
-    left, taken = np.isnan(filled), ~known & np.isfinite(filled)
-    columns = {**conditions.columns, "temperature_degC": filled}
-    said = [
-        f"sensor {number}: {counted(int(rows.sum()), 'row')} without temperature: {what}"
-        for rows, what in ((taken, "taken at the unit's mean through the same setpoint"), (left, "left out"))
-        if rows.any()
+    return collects.rows(known), [
+        f"sensor {number}: {counted(int((~known).sum()), 'row')} without temperature: left out"
     ]
-    return replace(collects, conditions=replace(conditions, columns=columns)).rows(~left), said
 
 
 def _tells_all(form: LinearForm, collects: Collects) -> bool:

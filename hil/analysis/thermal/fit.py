@@ -13,6 +13,7 @@ from scipy.special import fdtrc, stdtr
 from hil.analysis.thermal.choice import FALSE_ALARM, MONOTONE, Choice, Improvement, monotone, nested_errors
 from hil.analysis.thermal.estimate import Estimates, Layout, Visits, layout_of
 from hil.campaign import Campaign, Collects, FloatArray
+from hil.campaign.stand_ins import with_stand_ins
 from hil.errors import InputError
 from hil.model import Model
 from hil.model.curve import Constant, Curve, Polynomial, Table, TableRows
@@ -169,7 +170,7 @@ def fit_thermal(
         choices = ", ".join(name for name in MODEL_NAMES if name != "matrix-6-thermal")
         raise InputError(f"model {model_name}: hil thermal finds the dependence itself, of one of {choices}")
     sensors, without = {}, {}
-    for number, collects in treated(campaign).sensors.items():
+    for number, collects in with_stand_ins(treated(campaign)).sensors.items():
         try:
             shown = repeats(campaign, solve_campaign(campaign, model_name, number))[number]
             sensors[number] = SensorFit(collects, shown, model_name, highest_order, apart_degC)

@@ -7,8 +7,10 @@ from typing import Any
 
 import pytest
 
-from hil.analysis.night_verdict import night_verdict
-from procedures.verdict import Verdict
+from hil.analysis.night_verdict import night_verdict, of_units
+from procedures.verdict import Judgement, Verdict
+
+OUT = {"verdict": "out of spec", "reason": "one limit broken"}
 
 
 def solutions(*verdicts: Verdict) -> Any:
@@ -38,3 +40,12 @@ def test_a_night_is_as_good_as_its_worst_part(
     found = night_verdict(state, solutions(*verdicts))
     assert found.verdict is verdict
     assert reason in found.reason
+    assert night_verdict(state, solutions(*verdicts)[::-1]) == found  # whoever lists them
+
+
+def test_of_several_units_it_is_said_how_many_are_as_bad_as_the_worst() -> None:
+    """Of the measurement and of the limits alike."""
+    judged = {"A": Judgement(Verdict.PASS, "x"), "B": Judgement(Verdict.FAIL, "y"), "C": Judgement(Verdict.FAIL, "z")}
+    whole, unit = of_units(judged, {"A": {"verdict": "in spec", "reason": "x"}} | dict.fromkeys("BC", OUT))
+    assert whole.reason == "2 units of 3; B: y"
+    assert unit == {**OUT, "reason": "2 units of 3; B: one limit broken"}

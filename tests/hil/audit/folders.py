@@ -130,11 +130,9 @@ def _one_not_shown() -> Campaign:
 def _no_thermometer() -> Campaign:
     """The unit has no thermometer of its own: the chamber's stands in for it."""
     one = _good()
-    columns = dict(one.sensors[2].conditions.columns)
-    columns["chamber_degC"] = columns.pop("temperature_degC")
-    return replace(
-        one, sensors={2: replace(one.sensors[2], conditions=replace(one.sensors[2].conditions, columns=columns))}
-    )
+    conditions = one.sensors[2].conditions
+    columns = {name: of for name, of in conditions.columns.items() if name != "temperature_degC"}
+    return replace(one, sensors={2: replace(one.sensors[2], conditions=replace(conditions, columns=columns))})
 
 
 def _two_sensors() -> Campaign:

@@ -265,18 +265,24 @@ def test_a_temperature_says_whose_it_is_and_a_soak_that_did_not_end_is_no_pass(a
     ask("thermal")  # says that it cannot, or answers with finite numbers; no internal error
 
 
-@pytest.mark.parametrize("ask", ["no thermometer of its own"], indirect=True)
-def test_what_stands_in_for_a_thermometer_does_so_whoever_asks(ask: Ask) -> None:
+@pytest.mark.parametrize(
+    ("ask", "lacks"),
+    [("no thermometer of its own", ""), ("one run without its thermometer", " in run 5")],
+    indirect=["ask"],
+)
+def test_what_stands_in_for_a_thermometer_does_so_whoever_asks(ask: Ask, lacks: str) -> None:
     """A fit against temperature, a map of what can be seen, a form: none says beside it that temperature is lacking."""
     solved, fitted, seen = ask("solve"), ask("thermal"), ask("visibility")
     assert solved is not None
-    assert solved["warnings"] == ["sensor 2: temperature_degC is not recorded; chamber_degC stands in for it"]
+    said = f"sensor 2: temperature_degC is not recorded{lacks}; chamber_degC stands in for it"
+    assert solved["warnings"] == [said]
     assert fitted is not None
-    assert [each["temperature_of"] for each in fitted["sensors"]] == ["chamber_degC"]
+    (sensor,) = fitted["sensors"]
+    assert (sensor["temperature_of"], "without temperature" in str(sensor["notes"])) == ("chamber_degC", False)
     assert seen is not None
     assert seen["forms"] == {"2": "matrix-6-thermal"}
-    conditions = FOLDERS["no thermometer of its own"]().sensors[2].conditions
-    assert "chamber_degC" in named_form("matrix-6-thermal", conditions).reason
+    without = FOLDERS["no thermometer of its own"]().sensors[2].conditions
+    assert named_form("matrix-6-thermal", without).reason == "quadratics in chamber_degC about 10 degC"
 
 
 @pytest.mark.parametrize("order", ["1-2-3", "1-3-2", pytest.param("1-2-3-2-1", marks=pytest.mark.slow)])

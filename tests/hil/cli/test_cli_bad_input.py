@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import sqlite3
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from hil.config.sweep import parse_sweep
 from hil.errors import InputError
 from hil.files.strict import find_config
 from hil.records import SqliteJournal
+from hil.records.units import writable
 
 
 def shipped(kind: str, name: str) -> dict[str, Any]:
@@ -63,7 +65,7 @@ def test_a_port_that_does_not_exist_is_refused(hil: Any, tmp_path: Path) -> None
     path = tmp_path / "bench.yaml"
     path.write_text(yaml.safe_dump(bench))
     out = tmp_path / "night"
-    refused(hil("run", "quick", "--bench", path, "--out", out, "--yes"), "imu.port", "ttyNONE")
+    refused(hil("run", "quick", "--bench", path, "--out", out, "--yes"), "imu.port", "ttyNONE", "begin hil simulate")
     assert not out.exists()
 
 
@@ -71,7 +73,8 @@ def test_names_that_nobody_knows_are_refused(hil: Any, tmp_path: Path) -> None:
     """An unknown sweep, bench, folder or model: which one, and what there is."""
     refused(hil("plan", "nonsense", "--bench", "simulated"), "nonsense", "rd-gc-86-1")
     refused(hil("plan", "rd-gc-86-1", "--bench", "nonsense"), "nonsense", "simulated")
-    refused(hil("solve", tmp_path / "nowhere"), "nowhere")
+    for command in ("solve", "status", "verify"):
+        refused(hil(command, tmp_path / "nowhere"), "nowhere: there is no such folder")
     refused(hil("status", tmp_path), "journal")
     refused(hil("resume", tmp_path), "journal")
 
@@ -80,6 +83,16 @@ def test_a_folder_that_is_neither_is_refused(hil: Any, tmp_path: Path) -> None:
     """A folder without campaign.yaml and without a journal is not guessed at."""
     refused(hil("solve", tmp_path), "campaign.yaml")
     refused(hil("report", tmp_path), "campaign.yaml")
+
+
+def test_a_page_for_a_folder_that_is_read_only_may_go_elsewhere(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Whoever was given an archive to read is told how; one that is writable is taken as it is."""
+    assert writable(tmp_path) == tmp_path
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    with pytest.raises(InputError, match="is read-only; --out says where else"):
+        writable(tmp_path)
 
 
 def test_usage_errors_have_status_2(hil: Any) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from hil.cli.output import Lasting, listing
+from hil.cli.output import Lasting, listing, print_json
 from hil.cli.progress import Panel
 from hil.records.verify import verify_night
 
@@ -26,6 +26,16 @@ def test_a_console_outlives_its_reader() -> None:
         console.print("not seen")
         console.print("nor this")
         assert console.quiet
+
+
+def test_a_document_whose_reader_has_gone_is_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As that of lines is none; and what is flushed at the end goes nowhere."""
+    reads, writes = os.pipe()
+    with os.fdopen(writes, "w") as pipe:
+        monkeypatch.setattr(sys, "stdout", pipe)
+        os.close(reads)
+        print_json({"schema": "x"})
+        print_json({"schema": "y"})
 
 
 def test_what_a_file_says_steers_no_terminal() -> None:

@@ -152,6 +152,7 @@ def killed(night: Watched, tmp_path: Path) -> Path:
     with contextlib.closing(sqlite3.connect(folder / JOURNAL_NAME, isolation_level=None)) as connection:
         connection.execute("DELETE FROM attempts WHERE id = (SELECT max(id) FROM attempts)")
         connection.execute("UPDATE controllers SET ended = NULL")
+        connection.execute("DELETE FROM events WHERE kind = 'verdict'")
         connection.execute("DELETE FROM ledger")
         enter_everything(connection)
     (folder / HEAD_NAME).unlink()
@@ -162,7 +163,8 @@ def killed(night: Watched, tmp_path: Path) -> Path:
 def test_a_controller_that_ended_without_a_word_is_called_dead(killed: Path) -> None:
     """The kernel's lock says whether it lives, within one look; no time-out is waited for."""
     facts = NightFacts(killed, "night")
-    assert facts.look()["head"]["killed"] is True
+    head = facts.look()["head"]
+    assert (head["killed"], head["verdict"]) == (True, None)  # nobody judged it, as hil status says
     with FolderLock(killed).acquire():
         assert facts.look()["head"]["killed"] is False
     assert facts.look()["head"]["killed"] is True

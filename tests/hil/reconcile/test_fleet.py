@@ -26,8 +26,8 @@ from hil.campaign.fleet_file import pieces_of, read_piece, write_fleet_file
 from hil.campaign.writer import write_campaign
 from hil.cli.app import run
 from hil.errors import InputError
-from hil.reconcile.campaigns import Facts, Screened, pieces_in, screen_folders
-from hil.reconcile.fleet import Screen, SharedFinding
+from hil.reconcile.campaigns import Facts, Screened, ScreenedUnit, pieces_in, screen_folders
+from hil.reconcile.fleet import Screen, SharedFinding, UnitFinding
 from hil.reconcile.outcome.fleet import fleet_csv, fleet_document, fleet_page, fleet_sentences
 from hil.reconcile.proof.places import false_discovery
 from procedures.verdict import Judgement, Verdict
@@ -370,3 +370,22 @@ def test_a_screen_says_beside_which_values_it_asked(follows: bool) -> None:
     said = [line for line in fleet_sentences(found) if "beside values of matrix-6 that follow temperature" in line]
     assert len(said) == follows
     assert fleet_document(found)["shared"][0]["values_follow_temperature"] is follows
+
+
+@pytest.mark.parametrize(
+    ("serials", "said"), [("ABC", "3 units"), ("AAB", "3 calibrations of 2 units"), ("A", "1 unit")]
+)
+def test_calibrations_of_one_unit_are_counted_as_what_they_are(serials: str, said: str) -> None:
+    """And what one alone has in common with nothing is not told."""
+    finding = UnitFinding(0.0, 0.5, 0.5, "supply", 1.0)
+    units = [
+        ScreenedUnit(f"u{place}", "", serial, "", False, (), layout=1, finding=finding)
+        for place, serial in enumerate(serials)
+    ]
+    shared = SharedFinding("supply", 0.9, 0.001, 1.0, False)
+    lines = list(fleet_sentences(Screened("matrix-6", units, [(1, shared)], {}, ())))
+    assert lines[0].startswith(f"0 of {said} deserve")
+    assert [line for line in lines if line.startswith(f"layout 1: its {said} together")] == lines[1:2] * (
+        len(serials) > 1
+    )
+    assert f"{said} screened" in fleet_page(Screened("matrix-6", units, [], {}, ()))

@@ -10,14 +10,15 @@ from pathlib import Path
 import pytest
 
 from drivers.clock import SystemClock, VirtualClock
+from hil.config import load_sweep
 from hil.errors import InputError
 from hil.files.lock import FolderLock
 from hil.records import SqliteJournal
 from hil.records.journal import JOURNAL_NAME
 from hil.records.ledger import Ledger
-from hil.records.status import STALE_AFTER_S, night_status
+from hil.records.status import STALE_AFTER_S, missing_in_words, night_status
 from procedures.journal_protocol import Outcome, StepResult
-from procedures.plan import Plan
+from procedures.plan import Plan, make_plan
 
 Do = Callable[[SqliteJournal, object, VirtualClock], None]
 
@@ -119,6 +120,8 @@ def test_a_night_that_nobody_began_is_incomplete(new_night: Path, plan: Plan) ->
     status = night_status(new_night)
     assert (status["state"], status["steps_done"]) == ("incomplete", 0)
     assert "self-calibration 2 at 20.0 °C: all of it" in status["missing"]
+    there_and_back = missing_in_words(make_plan(load_sweep("triad-six-positions").procedure()), {})
+    assert [line for line in there_and_back if "setpoint 23.0 °C" in line] == ["setpoint 23.0 °C"]
 
 
 def test_what_is_missing_comes_with_the_reason_of_its_last_attempt(

@@ -262,6 +262,7 @@ def test_the_tables_beside_the_report_hold_the_full_numbers(
         for name, each in solution["parameters"].items():  # type: ignore[attr-defined]
             row = of[solution["sensor"], solution["run"], "matrix-6", name]  # type: ignore[index]
             assert (float(row["value"]), float(row["se"]), row["unit"]) == (each["value"], each["se"], each["unit"])
+            assert [float(row[key]) for key in ("sd", "low", "high")] == [each[key] for key in ("sd", "low", "high")]
 
 
 def test_no_browser_no_pdf_and_nothing_written(
