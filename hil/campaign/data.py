@@ -138,7 +138,7 @@ class Series:
     n_samples: FloatArray | None = None
 
 
-TELL_TEMPERATURE = ("setpoint_degC", "temperature_degC", "chamber_degC")
+TELL_TEMPERATURE = ("setpoint_degC", "temperature_degC", "case_degC", "chamber_degC")
 """Columns that say at what temperature a collect was made, the first that can."""
 
 

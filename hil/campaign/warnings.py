@@ -6,7 +6,7 @@ import numpy as np
 
 from hil.campaign.data import TELL_TEMPERATURE, Collects
 from hil.campaign.header import OF_A_SENSOR, Header
-from hil.campaign.stand_ins import instead_of_temperature, not_recorded
+from hil.campaign.stand_ins import OWN, instead_of_temperature, not_recorded
 from hil.campaign.table import Table, rows_in_words
 from procedures.words import listed, numbered
 
@@ -76,7 +76,7 @@ def _of_sensor(where: str, collects: Collects, rows: np.ndarray, centrifuge: boo
             worst = values[odd][np.argmax(np.abs(values[odd]))]
             found.append(f"{at(odd)}, column {name}: {worst:.4g} °C; is that column in °C?")
     if other := instead_of_temperature(conditions):
-        found.append(not_recorded(conditions, "temperature_degC", other))
+        found.append(not_recorded(conditions, OWN, other[0]))
     if not conditions.w_deg_per_hr.any() and not centrifuge:
         found.append(f"{where}: w is 0 in every row: what there is of the earth rate (15 deg/hr) is in the parameters")
     return found

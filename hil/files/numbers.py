@@ -26,7 +26,12 @@ def decimals_for(uncertainties: Iterable[float | None]) -> int:
     return min(max(2, 1 - math.floor(math.log10(min(known)))), 6) if known else 2
 
 
-WHOSE = {"setpoint_degC": "as set", "temperature_degC": "the unit's own", "chamber_degC": "the chamber's"}
+WHOSE = {
+    "setpoint_degC": "as set",
+    "temperature_degC": "the unit's own",
+    "case_degC": "the case's",
+    "chamber_degC": "the chamber's",
+}
 """Whose temperature a column has, in words."""
 
 

@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, Sensor
-from hil.campaign.stand_ins import instead_of_temperature
+from hil.campaign.stand_ins import told
 from hil.errors import InputError
 from hil.model.equation import pickoff_rates, rotor_matrix
 
@@ -158,16 +158,15 @@ def matrix_6_thermal_form(conditions: Conditions) -> LinearForm:
     """
     form = matrix_6_form(conditions.sensor)
     where = f"sensor {conditions.sensor.number}: matrix-6-thermal"
-    told_by = instead_of_temperature(conditions) or "temperature_degC"
-    temperature = conditions.columns.get(told_by)
-    if temperature is None:
+    told_by, temperature = told(conditions)
+    if np.all(np.isnan(temperature)):
         raise InputError(f"{where} needs the column temperature_degC, which this campaign lacks")
     if np.any(np.isnan(temperature)):
         raise InputError(f"{where} needs temperature_degC in every row; fill the empty cells or leave out the rows")
     reference = float(np.round(np.mean(temperature)))
 
     def build(rows: Conditions) -> FloatArray:
-        return temperature_columns(form.columns(rows), rows.columns[told_by], reference)
+        return temperature_columns(form.columns(rows), told(rows)[1], reference)
 
     return LinearForm(
         "matrix-6-thermal",

@@ -122,9 +122,8 @@ class _Group:
 
     def _again(self, values: Mapping[int, FloatArray]) -> Campaign:
         """Return a unit with its own rates, under the first one's conditions."""
-        own = self.first.sensors
-        w = {number: own[number].conditions.w_channels_deg_per_hr for number in own}
-        sensors = {n: replace(of, rates_deg_per_hr=values[n] + w[n]) for n, of in own.items()}
+        w = {number: of.conditions.w_channels_deg_per_hr for number, of in self.first.sensors.items()}
+        sensors = {n: replace(of, rates_deg_per_hr=values[n] + w[n]) for n, of in self.first.sensors.items()}
         return replace(self.first, sensors=sensors)
 
 
@@ -142,18 +141,18 @@ def screen_folders(
     units: list[ScreenedUnit] = []
     shared: list[tuple[int, SharedFinding]] = []
     with _workers(workers, cluster) as (mapped, said):
-        for place, read in in_turn(mapped, places):
-            if isinstance(read, str):
-                told[place] = read
+        for place, campaign in in_turn(mapped, places):
+            if isinstance(campaign, str):
+                told[place] = campaign
                 continue
             if still := [
                 f"sensor {number}: every rate of a channel is one number: nothing was measured"
-                for number, rows in read.sensors.items()
+                for number, rows in campaign.sensors.items()
                 if np.any(np.ptp(rows.rates_deg_per_hr, axis=0) == 0.0)
             ]:
                 told[place] = "; ".join(still)
                 continue
-            read = with_stand_ins(read)
+            read = with_stand_ins(campaign)
             if (group := next((each for each in groups if each.has_like(read)), None)) is None:
                 groups.append(group := _Group(read, Stood({n: rows.conditions for n, rows in read.sensors.items()})))
             values = beside_the_earth(read)

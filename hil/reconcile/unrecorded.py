@@ -1,4 +1,4 @@
-"""Which names could not be asked about, for what the campaign does not record.
+"""Which names could not be asked about, for the campaign does not record what they follow.
 
 A name is only as sure as its rivals could be tried. A bias that rises through the night is ageing or follows a
 temperature; where no temperature was recorded, both explain it equally.

@@ -21,7 +21,7 @@ from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor, Ser
 from hil.campaign.formats import Format, write_file
 from hil.campaign.plausibility import judged_by_its_records
 from hil.campaign.reader import HEADER_FILE, read_campaign, read_series
-from hil.campaign.stand_ins import instead_of_temperature, not_recorded
+from hil.campaign.stand_ins import OWN, instead_of_temperature, not_recorded
 from hil.campaign.writer import write_campaign
 from hil.config import Bench
 from hil.config.recorded import bench_of_record
@@ -246,7 +246,7 @@ def _campaign(journal: JournalReader) -> tuple[Campaign, Sequence[_Row]]:
         series_block_s=bench.record.series_block,
         verdicts=verdicts,
         warnings=[
-            not_recorded(rows.conditions, "temperature_degC", other)
+            not_recorded(rows.conditions, OWN, other[0])
             for rows in tables.values()
             if (other := instead_of_temperature(rows.conditions))
         ],

@@ -211,7 +211,8 @@ def beyond_others(collects: Collects, distrusted: Collection[int]) -> tuple[Set[
         moved[rows] += _ANYWHERE / rates.weight.max() * (1.0 + np.arange(len(rows))[:, None]) ** 2
         without = Whitened(replace(used, rates_deg_per_hr=moved))
         off[rows] = np.maximum(off[rows], Asked(without).seen_from()[rows])
-    return alone, _in_errors(rates, off) / float(np.median(rates.weight[rates.known]))
+    least = _in_errors(rates, off)  # 0 where nothing tells of any: `alone` says that
+    return alone, least / float(np.median(rates.weight[rates.known])) if least else None
 
 
 def _in_errors(rates: Whitened, off_deg_per_hr: FloatArray) -> float:

@@ -34,16 +34,21 @@ _FROM_RUN_TO_RUN = {
 
 
 def unstated(collects: Collects) -> BoolArray:
-    """Return which measured rates (n, c) have no standard error, of channels of which others have (0 is none)."""
+    """Return which measured rates (n, c) have no standard error (0 is none), where every channel has some."""
     measured, stated = np.isfinite(collects.rates_deg_per_hr), collects.rates_se_deg_per_hr > 0.0
-    return np.asarray(measured & ~stated & np.any(measured & stated, axis=0))
+    silent = np.any(measured, axis=0) & ~np.any(measured & stated, axis=0)
+    return np.asarray(measured & ~stated & ~silent.any())
 
 
 def with_every_error(collects: Collects) -> Collects:
-    """Return the collects with the largest standard error of the channel, at its duration, where one is not stated."""
+    """Return the collects with the largest standard error of the channel, at its duration, where one is not stated.
+
+    Where a channel has none at all, none is used: nobody knows how much more the others tell.
+    """
     lacking, errors = unstated(collects), collects.rates_se_deg_per_hr
     if not lacking.any():
-        return collects
+        every = np.all(errors[np.isfinite(collects.rates_deg_per_hr)] > 0.0)
+        return collects if every else replace(collects, rates_se_deg_per_hr=np.full_like(errors, np.nan))
     longer = np.sqrt(np.maximum(collects.conditions.duration_s / collects.conditions.duration_s[:, None], 1.0))
     most = np.max(np.nan_to_num(errors) * longer[:, :, None], axis=1)
     return replace(collects, rates_se_deg_per_hr=np.where(lacking, most, errors))

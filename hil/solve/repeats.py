@@ -97,6 +97,7 @@ class SensorRepeats:
     neither the bias nor MU moves shows it, in runs that nothing is said against; where it cannot be told of which
     channel, all have the same. `residual_times` (c,) is what residuals exceed them by, and `noise_times` (c,) that,
     where repeats do not contradict it; `beyond_noise` (p,) is what errors that are so large leave unexplained.
+    `left_deg_per_hr` is what residuals make of the noise of rates without errors.
     """
 
     names: tuple[str, ...]
@@ -110,6 +111,7 @@ class SensorRepeats:
     residual_times: FloatArray = field(default_factory=lambda: np.ones(1))
     noise_times: FloatArray = field(default_factory=lambda: np.ones(1))
     beyond_noise: FloatArray = field(default_factory=lambda: np.zeros(0))
+    left_deg_per_hr: float = 0.0
 
     def at(self, temperature_degC: float | None) -> MeanAt | None:
         """Return the mean at what is this temperature of another campaign, None where there is none."""
@@ -142,7 +144,8 @@ class SensorRepeats:
         `errors` (n, c) are the standard errors of rates, `columns` (n, c, p) what these are of each parameter.
         """
         beyond = np.einsum("ncp,p->nc", columns**2, self.beyond_noise**2)
-        return float(np.sqrt(np.median(np.nan_to_num((self.noise_times * errors) ** 2) + beyond)))
+        own = np.nan_to_num(self.noise_times * errors, nan=self.left_deg_per_hr)
+        return float(np.sqrt(np.median(own**2 + beyond)))
 
     def document(self) -> dict[str, Any]:
         """Return the JSON of it: `run_to_run` by parameter, `means` by temperature, and runs that are in neither."""
@@ -173,9 +176,11 @@ class SensorRepeats:
         }
 
     def sentences(self) -> list[str]:
-        """Say what repeats show beyond standard errors, or that nothing was repeated."""
+        """Say what repeats show beyond standard errors, or that nothing was told twice."""
         if not np.any(self.spread.degrees):
-            return ["nothing was repeated: what changes from run to run is not known, and in no ±"]
+            return [
+                "no parameter was told twice at one temperature: what changes from run to run is not known, and in no ±"
+            ]
         of = self.spread
         rows = zip(self.names, self.units, of.observed, of.stated, of.beyond, of.degrees, strict=True)
         told = [
@@ -289,8 +294,14 @@ def _of_sensor(own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, 
     sound = np.array([not each.doubted for each in own])
     noise = np.array([not name.startswith(("B", "MU")) for name in units])
     chosen, alone = (values[sound], errors[sound], group[sound]), noise[:, None] & (shares > _ALONE)
-    noise_times = residual_times * _times(Spread.of(*chosen, factor), noise, alone)
+    # A bias that scatters less than residuals would have it contradicts them too, where nothing else tells.
+    less = _times(Spread.of(*chosen, factor), noise if noise.any() else ~noise, alone)
+    noise_times = residual_times * (less if noise.any() else np.minimum(less, 1.0))
     shown = means_of(units, values, errors, group, at, factor, residuals)
+    stated = stated_noise(rows) is not None
+    times = _times(Spread.of(*chosen), noise, alone) if stated else np.ones(len(channels))
+    many = {run: int(np.isfinite(rows.rates_deg_per_hr[at]).sum()) for run, at in rows.conditions.of_each_run.items()}
+    left = sum(many.get(e.runs[0], 0) * (e.residual_rms_deg_per_hr or 0.0) ** 2 for e in own)
     conditions = rows.conditions
     return replace(
         shown,
@@ -298,9 +309,10 @@ def _of_sensor(own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, 
         told_by=told_by(conditions),
         not_used=not_used,
         of_each={e.runs[0]: {n: u.sd for n, u in shown.of_run(e).items()} for e in own},
-        times_of=dict(zip(channels, _times(Spread.of(*chosen), noise, alone).tolist(), strict=True)),
+        times_of=dict(zip(channels, times.tolist(), strict=True)),
         residual_times=residual_times,
         noise_times=noise_times,
+        left_deg_per_hr=math.sqrt(left / max(sum(e.degrees_of_freedom for e in own), 1)),
         beyond_noise=Spread.of(values, errors, group, np.sqrt(shares @ noise_times**2)).beyond,
     )
 

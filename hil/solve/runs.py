@@ -296,7 +296,7 @@ def judge(
         count = spelled(equations)
         reason = f"no residual: {count} equations, {count} unknowns; these collects cannot contradict the model"
         if not noise_stated:
-            reason += "; with neither a residual nor stated standard errors the uncertainty is not known"
+            reason += "; with neither a residual nor stated standard errors a run alone tells no uncertainty"
         return Judgement(Verdict.PASS, reason)
     freedom = f"{counted(degrees, 'degree')} of freedom"
     if not noise_stated:

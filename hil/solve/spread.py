@@ -67,6 +67,7 @@ class Spread:
         enough = np.maximum(freedom, 1)
         observed = np.where(freedom > 0, np.sqrt(squares.sum(axis=0) / enough), np.nan)
         beyond = np.sqrt(np.maximum(more.sum(axis=0), 0.0) / np.maximum(room.sum(axis=0), _TINY)) * (freedom > 0)
+        beyond = np.fmin(beyond, observed)  # no part of it is more than the whole
         expected = explained + degrees * beyond**2
         uneven = _uneven(squares / np.where(expected > 0.0, expected, np.inf), degrees)
         stated = np.sqrt(explained.sum(axis=0) / enough)

@@ -13,6 +13,7 @@ import numpy as np
 from hil.campaign import Conditions, FloatArray, IntArray
 from hil.campaign.data import TELL_TEMPERATURE
 from hil.campaign.laws import to_come_degC
+from hil.campaign.stand_ins import OWN, temperature_of
 from procedures.words import counted
 
 WIDEST_DEGC = 4.0
@@ -92,7 +93,7 @@ def told_by(conditions: Conditions, apart_degC: float | None = None) -> str | No
     columns = conditions.columns
     said = [name for name in TELL_TEMPERATURE if name in columns and np.any(np.isfinite(columns[name]))]
     if len(said) < 2 or said[0] != _SETPOINT:
-        return said[0] if said else None
+        return temperature_of(conditions) if said[:1] == [OWN] else said[0] if said else None
     setpoint, own = (columns[name] for name in said[:2])
     here = np.isfinite(own)
     if not np.all(np.isfinite(setpoint[here])):

@@ -6,14 +6,13 @@ from typing import Any
 from hil.analysis.thermal.choice import FALSE_ALARM, Improvement
 from hil.analysis.thermal.estimate import Estimates
 from hil.analysis.thermal.fit import DESCRIBES, ParameterFit, SensorFit, ThermalFit
-from hil.campaign import Conditions
-from hil.campaign.stand_ins import instead_of_temperature
+from hil.campaign.stand_ins import temperature_of
 from hil.files.document import picked, plain
 from hil.solve.document import not_passed, runs_in_words
 from hil.solve.omissions import what_is_wrong
 from hil.solve.repeats import CONFIDENCE
 from hil.solve.runs import solve_campaign
-from procedures.words import listed, significant
+from procedures.words import listed, percent, significant
 
 SCHEMA = "hil.thermal/1"
 _NOT_SHOWN = "modelling against temperature is not shown to predict a temperature that was left out"
@@ -33,7 +32,7 @@ def thermal_document(result: ThermalFit) -> dict[str, Any]:
         ),
         "confidence": CONFIDENCE,
         "false_alarm": FALSE_ALARM,
-        "sensors": [_sensor(each, result.campaign.sensors[each.number].conditions) for each in result.sensors.values()],
+        "sensors": [_sensor(each) for each in result.sensors.values()],
         "not_fitted": [{"sensor": number, "why": why} for number, why in result.not_fitted.items()],
     }
 
@@ -45,14 +44,14 @@ def first_in_words(document: Mapping[str, Any]) -> list[str]:
     return [f"{first}: {runs}"] if runs else []
 
 
-def _sensor(fit: SensorFit, conditions: Conditions) -> dict[str, Any]:
+def _sensor(fit: SensorFit) -> dict[str, Any]:
     stations = fit.layout.stations
     return {
         "sensor": fit.number,
         "model": fit.layout.form.name,
         "range_degC": list(fit.layout.range_degC),
         "temperatures_degC": stations.centre_degC.tolist(),
-        "temperature_of": instead_of_temperature(conditions) or "temperature_degC",
+        "temperature_of": temperature_of(fit.layout.collects.conditions),
         "both_directions_degC": stations.centre_degC[stations.both_directions].tolist(),
         "parameters": {name: _parameter(each, fit) for name, each in fit.parameters.items()},
         "rates": {
@@ -148,8 +147,9 @@ def verdict_in_words(fit: SensorFit) -> str:
     found, scatter = fit.improvement, fit.rate_noise_deg_per_hr
     numbers = (
         f"rates at a temperature that was left out are wrong by {found.constant:.3g} deg/hr with constants and by "
-        f"{found.modelled:.3g} deg/hr with the curves ({found.share:.0%} less; {found.low:.0%} to {found.high:.0%} "
-        f"with the temperatures drawn again); one collect scatters by {scatter:.3g} deg/hr{_confirmed(fit)}"
+        f"{found.modelled:.3g} deg/hr with the curves ({percent(found.share)} less; {percent(found.low)} to "
+        f"{percent(found.high)} with the temperatures drawn again); one collect scatters by {scatter:.3g} deg/hr"
+        f"{_confirmed(fit)}"
     )
     if all(each.choice.form.order == 0 for each in fit.parameters.values()):
         differing = [name for name, each in fit.parameters.items() if each.finding != "constant"]

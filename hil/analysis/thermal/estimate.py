@@ -16,6 +16,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from hil.campaign import Collects, Conditions, FloatArray, IntArray
+from hil.campaign.stand_ins import OWN
 from hil.errors import InputError
 from hil.model.forms import LinearForm, default_form, named_form
 from hil.solve import solve
@@ -232,13 +233,12 @@ def layout_of(
 
 
 def _at_known_temperatures(number: int, collects: Collects) -> tuple[Collects, list[str]]:
-    """Leave out rows of which neither the unit's temperature nor what stands in for it is known; say so."""
-    known = np.isfinite(collects.conditions.columns.get("temperature_degC", np.zeros(0)))
-    if known.all() or not known.any():
+    """Leave rows without a temperature out where others have one, and say so."""
+    left = np.isnan(collects.conditions.columns.get(OWN, np.zeros(0)))
+    if left.all() or not left.any():
         return collects, []
-    return collects.rows(known), [
-        f"sensor {number}: {counted(int((~known).sum()), 'row')} without temperature: left out"
-    ]
+    said = f"sensor {number}: {counted(int(left.sum()), 'row')} without temperature: left out"
+    return collects.rows(~left), [said]
 
 
 def _tells_all(form: LinearForm, collects: Collects) -> bool:

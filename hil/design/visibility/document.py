@@ -28,6 +28,7 @@ from hil.model.effects.prior import ALPHA
 from hil.solve import repeats, solve_campaign
 from hil.solve.changes import CHANGES
 from hil.solve.omissions import in_words, what_is_wrong
+from hil.solve.precision import with_every_error
 from hil.solve.repeats import SensorRepeats
 from hil.solve.runs import finite
 from hil.solve.wrong_rows import treated
@@ -159,10 +160,10 @@ def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[st
 
 
 def _with_typical_noise(rows: Collects) -> Collects:
-    """Return the collects with the typical standard error in channels that state none: repeats show what is beyond."""
-    silent = ~np.any(rows.rates_se_deg_per_hr > 0.0, axis=0)
-    errors = np.where(silent, NoiseLevel().collect_deg_per_hr, rows.rates_se_deg_per_hr)
-    return replace(rows, rates_se_deg_per_hr=errors) if silent.any() else rows
+    """Return the collects with the typical standard error where none is used: repeats show what is beyond."""
+    errors = with_every_error(rows).rates_se_deg_per_hr
+    typical = np.full_like(errors, NoiseLevel().collect_deg_per_hr)
+    return rows if np.any(errors > 0.0) else replace(rows, rates_se_deg_per_hr=typical)
 
 
 def _seen(shown: SensorRepeats, *, assumed: bool) -> NoiseLevel:
@@ -230,7 +231,7 @@ def _improvement(name: str, cost: str, before: Mapping[int, Sights], after: Mapp
     )
     protected = {n: found for n, of in pairs.items() if (found := tuple(_protected(of)))}
     ratios = [other.best.value / sight.best.value for sight, other in every if sight.visible and other.visible]
-    known = [ratio for ratio in ratios if math.isfinite(ratio)]
+    known = [ratio for ratio in ratios if 0.0 < ratio < math.inf]  # both are of a size that occurs
     return {
         "change": name,
         "cost": cost,

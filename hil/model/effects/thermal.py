@@ -6,6 +6,7 @@ from types import MappingProxyType
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray
+from hil.campaign.stand_ins import OWN, temperature_of
 from hil.errors import InputError
 from hil.model.effects.base import (
     Base,
@@ -21,15 +22,12 @@ from hil.model.effects.history import averaged_decay, loop_side, setpoint_step
 from hil.model.equation import pickoff_rates
 
 _SOAK_TAU = ShapeParameter("tau_min", "min", (5.0, 8.0, 12.0, 18.0, 25.0, 40.0, 70.0), continuous=True)
-_OTHERS_DEGC = ("case_degC", "chamber_degC", "setpoint_degC")
 _UNUSUAL = 0.1  # odds, before the data, of what would have to be of an unusual kind or size to stand in
 
 
 def _of_its_own_temperature(_: Effect, conditions: Conditions) -> Mapping[str, float]:
     """Return the bias that follows temperature where another stands in for the unit's, which decays unrecorded."""
-    own, columns = column(conditions, "temperature_degC"), conditions.columns
-    stood_in = any(np.array_equal(own, columns[name]) for name in _OTHERS_DEGC if name in columns)
-    return {"bias_T": 1.0} if stood_in else {}
+    return {"bias_T": 1.0} if temperature_of(conditions) != OWN else {}
 
 
 class BiasTemperature(Effect):

@@ -95,8 +95,18 @@ def _one_huge() -> Campaign:
 
 
 def _no_errors() -> Campaign:
-    one = _good()
-    return replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=np.full((36, 2), np.nan))})
+    """Collects 1-2-3-2-1: residuals say what noise is, and in channel B more than in A."""
+    one = repeated(9, 3, (0, 1, 2, 1, 0), seed=63)
+    return replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=np.full((45, 2), np.nan))})
+
+
+def _chamber_alone() -> Campaign:
+    """Of temperatures the chamber's alone is recorded, and of standard errors those of channel A."""
+    rows = _good().sensors[2]
+    columns = {n: of for n, of in rows.conditions.columns.items() if n not in ("temperature_degC", "setpoint_degC")}
+    errors = rows.rates_se_deg_per_hr * [1.0, np.nan]
+    rows = replace(rows, conditions=replace(rows.conditions, columns=columns), rates_se_deg_per_hr=errors)
+    return replace(_good(), sensors={2: rows})
 
 
 def _contradicted() -> Campaign:
@@ -268,6 +278,7 @@ FOLDERS: dict[str, Callable[[], Campaign]] = {
     "one standard error missing": _one_silent,
     "one standard error huge": _one_huge,
     "no standard errors": _no_errors,
+    "the chamber's temperature alone, one channel without standard errors": _chamber_alone,
     "contradicted": _contradicted,
     "clipped": _clipped,
     "dead channel": lambda: _dead(_good(), 2),

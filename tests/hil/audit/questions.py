@@ -45,6 +45,7 @@ FIRST: dict[str, Callable[[Path], list[str]]] = {
 }  # fmt: skip
 QUICK = ("solve", "thermal", "budget", "visibility", "history", "report")
 AT_ONCE = (
+    "the chamber's temperature alone, one channel without standard errors",
     "contradicted",
     "short soaks",
     "no thermometer of its own",
@@ -289,6 +290,15 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
         "history": lambda document: {"verdict": document["campaigns"][0]["verdict"]},
         "report": lambda document: document,
     },
+    "which sensors' standard errors are used": {
+        "solve": lambda document: {
+            s["sensor"]: "every rate has the same, unstated noise" not in s["assumed"] for s in document["solutions"]
+        },
+        **dict.fromkeys(
+            ("scatter", "reconcile"),
+            lambda document: {of["sensor"]: of["stated_deg_per_hr"] is not None for of in document["noise"]},
+        ),
+    },
     "what is suspicious": dict.fromkeys(
         [name for name in COMMANDS if name != "reconcile"], lambda document: dict.fromkeys(document["warnings"])
     ),
@@ -316,6 +326,7 @@ IN_COMMON = (
     "what a unit's history keeps",
     "of how many repeats, and how sure, what a history keeps is",
     "whose its temperatures are",
+    "which sensors' standard errors are used",
     "the mean at a temperature",
     "how sure that mean is",
     "how sure one run is",

@@ -18,6 +18,7 @@ from hil.analysis.allan.sources import read_recording
 from hil.analysis.thermal.fit import fit_thermal
 from hil.campaign import Campaign, Collects, Series
 from hil.campaign.reader import read_campaign
+from hil.campaign.stand_ins import OWN
 from hil.campaign.writer import write_campaign
 from hil.cli.app import run
 from hil.config import load_bench, load_sweep
@@ -266,19 +267,22 @@ def test_a_temperature_says_whose_it_is_and_a_soak_that_did_not_end_is_no_pass(a
 
 
 @pytest.mark.parametrize(
-    ("ask", "lacks"),
-    [("no thermometer of its own", ""), ("one run without its thermometer", " in run 5")],
+    ("ask", "lacks", "other", "of"),
+    [
+        ("no thermometer of its own", "", "chamber_degC", "chamber_degC"),
+        ("one run without its thermometer", " in run 5", "the unit's mean through the same setpoint", OWN),
+    ],
     indirect=["ask"],
 )
-def test_what_stands_in_for_a_thermometer_does_so_whoever_asks(ask: Ask, lacks: str) -> None:
+def test_what_stands_in_for_a_thermometer_does_so_whoever_asks(ask: Ask, lacks: str, other: str, of: str) -> None:
     """A fit against temperature, a map of what can be seen, a form: none says beside it that temperature is lacking."""
     solved, fitted, seen = ask("solve"), ask("thermal"), ask("visibility")
     assert solved is not None
-    said = f"sensor 2: temperature_degC is not recorded{lacks}; chamber_degC stands in for it"
+    said = f"sensor 2: temperature_degC is not recorded{lacks}; {other} stands in for it"
     assert solved["warnings"] == [said]
     assert fitted is not None
     (sensor,) = fitted["sensors"]
-    assert (sensor["temperature_of"], "without temperature" in str(sensor["notes"])) == ("chamber_degC", False)
+    assert (sensor["temperature_of"], "without temperature" in str(sensor["notes"])) == (of, False)
     assert seen is not None
     assert seen["forms"] == {"2": "matrix-6-thermal"}
     without = FOLDERS["no thermometer of its own"]().sensors[2].conditions

@@ -239,6 +239,18 @@ def test_what_repeats_scatter_by_is_what_an_effect_must_exceed() -> None:
     assert smallest(loud, matrix_6, "ageing") > 5.0 * smallest(quiet, matrix_6, "ageing")
 
 
+def test_residuals_that_repeats_contradict_are_no_noise_of_a_form_of_biases_alone() -> None:
+    """One channel: what it feels of g is the same in every run. And no change shows effects at none of their size."""
+    one = runs_at_their_temperatures(8, 2, seed=7, scatter=1.0)
+    rows = one.sensors[2]
+    alone = replace(rows.conditions, sensor=replace(rows.conditions.sensor, channels={"RA": "A"}))
+    single = Collects(alone, rows.rates_deg_per_hr[:, :1], rows.rates_se_deg_per_hr[:, :1])
+    found: Any = campaign_document(replace(one, sensors={2: single}))
+    assert found["sensors"]["2"]["noise"]["collect_deg_per_hr"] < 2.0
+    few: Any = campaign_document(runs_at_their_temperatures(2, 1, seed=5, scatter=1.0))
+    assert min(change["size_ratio"] for change in few["changes"]) > 0.2
+
+
 @pytest.mark.slow
 def test_standard_errors_that_are_too_small_are_no_scatter_from_run_to_run() -> None:
     """GS, which nothing but white noise moves, tells it from a bias of its own in each run."""

@@ -50,7 +50,7 @@ def test_one_run_at_each_temperature_has_its_standard_error_everywhere(folder: P
             assert shown is not None
             found = shown.of_run(of)[label[row[0][0]]]
             assert cell == [f"{found.value:.2f}", f"±{found.sd:.2f}"]
-    assert "nothing was repeated: what changes from run to run is not known, and in no ±" in page
+    assert "no parameter was told twice at one temperature: what changes from run to run is not known" in page
     bars = [each for each in re.findall(r'aria-label="([^"]*)"', page) if "against temperature" in each]
     assert bars
     assert all(each.count(" ±") == each.count(" °C") for each in bars)

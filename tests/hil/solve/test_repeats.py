@@ -94,7 +94,7 @@ def test_where_nothing_was_repeated_standard_errors_stand_and_it_is_said() -> No
         for name, each in solution.parameters.items():
             assert mean.values[name].sd == each.se
             assert mean.values[name].half_width == pytest.approx(1.96 * (each.se or 0.0), rel=1e-3)
-    assert "nothing was repeated" in shown.sentences()[0]
+    assert "no parameter was told twice at one temperature" in shown.sentences()[0]
 
 
 def test_residuals_beyond_the_standard_errors_widen_them() -> None:
@@ -134,6 +134,10 @@ def test_a_spread_is_pooled_over_temperatures_and_never_less_than_standard_error
     assert quiet.beyond[0] == 0.0
     assert quiet.sd(np.full((6, 1), 5.0))[0, 0] == 5.0
     assert quiet.freedom[0] == 3 * spread.degrees[0]  # what stated errors explain is known better
+    loud = Spread.of(values, np.array([0.6, 0.6, 0.6, 0.5, 0.5, 0.5])[:, None], group)
+    assert loud.beyond[0] < loud.observed[0]
+    unsure = Spread.of(values, np.array([0.6, 0.6, 0.6, 0.3, 0.3, 0.3])[:, None], group)
+    assert unsure.beyond[0] == unsure.observed[0]  # those of small errors scatter more than all do
 
 
 def test_what_scatters_in_the_cold_only_is_said_and_judged_by_no_limit() -> None:

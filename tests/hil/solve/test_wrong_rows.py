@@ -247,7 +247,8 @@ def test_among_few_runs_it_is_said_what_would_not_be_seen() -> None:
         rates = few.sensors[2].rates_deg_per_hr.copy()
         rates[5, 1] += off
         assert bool(what_is_wrong(with_rates(few, rates))["rows"]) is seen
-    assert "rows_seen_from" not in what_is_wrong(campaign(24, 3, seed=77, scatter=0.5))
+    for others in (campaign(24, 3, seed=77, scatter=0.5), campaign(2, 1, seed=5, scatter=1.0)):
+        assert "rows_seen_from" not in what_is_wrong(others)  # of two at two temperatures nothing is seen at all
     errors = few.sensors[2].rates_se_deg_per_hr.copy()
     errors[7] = 300.0
     unsure = replace(few, sensors={2: replace(few.sensors[2], rates_se_deg_per_hr=errors)})

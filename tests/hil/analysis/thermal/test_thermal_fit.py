@@ -186,6 +186,10 @@ def test_hysteresis_is_estimated_where_temperatures_were_reached_from_both_sides
     assert not other["seen"]
     assert sensor.parameters["BA"].form == "linear"
     assert any("values are the middle between both directions" in note for note in sensor.notes)
+    shown = repeats(night, solve_campaign(night))[2]
+    layout = sensor.layout
+    with_it = shown.of_a_collect(layout.collects.rates_se_deg_per_hr, layout.columns)
+    assert sensor.rate_noise_deg_per_hr < 0.85 * with_it  # which hysteresis is no part of
 
 
 def test_one_direction_alone_gives_no_hysteresis_and_says_what_that_means(smooth: ThermalFit) -> None:
@@ -243,6 +247,21 @@ def test_a_temperature_that_no_run_tells_is_left_out_and_its_repeats_are_not(los
     for name, each in fit.parameters.items():
         assert each.values.values == pytest.approx([mean.values[name].value for mean in means])
         assert each.values.se == pytest.approx([mean.values[name].sd for mean in means])
+
+
+def test_what_stands_in_for_a_thermometer_stands_in_for_a_curve_too() -> None:
+    """The setpoint alone; or, in a run in which it was silent, what the unit showed through the same setpoint."""
+    night = rotor_night(np.random.default_rng(12), {"BA": lambda t: 15.0 * scaled(t)})
+    shown = night.sensors[2].conditions.columns["temperature_degC"]
+    setpoint = 5.0 * np.round(shown / 5.0)
+    silent = np.where(night.sensors[2].conditions.run == 5, np.nan, shown + 8.0)
+    alone = fit_thermal(refused(night, {"setpoint_degC": setpoint}))
+    gap = fit_thermal(refused(night, {"setpoint_degC": setpoint, "temperature_degC": silent}))
+    for fit, whose, off in ((alone, "setpoint_degC", 0.0), (gap, "temperature_degC", 8.0)):
+        (document,) = thermal_document(fit)["sensors"]
+        assert document["temperature_of"] == whose
+        assert document["range_degC"] == pytest.approx([shown.min() + off, shown.max() + off], abs=2.6)
+        assert fit.sensors[2].parameters["BA"].form == "linear"
 
 
 def test_what_cannot_be_fitted_is_refused() -> None:
