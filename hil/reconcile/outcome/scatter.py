@@ -121,7 +121,7 @@ def _at_points(fit: Fitted, block: FittedBlock, points: Points) -> SetInBlock:
 
 _GRID = float(np.log(2.0))
 _STEPS = (8, 3)  # of an amount, and of an offset, which only stands beside it
-_BEYOND = 2.0  # standard errors by which rows scatter more than is explained, for the model to state it
+_BEYOND = 3.0  # what is explained is as uncertain as what is seen: so many such errors more, for the model to state it
 _NO_OFFSET = 0.05  # and how probable it may be at most that runs have no offset of their own
 
 
@@ -172,7 +172,7 @@ def _of_channels(block: FittedBlock, found: Sequence[FoundScatter], model: str) 
         mean = float(weight @ of_rows)
         spread = np.sqrt(weight @ (of_rows - mean) ** 2)
         more, error = mean - known, float(np.hypot(spread, mean * relative))
-        size, sure = float(np.sqrt(max(more, 0.0))), more > _BEYOND * error
+        size, sure = float(np.sqrt(max(more, 0.0))), more * mean > _BEYOND * error * known
         here = [f for f in found if (f.sensor, f.channel) == (rows_of.sensor, channel)]
         yield {
             "sensor": rows_of.sensor,
@@ -180,7 +180,7 @@ def _of_channels(block: FittedBlock, found: Sequence[FoundScatter], model: str) 
             "under": model + ", calibrated at each temperature" * block.calibrated,
             "stated_deg_per_hr": float(np.sqrt(np.median(errors[rows]))) if rows_of.sigma_stated else None,
             "explained_deg_per_hr": float(np.sqrt(known)) if rows_of.sigma_stated else None,
-            "observed_deg_per_hr": float(np.sqrt(np.median(variance[rows]))),
+            "observed_deg_per_hr": float(np.sqrt(np.median(variance[rows]))) if own.beside.freedom else None,
             "run_offset_deg_per_hr": offset,
             "run_offset_se_deg_per_hr": offset_se if certain else None,
             "collect_to_collect_deg_per_hr": size,

@@ -19,6 +19,7 @@ from hil.reconcile.outcome.sentences import what_to_do
 from hil.reconcile.proof.experiment import repeated
 from hil.reconcile.proof.held_out import Predicted, _together
 from hil.reconcile.result import Solved
+from hil.reconcile.scattering import what_scatters
 from hil.reconcile.search.layout import searches
 from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.problem import pose
@@ -142,6 +143,7 @@ def test_nothing_that_could_be_tested_is_said_to_be_so() -> None:
     alone = only(full, full.sensors[2].conditions.run == 1)
     result = reconcile(replace(alone, verdicts={1: NOT_GOOD, 2: NOT_GOOD}, missing=["run 2"]), "matrix-6")
     assert (result.doubtful, result.without["missing"]) == ({"INCONCLUSIVE": [1]}, ["run 2"])
+    assert {each["observed_deg_per_hr"] for each in what_scatters(FOLDERS["one run"]()).noise} == {None}
     result = replace(result, doubtful={}, without={}, left=Solved())
     assert result.verdict == "none"
     assert not result.tested
