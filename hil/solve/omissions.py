@@ -112,7 +112,7 @@ def otherwise(campaign: Campaign, rows: Sequence[Mapping[str, Any]]) -> list[str
     known = rates(rows)
     doubted = [row for row in asked if row["done"] == USED and not rates([row]) & known]
     here = "by hil solve, report, budget, thermal and visibility, which look less closely"
-    unsaid = "hil solve doubts, where nothing certain is found here"
+    unsaid = "hil solve doubts, and no row is called wrong here"
     differ = [
         f"sensor {sensor}, {channel}: {numbered('collect', sorted(n for *of, n in odd if of == [sensor, channel]))}: "
         f"{what} {here}"

@@ -29,7 +29,7 @@ class Bias(Effect):
     in_every_model = True
     series_in_temperature = True
     may_follow_temperature = True
-    experiment = "None needed: every set of collects gives it, unless all stand the same way up."
+    experiment = "Any collects that do not all stand the same way up."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         """Return 1 for each channel."""

@@ -134,9 +134,10 @@ def summary(result: Reconciliation) -> list[str]:
     said += [f"It {listed(follows)}."] if added and follows else []
     if per_temperature:
         said.append("The model's other values were calibrated at each temperature.")
-    if result.next_experiment and result.next_experiment.get("what"):
-        following = result.next_experiment
-        said.append(f"Measure next: {following['what']}: {titled(result, str(following.get('why', '')))}.")
+    if following := result.next_experiment:
+        why = titled(result, str(following["why"]))
+        what = following.get("what")
+        said.append(f"Measure next: {what}: {why}." if what else f"{why[0].upper()}{why[1:]}.")
     return said
 
 
@@ -228,7 +229,7 @@ def _more(channel: Mapping[str, Any]) -> str:
 
 def _times(channel: Mapping[str, Any]) -> float:
     known = channel["explained_deg_per_hr"]
-    return float(channel["observed_deg_per_hr"] / known) if known else 0.0
+    return float((channel["observed_deg_per_hr"] or 0.0) / known) if known else 0.0
 
 
 def stated_in_words(noise: Sequence[Mapping[str, Any]]) -> list[str]:

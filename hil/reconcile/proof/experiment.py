@@ -56,13 +56,8 @@ def next_experiment(
     repeats, power = repeated(noncentrality)
     if repeats == 0:
         otherwise = effect.experiment.rstrip(".") if effect is not None else "vary the driver alone"
-        return {
-            "why": f"no stationary collect that was tried separates {name} from {rival_name}; {otherwise}",
-            "collects": [],
-            "expected_difference_deg_per_hr": difference,
-            "power": power,
-            "impossible": True,
-        }
+        why = f"no stationary collect that was tried separates {name} from {rival_name}. {otherwise}"
+        return {**without_collects(why), "impossible": True}
     return {
         "why": f"separates {name} from {rival_name}",
         "what": addition.name,

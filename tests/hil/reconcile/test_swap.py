@@ -14,7 +14,7 @@ from hil.model.curve import Polynomial
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.naming import CERTAIN
 from hil.reconcile.outcome.page import page
-from hil.reconcile.outcome.sentences import what_to_do
+from hil.reconcile.outcome.sentences import summary, what_to_do
 from hil.reconcile.scattering import what_scatters
 from hil.solve.omissions import otherwise
 from hil.solve.wrong_rows import MENDED, USED, wrong_rows
@@ -120,6 +120,7 @@ def test_what_confirms_exchanged_labels_is_no_collect(swap_alone: Reconciliation
     assert (experiment["collects"], experiment["power"], experiment["impossible"]) == ([], None, False)
     text = page(swap_alone)
     assert experiment["why"] in text
+    assert f"C{experiment['why'][1:]}." in summary(swap_alone)
     assert "With the record put right the gap" in text
     assert "Nothing is missing from the model" in text
     assert "is missing from matrix-6-thermal" not in text
