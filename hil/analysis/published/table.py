@@ -5,7 +5,8 @@
 Table 1 of RD-GC-86-1 prints no rates. It prints two biases per channel and temperature: the matrix solution's, which
 is the mean of Collects 1 and 2 (eqs. 9, 10), and the contractor's, which is Collect 3 (eqs. 5, 6). With G = (1, 0, 0)
 these are the rates that Collects 1 and 2 have in common and the rate of Collect 3. What the table does not determine
-(GSA, GSB, earth rate) is taken as zero and said so. Printed digits are kept; flagged cells become warnings.
+(GSA, GSB, earth rate) is taken as zero and said so. Printed digits are kept; flagged cells are named in
+the notes, which stay with the campaign.
 """
 
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from hil.campaign import Campaign, Collects, Conditions, Sensor
 from hil.campaign.table import ABSOLUTE_ZERO_DEGC, Table
 from hil.errors import InputError
 from hil.files.strict import find_config
+from procedures.words import listed
 
 _COLUMNS = ("temperature_C", "parameter", "mean_printed", "sigma_printed", "n_stated")
 _BIASES = {"RA": ("BA2_matrix", "BA2_collins"), "RB": ("BB2_matrix", "BB2_collins")}
@@ -51,7 +53,7 @@ def read_published_table(table: Path) -> Campaign:
     path = find_config("tables", table)
     cells = _read(path)
     temperatures = sorted({temperature for temperature, _ in cells})
-    rates, errors, warnings = [], [], []
+    rates, errors = [], []
     for temperature in temperatures:
         for label in _COLLECT_F:
             names = [both[label == "3"] for both in _BIASES.values()]
@@ -62,9 +64,11 @@ def read_published_table(table: Path) -> Campaign:
             # Collects 1 and 2 share one mean: each is less certain than their mean by root two.
             spread = 1.0 if label == "3" else np.sqrt(2.0)
             errors.append([spread * cell.sigma / np.sqrt(cell.count) for cell in found])
+    flagged: dict[tuple[float, str], list[str]] = {}
     for (temperature, parameter), cell in sorted(cells.items()):
         if cell.flag != "ok":
-            warnings.append(f"{path.name}: {parameter} at {temperature:g} °C is flagged {cell.flag}; kept as printed")
+            flagged.setdefault((temperature, cell.flag), []).append(parameter)
+    kept = [f"at {degC:g} °C flagged {flag}, kept as printed: {listed(of)}" for (degC, flag), of in flagged.items()]
     repeat = len(_COLLECT_F)
     n = repeat * len(temperatures)
     start_s = (np.arange(len(temperatures))[:, None] * _REPEAT_S + np.arange(repeat) * 300.0).ravel()
@@ -83,8 +87,7 @@ def read_published_table(table: Path) -> Campaign:
         title=f"{path.stem}, rebuilt from printed means",
         source=f"{path.name}, a published table",
         sensors={2: Collects(conditions, np.array(rates), np.array(errors))},
-        warnings=tuple(warnings),
-        notes=_NOTE,
+        notes="\n".join([_NOTE, *(f"{path.name}: {each}" for each in kept)]),
         rebuilt=True,
     )
 

@@ -41,9 +41,9 @@ def test_the_matrix_solution_of_the_rebuilt_collects_is_the_printed_one(tmp_path
 
 
 def test_flagged_cells_are_kept_and_said(tmp_path: Path) -> None:
-    """A doubtful cell is a warning with its name, never a correction."""
+    """A doubtful cell is named in the notes, which stay with the campaign, and never corrected."""
     campaign = read_published_table(table(tmp_path, ROWS))
-    assert campaign.warnings == ("table.csv: BA2_collins at 20 °C is flagged inconsistent; kept as printed",)
+    assert campaign.notes.splitlines()[1:] == ["table.csv: at 20 °C flagged inconsistent, kept as printed: BA2_collins"]
 
 
 @pytest.mark.parametrize(
