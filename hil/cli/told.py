@@ -15,7 +15,7 @@ from rich.table import Table
 
 from hil.archive.sentences import sentences, some
 from hil.cli.output import Aside, listing
-from hil.files.numbers import WHOSE
+from hil.files.numbers import WHOSE, rounded
 from hil.files.text import templates
 from hil.solve.omissions import in_words
 from procedures.words import counted, harmless
@@ -57,7 +57,7 @@ def _environment() -> Environment:
         "hil.cli", "answers", finalize=lambda value: value if isinstance(value, _Marked) else harmless(str(value))
     )
     environment.filters |= {"written": _written, "chance": _chance}
-    known = (counted, in_words, sentences, some, zip)
+    known = (counted, in_words, rounded, sentences, some, zip)
     environment.globals |= {each.__name__: each for each in known} | {"whose": WHOSE}
     return environment
 

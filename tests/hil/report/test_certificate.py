@@ -163,5 +163,8 @@ def test_the_command_refuses_or_drafts(night: Path, tmp_path: Path, capsys: pyte
     limits.write_text(yaml.safe_dump(WIDE))
     asked = ["--draft", "--limits", str(limits), "--customer", "Ship & Sons <Ltd>", "--number", "C-1", "--strict"]
     assert hil(["certificate", str(night), "--out", str(out), *asked]) == 0
+    assert re.search(
+        r"value +U +k +unit", capsys.readouterr().out
+    )  # of each value its own: where few repeats tell, larger
     assert "Ship &amp; Sons &lt;Ltd&gt;" in out.read_text()
     assert "IN SPEC" in out.read_text()
