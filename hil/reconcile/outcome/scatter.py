@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtri
 
-from hil.campaign import Campaign, Conditions
+from hil.campaign import Campaign, Conditions, FloatArray
 from hil.model import Model
 from hil.model.curve import Constant, Curve, Table
 from hil.model.effects.base import Parameter, VarianceEffect
@@ -155,8 +155,8 @@ def _of_channels(block: FittedBlock, found: Sequence[FoundScatter], model: str) 
     total = np.where(points.kind == points.kind[block.at], block.weighed.terms_log + points.log_prior, -np.inf)
     scales = np.array([block.weighed.left_at(t)[1] for t in range(len(points))]) * own.unit**2
     weight = np.exp(total - np.logaddexp.reduce(total))
-    offset = float(np.sqrt((weight * scales) @ points.offset**2))
     runs, certain = len(np.unique(rows_of.run)), weight[points.offset == 0.0].sum() < _NO_OFFSET
+    offset = float(np.sqrt(_likely(scales * points.offset**2, weight, known=certain)))
     offset_se = offset * float(np.hypot(_GRID / np.sqrt(12.0), 1.0 / np.sqrt(2.0 * runs)))
     variance = (weight * scales) @ own.noise.variance(points)
     # What may be an offset by chance scatters each row all the same.
@@ -169,24 +169,32 @@ def _of_channels(block: FittedBlock, found: Sequence[FoundScatter], model: str) 
         # Of the usual row: one whose standard error is huge says nothing of what the others scatter by.
         known = float(np.median(errors[rows] + beside[rows]))
         of_rows = np.median(by_itself[:, rows], axis=1)
-        mean = float(weight @ of_rows)
-        spread = np.sqrt(weight @ (of_rows - mean) ** 2)
-        more, error = mean - known, float(np.hypot(spread, mean * relative))
-        size, sure = float(np.sqrt(max(more, 0.0))), more * mean > _BEYOND * error * known
+        mean, middle = (_likely(of_rows, weight, known=sure) for sure in (True, False))
+        error = float(np.hypot(np.sqrt(weight @ (of_rows - mean) ** 2), mean * relative))
+        sure = (middle - known) * mean > _BEYOND * error * known
+        size = float(np.sqrt(max((mean if sure else middle) - known, 0.0)))
         here = [f for f in found if (f.sensor, f.channel) == (rows_of.sensor, channel)]
+        seen = np.median(variance[rows]) if here or sure or certain else middle
         yield {
             "sensor": rows_of.sensor,
             "channel": channel,
             "under": model + ", calibrated at each temperature" * block.calibrated,
             "stated_deg_per_hr": float(np.sqrt(np.median(errors[rows]))) if rows_of.sigma_stated else None,
             "explained_deg_per_hr": float(np.sqrt(known)) if rows_of.sigma_stated else None,
-            "observed_deg_per_hr": float(np.sqrt(np.median(variance[rows]))) if own.beside.freedom else None,
+            "observed_deg_per_hr": float(np.sqrt(seen)) if own.beside.freedom else None,
             "run_offset_deg_per_hr": offset,
             "run_offset_se_deg_per_hr": offset_se if certain else None,
             "collect_to_collect_deg_per_hr": size,
             "collect_to_collect_se_deg_per_hr": 0.5 * error / size if sure else None,
             "scatter": [{"id": f.effect.id, "deg_per_hr": f.deg_per_hr} for f in here],
         }
+
+
+def _likely(variances: FloatArray, weight: FloatArray, *, known: bool) -> float:
+    """Return the mean of variances (t,) at the points; the middle where they are not known: few runs allow any size."""
+    order = np.argsort(variances)
+    middle = order[np.searchsorted(np.cumsum(weight[order]), 0.5 * weight.sum())]
+    return float(weight @ variances if known else variances[middle])
 
 
 def with_ordinary(model: Model, noise: Sequence[Mapping[str, Any]], conditions: Mapping[int, Conditions]) -> Model:

@@ -66,10 +66,8 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
         runs = numbered("run", beyond)
         act = f"{act} No effect is named, but averages scatter more than their standard errors say ({runs}: FAIL)."
     elif kind in {"none", "apart"} and (more := at_most(result.noise)):
-        known = ["the ± of hil solve"] * result.solved.widens
-        known += ["the noise of model.yaml"] * (result.tested and bool(stated_in_words(result.noise)))
-        has = f"; {listed(known)} {'have' if len(known) > 1 else 'has'} it" if known else ""
-        act += f" Averages scatter {more}{has}."
+        known = ["the ± of hil solve"] * result.solved.widens + ["the noise of model.yaml"]
+        act += f" Averages scatter {more}; {listed(known)} {'have' if len(known) > 1 else 'has'} it."
     if kind in {"none", "named", "ambiguous"} and _follows_temperature(result):
         act += _MEASURED
     if apart:
@@ -228,7 +226,8 @@ def _more(channel: Mapping[str, Any]) -> str:
 
 
 def _times(channel: Mapping[str, Any]) -> float:
-    known = channel["explained_deg_per_hr"]
+    """Return how many times what is explained the averages scatter by: 0 where chance explains it, or nothing is."""
+    known = channel["explained_deg_per_hr"] if channel["scatter"] or [*beyond_chance(channel)] else None
     return float((channel["observed_deg_per_hr"] or 0.0) / known) if known else 0.0
 
 

@@ -229,11 +229,18 @@ def test_a_jump_keeps_its_name() -> None:
 def test_what_the_model_explains_is_no_surprise() -> None:
     """Five times the standard errors, where the model states nothing; nothing to be said where it states as much."""
     channel = {"sensor": 2, "channel": "RB", "stated_deg_per_hr": 1.0, "observed_deg_per_hr": 5.0, "under": "matrix-6"}
+    channel |= {"run_offset_deg_per_hr": 5.0, "run_offset_se_deg_per_hr": 1.0, "scatter": []}
+    channel |= dict.fromkeys(("collect_to_collect_deg_per_hr", "collect_to_collect_se_deg_per_hr"))
     (told,) = scatter_in_words([{**channel, "explained_deg_per_hr": 1.0}])
     assert "5 times as much as their standard errors say" in told
     (told,) = scatter_in_words([{**channel, "explained_deg_per_hr": 2.5}])
     assert "2 times as much as their standard errors and the model say" in told
     assert scatter_in_words([{**channel, "explained_deg_per_hr": 4.0}]) == []
+    assert scatter_in_words([{**channel, "explained_deg_per_hr": 1.0, "run_offset_se_deg_per_hr": None}]) == []
+    for seed in range(3):  # of two sound runs, which tell next to nothing of what runs scatter by
+        few = what_scatters(campaign(2, 2, seed, scatter=0.0)).noise
+        assert scatter_in_words(few) == []
+        assert all(each["observed_deg_per_hr"] < 1.4 * each["stated_deg_per_hr"] for each in few)
 
 
 @pytest.mark.slow
