@@ -115,7 +115,7 @@ def percent(share: float) -> str:
     """Write a share: 50 %, and with a decimal where it is nearly all or nearly nothing, 99.5 %."""
     if 0.0 < share < 0.0005:
         return "below 0.1 %"
-    return f"{100.0 * share:.0f} %" if 0.01 <= share <= 0.99 else f"{100.0 * share:.1f} %"
+    return f"{100.0 * share:.0f} %" if 0.01 <= share <= 0.99 else f"{round(100.0 * share, 1) + 0.0:.1f} %"
 
 
 def harmless(text: str) -> str:

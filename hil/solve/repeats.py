@@ -300,6 +300,8 @@ def _of_sensor(own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, 
     shown = means_of(units, values, errors, group, at, factor, residuals)
     stated = stated_noise(rows) is not None
     times = _times(Spread.of(*chosen), noise, alone) if stated else np.ones(len(channels))
+    odd = (chdtrc(np.maximum(freedom, 0.5), squares) < RARE) & (noise_times == residual_times)  # which say it better
+    times = np.where(odd, residual_times, times)
     many = {run: int(np.isfinite(rows.rates_deg_per_hr[at]).sum()) for run, at in rows.conditions.of_each_run.items()}
     left = sum(many.get(e.runs[0], 0) * (e.residual_rms_deg_per_hr or 0.0) ** 2 for e in own)
     conditions = rows.conditions
