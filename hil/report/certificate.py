@@ -34,7 +34,7 @@ from hil.records import reading
 from hil.records.export import campaign_of_night
 from hil.records.ledger import read_head
 from hil.records.reader import is_night
-from hil.records.status import night_status
+from hil.records.status import in_brief, night_status
 from hil.records.verify import MISSING, verify_night
 from hil.report.content import ReportContent, assumed, gather
 from hil.solve.both_sensors import moving_together
@@ -146,8 +146,9 @@ def refusals(
         yield f"the night is {status['state']}: {status['reason']}"
     if bad:
         yield f"the measurement is not good: {bad}"
-    for each in proof["problems"]:
-        yield each if each.startswith(MISSING) else f"the records are not what was written: {each}"
+    yield from (f"{MISSING}{each}" for each in in_brief(status["missing"]))
+    wrong = [each for each in proof["problems"] if not each.startswith(MISSING)]
+    yield from (f"the records are not what was written: {each}" for each in wrong)
     if status["identity"].get("despite"):
         yield f"the night was begun despite a warning: {status['identity']['despite']}"
     if not serial:

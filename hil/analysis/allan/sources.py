@@ -19,6 +19,7 @@ from hil.files.columns import Columns, read_columns
 from hil.files.units import RATE, worth
 from hil.records.export import open_source
 from hil.solve.both_sensors import moving_together
+from hil.solve.temperatures import runs_by_temperature
 from procedures.words import choice
 
 _TIMES = ("t_s", "time_s")
@@ -71,7 +72,8 @@ def _of_folder(folder: Path, channel: str | None, sensor: int | None, collect: i
             pieces += cut(title, rates, interval_s, series.t_s)
     which = "all collects" if collect is None else f"collect {collect}"
     together = "collects at different temperatures are taken together"
-    notes = (together,) * (collect is None and len(own) > 1)
+    several = len(runs_by_temperature(campaign.sensors[number].conditions)) > 1
+    notes = (together,) * (collect is None and len(own) > 1 and several)
     notes += tuple(f"{each}; no collect shows it by itself" for each in moving_together(campaign))
     title = f"{folder.name}, {which}, sensor {number}, {name}"
     return Recording(title, pieces, interval_s, simulated=campaign.simulated, notes=notes)

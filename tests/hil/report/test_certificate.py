@@ -27,7 +27,7 @@ equipment:
   - {name: thermometer, number: KA-0012, certificate: D-K 2025-11, traceable_to: PTB, due: 2026-11-30}
   - {name: level, number: KA-0013, due: 2027-02-28}
 """
-GOOD = {"simulated": False, "state": "complete", "reason": "", "identity": {}}
+GOOD = {"simulated": False, "state": "complete", "reason": "", "identity": {}, "missing": []}
 
 
 @pytest.fixture(scope="module")
@@ -58,9 +58,10 @@ def test_every_reason_against_it_is_told_and_without_one_there_is_none(bench: Be
         assert word in said
     assert ["FAIL" in each for each in refusals(GOOD, "FAIL: run 3", proven, bench, "0042", TODAY)] == [True]
     assert len(list(refusals(GOOD, "", {"problems": ["a block is lost"]}, bench, "", TODAY))) == 2
-    lacking = {"problems": ["missing: self-calibration 2 at 23.0 °C", "a block is lost"]}
-    assert [*refusals(GOOD, "", lacking, bench, "0042", TODAY)] == [
-        "missing: self-calibration 2 at 23.0 °C",
+    runs = [f"self-calibration {run} at 23.0 °C: all of it" for run in (2, 3)]
+    lacking = {"problems": [*(f"missing: {each}" for each in runs), "a block is lost"]}
+    assert [*refusals({**GOOD, "missing": runs}, "", lacking, bench, "0042", TODAY)] == [
+        "missing: self-calibrations 2–3 at 23.0 °C: all of them",  # in the words of hil status and hil verify
         "the records are not what was written: a block is lost",
     ]
     (late,) = refusals(GOOD, "", proven, bench, "0042", date(2026, 12, 1))

@@ -12,9 +12,12 @@ import pytest
 
 from hil.analysis.allan.document import AllanResult
 from hil.analysis.allan.sources import Recording, read_recording
+from hil.campaign import Series
+from hil.campaign.writer import write_campaign
 from hil.cli.app import run
 from hil.errors import InputError
 from tests.hil.analysis.allan.noise_series import rates
+from tests.hil.solve.test_other_runs import campaign
 
 
 @pytest.fixture
@@ -178,3 +181,14 @@ def test_ten_samples_do_not_say_how_long_to_average(tmp_path: Path) -> None:
     assert "too short to tell how long to average" in said
     assert "scatters by less than" in said
     assert "stops helping" not in said
+
+
+def test_temperatures_are_only_said_to_be_different_where_they_are(tmp_path: Path) -> None:
+    """Series of two collects at one temperature, and at two."""
+    for per_temperature, several in ((2, False), (1, True)):
+        one, rates = campaign(2, per_temperature, seed=1), np.random.default_rng(1).normal(0.0, 1.0, (64, 2))
+        rates -= rates.mean(axis=0)
+        kept = [(row + 1, Series(np.arange(64.0), rates + one.sensors[2].rates_deg_per_hr[row])) for row in (0, 3)]
+        write_campaign(one, folder := tmp_path / str(several), kept)
+        notes = read_recording(folder, channel="RA").notes
+        assert any("different temperatures" in note for note in notes) is several
