@@ -7,9 +7,8 @@ there already and was made alike is not made again, so that whoever was interrup
 import json
 import os
 import tempfile
-from collections import Counter
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from hashlib import sha256
 from itertools import compress
@@ -44,6 +43,7 @@ from hil.solve.wrong_rows import pooled
 SCHEMA = "hil.twin/1"
 FEWEST = 3
 _ASSUMED = 10.0  # times as much may conditions differ where chamber and unit are assumed
+_Kept = tuple[Collection[tuple[int, str, int]], Collection[str]]  # of a sensor: collects of the plan, columns
 _ANGLE_RANDOM_WALK = 0.12  # deg/√hr, of a campaign that states no errors
 
 
@@ -61,32 +61,21 @@ class Agrees:
         """Hear how it ended."""
 
 
-@dataclass(frozen=True)
-class _Kept:
-    """What of a sensor is compared: the measured collects, by run, position and how often, and what was recorded."""
-
-    collects: Collection[tuple[int, str, int]]
-    columns: Collection[str]
-
-    def of(self, rows: Collects) -> Collects:
-        """Return that of a simulated night."""
-        columns = {name: each for name, each in rows.conditions.columns.items() if name in self.columns}
-        known = replace(rows, conditions=replace(rows.conditions, columns=columns))
-        return known.rows(np.array([each in self.collects for each in _collects(rows.conditions)]))
-
-
 def _collects(rows: Conditions, *, as_listed: bool = False) -> list[tuple[int, str, int]]:
     """Return which collect of the plan each row is: its run, its position, and how often that had been there in it.
 
     Runs are called as the plan calls them, or numbered `as_listed`.
     """
     runs = np.unique(rows.run, return_inverse=True)[1] + 1 if as_listed else rows.run
-    seen: Counter[tuple[int, str]] = Counter()
-    out = []
-    for place in zip(runs.tolist(), rows.position.tolist(), strict=True):
-        seen[place] += 1
-        out.append((*place, seen[place]))
-    return out
+    places = list(zip(runs.tolist(), rows.position.tolist(), strict=True))
+    return [(*place, places[:k].count(place)) for k, place in enumerate(places)]
+
+
+def _as_measured(rows: Collects, kept: _Kept) -> Collects:
+    """Return of a simulated sensor's rows the collects that were measured, with what was recorded of them."""
+    own = rows.conditions
+    known = replace(own, columns={name: each for name, each in own.columns.items() if name in kept[1]})
+    return replace(rows, conditions=known).rows(np.array([each in kept[0] for each in _collects(own)]))
 
 
 def likeness(
@@ -115,7 +104,7 @@ def likeness(
     for number, rows in source.campaign.sensors.items():
         used = np.isin(rows.conditions.collect, taken.sensors[number].conditions.collect)
         collects = set(compress(_collects(rows.conditions, as_listed=not is_night(folder)), used))
-        kept[number] = _Kept(collects, frozenset(rows.conditions.columns))
+        kept[number] = collects, frozenset(rows.conditions.columns)
     source = replace(source, campaign=with_stand_ins(taken))
     sensors = [rows.conditions.sensor for rows in source.campaign.sensors.values()]
     model = fitting(model, sensors)
@@ -217,7 +206,7 @@ def _drawn(
         if ended.exit_status != 0:
             raise InputError(f"the simulated night {number + 1} did not end well: {ended.reason}")
         source = open_source(folder / "night")
-        sensors = {n: kept[n].of(rows) for n, rows in source.campaign.sensors.items() if n in kept}
+        sensors = {n: _as_measured(rows, kept[n]) for n, rows in source.campaign.sensors.items() if n in kept}
         source = replace(source, campaign=with_stand_ins(replace(source.campaign, sensors=sensors)))
         found = features(source, form, calibrated=calibrated, levels_degC=levels(campaign))
     made = {"simulated": True, "of": alike, "numbers": found}

@@ -48,30 +48,23 @@ def before_and_after(
                 is_.append(solve(of_all, rates.reshape(-1), 1.0, rank_tolerance=OBSERVABLE).values.round(_DIGITS) + 0.0)
             rows.append((None if level is None else float(np.nanmean(level[here])), is_[0], is_[1]))
         change = np.max([np.nan_to_num(np.abs(now - was)) for _, was, now in rows], axis=0, initial=0.0)
+        alike = [len({(was[p], now[p]) for _, was, now in rows}) == 1 for p in range(len(form.names))]
         changed = np.flatnonzero(change > _CHANGED * np.max(change))
         out += [
             {
                 "sensor": number,
                 "name": form.names[p],
                 "unit": form.units[p],
-                "temperature_degC": at,
+                "temperature_degC": None if alike[p] else at,
                 "temperature_of": told_by(conditions),
                 "before": float(was[p]),
                 "after": float(now[p]),
             }
             for p in changed
-            for at, was, now in _told(rows, int(p))
+            for at, was, now in (rows[:1] if alike[p] else rows)
             if np.isfinite(was[p] + now[p])
         ]
     return out
-
-
-def _told(
-    rows: Sequence[tuple[float | None, FloatArray, FloatArray]], p: int
-) -> Sequence[tuple[float | None, FloatArray, FloatArray]]:
-    """Return the temperatures at which a parameter is told: once, without one, where it is the same at all."""
-    alike = len({(was[p], now[p]) for _, was, now in rows}) == 1
-    return [(None, *rows[0][1:])] if alike else rows
 
 
 def left_by(

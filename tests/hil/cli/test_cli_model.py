@@ -154,3 +154,4 @@ def test_the_twin_tells_the_model_that_lacks_something_and_not_the_one_that_reco
     people = hil(*kept).stdout
     assert "the night can be told from them" in people
     assert "SIMULATED" in people
+    assert "degC" not in people
