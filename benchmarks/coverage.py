@@ -26,6 +26,7 @@ import yaml
 
 from benchmarks.kept import Case, run_or_print
 from hil.campaign import Campaign, Conditions, FloatArray
+from hil.campaign.stand_ins import with_stand_ins
 from hil.config import load_bench, load_sweep
 from hil.config.bench import Bench, parse_bench
 from hil.design.visibility.document import campaign_document
@@ -190,6 +191,8 @@ def case(job: tuple[str, str, str, str], *, twin: bool, seed: int = SEED) -> dic
             if np.any(column):  # nothing, where the condition was not recorded
                 out["off_deg_per_hr"] = float(np.abs(added - column).max())
                 out["off"] = out["off_deg_per_hr"] / float(np.abs(column).max())
+            rows = with_stand_ins(campaign).sensors[number].conditions
+            columns = effect_columns(effect_by_id(name), rows, truth.base_for(rows), term["shape"])
             out |= promised(campaign, number, model, name, columns, values)
         out["rms"] = float(np.sqrt(np.mean(added**2)))
         result = reconcile(campaign, model)
