@@ -59,7 +59,7 @@ def reconcile(
     asked = with_stand_ins(pooled(campaign))
     inside = within_collects(asked, SERIES_EFFECTS, _INSIDE * alpha)
     found = searched(asked, chosen, effects, scattering, alpha, prove=prove)
-    return shown(campaign, found, inside, added(chosen, found, inside))
+    return shown(campaign, found, inside, added(found, inside))
 
 
 def searched(

@@ -16,13 +16,12 @@ from hil.reconcile.result import FoundEffect, Solved
 
 @dataclass(frozen=True)
 class Added:
-    """A model with what it lacked.
+    """The model with what it lacked.
 
     `within` are the effects that show inside the collects, `values` what each parameter is without what was found and
     with it; `solved` is what `hil solve` says of the campaign, and `left` what it would say with that taken off.
     """
 
-    before: Model
     model: Model
     within: Sequence[FoundEffect]
     values: Sequence[Mapping[str, Any]]
@@ -30,26 +29,22 @@ class Added:
     left: Solved
 
 
-def added(model: Model, found: Answer, inside: Sequence[dict[str, Any]]) -> Added:
-    """Add to a model what was found in averages, and what was found `inside` the collects."""
-    fit, wrong = found.fit, found.reading.mistakes
-    within = [
-        effect
-        for effect in named_within(inside, SERIES_EFFECTS, found.alpha, [named.name for named in found.names])
-        if not model.knows_inside(effect.id, effect.sensors)
-    ]
-    by_sensor = scatter.pooled(found.scatter)
+def added(found: Answer, inside: Sequence[dict[str, Any]]) -> Added:
+    """Add to the model what was found in averages, and what was found `inside` the collects."""
+    model, wrong, sizes = found.problem.model, found.reading.mistakes, scatter.pooled(found.scatter)
+    named = named_within(inside, SERIES_EFFECTS, found.alpha, [each.name for each in found.names])
+    within = [effect for effect in named if not model.knows_inside(effect.id, effect.sensors)]
     after, values = model, []
     if found.names:
-        record = {named.name: findings.origin(found.campaign, named, found.gap_of_names) for named in found.names}
-        after = improved(model, found.sensors, found.terms, by_sensor, record, found.calibrated)
+        record = {each.name: findings.origin(found.campaign, each, found.gap_of_names) for each in found.names}
+        after = improved(model, found.sensors, found.terms, sizes, record, found.calibrated)
         values = before_and_after(found.sensors, found.terms, found.calibrated)
-    after = scatter.with_ordinary(after, found.noise, fit.conditions) if found.tested else after
+    after = scatter.with_ordinary(after, found.noise, found.fit.conditions) if found.tested else after
     after = findings.with_inside(after, within, found.campaign)
     if after != model:
         after = scatter.with_white_noise(after, found.campaign).model_copy(update={"version": model.version + 1})
     left = solved = Solved.of(found.campaign)
     if found.names or wrong or model.terms or model.noise:
-        sure = mistakes.mended(found.problem.sensors, mistakes.certain(wrong, fit, found.campaign))
-        left = Solved.of(taken_out(found.problem, sure, found.terms, by_sensor))
-    return Added(model, after, within, values, solved, left)
+        sure = mistakes.mended(found.problem.sensors, mistakes.certain(wrong, found.fit, found.campaign))
+        left = Solved.of(taken_out(found.problem, sure, found.terms, sizes))
+    return Added(after, within, values, solved, left)

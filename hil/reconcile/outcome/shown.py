@@ -29,7 +29,7 @@ def shown(campaign: Campaign, found: Answer, inside: Sequence[dict[str, Any]], a
     results = [findings.described(n, fit, sizes if n.acts_on == "scatter" else ()) for n in found.names]
     certain = bool(found.reverted) and reading.chance < _CERTAIN * found.alpha
     both = common_and_differential(campaign)
-    standing = findings.as_it_stands(added.before, found.problem.campaign, reading.mistakes)
+    standing = findings.as_it_stands(found.problem.model, found.problem.campaign, reading.mistakes)
     notes = [*asked.warnings, *in_words(without(campaign)), *found.problem.notes]
     notes += in_words({"rows": found.rows}, searched=True)
     notes += findings.laws_that_fail(fit, found.problem.sensors)
@@ -39,7 +39,7 @@ def shown(campaign: Campaign, found: Answer, inside: Sequence[dict[str, Any]], a
     notes += otherwise(asked, found.rows)
     return Reconciliation(
         campaign=asked.title,
-        model_before=added.before.title,
+        model_before=found.problem.model.title,
         verdict=findings.verdict_of(found.names, [*wrong, *added.within], unresolved=certain),
         disagreements=_where(found),
         effects=[*wrong, *results, *added.within],
@@ -48,7 +48,7 @@ def shown(campaign: Campaign, found: Answer, inside: Sequence[dict[str, Any]], a
         p_value=reading.chance,
         next_experiment=_next(found) or _between(added.within) or mistakes.look_up(reading.mistakes),
         model_after=added.model,
-        input_model=added.before,
+        input_model=found.problem.model,
         outliers=[*found.outliers, *mistakes.at_limits(asked, found.problem)],
         within_collects=inside,
         as_it_stands=standing,
