@@ -30,6 +30,7 @@ _OF_A_BENCH = ("chamber_degC", "case_degC")  # which a campaign's is not known t
 _INSIDE = ("slope", "size of slope", "head", "log steps", "lag", "kurtosis")
 NORMAL = 2.0 / 3.0  # to this power a size is nearly normal (Wilson, Hilferty)
 _FEWEST = 8  # blocks of a series
+_STILL = 1e-9  # of a condition's size: what differs by less was only reckoned so, and nothing follows it
 
 
 def features(
@@ -115,7 +116,8 @@ def _along(rows: Conditions, left: FloatArray) -> Iterator[_Quantity]:
     said = {"f": rows.f_g, "f squared": rows.f_g**2, "time": rows.start_s, "place in the run": place}
     for name, values in {**said, "a step of the temperature": stepped, **rows.columns}.items():
         x = np.nan_to_num(np.stack([values, values**2], 1) if values.ndim == 1 else values)
-        x = (x - x.mean(axis=0)) / np.maximum(x.std(axis=0), 1e-9)
+        spread = x.std(axis=0)
+        x = (x - x.mean(axis=0)) / np.where(spread > _STILL * np.abs(x).max(axis=0), spread, np.inf)
         share = np.sum((orthonormal(x - x.mean(axis=0)).T @ left) ** 2) / max(float(np.sum(left**2)), 1e-9)
         called = f"share along {name.replace('_', ' ')}"  # its unit is not the condition's
         yield "averages", called, np.full(len(rows), share), "once"

@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from hil.campaign.writer import write_campaign
+from hil.likeness.features import features
 from hil.likeness.verdict import SMALLEST, verdict
+from hil.model import load_model
+from hil.records.export import open_source
+from tests.hil.solve.test_other_runs import campaign
 
 
 def nights(values: np.ndarray) -> list[dict[str, float]]:
@@ -74,6 +81,18 @@ def test_what_is_the_same_within_its_resolution_is_alike() -> None:
     assert verdict(of(0.3))["p_value"] == pytest.approx(1.0 / 21.0, rel=1.0)  # the most unlike, by next to nothing
     assert verdict(of(9.0))["p_value"] < 1e-3
     assert verdict(of(9.0), 10.0)["p_value"] > 1e-3
+
+
+def test_nothing_follows_a_condition_that_differs_by_how_it_was_reckoned(tmp_path: Path) -> None:
+    """Times since an index move that differ in their last digits are one time: of a share along them there is none."""
+    one = campaign(6, 3, seed=1)
+    for off in (0.0, 1e-12):
+        rows = one.sensors[2]
+        columns = {**rows.conditions.columns, "time_since_index_s": 60.4 + off * (np.arange(18) % 5)}
+        moved = replace(rows, conditions=replace(rows.conditions, columns=columns))
+        write_campaign(replace(one, sensors={2: moved}), folder := tmp_path / str(off))
+        told = features(open_source(folder), load_model("matrix-6"), calibrated=False)
+        assert told[json.dumps(["averages", {"sensor": 2}, "share along time since index s"])] == 0.0
 
 
 def test_beyond_the_most_unlike_draw_chances_are_as_stated() -> None:
