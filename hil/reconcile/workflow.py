@@ -33,7 +33,7 @@ from hil.reconcile.search.layout import may_be_calibrated, searches, values_foll
 from hil.reconcile.search.posterior import Posterior, weigh
 from hil.reconcile.search.problem import Problem, pose
 from hil.reconcile.search.terms import PLAIN
-from hil.solve.wrong_rows import pooled
+from hil.solve.wrong_rows import pooled, sound
 
 _INSIDE = 0.2  # share of the rate of false alarms that the series' tests have, where there are series
 
@@ -75,7 +75,7 @@ def searched(
 
     The search over averages and the tests inside the collects share `alpha`, the stated rate of false alarms.
     """
-    problem = pose(usable(campaign), model, effects)
+    problem = pose(usable(sound(campaign)), model, effects)
     posterior, reading = _weighed(problem, scattering, (1.0 - _INSIDE) * alpha if campaign.series_files else alpha)
     proof = held_out(posterior, reading.nothing, reading.found) if prove else None
     reading, reverted = _kept(posterior, reading, proof)

@@ -268,6 +268,13 @@ def treated(campaign: Campaign) -> Campaign:
     return replace(used, sensors=sensors, exchanged={}, not_used=not_used)
 
 
+def sound(campaign: Campaign) -> Campaign:
+    """Return a `pooled` campaign without sensors of which every run FAILs by its records, where others do not."""
+    own = {number: set(rows.conditions.run.tolist()) for number, rows in campaign.sensors.items()}
+    kept = {n: rows for n, rows in campaign.sensors.items() if own[n] - failed(campaign, n, unless_mended=True)}
+    return replace(campaign, sensors=kept) if kept else campaign
+
+
 def pooled(campaign: Campaign) -> Campaign:
     """Return what repeats, means and searches are made from: no run that FAILs by its records, where others are left.
 

@@ -181,8 +181,9 @@ def _probable_rows(fit: Fitted) -> dict[tuple[int, int], float]:
 def at_limits(campaign: Campaign, problem: Problem) -> list[dict[str, Any]]:
     """Return the averages that stand at a channel's limit, each with how far the model is from it."""
     out = []
-    for n, collects in campaign.sensors.items():
-        conditions, off = collects.conditions, collects.rates_deg_per_hr - problem.sensors[n].base.rates
+    for n, sensor in problem.sensors.items():
+        collects = campaign.sensors[n]
+        conditions, off = collects.conditions, collects.rates_deg_per_hr - sensor.base.rates
         for channel, rows, _ in clipped(collects):
             both = off[:, channel], collects.rates_se_deg_per_hr[:, channel]
             out += [

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from hil.campaign import Campaign, Collects
+from hil.campaign.plausibility import judged_by_its_records
 from hil.model import load_model
 from hil.model.effects.catalogue import EFFECTS, VARIANCE_EFFECTS, effect_by_id
 from hil.model.effects.history import place_in_run
@@ -135,6 +136,18 @@ def test_what_accelerometers_exchange_is_likelier_than_any_other_exchange() -> N
         assert max(odds, key=lambda rows: odds[rows]) == (12, 13), number
         assert odds[12, 13] == pytest.approx(np.log(1e4))
         assert sorted(odds.values())[-2] < 0.0
+
+
+def test_a_sensor_of_which_every_run_fails_says_nothing_of_another() -> None:
+    """Its thermometer shows one number all night: a bias that follows temperature would be ageing, of the other too."""
+    both = FOLDERS["two sensors"]()
+    columns = both.sensors[1].conditions.columns
+    columns = {**columns, "temperature_degC": np.full_like(columns["temperature_degC"], 21.3)}
+    stuck = replace(both.sensors[1], conditions=replace(both.sensors[1].conditions, columns=columns))
+    found = what_scatters(judged_by_its_records(replace(both, sensors={1: stuck, 2: both.sensors[2]})))
+    assert {each["sensor"] for each in found.noise} == {2}
+    assert found.moves == ("bias_T",)
+    assert "sensor 1: every run FAILed by what was recorded: no number of it is to be used" in found.sentences()
 
 
 def test_nothing_that_could_be_tested_is_said_to_be_so() -> None:
