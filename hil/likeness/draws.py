@@ -18,6 +18,7 @@ import numpy as np
 import yaml
 
 from hil.campaign import Campaign
+from hil.campaign.stand_ins import with_stand_ins
 from hil.config.recorded import configuration_of
 from hil.errors import InputError
 from hil.files.durable import RealDisk, write_durably
@@ -139,7 +140,7 @@ def _drawn_values(entry: Any, rng: np.random.Generator, *, size: bool) -> Any:
 def night_of_averages(campaign: Campaign, model: Model, rng: np.random.Generator) -> Campaign:
     """Return the campaign with rates drawn from a model, with all noise that it and the standard errors state."""
     sensors = {}
-    for number, rows in campaign.sensors.items():
+    for number, rows in with_stand_ins(campaign).sensors.items():
         own, errors = rows.conditions, np.nan_to_num(rows.rates_se_deg_per_hr)
         noise = errors * rng.standard_normal(errors.shape) + sum(s.draw(own, rng) for s in model.stated_scatter(own))
         rates = np.where(np.isfinite(rows.rates_deg_per_hr), model.rates(own) + noise, np.nan)
