@@ -2,8 +2,10 @@
 
 from typing import Annotated, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
+from hil.campaign import Conditions, FloatArray
 from hil.files.strict import Section, validated_inside
 from hil.files.units import BiasPerDegree, Degrees, DegreesPerHour, DegreesPerHourPerMinute, Gravities, RandomWalk
 from hil.model.earth import Site
@@ -66,3 +68,8 @@ class UncertaintySection(Section):
     drift: Annotated[DegreesPerHourPerMinute, Field(ge=0.0)] = 0.05
     bias_slope: Annotated[BiasPerDegree, Field(ge=0.0)] = 1.6
     gravity: Annotated[Gravities, Field(ge=0.0)] = 5e-4
+
+    def of_collects(self, conditions: Conditions) -> FloatArray:
+        """Return what the noise of the rates leaves in the averages of collects, deg/hr, (n, c): N / √(T / 3600)."""
+        noise = 60.0 * self.angle_random_walk / np.sqrt(conditions.duration_s)
+        return np.repeat(noise[:, None], len(conditions.sensor.channels), axis=1)

@@ -3,8 +3,10 @@
     conditions = planned_conditions(make_plan(sweep.procedure()), bench)[2]
 
 Temperatures follow the plan's setpoints through the usual two lags and self-heating, so that what changes while a unit
-restabilises is there to be seen. Supply and spin are not planned, so they are no columns.
+restabilises is there to be seen, as far as the unit shows it. Supply and spin are not planned, so they are no columns.
 """
+
+from collections.abc import Mapping
 
 import numpy as np
 from scipy.signal import lfilter
@@ -38,10 +40,21 @@ def planned_conditions(plan: Plan, bench: Bench) -> dict[int, Conditions]:
             start_s=start_s,
             duration_s=duration_s,
             **bench.along_axes(number, position),
-            columns=columns,
+            columns=_of_the_stream(columns, bench, number),
         )
         for number in bench.sensors
     }
+
+
+def _of_the_stream(columns: Mapping[str, FloatArray], bench: Bench, number: int) -> dict[str, FloatArray]:
+    """Leave out what the unit's stream does not have; another temperature stands in for its own, as in a night."""
+    if (roles := bench.frames.roles) is None:
+        return dict(columns)
+    own = roles.sensors.get(number)
+    lacking = set() if own and own.temperature else {"temperature_degC", "dTdt_degC_per_min"}
+    lacking |= {"case_degC"} - {*roles.conditions, *(own.conditions if own else ())}
+    there = {name: of for name, of in columns.items() if name not in lacking}
+    return {"temperature_degC": there.get("case_degC", columns["chamber_degC"]), **there}
 
 
 def _columns(plan: Plan, start_s: FloatArray, middle: FloatArray) -> dict[str, FloatArray]:

@@ -168,7 +168,7 @@ def _drawn_values(entry: Any, rng: np.random.Generator, *, size: bool) -> Any:
 def night_of_averages(campaign: Campaign, model: Model, rng: np.random.Generator) -> Campaign:
     """Return the campaign with rates drawn from a model, with all noise that it and the standard errors state."""
     sensors = {}
-    for number, rows in campaign.sensors.items():
+    for number, rows in with_stand_ins(campaign).sensors.items():
         own, errors = rows.conditions, np.nan_to_num(rows.rates_se_deg_per_hr)
         noise = errors * rng.standard_normal(errors.shape) + sum(s.draw(own, rng) for s in model.stated_scatter(own))
         rates = np.where(np.isfinite(rows.rates_deg_per_hr), model.rates(own) + noise, np.nan)

@@ -7,7 +7,8 @@ So the improved model that reconcile writes gives parameters that are no longer 
 
 from dataclasses import replace
 
-from hil.campaign import Campaign, Collects
+from hil.campaign import Campaign, Collects, Conditions
+from hil.campaign.stand_ins import with_stand_ins
 from hil.errors import InputError
 from hil.model import Model
 from hil.solve.runs import RunSolution, solve_campaign
@@ -19,15 +20,17 @@ def solve_beside(campaign: Campaign, model: Model) -> list[RunSolution]:
     Raises `InputError` where a term needs a column that the data lacks, or the model has no values for a sensor on
     which it has a term.
     """
-    corrected = replace(campaign, sensors={number: _less(rows, model) for number, rows in campaign.sensors.items()})
+    asked = {number: rows.conditions for number, rows in with_stand_ins(campaign).sensors.items()}
+    less = {number: _less(rows, asked[number], model) for number, rows in campaign.sensors.items()}
+    corrected = replace(campaign, sensors=less)
     return [
         replace(each, model=model.title, assumed=(*each.assumed, *_assumed(campaign, each, model)))
         for each in solve_campaign(corrected, model.form)
     ]
 
 
-def _less(rows: Collects, model: Model) -> Collects:
-    sensor = rows.conditions.sensor
+def _less(rows: Collects, conditions: Conditions, model: Model) -> Collects:
+    sensor = conditions.sensor
     if not model.terms_for(sensor):
         return rows
     if not model.has_values(sensor):
@@ -35,7 +38,7 @@ def _less(rows: Collects, model: Model) -> Collects:
             f"model {model.title}: it has named terms but no values for sensor {sensor.number}; its terms cannot be "
             "taken off the rates"
         )
-    terms = model.rates(rows.conditions) - model.base_for(rows.conditions).rates
+    terms = model.rates(conditions) - model.base_for(conditions).rates
     return replace(rows, rates_deg_per_hr=rows.rates_deg_per_hr - terms)
 
 

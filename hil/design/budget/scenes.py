@@ -75,8 +75,7 @@ def planned_scenes(sweep: Sweep, bench: Bench, model: Model | None = None) -> di
     found: dict[int, list[RunScene]] = {}
     for number, conditions in planned_conditions(make_plan(sweep.procedure()), bench).items():
         base, origin = _base(conditions, model)
-        # deg/√hr over T seconds: N / √(T / 3600)
-        sigma = np.repeat(60.0 * walk / np.sqrt(conditions.duration_s)[:, None], len(conditions.sensor.channels), 1)
+        sigma = bench.uncertainties.of_collects(conditions)
         if np.any(sigma > _LARGEST_NOISE):
             raise InputError(f"{sweep.source}: collect.duration: {conditions.duration_s.min():g} s averages no noise")
         axes = np.array([bench.orientations(number)[label].axes for label in conditions.position])
@@ -106,7 +105,7 @@ def _measured_runs(collects: Collects, bench: Bench, model: Model | None) -> Ite
         form = default_form(conditions)
         stated = stated_noise(rows)
         walk = bench.uncertainties.angle_random_walk
-        assumed = np.repeat(60.0 * walk / np.sqrt(conditions.duration_s)[:, None], len(conditions.sensor.channels), 1)
+        assumed = bench.uncertainties.of_collects(conditions)
         slope, slope_origin = _slope(conditions)
         given = sources(
             bench.uncertainties,

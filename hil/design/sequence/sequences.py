@@ -101,12 +101,9 @@ def scene_of(
         **bench.along_axes(sensor, positions),
         columns={"temperature_degC": np.full(n, temperature_degC)},
     )
-    noise = 60.0 * bench.uncertainties.angle_random_walk / np.sqrt(collect.duration_s)
     values = model if model is not None and model.has_values(conditions.sensor) else None
-    sigma = np.full((n, len(conditions.sensor.channels)), noise)
-    return Scene(
-        conditions, np.array([table[label].axes for label in positions]), base_values(conditions, values), sigma
-    )
+    axes = np.array([table[label].axes for label in positions])
+    return Scene(conditions, axes, base_values(conditions, values), bench.uncertainties.of_collects(conditions))
 
 
 def sequence_worth(scene: Scene, form: LinearForm) -> Worth | None:

@@ -129,7 +129,8 @@ def sweep_document(sweep: Sweep, bench: Bench, model: Model | None = None) -> di
     """Return the map of a sweep before it runs; raises `InputError` where the bench cannot carry it out."""
     check_sweep_against_bench(sweep, bench)
     conditions = planned_conditions(make_plan(sweep.procedure()), bench)
-    return visibility_document(conditions, sweep.title, model)
+    noise = {n: NoiseLevel(float(bench.uncertainties.of_collects(of)[0, 0])) for n, of in conditions.items()}
+    return visibility_document(conditions, sweep.title, model, noise)
 
 
 def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[str, object]:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hil.campaign import Campaign, Collects, Conditions, FloatArray
+from hil.campaign.stand_ins import with_stand_ins
 from hil.errors import InputError
 from hil.model import Model
 from hil.model.effects.base import Base, Effect
@@ -123,7 +124,7 @@ def pose(campaign: Campaign, model: Model, catalogue: Sequence[Effect]) -> Probl
 def fitted_sensors(campaign: Campaign, model: Model) -> tuple[dict[int, SensorProblem], list[str]]:
     """Fit the model's form to every sensor, and note where it is another; raises `InputError` where it does not fit."""
     sensors, notes = {}, []
-    for number, stated in campaign.sensors.items():
+    for number, stated in with_stand_ins(campaign).sensors.items():
         collects = with_every_error(stated)
         form, note = _form(model, collects.conditions)
         sensors[number] = _sensor(number, collects, model, form)

@@ -25,7 +25,6 @@ from hil.config import load_bench, load_sweep
 from hil.design.conditions import planned_conditions
 from hil.design.sequence.sequences import scene_of, sequence_worth
 from hil.design.visibility.document import campaign_document, sweep_document
-from hil.design.visibility.map import NoiseLevel
 from hil.model.forms import default_form, named_form
 from hil.reconcile import reconcile
 from hil.reconcile.outcome.sentences import scatter_in_words, what_to_do
@@ -295,11 +294,12 @@ def test_what_a_drift_spoils_is_the_same_before_and_after_a_night(order: str) ->
     bench, published = load_bench("simulated"), load_sweep("rd-gc-86-1")
     sweep = published.model_copy(update={"positions": tuple(order.split("-")), "self_calibrations_per_temperature": 1})
     conditions = planned_conditions(make_plan(sweep.procedure()), bench)
-    typical = NoiseLevel().collect_deg_per_hr
+    typical = float(bench.uncertainties.of_collects(conditions[2])[0, 0])
     rng = np.random.default_rng(0)
     rates = {number: rng.normal(0.0, typical, (len(own), 2)) for number, own in conditions.items()}
     rows = {n: Collects(own, rates[n], np.full_like(rates[n], typical)) for n, own in conditions.items()}
     maps: list[Any] = [sweep_document(sweep, bench), campaign_document(Campaign("night", "", rows))]
+    assert [of["noise_level"]["collect_deg_per_hr"] for of in maps] == [typical, typical]
     before, after = ({n: _moved_by(of, "drift") for n, of in each["sensors"].items()} for each in maps)
     assert after == before
     for number, own in conditions.items():

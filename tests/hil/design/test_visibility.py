@@ -320,3 +320,11 @@ def test_text_says_what_is_seen_alike_absorbed_and_what_would_help() -> None:
     assert "noise, sensor 2: 0.5 deg/hr in a collect; from run to run nothing (its repeats)" in lines
     assert any(line.startswith("  k2 (sensor 2: ") and "MUB" in line for line in lines)
     assert not any(line.startswith("  MU_real") for line in lines)  # the model has it
+
+
+def test_what_the_unit_does_not_stream_is_not_planned_with() -> None:
+    """A STIM300 has no thermometer in this stream: the chamber's stands in, as in its night, and nothing has a rate."""
+    plan = make_plan(load_sweep("triad-six-positions").procedure())
+    columns = planned_conditions(plan, load_bench("espec-stim300-example"))[1].columns
+    assert np.array_equal(columns["temperature_degC"], columns["chamber_degC"])
+    assert not {"case_degC", "dTdt_degC_per_min"} & set(columns)

@@ -389,3 +389,14 @@ def test_calibrations_of_one_unit_are_counted_as_what_they_are(serials: str, sai
         len(serials) > 1
     )
     assert f"{said} screened" in fleet_page(Screened("matrix-6", units, [], {}, ()))
+
+
+def test_units_without_a_thermometer_are_told_apart_by_what_stands_in_for_it(tmp_path: Path) -> None:
+    """Measured at other temperatures of the chamber they have another layout."""
+    for number, warmer in enumerate((0.0, 0.0, 20.0)):
+        rows = unit(number).sensors[2]
+        columns = {n: of for n, of in rows.conditions.columns.items() if not n.endswith("_degC")}
+        columns["chamber_degC"] = rows.conditions.columns["temperature_degC"] + warmer
+        bare = replace(rows, conditions=replace(rows.conditions, columns=columns))
+        write_campaign(replace(unit(number), sensors={2: bare}), tmp_path / f"u{number}")
+    assert sorted(each.layout for each in screen_folders([tmp_path], "matrix-6").units) == [1, 1, 2]

@@ -14,6 +14,7 @@ from hil.errors import InputError
 from hil.model import Model, load_model
 from hil.solve import solve_campaign
 from hil.solve.beside_terms import solve_beside
+from tests.hil.audit.folders import FOLDERS
 
 MODEL_FILE = """
 schema: hil.model/1
@@ -81,3 +82,17 @@ def test_the_campaign_is_not_changed(campaign: Campaign, tmp_path: Path) -> None
     term = "terms:\n  - effect: k2\n    sensor: 2\n    parameters: {kAA_A: {unit: deg/hr/g^2, value: 3}}\n"
     solve_beside(campaign, model(tmp_path, term))
     assert np.array_equal(campaign.sensors[2].rates_deg_per_hr, before)
+
+
+def test_a_term_that_follows_temperature_takes_what_stands_in_for_it(tmp_path: Path) -> None:
+    """As reconcile took it that found the term; the campaign keeps the thermometers that it has."""
+    one = FOLDERS["no thermometer of its own"]()
+    term = "terms:\n  - effect: bias_T\n    sensor: 2\n    parameters: {b1_A: {unit: deg/hr/degC, value: 2}}\n"
+    chamber = one.sensors[2].conditions.columns["chamber_degC"]
+    for ours, theirs in zip(solve_beside(one, model(tmp_path, term)), solve_campaign(one, "matrix-6"), strict=True):
+        at = chamber[one.sensors[2].conditions.run == ours.run].mean()
+        ba, before = ours.parameters["BA"].value, theirs.parameters["BA"].value
+        assert ba is not None
+        assert before is not None
+        assert ba == pytest.approx(before - 2.0 * (at - 25.0), abs=0.5)
+    assert "temperature_degC" not in one.sensors[2].conditions.columns
