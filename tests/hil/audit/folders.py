@@ -225,6 +225,15 @@ def _triad(wrong: bool = False) -> Campaign:
     return Campaign("poses", "", {1: Collects(conditions, rates, np.full((24, 3), 5.0))})
 
 
+def _rotor_and_triad() -> Campaign:
+    """One unit whose sensors are of two kinds: a triad in 24 poses, and a rotor sensor three times over."""
+    one, other = _triad(), campaign(3, 3, seed=5, scatter=2.0).sensors[2]
+    number = other.conditions.collect + len(one.sensors[1])
+    return replace(
+        one, sensors={**one.sensors, 2: replace(other, conditions=replace(other.conditions, collect=number))}
+    )
+
+
 def _one_run_far_off_beside_another_sensor() -> Campaign:
     """Four collects of two sensors, one rate of sensor 2 off by 300: the other sensor fits as well."""
     one, other = (repeated(1, 1, (0, 2, 5, 1), seed=seed).sensors[2] for seed in (0, 50))
@@ -300,6 +309,7 @@ FOLDERS: dict[str, Callable[[], Campaign]] = {
     "one temperature, three runs": lambda: campaign(3, 3, seed=5, scatter=2.0),
     "simulated": lambda: replace(_good(), simulated=True),
     "poses": _triad,
+    "a rotor sensor and a triad": _rotor_and_triad,
     "poses, one wrong": lambda: _triad(wrong=True),
     "Table 1": lambda: read_published_table(Path("rd-gc-86-1-table-1")),
 }

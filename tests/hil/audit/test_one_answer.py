@@ -25,8 +25,10 @@ from hil.config import load_bench, load_sweep
 from hil.design.conditions import planned_conditions
 from hil.design.sequence.sequences import scene_of, sequence_worth
 from hil.design.visibility.document import campaign_document, sweep_document
+from hil.errors import InputError
 from hil.model.forms import default_form, named_form
 from hil.reconcile import reconcile
+from hil.reconcile.fleet import Screen
 from hil.reconcile.outcome.sentences import scatter_in_words, what_to_do
 from hil.reconcile.scattering import what_scatters
 from hil.report.content import gather, headline, to_do
@@ -159,6 +161,17 @@ def test_the_channel_whose_standard_errors_do_not_hold_is_named() -> None:
     by_search = re.search(r"scatter ([\d.]+) times", noisy)
     assert by_search is not None
     assert float(found[1]) == pytest.approx(float(by_search[1]), rel=0.2)
+
+
+def test_each_sensor_of_a_unit_is_compared_in_its_own_form() -> None:
+    """What a rotor sensor does is no finding beside the form of a triad; a model of one kind screens neither."""
+    one = FOLDERS["a rotor sensor and a triad"]()
+    found = what_scatters(one)
+    assert {each["sensor"]: each["under"] for each in found.noise} == {1: "triad-12", 2: "matrix-6"}
+    assert found.moves == ()
+    for ask in (reconcile, Screen.of):
+        with pytest.raises(InputError, match="sensor 1: it is not a two-channel rotor sensor"):
+            ask(one, "matrix-6")
 
 
 def _of_a_collect(one: Campaign) -> list[float]:
