@@ -74,6 +74,19 @@ def _far_off() -> Campaign:
     return _changed(one, [14], one.sensors[2].rates_deg_per_hr[[14]] + [[0.0, 300.0]])
 
 
+def _after_a_pause() -> Campaign:
+    """Between runs 6 and 7 lie forty days, in which the bias went by 9 deg/hr: a jump, ageing, or a slow walk."""
+    one = campaign(12, 3, seed=108, scatter=0.7)
+    rows, later = one.sensors[2], np.arange(36) >= 18
+    conditions = replace(rows.conditions, start_s=rows.conditions.start_s + 40.0 * 86400.0 * later)
+    return replace(
+        one,
+        sensors={
+            2: replace(rows, conditions=conditions, rates_deg_per_hr=rows.rates_deg_per_hr + 9.0 * later[:, None])
+        },
+    )
+
+
 def _one_missing() -> Campaign:
     one = _good()
     return _changed(one, [4], np.full((1, 2), np.nan))
@@ -283,6 +296,7 @@ FOLDERS: dict[str, Callable[[], Campaign]] = {
     "position missing at one temperature": lambda: _changed(_good(), [2, 5, 8], np.full((3, 2), np.nan)),
     "standard errors too small": _errors_too_small,
     "one rate far off": _far_off,
+    "after a pause": _after_a_pause,
     "one collect missing": _one_missing,
     "one standard error missing": _one_silent,
     "one standard error huge": _one_huge,

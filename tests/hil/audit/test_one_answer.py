@@ -174,6 +174,23 @@ def test_each_sensor_of_a_unit_is_compared_in_its_own_form() -> None:
             ask(one, "matrix-6")
 
 
+def test_what_is_taken_for_scatter_is_said_to_be_however_probable_it_is() -> None:
+    """And what moves the mean instead: hil reconcile writes the walk into the model, and says that it may be ageing."""
+    found = what_scatters(FOLDERS["after a pause"]())
+    said = found.sentences()
+    assert (found.named, [size.effect.id for size in found.sizes]) == ((), ["rrw"])
+    assert "Rate random walk (0." in said[0]
+    assert said[1].startswith("or it is no scatter, and moves the mean: Ageing of the bias (0.")
+
+
+def test_the_usual_run_is_as_sure_beside_one_that_is_not() -> None:
+    """Thermal says of one self-calibration what solve states of nearly all."""
+    one = FOLDERS["one standard error huge"]()
+    stated, fitted = repeats(one, solve_campaign(one))[2].of_each.values(), fit_thermal(one).sensors[2].parameters
+    usual = {name: float(np.median([of[name] for of in stated])) for name in fitted}
+    assert {name: each.repeatability for name, each in fitted.items()} == pytest.approx(usual)
+
+
 def _of_a_collect(one: Campaign) -> list[float]:
     noise, seen = what_scatters(one).noise, campaign_document(one)["noise_level"]
     assert isinstance(seen, dict)
