@@ -110,6 +110,8 @@ def _one_huge() -> Campaign:
 def _no_errors() -> Campaign:
     """Collects 1-2-3-2-1: residuals say what noise is, and in channel B more than in A."""
     one = repeated(9, 3, (0, 1, 2, 1, 0), seed=63)
+    noise = np.random.default_rng(9).normal(0.0, 3.0, (45, 1)) * [[0.0, 1.0]]
+    one = with_rates(one, one.sensors[2].rates_deg_per_hr + noise)
     return replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=np.full((45, 2), np.nan))})
 
 
