@@ -174,6 +174,15 @@ def test_each_sensor_of_a_unit_is_compared_in_its_own_form() -> None:
             ask(one, "matrix-6")
 
 
+def test_what_parts_a_bias_at_each_temperature_from_its_rival_is_what_parts_the_effect_of_that_name() -> None:
+    """Any collects tell a bias; whether it follows temperature or remembers it, no further collect of a climb does."""
+    asked = reconcile(campaign(9, 3, seed=211, scatter=0.3), "matrix-6", prove=False).next_experiment
+    assert asked is not None
+    assert asked["why"].endswith(
+        "separates bias_T from hyst. Revisit every temperature from both directions and on another day"
+    )
+
+
 def test_what_is_taken_for_scatter_is_said_to_be_however_probable_it_is() -> None:
     """And what moves the mean instead: hil reconcile writes the walk into the model, and says that it may be ageing."""
     found = what_scatters(FOLDERS["after a pause"]())
