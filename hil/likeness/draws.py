@@ -133,7 +133,7 @@ def likeness(
 
 def fitted(campaign: Campaign, form: Model, *, calibrated: bool) -> Model:
     """Return a form with the values that fit a campaign, at each temperature where `calibrated`."""
-    sensors, _ = fitted_sensors(campaign, form)
+    sensors = fitted_sensors(campaign, form)
     return improved(form, sensors, [], [], {}, frozenset(sensors if calibrated else ()))
 
 

@@ -43,7 +43,7 @@ def features(
     """
     called = levels(source.campaign) if levels_degC is None else levels_degC
     out: dict[str, float] = {}
-    for number, problem in fitted_sensors(source.campaign, form)[0].items():
+    for number, problem in fitted_sensors(source.campaign, form).items():
         rows = source.campaign.sensors[number].conditions  # what stands in for a temperature is compared once
         left, errors = residuals(problem, calibrated=calibrated), problem.collects.rates_se_deg_per_hr
         known = (*_CONDITIONS, *(_OF_A_BENCH if is_night(source.folder) else ()), "duration_s")

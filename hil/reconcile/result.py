@@ -9,7 +9,7 @@ import numpy as np
 
 from hil.campaign import Campaign
 from hil.files.document import picked, plain
-from hil.files.numbers import number, rounded
+from hil.files.numbers import degrees, number, rounded
 from hil.model import Model
 from hil.solve.both_sensors import BothSensors
 from hil.solve.document import not_passed, reasons
@@ -100,7 +100,7 @@ def before_and_after_in_words(values: Iterable[Mapping[str, Any]]) -> Iterator[s
     lines: dict[str, list[str]] = {}
     for each in values:
         degC = each["temperature_degC"]
-        at = "" if degC is None else f" at {degC:.1f} °C"
+        at = "" if degC is None else f" at {degrees(degC, each['temperature_of'])}"
         told = f"{number(each['after'], 1)}{at} (without it {number(each['before'], 1)})"
         lines.setdefault(f"{each['name']} of sensor {each['sensor']}, {each['unit']}", []).append(told)
     yield from (f"{name}: {'; '.join(told)}" for name, told in lines.items())

@@ -38,13 +38,14 @@ ORDINARY = "ordinary"
 
 @dataclass(frozen=True)
 class Scattering:
-    """Probabilities of what scatters, by id; what is `named` of it, and what `moves` the mean; sizes; noise; rows."""
+    """Probabilities of what scatters, by id; what is `named` of it, what `moves` the mean, and what may `instead`."""
 
     campaign: Campaign
     probabilities: dict[str, float]
     titles: dict[str, str]
     named: tuple[str, ...]
     moves: tuple[str, ...]
+    instead: tuple[str, ...]
     sizes: tuple[scatter.FoundScatter, ...]
     noise: Sequence[dict[str, Any]]
     rows: Sequence[dict[str, Any]]
@@ -52,7 +53,9 @@ class Scattering:
 
     def sentences(self) -> list[str]:
         """Say what scatters, by how much, and what is wrong with the rows."""
-        ranked = [f"{self.titles[n]} ({p:.2f})" for n, p in self.probabilities.items() if p >= 1.0 - CERTAIN]
+        taken = {size.effect.id for size in self.sizes}  # `hil reconcile` reads the most probable set, which has them
+        likely = {n: p for n, p in self.probabilities.items() if p >= 1.0 - CERTAIN or n in taken}
+        ranked = [f"{self.titles[name]} ({probability:.2f})" for name, probability in likely.items()]
         if self.named:
             values = [
                 f"sensor {s.sensor}: {s.value:.3g} ± {s.se:.2g} {unit_in_words(s.parameter.unit)}" for s in self.sizes
@@ -69,6 +72,7 @@ class Scattering:
             for number, collects in self.campaign.sensors.items()
             if not any(len(runs) > 1 for _, runs in runs_by_temperature(collects.conditions))
         ]
+        told += [f"or it is no scatter, and moves the mean: {listed(self.instead)}"] if self.instead else []
         beside = [f"beside it something moves the mean: {listed(self.moves)}; see hil reconcile"] if self.moves else []
         rows = [
             *in_words({"rows": self.rows, **without(self.campaign)}, searched=True),
@@ -114,5 +118,7 @@ def what_scatters(campaign: Campaign) -> Scattering:
     ranked = dict(sorted(weights.items(), key=lambda pair: -pair[1])) if posterior.scatter else {}
     moves = tuple(each.name for each in names if each.acts_on == "mean")
     named = tuple(each.name for each in names if each.acts_on == "scatter" and each.kind == "named")
+    rivals = [rival for each in names if each.acts_on == "scatter" for rival in each.rivals if rival.terms]
+    instead = tuple(f"{rival.title} ({rival.probability:.2f})" for rival in rivals if rival.probability > 1.0 - CERTAIN)
     sizes = tuple(scatter.pooled(answer.scatter))
-    return Scattering(campaign, ranked, titles, named, moves, sizes, answer.noise, answer.rows, both)
+    return Scattering(campaign, ranked, titles, named, moves, instead, sizes, answer.noise, answer.rows, both)

@@ -61,7 +61,7 @@ class ParameterFit:
             # What the form does not describe stands in the errors of its coefficients.
             coefficients = replace(coefficients, covariance=coefficients.covariance * ratio)
         self.coefficients, self.curve = coefficients, _curve(layout, self.unit, order, coefficients)
-        self.repeatability = float(np.sqrt(np.nanmean(seen.sd[:, place] ** 2)))
+        self.repeatability = float(np.nanmedian(seen.sd[:, place]))  # one that is huge says nothing of the others
         self.changes = seen.known and _changes(layout, values)
         self.chance_constant = _misfit(layout, values, 0)[1]
         line = _line(layout, values)

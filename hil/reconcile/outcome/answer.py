@@ -64,7 +64,9 @@ class Answer:
     @cached_property
     def noise(self) -> Sequence[dict[str, Any]]:
         """What every channel's averages scatter by: key `noise`."""
-        about = [self.problem.model.title, *(n.name for n in self.names if n.acts_on == "mean")]
+        model, added = self.problem.model, [n.name for n in self.names if n.acts_on == "mean"]
+        forms = {number: sensor.form.name for number, sensor in self.problem.sensors.items()}
+        about = {n: [model.title if name == model.form else name, *added] for n, name in forms.items()}
         return ordinary(self.fit, self.scatter, about)
 
     @cached_property

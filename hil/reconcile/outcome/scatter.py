@@ -138,12 +138,16 @@ def pooled(found: Sequence[FoundScatter]) -> list[FoundScatter]:
     return out
 
 
-def ordinary(fit: Fitted, found: Sequence[FoundScatter], model: Sequence[str]) -> list[dict[str, Any]]:
+def ordinary(fit: Fitted, found: Sequence[FoundScatter], models: Mapping[int, Sequence[str]]) -> list[dict[str, Any]]:
     """Return what every channel's averages scatter by, beside what their standard errors explain: key `noise`.
 
-    `model` names what the averages scatter about: a form, and what was added to it.
+    `models` name what the averages of each sensor scatter about: a form, and what was added to it.
     """
-    return [channel for block in fit.blocks for channel in _of_channels(block, found, " + ".join(model))]
+    return [
+        channel
+        for block in fit.blocks
+        for channel in _of_channels(block, found, " + ".join(models[block.search.block.sensor]))
+    ]
 
 
 def _of_channels(block: FittedBlock, found: Sequence[FoundScatter], model: str) -> Iterator[dict[str, Any]]:

@@ -13,6 +13,7 @@ from scipy.special import ndtr, ndtri
 
 from hil.campaign import Conditions, FloatArray
 from hil.model.effects.base import Base
+from hil.model.effects.catalogue import named as known_as
 from hil.model.effects.history import joined
 from hil.reconcile.result import Rival, without_collects
 from hil.reconcile.search.candidates import Candidate
@@ -55,7 +56,7 @@ def next_experiment(
     noncentrality, difference, addition = min(enough, key=lambda s: (s[2].effort, -s[0]))
     repeats, power = repeated(noncentrality)
     if repeats == 0:
-        otherwise = effect.experiment.rstrip(".") if effect is not None else "vary the driver alone"
+        otherwise = known_as(effect).experiment.rstrip(".") if effect is not None else "vary the driver alone"
         why = f"no stationary collect that was tried separates {name} from {rival_name}. {otherwise}"
         return {**without_collects(why), "impossible": True}
     return {

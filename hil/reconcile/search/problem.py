@@ -19,7 +19,7 @@ from hil.model import Model
 from hil.model.effects.base import Base, Effect
 from hil.model.effects.prior import UNSEEN
 from hil.model.equation import pickoff_rates
-from hil.model.forms import LinearForm, named_form
+from hil.model.forms import LinearForm, default_form, named_form, value_form
 from hil.reconcile.search.candidates import Candidate, catalogue_candidates, effect_columns, second_tier
 from hil.solve.identifiability import kept_shares, orthonormal, smallest_fit
 from hil.solve.precision import with_every_error
@@ -100,7 +100,8 @@ def pose(campaign: Campaign, model: Model, catalogue: Sequence[Effect]) -> Probl
     """
     blocks: list[Block] = []
     candidates: list[Candidate] = []
-    sensors, notes = fitted_sensors(campaign, model)
+    notes: list[str] = []
+    sensors = fitted_sensors(campaign, model)
     for number, sensor in sensors.items():
         columns = np.concatenate([sensor.form.columns(sensor.collects.conditions), sensor.term_columns], axis=2)
         blocks += sensor_blocks(number, sensor.collects, sensor.known_rates(), columns)
@@ -121,15 +122,10 @@ def pose(campaign: Campaign, model: Model, catalogue: Sequence[Effect]) -> Probl
     return Problem(campaign, model, sensors, blocks, candidates, tuple(notes))
 
 
-def fitted_sensors(campaign: Campaign, model: Model) -> tuple[dict[int, SensorProblem], list[str]]:
-    """Fit the model's form to every sensor, and note where it is another; raises `InputError` where it does not fit."""
-    sensors, notes = {}, []
-    for number, stated in with_stand_ins(campaign).sensors.items():
-        collects = with_every_error(stated)
-        form, note = _form(model, collects.conditions)
-        sensors[number] = _sensor(number, collects, model, form)
-        notes += note
-    return sensors, notes
+def fitted_sensors(campaign: Campaign, model: Model) -> dict[int, SensorProblem]:
+    """Fit the model's form to every sensor, or its own to one of another kind; raises `InputError` if none fits."""
+    every = {number: with_every_error(stated) for number, stated in with_stand_ins(campaign).sensors.items()}
+    return {n: _sensor(n, collects, model, _form(model, collects.conditions)) for n, collects in every.items()}
 
 
 def _starved(block: Block, collects: Collects) -> str:
@@ -141,19 +137,13 @@ def _starved(block: Block, collects: Collects) -> str:
     )
 
 
-def _form(model: Model, conditions: Conditions) -> tuple[LinearForm, list[str]]:
-    """Return the form to fit to a sensor: the model's own, or `constant` where the sensor is of another kind."""
+def _form(model: Model, conditions: Conditions) -> LinearForm:
+    """Return the form to fit to a sensor: the model's own, or the sensor's where it is of another kind."""
     try:
-        return named_form(model.form, conditions), []
+        value_form(model.form, conditions.sensor)
     except InputError:
-        rotor_form = model.form in {"matrix-6", "collins-4", "matrix-6-thermal"}
-        if rotor_form and conditions.sensor.is_rotor:
-            raise
-        if model.form == "constant":
-            raise
-        return named_form("constant", conditions), [
-            f"sensor {conditions.sensor.number}: {model.form} does not describe its kind; compared with a constant bias"
-        ]
+        return default_form(conditions)
+    return named_form(model.form, conditions)
 
 
 def _sensor(number: int, collects: Collects, model: Model, form: LinearForm) -> SensorProblem:

@@ -74,6 +74,19 @@ def _far_off() -> Campaign:
     return _changed(one, [14], one.sensors[2].rates_deg_per_hr[[14]] + [[0.0, 300.0]])
 
 
+def _after_a_pause() -> Campaign:
+    """Between runs 6 and 7 lie forty days, in which the bias went by 9 deg/hr: a jump, ageing, or a slow walk."""
+    one = campaign(12, 3, seed=108, scatter=0.7)
+    rows, later = one.sensors[2], np.arange(36) >= 18
+    conditions = replace(rows.conditions, start_s=rows.conditions.start_s + 40.0 * 86400.0 * later)
+    return replace(
+        one,
+        sensors={
+            2: replace(rows, conditions=conditions, rates_deg_per_hr=rows.rates_deg_per_hr + 9.0 * later[:, None])
+        },
+    )
+
+
 def _one_missing() -> Campaign:
     one = _good()
     return _changed(one, [4], np.full((1, 2), np.nan))
@@ -97,6 +110,8 @@ def _one_huge() -> Campaign:
 def _no_errors() -> Campaign:
     """Collects 1-2-3-2-1: residuals say what noise is, and in channel B more than in A."""
     one = repeated(9, 3, (0, 1, 2, 1, 0), seed=63)
+    noise = np.random.default_rng(9).normal(0.0, 3.0, (45, 1)) * [[0.0, 1.0]]
+    one = with_rates(one, one.sensors[2].rates_deg_per_hr + noise)
     return replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=np.full((45, 2), np.nan))})
 
 
@@ -225,6 +240,15 @@ def _triad(wrong: bool = False) -> Campaign:
     return Campaign("poses", "", {1: Collects(conditions, rates, np.full((24, 3), 5.0))})
 
 
+def _rotor_and_triad() -> Campaign:
+    """One unit whose sensors are of two kinds: a triad in 24 poses, and a rotor sensor three times over."""
+    one, other = _triad(), campaign(3, 3, seed=5, scatter=2.0).sensors[2]
+    number = other.conditions.collect + len(one.sensors[1])
+    return replace(
+        one, sensors={**one.sensors, 2: replace(other, conditions=replace(other.conditions, collect=number))}
+    )
+
+
 def _one_run_far_off_beside_another_sensor() -> Campaign:
     """Four collects of two sensors, one rate of sensor 2 off by 300: the other sensor fits as well."""
     one, other = (repeated(1, 1, (0, 2, 5, 1), seed=seed).sensors[2] for seed in (0, 50))
@@ -274,6 +298,7 @@ FOLDERS: dict[str, Callable[[], Campaign]] = {
     "position missing at one temperature": lambda: _changed(_good(), [2, 5, 8], np.full((3, 2), np.nan)),
     "standard errors too small": _errors_too_small,
     "one rate far off": _far_off,
+    "after a pause": _after_a_pause,
     "one collect missing": _one_missing,
     "one standard error missing": _one_silent,
     "one standard error huge": _one_huge,
@@ -300,6 +325,7 @@ FOLDERS: dict[str, Callable[[], Campaign]] = {
     "one temperature, three runs": lambda: campaign(3, 3, seed=5, scatter=2.0),
     "simulated": lambda: replace(_good(), simulated=True),
     "poses": _triad,
+    "a rotor sensor and a triad": _rotor_and_triad,
     "poses, one wrong": lambda: _triad(wrong=True),
     "Table 1": lambda: read_published_table(Path("rd-gc-86-1-table-1")),
 }

@@ -25,8 +25,10 @@ from hil.config import load_bench, load_sweep
 from hil.design.conditions import planned_conditions
 from hil.design.sequence.sequences import scene_of, sequence_worth
 from hil.design.visibility.document import campaign_document, sweep_document
+from hil.errors import InputError
 from hil.model.forms import default_form, named_form
 from hil.reconcile import reconcile
+from hil.reconcile.fleet import Screen
 from hil.reconcile.outcome.sentences import scatter_in_words, what_to_do
 from hil.reconcile.scattering import what_scatters
 from hil.report.content import gather, headline, to_do
@@ -159,6 +161,43 @@ def test_the_channel_whose_standard_errors_do_not_hold_is_named() -> None:
     by_search = re.search(r"scatter ([\d.]+) times", noisy)
     assert by_search is not None
     assert float(found[1]) == pytest.approx(float(by_search[1]), rel=0.2)
+
+
+def test_each_sensor_of_a_unit_is_compared_in_its_own_form() -> None:
+    """What a rotor sensor does is no finding beside the form of a triad; a model of one kind screens neither."""
+    one = FOLDERS["a rotor sensor and a triad"]()
+    found = what_scatters(one)
+    assert {each["sensor"]: each["under"] for each in found.noise} == {1: "triad-12", 2: "matrix-6"}
+    assert found.moves == ()
+    for ask in (reconcile, Screen.of):
+        with pytest.raises(InputError, match="sensor 1: it is not a two-channel rotor sensor"):
+            ask(one, "matrix-6")
+
+
+def test_what_parts_a_bias_at_each_temperature_from_its_rival_is_what_parts_the_effect_of_that_name() -> None:
+    """Any collects tell a bias; whether it follows temperature or remembers it, no further collect of a climb does."""
+    asked = reconcile(campaign(9, 3, seed=211, scatter=0.3), "matrix-6", prove=False).next_experiment
+    assert asked is not None
+    assert asked["why"].endswith(
+        "separates bias_T from hyst. Revisit every temperature from both directions and on another day"
+    )
+
+
+def test_what_is_taken_for_scatter_is_said_to_be_however_probable_it_is() -> None:
+    """And what moves the mean instead: hil reconcile writes the walk into the model, and says that it may be ageing."""
+    found = what_scatters(FOLDERS["after a pause"]())
+    said = found.sentences()
+    assert (found.named, [size.effect.id for size in found.sizes]) == ((), ["rrw"])
+    assert "Rate random walk (0." in said[0]
+    assert said[1].startswith("or it is no scatter, and moves the mean: Ageing of the bias (0.")
+
+
+def test_the_usual_run_is_as_sure_beside_one_that_is_not() -> None:
+    """Thermal says of one self-calibration what solve states of nearly all."""
+    one = FOLDERS["one standard error huge"]()
+    stated, fitted = repeats(one, solve_campaign(one))[2].of_each.values(), fit_thermal(one).sensors[2].parameters
+    usual = {name: float(np.median([of[name] for of in stated])) for name in fitted}
+    assert {name: each.repeatability for name, each in fitted.items()} == pytest.approx(usual)
 
 
 def _of_a_collect(one: Campaign) -> list[float]:
