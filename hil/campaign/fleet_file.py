@@ -60,7 +60,8 @@ def write_fleet_file(campaigns: Iterable[tuple[str, Campaign | str]], path: Path
                 if table.schema != writer.schema:
                     apart = sorted({*table.schema.names} ^ {*writer.schema.names})
                     told[folder] = (
-                        f"columns {', '.join(apart)}: the first campaign differs; such need a file of their own"
+                        f"left out: of it and the first campaign, one lacks {', '.join(apart)}; "
+                        "such campaigns need a file of their own"
                     )
                     continue
                 kept.append(table)

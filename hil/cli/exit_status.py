@@ -101,6 +101,8 @@ def run_to_exit(application: Callable[[], object]) -> int:
     except sqlite3.DatabaseError as error:
         return _say(f"ERROR: the journal is damaged ({error}); hil verify says how far", Exit.INCOMPLETE)
     except OSError as error:
+        if isinstance(error.__context__, KeyboardInterrupt):  # what was interrupted could not be tidied up
+            return _say(_STOPPED, Exit.FAILED)
         given = (errno.ENAMETOOLONG, errno.EROFS, errno.EACCES, errno.EPERM)
         of_a_name = error.errno in given  # of no file that we chose
         status = Exit.BAD_INPUT if of_a_name else Exit.FAILED

@@ -100,6 +100,8 @@ def _text(path: Path, delimiter: str | None) -> Columns:
         file.seek(0)
         if delimiter == "," and not before:
             table = read_csv(path, file, None if named else names)
+            if not table.num_rows:
+                raise ValueError("no row stands under the names of its columns")
             return Columns(path, _numbers(table), texts=_words(table))
         rows = np.loadtxt(file, delimiter=delimiter, skiprows=before + named, ndmin=2, encoding="utf-8-sig")
     if rows.shape[1] != len(names):
@@ -149,7 +151,8 @@ def read_csv(path: Path, file: BinaryIO, names: list[str] | None = None) -> pa.T
 
     Raises `InputError` where it names a column twice, and `pyarrow.ArrowInvalid` where it is no table.
     """
-    table = pyarrow.csv.read_csv(file, pyarrow.csv.ReadOptions(column_names=names))
+    # With threads an error would not say which row it is about.
+    table = pyarrow.csv.read_csv(file, pyarrow.csv.ReadOptions(column_names=names, use_threads=False))
     check_names(path, table.column_names)
     return table
 

@@ -1,6 +1,7 @@
 """A new folder, or a file that a library writes, that appears as a whole or not at all."""
 
 import contextlib
+import errno
 import glob
 import os
 import shutil
@@ -38,6 +39,8 @@ def whole_or_nothing(target: Path) -> Iterator[Path]:
         RealDisk().synchronise_folder(partial)
         RealDisk().rename(partial, target)
     except (OSError, sqlite3.OperationalError) as error:
+        if getattr(error, "errno", None) in (errno.ENOTEMPTY, errno.EEXIST):
+            raise InputError(f"{target}: it exists and is not empty; name a new folder") from error
         raise InputError(f"{target}: cannot be made ({getattr(error, 'strerror', None) or error})") from error
     finally:
         shutil.rmtree(partial, ignore_errors=True)
@@ -51,7 +54,8 @@ def whole_file(target: Path) -> Iterator[Path]:
 
     Raises `InputError` where it cannot be made.
     """
-    partial = target.with_name(f"{PARTIAL}{target.name}")
+    partial = target.with_name(f"{PARTIAL}{target.name}-{os.getpid()}")
+    _clear_away(target.parent, target.name)
     try:
         yield partial
         with partial.open("rb+") as file:
@@ -65,8 +69,8 @@ def whole_file(target: Path) -> Iterator[Path]:
 
 
 def _clear_away(above: Path, name: str) -> None:
-    """Remove the unfinished folders of this name whose process died while it made them."""
+    """Remove what is unfinished of this name, folders or files, whose process died while it made them."""
     for left in above.glob(f"{PARTIAL}{glob.escape(name)}-*"):
         number = left.name.rpartition("-")[2]
         if number.isdecimal() and not process_start(int(number)):
-            shutil.rmtree(left, ignore_errors=True)
+            shutil.rmtree(left, ignore_errors=True) if left.is_dir() else left.unlink(missing_ok=True)

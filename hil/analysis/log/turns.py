@@ -29,6 +29,7 @@ _LONGEST_S = 60.0  # beyond, the noise of the integral is what is seen
 _STEP, _ITERATIONS = 1e-6, 8
 _START_RAD = 1e-3  # of a turn's end: from here the residuals go on
 _ASTRAY_DEG = 20.0
+_WOUND_RAD = 10.0  # of a turn: from here on a D within its prior brings its end anywhere, and so tells nothing
 
 
 @dataclass(frozen=True)
@@ -106,7 +107,9 @@ def fit_turns(log: Log, stretches: Sequence[Stretch], f_g: FloatArray, rest_deg_
         sigma = float(np.sqrt(missed[0] @ missed[0] / max(freedom, 1.0)))
     sd = np.sqrt(np.diag(covariance))
     missed_deg = float(np.degrees(np.sqrt(missed[0] @ missed[0] / len(begin))))
-    astray = min(float(first), missed_deg) > _ASTRAY_DEG
+    wound = float(np.median(np.linalg.norm(angle, axis=-1).sum(axis=0))) > _WOUND_RAD
+    astray = min(float(first), np.inf if wound else missed_deg) > _ASTRAY_DEG
+    missed_deg = float(first) if astray else missed_deg
     half = sd * float(stdtrit(max(freedom, 1.0), LEVEL))
     return Turns(tuple((begin + 1).tolist()), values, sd, half, missed_deg, astray)
 

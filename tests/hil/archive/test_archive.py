@@ -18,6 +18,7 @@ import pytest
 from hil.archive.folder import _replaced, read_entry, take_up
 from hil.archive.history import history
 from hil.archive.index import opened_index
+from hil.archive.page import history_page
 from hil.archive.places import ENTRY, INDEX_NAME, MARK, found
 from hil.archive.taking_in import update
 from hil.campaign import Campaign
@@ -73,6 +74,10 @@ def test_a_life_tells_drift_from_jump(archive: Path, capsys: pytest.CaptureFixtu
         assert not of["control"]["outside"]
         assert abs(of["control"]["centre"] - of["values"][-1]["value"]) < 5.0
     assert document["next_calibration"]["due"] >= document["campaigns"][-1]["began_utc"][:10]
+    one = document["parameters"][0]
+    unknown = one | {"temperatures": [of | {"control": None} for of in one["temperatures"]]}
+    for those, word in ((one, "no"), (unknown, "–")):  # limits that nobody knows are not kept
+        assert f'<td class="wrap">{word}</td>' in history_page(document | {"parameters": [those]})
     table, life = tmp_path / "values.csv", tmp_path / "life"
     asked = ["--archive", str(archive), "--csv", str(table), "--out", str(life)]
     assert hil(["history", "0042", *asked]) == 0

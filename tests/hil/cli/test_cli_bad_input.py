@@ -138,8 +138,8 @@ def test_the_demo_replaces_nothing_but_a_demo(hil: Any, tmp_path: Path) -> None:
         refuse_but_demo(demo, quick)
 
 
-def test_what_is_stopped_from_the_keyboard_says_so_whoever_hears_it_first() -> None:
-    """The command line's own library ends with a number of its own, and without a word."""
+def test_what_is_stopped_from_the_keyboard_says_so_whoever_hears_it_first(capsys: pytest.CaptureFixture[str]) -> None:
+    """The command line's own library ends with a number of its own; tidying up may fail for that."""
 
     def stopped() -> None:
         raise SystemExit(130)
@@ -147,7 +147,14 @@ def test_what_is_stopped_from_the_keyboard_says_so_whoever_hears_it_first() -> N
     def interrupted() -> None:
         raise KeyboardInterrupt
 
-    assert [run_to_exit(each) for each in (stopped, interrupted)] == [1, 1]
+    def untidied() -> None:
+        try:
+            raise KeyboardInterrupt
+        finally:
+            os.close(2**30)
+
+    assert [run_to_exit(each) for each in (stopped, interrupted, untidied)] == [1, 1, 1]
+    assert capsys.readouterr().err == "hil: stopped from the keyboard\n" * 3
 
 
 def test_a_name_in_another_encoding_is_refused_before_anything_is_written(hil: Any, tmp_path: Path) -> None:

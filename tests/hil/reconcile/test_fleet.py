@@ -302,6 +302,8 @@ def test_a_file_of_campaigns_is_read_as_it_was_written(tmp_path: Path) -> None:
     """Every number, name and layout, in pieces, whichever piece a campaign is in; no file is left of what failed."""
     units = [(f"u{i}", unit(i, 5.0)) for i in range(3)] + [("gone", "it cannot be read")]
     file = tmp_path / "fleet.parquet"
+    for left in ("fleet.parquet", f"fleet.parquet-{2**30}"):  # another command's, and what a killed one left
+        (tmp_path / f".partial-{left}").touch()
     assert write_fleet_file(units, file) == {"gone": "it cannot be read"}
     found = [each for piece in range(pieces_of(file)) for each in read_piece(file, piece)]
     assert [place for place, _ in found] == ["u0", "u1", "u2"]
@@ -316,9 +318,19 @@ def test_a_file_of_campaigns_is_read_as_it_was_written(tmp_path: Path) -> None:
             assert np.array_equal(again.rates_se_deg_per_hr, rows.rates_se_deg_per_hr)
             assert np.array_equal(again.conditions.w_deg_per_hr, rows.conditions.w_deg_per_hr)
             assert again.conditions.columns.keys() == rows.conditions.columns.keys()
+    more = unit(1, 5.0)
+    columns = {
+        **more.sensors[2].conditions.columns,
+        "humidity_percent": np.zeros(len(more.sensors[2].rates_deg_per_hr)),
+    }
+    damp = replace(more.sensors[2], conditions=replace(more.sensors[2].conditions, columns=columns))
+    campaigns = [("dry", unit(0, 5.0)), ("damp", replace(more, sensors={2: damp}))]
+    (said,) = write_fleet_file(campaigns, tmp_path / "two.parquet").values()
+    assert said.startswith("left out: of it and the first campaign, one lacks humidity_percent; ")
+    (tmp_path / "two.parquet").unlink()
     with pytest.raises(InputError, match="gone: it cannot be read"):
         write_fleet_file(units[3:], tmp_path / "none.parquet")
-    assert [each.name for each in tmp_path.iterdir()] == ["fleet.parquet"]
+    assert sorted(each.name for each in tmp_path.iterdir()) == [".partial-fleet.parquet", "fleet.parquet"]
 
 
 def test_a_file_of_campaigns_knows_which_runs_fail(tmp_path: Path) -> None:

@@ -176,7 +176,7 @@ def test_without_a_proven_plan_nothing_is_made(night: Path, tmp_path: Path) -> N
 
 def test_a_folder_that_holds_something_is_left_alone(night: Path) -> None:
     """What is repaired gets a folder of its own."""
-    with pytest.raises(InputError, match="cannot be made"):
+    with pytest.raises(InputError, match="it exists and is not empty; name a new folder"):
         repair_night(night, night)
 
 

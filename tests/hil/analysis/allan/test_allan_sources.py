@@ -143,7 +143,9 @@ def test_bad_usage_ends_with_2_and_writes_nothing(
         ("nothing.txt", b"", "it is empty"),
         ("latin.csv", b"t_s,rate \xb0/h\n0,1\n", "is not UTF-8 text"),
         ("bad.npy", b"\x80\x04K\x01.", "holds other things than numbers"),
-        ("empty.csv", b"t_s,rate_deg_per_hr\n", "it has no column of numbers"),
+        ("empty.csv", b"t_s,rate_deg_per_hr\n", "no row stands under the names of its columns"),
+        ("words.csv", b"t_s,rate_deg_per_hr\na,b\n", "it has no column of numbers"),
+        ("cut.csv", b"t_s,rate_deg_per_hr\n0,1\n1,2\n2", "Row #4: Expected 2 columns, got 1"),
         ("huge.csv", b"t_s,rate_deg_per_hr\n0,1e300\n1,-1e300\n2,1e299\n3,1\n4,2\n", "is the unit"),
     ],
 )
