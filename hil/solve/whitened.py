@@ -30,6 +30,8 @@ _LESS = 18.0 / 35.0  # of what as many repeats tell of scatter runs along a curv
 _FEW = 8.0  # runs that others tell of: of so many their scatter is known hardly better than by 2
 _LEAST = 2  # and of fewer not at all
 _LEVEL = 0.7  # of a channel's usual variance in every row's: standard errors leave out what differs by collect
+_NOISIER = 1.5  # times: so much noisier one channel may seem than another by chance
+_OF_A_CHANNEL = 20.0  # degrees of freedom that tell its noise as well as is known before: that all are alike
 _LAGS = (1, 2)  # between repeats whose difference is taken
 _APART = 1e-9  # of the square of the largest: directions that are none
 _REPEATED = 3  # collects in one place tell what it shows
@@ -44,10 +46,15 @@ class Whitened:
     """
 
     def __init__(self, collects: Collects, own_bias: Collection[int] = ()) -> None:
+        self._lay(collects, own_bias, np.ones(collects.rates_deg_per_hr.shape[1]))
+        if np.any((level := self._level()) > 1.0):  # a channel that is noisier tells less, whatever its errors say
+            self._lay(collects, own_bias, level)
+
+    def _lay(self, collects: Collects, own_bias: Collection[int], level: FloatArray) -> None:
         conditions, rates, se = collects.conditions, collects.rates_deg_per_hr, collects.rates_se_deg_per_hr
         self.collects, self.known = collects, np.isfinite(rates)
         self.stated = bool(np.all(se[self.known] > 0.0))
-        variance = se**2 if self.stated else np.ones(se.shape)
+        variance = level**2 * (se**2 if self.stated else np.ones(se.shape))
         usual = np.array([np.median(v[k]) if k.any() else 1.0 for v, k in zip(variance.T, self.known.T, strict=True)])
         errors = np.sqrt((1.0 - _LEVEL) * np.where(self.known, variance, 1.0) + _LEVEL * usual)
         self.weight = np.where(self.known, 1.0 / errors, 0.0)
@@ -92,6 +99,20 @@ class Whitened:
         shown = {run: _flat(self._shown[rows]) for run, rows in self._runs.items()}
         taken = sum(np.trace(of) - np.sum(shown[run] * (of @ shown[run])) for run, of in left.items())
         self.freedom = float(taken) + several - float(np.sum(basis[seen.size :] ** 2))
+
+    def _level(self) -> FloatArray:
+        """Return how many times noisier than the quietest each channel is (c,): 1 where few rates tell, or hardly.
+
+        None is quieter than its standard errors say, where these are stated.
+        """
+        left = [np.abs(rates[known]) for rates, known in zip(self._left.T, self.known.T, strict=True)]
+        size = np.array([np.quantile(of, _SHARE) if len(of) else 0.0 for of in left])
+        freedom = max(self.freedom, 0.0)
+        least = np.sqrt(0.5 * freedom / max(int(self.known.sum()), 1)) / _SIGMA if self.stated else 0.0
+        times = size / max(float(np.min(size[size > 0.0], initial=np.inf)), least)
+        each = freedom / len(size)
+        level = np.maximum(times, 1.0) ** (each / (each + _OF_A_CHANNEL))
+        return np.where(level > _NOISIER, level, 1.0)
 
     def of(self, run: int) -> tuple[FloatArray, FloatArray]:
         """Return what squares (k·c, k·c) and products (k·c,) of changes to a run's rates, in standard errors, add."""

@@ -182,6 +182,16 @@ def test_errors_that_are_too_small_by_as_much_in_every_run_accuse_none(runs: int
         assert wrong_rows(small)[2].rows == ()
 
 
+def test_a_channel_that_is_noisier_than_the_others_exchanges_nothing() -> None:
+    """By how much is its own: for all channels alike, so large noise in one is nothing but a mistake in the others."""
+    found = []
+    for seed in range(12):
+        one = triads(seed)
+        noise = np.random.default_rng(900 + seed).normal(0.0, 3.0, (48, 1)) * [[1.0, 0.0, 0.0]]
+        found += wrong_rows(with_rates(one, one.sensors[1].rates_deg_per_hr + noise, 1))[1].rows
+    assert [each for each in found if each.done != USED] == []
+
+
 def test_one_rate_off_in_one_of_three_runs_makes_no_errors_too_small() -> None:
     """Twenty standard errors off, with two that agree beside it: that run is no PASS, and its two rates are named."""
     one = campaign(3, 3, seed=4, scatter=1.0)
