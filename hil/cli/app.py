@@ -1,5 +1,6 @@
 """The `hil` application: its commands, gathered."""
 
+import logging
 import sys
 from collections.abc import Sequence
 from functools import cache
@@ -99,6 +100,7 @@ def run(arguments: Sequence[str]) -> int:
         for each in arguments:
             if each.encode(errors="replace").decode() != each:
                 raise InputError(f"{each}: the name is not UTF-8 text, as records are; give it another")
+        logging.getLogger("matplotlib").setLevel(logging.ERROR)  # a service's user has no folder for its cache
         _command()(args=list(arguments), prog_name="hil")
 
     return run_to_exit(carried_out)

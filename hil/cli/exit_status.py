@@ -43,7 +43,10 @@ class Exit(IntEnum):
 
 
 Strict = Annotated[
-    bool, Option("--strict", help="Exit status 7 where the unit is out of spec, 8 where nobody can tell.")
+    bool,
+    Option(
+        "--strict", help="Exit status 7 where the unit is out of spec, 8 where nobody can tell, or no limits are known."
+    ),
 ]
 Limits = Annotated[
     str | None, Option("--limits", help="What the unit must be: a limits file, or a name; default: the night's own.")

@@ -223,7 +223,7 @@ REFUSED_TABLES = {
     "empty w": (cell(2, "w_S_deg_per_hr", ""), r"row 2, column w_S_deg_per_hr: the cell is empty.*0 where"),
     "unknown sensor": (cell(4, "sensor", "7"), r"row 4, column sensor: sensor 7 is not described"),
     "f too small": (cell(4, "f_S_g", "0.4"), r"row 4, column f_A_g, f_B_g, f_S_g: \|f\| is 0\.400 g"),
-    "f too large": (cell(2, "f_A_g", "-1.6"), r"row 2, .*\|f\| is 1\.600 g, outside 0\.5 to 1\.5 g"),
+    "f too large": (cell(2, "f_A_g", "-1.6"), r"row 2, .*\|f\| is 1\.600 g, outside 0\.5 to 1\.5 g; is it in g"),
     "below absolute zero": (cell(2, "temperature_degC", "-300"), r"row 2, column temperature_degC: -300 °C is below"),
     "no duration": (cell(2, "duration_s", "0"), r"row 2, column duration_s: .* more than 0 s"),
     "negative error": (cell(2, "RA_se_deg_per_hr", "-1"), r"row 2, column RA_se_deg_per_hr: .* negative"),

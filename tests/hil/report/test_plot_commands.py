@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -105,6 +106,8 @@ def test_the_end_of_the_name_says_svg_or_png(night: Path, tmp_path: Path, argume
     kind, *options = arguments
     for suffix in ("svg", "png"):
         assert hil(["plot", kind, str(night), *options, "--out", str(tmp_path / f"x.{suffix}")]) == 0
+    # Whether it has a folder for its cache is no news for a technician.
+    assert not logging.getLogger("matplotlib").isEnabledFor(logging.WARNING)
     assert "deg/hr" in (tmp_path / "x.svg").read_text() or "°C" in (tmp_path / "x.svg").read_text()
     picture = (tmp_path / "x.png").read_bytes()
     assert picture.startswith(b"\x89PNG")
