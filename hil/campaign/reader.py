@@ -226,8 +226,8 @@ def _collects_of(
         raise table.complaint(
             int(chosen[i]),
             ", ".join(names["f"]),
-            f"|f| is {size[i]:.3f} g, outside {low:g} to {high:g} g; is it in g? (on a centrifuge `centrifuge: true` in "
-            f"{HEADER_FILE} allows it)",
+            f"|f| is {size[i]:.3f} g, outside {low:g} to {high:g} g; is it in g? (on a centrifuge, `centrifuge: true` "
+            f"in {HEADER_FILE} allows it)",
         )
     plain = ("collect", "run", "start_s", "duration_s", *names["rate"])
     cells |= {name: table.numbers(name)[chosen] for name in plain}

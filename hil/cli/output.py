@@ -106,14 +106,15 @@ def listing(*headings: str, left: Collection[str] | None = None) -> Table:
 
 
 def check_result_folder(out: Path, own: str, given: str = "") -> None:
-    """Raise `InputError` for an --out that is a file or a night, or holds a model that would be lost.
+    """Raise `InputError` for an --out that is a file, lies in a night, or holds a model that would be lost.
 
     That is the `given` one, and any that is not beside `own`, the document that the command wrote with it.
     """
     from hil.records.reader import is_night
 
-    if is_night(out):
-        raise InputError(f"{out}: is a night's folder, which keeps what was recorded; name another for the result")
+    for above in (out.absolute(), *out.absolute().parents):
+        if is_night(above):
+            raise InputError(f"{out}: is a night's folder, which keeps what was recorded; name another for the result")
     for above in (out, *out.parents):
         if above.exists() and not above.is_dir():
             raise InputError(f"{above}: is a file; the result needs a folder")
@@ -127,7 +128,11 @@ def check_result_folder(out: Path, own: str, given: str = "") -> None:
 
 
 def check_named(path: Path, ending: str) -> None:
-    """Raise `InputError` where the name of a file to be written does not end so, or its folder is not there."""
+    """Raise `InputError` where a file's name does not end so, or is a campaign's own, or its folder is not there."""
+    from hil.campaign.reader import COLLECTS_FILE, HEADER_FILE
+
+    if path.name == COLLECTS_FILE and path.with_name(HEADER_FILE).exists():
+        raise InputError(f"{path}: is what a campaign's averages stand in, which would be lost; give another name")
     if path.suffix.lower() != ending or not path.parent.is_dir():
         raise InputError(f"{path}: give a name that ends in {ending}, in a folder that exists")
 

@@ -91,11 +91,12 @@ def test_a_result_folder_below_a_file_is_refused(hil: Any, contractors: Path, tm
 def test_a_result_goes_into_no_nights_folder(hil: Any, night: Path) -> None:
     """Neither a reconciliation nor curves, which would lie beside what was recorded; nothing there is changed."""
     before = sorted(path.name for path in night.iterdir())
-    for command in (("reconcile", night, "--model", "matrix-6"), ("thermal", night)):
-        ended = hil(*command, "--out", night)
+    for command, below in ((("reconcile", night, "--model", "matrix-6"), "blocks/new"), (("thermal", night), "")):
+        ended = hil(*command, "--out", night / below)
         assert ended.returncode == 2
         assert "is a night's folder" in ended.stderr.replace("\n", " ")
     assert sorted(path.name for path in night.iterdir()) == before
+    assert not (night / "blocks" / "new").exists()
 
 
 def test_a_model_that_nobody_knows_is_refused(hil: Any, contractors: Path, tmp_path: Path) -> None:

@@ -184,7 +184,9 @@ def test_the_command(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture
     out, err = capsys.readouterr()
     assert "2 of 15 units deserve a full hil reconcile" in out
     assert "x-broken" in err
+    own = next(each for each in folder.rglob("collects.csv") if (each.parent / "campaign.yaml").exists())
     for words, message in (
+        ([str(folder), "--csv", str(own)], "collects.csv: is what a campaign's averages stand in"),
         ([str(tmp_path)], "no campaign folder"),
         ([str(folder), "--out", "page.txt"], "give a name that ends in .html"),
         ([str(folder), "--model", "nosuch"], "nosuch"),
