@@ -67,12 +67,13 @@ def _finding(
     effect: SeriesEffect, sensor: int, channel: str, answers: Sequence[_Answer], alpha: float, tests: int
 ) -> dict[str, Any] | None:
     """Return one finding for the document, or None where chance explains it."""
-    collect, strongest, _ = min(answers, key=lambda each: each[1].p_value)
+    p_values = effect.p_values([answer for _, answer, _ in answers])
+    collect, strongest, _ = answers[int(np.argmin(p_values))]
     count = len(answers)
     together = effect.together([summary for *_, summary in answers])
     ways = tests * (2 if together else 1)
-    shown = sum(answer.p_value * count * ways < alpha for _, answer, _ in answers)
-    p_value, estimates = strongest.p_value * count, strongest.estimates
+    shown = int(np.sum(p_values * count * ways < alpha))
+    p_value, estimates = float(p_values.min()) * count, strongest.estimates
     told = f"Collect {collect}, channel {channel}: {strongest.sentence}"
     if together and together[0] < p_value:
         p_value, estimates, shown = together[0], together[1], count

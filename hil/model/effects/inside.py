@@ -4,8 +4,10 @@ import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
 
 import numpy as np
+from scipy.special import stdtr
 
 from hil.campaign import FloatArray, Sensor, Series
 from hil.model.effects.base import Described
@@ -13,35 +15,70 @@ from hil.model.effects.base import Described
 FEWEST = 16
 """Samples (or blocks of them) below which nothing is asked."""
 
+FEWEST_BESIDE = 8
+"""Collects below which nobody knows what is usual of them."""
+_OFTEN = 0.2  # share of a channel's collects beside coloured noise, from which on all are
+_OF_NORMAL = 1.4826  # standard deviations, of a median deviation
+_OF_A_MEDIAN = 0.5  # of what a standard deviation knows: between its .37 of very many and what few leave
+
+
+class Shown(NamedTuple):
+    """What one channel's series shows: p-value, estimates, a sentence; whether the noise beside it is `coloured`."""
+
+    p_value: float
+    estimates: dict[str, float]
+    sentence: str
+    coloured: bool = False
+
 
 @dataclass(frozen=True)
 class SeriesFinding:
-    """What a test of one channel's series says. `p_value` is NaN where the series is too short to ask."""
+    """What a test of one channel's series says. `p_value` is NaN where the series is too short to ask.
+
+    Beside noise that is `coloured` one series cannot tell what noise makes of a size.
+    """
 
     channel: str
     p_value: float
     estimates: Mapping[str, float]
     sentence: str
+    coloured: bool = False
 
 
 class SeriesEffect(Described):
     """An effect that shows inside a collect: a test of the series with an exact or conservative null distribution."""
+
+    size: ClassVar[str] = ""
+    """The estimate that is as often below zero as above it where there is only noise; empty where none is."""
 
     def test(self, series: Series, sensor: Sensor) -> tuple[SeriesFinding, ...]:
         """Test every channel of one collect's series by itself."""
         findings = []
         for index, channel in enumerate(sensor.channels):
             known = int(np.isfinite(series.rates_deg_per_hr[:, index]).sum())
-            if known < FEWEST:
-                p_value, estimates, sentence = math.nan, dict[str, float](), f"{known} samples are too few to ask"
-            else:
-                p_value, estimates, sentence = self._test_channel(series, index)
-            findings.append(SeriesFinding(channel, p_value, estimates, f"{channel}: {sentence}"))
+            short = Shown(math.nan, {}, f"{known} samples are too few to ask")
+            p_value, estimates, sentence, coloured = short if known < FEWEST else self._test_channel(series, index)
+            findings.append(SeriesFinding(channel, p_value, estimates, f"{channel}: {sentence}", coloured))
         return tuple(findings)
 
     @abstractmethod
-    def _test_channel(self, series: Series, channel: int) -> tuple[float, dict[str, float], str]:
-        """Return p-value, estimates and a sentence for one channel."""
+    def _test_channel(self, series: Series, channel: int) -> Shown:
+        """Return what one channel shows."""
+
+    def p_values(self, findings: Sequence[SeriesFinding]) -> FloatArray:
+        """Return the p-values (n,) of one channel's collects.
+
+        Noise that wanders makes sizes in every collect, and one alone cannot tell its colour: where several show such
+        noise a size has to stand out of what half of them show. Student's t, with the degrees of freedom of a median.
+        """
+        own = np.array([each.p_value for each in findings])
+        coloured = float(np.mean([each.coloured for each in findings])) > _OFTEN
+        if not (self.size and coloured) or len(findings) < FEWEST_BESIDE:
+            return own
+        sizes = np.array([each.estimates[self.size] for each in findings])
+        usual = _OF_NORMAL * float(np.median(np.abs(sizes - np.median(sizes))))
+        beside = 2.0 * stdtr(_OF_A_MEDIAN * (len(sizes) - 1), -np.abs(sizes) / max(usual, 1e-300))
+        return np.asarray(np.maximum(own, beside))
 
     def summary(self, series: Series, channel: int) -> FloatArray:
         """Return what `together` needs of one collect's channel, (k,): empty where it asks for nothing."""

@@ -16,14 +16,14 @@ from scipy.special import fdtrc, ndtr, stdtr
 
 from hil.campaign import FloatArray, Series
 from hil.model.effects.base import Parameter
-from hil.model.effects.inside import FEWEST, SeriesEffect
+from hil.model.effects.inside import FEWEST, FEWEST_BESIDE, SeriesEffect, Shown
 
 _BLOCKS = 60
-_FEWEST_TOGETHER = 8  # collects below which nothing is asked of all of them together
 _SETTLING_TAUS = np.array([0.02, 0.04, 0.08, 0.15, 0.3])  # of the collect's duration
 _NEIGHBOURS = 12  # periodogram ordinates on each side that make the background
 _FEWEST_BESIDE = 6  # ordinates on a side below which nothing is asked: a tone has at least so many cycles in a collect
 _BURST = 2.5  # standard deviations from the middle beyond which a block counts no more
+_COLOURED = 2.5  # standard deviations of the correlation of white noise, from which on it is none
 _RATE = "deg/hr"
 
 
@@ -37,8 +37,10 @@ def blocked(series: Series, channel: int) -> tuple[FloatArray, FloatArray]:
     return times[: count * size].reshape(shape).mean(axis=1), rates[: count * size].reshape(shape).mean(axis=1)
 
 
-def best_regressor(rates: FloatArray, nuisance: FloatArray, candidates: FloatArray) -> tuple[int, float, float]:
+def best_regressor(rates: FloatArray, nuisance: FloatArray, candidates: FloatArray) -> tuple[int, float, float, bool]:
     """Return index, coefficient and p-value of the candidate, of (n, k), that explains most beside `nuisance` (n, m).
+
+    And whether what it leaves is coloured: each of its values tells of the next, beyond chance.
 
     The p-value is the F test's, with residual variance widened by positive lag-1 correlation, times k. What stands out
     of the middle by more than two and a half standard deviations counts as that: one burst is no settling and no step.
@@ -59,14 +61,14 @@ def best_regressor(rates: FloatArray, nuisance: FloatArray, candidates: FloatArr
     freedom = len(rates) - nuisance.shape[1] - 1
     power = float(residual @ residual)
     if power <= 1e-20 * max(float(rates @ rates), 1e-300):  # no noise at all: certain where anything is explained
-        return index, float(sizes[index]), 0.0 if explained > power else 1.0
+        return index, float(sizes[index]), 0.0 if explained > power else 1.0, False
     correlation = float(residual[1:] @ residual[:-1]) / power
     # Residuals of a fit look less correlated than the noise is (Kendall); without correlation nothing is widened.
     correlation = min(max(correlation + (1.0 + 4.0 * correlation) / len(rates), 0.0), 0.99)
     wider = (1.0 + correlation) / (1.0 - correlation)
     statistic = explained / (power / freedom * wider)
     p_value = float(fdtrc(1, max(freedom / wider, 3.0), statistic)) * candidates.shape[1]
-    return index, float(sizes[index]), min(p_value, 1.0)
+    return index, float(sizes[index]), min(p_value, 1.0), correlation > _COLOURED / math.sqrt(len(rates))
 
 
 class Tone(SeriesEffect):
@@ -81,13 +83,13 @@ class Tone(SeriesEffect):
     confusable_with = ("arw", "vre")
     experiment = "Run one sensor at a time; stop the chamber's fan; look whether the line moves with the spin."
 
-    def _test_channel(self, series: Series, channel: int) -> tuple[float, dict[str, float], str]:
+    def _test_channel(self, series: Series, channel: int) -> Shown:
         step, power = _periodogram(series, channel)
         if len(power) < 2 * _NEIGHBOURS:
-            return math.nan, {}, "too few samples for a spectrum"
+            return Shown(math.nan, {}, "too few samples for a spectrum")
         if not np.any(power):
-            return 1.0, {}, "nothing changes"
-        return self._line(step, power, 1)
+            return Shown(1.0, {}, "nothing changes")
+        return Shown(*self._line(step, power, 1))
 
     def summary(self, series: Series, channel: int) -> FloatArray:
         """Return the sample spacing in s, then the periodogram, (k,)."""
@@ -103,7 +105,7 @@ class Tone(SeriesEffect):
         alike = np.stack([summary for summary in summaries if len(summary) == usual])
         step = float(np.median(alike[:, 0]))
         alike = alike[np.abs(alike[:, 0] - step) < 1e-3 * step]
-        if len(alike) < _FEWEST_TOGETHER or not np.any(alike[:, 1:]):
+        if len(alike) < FEWEST_BESIDE or not np.any(alike[:, 1:]):
             return None
         return self._line(step, alike[:, 1:].mean(axis=0), len(alike))
 
@@ -128,6 +130,7 @@ class SettlingInCollect(SeriesEffect):
     """An exponential at the beginning of the collect, beside level and slope."""
 
     id = "settle"
+    size = "S_deg_per_hr"
     family = "dynamics"
     title = "Settling after index"
     equation = "R += S exp(-t/tau)"
@@ -150,7 +153,7 @@ class SettlingInCollect(SeriesEffect):
     def together(self, summaries: Sequence[FloatArray]) -> tuple[float, Mapping[str, float], str] | None:
         """Ask whether S is other than zero on average: Student's t, which needs nothing of the noise inside."""
         known = [summary for summary in summaries if len(summary)]
-        if len(known) < _FEWEST_TOGETHER:
+        if len(known) < FEWEST_BESIDE:
             return None
         sizes = np.stack(known)[:, 1:]
         error = np.maximum(np.std(sizes, axis=0, ddof=1) / math.sqrt(len(sizes)), 1e-300)
@@ -166,19 +169,22 @@ class SettlingInCollect(SeriesEffect):
         """Return the time constants that are tried, s, (k,)."""
         return _SETTLING_TAUS * float(times[-1] - times[0])
 
-    def _test_channel(self, series: Series, channel: int) -> tuple[float, dict[str, float], str]:
+    def _test_channel(self, series: Series, channel: int) -> Shown:
         times, rates = blocked(series, channel)
         taus = self.taus_s(times)
         candidates = np.exp(-times[:, None] / taus[None, :])
-        index, size, p_value = best_regressor(rates, _level_and_slope(times), candidates)
+        index, size, p_value, coloured = best_regressor(rates, _level_and_slope(times), candidates)
         estimates = {"S_deg_per_hr": size, "tau_s": float(taus[index])}
-        return p_value, estimates, f"begins {size:+.3g} deg/hr off and settles in about {taus[index]:.3g} s"
+        return Shown(
+            p_value, estimates, f"begins {size:+.3g} deg/hr off and settles in about {taus[index]:.3g} s", coloured
+        )
 
 
 class Ramp(SeriesEffect):
     """A straight slope through the collect."""
 
     id = "drift"
+    size = "slope_deg_per_hr_per_min"
     family = "noise"
     title = "Ramp within the collect"
     equation = "R += slope t"
@@ -187,16 +193,22 @@ class Ramp(SeriesEffect):
     confusable_with = ("settle", "jump", "bias_Tdot", "warmup", "soak_insufficient")
     experiment = "Collect again after a longer soak."
 
-    def _test_channel(self, series: Series, channel: int) -> tuple[float, dict[str, float], str]:
+    def _test_channel(self, series: Series, channel: int) -> Shown:
         times, rates = blocked(series, channel)
-        _, slope, p_value = best_regressor(rates, np.ones((len(times), 1)), (times - times.mean())[:, None])
-        return p_value, {"slope_deg_per_hr_per_min": 60.0 * slope}, f"drifts by {60.0 * slope:+.3g} deg/hr per minute"
+        _, slope, p_value, coloured = best_regressor(rates, np.ones((len(times), 1)), (times - times.mean())[:, None])
+        return Shown(
+            p_value,
+            {"slope_deg_per_hr_per_min": 60.0 * slope},
+            f"drifts by {60.0 * slope:+.3g} deg/hr per minute",
+            coloured,
+        )
 
 
 class JumpInCollect(SeriesEffect):
     """A step of the level at some instant of the collect, beside level and slope."""
 
     id = "jump"
+    size = "J_deg_per_hr"
     family = "noise"
     title = "Step within the collect"
     equation = "R += J after t_J"
@@ -205,13 +217,13 @@ class JumpInCollect(SeriesEffect):
     confusable_with = ("settle", "drift")
     experiment = "Repeat the collect."
 
-    def _test_channel(self, series: Series, channel: int) -> tuple[float, dict[str, float], str]:
+    def _test_channel(self, series: Series, channel: int) -> Shown:
         times, rates = blocked(series, channel)
         edges = np.arange(3, len(times) - 2)
         candidates = (np.arange(len(times))[:, None] >= edges[None, :]).astype(np.float64)
-        index, size, p_value = best_regressor(rates, _level_and_slope(times), candidates)
+        index, size, p_value, coloured = best_regressor(rates, _level_and_slope(times), candidates)
         at = float(0.5 * (times[edges[index] - 1] + times[edges[index]]))
-        return p_value, {"J_deg_per_hr": size, "t_s": at}, f"steps by {size:+.3g} deg/hr at {at:.3g} s"
+        return Shown(p_value, {"J_deg_per_hr": size, "t_s": at}, f"steps by {size:+.3g} deg/hr at {at:.3g} s", coloured)
 
 
 class Lattice(SeriesEffect):
@@ -226,16 +238,18 @@ class Lattice(SeriesEffect):
     confusable_with = ("saturation",)
     experiment = "Average longer, or add a dither."
 
-    def _test_channel(self, series: Series, channel: int) -> tuple[float, dict[str, float], str]:
+    def _test_channel(self, series: Series, channel: int) -> Shown:
         rates = _known(series, channel)
         step = lattice_step(rates)
         share = step**2 / 12.0 / max(float(np.var(rates)), 1e-300)
         # Continuous noise repeats no value; a fine lattice is only how the file was printed.
         if np.ptp(rates) == 0.0:
-            return 0.0, {"step_deg_per_hr": math.inf, "variance_share": 1.0}, f"every value is {rates[0]:.6g} deg/hr"
+            return Shown(
+                0.0, {"step_deg_per_hr": math.inf, "variance_share": 1.0}, f"every value is {rates[0]:.6g} deg/hr"
+            )
         coarse = step > 0.0 and share > 0.05
         estimates = {"step_deg_per_hr": step, "variance_share": min(share, 1.0)}
-        return (0.0 if coarse else 1.0), estimates, f"values stand {step:.3g} deg/hr apart"
+        return Shown((0.0 if coarse else 1.0), estimates, f"values stand {step:.3g} deg/hr apart")
 
 
 class Saturation(SeriesEffect):
@@ -250,12 +264,12 @@ class Saturation(SeriesEffect):
     confusable_with = ("quant", "jump")
     experiment = "A wider range, or less vibration."
 
-    def _test_channel(self, series: Series, channel: int) -> tuple[float, dict[str, float], str]:
+    def _test_channel(self, series: Series, channel: int) -> Shown:
         rates = _known(series, channel)
         sides = [(self._pile(rates), float(rates.max())), (self._pile(-rates), float(rates.min()))]
         (p_value, count), limit = min(sides, key=lambda side: side[0][0])
         estimates = {"limit_deg_per_hr": limit, "samples": float(count)}
-        return min(2.0 * p_value, 1.0), estimates, f"{count} samples stand at exactly {limit:.6g} deg/hr"
+        return Shown(min(2.0 * p_value, 1.0), estimates, f"{count} samples stand at exactly {limit:.6g} deg/hr")
 
     @staticmethod
     def _pile(rates: FloatArray) -> tuple[float, int]:
@@ -286,15 +300,15 @@ class Bursts(SeriesEffect):
     confusable_with = ("saturation", "jump")
     experiment = "Spin-motor current beside the rates."
 
-    def _test_channel(self, series: Series, channel: int) -> tuple[float, dict[str, float], str]:
+    def _test_channel(self, series: Series, channel: int) -> Shown:
         rates = np.diff(_known(series, channel))[::2]  # disjoint differences: blind to level and slope
         parts = np.array_split(rates, min(12, len(rates) // 8))
         if len(parts) < 2 or np.ptp(rates) == 0.0:
-            return 1.0, {"variance_ratio": 1.0}, "no change of the noise"
+            return Shown(1.0, {"variance_ratio": 1.0}, "no change of the noise")
         variances = np.array([np.var(part) for part in parts])
         ratio = float(variances.max() / max(float(np.median(variances)), 1e-300))
         sentence = f"the noisiest part has {ratio:.3g} times the usual variance"
-        return equal_spread(parts), {"variance_ratio": ratio}, sentence
+        return Shown(equal_spread(parts), {"variance_ratio": ratio}, sentence)
 
 
 def equal_spread(parts: Sequence[FloatArray]) -> float:

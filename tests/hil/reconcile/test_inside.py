@@ -5,17 +5,20 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from benchmarks.blind.cases import make_case, write_case
 from benchmarks.blind.inside import INSIDE, write_series
 from benchmarks.blind.jobs import EIGHT
-from hil.campaign import Campaign
+from hil.campaign import Campaign, Series
 from hil.campaign.reader import read_campaign
 from hil.model import load_model, save_model
 from hil.model.effects.catalogue import SERIES_EFFECTS
+from hil.model.effects.series import SettlingInCollect
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.inside import within_collects
+from tests.hil.model.effect_conditions import ROTOR
 
 SMALL = replace(EIGHT, temperatures_degC=(-20.0, 20.0, 60.0), runs_per_temperature=2)
 
@@ -56,6 +59,29 @@ def test_series_of_noise_alone_get_no_name(rho: float, tmp_path: Path) -> None:
     campaign = campaign_with("", tmp_path, rho=rho)
     assert within_collects(campaign, SERIES_EFFECTS, 0.01) == []
     assert reconciled(campaign).verdict == "none"
+
+
+def flicker(rng: np.random.Generator, samples: int) -> np.ndarray:
+    """Noise of which every octave has as much, deg/hr."""
+    lines = rng.standard_normal(samples // 2 + 1) + 1j * rng.standard_normal(samples // 2 + 1)
+    lines /= np.sqrt(np.maximum(np.arange(len(lines)), 1.0))
+    return np.asarray(10.0 * np.fft.irfft(lines, samples) * np.sqrt(samples))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_noise_that_wanders_inside_every_collect_is_no_settling_slope_or_step(seed: int) -> None:
+    """Of 36 collects each seems to do one of them by itself; what one does more than the others is still seen."""
+    rng, sensor = np.random.default_rng(seed), ROTOR
+    regressions = [effect for effect in SERIES_EFFECTS if effect.size]
+    every = [Series(np.arange(120.0), np.stack([flicker(rng, 120), flicker(rng, 120)], 1)) for _ in range(36)]
+    for effect in regressions:
+        own = [effect.test(series, sensor)[0] for series in every]
+        assert effect.p_values(own).min() * len(own) * len(regressions) > 0.005
+    settles = Series(every[0].t_s, every[0].rates_deg_per_hr + 500.0 * np.exp(-every[0].t_s / 12.0)[:, None])
+    found = [SettlingInCollect().test(series, sensor)[0] for series in (settles, *every[1:])]
+    p_values = SettlingInCollect().p_values(found)
+    assert int(np.argmin(p_values)) == 0
+    assert p_values[0] < 1e-3
 
 
 @pytest.mark.parametrize("name", ["settle", "beat"])
