@@ -112,7 +112,7 @@ def twin(
 
     night, unit = place_of(campaign.resolve())
     keep = out or night.with_name("-".join(filter(None, (night.name, unit, "twin"))))
-    check_result_folder(keep, "thermal.json", "thermal")
+    check_result_folder(keep)
     document = _likeness(campaign, model, keep, draws=draws, seed=seed)
     return Answer(document, told(document, keep=keep, level=_LEVEL))
 

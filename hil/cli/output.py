@@ -105,10 +105,11 @@ def listing(*headings: str, left: Collection[str] | None = None) -> Table:
     return table
 
 
-def check_result_folder(out: Path, own: str, given: str = "") -> None:
+def check_result_folder(out: Path, own: str = "", given: str = "") -> None:
     """Raise `InputError` for an --out that is a file, lies in a night, or holds a model that would be lost.
 
-    That is the `given` one, and any that is not beside `own`, the document that the command wrote with it.
+    That is the `given` one, and any that is not beside `own`, the document that the command wrote with it. A command
+    without such a document writes no model.
     """
     from hil.records.reader import is_night
 
@@ -119,6 +120,8 @@ def check_result_folder(out: Path, own: str, given: str = "") -> None:
         if above.exists() and not above.is_dir():
             raise InputError(f"{above}: is a file; the result needs a folder")
     model = out / "model.yaml"
+    if not own:
+        return
     if model.exists() and Path(given).exists() and model.samefile(given):
         raise InputError(
             f"{model}: is the model to start from, which would be lost; name another folder for the result"

@@ -134,6 +134,14 @@ def test_too_few_nights_to_tell_by_are_refused_in_a_sentence(hil: Any, contracto
     assert not (tmp_path / "kept").exists()
 
 
+def test_draws_may_be_kept_beside_a_model_that_they_do_not_touch(hil: Any, contractors: Path, tmp_path: Path) -> None:
+    """The folder of a result is no reason to refuse: what is asked next is how many nights there are to be."""
+    (tmp_path / "model.yaml").write_text("somebody's")
+    ended = hil("twin", contractors, "--model", "collins-4", "--draws", 1, "--out", tmp_path)
+    assert "3 at least" in ended.stderr
+    assert (tmp_path / "model.yaml").read_text() == "somebody's"
+
+
 @pytest.mark.slow(seconds=21)
 def test_the_twin_tells_the_model_that_lacks_something_and_not_the_one_that_reconcile_wrote(
     hil: Any, tmp_path: Path
