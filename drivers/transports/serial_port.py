@@ -162,10 +162,14 @@ def no_such_port(port: str) -> str:
 
 
 def _how_to_be_permitted(port: str) -> str:
-    with suppress(OSError, KeyError, NotImplementedError):
-        if (group := Path(port).group()) != "root":
-            return f"its group is {group}: add this user to it (sudo usermod -aG {group} $USER), log in again"
-    return "see whose it is (ls -lL), and let a group have it that this user is in"
+    """Say which group has a port. What has no name there, or where ports are no files, is looked up by hand."""
+    try:
+        group = Path(port).group()
+    except (OSError, KeyError, NotImplementedError):
+        group = "root"
+    if group == "root":
+        return "see whose it is (ls -lL), and let a group have it that this user is in"
+    return f"its group is {group}: add this user to it (sudo usermod -aG {group} $USER), log in again"
 
 
 def _error_number(error: BaseException) -> int | None:

@@ -145,6 +145,22 @@ def test_what_the_system_refuses_is_explained(number: int, message: str, monkeyp
         open_port("/dev/ttyUSB0", clock=VirtualClock())
 
 
+@pytest.mark.parametrize("error", [KeyError(99), OSError(errno.ENOENT, "gone"), NotImplementedError()])
+def test_a_port_whose_group_has_no_name_is_looked_up_by_hand(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A number in a container, a port that went meanwhile, a system on which ports are no files."""
+
+    def refuse(url: str, **settings: object) -> None:
+        raise serial.SerialException(errno.EACCES, f"could not open port {url}")
+
+    def unknown(_: Path) -> str:
+        raise error
+
+    monkeypatch.setattr(serial, "serial_for_url", refuse)
+    monkeypatch.setattr(Path, "group", unknown)
+    with pytest.raises(TransportError, match="/dev/ttyUSB0: no permission; see whose it is"):
+        open_port("/dev/ttyUSB0", clock=VirtualClock())
+
+
 def test_a_url_that_cannot_be_opened_says_what_to_write(tmp_path: Path) -> None:
     """A server that is not there, a scheme that does not exist, and a file that is no port."""
     with socket.create_server(("127.0.0.1", 0)) as held:
