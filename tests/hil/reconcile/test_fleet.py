@@ -4,67 +4,29 @@ from __future__ import annotations
 
 import csv
 import json
-import os
 import re
-import signal
-import subprocess
-import sys
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 from hil.campaign import Campaign
-from hil.campaign.fleet_file import pieces_of, read_piece, write_fleet_file
 from hil.campaign.writer import write_campaign
 from hil.cli.app import run
 from hil.errors import InputError
-from hil.reconcile.campaigns import Facts, Screened, ScreenedUnit, pieces_in, screen_folders
+from hil.reconcile.campaigns import Screened, ScreenedUnit, pieces_in, screen_folders
 from hil.reconcile.fleet import Screen, SharedFinding, UnitFinding
 from hil.reconcile.outcome.fleet import fleet_csv, fleet_document, fleet_page, fleet_sentences
 from hil.reconcile.proof.places import false_discovery
-from procedures.verdict import Judgement, Verdict
+from tests.hil.reconcile.fleet_units import MODEL, unit, written_fleet
 from tests.hil.reconcile.hidden_effects import base_rates, both, campaign_of, lay_out, noise
-
-ROWS = lay_out(np.random.default_rng(0))
-FAULTY = (3, 9)
-MODEL = ("--model", "matrix-6-thermal")
-SHORT = lay_out(np.random.default_rng(0), (-20.0, 0.0, 20.0, 40.0), 3)
-
-
-def unit(i: int, size: float = 0.0) -> Campaign:
-    """One unit with a supply effect of this size."""
-    made = campaign_of(
-        ROWS, base_rates(ROWS) + noise(ROWS, np.random.default_rng(i)) + both(ROWS.supply - 28.0, size, -size)
-    )
-    return replace(
-        made, title=f"unit {i}", source=f"bench 2, 2024-{1 + i % 12:02d}-15", identity={"serial": f"A{i:03d}"}
-    )
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Fourteen units, two with a fault; one with a rate missing, one of another layout, one that is no campaign."""
-    folder = tmp_path_factory.mktemp("fleet")
-    for i in range(14):
-        write_campaign(unit(i, 20.0 * (i in FAULTY)), folder / f"u{i:02d}")
-    rates = unit(20).sensors[2].rates_deg_per_hr.copy()
-    rates[5, 0] = np.nan
-    holed = replace(unit(20).sensors[2], rates_deg_per_hr=rates)
-    write_campaign(replace(unit(20), sensors={2: holed}), folder / "v-holed")
-    other = campaign_of(SHORT, base_rates(SHORT) + noise(SHORT, np.random.default_rng(9)))
-    write_campaign(other, folder / "w-other")
-    write_campaign(replace(unit(3, 20.0), identity={"serial": "B003"}), folder / "u99")
-    (folder / "x-broken").mkdir()
-    (folder / "x-broken" / "campaign.yaml").write_text("schema: nonsense\n")
-    return folder
+    """The folder of a fleet."""
+    return written_fleet(tmp_path_factory.mktemp("fleet"))
 
 
 def test_the_faulty_units_are_called_and_the_others_go_on(folder: Path) -> None:
@@ -103,72 +65,6 @@ def test_the_numbers_do_not_depend_on_who_weighs(folder: Path) -> None:
     assert fleet_document(screen_folders([folder], "matrix-6-thermal", workers=2)) == alone
     assert pieces_in([folder / "u03", folder]) == [(str(folder / "u03"), -1), *pieces_in([folder])[:3],
                                                       *pieces_in([folder])[4:]]  # fmt: skip
-
-
-@pytest.mark.slow(seconds=22)
-def test_on_a_dask_cluster_too_though_a_worker_is_killed(folder: Path) -> None:
-    """A scheduler and two workers as processes, one of them killed at work: the same document as alone."""
-    distributed = pytest.importorskip("distributed", reason="distributed is not installed: hil[cluster]")
-    alone = fleet_document(screen_folders([folder], "matrix-6-thermal"))
-    with distributed.LocalCluster(2, threads_per_worker=1, processes=True, dashboard_address=":0") as cluster:
-        assert fleet_document(screen_folders([folder], "matrix-6-thermal", cluster=cluster.scheduler_address)) == alone
-        with ThreadPoolExecutor(1) as thread, distributed.Client(cluster) as client:
-            asked = thread.submit(screen_folders, [folder], "matrix-6-thermal", cluster=cluster.scheduler_address)
-            pid = next(iter(client.run(os.getpid).values()))
-            while not any(client.processing().values()) and not asked.done():
-                pass
-            os.kill(pid, signal.SIGKILL)
-            assert fleet_document(asked.result(120.0)) == alone
-
-
-@pytest.mark.slow(seconds=11)
-def test_a_worker_of_another_version_takes_no_part_and_that_is_said(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """A process whose hil is of another version beside one of this: whole, to the digit; with it alone, refused."""
-    pytest.importorskip("distributed", reason="distributed is not installed: hil[cluster]")
-    other = tmp_path / "hil-99.dist-info"
-    other.mkdir()
-    (other / "METADATA").write_text("Metadata-Version: 2.1\nName: hil\nVersion: 99\n")
-    alone = fleet_document(screen_folders([folder], "matrix-6-thermal"))
-    with ExitStack() as held:
-        scheduler = tmp_path / "scheduler.json"
-
-        def started(what: str, *options: str, path: str = "") -> None:
-            command = [sys.executable, "-m", "distributed.cli.dask_" + what, "--scheduler-file", str(scheduler)]
-            process = subprocess.Popen(
-                [*command, "--no-dashboard", "--dashboard-address", ":0", "--host", "127.0.0.1", *options],
-                env={**os.environ, "PYTHONPATH": os.pathsep.join([path, *sys.path])},
-                stderr=subprocess.DEVNULL,
-            )
-            held.callback(process.wait, 60.0)
-            held.callback(process.terminate)
-
-        started("scheduler", "--port", "0")
-        started("worker", "--no-nanny", "--nthreads", "1", path=str(tmp_path))
-        client = held.enter_context(distributed_client(scheduler))
-        client.wait_for_workers(1, timeout=60.0)
-        asked = ["fleet", str(folder), *MODEL, "--cluster", client.scheduler.address]
-        assert run(asked) == 2
-        assert "has hil 99" in capsys.readouterr().err
-        started("worker", "--no-nanny", "--nthreads", "1")
-        client.wait_for_workers(2, timeout=60.0)
-        assert run([*asked, "--json"]) == 0
-        document = json.loads(capsys.readouterr().out)
-        (said,) = document.pop("said")
-        assert re.fullmatch(r"tcp://.* has hil 99, not \S+ as here, and took no part", said)
-        assert document == {name: each for name, each in alone.items() if name != "said"}
-        laid_out = client.run(lambda: import_module("hil.reconcile.campaigns")._screen.cache_info().currsize)
-        assert {who in said: count > 0 for who, count in laid_out.items()} == {True: False, False: True}
-        assert run(asked) == 0
-        assert f"warning: {said}" in capsys.readouterr().err
-
-
-def distributed_client(scheduler: Path) -> Any:
-    """Return who asks the cluster, once its scheduler has said where it is."""
-    from distributed import Client
-
-    return Client(scheduler_file=str(scheduler), timeout="60s")
 
 
 @pytest.mark.slow
@@ -266,86 +162,6 @@ def test_a_unit_that_is_noisier_than_its_fleet_is_not_called_for_that() -> None:
     of_fleet = screen._by_name([np.column_stack(each) for each in zip(*rates, strict=True)], None)
     assert all(each.p_value < 0.01 for each in screen.asked.findings(of_fleet))
     assert all(each.p_value > 0.2 for each in screen.asked.findings(screen.weigh(rates)))
-
-
-@pytest.mark.slow
-def test_one_file_of_all_gives_what_the_folders_give(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The same numbers to the digit; what cannot be screened is told, and so is a file that is none."""
-    file = tmp_path / "fleet.parquet"
-    assert run(["export", str(folder), str(file), "--fleet"]) == 0
-    assert "x-broken" in capsys.readouterr().err
-    (by_folder, by_file) = (screen_folders([each], "matrix-6-thermal") for each in (folder, file))
-    assert by_file.units == by_folder.units
-    assert by_file.shared == by_folder.shared
-    assert by_file.not_screened.keys() == by_folder.not_screened.keys() - {str(folder / "x-broken")}
-    assert run(["export", str(folder), str(file), "--fleet"]) == 2  # and what is there stays
-    assert run(["export", str(folder), str(tmp_path / "two.parquet"), "--fleet", "--format", "hdf5"]) == 2
-    whole = pq.read_table(file)
-    spoiled = {
-        "no Parquet file": b"campaigns",
-        "column layout is missing": whole.drop_columns(["layout"]),
-        "RA_deg_per_hr: it is string": whole.set_column(
-            whole.schema.get_field_index("RA_deg_per_hr"), "RA_deg_per_hr", pa.array(["1"] * len(whole))
-        ),
-        "f_A_g: a number is missing": whole.set_column(
-            whole.schema.get_field_index("f_A_g"), "f_A_g", pa.array([None] * len(whole), pa.float64())
-        ),
-    }
-    for k, (why, given) in enumerate(spoiled.items()):
-        other = tmp_path / f"{k}.parquet"
-        other.write_bytes(given) if isinstance(given, bytes) else pq.write_table(given, other)
-        with pytest.raises(InputError, match=why):
-            screen_folders([other], "matrix-6-thermal")
-
-
-def test_a_file_of_campaigns_is_read_as_it_was_written(tmp_path: Path) -> None:
-    """Every number, name and layout, in pieces, whichever piece a campaign is in; no file is left of what failed."""
-    units = [(f"u{i}", unit(i, 5.0)) for i in range(3)] + [("gone", "it cannot be read")]
-    file = tmp_path / "fleet.parquet"
-    for left in ("fleet.parquet", f"fleet.parquet-{2**30}"):  # another command's, and what a killed one left
-        (tmp_path / f".partial-{left}").touch()
-    assert write_fleet_file(units, file) == {"gone": "it cannot be read"}
-    found = [each for piece in range(pieces_of(file)) for each in read_piece(file, piece)]
-    assert [place for place, _ in found] == ["u0", "u1", "u2"]
-    for (_, was), (_, read) in zip(units, found, strict=False):
-        assert isinstance(was, Campaign)
-        assert isinstance(read, Campaign)
-        assert (read.title, read.source, read.identity["serial"]) == (was.title, was.source, was.identity["serial"])
-        for number, rows in was.sensors.items():
-            again = read.sensors[number]
-            assert again.conditions.sensor == rows.conditions.sensor
-            assert np.array_equal(again.rates_deg_per_hr, rows.rates_deg_per_hr)
-            assert np.array_equal(again.rates_se_deg_per_hr, rows.rates_se_deg_per_hr)
-            assert np.array_equal(again.conditions.w_deg_per_hr, rows.conditions.w_deg_per_hr)
-            assert again.conditions.columns.keys() == rows.conditions.columns.keys()
-    more = unit(1, 5.0)
-    columns = {
-        **more.sensors[2].conditions.columns,
-        "humidity_percent": np.zeros(len(more.sensors[2].rates_deg_per_hr)),
-    }
-    damp = replace(more.sensors[2], conditions=replace(more.sensors[2].conditions, columns=columns))
-    campaigns = [("dry", unit(0, 5.0)), ("damp", replace(more, sensors={2: damp}))]
-    (said,) = write_fleet_file(campaigns, tmp_path / "two.parquet").values()
-    assert said.startswith("left out: of it and the first campaign, one lacks humidity_percent; ")
-    (tmp_path / "two.parquet").unlink()
-    with pytest.raises(InputError, match="gone: it cannot be read"):
-        write_fleet_file(units[3:], tmp_path / "none.parquet")
-    assert sorted(each.name for each in tmp_path.iterdir()) == [".partial-fleet.parquet", "fleet.parquet"]
-
-
-def test_a_file_of_campaigns_knows_which_runs_fail(tmp_path: Path) -> None:
-    """As the folders do, by how a run was measured and by what its records contradict; a MARGINAL run is none."""
-    marks = {1: Judgement(Verdict.MARGINAL, "the soak was short"), 3: Judgement(Verdict.FAIL, "the stream broke off")}
-    bad = replace(unit(1, 5.0), verdicts=marks, contradicted={(5, 2): Judgement(Verdict.FAIL, "it lay otherwise")})
-    file = tmp_path / "fleet.parquet"
-    write_fleet_file([("sound", unit(0, 5.0)), ("bad", bad)], file)
-    failed = {}
-    for place, read in read_piece(file, 0):
-        assert isinstance(read, Campaign)
-        failed[place] = Facts.of(place, read).runs_failed
-    assert failed == {"sound": [], "bad": Facts.of("bad", bad).runs_failed} == {"sound": [], "bad": [3, 5]}
 
 
 @pytest.mark.slow(seconds=10)

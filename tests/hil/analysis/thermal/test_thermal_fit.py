@@ -11,13 +11,6 @@ import pytest
 
 from hil.analysis.published.table import read_published_table
 from hil.analysis.thermal.document import thermal_document
-from hil.analysis.thermal.files import (
-    ARDUPILOT_REFERENCE_DEGC,
-    RAD_PER_S,
-    ardupilot_parameters,
-    bias_polynomials,
-    px4_parameters,
-)
 from hil.analysis.thermal.fit import ThermalFit, fit_thermal
 from hil.bench import build_bench
 from hil.campaign import Campaign, Collects
@@ -29,7 +22,7 @@ from hil.model import load_model, save_model
 from hil.model.curve import Constant, Polynomial, Table
 from hil.solve import repeats, solve_campaign
 from hil.solve.beside_terms import solve_beside
-from tests.hil.analysis.thermal.nights import PUBLISHED_DEGC, rotor_night, scaled, triad_night
+from tests.hil.analysis.thermal.nights import PUBLISHED_DEGC, rotor_night, scaled
 from tests.hil.twin.quiet import changed_bench, collect
 
 TABLE_1 = "rd-gc-86-1-table-1"
@@ -276,107 +269,6 @@ def test_what_cannot_be_fitted_is_refused() -> None:
         fit_thermal(refused(night, stuck))
     with pytest.raises(InputError, match="finds the dependence itself"):
         fit_thermal(night, "matrix-6-thermal")
-
-
-@pytest.mark.slow
-def test_px4_and_ardupilot_files_correct_as_the_curves_say() -> None:
-    """Evaluated as the autopilots evaluate them, the parameters give the bias curves to a microradian per hour."""
-    curves = {
-        "BX": lambda t: 50.0 + 30.0 * scaled(t),
-        "BY": lambda t: -20.0 + 40.0 * scaled(t) ** 2,
-        "BZ": lambda t: 10.0 + 60.0 * (4 * scaled(t) ** 3 - 3 * scaled(t)),
-        "GXY": lambda t: 4.0 + 0.0 * t,
-    }
-    fit = fit_thermal(triad_night(np.random.default_rng(13), curves)).sensors[1]
-    assert [fit.parameters[name].form for name in ("BX", "BY", "BZ")] == ["linear", "quadratic", "cubic"]
-    px4, ardupilot = parameters(px4_parameters(fit)), parameters(ardupilot_parameters(fit))
-    assert px4["TC_G_ENABLE"] == 1
-    for axis, name in enumerate(("BX", "BY", "BZ")):
-        curve = fit.parameters[name].curve
-        for degC in (-29.0, 5.0, 35.0, 59.0):
-            delta = degC - px4["TC_G0_TREF"]
-            offset = sum(px4[f"TC_G0_X{power}_{axis}"] * delta**power for power in range(4))
-            assert offset == pytest.approx(float(curve.at(degC)) * RAD_PER_S, abs=1e-9)
-            d = degC - ARDUPILOT_REFERENCE_DEGC
-            change = sum(ardupilot[f"INS_TCAL1_GYR{power}_{'XYZ'[axis]}"] * d**power for power in (1, 2, 3)) * 1e-6
-            expected = float(curve.at(degC) - curve.at(ARDUPILOT_REFERENCE_DEGC)) * RAD_PER_S
-            assert change == pytest.approx(expected, abs=1e-9)
-    assert ardupilot["INS_TCAL1_TMAX"] == pytest.approx(60.0, abs=0.5)
-
-
-@pytest.mark.slow
-def test_a_bias_that_needs_more_than_a_cubic_is_exported_with_a_warning() -> None:
-    """The files hold cubics: what is lost by that stands in them."""
-    curves = {"BX": lambda t: 80.0 * np.polynomial.chebyshev.chebval(scaled(t), [0, 0, 0, 0, 0, 1])}
-    fit = fit_thermal(triad_night(np.random.default_rng(14), curves)).sensors[1]
-    assert fit.parameters["BX"].choice.form.order not in (0, 1, 2, 3)
-    assert "is what the data ask for" in px4_parameters(fit)
-    assert bias_polynomials(fit)[1]
-
-
-def test_a_rotor_sensor_has_no_autopilot_parameters(smooth: ThermalFit) -> None:
-    """Two channels and MU mean nothing to PX4."""
-    with pytest.raises(InputError, match="three-axis triads"):
-        px4_parameters(smooth.sensors[2])
-
-
-def parameters(text: str) -> dict[str, float]:
-    """Read either parameter file as an autopilot's ground station does."""
-    found = {}
-    for line in text.splitlines():
-        cells = line.split()
-        if cells and not line.startswith("#"):
-            name, value = (cells[2], cells[3]) if len(cells) == 5 else cells
-            found[name] = float(value)
-    return found
-
-
-@pytest.mark.parametrize(
-    "apart_degC", [*(pytest.param(each, marks=pytest.mark.slow) for each in (0.2, 0.3, 0.4, 0.6)), 0.5, 0.8]
-)
-def test_a_real_warming_record_is_linear_in_one_axis(reference_data: Path, apart_degC: float) -> None:
-    """VN-310 warming by 3 °C: gy rises by 0.0041 deg/s per °C, and no quadratic is needed, however it is cut.
-
-    Every mean of a second is a run of its own here. (At 0.35 °C a quadratic wins, by a chance of 0.049.)
-    """
-    stored = np.genfromtxt(
-        reference_data / "temperature" / "vn310-warming-34s.csv", delimiter=",", names=True, deletechars=""
-    )
-    names = stored.dtype.names
-    assert names is not None
-    temperature = stored[next(name for name in names if "Temp" in name)]
-    rates = np.stack([stored[next(n for n in names if f"UncompGyro::{axis}" in n)] for axis in "XYZ"], -1)
-    second = np.arange(len(temperature)) // 20
-    mean = np.stack([np.bincount(second, rates[:, c]) / np.bincount(second) for c in range(3)], -1)
-    degC = np.bincount(second, temperature) / np.bincount(second)
-    night = triad_night(np.random.default_rng(0), {})
-    rows = night.sensors[1].conditions.rows(np.arange(len(degC)))
-    conditions = replace(rows, run=np.arange(len(degC)), f_g=np.tile([0.0, 0.0, 1.0], (len(degC), 1)))
-    conditions = replace(conditions, columns={"temperature_degC": degC})
-    in_deg_per_hr = np.degrees(mean) * 3600.0
-    collects = Collects(conditions, in_deg_per_hr, np.full(mean.shape, np.nan))
-    fit = fit_thermal(replace(night, sensors={1: collects}), "constant", apart_degC=apart_degC).sensors[1]
-    found = fit.parameters["BY"]
-    assert found.form == "linear"
-    assert found.coefficients.values[1] / 3600.0 == pytest.approx(0.0041, abs=0.0008)
-
-
-def test_published_cubics_that_blow_up_outside_their_range_are_refused_there(reference_data: Path) -> None:
-    """Of 32 published sets some are wrong by five times their own span 15 °C further out; the curve refuses."""
-    path = reference_data / "temperature" / "published-cubic-coefficients.csv"
-    sets = np.genfromtxt(path, delimiter=",", names=True, dtype=None, encoding="utf-8")
-    blown = 0
-    for each in sets:
-        low, high = float(each["tmin_C"]), float(each["tmax_C"])
-        cubic = (0.0, *(float(each[f"gyr{power}_x_1e6"]) for power in (1, 2, 3)))
-        curve = Polynomial(unit="1e-6 rad/s", polynomial=cubic, reference_degC=35.0, valid_degC=(low, high))
-        inside = curve.at(np.linspace(low, high, 50))
-        free = Polynomial(unit="1e-6 rad/s", polynomial=cubic, reference_degC=35.0)
-        blown += bool(np.abs(free.at([low - 15.0, high + 15.0]) - inside.mean()).max() > 5 * np.ptp(inside))
-        for outside in (low - 15.0, high + 15.0):
-            with pytest.raises(InputError, match="not extrapolated"):
-                curve.at(outside)
-    assert blown >= 2
 
 
 @pytest.mark.slow
