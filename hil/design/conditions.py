@@ -7,11 +7,13 @@ restabilises is there to be seen, as far as the unit shows it. Supply and spin a
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from scipy.signal import lfilter
 
 from hil.campaign import Conditions, FloatArray
+from hil.campaign.stand_ins import OWN, told
 from hil.config.bench import Bench
 from procedures.plan import Plan, Step, StepKind
 
@@ -31,7 +33,7 @@ def planned_conditions(plan: Plan, bench: Bench) -> dict[int, Conditions]:
     columns = _columns(plan, start_s, start_s + 0.5 * duration_s)
     columns |= {"time_since_power_on_s": start_s, "time_since_index_s": settle_s}
     position = np.array([str(step.position) for step in steps])
-    return {
+    every = {
         number: Conditions(
             bench.sensor(number),
             collect=np.arange(1, len(steps) + 1),
@@ -44,17 +46,17 @@ def planned_conditions(plan: Plan, bench: Bench) -> dict[int, Conditions]:
         )
         for number in bench.sensors
     }
+    return {number: replace(rows, columns={OWN: told(rows)[1], **rows.columns}) for number, rows in every.items()}
 
 
 def _of_the_stream(columns: Mapping[str, FloatArray], bench: Bench, number: int) -> dict[str, FloatArray]:
-    """Leave out what the unit's stream does not have; another temperature stands in for its own, as in a night."""
+    """Leave out what the unit's stream does not have."""
     if (roles := bench.frames.roles) is None:
         return dict(columns)
     own = roles.sensors.get(number)
-    lacking = set() if own and own.temperature else {"temperature_degC", "dTdt_degC_per_min"}
+    lacking = set() if own and own.temperature else {OWN, "dTdt_degC_per_min"}
     lacking |= {"case_degC"} - {*roles.conditions, *(own.conditions if own else ())}
-    there = {name: of for name, of in columns.items() if name not in lacking}
-    return {"temperature_degC": there.get("case_degC", columns["chamber_degC"]), **there}
+    return {name: of for name, of in columns.items() if name not in lacking}
 
 
 def _columns(plan: Plan, start_s: FloatArray, middle: FloatArray) -> dict[str, FloatArray]:
