@@ -105,7 +105,7 @@ def likeness(
         used = np.isin(rows.conditions.collect, taken.sensors[number].conditions.collect)
         collects = set(compress(_collects(rows.conditions, as_listed=not is_night(folder)), used))
         kept[number] = collects, frozenset(rows.conditions.columns)
-    source = replace(source, campaign=with_stand_ins(taken))
+    source = replace(source, campaign=taken)
     sensors = [rows.conditions.sensor for rows in source.campaign.sensors.values()]
     model = fitting(model, sensors)
     own = [curve for sensor in sensors for curve in model.sensors.get(sensor.number, {}).values()]
@@ -207,7 +207,7 @@ def _drawn(
             raise InputError(f"the simulated night {number + 1} did not end well: {ended.reason}")
         source = open_source(folder / "night")
         sensors = {n: _as_measured(rows, kept[n]) for n, rows in source.campaign.sensors.items() if n in kept}
-        source = replace(source, campaign=with_stand_ins(replace(source.campaign, sensors=sensors)))
+        source = replace(source, campaign=replace(source.campaign, sensors=sensors))
         found = features(source, form, calibrated=calibrated, levels_degC=levels(campaign))
     made = {"simulated": True, "of": alike, "numbers": found}
     write_durably(RealDisk(), path, json.dumps(made).encode())
