@@ -18,7 +18,7 @@ FEWEST = 16
 FEWEST_BESIDE = 8
 """Collects below which nobody knows what is usual of them."""
 _OFTEN = 0.2  # share of a channel's collects beside coloured noise, from which on all are
-_OF_NORMAL = 1.4826  # standard deviations, of a median deviation
+OF_NORMAL = 1.4826  # standard deviations, of a median deviation
 _OF_A_MEDIAN = 0.5  # of what a standard deviation knows: between its .37 of very many and what few leave
 
 
@@ -76,7 +76,7 @@ class SeriesEffect(Described):
         if not (self.size and coloured) or len(findings) < FEWEST_BESIDE:
             return own
         sizes = np.array([each.estimates[self.size] for each in findings])
-        usual = _OF_NORMAL * float(np.median(np.abs(sizes - np.median(sizes))))
+        usual = OF_NORMAL * float(np.median(np.abs(sizes - np.median(sizes))))
         beside = 2.0 * stdtr(_OF_A_MEDIAN * (len(sizes) - 1), -np.abs(sizes) / max(usual, 1e-300))
         return np.asarray(np.maximum(own, beside))
 

@@ -16,7 +16,7 @@ from scipy.special import fdtrc, ndtr, stdtr
 
 from hil.campaign import FloatArray, Series
 from hil.model.effects.base import Parameter
-from hil.model.effects.inside import FEWEST, FEWEST_BESIDE, SeriesEffect, Shown
+from hil.model.effects.inside import FEWEST, FEWEST_BESIDE, OF_NORMAL, SeriesEffect, Shown
 
 _BLOCKS = 60
 _SETTLING_TAUS = np.array([0.02, 0.04, 0.08, 0.15, 0.3])  # of the collect's duration
@@ -47,7 +47,7 @@ def best_regressor(rates: FloatArray, nuisance: FloatArray, candidates: FloatArr
     """
     basis, _ = np.linalg.qr(nuisance)
     plain = rates - basis @ (basis.T @ rates)
-    spread = _BURST * 1.4826 * float(np.median(np.abs(plain - np.median(plain))))
+    spread = _BURST * OF_NORMAL * float(np.median(np.abs(plain - np.median(plain))))
     left = np.clip(plain, np.median(plain) - spread, np.median(plain) + spread) if spread > 0.0 else plain
     beside = candidates - basis @ (basis.T @ candidates)
     norms = np.sum(beside**2, axis=0)
