@@ -28,9 +28,9 @@ def shown(campaign: Campaign, found: Answer, inside: Sequence[dict[str, Any]], a
     sizes = scatter.pooled(found.scatter)
     results = [findings.described(n, fit, sizes if n.acts_on == "scatter" else ()) for n in found.names]
     certain = bool(found.reverted) and reading.chance < _CERTAIN * found.alpha
-    both = common_and_differential(campaign)
+    beside, both = without(campaign), common_and_differential(campaign)
     standing = findings.as_it_stands(found.problem.model, found.problem.campaign, reading.mistakes)
-    notes = [*asked.warnings, *in_words(without(campaign)), *found.problem.notes]
+    notes = [*asked.warnings, *in_words(beside), *found.problem.notes]
     notes += in_words({"rows": found.rows}, searched=True)
     notes += findings.laws_that_fail(fit, found.problem.sensors)
     notes += [] if both is None else both.together
@@ -62,7 +62,7 @@ def shown(campaign: Campaign, found: Answer, inside: Sequence[dict[str, Any]], a
         tested=found.tested,
         contradicted=sorted({run for run, _ in asked.contradicted}),
         doubtful=_doubtful(asked),
-        without=without(campaign),
+        without=beside,
         solved=added.solved,
         left=added.left,
         both=both,
