@@ -221,7 +221,7 @@ class Actions:
             left_s = give_up_s - clock.now()
             if left_s <= 0.0:
                 return left
-            watch.show("event", "safe-state-retry", f"the chamber is not safe yet, trying again, {left_s:.0f} s left")
+            watch.tell("safe-state-retry", f"the chamber is not safe yet, trying again, {left_s:.0f} s left")
             clock.sleep(max(watch.polling.retry_wait_s, _LEAST_WAIT_S))
 
     def watch_air(self, safe: SafeState) -> Left:
@@ -231,7 +231,7 @@ class Actions:
         def waiting(seen: str) -> None:
             watch.alive(watch.polling.interval_s + _READ_S)
             with suppress(Exception):  # a journal that fails must not end the look at the chamber
-                watch.show("event", "safe-state-commanded", seen) if told else watch.event("safe-state-commanded", seen)
+                (watch.tell if told else watch.event)("safe-state-commanded", seen)
             told.append(seen)
 
         chamber, clock = self.devices.chamber, self.devices.clock

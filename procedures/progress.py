@@ -58,8 +58,8 @@ class Progress:
     def step_ended(self, step: Step, result: StepResult) -> None:
         """See how a step ended."""
 
-    def event(self, kind: str, message: str) -> None:
-        """See what goes into the journal as an event: a retry, an interlock, a resumption, the safe state."""
+    def event(self, kind: str, message: str, at_s: float) -> None:
+        """See what goes into the journal as an event, at campaign seconds: a retry, an interlock, the safe state."""
 
 
 class Audience(Progress):

@@ -113,7 +113,11 @@ class Watch:
     def event(self, kind: str, message: str, **evidence: Any) -> None:
         """Record something that happened, and let onlookers see it."""
         self.journal.event(kind, message, **evidence)
-        self.show("event", kind, message)
+        self.tell(kind, message)
+
+    def tell(self, kind: str, message: str) -> None:
+        """Let onlookers see that something happened, which need not be recorded."""
+        self.show("event", kind, message, self.campaign_s())
 
     def stage_began(self, position: Position, steps: Iterable[tuple[Step, int]]) -> None:
         """Polls belong to these steps from now on, each with its attempt."""

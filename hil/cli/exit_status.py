@@ -55,10 +55,13 @@ Limits = Annotated[
 
 def of_unit(in_spec: Mapping[str, str] | None, strict: bool) -> Exit:
     """Return how a command ends that found a unit in spec, out of spec or neither, where that is asked for."""
-    said = in_spec["verdict"] if in_spec else ""
-    return (
-        {"in spec": Exit.DONE, "out of spec": Exit.OUT_OF_SPEC}.get(said, Exit.SPEC_NOT_TOLD) if strict else Exit.DONE
-    )
+    if not strict:
+        return Exit.DONE
+    if in_spec is None:
+        return _say(
+            "--strict: nobody said what the unit must be: limits in its bench file, or --limits", Exit.SPEC_NOT_TOLD
+        )
+    return {"in spec": Exit.DONE, "out of spec": Exit.OUT_OF_SPEC}.get(in_spec["verdict"], Exit.SPEC_NOT_TOLD)
 
 
 def with_status(command: Callable[..., Answer | int | None]) -> Callable[..., None]:
@@ -115,7 +118,7 @@ def run_to_exit(application: Callable[[], object]) -> int:
     return Exit.DONE
 
 
-def _say(what: object, status: Exit) -> int:
+def _say(what: object, status: Exit) -> Exit:
     with suppress(OSError):  # a closed terminal does not change how it ended
         print(f"hil: {harmless(str(what))}", file=sys.stderr)  # noqa: T201 (the one sentence that a failed command leaves)
     return status

@@ -111,11 +111,7 @@ def check_result_folder(out: Path, own: str = "", given: str = "") -> None:
     That is the `given` one, and any that is not beside `own`, the document that the command wrote with it. A command
     without such a document writes no model.
     """
-    from hil.records.reader import is_night
-
-    for above in (out.absolute(), *out.absolute().parents):
-        if is_night(above):
-            raise InputError(f"{out}: is a night's folder, which keeps what was recorded; name another for the result")
+    _refuse_night(out)
     for above in (out, *out.parents):
         if above.exists() and not above.is_dir():
             raise InputError(f"{above}: is a file; the result needs a folder")
@@ -130,6 +126,14 @@ def check_result_folder(out: Path, own: str = "", given: str = "") -> None:
         raise InputError(f"{out}: holds a model.yaml beside no {own}, which would be lost; name another folder")
 
 
+def _refuse_night(folder: Path) -> None:
+    from hil.records.reader import is_night
+
+    for above in (folder.absolute(), *folder.absolute().parents):
+        if is_night(above):
+            raise InputError(f"{folder}: is a night's folder, which keeps what was recorded; name another")
+
+
 def check_named(path: Path, ending: str) -> None:
     """Raise `InputError` where a file's name does not end so, or is a campaign's own, or its folder is not there."""
     from hil.campaign.reader import COLLECTS_FILE, HEADER_FILE
@@ -138,6 +142,7 @@ def check_named(path: Path, ending: str) -> None:
         raise InputError(f"{path}: is what a campaign's averages stand in, which would be lost; give another name")
     if path.suffix.lower() != ending or not path.parent.is_dir():
         raise InputError(f"{path}: give a name that ends in {ending}, in a folder that exists")
+    _refuse_night(path.absolute().parent.parent)  # a page may lie beside the journal, and nothing in a night's folders
 
 
 def warn(warnings: list[str] | tuple[str, ...]) -> None:

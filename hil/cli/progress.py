@@ -7,7 +7,6 @@ Both go to standard error: standard output belongs to results. The panel shows t
 from __future__ import annotations
 
 from collections.abc import Iterator
-from datetime import timedelta
 
 from rich.console import Console, Group
 from rich.live import Live
@@ -60,13 +59,13 @@ class LineProgress(Progress):
         reason = f" ({result.reason})" if result.reason else ""
         self._line(f"{step_in_words(step)}: {result.outcome.value.lower()}{reason}")
 
-    def event(self, kind: str, message: str) -> None:
+    def event(self, kind: str, message: str, at_s: float) -> None:
         """Say what happened."""
+        self._elapsed_s = at_s
         self._line(f"{kind}: {message}")
 
     def _line(self, text: str) -> None:
-        clock = str(timedelta(seconds=int(self._elapsed_s)))
-        self._console.print(f"{clock:>9}  {text}", highlight=False, markup=False, soft_wrap=True)
+        self._console.print(f"{_clock(self._elapsed_s):>9}  {text}", highlight=False, markup=False, soft_wrap=True)
 
 
 class TerminalProgress(Progress):
@@ -91,19 +90,19 @@ class TerminalProgress(Progress):
     def step_ended(self, step: Step, result: StepResult) -> None:
         """Leave a line above the panel for what did not go as planned."""
         if result.outcome is not Outcome.DONE:
-            self._say(f"{step_in_words(step)}: {result.outcome.value}, {result.reason}")
+            at_s = self._snapshot.elapsed_s if self._snapshot else 0.0
+            self._say(f"{step_in_words(step)}: {result.outcome.value}, {result.reason}", at_s)
 
-    def event(self, kind: str, message: str) -> None:
+    def event(self, kind: str, message: str, at_s: float) -> None:
         """Leave a line above the panel."""
-        self._say(f"{kind}: {message}")
+        self._say(f"{kind}: {message}", at_s)
 
     def close(self) -> None:
         """Stop drawing and give the terminal back."""
         self._live.stop()
 
-    def _say(self, text: str) -> None:
-        elapsed_s = self._snapshot.elapsed_s if self._snapshot else 0.0
-        self._console.print(f"{timedelta(seconds=int(elapsed_s))}  {text}", markup=False, highlight=False)
+    def _say(self, text: str, at_s: float) -> None:
+        self._console.print(f"{_clock(at_s)}  {text}", markup=False, highlight=False)
 
     def _render(self) -> Panel:
         return Panel(self._title or "beginning …", self._snapshot, simulated=self._simulated)
@@ -129,6 +128,12 @@ class Panel:
         if self._now is not None:
             parts.append(_table(self._now))
         return Group(*parts)
+
+
+def _clock(seconds: float) -> str:
+    """Return h:mm:ss, however many hours."""
+    minutes, s = divmod(int(seconds), 60)
+    return f"{minutes // 60}:{minutes % 60:02}:{s:02}"
 
 
 def _table(now: Snapshot) -> Table:

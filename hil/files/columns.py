@@ -53,7 +53,8 @@ def read_columns(path: Path) -> Columns:
             case _:
                 return _text(path, None)
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is not UTF-8 text (byte {error.start} of a line); save it as UTF-8") from None
+        read = "what is read is .csv, .parquet, .npy, .npz, or columns of UTF-8 text"
+        raise InputError(f"{path}: is not UTF-8 text (byte {error.start} of a line); {read}") from None
     except (pa.ArrowException, ValueError, EOFError, MemoryError, BadZipFile, zlib.error) as error:
         raise InputError(f"{path}: cannot be read as a table of numbers ({' '.join(str(error).split())})") from None
 
@@ -103,9 +104,20 @@ def _text(path: Path, delimiter: str | None) -> Columns:
             if not table.num_rows:
                 raise ValueError("no row stands under the names of its columns")
             return Columns(path, _numbers(table), texts=_words(table))
-        rows = np.loadtxt(file, delimiter=delimiter, skiprows=before + named, ndmin=2, encoding="utf-8-sig")
-    if rows.shape[1] != len(names):
-        raise ValueError(f"{len(names)} names for {rows.shape[1]} columns")
+        try:
+            rows = np.loadtxt(file, delimiter=delimiter, skiprows=before + named, ndmin=2, encoding="utf-8-sig")
+        except ValueError:
+            rows = np.empty((0, 0))  # numpy counts from the first row of numbers, and people from the top of the file
+        if rows.shape[1] != len(names):
+            file.seek(0)
+            for number, line in enumerate(file, 1):
+                cells = line.decode("utf-8-sig").partition("#")[0].strip().split(delimiter)
+                if (
+                    number > before + named
+                    and any(cells)
+                    and [is_number(each) for each in cells] != [True] * len(names)
+                ):
+                    raise ValueError(f"row {number}: {len(names)} numbers are asked for, it has {' '.join(cells):.60}")
     return Columns(path, {name: rows[:, place] for place, name in enumerate(names)})
 
 

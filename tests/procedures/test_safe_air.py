@@ -125,9 +125,9 @@ def test_the_look_at_the_air_is_bounded_and_shows_signs_of_life(bench) -> None:
             if bench.clock.now() > 1500.0:
                 bench.stop.request("stopped by SIGINT")
 
-        def event(self, kind: str, message: str) -> None:
+        def event(self, kind: str, message: str, at_s: float) -> None:
             if kind == "safe-state-commanded":
-                shown.append(message)
+                shown.append((message, at_s))
 
     bench.sweep = replace(bench.sweep, temperatures_degC=(60.0,), final_degC=None)
     bench.chamber.lies = True
@@ -136,4 +136,5 @@ def test_the_look_at_the_air_is_bounded_and_shows_signs_of_life(bench) -> None:
     assert (outcome.state, outcome.left.word) == (SweepState.ABORTED, Word.NOT_SAFE)
     assert bench.clock.now() < 1500.0 + 330.0
     assert len(shown) > 20
+    assert all(earlier < later for (_, earlier), (_, later) in pairwise(shown))  # the time that is shown goes on, too
     assert all(later <= at + 60.0 + silent for (at, silent), (later, _) in pairwise([*beats, (bench.clock.now(), 0.0)]))

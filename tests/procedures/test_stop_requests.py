@@ -71,7 +71,7 @@ def test_a_second_interrupt_does_not_skip_the_safe_state(bench):
             if snapshot.elapsed_s > 700.0:
                 os.kill(os.getpid(), signal.SIGINT)
 
-        def event(self, kind, message):
+        def event(self, kind, message, at_s):
             if kind == "safe-state-retry":
                 os.kill(os.getpid(), signal.SIGINT)
 

@@ -173,7 +173,7 @@ def test_somebody_who_watches_sees_that_the_safe_state_is_still_tried(bench):
     said = []
 
     class Onlooker(Progress):
-        def event(self, kind, message):
+        def event(self, kind, message, at_s):
             if kind == "safe-state-retry":
                 said.append(message)
 

@@ -114,7 +114,8 @@ def test_a_night_without_samples_is_not_in_spec_either(hil: Run, judged: Path, t
 def test_no_limits_no_word(hil: Run, night: Path) -> None:
     """A night that asks for nothing is not judged, and says nothing of it."""
     assert json.loads(hil("status", night, "--json").stdout)["in_spec"] is None
-    assert hil("status", night, "--strict").returncode == 8
+    strict = hil("status", night, "--strict")
+    assert (strict.returncode, "--strict: nobody said what the unit must be" in strict.stderr) == (8, True)
     assert "SPEC" not in hil("status", night).stdout.upper().replace("SPECIF", "")
     with open_readonly(night) as journal:
         assert "SPEC" not in in_words_at_the_end(journal, "complete")  # type: ignore[arg-type]

@@ -89,14 +89,16 @@ def test_a_result_folder_below_a_file_is_refused(hil: Any, contractors: Path, tm
 
 
 def test_a_result_goes_into_no_nights_folder(hil: Any, night: Path) -> None:
-    """Neither a reconciliation nor curves, which would lie beside what was recorded; nothing there is changed."""
+    """Neither a reconciliation nor curves nor a list among its blocks; nothing that was recorded is changed."""
     before = sorted(path.name for path in night.iterdir())
-    for command, below in ((("reconcile", night, "--model", "matrix-6"), "blocks/new"), (("thermal", night), "")):
+    listed = ("fleet", night, "--model", "matrix-6", "--csv", night / "blocks" / "units.csv")
+    reconciled = ("reconcile", night, "--model", "matrix-6")
+    for command, below in ((reconciled, "blocks/new"), (("thermal", night), ""), (listed, "blocks/units.html")):
         ended = hil(*command, "--out", night / below)
         assert ended.returncode == 2
         assert "is a night's folder" in ended.stderr.replace("\n", " ")
     assert sorted(path.name for path in night.iterdir()) == before
-    assert not (night / "blocks" / "new").exists()
+    assert not {"new", "units.csv", "units.html"} & {path.name for path in (night / "blocks").iterdir()}
 
 
 def test_a_model_that_nobody_knows_is_refused(hil: Any, contractors: Path, tmp_path: Path) -> None:

@@ -94,3 +94,13 @@ def test_a_step_that_takes_longer_than_planned_is_not_said_to_end_now() -> None:
     """A soak that still waits for evidence after its scheduled time has no end that could be told."""
     lines = _drawn(replace(_NOW, step_elapsed_s=3420.0, step_remaining_s=0.0))
     assert any("57 min gone, longer than planned" in line for line in lines)
+
+
+@pytest.mark.parametrize("shown", [LineProgress, lambda console: TerminalProgress(console, simulated=True)])
+def test_the_column_of_times_goes_on_through_the_second_day(shown) -> None:
+    """A night may last longer than a day, and its end is commanded when no poll shows the time."""
+    said = io.StringIO()
+    onlooker = shown(Console(file=said, width=80))
+    onlooker.update(_NOW)
+    onlooker.event("safe-state-commanded", "the air is at 40.0 °C", 100_000.0)
+    assert said.getvalue().strip() == "27:46:40  safe-state-commanded: the air is at 40.0 °C"
