@@ -138,7 +138,7 @@ def _base_curves(
     """Fit the base to what the terms leave: one set of values, a set at each temperature, or a correction."""
     form = sensor.form
     columns, rates, _ = left_by(sensor, terms)
-    fit = fit_to(rates, columns)[: len(form.names)]
+    fit = fit_to(rates, columns, sensor.collects.rates_se_deg_per_hr)[: len(form.names)]
     if sensor.given is not None:
         return _shifted(sensor.given.sensors[sensor.number], form.names, fit)
     if calibrated:
@@ -164,7 +164,7 @@ def _tables(sensor: SensorProblem, columns: FloatArray, rates: FloatArray, whole
     for k, centre in zip(stations, centres, strict=True):
         here = numbers == k
         left = rates[here] - columns[here][:, :, : len(whole)] @ whole
-        law = whole + fit_to(left, columns[here])[: len(whole)]
+        law = whole + fit_to(left, columns[here], sensor.collects.rates_se_deg_per_hr[here])[: len(whole)]
         own.append(law.reshape(-1, powers) @ (centre - (form.reference_degC or 0.0)) ** np.arange(powers))
     return {
         name: Table(unit=unit, table=TableRows(temperature_degC=tuple(centres), value=tuple(float(v[i]) for v in own)))
