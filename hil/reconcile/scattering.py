@@ -58,7 +58,9 @@ class Scattering:
         ranked = [f"{self.titles[name]} ({probability:.2f})" for name, probability in likely.items()]
         if self.named:
             values = [
-                f"sensor {s.sensor}: {s.value:.3g} ± {s.se:.2g} {unit_in_words(s.parameter.unit)}" for s in self.sizes
+                f"sensor {s.sensor}: {s.value:.3g} {unit_in_words(s.parameter.unit)} "
+                f"({s.interval['low']:.2g} … {s.interval['high']:.2g}), by all runs and what is typical"
+                for s in self.sizes
             ]
             first = f"{self.titles[self.named[0]]} (probability {self.probabilities[self.named[0]]:.2f}), "
             first += f"about {', '.join(dict.fromkeys(n['under'] for n in self.noise))}: "

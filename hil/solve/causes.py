@@ -11,6 +11,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from hil.campaign import Conditions, FloatArray, IntArray
+from hil.model.effects.data import of_a_run, put_right
 from hil.model.effects.prior import COMMON
 from hil.solve.whitened import Whitened
 
@@ -44,7 +45,7 @@ _OTHERWISE = 0.7  # and else the usual size of the logarithm of how many times t
 
 @dataclass(frozen=True)
 class Cause:
-    """One thing that may be wrong with a run: what, in which `rows` (k,), of one `channel` or of all.
+    """One thing that may be wrong with a run: what, in which `rows` (k,), of some `channels` or, empty, of all.
 
     `off` is by how much, deg/hr, its first row is off in each channel, (c,); nothing where that is no matter. `instead`
     are the rates (k, c) of its rows that the other sensor shows, where the two were exchanged.
@@ -53,7 +54,7 @@ class Cause:
     what: str
     run: int
     rows: tuple[int, ...]
-    channel: int | None = None
+    channels: tuple[int, ...] = ()
     off: tuple[float, ...] = ()
     instead: tuple[tuple[float, ...], ...] = ()
 
@@ -62,7 +63,7 @@ class Cause:
         """What it is one with: a collect of which a rate is wrong is a wrong collect, and a bias is its run's."""
         if self.what in ("rate", "collect"):
             return (self.run, self.rows)
-        return (self.what, self.run, self.rows, None if self.what == "bias" else self.channel)
+        return (self.what, self.run, self.rows, None if self.what == "bias" else self.channels)
 
 
 @dataclass(frozen=True)
@@ -136,7 +137,7 @@ class Asked:
             known = one.cause
             rates = self.rates.moved(known.run, moved, one.left)
             for other in Asked(rates, self._own_bias, self._beside)._tried():
-                unlike = (other.cause.what, other.cause.channel) != (known.what, known.channel)
+                unlike = (other.cause.what, other.cause.channels) != (known.what, known.channels)
                 if unlike and other.cause.run != known.run:
                     yield (known, other.cause), one.log_odds + other.log_odds, other.left
 
@@ -150,7 +151,7 @@ class Asked:
         for each in singly:
             if each.moved is not None and not each.cause.instead and len(runs) > _LEAST_RUNS:
                 places = tuple(row - runs[each.cause.run][0] for row in each.cause.rows)
-                alike.setdefault((each.cause.what, places, each.cause.channel), []).append((each, each.moved))
+                alike.setdefault((each.cause.what, places, each.cause.channels), []).append((each, each.moved))
         all_show = {run: self.rates.shown(run) for run in {each.cause.run for of in alike.values() for each, _ in of}}
         for several in alike.values():
             shown = np.array([all_show[each.cause.run] @ moved for each, moved in several])
@@ -205,8 +206,9 @@ class Asked:
         runs = {run: _Run(self.rates, run, rows) for run, rows in conditions.of_each_run.items()}
         pairs = {run: _pairs(conditions, rows) for run, rows in conditions.of_each_run.items()}
         of = {"rate": n * channels, "collect": n, "exchanged": max(sum(map(len, pairs.values())), 1)}
-        of |= dict.fromkeys(("channels", "sensors", "run", "all turned"), len(runs))
-        of |= {"turned": len(runs) * channels, "bias": len(runs) * (channels + (channels > 1))}
+        whole = of_a_run(channels)
+        of |= {what: len(runs) * sum(what == other for other, _ in whole) for what, _ in whole}
+        of |= {"sensors": len(runs), "run": len(runs), "bias": len(runs) * (channels + (channels > 1))}
         log_odds = {what: float(np.log(ODDS[what] / many)) for what, many in of.items()}
         gains = self._evidence(self.rates.squares - np.array([0.0, *(each.most for each in runs.values())]))
         for (run, each), most in zip(runs.items(), gains[1:] - gains[0], strict=True):
@@ -218,17 +220,13 @@ class Asked:
                 replace(one, log_odds=_in_common(alone, elsewhere.get(each.places(one.cause))))
                 for one in each.exchanged(pairs[run])
             )
-            for c in np.flatnonzero(each.known.sum(axis=0) > 1).tolist():
-                own = np.arange(channels) == c
-                turned = np.where(own, -each.measured, each.measured)
-                tried += each.otherwise(Cause("turned", run, each.rows, c), turned)
             if len(each.rows) > 1:
+                for what, some in whole:
+                    if each.known[:, some].sum() > 1:
+                        laid = put_right(each.measured, what, some)
+                        tried += each.otherwise(Cause(what, run, each.rows, some), laid)
                 if run not in self._own_bias and len(runs) > 1:
                     tried += each.of_its_own()
-                if channels > 1:
-                    tried += each.otherwise(Cause("all turned", run, each.rows), -each.measured)
-                if channels == 2 and each.known.all():
-                    tried += each.otherwise(Cause("channels", run, each.rows), each.measured[:, ::-1])
                 if self._beside is not None:
                     other = self._beside.rates[list(each.rows)]
                     exchanged = Cause("sensors", run, each.rows, instead=(*map(tuple, other.tolist()),))
@@ -275,7 +273,7 @@ class _Run:
         unit = np.eye(self.known.size).reshape(*self.known.shape, -1)
         for i, row in enumerate(self.rows):
             for c in np.flatnonzero(self.known[i]).tolist():
-                yield from self.anywhere(Cause("rate", self._run, (row,), c), unit[i, [c]].T)
+                yield from self.anywhere(Cause("rate", self._run, (row,), (c,)), unit[i, [c]].T)
             if self.known[i].sum() > 1:
                 yield from self.anywhere(Cause("collect", self._run, (row,)), unit[i].T)
 
@@ -284,7 +282,7 @@ class _Run:
         level = self.weight / np.maximum(self.weight.max(axis=0), 1e-12)
         columns = (level[..., None] * np.eye(level.shape[1])).reshape(level.size, -1)
         for c in np.flatnonzero(self.known.sum(axis=0) > 1).tolist():
-            yield from self.anywhere(Cause("bias", self._run, self.rows, c), columns[:, [c]])
+            yield from self.anywhere(Cause("bias", self._run, self.rows, (c,)), columns[:, [c]])
         if level.shape[1] > 1:
             yield from self.anywhere(Cause("bias", self._run, self.rows), columns)
 

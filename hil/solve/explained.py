@@ -19,6 +19,7 @@ from typing import Self
 import numpy as np
 
 from hil.campaign import Collects, FloatArray
+from hil.model.effects.data import put_right
 from hil.solve.causes import DOUBTED, Asked, Cause, OtherSensor
 from hil.solve.whitened import Whitened
 
@@ -226,12 +227,11 @@ def mended(collects: Collects, cause: Cause) -> Collects:
     rates, se, rows = collects.rates_deg_per_hr.copy(), collects.rates_se_deg_per_hr.copy(), list(cause.rows)
     if cause.what == "exchanged":
         rates[rows], se[rows] = rates[rows[::-1]], se[rows[::-1]]
-    elif cause.what == "channels":
-        rates[rows], se[rows] = rates[rows, ::-1], se[rows, ::-1]
-    elif cause.what in ("turned", "all turned"):
-        rates[rows, slice(None) if cause.channel is None else cause.channel] *= -1.0
+    elif cause.what in ("channels", "turned", "all turned"):
+        rates[rows] = put_right(rates[rows], cause.what, cause.channels)
+        se[rows] = np.abs(put_right(se[rows], cause.what, cause.channels))
     elif cause.what == "sensors":
         rates[rows] = cause.instead
     elif cause.what not in OF_THE_RUN:
-        rates[rows, slice(None) if cause.channel is None else cause.channel] = np.nan
+        rates[np.ix_(rows, cause.channels or range(rates.shape[1]))] = np.nan
     return replace(collects, rates_deg_per_hr=rates, rates_se_deg_per_hr=se)

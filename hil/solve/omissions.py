@@ -78,7 +78,7 @@ def in_words(wrong: Mapping[str, Any], *, searched: bool = False) -> list[str]:
         ]
         + [
             f"sensor {number}: among so few runs a collect that is off by less than {significant(size)} deg/hr may not "
-            "be seen here; hil reconcile looks closer"
+            "be seen here, nor another bias of a whole run; hil reconcile looks closer"
             for number, size in wrong.get("rows_seen_from", {}).items()
         ]
     )

@@ -7,10 +7,11 @@
 A run's standard error knows what goes on within its collects. Whatever changes from run to run shows when the same
 temperature is measured again, and in residuals where there are any; standard errors do not know it. So a run's variance
 is se² F + b², where F is how much larger than allowed the squared residuals are (1 at least) in the channels that tell
-the parameter, and b² what the variance of repeats at one temperature, pooled over the temperatures, has beyond that. It
-is b that a mean of n runs divides by √n. Intervals are Student's, on as many degrees of freedom as runs were repeated,
-and on more where standard errors, which are known better, explain what repeats show. So 93 to 97 % of them hold the
-truth in a sweep of a dozen repeats and more, whatever b is; of fewer up to all do, where standard errors explain them.
+the parameter, and b² what the variance of repeats at one temperature, pooled over the temperatures, has beyond that. A
+mean weighs runs by it: n that are alike divide it by √n, and one that is hardly known moves nothing. Intervals are
+Student's, on as many degrees of freedom as runs were repeated, and on more where standard errors, which are known
+better, explain what repeats show. So 93 to 97 % of them hold the truth in a sweep of a dozen repeats and more, whatever
+b is; of fewer up to all do, where standard errors explain them.
 Every command that states an uncertainty asks here.
 """
 
@@ -253,9 +254,11 @@ def means_of(
         for p, name in enumerate(names):
             here = (group == k) & np.isfinite(values[:, p])
             if count := int(here.sum()):
-                error = float(np.sqrt(np.sum(sd[here, p] ** 2)) / count)
-                freedom = float(spread.freedom[p])
-                mean[name] = Uncertain(float(values[here, p].mean()), error, freedom, count, units[name])
+                told = np.all(sd[here, p] > 0.0)  # else nothing says of which run more is known
+                share = sd[here, p] ** -2.0 if told else np.ones(count)
+                share /= share.sum()
+                error, value = float(np.linalg.norm(share * sd[here, p])), float(share @ values[here, p])
+                mean[name] = Uncertain(value, error, float(spread.freedom[p]), count, units[name])
                 scatter[name] = float(np.std(values[here, p], ddof=1)) if count > 1 else math.nan
         means.append(MeanAt(temperature, runs, mean, scatter))
     return SensorRepeats(names, tuple(units.values()), spread, means)

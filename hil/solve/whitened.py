@@ -203,7 +203,7 @@ def _scatter(
         if len(met) - 2 < _LEAST or not np.isfinite(degC).all():
             return None
         apart = _off_a_line([(degC[k], np.mean(repeated[k], axis=0)) for k in met])
-        order, degrees = min(_CURVE, len(met) - 1 - _LEAST), (len(met) - 2) * _LESS
+        order, degrees = min(_CURVE, (len(met) - _LEAST) // 2), (len(met) - 2) * _LESS
         common = np.vander((degC - degC.mean()) / np.ptp(degC), order + 1).T @ common
         typical[:] = 0.0  # what is off a curve is also what the curve of a unit is off one of that order
     scatter = np.maximum(_SIGMA * np.quantile(np.abs(np.array(apart)), _SHARE, axis=0, method="lower"), 1.0)

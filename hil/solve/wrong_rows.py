@@ -23,7 +23,7 @@ from hil.solve.explained import HARDLY, Explained, beyond_others, explanations, 
 from hil.solve.precision import with_every_error
 from hil.solve.whitened import Whitened
 from procedures.verdict import Judgement, Verdict, combine
-from procedures.words import numbered, significant
+from procedures.words import listed, numbered, significant
 
 LEFT_OUT, MENDED, USED = "left out", "mended", "used"
 _LIES = "in each the unit lies, by its accelerometers, as in the other's position"
@@ -219,6 +219,7 @@ def cause_in_words(collects: Collects, cause: Cause) -> str:
     """Say what a cause is, by the numbers of its collects."""
     conditions = collects.conditions
     names, collect = list(conditions.sensor.channels), conditions.collect[list(cause.rows)].tolist()
+    own = listed(names[c] for c in cause.channels or range(len(names)))
     named = numbered("collect", collect)
     at = f", at positions {' and '.join(conditions.position[list(cause.rows)].tolist())}, look exchanged"
     if cause.what in ("rate", "collect", "bias"):
@@ -226,9 +227,9 @@ def cause_in_words(collects: Collects, cause: Cause) -> str:
         return f"{named}: {' and '.join(off)}{_FROM}"
     return {
         "exchanged": f"{named}{at}",
-        "channels": f"{named}: {' and '.join(names)} look exchanged",
+        "channels": f"{named}: {own} look exchanged",
         "sensors": f"{named}: the rates look like the other sensor's",
-        "turned": f"{named}: the sign of {names[cause.channel or 0]} looks turned",
+        "turned": f"{named}: the sign of {own} looks turned",
         "all turned": f"{named}: the signs look turned",
         "run": f"{named}: more than one does not agree with the others",
     }[cause.what]
@@ -238,7 +239,7 @@ def _of(collects: Collects, cause: Cause, done: str, why: str) -> Wrong:
     """Return what is wrong with rows by the campaign's own names; no channel in particular is every one."""
     conditions, names = collects.conditions, tuple(collects.conditions.sensor.channels)
     collect = tuple(conditions.collect[list(cause.rows)].tolist())
-    channels = names if cause.channel is None else (names[cause.channel],)
+    channels = tuple(names[c] for c in cause.channels) or names
     return Wrong(conditions.sensor.number, cause.run, collect, channels, done, why)
 
 

@@ -128,20 +128,12 @@ class Visits:
             basis = self.layout.powers(self.temperature_degC, order)
         if self.layout.hysteresis:
             basis = np.column_stack([basis, 0.5 * self.direction])
-        found = solve(basis, self.values[:, place], self._levelled(place))
+        found = solve(basis, self.values[:, place], self.sd[:, place])
         freedom = float(self.spread.freedom[place])
         if not self.known:
             freedom = float(max(int(found.degrees_of_freedom), 1))
         fitted = Estimates(found.values, found.covariance, freedom)
         return fitted.part(0, size), fitted.part(size, 1) if self.layout.hysteresis else None
-
-    def _levelled(self, place: int) -> FloatArray:
-        """Deviations (v,), each that of its temperature's visits together: a mean there is the plain mean."""
-        variance = self.sd[:, place] ** 2
-        here = np.isfinite(self.values[:, place])
-        sums, count = (np.bincount(self.station[here], weights=w) for w in (variance[here], np.ones(here.sum())))
-        mean = np.divide(sums, count, out=np.ones_like(sums), where=count > 0)
-        return np.asarray(np.sqrt(mean[np.minimum(self.station, len(mean) - 1)]))
 
 
 @dataclass(frozen=True)

@@ -188,14 +188,23 @@ class MeanBudget:
 
 
 def budgets_of_means(runs: Sequence[RunScene], observed: SensorRepeats) -> Iterator[MeanBudget]:
-    """Yield the budget of each mean of a sensor, by that of its run whose total is worst."""
+    """Yield the budget of each mean of a sensor."""
     for mean in observed.means:
-        own = [each for each in runs if each.run in mean.runs]
-        both = [(each, Budget(each.scene, each.sources, each.form, draws=0)) for each in own]
-        if both:
-            scene, budget = max(both, key=lambda each: float(np.nansum(each[1].total() ** 2)))
+        if any(each.run in mean.runs for each in runs):
+            scene, budget = moves_most(runs, mean, observed)
             standard = mean_of_repeats(budget, len(mean.runs), as_solved(budget, scene.run, observed), mean)
             yield MeanBudget(mean, scene, budget, standard)
+
+
+def moves_most(runs: Sequence[RunScene], mean: MeanAt, observed: SensorRepeats) -> tuple[RunScene, Budget]:
+    """Return the run of a mean whose total moves it most, with its budget: one that is hardly known moves none."""
+
+    def moves(each: tuple[RunScene, Budget]) -> float:
+        sd = as_solved(each[1], each[0].run, observed)
+        return float(np.nansum((each[1].total() / np.where(sd > 0.0, sd, 1.0) ** 2) ** 2))
+
+    both = [(each, Budget(each.scene, each.sources, each.form, draws=0)) for each in runs if each.run in mean.runs]
+    return max(both, key=moves)
 
 
 def as_solved(budget: Budget, run: int, observed: SensorRepeats | None) -> FloatArray:

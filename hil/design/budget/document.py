@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import FloatArray
-from hil.design.budget.budget import DRAWS, Budget, as_solved, mean_of_repeats
+from hil.design.budget.budget import DRAWS, Budget, as_solved, mean_of_repeats, moves_most
 from hil.design.budget.scenes import RunScene
 from hil.errors import InputError
 from hil.files.document import picked, plain
@@ -78,6 +78,9 @@ def _sensor(number: int, runs: Sequence[RunScene], asked: Asked, observed: Senso
     one = as_solved(budget, chosen.run, observed)
     mean = None if observed is None else next((each for each in observed.means if chosen.run in each.runs), None)
     repeats = asked.repeats or (1 if mean is None else len(mean.runs))
+    of_mean = budget
+    if observed is not None and mean is not None and len(mean.runs) == repeats:
+        of_mean = moves_most(runs, mean, observed)[1]
     return {
         "run": chosen.run,
         "repeats": repeats,
@@ -90,7 +93,7 @@ def _sensor(number: int, runs: Sequence[RunScene], asked: Asked, observed: Senso
         "parameters": dict(zip(budget.names, budget.units, strict=True)),
         "sources": [_share(budget, index) for index in range(len(budget.shares))],
         "total": _both(budget, budget.total(), budget.everything),
-        "mean_of_repeats": _named(budget, mean_of_repeats(budget, repeats, one, mean)),
+        "mean_of_repeats": _named(budget, mean_of_repeats(of_mean, repeats, one, mean)),
         "run_to_run": _named(budget, budget.from_run_to_run),
         "observed_run_to_run": {} if observed is None else observed.document()["run_to_run"],
         "as_solved": _named(budget, one) if observed is not None else {},

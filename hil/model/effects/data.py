@@ -9,9 +9,23 @@ from hil.campaign import Conditions, FloatArray
 from hil.model.effects.base import OUTSIDE, Base, Effect, Parameter, ShapeParameter, required_base
 from hil.model.effects.geometry import local_frame
 
-OTHER_SENSOR, CHANNELS, ALL_TURNED, TURNED = -1, -2, -3, -4
-"""Exchanges of whole runs: with another sensor, which the sensor's own collects do not know, of its two channels, of
-all rates with minus them, and from here down of those of one channel."""
+OTHER_SENSOR, OF_A_RUN = -1, -2
+"""Exchanges of whole runs: with another sensor, which the sensor's own collects do not know, and from here down those
+of `of_a_run`."""
+
+
+def of_a_run(channels: int) -> list[tuple[str, tuple[int, ...]]]:
+    """Return what may be wrong with so many channels through a run: two in each other's place, all signs, or one."""
+    pairs = [("channels", pair) for pair in itertools.combinations(range(channels), 2)]
+    every = [("all turned", tuple(range(channels)))] * (channels > 1)
+    return [*pairs, *every, *(("turned", (c,)) for c in range(channels))]
+
+
+def put_right(rates: FloatArray, what: str, channels: tuple[int, ...]) -> FloatArray:
+    """Return a run's rates (k, c) without that."""
+    out = rates.copy()
+    out[:, channels] = rates[:, channels[::-1]] if what == "channels" else -rates[:, channels]
+    return out
 
 
 class EarthRateFrame(Effect):
@@ -49,7 +63,7 @@ class EarthRateFrame(Effect):
 
 
 class Mislabelled(Effect):
-    """Two collects, or the two channels, of one run were exchanged in the record, or signs were turned."""
+    """Two collects, or channels, of one run were exchanged in the record, or signs were turned."""
 
     id = "swap"
     follows = "run"
@@ -69,7 +83,7 @@ class Mislabelled(Effect):
         """Return the run and which exchange: from 0 on of pairs of collects, below of whole runs."""
         runs, channels = np.unique(conditions.run).tolist(), len(conditions.sensor.channels)
         pairs = max((len(_pairs(conditions, run)) for run in runs), default=0)
-        whole = [*[CHANNELS] * (channels == 2), *[ALL_TURNED] * (channels > 1), *(TURNED - c for c in range(channels))]
+        whole = (OF_A_RUN - k for k in range(len(of_a_run(channels))))
         return (
             ShapeParameter("run", "", tuple(float(run) for run in runs)),
             ShapeParameter("exchange", "", tuple(float(exchange) for exchange in (*range(pairs), *whole))),
@@ -86,11 +100,8 @@ class Mislabelled(Effect):
         if exchange >= 0:
             for pair in _pairs(conditions, shape["run"])[exchange : exchange + 1]:
                 out[pair] = rates[pair[::-1]]
-        elif exchange == CHANNELS:
-            out[rows] = rates[rows, ::-1]
-        elif exchange <= ALL_TURNED:
-            turned = slice(None) if exchange == ALL_TURNED else TURNED - exchange
-            out[rows, turned] = -rates[rows, turned]
+        elif exchange <= OF_A_RUN:
+            out[rows] = put_right(rates[rows], *of_a_run(rates.shape[1])[OF_A_RUN - exchange])
         return out
 
 

@@ -7,6 +7,8 @@ import numpy as np
 from scipy.special import stdtr, stdtrit
 
 from hil.campaign import Conditions, FloatArray
+from hil.campaign.stand_ins import temperature_of
+from hil.files.numbers import WHOSE
 from hil.model import Model, Term
 from hil.model.curve import Constant, Curve, Polynomial, Table, TableRows
 from hil.model.effects.catalogue import named as known_as
@@ -49,7 +51,7 @@ def described_parameters(
             "low": low,
             "high": high,
             "unit": parameter.unit + {0: "", 1: "/degC"}.get(power, f"/degC^{power}"),
-            "at": at or _range(conditions),
+            "at": _whose(at, conditions) if at else _range(conditions),
             "sensor": candidate.sensor,
         }
         called = () if candidate.effect is None else known_as(candidate.effect).parameters
@@ -97,7 +99,11 @@ def _range(conditions: Conditions) -> str:
     if temperature is None or not np.any(np.isfinite(temperature)):
         return "the campaign's temperature (not recorded)"
     low, high = float(np.nanmin(temperature)), float(np.nanmax(temperature))
-    return f"{low:.1f} degC" if high - low < 1.0 else f"{low:.1f} to {high:.1f} degC"
+    return _whose(f"{low:.1f} degC" if high - low < 1.0 else f"{low:.1f} to {high:.1f} degC", conditions)
+
+
+def _whose(degC: str, conditions: Conditions) -> str:
+    return f"{degC} ({WHOSE[temperature_of(conditions)]})"
 
 
 def improved(
@@ -138,7 +144,7 @@ def _base_curves(
     """Fit the base to what the terms leave: one set of values, a set at each temperature, or a correction."""
     form = sensor.form
     columns, rates, _ = left_by(sensor, terms)
-    fit = fit_to(rates, columns)[: len(form.names)]
+    fit = fit_to(rates, columns, sensor.collects.rates_se_deg_per_hr)[: len(form.names)]
     if sensor.given is not None:
         return _shifted(sensor.given.sensors[sensor.number], form.names, fit)
     if calibrated:
@@ -164,7 +170,7 @@ def _tables(sensor: SensorProblem, columns: FloatArray, rates: FloatArray, whole
     for k, centre in zip(stations, centres, strict=True):
         here = numbers == k
         left = rates[here] - columns[here][:, :, : len(whole)] @ whole
-        law = whole + fit_to(left, columns[here])[: len(whole)]
+        law = whole + fit_to(left, columns[here], sensor.collects.rates_se_deg_per_hr[here])[: len(whole)]
         own.append(law.reshape(-1, powers) @ (centre - (form.reference_degC or 0.0)) ** np.arange(powers))
     return {
         name: Table(unit=unit, table=TableRows(temperature_degC=tuple(centres), value=tuple(float(v[i]) for v in own)))

@@ -9,7 +9,7 @@ import numpy as np
 
 from hil.campaign import Campaign, Conditions
 from hil.campaign.plausibility import clipped
-from hil.model.effects.data import ALL_TURNED, CHANNELS, OTHER_SENSOR, TURNED
+from hil.model.effects.data import OF_A_RUN, of_a_run
 from hil.reconcile.naming import CERTAIN
 from hil.reconcile.outcome.findings import physics
 from hil.reconcile.result import LEFT_OUT, Disagreement, FoundEffect, Shape, runs_in_words, without_collects
@@ -24,8 +24,6 @@ from hil.solve.explained import LISTED
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED
 from hil.solve.wrong_rows import MENDED, USED, Wrong, cause_in_words, clipped_rows
 from procedures.words import numbered
-
-_OF_A_RUN = {OTHER_SENSOR: "sensors", CHANNELS: "channels", ALL_TURNED: "all turned"}
 
 
 def mistakes_found(wrong: Sequence[Term], fit: Fitted, campaign: Campaign, chance: float) -> list[FoundEffect]:
@@ -95,9 +93,10 @@ def _exchange(candidate: Candidate, campaign: Campaign) -> str:
     collects = campaign.sensors[candidate.sensor]
     run, exchange = int(candidate.shape["run"]), int(candidate.shape["exchange"])
     rows = np.flatnonzero(np.any(candidate.columns != 0.0, axis=(1, 2)) & (collects.conditions.run == run))
-    what = "exchanged" if exchange >= 0 else _OF_A_RUN.get(exchange, "turned")
-    channel = TURNED - exchange if exchange <= TURNED else None
-    return cause_in_words(collects, Cause(what, run, tuple(rows.tolist()), channel))
+    what, channels = "exchanged" if exchange >= 0 else "sensors", tuple[int, ...]()
+    if exchange <= OF_A_RUN:
+        what, channels = of_a_run(len(collects.conditions.sensor.channels))[OF_A_RUN - exchange]
+    return cause_in_words(collects, Cause(what, run, tuple(rows.tolist()), channels))
 
 
 def certain(wrong: Sequence[Term], fit: Fitted, campaign: Campaign) -> list[Term]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hil.files.figure import LOOKS, blank
+from hil.files.numbers import WHOSE
 from hil.files.page import in_style, inline_svg, rendered
 from hil.model import save_model
 from hil.reconcile.outcome.sentences import LEAST, at_most, gap_in_words, number, summary, titled, what_to_do
@@ -108,7 +109,8 @@ def place_in_words(where: Mapping[str, Any]) -> str:
         parts.append(f"position {where['position']}")
     if "temperature_degC" in where:
         low, high = where["temperature_degC"]
-        parts.append(f"at {low:.0f} °C" if high - low < 1.0 else f"from {low:.0f} to {high:.0f} °C")
+        span = f"at {low:.0f} °C" if high - low < 1.0 else f"from {low:.0f} to {high:.0f} °C"
+        parts.append(f"{span} {WHOSE[where['temperature_of']]}")
     if "runs" in where:
         parts.append(numbered("run", where["runs"]))
     return ", ".join(parts)

@@ -11,6 +11,7 @@ from hil.campaign import Campaign, Conditions, FloatArray
 from hil.model import Model
 from hil.model.curve import Constant, Curve, Table
 from hil.model.effects.base import Parameter, VarianceEffect
+from hil.model.effects.inside import OF_NORMAL
 from hil.model.forms import bias_names
 from hil.model.stated_noise import SensorNoise
 from hil.reconcile.result import Disagreement
@@ -153,18 +154,17 @@ def ordinary(fit: Fitted, found: Sequence[FoundScatter], models: Mapping[int, Se
 def _of_channels(block: FittedBlock, found: Sequence[FoundScatter], model: str) -> Iterator[dict[str, Any]]:
     """Yield what the channels of a block scatter by: the mean over all that is probable with the kind that was found.
 
-    A point of the grid is a factor of two, so that one alone says little. An offset without error may be chance.
+    A point of the grid is a factor of two, so that one alone says little. An offset without error may be chance: where
+    it is certain that averages scatter by more, but not whether from run to run, each has what is probable of it.
     """
     own, rows_of, points = block.search, block.search.block, block.search.points
     total = np.where(points.kind == points.kind[block.at], block.weighed.terms_log + points.log_prior, -np.inf)
     scales = np.array([block.weighed.left_at(t)[1] for t in range(len(points))]) * own.unit**2
     weight = np.exp(total - np.logaddexp.reduce(total))
     runs, certain = len(np.unique(rows_of.run)), weight[points.offset == 0.0].sum() < _NO_OFFSET
-    offset = float(np.sqrt(_likely(scales * points.offset**2, weight, known=certain)))
-    offset_se = offset * float(np.hypot(_GRID / np.sqrt(12.0), 1.0 / np.sqrt(2.0 * runs)))
+    offsets = scales * points.offset**2
     variance = (weight * scales) @ own.noise.variance(points)
-    # What may be an offset by chance scatters each row all the same.
-    alone = replace(points, kind=np.full(len(points), -1), offset=points.offset * (not certain))
+    alone = replace(points, kind=np.full(len(points), -1), offset=np.zeros(len(points)))
     by_itself = scales[:, None] * own.noise.variance(alone)
     relative = float(np.sqrt(2.0 / own.beside.freedom)) if own.beside.freedom else np.inf  # nothing is left to know by
     beside, errors = own.noise.stated_variance(), rows_of.sigma**2 * rows_of.sigma_stated
@@ -173,10 +173,15 @@ def _of_channels(block: FittedBlock, found: Sequence[FoundScatter], model: str) 
         # Of the usual row: one whose standard error is huge says nothing of what the others scatter by.
         known = float(np.median(errors[rows] + beside[rows]))
         of_rows = np.median(by_itself[:, rows], axis=1)
-        mean, middle = (_likely(of_rows, weight, known=sure) for sure in (True, False))
-        error = float(np.hypot(np.sqrt(weight @ (of_rows - mean) ** 2), mean * relative))
+        more = of_rows + offsets * (not certain)
+        mean, middle = (_likely(more, weight, known=sure) for sure in (True, False))
+        error = float(np.hypot(np.sqrt(weight @ (more - mean) ** 2), mean * relative))
         sure = (middle - known) * mean > _BEYOND * error * known
-        size = float(np.sqrt(max((mean if sure else middle) - known, 0.0)))
+        offset2, own2 = (_likely(each, weight, known=sure or certain) for each in (offsets, of_rows))
+        offset, size = float(np.sqrt(offset2)), float(np.sqrt(max(own2 - known, 0.0)))
+        offset_se = offset * float(np.hypot(_GRID / np.sqrt(12.0), 1.0 / np.sqrt(2.0 * runs)))
+        if sure and offset > 0.0 and not certain:
+            offset_se = float(np.hypot(offset_se, 0.5 * np.sqrt(weight @ (offsets - offset2) ** 2) / offset))
         here = [f for f in found if (f.sensor, f.channel) == (rows_of.sensor, channel)]
         seen = np.median(variance[rows]) if here or sure or certain else middle
         yield {
@@ -187,9 +192,9 @@ def _of_channels(block: FittedBlock, found: Sequence[FoundScatter], model: str) 
             "explained_deg_per_hr": float(np.sqrt(known)) if rows_of.sigma_stated else None,
             "observed_deg_per_hr": float(np.sqrt(seen)) if own.beside.freedom else None,
             "run_offset_deg_per_hr": offset,
-            "run_offset_se_deg_per_hr": offset_se if certain else None,
+            "run_offset_se_deg_per_hr": offset_se if (certain or sure) and offset > 0.0 else None,
             "collect_to_collect_deg_per_hr": size,
-            "collect_to_collect_se_deg_per_hr": 0.5 * error / size if sure else None,
+            "collect_to_collect_se_deg_per_hr": 0.5 * error / size if sure and size > 0.0 else None,
             "scatter": [{"id": f.effect.id, "deg_per_hr": f.deg_per_hr} for f in here],
         }
 
@@ -233,14 +238,21 @@ def with_white_noise(model: Model, campaign: Campaign, otherwise: float = 0.0) -
             continue
         white, station, level = np.nan_to_num(white, nan=usual), same_temperature(own), level_degC(own)
         at = [station == k for k in np.unique(station[station >= 0])]
-        value = [float(np.median(white[here])) for here in at]
-        se = [_OF_A_MEDIAN * float(white[here].std()) / white[here].size ** 0.5 for here in at]
-        curve: Curve = Constant(unit=_WHITE, value=usual, se=_OF_A_MEDIAN * float(white.std()) / white.size**0.5)
+        (_, usual_se), *known_at = [_middle(white[here]) for here in (slice(None), *at)]
+        curve: Curve = Constant(unit=_WHITE, value=usual, se=usual_se)
         if level is not None and len(at) > 1:
             known = [float(np.nanmean(level[here])) for here in at]
+            value, se = zip(*known_at, strict=True)
             curve = Table(unit=_WHITE, table={"temperature_degC": known, "value": value, "se": se})
         sections[number] = section.model_copy(update={"angle_random_walk": curve})
     return model.model_copy(update={"noise": sections})
+
+
+def _middle(values: FloatArray) -> tuple[float, float]:
+    """Return the median of some values and its error: one that is huge says nothing of either."""
+    middle = float(np.median(values))
+    apart = OF_NORMAL * float(np.median(np.abs(values - middle)))
+    return middle, _OF_A_MEDIAN * apart / float(np.sqrt(values.size))
 
 
 def beyond_chance(channel: Mapping[str, Any]) -> Iterator[tuple[str, float, float]]:

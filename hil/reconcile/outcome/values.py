@@ -43,7 +43,8 @@ def before_and_after(
             for chosen in ((), terms):
                 base, left, made = left_by(sensor, chosen)
                 fitted = here if number in calibrated else np.isfinite(left).any(axis=1)
-                rates = known[here] + made[here] + base[here] @ fit_to(left[fitted], base[fitted])
+                fit = fit_to(left[fitted], base[fitted], sensor.collects.rates_se_deg_per_hr[fitted])
+                rates = known[here] + made[here] + base[here] @ fit
                 of_all = columns[here].reshape(-1, len(form.names))
                 is_.append(solve(of_all, rates.reshape(-1), 1.0, rank_tolerance=OBSERVABLE).values.round(_DIGITS) + 0.0)
             rows.append((None if level is None else float(np.nanmean(level[here])), is_[0], is_[1]))
@@ -104,7 +105,7 @@ def taken_out(
 def _less(sensor: SensorProblem, terms: Sequence[tuple[Candidate, Values]]) -> Collects:
     columns, left, made = left_by(sensor, terms)
     own = len(sensor.form.names)
-    made += columns[:, :, own:] @ fit_to(left, columns)[own:]
+    made += columns[:, :, own:] @ fit_to(left, columns, sensor.collects.rates_se_deg_per_hr)[own:]
     return replace(sensor.collects, rates_deg_per_hr=sensor.collects.rates_deg_per_hr - made)
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from hil.campaign import BoolArray, Conditions, FloatArray, IntArray
+from hil.campaign.stand_ins import temperature_of
 from hil.reconcile.result import Disagreement
 from hil.reconcile.search.fitted import Fitted, FittedBlock
 from hil.solve.identifiability import orthonormal, project_out
@@ -146,7 +147,8 @@ def _extents(
         if _agreement(_any([({}, rows) for rows in ranges], among), touched) >= _ALIKE:
             for rows in ranges:
                 span = temperature[block.rows[rows]]
-                yield {"temperature_degC": [_tenths(np.floor, span.min()), _tenths(np.ceil, span.max())]}, rows
+                ends = [_tenths(np.floor, span.min()), _tenths(np.ceil, span.max())]
+                yield {"temperature_degC": ends, "temperature_of": temperature_of(conditions)}, rows
             return
     runs = [run for run in np.unique(block.run[touched]) if _mostly(touched, among & (block.run == run))]
     rows = among & np.isin(block.run, runs)

@@ -28,8 +28,8 @@ from hil.solve.rows import Block
 OFFSETS = (0.0, 0.7, 1.4, 2.8, 5.6, 11.0)
 """Of an offset per run, and of an effect on the scatter, in white noises: 24 runs tell no less than a factor of two."""
 LEVELS = {0.15: 0.3, 1.0: 0.7}
-"""Share of the mean variance in every row's own, with its prior: standard errors leave out what differs by collect."""
-HUGE = 100.0
+"""Share of the usual variance in every row's own, with its prior: standard errors leave out what differs by collect."""
+HUGE = 10.0
 """Times the usual variance, from which on that of a row says no more of the others'."""
 FEWEST_RUNS = 4
 """Runs of which one can be held out, and that tell what changes from one to the next: of fewer, collects do."""
@@ -80,7 +80,7 @@ class Points:
 
 
 class Noise:
-    """The parts of a block's covariance, in units of its mean white variance; rows are in the order of time."""
+    """The parts of a block's covariance, in units of its usual white variance; rows are in the order of time."""
 
     def __init__(
         self,
@@ -223,14 +223,14 @@ class Noise:
         return self.profiles.index(profile)
 
     def covariance(self, point: Points, first: int) -> FloatArray:
-        """Return V (n, n) of one point for the `first` n rows in the order of time, over the mean white variance."""
+        """Return V (n, n) of one point for the `first` n rows in the order of time, over the usual white variance."""
         kind, values = int(point.kind[0]), self.by_station[:first] @ self.factor(int(point.profile[0]))
         out = np.diag(self._white(point.level)[0, :first]) + self.stated.first(first).covariance + values @ values.T
         out += point.offset[0] ** 2 * self.offset.first(first).covariance
         return out + (point.amount[0] ** 2 * self.kinds[kind].chain.first(first).covariance if kind >= 0 else 0.0)
 
     def variance(self, points: Points) -> FloatArray:
-        """Return the variance of every row at every point, (t, N), in units of the mean white variance.
+        """Return the variance of every row at every point, (t, N), in units of the usual white variance.
 
         In the block's own order of rows, what base values do over temperature apart.
         """

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,8 @@ from hil.campaign.stand_ins import OWN
 from hil.campaign.writer import write_campaign
 from hil.cli.app import run
 from hil.config import load_bench, load_sweep
+from hil.design.budget.budget import budgets_of_means
+from hil.design.budget.scenes import measured_scenes
 from hil.design.conditions import planned_conditions
 from hil.design.sequence.sequences import scene_of, sequence_worth
 from hil.design.visibility.document import campaign_document, sweep_document
@@ -36,7 +39,7 @@ from hil.solve import repeats, solve_campaign
 from hil.solve.both_sensors import common_and_differential
 from hil.solve.wrong_rows import USED, wrong_rows
 from procedures.plan import make_plan
-from tests.hil.audit.folders import FOLDERS, night_that_ended_early, written
+from tests.hil.audit.folders import FOLDERS, _changed, night_that_ended_early, written
 from tests.hil.audit.questions import ANSWERS, AT_ONCE, BESIDE, COMMANDS, FIRST, IN_COMMON, MODEL, QUICK, READ, Ask
 from tests.hil.solve.test_other_runs import campaign, with_rates
 
@@ -200,6 +203,24 @@ def test_the_usual_run_is_as_sure_beside_one_that_is_not() -> None:
     assert {name: each.repeatability for name, each in fitted.items()} == pytest.approx(usual)
 
 
+def test_a_run_that_is_hardly_known_moves_no_mean() -> None:
+    """Neither what solve, thermal and a certificate state at its temperature, nor what reconcile makes of the noise."""
+    one = campaign(12, 3, seed=1, scatter=0.5)
+    rows, unsure = one.sensors[2], one.sensors[2].conditions.run == 3
+    errors = np.where(unsure[:, None], 141.0, rows.rates_se_deg_per_hr)
+    rates = rows.rates_deg_per_hr + np.where(unsure[:, None], [120.0, -90.0], 0.0)
+    beside = replace(one, sensors={2: replace(rows, rates_deg_per_hr=rates, rates_se_deg_per_hr=errors)})
+    told = []
+    for made in (replace(one, sensors={2: rows.rows(~unsure)}), beside):
+        shown, fitted = repeats(made, solve_campaign(made))[2], fit_thermal(made).sensors[2].parameters
+        (certified, *_) = budgets_of_means(measured_scenes(made, load_bench("simulated"))[2], shown)
+        values = [(each.value, each.sd) for each in (*shown.means[0].values.values(), *certified.values.values())]
+        told.append([*values, *((of.values.values[0], of.values.se[0]) for of in fitted.values())])
+    assert np.abs(np.subtract(*told)).max() < 0.25
+    noise = reconcile(beside, "matrix-6", prove=False).model_after.noise[2]
+    assert (noise.run_to_run, noise.collect_to_collect) == ({}, {})
+
+
 def _of_a_collect(one: Campaign) -> list[float]:
     noise, seen = what_scatters(one).noise, campaign_document(one)["noise_level"]
     assert isinstance(seen, dict)
@@ -360,3 +381,17 @@ def test_an_offset_of_runs_is_as_large_for_the_search_as_for_repeats(seed: int) 
     told = repeats(night, solve_campaign(night))[2].spread.beyond[:2]
     found = [channel["run_offset_deg_per_hr"] for channel in what_scatters(night).noise]
     assert found == pytest.approx(told.tolist(), rel=0.45)
+
+
+def test_what_few_repeats_scatter_by_is_within_what_the_search_says_of_its_size() -> None:
+    """Two at each of two temperatures: one size of both channels, in an interval that people are told, not ± of it."""
+    one = campaign(4, 2, seed=2, scatter=0.3)
+    mu = np.random.default_rng(2).normal(0.0, 6.0, (4, 2))
+    one = _changed(one, list(range(2, 12, 3)), one.sensors[2].rates_deg_per_hr[2::3] + mu)
+    found, spread = what_scatters(one), repeats(one, solve_campaign(one))[2].spread
+    (size,) = found.sizes
+    assert size.effect.id == "MU_rr"
+    assert size.interval["low"] < np.sqrt(np.mean(spread.beyond[4:] ** 2)) < size.interval["high"]
+    assert (
+        f"{size.value:.3g} deg/hr/g ({size.interval['low']:.2g} … {size.interval['high']:.2g})" in found.sentences()[0]
+    )

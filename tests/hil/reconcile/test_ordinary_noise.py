@@ -15,6 +15,7 @@ from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.page import page
 from hil.reconcile.outcome.scatter import with_ordinary
 from tests.hil.reconcile.hidden_effects import Rows, base_rates, campaign_of, hidden_campaign, lay_out, noise
+from tests.hil.solve.test_other_runs import campaign, with_rates
 
 STATED, OFFSET = 0.9, 4.0
 BIASES = ("BA", "BB")
@@ -76,6 +77,22 @@ def test_standard_errors_that_are_right_need_no_more() -> None:
     result = reconcile(white, "matrix-6-thermal", prove=False)
     assert result.model_after == result.input_model
     assert "Nothing was added to the model." in page(result)
+
+
+def test_where_few_runs_cannot_tell_an_offset_from_scatter_each_has_its_part() -> None:
+    """All of it had been written as scatter from collect to collect, beside an offset that may be most of it."""
+    one = campaign(4, 2, seed=0, scatter=0.0)
+    rates = one.sensors[2].rates_deg_per_hr
+    result = reconcile(
+        with_rates(one, rates + np.random.default_rng(0).normal(0.0, 3.0, rates.shape)), "matrix-6", prove=False
+    )
+    (seen, _), noise = result.noise, result.model_after.noise[2]
+    assert seen["run_offset_se_deg_per_hr"] > 0.4 * seen["run_offset_deg_per_hr"]  # nobody knows it
+    offset, scatter = noise.run_to_run["BA"].at([0.0])[0], noise.collect_to_collect["BA"].at([0.0])[0]
+    assert min(offset, scatter) > 2.0
+    assert np.hypot(offset, scatter) == pytest.approx(
+        np.sqrt(seen["observed_deg_per_hr"] ** 2 - seen["explained_deg_per_hr"] ** 2), rel=0.05
+    )
 
 
 @pytest.mark.parametrize(

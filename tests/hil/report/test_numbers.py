@@ -41,7 +41,7 @@ def as_shown(cell: str, number: float) -> bool:
 
 
 def test_the_means_of_table_1_are_those_of_the_runs(night: Path, page: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Both sensors, matrix and contractor's: mean of two runs, its uncertainty; published also their scatter."""
+    """Both sensors, matrix and contractor's: two runs, each by how sure it is; published also their scatter."""
     models = {"matrix": solved(capsys, str(night)), "contractor": solved(capsys, str(night), "--model", "collins-4")}
     compared = 0
     for sensor, rows_expected in ((2, 8), (1, 6)):
@@ -55,8 +55,9 @@ def test_the_means_of_table_1_are_those_of_the_runs(night: Path, page: str, caps
             runs = {s["run"]: s["parameters"] for s in models[model or "matrix"] if s["sensor"] == sensor}
             for (mean, sd, *scatter), pair in zip(row[1:], ((1, 2), (3, 4)), strict=True):
                 one, two = (runs[n][name] for n in pair)  # type: ignore[index]
-                assert as_shown(mean, (one["value"] + two["value"]) / 2)
-                assert as_shown(sd[1:], (one["sd"] ** 2 + two["sd"] ** 2) ** 0.5 / 2)
+                by, other = one["sd"] ** -2, two["sd"] ** -2
+                assert as_shown(mean, (by * one["value"] + other * two["value"]) / (by + other))
+                assert as_shown(sd[1:], (by + other) ** -0.5)
                 assert len(scatter) == published
                 assert all(as_shown(s[2:], abs(one["value"] - two["value"]) / 2**0.5) for s in scatter)
                 compared += 1

@@ -9,6 +9,7 @@ import pytest
 
 from hil.campaign import Campaign, Collects, Conditions, Sensor
 from hil.model.effects.prior import COMMON
+from hil.reconcile import reconcile
 from hil.solve import repeats, solve_campaign
 from hil.solve.causes import _in_common
 from hil.solve.wrong_rows import MENDED, USED, treated, wrong_rows
@@ -171,6 +172,21 @@ def test_channels_exchanged_in_a_run_are_put_right() -> None:
     np.testing.assert_array_equal(
         treated(with_rates(one, rates)).sensors[2].rates_deg_per_hr, one.sensors[2].rates_deg_per_hr
     )
+
+
+def test_two_channels_of_a_triad_exchanged_in_a_run_are_put_right_by_solve_and_search() -> None:
+    """They were left out: of two channels it was asked whether they were exchanged, of three not."""
+    one = triads(4)
+    rates = one.sensors[1].rates_deg_per_hr.copy()
+    rates[12:18] = rates[12:18, [0, 2, 1]]
+    torn = with_rates(one, rates, 1)
+    (row,) = wrong_rows(torn)[1].rows
+    assert (row.run, row.done, row.channels) == (3, MENDED, ("GY", "GZ"))
+    assert "GY and GZ look exchanged" in row.why
+    np.testing.assert_array_equal(treated(torn).sensors[1].rates_deg_per_hr, one.sensors[1].rates_deg_per_hr)
+    (found,) = reconcile(torn, "triad-12", prove=False).rows
+    assert (found["run"], found["done"], found["channels"]) == (3, MENDED, ["GY", "GZ"])
+    assert "GY and GZ look exchanged" in found["why"]
 
 
 @pytest.mark.parametrize("runs", [2, 3, 12])
