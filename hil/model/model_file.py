@@ -182,6 +182,9 @@ def fitting(model: Model | str | Path, sensors: Sequence[Sensor]) -> Model:
     for key, number in (of | {f"noise.{number}": number for number in chosen.noise}).items():
         if number not in {*there, *chosen.sensors}:
             raise InputError(f"{where}: {key}: there is no sensor {number}; there are {listed(there)}")
+    for k, term in enumerate(chosen.terms if {*chosen.sensors} <= {*there} else ()):
+        if not any(effect_by_id(term.effect).applies_to(sensor) for sensor in sensors):
+            raise InputError(f"{where}: terms.{k}.effect: {term.effect} can be in no sensor that is here; take it out")
     for sensor in sensors:
         _check_layout(where, chosen, sensor, exact=True)
     return chosen
