@@ -279,7 +279,13 @@ def table(found: list[dict[str, Any]]) -> Iterator[str]:
         gap = " → ".join("–" if value is None else f"{value:.2f}" for value in each["gap"])
         twin = " → ".join(f"{each[key]:.2g}" for key in ("twin_before", "twin_after") if key in each) or "–"
         off = f"{each['off']:.1%}, {each['off_deg_per_hr']:.3f} deg/hr" if "off" in each else "–"
-        seen = f"{each['beside_visible']:.1f}" if "beside_visible" in each else "–"
+        seen = (
+            f"{each['beside_visible']:.1f}"
+            if "beside_visible" in each
+            else "–"
+            if each["kind"] == "mean"
+            else "not promised"
+        )
         near = f"{each['covered']} of {each['of']}"
         yield f"{head} {each['rms']:.2f} | {off} | {seen} | {names} | {said} | {near} | {gap} | {twin} |"
 

@@ -2,6 +2,7 @@
 
     OPENBLAS_NUM_THREADS=1 python -m benchmarks.promised run --keep promised.jsonl      # goes on where it was
     OPENBLAS_NUM_THREADS=1 python -m benchmarks.promised run --keep few.jsonl --times 1 --nights 5 --only drift k2
+    python -m benchmarks.promised run --keep triad.jsonl --sweep triad-six-positions --bench espec-stim300-example
     python -m benchmarks.promised table promised.jsonl
 
 A night is the planned averages of a sweep in the noise that the map assumes. The parameter that shows best has the
@@ -38,9 +39,9 @@ ANY, EASIEST = "any shape", "the easiest"
 
 
 @cache
-def promises(sweep: str) -> tuple[Mapping[int, Conditions], str, Mapping[tuple[str, str], Any]]:
+def promises(sweep: str, bench: str) -> tuple[Mapping[int, Conditions], str, Mapping[tuple[str, str], Any]]:
     """Return a sweep's conditions, the model that is asked, and what is promised by effect, in any or one shape."""
-    conditions = planned_conditions(make_plan(load_sweep(sweep).procedure()), load_bench("simulated"))
+    conditions = planned_conditions(make_plan(load_sweep(sweep).procedure()), load_bench(bench))
     document: Any = visibility_document(conditions, sweep)
     found = {}
     for each in document["effects"]:
@@ -63,10 +64,10 @@ def drawn(effect: Effect, rows: Conditions, rng: np.random.Generator) -> dict[st
     return shape
 
 
-def case(job: tuple[str, str, str, float, int]) -> dict[str, Any]:
+def case(job: tuple[str, str, str, str, float, int]) -> dict[str, Any]:
     """Hide one effect in one night, and say under which names it was found."""
-    sweep, name, promise, times, night = job
-    conditions, model, promised = promises(sweep)
+    sweep, bench, name, promise, times, night = job
+    conditions, model, promised = promises(sweep, bench)
     told, effect, noise = promised[name, promise], effect_by_id(name), NoiseLevel()
     smallest, number = told["smallest_visible"], told["sensor"]
     rng = np.random.default_rng([crc32(name.encode()), night])
@@ -116,6 +117,7 @@ def table(found: list[dict[str, Any]]) -> Iterator[str]:
 def options(run: argparse.ArgumentParser) -> None:
     """Add which sweep, effects and sizes are asked about."""
     run.add_argument("--sweep", default="recommended")
+    run.add_argument("--bench", default="simulated", help="that carries the sweep out")
     run.add_argument("--times", type=float, nargs="*", default=[0.5, 1.0], help="the promised size")
     run.add_argument("--nights", type=int, default=20)
     run.add_argument("--only", nargs="*")
@@ -126,13 +128,13 @@ def left(asked: argparse.Namespace, there: list[Case]) -> Iterator[tuple[Callabl
     """Give the cases that are not there yet."""
     done = {(each["sweep"], each["id"], each["promise"], each["times"], each["night"]) for each in there}
     jobs = [
-        (asked.sweep, name, promise, times, night)
+        (asked.sweep, asked.bench, name, promise, times, night)
         for night in range(asked.nights)
         for times in asked.times
-        for name, promise in promises(asked.sweep)[2]
+        for name, promise in promises(asked.sweep, asked.bench)[2]
         if not asked.only or name in asked.only
     ]
-    yield case, [job for job in jobs if job not in done]
+    yield case, [job for job in jobs if (job[0], *job[2:]) not in done]
 
 
 if __name__ == "__main__":

@@ -148,6 +148,8 @@ def first_mistake(error: ValidationError, document: object) -> str:
     if problems[0]["type"].startswith("union_tag"):
         parts.append(str(problems[0]["ctx"]["discriminator"]).strip("'"))
     own = _OWN_KEY.match(sentence) if problems[0]["type"] == "value_error" else None
+    if problems[0]["type"] == "value_error" and own is None:
+        parts.append("")  # so that what the file does not have, the tag of one of several kinds, is not the last
     if own is not None:
         # What is checked by itself names its place as it knows it: from its own section on, or within it.
         parts = [*(parts[:-1] if parts[-1:] == own[1].split(".")[:1] else parts), *own[1].split(".")]

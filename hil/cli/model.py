@@ -49,7 +49,7 @@ def reconcile(
         each_temperature = True if result.calibration == "per temperature" else None
         given, how = result.input_model, {"draws": draws, "seed": seed}
         before, after = (
-            _likeness(campaign, each, out / f"twin-{when}", calibrated=each_temperature, **how)
+            _likeness(campaign, each, out / f"twin-{when}", calibrated=each_temperature, wrong=result.rows, **how)
             for when, each in (("before", given), ("after", result.model_after))
         )
         halves = {

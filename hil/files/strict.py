@@ -48,11 +48,12 @@ class Section(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _know_every_key(cls, data: Any) -> Any:
-        if not isinstance(data, dict):
-            raise ValueError(f"must be a mapping with the keys {', '.join(cls.model_fields)}")
-        for key in data:
-            if key not in cls.model_fields:
-                raise ValueError(f"unknown key {key!r}{near(str(key), list(cls.model_fields))}")
+        names = [field.alias or name for name, field in cls.model_fields.items()]
+        if not isinstance(data, dict | cls):
+            raise ValueError(f"must be a mapping with the keys {', '.join(names)}")
+        for key in data if isinstance(data, dict) else ():
+            if key not in names:
+                raise ValueError(f"unknown key {key!r}{near(str(key), names)}")
         return data
 
 

@@ -7,7 +7,7 @@ there already and was made alike is not made again, so that whoever was interrup
 import json
 import os
 import tempfile
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from hashlib import sha256
@@ -36,9 +36,9 @@ from hil.reconcile.outcome.scatter import with_white_noise
 from hil.reconcile.search.problem import fitted_sensors
 from hil.records.export import open_source
 from hil.records.reader import is_night
-from hil.solve.omissions import without
+from hil.solve.omissions import what_is_wrong
 from hil.solve.temperatures import same_temperature
-from hil.solve.wrong_rows import pooled
+from hil.solve.wrong_rows import LEFT_OUT, USED, pooled
 
 SCHEMA = "hil.twin/1"
 FEWEST = 3
@@ -87,25 +87,32 @@ def likeness(
     keep: Path,
     calibrated: bool | None = None,
     workers: int | None = None,
+    wrong: Sequence[Mapping[str, Any]] | None = None,
     done: Callable[[int], None] = lambda _: None,
 ) -> dict[str, Any]:
     """Return hil.twin/1: whether nights simulated with `model` can be told from the night or campaign in `folder`.
 
     What has no values, as a built-in, is fitted first; at each temperature where `calibrated`, else as one set. `keep`
-    is the folder of draws, `workers` how many processes make them (one for each core), `done` is told how many there
-    are. Raises `InputError` where the night cannot be carried out again, or a draw does not end.
+    is the folder of draws, `workers` how many processes make them (one for each core), `wrong` is the key `rows` of who
+    looked closer than every command (key `rows`), `done` is told how many there are. Raises `InputError` where the
+    night cannot be carried out again, or a draw does not end.
     """
     if draws < FEWEST:
         raise InputError(f"--draws {draws}: {FEWEST} at least; 20 tell at a level of 5 %")
     source = open_source(folder)
     document, assumed = configuration(source)
-    left_out, taken = without(source.campaign), pooled(source.campaign)
-    kept = {}
-    for number, rows in source.campaign.sensors.items():
-        used = np.isin(rows.conditions.collect, taken.sensors[number].conditions.collect)
-        collects = set(compress(_collects(rows.conditions, as_listed=not is_night(folder)), used))
-        kept[number] = collects, frozenset(rows.conditions.columns)
-    source = replace(source, campaign=taken)
+    left_out, taken = what_is_wrong(source.campaign), pooled(source.campaign)
+    rows = [row for row in (left_out["rows"] if wrong is None else wrong) if row["done"] != USED]
+    left_out |= {"rows": [{**row, "done": LEFT_OUT} for row in rows]}  # what others put right is compared with nothing
+    off = {(row["sensor"], collect) for row in rows for collect in row["collects"]}
+    kept, compared = {}, {}
+    for number, every in source.campaign.sensors.items():
+        used = np.isin(every.conditions.collect, taken.sensors[number].conditions.collect)
+        good = used & [(number, collect) not in off for collect in every.conditions.collect.tolist()]
+        used = good if good.any() else used
+        collects = set(compress(_collects(every.conditions, as_listed=not is_night(folder)), used))
+        kept[number], compared[number] = (collects, frozenset(every.conditions.columns)), every.rows(used)
+    source = replace(source, campaign=replace(taken, sensors=compared))
     sensors = [rows.conditions.sensor for rows in source.campaign.sensors.values()]
     model = fitting(model, sensors)
     own = [curve for sensor in sensors for curve in model.sensors.get(sensor.number, {}).values()]

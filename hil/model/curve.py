@@ -20,10 +20,11 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, NonNegativeFloat, Tag, model_validator
+from pydantic import Discriminator, Field, FiniteFloat, NonNegativeFloat, Tag, model_validator
 
 from hil.campaign import FloatArray
 from hil.errors import InputError
+from hil.files.strict import Section
 
 if TYPE_CHECKING:
     from scipy.interpolate import PchipInterpolator
@@ -32,13 +33,7 @@ BEYOND_DEGC = 1.0
 """How far outside its range a fitted curve still answers: setpoints and thermometers repeat no better."""
 
 
-class Entry(BaseModel):
-    """Base of everything in a model file: unknown keys are errors, and nothing changes after it was read."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class _Curve(Entry):
+class _Curve(Section):
     """What every curve has: its unit, and (for a fitted one) the lowest and highest temperature measured."""
 
     unit: str
@@ -123,7 +118,7 @@ class Polynomial(_Curve):
         return np.asarray(temperature_degC, dtype=np.float64) - self.reference_degC
 
 
-class TableRows(Entry):
+class TableRows(Section):
     """Temperatures, strictly rising, and the value at each."""
 
     temperature_degC: tuple[FiniteFloat, ...] = Field(min_length=2)

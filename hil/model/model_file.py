@@ -21,8 +21,8 @@ from drivers.strict_yaml import first_mistake
 from hil.campaign import Conditions, FloatArray, Sensor
 from hil.errors import InputError
 from hil.files.durable import RealDisk, write_durably
-from hil.files.strict import find_config, parse_yaml, read_text
-from hil.model.curve import Curve, Entry
+from hil.files.strict import Section, find_config, parse_yaml, read_text
+from hil.model.curve import Curve
 from hil.model.effects.base import Base, Described, Effect, Scatter, column
 from hil.model.effects.catalogue import SERIES_EFFECTS, effect_by_id, known_by, variance_effect_by_id
 from hil.model.effects.history import joined
@@ -36,7 +36,7 @@ _ROTOR = Sensor(0, ("A", "B", "S"), {"A": "A", "B": "B"})
 _ROTOR_FORMS = frozenset({"matrix-6", "collins-4", "matrix-6-thermal"})
 
 
-class Term(Entry):
+class Term(Section):
     """One named effect with values: on one sensor, or (`sensor` absent) on every sensor to which it applies.
 
     `added` says where it came from: campaign, date, probability, gap before and after, rivals; free, for people.
@@ -49,7 +49,7 @@ class Term(Entry):
     added: Mapping[str, Any] = Field(default_factory=dict)
 
 
-class InsideCollects(Entry):
+class InsideCollects(Section):
     """What was found inside a sensor's collects and leaves no trace in their averages, on record.
 
     It changes no average, so neither the solver nor the twin asks for it; a reconcile that finds it again says nothing.
@@ -61,7 +61,7 @@ class InsideCollects(Entry):
     added: Mapping[str, Any] = Field(default_factory=dict)
 
 
-class Model(Entry):
+class Model(Section):
     """A measurement model, with or without values. See the module for what it can be asked."""
 
     schema_: Literal["hil.model/1"] = Field(alias="schema")
@@ -182,6 +182,9 @@ def fitting(model: Model | str | Path, sensors: Sequence[Sensor]) -> Model:
     for key, number in (of | {f"noise.{number}": number for number in chosen.noise}).items():
         if number not in {*there, *chosen.sensors}:
             raise InputError(f"{where}: {key}: there is no sensor {number}; there are {listed(there)}")
+    for k, term in enumerate(chosen.terms if {*chosen.sensors} <= {*there} else ()):
+        if not any(effect_by_id(term.effect).applies_to(sensor) for sensor in sensors):
+            raise InputError(f"{where}: terms.{k}.effect: {term.effect} can be in no sensor that is here; take it out")
     for sensor in sensors:
         _check_layout(where, chosen, sensor, exact=True)
     return chosen

@@ -14,7 +14,8 @@ from pydantic import AfterValidator, Field, FiniteFloat
 
 from hil.campaign import Conditions, FloatArray, Sensor
 from hil.errors import InputError
-from hil.model.curve import Constant, Curve, Entry, Table
+from hil.files.strict import Section
+from hil.model.curve import Constant, Curve, Table
 from hil.model.effects.base import Scatter, VarianceEffect
 from hil.model.effects.catalogue import known_by, variance_effect_by_id
 from hil.model.forms import LinearForm
@@ -30,7 +31,7 @@ def _none(key: str) -> Any:
     return Field(default_factory=lambda: Constant(unit=_UNITS[key], value=0.0))
 
 
-class ScatterTerm(Entry):
+class ScatterTerm(Section):
     """One named effect that scatters averages, with the value of its size; `added` says where it came from."""
 
     effect: Annotated[str, AfterValidator(known_by(variance_effect_by_id))]
@@ -44,7 +45,7 @@ class ScatterTerm(Entry):
         return _at(curve, temperature_degC, self.effect)
 
 
-class SensorNoise(Entry):
+class SensorNoise(Section):
     """What a sensor scatters by, beside the model. Curves are evaluated at the sensor's temperature.
 
     `run_to_run` gives the standard deviation of a base parameter from one self-calibration to the next, `correlation`

@@ -270,6 +270,7 @@ def visibility_text(document: Mapping[str, Any]) -> str:
         wrong=list(in_words(document)),
         seen=sorted(seen, key=_against_typical),
         alike=sorted({tuple(effect["class"]) for effect in seen if len(effect["class"]) > 1}),
+        scattering=[name for name in document["not_in_averages"] if name not in asked],
         needing={name: why.removeprefix("cannot be asked: ") for name, why in reasons.items()},
         changes=[
             each for each in document["changes"] if any(each[key] for key in helps) or each["size_ratio"] < _WORTH

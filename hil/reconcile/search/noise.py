@@ -26,7 +26,12 @@ from hil.reconcile.search.profiles import FIXED, Profile, values_over_temperatur
 from hil.solve.rows import Block
 
 OFFSETS = (0.0, 0.7, 1.4, 2.8, 5.6, 11.0)
-"""Of an offset per run, and of an effect on the scatter, in white noises: 24 runs tell no less than a factor of two."""
+"""Of an offset per run, and of an effect on the scatter, in white noises: 24 runs tell no less than a factor of two.
+
+What is typically larger is tried as far as that and `TAKEN` allow: a walk larger than all that is tried looks as if it
+came back."""
+TAKEN = 8.0
+"""Times what the base leaves of the rates that an effect on the scatter is at most: a base takes most of a walk."""
 LEVELS = {0.15: 0.3, 1.0: 0.7}
 """Share of the usual variance in every row's own, with its prior: standard errors leave out what differs by collect."""
 HUGE = 10.0
@@ -160,10 +165,16 @@ class Noise:
             (-1, 0.0, offset, level, 0, float(np.log(share / len(offsets))) - _log_offset(offset))
             for offset, (level, share) in product(offsets, levels.items())
         ]
+        left = self.block.y - self.block.base @ np.linalg.lstsq(self.block.base, self.block.y)[0]
+        most = TAKEN * float(np.sqrt(np.mean(left**2) / self.unit))
         for kind, entry in enumerate(self.kinds):
             of_one = [k for k in self.kinds if k.effect is entry.effect]
-            for amount, offset, (level, share) in product(OFFSETS[1:], OFFSETS[:-1], levels.items()):
-                value = amount * np.sqrt(self.unit) / entry.unit_deg_per_hr
+            white = float(np.sqrt(self.unit)) / entry.unit_deg_per_hr
+            largest = min(entry.parameter.bounds[1] / white, most)
+            larger = np.ceil(np.log2(max(largest / OFFSETS[-1], 1.0)) - 0.5)
+            amounts = (*OFFSETS[1:], *(OFFSETS[-1] * 2.0 ** (k + 1) for k in range(int(larger))))
+            for amount, offset, (level, share) in product(amounts, OFFSETS[:-1], levels.items()):
+                value = amount * white
                 log_prior = entry.parameter.log_density(value) + float(np.log(np.log(2.0) / len(of_one)))
                 log_prior += float(np.log(share / len(offsets))) - _log_offset(offset)
                 rows.append((kind, amount, offset, level, 0, log_prior))

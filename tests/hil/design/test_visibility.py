@@ -311,6 +311,9 @@ def test_text_says_what_is_seen_alike_absorbed_and_what_would_help() -> None:
     assert next(line for line in text.splitlines() if line.startswith("  k2 ")).endswith(": too small to be found")
     assert "1. add collect 4 (spin axis down) to every run (costs one more collect per run)" in text
     assert "tells apart: " in text
+    unpromised = next(line for line in text.splitlines() if line.startswith("Promised at no size"))
+    assert {"MU_rr", "flicker", "rrw", "beat"} <= set(unpromised.replace(",", "").split())
+    assert "settle" not in unpromised  # which moves averages, too, and has a size above
     assert "SIMULATED" not in text
     rates = of_each_position(campaign())
     simulated = Campaign("night", "twin", {2: Collects(campaign(), rates, np.full((72, 2), 0.5))}, simulated=True)

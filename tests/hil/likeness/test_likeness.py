@@ -100,11 +100,17 @@ def test_that_a_night_was_interrupted_tells_it_from_no_other(tmp_path: Path) -> 
 def test_what_every_command_leaves_out_is_compared_with_nothing(
     night: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A run that its own samples contradict: it is told, and no night is asked for it. Nor for a unit's temperature."""
+    """A run that its own samples contradict: it is told, and no night is asked for it. Nor for a unit's temperature.
+
+    Nor for a row that the search alone left out.
+    """
     export_campaign(night, tmp_path / "campaign")
     table = tmp_path / "campaign" / "collects.csv"
+    (tmp_path / "campaign" / "series" / "0003.csv").unlink()
     head, *rows = csv.reader(table.read_text().splitlines())
     for row in rows:
+        if (row[head.index("sensor")], row[head.index("collect")]) == ("1", "3"):
+            row[head.index("RA_deg_per_hr")] = str(float(row[head.index("RA_deg_per_hr")]) + 400.0)
         if (row[head.index("sensor")], row[head.index("run")]) == ("2", "2"):
             row[head.index("RA_deg_per_hr")] = str(float(row[head.index("RA_deg_per_hr")]) + 400.0)
     head[head.index("temperature_degC")] = "remark"  # the chamber's stands in for it, which the model asks for
@@ -115,8 +121,12 @@ def test_what_every_command_leaves_out_is_compared_with_nothing(
         return SimpleNamespace(exit_status=0)
 
     monkeypatch.setattr(draws, "start_night", copied)
-    found = ask(tmp_path / "campaign", tmp_path / "kept")
+    off = {"sensor": 1, "run": 1, "collects": [3], "channels": ["RA"], "done": "mended", "why": "it is off"}
+    found = ask(tmp_path / "campaign", tmp_path / "kept", wrong=[off])
     assert found["runs_not_used"] == {"2": [2]}
+    assert found["rows"] == [{**off, "done": "left out"}]
+    doubted = ask(tmp_path / "campaign", tmp_path / "kept", wrong=[{**off, "done": "used"}])
+    assert doubted["parts"]["run_scatter"] < 1e-3
     # The same collects of the same night; inside them a table has fewer digits.
     assert found["parts"]["averages"] == found["parts"]["run_scatter"] == 1.0
 

@@ -32,12 +32,17 @@ WARMUP = {"effect": "warmup", "parameters": {"W_A": {"unit": "deg/hr", "value": 
     [
         ({"schema": "hil.model/2"}, "schema: expected hil.model/1, found hil.model/2"),
         ({"form": "matrix-7"}, "form: unknown form matrix-7"),
-        ({"colour": "red"}, "colour: there is no such key here; check its spelling"),
+        ({"colour": "red"}, "unknown key 'colour'; allowed: form, inside_collects, noise, schema, "),
+        ({"noise": {2: {"flicker": 1.0}}}, "noise.2: unknown key 'flicker'; allowed: angle_random_walk, "),
+        (
+            {"noise": {2: {"rate_randm_walk": 1.0}}},
+            "noise.2: unknown key 'rate_randm_walk'; did you mean 'rate_random_",
+        ),
         ({"sensors": _without("GSB")}, "sensors.2.GSB: missing"),
         ({"sensors": _with("GSX", {"unit": "deg/hr/g", "value": 1.0})}, "sensors.2.GSX: unknown key"),
         (
             {"sensors": _with("BA", {"unit": "deg/hr", "value": 1.0, "valeu": 2.0})},
-            "sensors.2.BA.valeu: there is no such key here",
+            "sensors.2.BA: unknown key 'valeu'; did you mean 'value'?",
         ),
         ({"sensors": _with("BA", {"unit": "deg/hr"})}, "sensors.2.BA: give one of value, polynomial or table"),
         ({"sensors": _with("BA", {"value": 1.0})}, "sensors.2.BA.unit: this key is missing"),
@@ -85,7 +90,7 @@ WARMUP = {"effect": "warmup", "parameters": {"W_A": {"unit": "deg/hr", "value": 
             {"terms": [{"effect": "empirical:GXY*supply_V", "parameters": {"q": {"unit": "1", "value": 1.0}}}]},
             "terms.0.effect: empirical:GXY*supply_V cannot be in a sensor with channels A, B",
         ),
-        ({"terms": [{**WARMUP, "tau": 3}]}, "terms.0.tau: there is no such key here"),
+        ({"terms": [{**WARMUP, "tau": 3}]}, "terms.0: unknown key 'tau'; allowed: "),
     ],
 )
 def test_mistakes_in_a_model_file_are_named_by_file_and_key(

@@ -24,6 +24,7 @@ from hil.reconcile.search import set_in_block
 from hil.reconcile.search.evidence import log_sum, shrunk
 from hil.reconcile.search.fitted import fitted_block
 from hil.reconcile.search.layout import searches
+from hil.reconcile.search.noise import OFFSETS, Noise
 from hil.reconcile.search.posterior import scatter_odds
 from hil.reconcile.search.problem import pose
 from hil.reconcile.search.set_in_block import Sets
@@ -241,6 +242,19 @@ def test_the_odds_before_the_data_are_the_classes(search: SensorSearch) -> None:
     assert dict(zip(names, shares, strict=True)) == pytest.approx(
         {e: o / sum(expected.values()) for e, o in expected.items()}
     )
+
+
+@pytest.mark.parametrize("quieter", [1.0, 8.0])
+def test_what_scatters_is_tried_as_large_as_is_typical(search: SensorSearch, quieter: float) -> None:
+    """Where the rows are as quiet as they are, and as far as the base leaves anything: larger, a walk comes back."""
+    block, conditions = search.blocks[0].block, search.blocks[0].noise.conditions
+    effects = [variance_effect_by_id(name) for name in ("MU_rr", "rrw")]
+    noise = Noise(replace(block, sigma=block.sigma / quieter), conditions, effects)
+    for k, kind in enumerate(noise.kinds):
+        largest = noise.grid.amount[noise.grid.kind == k].max() * np.sqrt(noise.unit) / kind.unit_deg_per_hr
+        assert np.sqrt(2.0) * largest > kind.parameter.typical[1]
+    still = Noise(replace(block, y=block.base[:, 0], sigma=block.sigma / quieter), conditions, effects)
+    assert still.grid.amount.max() == OFFSETS[-1]
 
 
 def joint(search: SensorSearch, chosen: tuple[int, ...]) -> float:

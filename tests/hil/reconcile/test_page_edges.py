@@ -141,6 +141,9 @@ def test_the_page_says_whether_simulated_nights_are_like_the_measured_one(plain:
     assert text.index("the gap is</h2>") < text.index(told) < text.index("What to measure next")
     assert text.count("2 of 2 measured sizes lie among the simulated ones") == 1
     assert "simulated ones" not in page(plain)
+    off = {"sensor": 2, "run": 5, "collects": [13], "channels": ["RA"], "done": "left out", "why": "it is off"}
+    unlike = [page(replace(plain, twin=asked, rows=[{**off, "done": done}])) for done in ("left out", "used")]
+    assert ["are compared with nothing" in each for each in unlike] == [True, False]
 
 
 def test_of_two_names_the_more_probable_is_said_though_the_other_is_written(plain: Reconciliation) -> None:
