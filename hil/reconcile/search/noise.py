@@ -21,7 +21,8 @@ import numpy as np
 
 from hil.campaign import Conditions, FloatArray, IntArray
 from hil.model.effects.base import Parameter, Scatter, VarianceEffect
-from hil.reconcile.search.chains import PIECE, Chain, Filter, chain_of, filter_of, grouped, in_time, joined
+from hil.reconcile.search.chains import PIECE, Chain, chain_of, grouped, in_time, joined
+from hil.reconcile.search.filters import Filter, filter_of
 from hil.reconcile.search.profiles import FIXED, Profile, values_over_temperature
 from hil.solve.rows import Block
 
@@ -197,13 +198,17 @@ class Noise:
             alike.setdefault((len(self._chains[kind]), self._chains[kind].begins.tobytes()), []).append(kind)
         for kinds in alike.values():
             places = np.flatnonzero(np.isin(points.kind, kinds))
-            chains = [self._chains[kind] for kind in kinds]
-            each = [len(self.stated), len(self.offset), len(chains[0]) - len(self._chains[-1])]
             for at in (places[first : first + most] for first in range(0, len(places), most)):
-                own = points.take(at)
-                sizes = np.stack([np.ones(len(at)), own.offset, own.amount], axis=1)
-                white = self._white(own.level)
-                yield at, filter_of(chains, np.searchsorted(kinds, own.kind), np.repeat(sizes, each, axis=1), white)
+                yield at, self.filter_at(points.take(at))
+
+    def filter_at(self, points: Points, further: FloatArray | None = None, label: IntArray | None = None) -> Filter:
+        """Return what whitens at points (t,) whose kinds hand on alike; with a `further` variance (t, N) of rows."""
+        kinds = np.unique(points.kind).tolist()
+        chains = [self._chains[kind] for kind in kinds]
+        each = [len(self.stated), len(self.offset), len(chains[0]) - len(self._chains[-1])]
+        sizes = np.repeat(np.stack([np.ones(len(points)), points.offset, points.amount], axis=1), each, axis=1)
+        white = self._white(points.level) + (0.0 if further is None else further)
+        return filter_of(chains, np.searchsorted(kinds, points.kind), sizes, white, label)
 
     def factor(self, profile: int) -> FloatArray:
         """Return the factor (r, r) of what is known of the columns `by_station` (N, r) before the data."""

@@ -17,7 +17,6 @@ import numpy as np
 
 from hil.campaign import FloatArray, IntArray
 from hil.model.effects.prior import HOLDS
-from hil.reconcile.search.chains import Filter
 from hil.reconcile.search.evidence import (
     LEAST,
     SEEN,
@@ -28,6 +27,7 @@ from hil.reconcile.search.evidence import (
     log_factors,
     log_sum,
 )
+from hil.reconcile.search.filters import Filter
 from hil.reconcile.search.likely_noise import likely_points
 from hil.reconcile.search.noise import LARGEST, Noise, Points
 from hil.reconcile.search.set_in_block import Member, SetInBlock, weigh_in_block
