@@ -75,6 +75,11 @@ class Points:
     def __len__(self) -> int:
         return len(self.kind)
 
+    @property
+    def keys(self) -> Iterator[tuple[float, ...]]:
+        """Yield of each what it is a model of, whatever the profile."""
+        return zip(*(own.tolist() for own in (self.kind, self.amount, self.offset, self.level)), strict=True)
+
     def take(self, index: IntArray) -> Points:
         """Return some of the points."""
         return Points(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
@@ -185,13 +190,22 @@ class Noise:
     @cached_property
     def _of_grid(self) -> Sequence[tuple[IntArray, Filter]]:
         """What whitens all over the grid, none where that is too much to be kept."""
-        return list(self.filters(self.grid)) if len(self.grid) * len(self.order) <= KEPT else []
+        return list(self._filters(self.grid)) if len(self.grid) * len(self.order) <= KEPT else []
 
     def filters(self, points: Points) -> Iterator[tuple[IntArray, Filter]]:
-        """Yield places (k,) among the points with what whitens there, the base's values apart.
+        """Yield places (k,) among the points with what whitens there, the base's values apart; the grid's, if kept."""
+        place = {own: k for k, own in enumerate(self.grid.keys)}
+        of = np.array([place.get(own, -1) for own in points.keys])
+        if (len(points) and not (of >= 0).all()) or not self._of_grid:
+            yield from self._filters(points)
+            return
+        for places, own in self._of_grid:
+            here = np.flatnonzero(np.isin(of, places))
+            if len(here):
+                yield here, own.take(np.searchsorted(places, of[here]))
 
-        So many at once that no piece is larger than some tens of megabytes.
-        """
+    def _filters(self, points: Points) -> Iterator[tuple[IntArray, Filter]]:
+        """So many at once that no piece is larger than some tens of megabytes."""
         most = max(1, LARGEST // (len(self.order) * PIECE))
         alike: dict[tuple[int, bytes], list[int]] = {}
         for kind in np.unique(points.kind).tolist():
