@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
-from typing import Self
+from functools import partial
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from scipy.special import logsumexp
 
-from hil.campaign import Conditions, FloatArray, IntArray
+from hil.campaign import BoolArray, FloatArray, IntArray
 from hil.model.effects.data import of_a_run, put_right
 from hil.model.effects.prior import COMMON
 from hil.solve.whitened import Whitened
@@ -38,6 +39,7 @@ _TOLD = 1e-3  # of a rate: where the others leave less, nothing tells what it sh
 _HARDLY_ANY = 4.0  # logs: of many runs those are not asked about that the data make no likelier than that less
 _FIRST = 3  # runs of which it is asked what else is wrong beside what is likeliest of them
 _LEAST_RUNS = 2  # of so few both are all
+_NEXT_TO_NONE = 1e-12  # of what the likeliest has: ways that are less probable are not told
 _TIMES = np.geomspace(0.05, 500.0, 93)  # that standard errors are too small by
 _RIGHT, _NEARLY = 0.7, 0.15  # probability that they are as stated, within
 _OTHERWISE = 0.7  # and else the usual size of the logarithm of how many times they are not
@@ -83,8 +85,9 @@ class OtherSensor:
         return replace(self, rates=self.rates[rows])
 
 
-_Way = tuple[tuple[Cause, ...], float, float]
-"""Causes, their log odds before the data, and the squares that they leave."""
+_Several = TypeVar("_Several", "_Tried", "_Runs")
+_Ways = tuple[FloatArray, FloatArray, Callable[[int], tuple[Cause, ...]]]
+"""Log odds (t,) before the data of ways to explain rates, the squares (t,) that they leave, and the causes of each."""
 
 
 class Asked:
@@ -113,54 +116,59 @@ class Asked:
         """
         if self.rates.freedom < 1.0:
             return 1.0, []
-        singly = [each for each in self._tried() if run in (None, each.cause.run)]
-        tried = [((each.cause,), each.log_odds, each.left) for each in singly] + [*self._twice(singly)]
-        nothing, found = self._posterior(tried)
+        singly = [_at(each, np.isin(each.runs, each.runs if run is None else run)) for each in self._tried()]
+        ways = [*(each.ways() for each in singly), *self._twice(singly)]
+        nothing, found = self._posterior(ways)
         if nothing < DOUBTED and run is None:
-            nothing, found = self._posterior([*tried, *self._another(singly)])
+            nothing, found = self._posterior([*ways, *self._another(singly)])
         return nothing, found
 
-    def _posterior(self, tried: Sequence[_Way]) -> tuple[float, list[tuple[tuple[Cause, ...], float]]]:
-        weights = np.array([0.0, *(log_odds for _, log_odds, _ in tried)])
-        weights = weights + self._evidence(np.array([self.rates.squares, *(left for *_, left in tried)]))
+    def _posterior(self, ways: Sequence[_Ways]) -> tuple[float, list[tuple[tuple[Cause, ...], float]]]:
+        weights = np.concatenate([np.zeros(1), *(log_odds for log_odds, *_ in ways)])
+        weights += self._evidence(np.concatenate([np.array([self.rates.squares]), *(left for _, left, _ in ways)]))
         weights = np.exp(weights - logsumexp(weights))
-        found = [(causes, float(p)) for (causes, *_), p in zip(tried, weights[1:], strict=True)]
+        ends = np.cumsum([1, *(len(left) for _, left, _ in ways)])
+        told = 1 + np.flatnonzero(weights[1:] > _NEXT_TO_NONE * weights[1:].max(initial=0.0))
+        of = np.searchsorted(ends, told, side="right") - 1
+        found = [(ways[w][2](k), float(weights[i])) for i, w, k in zip(told, of, told - ends[of], strict=True)]
         return float(weights[0]), sorted(found, key=lambda each: -each[1])
 
-    def _another(self, singly: Sequence[_Tried]) -> Iterator[_Way]:
+    def _another(self, singly: Sequence[_Tried]) -> Iterator[_Ways]:
         """Yield what leaves least of a run whose rates it tells, of a few, with all that is unlike it in others."""
-        first: dict[int, tuple[_Tried, FloatArray]] = {}
-        for each in sorted(singly, key=lambda each: each.left):
-            if each.moved is not None:
-                first.setdefault(each.cause.run, (each, each.moved))
-        for one, moved in [*first.values()][:_FIRST]:
-            known = one.cause
-            rates = self.rates.moved(known.run, moved, one.left)
+        first: dict[int, tuple[_Tried, int]] = {}
+        telling = [each for each in singly if each.moved is not None]
+        for _, k, i in sorted((left, k, i) for k, each in enumerate(telling) for i, left in enumerate(each.left)):
+            first.setdefault(int(telling[k].runs[i]), (telling[k], i))
+        for one, i in [*first.values()][:_FIRST]:
+            known, moved = one.cause(i), np.zeros(0) if one.moved is None else one.moved[i]
+            rates = self.rates.moved(known.run, moved, float(one.left[i]))
             for other in Asked(rates, self._own_bias, self._beside)._tried():
-                unlike = (other.cause.what, other.cause.channels) != (known.what, known.channels)
-                if unlike and other.cause.run != known.run:
-                    yield (known, other.cause), one.log_odds + other.log_odds, other.left
+                if (other.what, other.channels) != (known.what, known.channels):
+                    yield _at(other, other.runs != known.run).ways((known,), float(one.log_odds[i]))
 
-    def _twice(self, singly: Sequence[_Tried]) -> Iterator[_Way]:
+    def _twice(self, singly: Sequence[_Tried]) -> Iterator[_Ways]:
         """Yield the same mistake in two of several runs, with its log odds and what it leaves: less than either alone.
 
         What all runs would share is none of theirs, and whose rates are another sensor's that one tells.
         """
         alike: dict[tuple[object, ...], list[tuple[_Tried, FloatArray]]] = {}
-        runs = self.rates.collects.conditions.of_each_run
+        runs = len(self.rates.collects.conditions.of_each_run)
         for each in singly:
-            if each.moved is not None and not each.cause.instead and len(runs) > _LEAST_RUNS:
-                places = tuple(row - runs[each.cause.run][0] for row in each.cause.rows)
-                alike.setdefault((each.cause.what, places, each.cause.channels), []).append((each, each.moved))
-        all_show = {run: self.rates.shown(run) for run in {each.cause.run for of in alike.values() for each, _ in of}}
+            if each.moved is not None and each.instead is None and runs > _LEAST_RUNS:
+                moved = zip(each.runs.tolist(), each.moved, strict=True)
+                shown = np.array([self.rates.shown(run) @ by for run, by in moved])
+                places, which = np.unique(each.place, axis=0, return_inverse=True)
+                for k, place in enumerate(places.tolist()):
+                    own = np.flatnonzero(which.reshape(-1) == k)
+                    of = alike.setdefault((each.what, *place, each.channels), [])
+                    of.append((_at(each, own), shown[own]))
         for several in alike.values():
-            shown = np.array([all_show[each.cause.run] @ moved for each, moved in several])
-            alone = np.array([each.left for each, _ in several])
+            shown, alone = np.vstack([by for _, by in several]), np.concatenate([each.left for each, _ in several])
+            log_odds = np.concatenate([each.log_odds for each, _ in several])
             left = alone[:, None] + alone - self.rates.squares - 2.0 * shown @ shown.T
-            less = np.triu(left < np.minimum(alone[:, None], alone), 1)
-            for i, j in np.argwhere(less).tolist():
-                one, other = several[i][0], several[j][0]
-                yield (one.cause, other.cause), one.log_odds + made_again(2, len(runs)), float(left[i, j])
+            i, j = np.nonzero(np.triu(left < np.minimum(alone[:, None], alone), 1))
+            causes = [each.cause(k) for each, _ in several for k in range(len(each.left) * bool(len(i)))]
+            yield log_odds[i] + made_again(2, runs), left[i, j], partial(_both, causes, i, j)
 
     def _evidence(self, squares: FloatArray) -> FloatArray:
         """Log probability of residual squares (h,), whatever the size of the noise."""
@@ -174,17 +182,14 @@ class Asked:
 
     def labels(self, run: int) -> dict[tuple[int, ...], float]:
         """Return how much likelier, in logs, these rates are with each two places in a run exchanged."""
-        conditions = self.rates.collects.conditions
-        own = _Run(self.rates, run, conditions.of_each_run[run])
-        tried = [*own.exchanged(_pairs(conditions, conditions.of_each_run[run]))]
-        likelier = self._evidence(np.array([each.left for each in tried])) - self.as_filed
-        return {own.places(each.cause): float(logs) for each, logs in zip(tried, likelier, strict=True)}
+        (own,) = (each for runs in _Runs.of(self.rates, [run]) for each in runs.exchanged())
+        likelier = (self._evidence(own.left) - self.as_filed).tolist()
+        return dict(zip(map(tuple, own.place.tolist()), likelier, strict=True))
 
     def with_others(self, run: int, rates: FloatArray) -> float:
         """Return how much likelier, in logs, these rates are with others (k, c) in a run: not at all if one lacks."""
-        own = _Run(self.rates, run, self.rates.collects.conditions.of_each_run[run])
-        left = next((each.left for each in own.otherwise(Cause("sensors", run, own.rows), rates)), np.inf)
-        return float(self._evidence(np.array([left]))[0]) - self.as_filed
+        (own,) = (each for runs in _Runs.of(self.rates, [run]) for each in runs.otherwise("sensors", rates[None]))
+        return float(self._evidence(np.append(own.left, np.inf))[0]) - self.as_filed
 
     def seen_from(self) -> FloatArray:
         """Return how far off each rate must be to be doubted, deg/hr, (n, c); infinite where nothing tells."""
@@ -202,121 +207,176 @@ class Asked:
 
     def _tried(self) -> Iterator[_Tried]:
         """Yield each cause with its log odds, less what it pays for being anywhere, and the squares that it leaves."""
-        (n, channels), conditions = self.rates.known.shape, self.rates.collects.conditions
-        runs = {run: _Run(self.rates, run, rows) for run, rows in conditions.of_each_run.items()}
-        pairs = {run: _pairs(conditions, rows) for run, rows in conditions.of_each_run.items()}
-        of = {"rate": n * channels, "collect": n, "exchanged": max(sum(map(len, pairs.values())), 1)}
-        whole = of_a_run(channels)
-        of |= {what: len(runs) * sum(what == other for other, _ in whole) for what, _ in whole}
-        of |= {"sensors": len(runs), "run": len(runs), "bias": len(runs) * (channels + (channels > 1))}
-        log_odds = {what: float(np.log(ODDS[what] / many)) for what, many in of.items()}
-        gains = self._evidence(self.rates.squares - np.array([0.0, *(each.most for each in runs.values())]))
-        for (run, each), most in zip(runs.items(), gains[1:] - gains[0], strict=True):
-            if most < np.log(len(runs)) - _HARDLY_ANY:
-                continue
-            tried = [*each.rows_off()]
-            elsewhere, alone = self._beside.labels(run) if self._beside else {}, log_odds["exchanged"]
-            tried += (
-                replace(one, log_odds=_in_common(alone, elsewhere.get(each.places(one.cause))))
-                for one in each.exchanged(pairs[run])
-            )
-            if len(each.rows) > 1:
-                for what, some in whole:
-                    if each.known[:, some].sum() > 1:
-                        laid = put_right(each.measured, what, some)
-                        tried += each.otherwise(Cause(what, run, each.rows, some), laid)
-                if run not in self._own_bias and len(runs) > 1:
-                    tried += each.of_its_own()
-                if self._beside is not None:
-                    other = self._beside.rates[list(each.rows)]
-                    exchanged = Cause("sensors", run, each.rows, instead=(*map(tuple, other.tolist()),))
-                    # What is no longer this sensor's is the other's, which must not agree less with it for that.
-                    theirs = min(self._beside.instead(run), 0.0)
-                    tried += (replace(of, log_odds=theirs) for of in each.otherwise(exchanged, other))
-                if len(runs) > 1:
-                    tried += each.anywhere(Cause("run", run, each.rows), np.eye(each.known.size))
-            yield from (replace(of, log_odds=of.log_odds + log_odds[of.cause.what]) for of in tried)
+        (n, channels), every = self.rates.known.shape, self.rates.collects.conditions.of_each_run
+        runs, many = [*_Runs.of(self.rates, every)], len(every)
+        of = {"rate": n * channels, "collect": n, "exchanged": max(sum(int(each.may_be.sum()) for each in runs), 1)}
+        of |= {what: many * count for what, count in Counter(what for what, _ in of_a_run(channels)).items()}
+        of |= {"sensors": many, "run": many, "bias": many * (channels + (channels > 1))}
+        log_odds = {what: float(np.log(ODDS[what] / places)) for what, places in of.items()}
+        for each in runs:
+            likelier = self._evidence(self.rates.squares - each.most) - self.as_filed
+            for tried in self._of(_at(each, likelier >= np.log(many) - _HARDLY_ANY), many, log_odds["exchanged"]):
+                yield replace(tried, log_odds=tried.log_odds + log_odds[tried.what])
+
+    def _of(self, runs: _Runs, many: int, exchanged: float) -> Iterator[_Tried]:
+        """Yield what may be wrong with some of so many runs; labels are `exchanged` with these log odds alone."""
+        beside = self._beside
+        yield from runs.rows_off()
+        for tried in runs.exchanged():
+            at = zip(tried.runs.tolist(), map(tuple, tried.place.tolist()), strict=True)
+            theirs = [_in_common(exchanged, beside.labels(run).get(place)) if beside else 0.0 for run, place in at]
+            yield replace(tried, log_odds=np.array(theirs))
+        if runs.rows.shape[1] < 2:
+            return
+        for what, some in of_a_run(runs.known.shape[2]):
+            told = _at(runs, runs.known[..., some].sum(axis=(1, 2)) > 1)
+            yield from told.otherwise(what, put_right(told.measured, what, some), some)
+        if many > 1:
+            yield from _at(runs, ~np.isin(runs.runs, [*self._own_bias])).of_its_own()
+            yield from runs.anywhere("run", np.eye(runs.free.shape[1]))
+        if beside is not None:
+            for tried in runs.otherwise("sensors", beside.rates[runs.rows]):
+                # What is no longer this sensor's is the other's, which must not agree less with it for that.
+                theirs = [min(beside.instead(run), 0.0) for run in tried.runs.tolist()]
+                yield replace(tried, log_odds=np.array(theirs), instead=beside.rates[tried.rows])
 
 
 @dataclass(frozen=True)
 class _Tried:
-    """A cause, its log odds, the squares that it leaves, and how it moves its run's rates (k·c,), if that is known."""
+    """Causes (t,) of one sort, each in one of `runs` (t,), which have `rows` (t, k), at a `place` (t, q) among these.
 
-    cause: Cause
-    log_odds: float
-    left: float
+    `off` (t, c) and `instead` (t, k, c) are those of the causes, `moved` (t, k·c) is how each moves its run's rates.
+    """
+
+    what: str
+    channels: tuple[int, ...]
+    runs: IntArray
+    rows: IntArray
+    place: IntArray
+    left: FloatArray
+    log_odds: FloatArray
+    off: FloatArray | None = None
     moved: FloatArray | None = None
+    instead: FloatArray | None = None
+
+    def cause(self, i: int) -> Cause:
+        """Return one of them."""
+        off = () if self.off is None else tuple(self.off[i].tolist())
+        instead = () if self.instead is None else tuple(map(tuple, self.instead[i].tolist()))
+        rows = tuple(self.rows[i][self.place[i]].tolist())
+        return Cause(self.what, int(self.runs[i]), rows, self.channels, off, instead)
+
+    def ways(self, beside: tuple[Cause, ...] = (), log_odds: float = 0.0) -> _Ways:
+        """Return them as ways to explain rates, beside a cause that has such log odds."""
+        return log_odds + self.log_odds, self.left, lambda i: (*beside, self.cause(i))
 
 
-class _Run:
-    """The rates (k, c) of one run: what a change of them leaves of the squares."""
+@dataclass(frozen=True)
+class _Runs:
+    """Rates (m, k, c) of `runs` (m,) that have as many `rows` (m, k): what a change of them leaves of the squares.
 
-    def __init__(self, rates: Whitened, run: int, rows: IntArray) -> None:
-        self.rows, self.known, self.weight = tuple(rows.tolist()), rates.known[rows], rates.weight[rows]
-        self.measured = np.where(self.known, rates.collects.rates_deg_per_hr[rows], np.nan)
-        self._run, self._squares = run, rates.squares
-        self._free, self._apart = rates.of(run)
+    `free` (m, k·c, k·c) and `apart` (m, k·c) are what squares and products of a change add, `may_be` (m, p) the pairs
+    of collects, of different positions, that may be exchanged.
+    """
 
-    def places(self, cause: Cause) -> tuple[int, ...]:
-        """Return at which places in the run a cause's rows stand."""
-        return tuple(self.rows.index(row) for row in cause.rows)
+    squares: float
+    runs: IntArray
+    rows: IntArray
+    known: BoolArray
+    weight: FloatArray
+    measured: FloatArray
+    free: FloatArray
+    apart: FloatArray
+    may_be: BoolArray
+
+    @classmethod
+    def of(cls, rates: Whitened, runs: Collection[int]) -> Iterator[_Runs]:
+        """Yield some runs, by how many rows they have."""
+        every, conditions = rates.collects.conditions.of_each_run, rates.collects.conditions
+        position = np.unique(conditions.position, return_inverse=True)[1]
+        for size in sorted({len(every[run]) for run in runs}):
+            own = [run for run in runs if len(every[run]) == size]
+            rows, (i, j) = np.array([every[run] for run in own]), np.triu_indices(size, 1)
+            free, apart = (np.array(each) for each in zip(*map(rates.of, own), strict=True))
+            measured = np.where(known := rates.known[rows], rates.collects.rates_deg_per_hr[rows], np.nan)
+            may_be = position[rows[:, i]] != position[rows[:, j]]
+            yield cls(rates.squares, np.array(own), rows, known, rates.weight[rows], measured, free, apart, may_be)
 
     @property
-    def most(self) -> float:
-        """By how much whatever may be wrong with the run lessens the squares at most."""
-        size, directions = np.linalg.eigh(self._free)
-        told = size > _TOLD
-        return float(np.sum((directions[:, told].T @ self._apart) ** 2 / size[told]))
+    def most(self) -> FloatArray:
+        """By how much whatever may be wrong with each run lessens the squares at most, (m,)."""
+        size, along, _ = _along(self.free, self.apart)
+        return np.asarray(np.sum(along**2 * size, axis=1))
 
     def rows_off(self) -> Iterator[_Tried]:
-        """Yield its rates, and its collects, that may be anywhere."""
-        unit = np.eye(self.known.size).reshape(*self.known.shape, -1)
-        for i, row in enumerate(self.rows):
-            for c in np.flatnonzero(self.known[i]).tolist():
-                yield from self.anywhere(Cause("rate", self._run, (row,), (c,)), unit[i, [c]].T)
-            if self.known[i].sum() > 1:
-                yield from self.anywhere(Cause("collect", self._run, (row,)), unit[i].T)
+        """Yield rates, and collects, that may be anywhere."""
+        (_, rows, channels), unit = self.known.shape, np.eye(self.free.shape[1])
+        for row in range(rows):
+            own = unit[:, row * channels : (row + 1) * channels]
+            for c in range(channels):
+                yield from _at(self, self.known[:, row, c]).anywhere("rate", own[:, [c]], (c,), row)
+            yield from _at(self, self.known[:, row].sum(axis=1) > 1).anywhere("collect", own, (), row)
 
     def of_its_own(self) -> Iterator[_Tried]:
         """Yield another bias of each channel, and of all: a unit that is switched on anew has."""
-        level = self.weight / np.maximum(self.weight.max(axis=0), 1e-12)
-        columns = (level[..., None] * np.eye(level.shape[1])).reshape(level.size, -1)
-        for c in np.flatnonzero(self.known.sum(axis=0) > 1).tolist():
-            yield from self.anywhere(Cause("bias", self._run, self.rows, (c,)), columns[:, [c]])
-        if level.shape[1] > 1:
-            yield from self.anywhere(Cause("bias", self._run, self.rows), columns)
+        level = self.weight / np.maximum(self.weight.max(axis=1, keepdims=True), 1e-12)
+        columns = (level[..., None] * np.eye(level.shape[2])).reshape(*self.apart.shape, -1)
+        for c in range(level.shape[2]):
+            told = self.known[..., c].sum(axis=1) > 1
+            yield from _at(self, told).anywhere("bias", columns[told][..., [c]], (c,))
+        if level.shape[2] > 1:
+            yield from self.anywhere("bias", columns)
 
-    def anywhere(self, cause: Cause, columns: FloatArray) -> Iterator[_Tried]:
-        """Yield a cause along columns (k·c, q), if anything tells of it, what it pays for that, and what it leaves."""
-        size, directions = np.linalg.eigh(columns.T @ self._free @ columns)
-        if (told := size > _TOLD).any():
-            size, directions = size[told], directions[:, told]
-            off = directions.T @ (columns.T @ self._apart) / size
-            wide = np.maximum(off**2, _WIDE**2) * size
-            row = self.rows.index(cause.rows[0])
-            of_row = (columns @ (directions @ off)).reshape(self.known.shape)[row]
-            cause = replace(cause, off=tuple((of_row / np.maximum(self.weight[row], 1e-12)).tolist()))
-            left = self._squares - float(np.sum(off**2 * size * wide / (1.0 + wide)))
-            yield _Tried(cause, -0.5 * float(np.log1p(wide).sum()), left)
+    def anywhere(
+        self, what: str, columns: FloatArray, channels: tuple[int, ...] = (), row: int = -1
+    ) -> Iterator[_Tried]:
+        """Yield a cause along columns (k·c, q), or (m, k·c, q), of one row or of all; what it pays for that."""
+        across = np.swapaxes(columns, -1, -2)
+        size, off, directions = _along(across @ self.free @ columns, (across @ self.apart[..., None])[..., 0])
+        wide = np.maximum(off**2, _WIDE**2) * size
+        left = self.squares - np.sum(off**2 * size * wide / (1.0 + wide), axis=1)
+        first = np.s_[:, max(row, 0)]
+        by = (columns @ (directions @ off[..., None])).reshape(self.known.shape)[first]
+        tried = self._tried(what, channels, left, off=by / np.maximum(self.weight[first], 1e-12))
+        tried = replace(tried, log_odds=-0.5 * np.log1p(wide).sum(axis=1))
+        yield _at(tried if row < 0 else replace(tried, place=tried.place[:, [row]]), np.any(size, axis=1))
 
-    def exchanged(self, pairs: Sequence[tuple[int, int]]) -> Iterator[_Tried]:
+    def exchanged(self) -> Iterator[_Tried]:
         """Yield the pairs of collects that may stand under each other's labels: of many poses there are very many."""
-        i, j = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
-        moved, which = np.zeros((len(i), *self.known.shape)), np.arange(len(i))
-        apart = self.measured[j] - self.measured[i]
-        moved[which, i], moved[which, j] = apart * self.weight[i], -apart * self.weight[j]
-        told = np.isfinite(moved).all(axis=(1, 2))
-        flat = moved[told].reshape(int(told.sum()), self.known.size)
-        left = self._squares + 2.0 * flat @ self._apart + np.sum((flat @ self._free) * flat, axis=1)
-        for pair, squares, own in zip(which[told].tolist(), left.tolist(), flat, strict=True):
-            yield _Tried(Cause("exchanged", self._run, (self.rows[i[pair]], self.rows[j[pair]])), 0.0, squares, own)
+        i, j = np.triu_indices(self.rows.shape[1], 1)
+        apart, which = self.measured[:, j] - self.measured[:, i], np.arange(len(i))
+        told = self.may_be & np.isfinite(apart).all(axis=2)
+        moved = np.zeros((*told.shape, *self.known.shape[1:]))
+        moved[:, which, i], moved[:, which, j] = apart * self.weight[:, i], -apart * self.weight[:, j]
+        moved = np.where(told[..., None], moved.reshape(*told.shape, self.apart.shape[1]), 0.0)
+        left = self.squares + 2.0 * (moved @ self.apart[..., None])[..., 0] + np.sum(moved @ self.free * moved, axis=2)
+        m, pair = np.nonzero(told)
+        place, own = np.stack([i[pair], j[pair]], axis=1), _at(self, m)
+        yield replace(own._tried("exchanged", (), left[m, pair], moved=moved[m, pair]), place=place)
 
-    def otherwise(self, cause: Cause, rates: FloatArray) -> Iterator[_Tried]:
-        """Yield a cause by which other rates (k, c), all known, were measured, and what it leaves."""
-        moved = np.where(self.weight > 0.0, (rates - self.measured) * self.weight, 0.0).reshape(-1)
-        if np.isfinite(moved).all():
-            left = self._squares + float(2.0 * moved @ self._apart + moved @ self._free @ moved)
-            yield _Tried(cause, 0.0, left, moved)
+    def otherwise(self, what: str, rates: FloatArray, channels: tuple[int, ...] = ()) -> Iterator[_Tried]:
+        """Yield a cause by which other rates (m, k, c), all known, were measured, and what it leaves."""
+        moved = np.where(self.weight > 0.0, (rates - self.measured) * self.weight, 0.0).reshape(self.apart.shape)
+        left = self.squares + np.sum(moved * (2.0 * self.apart + (self.free @ moved[..., None])[..., 0]), axis=1)
+        yield _at(self._tried(what, channels, left, moved=moved), np.isfinite(left))
+
+    def _tried(self, what: str, channels: tuple[int, ...], left: FloatArray, **of: FloatArray) -> _Tried:
+        place = np.broadcast_to(np.arange(self.rows.shape[1]), self.rows.shape)
+        return _Tried(what, channels, self.runs, self.rows, place, left, np.zeros(len(left)), **of)
+
+
+def _along(squares: FloatArray, products: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return sizes (m, q) of directions (m, q, q) of squares, and how far off products (m, q) are; 0 where untold."""
+    size, directions = np.linalg.eigh(squares)
+    size = np.where(size > _TOLD, size, 0.0)
+    off = (np.swapaxes(directions, 1, 2) @ products[..., None])[..., 0] / np.where(size > 0.0, size, np.inf)
+    return size, off, directions
+
+
+def _at(of: _Several, index: IntArray | BoolArray) -> _Several:
+    """Return some of them."""
+    some: dict[str, Any] = {name: own[index] for name, own in vars(of).items() if isinstance(own, np.ndarray)}
+    return replace(of, **some)
 
 
 def _in_common(log_odds: float, elsewhere: float | None) -> float:
@@ -341,7 +401,5 @@ def all_of(causes: Sequence[str]) -> str:
     return f"{'both ' * (len(causes) == 2)}{', and '.join(causes)}"
 
 
-def _pairs(conditions: Conditions, rows: IntArray) -> list[tuple[int, int]]:
-    """Return which collects of a run, by place in it, may be exchanged: of different positions."""
-    position = conditions.position[rows].tolist()
-    return [(i, j) for i, j in combinations(range(len(rows)), 2) if position[i] != position[j]]
+def _both(causes: Sequence[Cause], i: IntArray, j: IntArray, k: int) -> tuple[Cause, Cause]:
+    return causes[i[k]], causes[j[k]]

@@ -22,9 +22,9 @@ def of_a_run(channels: int) -> list[tuple[str, tuple[int, ...]]]:
 
 
 def put_right(rates: FloatArray, what: str, channels: tuple[int, ...]) -> FloatArray:
-    """Return a run's rates (k, c) without that."""
+    """Return the rates (…, k, c) of runs without that."""
     out = rates.copy()
-    out[:, channels] = rates[:, channels[::-1]] if what == "channels" else -rates[:, channels]
+    out[..., channels] = rates[..., channels[::-1]] if what == "channels" else -rates[..., channels]
     return out
 
 

@@ -2,6 +2,7 @@
 
 With noise, base and amplitudes normal, what is predicted for some rows from all others is in closed form: with P the
 inverse of the covariance of all rows, the error of the held-out rows H is P_HH^-1 (P y)_H and its covariance P_HH^-1.
+Where H are many, it is u (P y)_H with a P by which each of H has a further variance u that nothing comes near.
 The evidence of a set from the other rows alone is that from all, less the log density of H given them: so in every fold
 the set is chosen that the other rows make most probable, and H is predicted with it.
 """
@@ -10,30 +11,38 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 
-from hil.campaign import FloatArray, IntArray
+from hil.campaign import BoolArray, FloatArray, IntArray
+from hil.reconcile.search.filters import Filter
 from hil.reconcile.search.fitted import FittedBlock, fitted_block
 from hil.reconcile.search.noise import FEWEST_RUNS
 from hil.reconcile.search.posterior import Found, Posterior
+from hil.reconcile.search.sets import BlockSearch, Set
 
 SETS = 8
 """Sets among which a fold chooses: what is not among these with all rows is not without some."""
 BEYOND = 30.0
 """Rows whose prediction is this many noises uncertain ask for what the others say nothing about."""
+_NORMAL = 0.5 * float(np.log(2.0 * np.pi))
+WIDE = 1e4
+"""Deviation of a base parameter, in noises: as good as free."""
 FLIPS = 4000
 """Of signs at random: the chance of an improvement is known to a part in so many."""
+UNKNOWN = 1e15
+"""Variance, in those of white noise, of a row that says nothing."""
 _Folds = Mapping[int, tuple[IntArray, FloatArray]]
-"""Of folds, their rows (k,) and the inner products (k, k) of these."""
+"""Of folds, their rows (k,) in the order of time, and what noise by itself makes of P among them, (k, k)."""
 
 
 @dataclass(frozen=True)
 class Predicted:
-    """One fold of one block under a set: its rows, log density, errors (rows,), a factor of their covariance."""
+    """One fold of one block under a set: its rows, log density, errors (rows,), of few a factor of the covariance."""
 
     rows: IntArray
     log_density: float
     error: FloatArray
-    factor: FloatArray
+    factor: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -74,6 +83,8 @@ class HeldOut:
         return float((1 + np.sum(flipped >= gains.sum())) / (1 + FLIPS))
 
 
+_Key = tuple[int, int, Set, str]
+"""Sensor, block, terms and kind of scatter."""
 Proof = tuple[HeldOut, HeldOut]
 """What is predicted of rows that were held out: by run, and by contiguous block."""
 
@@ -83,31 +94,21 @@ def held_out(posterior: Posterior, before: Found, lead: Found) -> Proof | None:
 
     Rows that the lead calls wrong are predicted by nobody.
     """
-    folds = (by_run, in_blocks)
     sets = [before, lead, *(f for f in posterior.sets[:SETS] if f not in (before, lead))]
-    known: list[dict[tuple[object, ...], dict[int, Predicted]]] = [{} for _ in folds]
-    whitened: dict[tuple[int, int, int], tuple[FloatArray, list[_Folds]]] = {}  # most sets share their noise
-    for number, b, found in (
-        (n, b, f) for n, s in posterior.searches.items() for b in range(len(s.blocks)) for f in sets
-    ):
-        key = (number, b, found.terms[number], found.kind)
-        if key in known[0]:
-            continue
-        block = fitted_block(posterior.searches[number], found.terms[number], found.kind, b)
-        if (noise := (number, b, block.at)) not in whitened:
-            wrong, rows = _wrong_rows(posterior, lead, number, b), len(block.search.block.y)
-            white = block.search.whitened(np.eye(rows), np.array([block.at]))[0]
-            whitened[noise] = white, [_products(white, cut(block), wrong) for cut in folds]
-        white, products = whitened[noise]
-        beside = block.beside_noise(white)
-        for own, of_folds in zip(known, products, strict=True):
-            own[key] = dict(_predicted(block, white, beside, of_folds))
+    known: tuple[dict[_Key, dict[int, Predicted]], ...] = {}, {}
+    for number, b in ((n, b) for n, search in posterior.searches.items() for b in range(len(search.blocks))):
+        search, wrong = posterior.searches[number], _wrong_rows(posterior, lead, number, b)
+        beside = Rows(search.blocks[b], wrong)
+        for key in dict.fromkeys((number, b, found.terms[number], found.kind) for found in sets):
+            block = fitted_block(search, *key[2:], b)
+            known[0][key] = dict(beside.runs(block))
+            known[1][key] = dict(beside.sixths(block))
     runs, blocks = (_together(posterior, sets, own) for own in known)
     return None if runs is None else (runs, blocks or runs)
 
 
 def _together(
-    posterior: Posterior, sets: Sequence[Found], known: Mapping[tuple[object, ...], Mapping[int, Predicted]]
+    posterior: Posterior, sets: Sequence[Found], known: Mapping[_Key, Mapping[int, Predicted]]
 ) -> HeldOut | None:
     """Choose a set in every fold by the rows that are not in it, and add up what it predicts for those that are."""
     blocks = [(n, b) for n, s in posterior.searches.items() for b in range(len(s.blocks))]
@@ -151,7 +152,7 @@ def _sums(blocks: Sequence[Predicted | None], lead: Sequence[Predicted | None], 
     pairs = [(p, q) for p, q, u in zip(blocks, lead, usable, strict=True) if u and p is not None and q is not None]
     return [
         float(sum(p.error @ p.error for p, _ in pairs)),
-        float(sum(np.sum(np.linalg.solve(q.factor, p.error) ** 2) for p, q in pairs)),
+        float(sum(np.sum(np.linalg.solve(q.factor, p.error) ** 2) for p, q in pairs if q.factor is not None)),
         float(sum(p.log_density for p, _ in pairs)),
         float(sum(len(p.error) for p, _ in pairs)),
     ]
@@ -164,37 +165,102 @@ def _wrong_rows(posterior: Posterior, lead: Found, number: int, b: int) -> set[i
     return {int(i) for part in parts if part is not None for i in np.flatnonzero(part.columns.any(axis=1))}
 
 
-def _products(white: FloatArray, folds: IntArray, wrong: set[int]) -> _Folds:
-    """Return of each fold its rows (k,) that are not wrong, and the inner products (k, k) of their whitened columns."""
-    right, of_row = ~np.isin(np.arange(len(folds)), list(wrong)), np.ascontiguousarray(white.T)
-    each = {fold: np.flatnonzero((folds == fold) & right) for fold in np.unique(folds).tolist()}
-    return {fold: (rows, (own := of_row[rows]) @ own.T) for fold, rows in each.items()}
+class Rows:
+    """One block's rows in the order of time, those that are `wrong` predicted by nobody, beside any set."""
 
+    def __init__(self, search: BlockSearch, wrong: set[int]) -> None:
+        self.search, self._order = search, search.noise.order
+        self.right = ~np.isin(self._order, list(wrong))
+        self._filters: dict[tuple[int, bytes], Filter] = {}  # most sets share their noise
+        self._folds: dict[int, _Folds] = {}
 
-def _predicted(
-    block: FittedBlock, white: FloatArray, beside: tuple[FloatArray, FloatArray], folds: _Folds
-) -> Iterator[tuple[int, Predicted]]:
-    """Yield of each fold what the other rows predict for it."""
-    y, (taken, back) = block.search.block.y - block.columns @ block.weighed.prior()[0], beside
-    pulled = white.T @ (white @ y) / block.scale - taken @ (back @ y)
-    least, asked = BEYOND**2 * block.variance, dict(folds)
-    while asked:
-        size = len(next(iter(asked.values()))[0])
-        alike = [fold for fold, (own, _) in asked.items() if len(own) == size]
-        rows, products = (np.array(own) for own in zip(*map(asked.pop, alike), strict=True))
-        covariance = np.linalg.inv(products / block.scale - taken[rows] @ np.swapaxes(back.T[rows], 1, 2))
-        known = np.diagonal(covariance, axis1=1, axis2=2) < least[rows]
-        for k in np.flatnonzero(known.any(axis=1) & ~known.all(axis=1)).tolist():
-            asked[alike[k]] = rows[k][known[k]], products[k][np.ix_(known[k], known[k])]
-        told = np.flatnonzero(known.all(axis=1) & (size > 0))
-        rows, covariance = rows[told], covariance[told]
-        error = (covariance @ pulled[rows][..., None])[..., 0]
-        factor = np.linalg.cholesky(0.5 * (covariance + np.swapaxes(covariance, 1, 2)))
-        alone = np.linalg.solve(factor, error[..., None])[..., 0]
-        log_det = np.sum(np.log(np.diagonal(factor, axis1=1, axis2=2)), axis=1)
-        density = -0.5 * np.sum(alone**2, axis=1) - log_det - 0.919 * size
-        for k, place in enumerate(told):
-            yield alike[place], Predicted(rows[k], float(density[k]), error[k], factor[k])
+    def _filter(self, at: int, silent: BoolArray, label: IntArray | None = None) -> Filter:
+        """Return what whitens the rows at one noise, where some (t, N) say nothing: at t of them."""
+        key = at, silent.tobytes()
+        if key not in self._filters:
+            points = self.search.points.take(np.full(len(silent), at))
+            self._filters[key] = self.search.noise.filter_at(points, np.where(silent, UNKNOWN, 0.0), label)
+        return self._filters[key]
+
+    def _inverse(self, block: FittedBlock, by: Filter) -> tuple[FloatArray, ...]:
+        """Return P y, (t, N), log densities of all rows, (t,), U (t, N, k) and W (t, k, N).
+
+        P is the inverse covariance that noise alone makes less UW: base, amplitudes and values over temperature are few
+        columns (Woodbury).
+        """
+        base, (mean, deviation) = block.search.block.base, block.weighed.prior()
+        size = np.sqrt(block.scale) * self.search.unit
+        base = base / np.maximum(np.abs(base).max(axis=0), 1e-12) * WIDE * np.sqrt(np.mean(block.variance))
+        values = self.search.noise.following(int(self.search.points.profile[block.at])) * size
+        data = block.search.block.y - block.columns @ mean
+        columns = np.column_stack([base, values, block.columns * deviation, data])[self._order] / size
+        white = by.whiten(columns)
+        pulled, gram = by.back(white), np.swapaxes(white, 1, 2) @ white
+        inner = np.eye(gram.shape[1] - 1) + gram[:, :-1, :-1]
+        taken, shown = pulled[..., :-1], gram[:, :-1, -1:]
+        back = np.linalg.solve(inner, np.concatenate([np.swapaxes(taken, 1, 2), shown], axis=2))
+        left = pulled[..., -1] - (taken @ back[..., -1:])[..., 0]
+        squares = gram[:, -1, -1] - np.sum(shown * back[..., -1:], axis=(1, 2))
+        log = -0.5 * (squares + np.linalg.slogdet(inner)[1]) - by.half_log_det - len(data) * np.log(size)
+        return left, log, taken, back[..., :-1]
+
+    def runs(self, block: FittedBlock) -> Iterator[tuple[int, Predicted]]:
+        """Yield of each run what the others predict for it by a set."""
+        label = by_run(block)[self._order]
+        together = np.count_nonzero(np.diff(label)) < len(np.unique(label))
+        by = self._filter(block.at, np.zeros((1, len(label)), dtype=bool), label if together else np.zeros_like(label))
+        if block.at not in self._folds:
+            self._folds[block.at] = dict(self._products(by, label))
+        (left,), _, (taken,), (back,) = self._inverse(block, by)
+        least, asked = BEYOND**2 * block.variance[self._order], dict(self._folds[block.at])
+        size = np.sqrt(block.scale) * self.search.unit
+        while asked:
+            many = len(next(iter(asked.values()))[0])
+            alike = [fold for fold, (own, _) in asked.items() if len(own) == many]
+            rows, products = (np.array(own) for own in zip(*map(asked.pop, alike), strict=True))
+            covariance = size**2 * np.linalg.inv(products - taken[rows] @ np.swapaxes(back.T[rows], 1, 2))
+            known = np.diagonal(covariance, axis1=1, axis2=2) < least[rows]
+            for k in np.flatnonzero(known.any(axis=1) & ~known.all(axis=1)).tolist():
+                asked[alike[k]] = rows[k][known[k]], products[k][np.ix_(known[k], known[k])]
+            told = np.flatnonzero(known.all(axis=1) & (many > 0))
+            rows, covariance = rows[told], covariance[told]
+            error = (covariance @ left[rows][..., None])[..., 0] / size
+            factor = np.linalg.cholesky(0.5 * (covariance + np.swapaxes(covariance, 1, 2)))
+            alone = np.linalg.solve(factor, error[..., None])[..., 0]
+            log_det = np.sum(np.log(np.diagonal(factor, axis1=1, axis2=2)), axis=1)
+            density = -0.5 * np.sum(alone**2, axis=1) - log_det - _NORMAL * many
+            for k, place in enumerate(told):
+                yield alike[place], Predicted(self._order[rows[k]], float(density[k]), error[k], factor[k])
+
+    def _products(self, by: Filter, label: IntArray) -> Iterator[tuple[int, tuple[IntArray, FloatArray]]]:
+        """Yield of each fold its rows (k,) that are not wrong, and P of noise alone among them, (k, k)."""
+        parts: dict[int, list[tuple[IntArray, FloatArray]]] = {}
+        for each in by.stretches:
+            for rows, inner in zip(each.rows.reshape(-1, each.rows.shape[2]), np.vstack(each.inner()[0]), strict=True):
+                there = np.flatnonzero(np.append(self.right, False)[rows])
+                for fold in np.unique(label[rows[there]]).tolist():
+                    own = there[label[rows[there]] == fold]
+                    parts.setdefault(fold, []).append((rows[own], inner[np.ix_(own, own)]))
+        for fold, of in sorted(parts.items()):
+            yield fold, (np.concatenate([rows for rows, _ in of]), block_diag(*(inner for _, inner in of)))
+
+    def sixths(self, block: FittedBlock) -> Iterator[tuple[int, Predicted]]:
+        """Yield of each contiguous sixth of the runs what the others predict for it by a set."""
+        folds, size = in_blocks(block)[self._order], np.sqrt(block.scale) * self.search.unit
+        asked = {fold: (folds == fold) & self.right for fold in np.unique(folds).tolist()}
+        while asked:
+            silent = np.array([np.zeros(len(folds), dtype=bool), *asked.values()])
+            left, log, taken, back = self._inverse(block, self._filter(block.at, silent))
+            spread = (size * UNKNOWN) ** 2 * np.einsum("tnk,tkn->tn", taken, back)
+            known = silent & (spread < BEYOND**2 * block.variance[self._order])
+            for k, fold in enumerate([*asked], 1):
+                rows, asked_for = np.flatnonzero(known[k]), asked.pop(fold)
+                if 0 < len(rows) < asked_for.sum():
+                    asked[fold] = known[k]
+                elif len(rows):
+                    each = 0.5 * np.log(UNKNOWN) + np.log(size) + _NORMAL
+                    density = float(log[0] - log[k] - len(rows) * each)
+                    yield fold, Predicted(self._order[rows], density, size * UNKNOWN * left[k, rows])
 
 
 def by_run(block: FittedBlock) -> IntArray:

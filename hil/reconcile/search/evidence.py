@@ -67,7 +67,8 @@ class Beside:
 
     `values` (t, N, v) whitens what follows temperature by a known size: columns X become X − values values' X. `basis`
     (t, N, p) spans the base, `residual` (t, N) is what it leaves, `rss` (t,) its square, `log_noise` (t,) the log
-    determinants of the noise, and `log_base` (t,) of noise and base, as they stand in the evidence.
+    determinants of the noise, and `log_base` (t,) of noise and base, as they stand in the evidence. The part of the
+    basis that was added last is columns times `turn` (t, q, q).
     """
 
     scales: Sequence[Scale]
@@ -78,6 +79,7 @@ class Beside:
     log_noise: FloatArray
     log_base: FloatArray
     freedom: int
+    turn: FloatArray
 
     @classmethod
     def of(
@@ -94,7 +96,15 @@ class Beside:
         log_noise = -half_log_det - np.sum(np.log(root), axis=1)
         known = _less(values, white[:, :, many:])
         residual = known[:, :, -1]
-        none = known[:, :, :0], residual, np.zeros(len(points)), log_noise, log_noise, residual.shape[1]
+        none = (
+            known[:, :, :0],
+            residual,
+            np.zeros(len(points)),
+            log_noise,
+            log_noise,
+            residual.shape[1],
+            known[:, :0, :0],
+        )
         return cls(scales, values, *none).beside(known[:, :, :-1])
 
     def beside(self, columns: FloatArray) -> Beside:
@@ -102,17 +112,18 @@ class Beside:
         squares, vectors = np.linalg.eigh(np.swapaxes(columns, 1, 2) @ columns)
         usable = squares > SEEN**2 * squares.max(axis=1, initial=LEAST, keepdims=True)
         size = np.where(usable, squares, 1.0)
-        own = columns @ (vectors * np.where(usable, size**-0.5, 0.0)[:, None, :])
+        turn = vectors * np.where(usable, size**-0.5, 0.0)[:, None, :]
+        own = columns @ turn
         left = _less(own, self.residual[:, :, None])[:, :, 0]
         rss = np.maximum(np.einsum("tn,tn->t", left, left), LEAST)
         log_base = self.log_base - 0.5 * np.sum(np.log(size), axis=1)
         freedom = self.freedom - int(usable.sum(axis=1).max(initial=0))
         basis = np.concatenate([self.basis, own], axis=2)
-        return replace(self, basis=basis, residual=left, rss=rss, log_base=log_base, freedom=freedom)
+        return replace(self, basis=basis, residual=left, rss=rss, log_base=log_base, freedom=freedom, turn=turn)
 
     def at(self, index: IntArray | slice) -> Beside:
         """Return some of the points."""
-        names = ("values", "basis", "residual", "rss", "log_noise", "log_base")
+        names = ("values", "basis", "residual", "rss", "log_noise", "log_base", "turn")
         return replace(self, **{name: getattr(self, name)[index] for name in names})
 
     def follow(self, white: FloatArray) -> FloatArray:
@@ -160,7 +171,8 @@ def _less(basis: FloatArray, columns: FloatArray) -> FloatArray:
 class Group:
     """Candidates with q columns each: their places (j,), and their priors, one or several of each.
 
-    `columns` (t, N, j·q) are at some points, less what the base can do, `gram` (t, j, q, q) the products within each.
+    `columns` (N, j·q) are as they were laid out, `gram` (t, j, q, q) the products within each at some points, less what
+    the base can do.
     `owner` (p,) is the candidate of a prior, `mean` and `deviation` are (p, q), `sizes` and `log_weights` (p, u).
     """
 
@@ -180,10 +192,11 @@ class Group:
         amplitudes: Sequence[Sequence[Amplitude]],
         first: int,
         project: Callable[[FloatArray], FloatArray],
+        at_once: int,
     ) -> Iterator[Group]:
         """Group candidates, by columns (N, q) and priors, by q; those without columns are in no group.
 
-        `first` is the place of the first, `project` takes the columns to what they are at some points.
+        `first` is the place of the first, `project` takes some columns `at_once` to what they are at some points.
         """
         sizes = np.array([c.shape[1] for c in columns], dtype=np.int64)
         for q in sorted(set(sizes.tolist()) - {0}):
@@ -193,11 +206,13 @@ class Group:
             tried, weights = np.zeros((len(priors), most)), np.full((len(priors), most), -np.inf)
             for i, (_, prior) in enumerate(priors):
                 tried[i, : len(prior.sizes)], weights[i, : len(prior.sizes)] = prior.sizes, prior.log_weights
-            projected = project(np.concatenate([columns[place] for place in places.tolist()], axis=1))
+            laid = np.concatenate([columns[place] for place in places.tolist()], axis=1)
+            step = q * max(1, at_once // q)
+            grams = [_grams(project(laid[:, k : k + step]), q) for k in range(0, laid.shape[1], step)]
             yield cls(
                 places + first,
-                projected,
-                _grams(projected, q),
+                laid,
+                np.concatenate(grams, axis=1),
                 np.array([j for j, _ in priors]),
                 np.array([prior.mean for _, prior in priors]),
                 np.array([prior.deviation for _, prior in priors]),
@@ -206,17 +221,17 @@ class Group:
             )
 
 
-def log_factors(beside: Beside, groups: Sequence[Group], added: FloatArray, count: int) -> FloatArray:
+def log_factors(
+    beside: Beside, groups: Sequence[Group], products: Sequence[tuple[FloatArray, FloatArray]], count: int
+) -> FloatArray:
     """Log evidence of each of `count` candidates at every point in m data, (t, m, count), the point's prior apart.
 
-    `added` (t, N, a) spans what `beside` has more than the base that the candidates were laid out with. Its residuals
-    are (t, m, N) and their squares (t, m).
+    `products` are by group those of its columns with the residuals of the data, (t, m, j·q), of which the squares are
+    (t, m), and with what `beside` has more than the base that candidates were laid out with, (t, a, j·q).
     """
     out = np.repeat(beside.log_null()[..., None], count, axis=-1)
-    rows = np.concatenate([beside.residual, np.swapaxes(added, 1, 2)], axis=1)
-    for own in groups:
+    for own, (score, shared) in zip(groups, products, strict=True):
         size = own.gram.shape[2]
-        score, shared = np.split(rows @ own.columns, [beside.rss.shape[1]], axis=1)
         score, gram = score.reshape(*beside.rss.shape, -1, size), own.gram - _grams(shared, size)
         terms = _weighed(beside, gram[:, None, own.owner], score[..., own.owner, :], own)
         if len(own.owner) > len(own.places):

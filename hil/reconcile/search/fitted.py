@@ -17,8 +17,6 @@ Key = tuple[int, int, int]
 """Sensor, term, parameter."""
 Values = Mapping[int, tuple[float, float]]
 """Value and standard error by the place of a candidate's column."""
-WIDE = 1e4
-"""Deviation of a base parameter, in noises: as good as free."""
 
 
 @dataclass(frozen=True)
@@ -55,17 +53,6 @@ class FittedBlock:
         noise = self.search.noise
         values = np.sqrt(noise.unit * self.scale) * noise.following(int(self.search.points.profile[self.at]))
         return np.asarray(left - values @ (self.white(values).T @ self.white(left[:, None])[:, 0]))
-
-    def beside_noise(self, white: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return U (N, k) and V (k, N): W'W / scale - UV is the inverse covariance of rates before anything was fitted.
-
-        `white` (N, N) is W, which whitens the noise; beside it base and amplitudes are few columns (Woodbury).
-        """
-        base, unit = self.search.block.base, WIDE * np.sqrt(np.mean(self.variance))
-        _, deviation = self.weighed.prior()
-        columns = np.hstack([base / np.maximum(np.abs(base).max(axis=0), 1e-12) * unit, self.columns * deviation])
-        pulled = white.T @ (white @ columns) / self.scale
-        return pulled, np.linalg.solve(np.eye(columns.shape[1]) + columns.T @ pulled, pulled.T)
 
 
 @dataclass(frozen=True)

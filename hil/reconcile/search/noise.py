@@ -21,7 +21,8 @@ import numpy as np
 
 from hil.campaign import Conditions, FloatArray, IntArray
 from hil.model.effects.base import Parameter, Scatter, VarianceEffect
-from hil.reconcile.search.chains import PIECE, Chain, Filter, chain_of, filter_of, grouped, in_time, joined
+from hil.reconcile.search.chains import PIECE, Chain, chain_of, grouped, in_time, joined
+from hil.reconcile.search.filters import Filter, filter_of
 from hil.reconcile.search.profiles import FIXED, Profile, values_over_temperature
 from hil.solve.rows import Block
 
@@ -78,6 +79,11 @@ class Points:
 
     def __len__(self) -> int:
         return len(self.kind)
+
+    @property
+    def keys(self) -> Iterator[tuple[float, ...]]:
+        """Yield of each what it is a model of, whatever the profile."""
+        return zip(*(own.tolist() for own in (self.kind, self.amount, self.offset, self.level)), strict=True)
 
     def take(self, index: IntArray) -> Points:
         """Return some of the points."""
@@ -195,26 +201,39 @@ class Noise:
     @cached_property
     def _of_grid(self) -> Sequence[tuple[IntArray, Filter]]:
         """What whitens all over the grid, none where that is too much to be kept."""
-        return list(self.filters(self.grid)) if len(self.grid) * len(self.order) <= KEPT else []
+        return list(self._filters(self.grid)) if len(self.grid) * len(self.order) <= KEPT else []
 
     def filters(self, points: Points) -> Iterator[tuple[IntArray, Filter]]:
-        """Yield places (k,) among the points with what whitens there, the base's values apart.
+        """Yield places (k,) among the points with what whitens there, the base's values apart; the grid's, if kept."""
+        place = {own: k for k, own in enumerate(self.grid.keys)}
+        of = np.array([place.get(own, -1) for own in points.keys])
+        if (len(points) and not (of >= 0).all()) or not self._of_grid:
+            yield from self._filters(points)
+            return
+        for places, own in self._of_grid:
+            here = np.flatnonzero(np.isin(of, places))
+            if len(here):
+                yield here, own.take(np.searchsorted(places, of[here]))
 
-        So many at once that no piece is larger than some tens of megabytes.
-        """
+    def _filters(self, points: Points) -> Iterator[tuple[IntArray, Filter]]:
+        """So many at once that no piece is larger than some tens of megabytes."""
         most = max(1, LARGEST // (len(self.order) * PIECE))
         alike: dict[tuple[int, bytes], list[int]] = {}
         for kind in np.unique(points.kind).tolist():
             alike.setdefault((len(self._chains[kind]), self._chains[kind].begins.tobytes()), []).append(kind)
         for kinds in alike.values():
             places = np.flatnonzero(np.isin(points.kind, kinds))
-            chains = [self._chains[kind] for kind in kinds]
-            each = [len(self.stated), len(self.offset), len(chains[0]) - len(self._chains[-1])]
             for at in (places[first : first + most] for first in range(0, len(places), most)):
-                own = points.take(at)
-                sizes = np.stack([np.ones(len(at)), own.offset, own.amount], axis=1)
-                white = self._white(own.level)
-                yield at, filter_of(chains, np.searchsorted(kinds, own.kind), np.repeat(sizes, each, axis=1), white)
+                yield at, self.filter_at(points.take(at))
+
+    def filter_at(self, points: Points, further: FloatArray | None = None, label: IntArray | None = None) -> Filter:
+        """Return what whitens at points (t,) whose kinds hand on alike; with a `further` variance (t, N) of rows."""
+        kinds = np.unique(points.kind).tolist()
+        chains = [self._chains[kind] for kind in kinds]
+        each = [len(self.stated), len(self.offset), len(chains[0]) - len(self._chains[-1])]
+        sizes = np.repeat(np.stack([np.ones(len(points)), points.offset, points.amount], axis=1), each, axis=1)
+        white = self._white(points.level) + (0.0 if further is None else further)
+        return filter_of(chains, np.searchsorted(kinds, points.kind), sizes, white, label)
 
     def factor(self, profile: int) -> FloatArray:
         """Return the factor (r, r) of what is known of the columns `by_station` (N, r) before the data."""

@@ -8,7 +8,7 @@ search.likely_sets()           # the sets that are worth anything
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import pairwise
@@ -17,7 +17,6 @@ import numpy as np
 
 from hil.campaign import FloatArray, IntArray
 from hil.model.effects.prior import HOLDS
-from hil.reconcile.search.chains import Filter
 from hil.reconcile.search.evidence import (
     LEAST,
     SEEN,
@@ -28,6 +27,7 @@ from hil.reconcile.search.evidence import (
     log_factors,
     log_sum,
 )
+from hil.reconcile.search.filters import Filter
 from hil.reconcile.search.likely_noise import likely_points
 from hil.reconcile.search.noise import LARGEST, Noise, Points
 from hil.reconcile.search.set_in_block import Member, SetInBlock, weigh_in_block
@@ -66,7 +66,7 @@ class BlockSearch:
         unit = float(np.sqrt(noise.unit))
         scales = HOLDS if block.sigma_stated else HOLDS[1:]
         cube, flat, line = (np.zeros((0,) * n) for n in (3, 2, 1))
-        nothing = Beside(scales, cube, cube, flat, line, line, line, 0)
+        nothing = Beside(scales, cube, cube, flat, line, line, line, 0, cube)
         out = cls(block, noise, noise.grid, scales, block.y / unit, unit, nothing, np.zeros(0, dtype=np.int64))
         out.choose([np.zeros((len(block.y), 0))])
         out.scanned = out.scanned[:GLANCED]
@@ -91,13 +91,18 @@ class BlockSearch:
 
     def projected(self, columns: FloatArray, at: IntArray | slice = slice(None)) -> FloatArray:
         """Return columns (N, k), deg/hr, at some of the points, whitened and less what the base can do, (t, N, k)."""
-        beside, (rows, wide) = self.beside.at(at), columns.shape
-        out = np.empty((len(beside.rss), rows, wide))
-        most = max(1, LARGEST // max(len(beside.rss) * rows, 1))
-        for first in range(0, wide, most):
-            own = slice(first, first + most)
-            out[:, :, own] = beside.project(self.whitened(columns[:, own], at))
-        return out
+        return self.beside.at(at).project(self.whitened(columns, at))
+
+    def pulled(self, white: FloatArray, at: IntArray) -> FloatArray:
+        """Return what rows (t, r, N) that were whitened at some of the points make of columns, in deg/hr, (t, r, N).
+
+        Their products with whitened columns are those with columns as they were.
+        """
+        known = self.beside.at(at).follow(np.swapaxes(white, 1, 2))
+        out = np.empty(known.shape)
+        for here, own in self._at(at):
+            out[here[:, None], self.noise.order] = own.back(known[here])
+        return np.swapaxes(out, 1, 2) / self.unit
 
     def whitened(self, columns: FloatArray, at: IntArray | slice = slice(None)) -> FloatArray:
         """Return columns (N, k), deg/hr, at some of the points, with rows that are independent, in time, (t, N, k)."""
@@ -105,15 +110,20 @@ class BlockSearch:
 
     def _white(self, columns: FloatArray, at: IntArray | slice = slice(None)) -> tuple[FloatArray, FloatArray]:
         """Whiten columns (N, k), in the order of time, at some of the points: (t, N, k), and half log dets (t,)."""
+        many = len(np.arange(len(self.points))[at])
+        out, half_log_det = np.empty((many, *columns.shape)), np.empty(many)
+        for here, own in self._at(at):
+            out[here], half_log_det[here] = own.whiten(columns), own.half_log_det
+        return out, half_log_det
+
+    def _at(self, at: IntArray | slice) -> Iterator[tuple[IntArray, Filter]]:
+        """Yield places among some of the points, and what whitens there."""
         wanted = np.arange(len(self.points))[at]
-        out, half_log_det = np.empty((len(wanted), *columns.shape)), np.empty(len(wanted))
         self._filters = self._filters or list(self.noise.filters(self.points))
         for places, own in self._filters:
             here = np.flatnonzero(np.isin(wanted, places))
             if len(here):
-                chosen = own.take(np.searchsorted(places, wanted[here]))
-                out[here], half_log_det[here] = chosen.whiten(columns), chosen.half_log_det
-        return out, half_log_det
+                yield here, own.take(np.searchsorted(places, wanted[here]))
 
 
 @dataclass
@@ -128,6 +138,7 @@ class SensorSearch:
     _laid: list[list[Group]] = field(default_factory=list)
     _scannable: int = 0
     _members: dict[tuple[int, int], Member] = field(default_factory=dict)
+    _shown: dict[tuple[int, int], list[FloatArray]] = field(default_factory=dict)
 
     def leading(self, given: Set = ()) -> list[int]:
         """Return the places of the terms that explain most beside a set, one of each name."""
@@ -151,7 +162,7 @@ class SensorSearch:
 
     def forget(self) -> None:
         """Compute everything anew from now on: the terms, the data or the points of the noise are others."""
-        self._laid, self._scannable, self._known, self._weighed, self._members = [], 0, {}, {}, {}
+        self._laid, self._scannable, self._known, self._weighed, self._members, self._shown = [], 0, {}, {}, {}, {}
 
     @property
     def log_odds(self) -> FloatArray:
@@ -185,18 +196,36 @@ class SensorSearch:
             columns = [empty if (p := t.parts[b]) is None else p.columns for t in new]
             amplitudes = [term.amplitudes[b] for term in new]
             project = partial(search.projected, at=search.scanned)
-            self._laid[b] += Group.several(columns, amplitudes, first, project)
+            at_once = LARGEST // max(len(search.scanned) * len(search.y), 1)
+            self._laid[b] += Group.several(columns, amplitudes, first, project, at_once)
+            self._shown = {}
         return self._laid
+
+    def _products(self, b: int, j: int | None) -> list[FloatArray]:
+        """Return what a term (or the data) has in common with what is scanned in a block, by group, (t, q, j·q)."""
+        search, key = self.blocks[b], (-1 if j is None else j, b)
+        if key not in self._shown:
+            at = search.scanned
+            own = search.beside.residual[at][:, None] if j is None else np.swapaxes(self.member(j, b).columns[at], 1, 2)
+            pulled = search.pulled(own, at)
+            self._shown[key] = [pulled @ group.columns for group in self._laid[b]]
+        return self._shown[key]
 
     def scan(self, given: Set) -> FloatArray:
         """Log Bayes factor of every further term beside a set, whose own amplitudes are then free, (j,)."""
         total = np.zeros(len(self.terms))
         for b, (search, groups) in enumerate(zip(self.blocks, self._groups(), strict=True)):
-            base = search.beside.at(search.scanned)
-            own = [self.member(j, b).columns[search.scanned] for j in given if self.terms[j].parts[b]]
-            beside = base.beside(np.concatenate(own, axis=2)) if own else base
-            added = beside.basis[:, :, base.basis.shape[2] :]
-            total += self._factors(search, groups, beside, beside.residual[:, None], added)[0]
+            base, here = search.beside.at(search.scanned), [j for j in given if self.terms[j].parts[b]]
+            products = [(score, score[:, :0]) for score in self._products(b, None)]
+            beside = base
+            if here:
+                beside = base.beside(np.concatenate([self.member(j, b).columns[search.scanned] for j in here], axis=2))
+                added = beside.basis[:, :, base.basis.shape[2] :]
+                taken = base.residual[:, None] @ added
+                of_members = zip(*(self._products(b, j) for j in here), strict=True)
+                shared = [np.swapaxes(beside.turn, 1, 2) @ np.concatenate(own, axis=1) for own in of_members]
+                products = [(score - taken @ own, own) for (score, _), own in zip(products, shared, strict=True)]
+            total += self._factors(search, groups, beside, beside.rss[:, None], products)[0]
         return total
 
     def scan_many(self, data: Sequence[FloatArray], most: int | None = None) -> FloatArray:
@@ -208,17 +237,24 @@ class SensorSearch:
         for search, groups, rates in zip(self.blocks, self._groups(), data, strict=True):
             at = search.scanned[:most]
             residual = np.ascontiguousarray(np.swapaxes(search.projected(rates, at), 1, 2))
-            first = [replace(each, columns=each.columns[:most], gram=each.gram[:most]) for each in groups]
-            total += self._factors(search, first, search.beside.at(at), residual, search.beside.basis[at][:, :, :0])
+            first, pulled = [replace(each, gram=each.gram[:most]) for each in groups], search.pulled(residual, at)
+            products = [(score := pulled @ each.columns, score[:, :0]) for each in groups]
+            squares = np.sum(residual**2, axis=2)
+            total += self._factors(search, first, search.beside.at(at), squares, products)
         return total.T
 
     def _factors(
-        self, search: BlockSearch, groups: Sequence[Group], beside: Beside, residual: FloatArray, added: FloatArray
+        self,
+        search: BlockSearch,
+        groups: Sequence[Group],
+        beside: Beside,
+        squares: FloatArray,
+        products: Sequence[tuple[FloatArray, FloatArray]],
     ) -> FloatArray:
-        """Log Bayes factor in one block, (m, j), of data of which the base and what is `added` leave (t, m, N)."""
-        own = replace(beside, residual=residual, rss=np.maximum(np.sum(residual**2, axis=2), LEAST))
-        log_prior = search.points.log_prior[search.scanned[: len(residual)]][:, None]
-        by_point = log_factors(own, groups, added, len(self.terms)) + log_prior[..., None]
+        """Log Bayes factor in one block, (m, j), of data of which the base and what is added leave `squares` (t, m)."""
+        own = replace(beside, rss=np.maximum(squares, LEAST))
+        log_prior = search.points.log_prior[search.scanned[: len(squares)]][:, None]
+        by_point = log_factors(own, groups, products, len(self.terms)) + log_prior[..., None]
         return np.asarray(log_sum(by_point) - log_sum(own.log_null() + log_prior)[:, None])
 
     def evidence(self, chosen: Set) -> list[FloatArray]:

@@ -11,7 +11,8 @@ from hil.campaign import Conditions
 from hil.model.effects.base import Scatter, VarianceEffect
 from hil.model.effects.catalogue import VARIANCE_EFFECTS
 from hil.reconcile.search import chains
-from hil.reconcile.search.chains import chain_of, filter_of, in_time, joined
+from hil.reconcile.search.chains import chain_of, in_time, joined
+from hil.reconcile.search.filters import filter_of
 from tests.hil.model.effect_conditions import campaign
 
 CONDITIONS = campaign(temperatures=(0.0, 20.0, 40.0), runs_each=2)
@@ -55,7 +56,7 @@ def test_a_group_that_is_not_together_in_time_is_still_one() -> None:
 def test_filtered_rows_are_independent_and_keep_the_determinant(
     wanders: bool, piece: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Against a Cholesky factor: inner products of columns, and the log determinant, at every size of the states.
+    """Against what is dense: inner products of columns, the inverse, the log determinant, at every size of the states.
 
     Of two kinds side by side, which wander through the rows, or leave each run by itself; cut into two pieces, and into
     several of which the last is not full.
@@ -76,11 +77,16 @@ def test_filtered_rows_are_independent_and_keep_the_determinant(
     of = np.array([0, 1, 1, 0])
     amounts, white = rng.uniform(0.1, 5.0, (4, 6)), rng.uniform(0.5, 2.0, (4, len(rows)))
     columns = rng.normal(size=(len(rows), 3))
-    found = filter_of(kinds, of, amounts, white)
+    found, by_run = filter_of(kinds, of, amounts, white), filter_of(kinds, of, amounts, white, late.run[rows])
     whitened = found.whiten(columns)
+    pulled, several = found.back(whitened), [(each.rows, each.inner()) for each in by_run.stretches]
     for t in range(4):
         sized = replace(kinds[of[t]], columns=kinds[of[t]].columns * amounts[t])
         covariance = sized.covariance + np.diag(white[t])
         inner = whitened[t].T @ whitened[t]
         np.testing.assert_allclose(inner, columns.T @ np.linalg.solve(covariance, columns), rtol=1e-9)
+        np.testing.assert_allclose(pulled[t], np.linalg.solve(covariance, columns), rtol=1e-9, atol=1e-12)
+        places, by_themselves = several[0]
+        within = np.linalg.inv(covariance)[places[..., None], places[..., None, :]]
+        np.testing.assert_allclose(by_themselves[t], within, rtol=1e-9, atol=1e-12)
         assert found.half_log_det[t] == pytest.approx(0.5 * np.linalg.slogdet(covariance)[1], rel=1e-10)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -19,10 +19,10 @@ from hil.model.effects.base import Base, Effect, Parameter, per_channel
 from hil.model.effects.catalogue import effect_by_id, variance_effect_by_id
 from hil.model.effects.data import Mislabelled
 from hil.model.effects.prior import SECOND_TIER
-from hil.reconcile.proof.held_out import _predicted, _products, by_run
+from hil.reconcile.proof.held_out import Rows, by_run, in_blocks
 from hil.reconcile.search import set_in_block
 from hil.reconcile.search.evidence import log_sum, shrunk
-from hil.reconcile.search.fitted import fitted_block
+from hil.reconcile.search.fitted import FittedBlock, fitted_block
 from hil.reconcile.search.layout import searches
 from hil.reconcile.search.noise import OFFSETS, Noise
 from hil.reconcile.search.posterior import scatter_odds
@@ -333,20 +333,24 @@ def test_one_number_in_two_blocks_has_the_evidence_that_a_joint_density_says(
     assert found == pytest.approx(joint(search, chosen), abs=within)
 
 
-@pytest.mark.parametrize("kind", ["", "MU_rr"])
-def test_what_is_held_out_is_predicted_as_by_a_refit_without_it(search: SensorSearch, kind: str) -> None:
-    """Run by run: base and effect refitted to the other runs by generalised least squares, each error and density."""
+@pytest.mark.parametrize("kind", ["", "MU_rr", "markov"])
+@pytest.mark.parametrize("cut", [by_run, in_blocks])
+def test_what_is_held_out_is_predicted_as_by_a_refit_without_it(
+    search: SensorSearch, kind: str, cut: Callable[[FittedBlock], np.ndarray]
+) -> None:
+    """Each error and density, of runs and of sixths: base and effect refitted to the others by least squares."""
     block = fitted_block(search, (term(search, "usual"),), kind, 0)
-    own, folds = block.search.block, by_run(block)
+    own, folds = block.search.block, cut(block)
     noise = block.scale * block.search.noise.unit * covariance_of(block.search, block.at)
     design = np.hstack([own.base, block.columns])
     weight = np.concatenate([np.zeros(own.base.shape[1]), block.weighed.prior()[1] ** -2])
-    seen = 0
-    white = np.linalg.cholesky(np.linalg.inv(noise / block.scale)).T
-    for fold, predicted in _predicted(block, white, block.beside_noise(white), _products(white, folds, set())):
+    rows, seen = Rows(block.search, set()), 0
+    for fold, predicted in rows.runs(block) if cut is by_run else rows.sixths(block):
         out, rest = np.flatnonzero(folds == fold), np.flatnonzero(folds != fold)
         if len(predicted.error) != len(out):
             continue  # what the others say nothing about is left out of the fold
+        order = np.argsort(predicted.rows)
+        assert np.array_equal(predicted.rows[order], out)
         carried = noise[np.ix_(out, rest)] @ np.linalg.inv(noise[np.ix_(rest, rest)])
         inverse = np.linalg.inv(noise[np.ix_(rest, rest)])
         spread = np.linalg.inv(design[rest].T @ inverse @ design[rest] + np.diag(weight))
@@ -354,7 +358,7 @@ def test_what_is_held_out_is_predicted_as_by_a_refit_without_it(search: SensorSe
         error = own.y[out] - design[out] @ values - carried @ (own.y[rest] - design[rest] @ values)
         new = design[out] - carried @ design[rest]
         covariance = noise[np.ix_(out, out)] - carried @ noise[np.ix_(rest, out)] + new @ spread @ new.T
-        np.testing.assert_allclose(predicted.error, error, rtol=1e-3, atol=1e-3)
+        np.testing.assert_allclose(predicted.error[order], error, rtol=1e-3, atol=1e-3)
         density = multivariate_normal.logpdf(error, np.zeros(len(out)), covariance)
         assert predicted.log_density == pytest.approx(density, abs=0.01)
         seen += 1
