@@ -41,7 +41,7 @@ SCANNED = 6
 """Points of the noise at which every term is tried: a scan proposes, and what it proposes is weighed at all."""
 GLANCED = 4
 """Points at which the terms are tried beside which the noise is then looked at anew."""
-LEADING = 6
+LEADING = 18
 """Terms beside which the noise is looked at anew."""
 Set = tuple[int, ...]
 
