@@ -16,7 +16,7 @@ from procedures.words import listed, percent, significant
 
 SCHEMA = "hil.thermal/1"
 _NOT_SHOWN = "modelling against temperature is not shown to predict a temperature that was left out"
-_OTHERWISE = "; what runs that were left out say, at temperatures that others have, is hil reconcile's question"
+_OTHERWISE = "; hil reconcile asks runs that are left out, at temperatures that others have, and what is typical, too"
 
 
 def thermal_document(result: ThermalFit) -> dict[str, Any]:
@@ -123,7 +123,7 @@ def parameter_in_words(each: ParameterFit) -> str:
     errors, unit = each.choice.errors, each.unit
     if each.finding == "constant":
         largest = f"{significant(each.largest_change)} {unit}"
-        return f"no temperature dependence found by its repeats: a straight line changes less than {largest}"
+        return f"not shown by its repeats to depend on temperature: a straight line changes less than {largest}"
     if each.finding == "undescribed":
         cubic = f"; a cubic {errors['cubic']:.3g}" if "cubic" in errors else ""
         return (
