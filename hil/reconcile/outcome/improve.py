@@ -44,6 +44,7 @@ def described_parameters(
             error = 0.5 * float(np.ptp(_within(shapes, number, len(conditions), _ONE_SE)))
         parameter = candidate.parameters[number]
         power, at = _place(candidate, number)
+        place = at or _range(conditions)
         entry: dict[str, Any] = {
             "name": parameter.name,
             "value": value,
@@ -51,7 +52,7 @@ def described_parameters(
             "low": low,
             "high": high,
             "unit": parameter.unit + {0: "", 1: "/degC"}.get(power, f"/degC^{power}"),
-            "at": _whose(at, conditions) if at else _range(conditions),
+            "at": f"{place} {WHOSE[temperature_of(conditions)]}" if place.endswith("degC") else place,
             "sensor": candidate.sensor,
         }
         called = () if candidate.effect is None else known_as(candidate.effect).parameters
@@ -99,11 +100,7 @@ def _range(conditions: Conditions) -> str:
     if temperature is None or not np.any(np.isfinite(temperature)):
         return "the campaign's temperature (not recorded)"
     low, high = float(np.nanmin(temperature)), float(np.nanmax(temperature))
-    return _whose(f"{low:.1f} degC" if high - low < 1.0 else f"{low:.1f} to {high:.1f} degC", conditions)
-
-
-def _whose(degC: str, conditions: Conditions) -> str:
-    return f"{degC} ({WHOSE[temperature_of(conditions)]})"
+    return f"{low:.1f} degC" if high - low < 1.0 else f"{low:.1f} to {high:.1f} degC"
 
 
 def improved(
