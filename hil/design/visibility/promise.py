@@ -66,9 +66,7 @@ class Rows:
         own = [np.sum(block**2, axis=1).ravel() for _, block in self.whiten.blocks]
         left = np.concatenate([np.zeros(0), *own]) - np.sum(self.whiten.back(self.base) ** 2, axis=1)
         along = self.whiten.back(white) ** 2 / np.maximum(left, UNSEEN**2 * left.max(initial=0.0))[:, None]
-        return np.asarray(
-            np.minimum(along.max(axis=0, initial=0.0) / np.maximum(np.sum(white**2, axis=0), 1e-300), 1.0)
-        )
+        return np.asarray(along.max(axis=0, initial=0.0) / np.maximum(np.sum(white**2, axis=0), 1e-300))
 
     @cached_property
     def freedom(self) -> FloatArray:
