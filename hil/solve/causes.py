@@ -163,10 +163,13 @@ class Asked:
         for several in alike.values():
             shown, alone = np.vstack([by for _, by in several]), np.concatenate([each.left for each, _ in several])
             log_odds = np.concatenate([each.log_odds for each, _ in several])
-            left = alone[:, None] + alone - self.rates.squares - 2.0 * shown @ shown.T
-            i, j = np.nonzero(np.triu(left < np.minimum(alone[:, None], alone), 1))
-            causes = [each.cause(k) for each, _ in several for k in range(len(each.left) * bool(len(i)))]
-            yield log_odds[i] + made_again(2, runs), left[i, j], partial(_both, causes, i, j)
+            reach = np.linalg.norm(shown, axis=1)  # what has too little in common with any is in no pair
+            near = np.flatnonzero(alone - self.rates.squares < 2.0 * reach * reach.max(initial=0.0))
+            causes = [each.cause(k) for each, _ in several for k in range(len(each.left) * bool(len(near)))]
+            left = alone[near, None] + alone[near] - self.rates.squares - 2.0 * shown[near] @ shown[near].T
+            i, j = np.nonzero(np.triu(left < np.minimum(alone[near, None], alone[near]), 1))
+            both = partial(_both, causes, near[i], near[j])
+            yield log_odds[near[i]] + made_again(2, runs), left[i, j], both
 
     def _evidence(self, squares: FloatArray) -> FloatArray:
         """Log probability of residual squares (h,), whatever the size of the noise."""
