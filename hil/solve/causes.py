@@ -37,6 +37,7 @@ _TOLD = 1e-3  # of a rate: where the others leave less, nothing tells what it sh
 _HARDLY_ANY = 4.0  # logs: of many runs those are not asked about that the data make no likelier than that less
 _FIRST = 3  # runs of which it is asked what else is wrong beside what is likeliest of them
 _LEAST_RUNS = 2  # of so few both are all
+_AT_ONCE = 4000  # ways of which it is asked how probable they are: of a life all of them would fill the memory
 _NEXT_TO_NONE = 1e-12  # of what the likeliest has: ways that are less probable are not told
 _TIMES = np.geomspace(0.05, 500.0, 93)  # that standard errors are too small by
 _RIGHT, _NEARLY = 0.7, 0.15  # probability that they are as stated, within
@@ -178,8 +179,12 @@ class Asked:
         if self.rates.stated:
             right, otherwise = np.exp(-0.5 * (size / _NEARLY) ** 2), np.exp(-np.abs(size) / _OTHERWISE)
             prior = _RIGHT * right / right.sum() + (1.0 - _RIGHT) * otherwise / otherwise.sum()
-        left = 0.5 * np.maximum(squares, 0.0)[:, None] / _TIMES**2
-        return np.asarray(logsumexp(np.log(prior) - self.rates.freedom * size - left, axis=1))
+        by_size, out = np.log(prior) - self.rates.freedom * size, np.empty(len(squares))
+        for few in np.array_split(np.arange(len(squares)), 1 + len(squares) // _AT_ONCE):
+            left = by_size - 0.5 * np.maximum(squares[few], 0.0)[:, None] / _TIMES**2
+            most = left.max(axis=1, initial=-np.inf)
+            out[few] = most + np.log(np.sum(np.exp(left - most[:, None]), axis=1))
+        return out
 
     def labels(self, run: int) -> dict[tuple[int, ...], float]:
         """Return how much likelier, in logs, these rates are with each two places in a run exchanged."""
@@ -190,7 +195,7 @@ class Asked:
     def with_others(self, run: int, rates: FloatArray) -> float:
         """Return how much likelier, in logs, these rates are with others (k, c) in a run: not at all if one lacks."""
         (own,) = (each for runs in _Runs.of(self.rates, [run]) for each in runs.otherwise("sensors", rates[None]))
-        return float(self._evidence(np.append(own.left, np.inf))[0]) - self.as_filed
+        return float(self._evidence(own.left)[0]) - self.as_filed if len(own.left) else -np.inf
 
     def seen_from(self) -> FloatArray:
         """Return how far off each rate must be to be doubted, deg/hr, (n, c); infinite where nothing tells."""
