@@ -89,7 +89,7 @@ def _place(candidate: Candidate, number: int) -> tuple[int, str]:
     if candidate.form == "constant":
         return 0, ""
     repeats = POWERS.get(candidate.form, len(candidate.stations_degC))
-    part = number // (candidate.size // repeats)
+    part = number // (len(candidate.parameters) // repeats)
     if candidate.form == "table":
         return 0, f"{candidate.stations_degC[part]:.1f} degC"
     return part, f"about {candidate.reference_degC:g} degC"
@@ -220,7 +220,7 @@ def _curves(candidate: Candidate, found: Values) -> dict[str, Curve]:
             for k, (value, error) in found.items()
         }
     repeats = POWERS.get(candidate.form, len(candidate.stations_degC))
-    own = candidate.size // repeats
+    own = len(candidate.parameters) // repeats
     curves: dict[str, Curve] = {}
     for first in sorted({k % own for k in found}):
         pairs = [found.get(first + own * part, (0.0, 0.0)) for part in range(repeats)]
@@ -265,5 +265,5 @@ def _empirical_terms(
 
 def _channel_and_power(candidate: Candidate, column: int) -> tuple[int, str]:
     """Return in which channel a column of the second tier acts, and of which power of the driver it is, "" or "^2"."""
-    order = candidate.size // len(candidate.changes)
+    order = len(candidate.parameters) // len(candidate.changes)
     return column // order, f"^{column % order + 1}" * (order > 1)
