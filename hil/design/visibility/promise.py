@@ -65,7 +65,7 @@ class Rows:
         """Return how much of the squares (p,) of columns (N, p) beside the base a single wrong rate can explain."""
         own = [np.sum(block**2, axis=1).ravel() for _, block in self.whiten.blocks]
         left = np.concatenate([np.zeros(0), *own]) - np.sum(self.whiten.back(self.base) ** 2, axis=1)
-        along = self.whiten.back(white) ** 2 / np.maximum(left, UNSEEN**2 * left.max(initial=0.0))[:, None]
+        along = self.whiten.back(white) ** 2 / np.where(left > UNSEEN**2 * left.max(initial=0.0), left, np.inf)[:, None]
         return np.asarray(along.max(axis=0, initial=0.0) / np.maximum(np.sum(white**2, axis=0), 1e-300))
 
     @cached_property
