@@ -39,9 +39,9 @@ def test_two_sensors_with_three_effects_and_their_page(benchmark: BenchmarkFixtu
     assert time.process_time() - began < 20.0
 
 
-@pytest.mark.parametrize("runs", [24, 96, 384])
+@pytest.mark.parametrize("runs", [24, 96, 384, 3000])
 def test_one_sensor_of_more_and_more_runs(benchmark: BenchmarkFixture, runs: int) -> None:
-    """Four collects a run, one effect hidden, proof and no page: under 0.1 s a run, of a unit's year too."""
+    """Four collects a run, one effect hidden, proof and no page: under 0.1 s a run, of a unit's year and life too."""
     campaign = hidden_campaign(7, lambda rows: both(rows.supply - 28.0, 9.0, -8.0), runs_each=runs // 8)
     benchmark.pedantic(lambda: reconcile(campaign, "matrix-6-thermal"), rounds=1)
     assert benchmark.stats.stats.min < 0.1 * runs

@@ -141,7 +141,7 @@ class Asked:
         for _, k, i in sorted((left, k, i) for k, each in enumerate(telling) for i, left in enumerate(each.left)):
             first.setdefault(int(telling[k].runs[i]), (telling[k], i))
         for one, i in [*first.values()][:_FIRST]:
-            known, moved = one.cause(i), np.zeros(0) if one.moved is None else one.moved[i]
+            known, moved = one.one(i), np.zeros(0) if one.moved is None else one.moved[i]
             rates = self.rates.moved(known.run, moved, float(one.left[i]))
             for other in Asked(rates, self._own_bias, self._beside)._tried():
                 if (other.what, other.channels) != (known.what, known.channels):
@@ -168,7 +168,7 @@ class Asked:
             log_odds = np.concatenate([each.log_odds for each, _ in several])
             reach = np.linalg.norm(shown, axis=1)  # what has too little in common with any is in no pair
             near = np.flatnonzero(alone - self.rates.squares < 2.0 * reach * reach.max(initial=0.0))
-            causes = [each.cause(k) for each, _ in several for k in range(len(each.left) * bool(len(near)))]
+            causes = [each.one(k) for each, _ in several for k in range(len(each.left) * bool(len(near)))]
             left = alone[near, None] + alone[near] - self.rates.squares - 2.0 * shown[near] @ shown[near].T
             i, j = np.nonzero(np.triu(left < np.minimum(alone[near, None], alone[near]), 1))
             both = partial(_both, causes, near[i], near[j])
@@ -267,7 +267,7 @@ class _Tried:
     moved: FloatArray | None = None
     instead: FloatArray | None = None
 
-    def cause(self, i: int) -> Cause:
+    def one(self, i: int) -> Cause:
         """Return one of them."""
         off = () if self.off is None else tuple(self.off[i].tolist())
         instead = () if self.instead is None else tuple(map(tuple, self.instead[i].tolist()))
@@ -276,7 +276,7 @@ class _Tried:
 
     def ways(self, beside: tuple[Cause, ...] = (), log_odds: float = 0.0) -> _Ways:
         """Return them as ways to explain rates, beside a cause that has such log odds."""
-        return log_odds + self.log_odds, self.left, lambda i: (*beside, self.cause(i))
+        return log_odds + self.log_odds, self.left, lambda i: (*beside, self.one(i))
 
 
 @dataclass(frozen=True)

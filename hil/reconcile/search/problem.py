@@ -9,6 +9,7 @@ again.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from hil.solve.rows import Block, sensor_blocks
 from hil.solve.temperatures import same_temperature
 
 LEAST_FREEDOM = 3  # rows of a block beyond the values of its base, from which on anything can be tested
+LARGE = 250_000  # bytes: columns of a life, of which some hundred candidates would fill a third of the memory
 _BEYOND_DOUBT = 12.0  # log likelihood
 
 
@@ -117,9 +119,22 @@ def pose(campaign: Campaign, model: Model, catalogue: Sequence[Effect]) -> Probl
         collects, sensor, form = campaign.sensors[number], sensors[number], sensors[number].form
         own = collects.conditions.sensor
         asked = [effect for effect in catalogue if effect.beside_form(form.names, own)]
-        candidates += list(catalogue_candidates(number, collects.conditions, sensor.base_beside, asked))
+        found = catalogue_candidates(number, collects.conditions, sensor.base_beside, asked)
+        candidates += [_made_anew(each, sensor) for each in found]
         candidates += list(second_tier(number, collects.conditions))
     return Problem(campaign, model, sensors, blocks, candidates, tuple(notes))
+
+
+def _made_anew(candidate: Candidate, sensor: SensorProblem) -> Candidate:
+    """Return a candidate of many rows without its columns, which are then made where they are asked for."""
+    if isinstance(candidate.laid, np.ndarray) and candidate.laid.nbytes > LARGE:
+        return replace(candidate, laid=partial(_made, replace(candidate, laid=np.zeros(0)), sensor))
+    return candidate
+
+
+def _made(candidate: Candidate, sensor: SensorProblem) -> FloatArray:
+    base = sensor.base if candidate.effect is None else sensor.base_beside(candidate.effect, candidate.shape)
+    return candidate.rebuilt(sensor.collects.conditions, base)
 
 
 def fitted_sensors(campaign: Campaign, model: Model) -> dict[int, SensorProblem]:

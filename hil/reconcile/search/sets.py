@@ -42,7 +42,7 @@ class SensorSearch:
     _laid: list[list[Group]] = field(default_factory=list)
     _scannable: int = 0
     _members: dict[tuple[int, int], Member] = field(default_factory=dict)
-    _shown: dict[tuple[int, int], list[FloatArray]] = field(default_factory=dict)
+    _shown: dict[tuple[int, int], tuple[FloatArray, list[FloatArray]]] = field(default_factory=dict)
 
     def leading(self, given: Set = ()) -> list[int]:
         """Return the places of the terms that explain most beside a set, one of each name."""
@@ -106,12 +106,12 @@ class SensorSearch:
     def _products(self, b: int, j: int | None) -> list[FloatArray]:
         """Return what a term (or the data) has in common with what is scanned in a block, by group, (t, q, j·q)."""
         search, key = self.blocks[b], (-1 if j is None else j, b)
-        if key not in self._shown:
+        if key not in self._shown or self._shown[key][0] is not search.y:  # other data may have been measured since
             at = search.scanned
             own = search.beside.residual[at][:, None] if j is None else np.swapaxes(self.member(j, b).columns[at], 1, 2)
             pulled = search.pulled(own, at)
-            self._shown[key] = [group.products(pulled) for group in self._laid[b]]
-        return self._shown[key]
+            self._shown[key] = search.y, [group.products(pulled) for group in self._laid[b]]
+        return self._shown[key][1]
 
     def scan(self, given: Set) -> FloatArray:
         """Log Bayes factor of every further term beside a set, whose own amplitudes are then free, (j,)."""

@@ -7,9 +7,10 @@ import pytest
 
 from hil.campaign import Collects, FloatArray
 from hil.model import load_model
-from hil.model.effects.catalogue import SERIES_EFFECTS, effect_by_id
+from hil.model.effects.catalogue import EFFECTS, SERIES_EFFECTS, effect_by_id
 from hil.model.effects.prior import MANY as SHAPES
 from hil.reconcile.inside import named_within
+from hil.reconcile.search import problem as search_problem
 from hil.reconcile.search.block_search import BlockSearch
 from hil.reconcile.search.candidates import MANY, catalogue_candidates
 from hil.reconcile.search.layout import searches
@@ -56,6 +57,17 @@ def test_of_many_rows_those_that_are_odd_are_asked_about() -> None:
         if c.name == "row"
     }
     assert asked == set(range(len(every)))
+
+
+def test_columns_of_very_many_rows_are_made_anew_and_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of every effect of the catalogue, in every shape and form: what is not kept is what would have been."""
+    campaign = hidden_campaign(3, lambda rows: both(rows.f[:, 0], 400.0, 3.0), temperatures=(0.0, 20.0, 40.0, 60.0))
+    kept = pose(campaign, load_model("matrix-6"), EFFECTS).candidates
+    monkeypatch.setattr(search_problem, "LARGE", 0)
+    made = pose(campaign, load_model("matrix-6"), EFFECTS).candidates
+    assert all(callable(each.laid) for each in made)
+    for one, other in zip(kept, made, strict=True):
+        np.testing.assert_array_equal(one.columns, other.columns)
 
 
 def test_of_many_runs_those_that_are_odd_may_have_exchanged_labels() -> None:
