@@ -95,23 +95,24 @@ class SensorRepeats:
     `told_by` is the column whose temperatures those are (None: there is none); `not_used` are runs that FAIL by their
     own records. `of_each` is one standard deviation of every parameter that a run could tell, by run. `times_of` is by
     how much more or less than their standard errors averages scatter, by channel, 1 where chance explains it: what
-    neither the bias nor MU moves shows it, in runs that nothing is said against; where it cannot be told of which
-    channel, all have the same. `residual_times` (c,) is what residuals exceed them by, and `noise_times` (c,) that,
-    where repeats do not contradict it; `beyond_noise` (p,) is what errors that are so large leave unexplained.
-    `left_deg_per_hr` is what residuals make of the noise of rates without errors.
+    differs from run to run, and neither the bias nor MU moves, shows it, in runs that nothing is said against; where it
+    cannot be told of which channel, all have the same. `noise_times` (c,) is what residuals exceed them by, less where
+    what differs from run to run contradicts it, `same_times` by how much, beyond chance, they are no noise; `by_noise`
+    is how parameters scatter beside errors that are so large. `left_deg_per_hr` is what residuals make of the noise of
+    rates without errors.
     """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
     spread: Spread
+    by_noise: Spread
     means: Sequence[MeanAt]
     told_by: str | None = None
     not_used: tuple[int, ...] = ()
     of_each: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
     times_of: Mapping[str, float] = field(default_factory=dict)
-    residual_times: FloatArray = field(default_factory=lambda: np.ones(1))
     noise_times: FloatArray = field(default_factory=lambda: np.ones(1))
-    beyond_noise: FloatArray = field(default_factory=lambda: np.zeros(0))
+    same_times: float = 1.0
     left_deg_per_hr: float = 0.0
 
     def at(self, temperature_degC: float | None) -> MeanAt | None:
@@ -144,7 +145,7 @@ class SensorRepeats:
 
         `errors` (n, c) are the standard errors of rates, `columns` (n, c, p) what these are of each parameter.
         """
-        beyond = np.einsum("ncp,p->nc", columns**2, self.beyond_noise**2)
+        beyond = np.einsum("ncp,p->nc", columns**2, self.by_noise.beyond**2)
         own = np.nan_to_num(self.noise_times * errors, nan=self.left_deg_per_hr)
         return float(np.sqrt(np.median(own**2 + beyond)))
 
@@ -182,20 +183,22 @@ class SensorRepeats:
             return [
                 "no parameter was told twice at one temperature: what changes from run to run is not known, and in no ±"
             ]
-        of = self.spread
-        rows = zip(self.names, self.units, of.observed, of.stated, of.beyond, of.degrees, strict=True)
+        of, noise = self.spread, self.by_noise
+        rows = zip(self.names, self.units, of.observed, noise.stated, noise.factor, noise.certain, strict=True)
         told = [
-            f"{name} by {sd:.3g} {unit}" + f" ({stated:.2g} by standard errors)" * bool(stated > 0.0)
-            for name, unit, sd, stated, more, degrees in rows
-            if degrees and more > 0.5 * sd
+            f"{name} by {sd:.3g} {unit}" + _by_errors(stated / factor, stated) * bool(stated > 0.0)
+            for name, unit, sd, stated, factor, certain in rows
+            if certain
         ]
+        freedom = int(of.degrees.max())
         unknown = "" if self.told_by else "; no temperature was recorded, so that every run counts as a repeat"
-        degrees = f"{counted(int(self.spread.degrees.max()), 'degree')} of freedom{unknown}"
-        if not told:
-            return self.noise_in_words or [f"repeats scatter as their standard errors say ({degrees})"]
-        stated = "more than their standard errors say" if (of.stated > 0.0).any() else "and state no standard errors"
-        more = f"repeats scatter {stated} ({degrees})"
-        return [f"{more}: {'; '.join(told)}; each ± includes it", *self.noise_in_words, *self._by_temperature()]
+        if told:
+            stated = "more than their standard errors say" if of.stated.any() else "and state no standard errors"
+            more = f"{stated} ({counted(freedom, 'degree')} of freedom{unknown}): {'; '.join(told)}; each ± includes it"
+        else:
+            more = f"as their standard errors say, as far as {counted(freedom, 'degree')} of freedom can tell{unknown}"
+        said = [f"repeats scatter {more}"] if told or not self.noise_in_words else []
+        return [*said, *self.noise_in_words, *self._by_temperature()]
 
     @property
     def noise_in_words(self) -> list[str]:
@@ -207,12 +210,11 @@ class SensorRepeats:
             f"{'small' if times > 1.0 else 'large'}, as what nothing but noise moves shows"
             for of, times in ({"all channels together": max(odd.values())} if together else odd).items()
         ]
-        contradicted = self.residual_times[self.noise_times < self.residual_times]
-        if min(odd.values(), default=1.0) < 1.0 or not contradicted.size:
-            return by_noise
-        left = "what is left is the same in every run, and no noise"
-        allowed = f"{significant(float(contradicted.max()))} times what standard errors allow"
-        return [*by_noise, f"residuals are {allowed}, and repeats are not: {left}"]
+        if self.same_times > 1.0:
+            allowed = f"residuals are {significant(self.same_times)} times what standard errors allow"
+            left = "what is left is the same in every run, and no noise"
+            by_noise.append(f"{allowed}, and do not differ as much from run to run: {left}")
+        return by_noise
 
     def _by_temperature(self) -> list[str]:
         """Say which parameters scatter more at some temperatures than at others: no one ± holds at each."""
@@ -261,7 +263,7 @@ def means_of(
                 mean[name] = Uncertain(value, error, float(spread.freedom[p]), count, units[name])
                 scatter[name] = float(np.std(values[here, p], ddof=1)) if count > 1 else math.nan
         means.append(MeanAt(temperature, runs, mean, scatter))
-    return SensorRepeats(names, tuple(units.values()), spread, means)
+    return SensorRepeats(names, tuple(units.values()), spread, spread, means)
 
 
 def _shares(collects: Collects) -> dict[str, FloatArray]:
@@ -286,6 +288,7 @@ def _of_sensor(own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, 
     channels, known_shares = list(rows.conditions.sensor.channels), _shares(rows)
     shares = np.array([known_shares.get(name, np.full(len(channels), 1.0 / len(channels))) for name in units])
     of_channels = [np.array(each.of_channels) for each in own if each.of_channels is not None]
+    changes = _changes([each for each in own if not each.doubted], group[[not e.doubted for e in own]], rows)
     squares, freedom = sum(of_channels, np.zeros((2, len(channels))))
     residual_times = np.sqrt(np.maximum(squares / np.maximum(freedom, 1.0), 1.0))
     variance = shares * residual_times**2
@@ -297,14 +300,16 @@ def _of_sensor(own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, 
     sound = np.array([not each.doubted for each in own])
     noise = np.array([not name.startswith(("B", "MU")) for name in units])
     chosen, alone = (values[sound], errors[sound], group[sound]), noise[:, None] & (shares > _ALONE)
-    # A bias that scatters less than residuals would have it contradicts them too, where nothing else tells.
-    less = _times(Spread.of(*chosen, factor), noise if noise.any() else ~noise, alone)
-    noise_times = residual_times * (less if noise.any() else np.minimum(less, 1.0))
+    by_residuals = changes / [residual_times**2, np.ones(len(channels))]
+    noise_times = residual_times * _times(Spread.of(*chosen, factor), noise, alone, by_residuals)
     shown = means_of(units, values, errors, group, at, factor, residuals)
     stated = stated_noise(rows) is not None
-    times = _times(Spread.of(*chosen), noise, alone) if stated else np.ones(len(channels))
-    odd = (chdtrc(np.maximum(freedom, 0.5), squares) < RARE) & (noise_times == residual_times)  # which say it better
-    times = np.where(odd, residual_times, times)
+    times = _times(Spread.of(*chosen), noise, alone, changes) if stated else np.ones(len(channels))
+    same = (chdtrc(np.maximum(freedom, 0.5), squares) < RARE) & (noise_times < residual_times)
+    # Of a run without stated errors its own few residuals tell little: of how parameters scatter those of all runs do.
+    usual = np.sqrt(np.nansum(errors**2, axis=0) / np.maximum(np.isfinite(errors).sum(axis=0), 1))
+    alike = errors if stated else np.tile(usual, (len(errors), 1))
+    by_noise = Spread.of(values, alike, group, np.sqrt(shares @ noise_times**2), residuals if stated else sum(unstated))
     many = {run: int(np.isfinite(rows.rates_deg_per_hr[at]).sum()) for run, at in rows.conditions.of_each_run.items()}
     left = sum(many.get(e.runs[0], 0) * (e.residual_rms_deg_per_hr or 0.0) ** 2 for e in own)
     conditions = rows.conditions
@@ -315,17 +320,44 @@ def _of_sensor(own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, 
         not_used=not_used,
         of_each={e.runs[0]: {n: u.sd for n, u in shown.of_run(e).items()} for e in own},
         times_of=dict(zip(channels, times.tolist(), strict=True)),
-        residual_times=residual_times,
         noise_times=noise_times,
+        same_times=float(np.max(residual_times, where=same, initial=1.0)),
+        by_noise=by_noise,
         left_deg_per_hr=math.sqrt(left / max(sum(e.degrees_of_freedom for e in own), 1)),
-        beyond_noise=Spread.of(values, errors, group, np.sqrt(shares @ noise_times**2)).beyond,
     )
 
 
-def _times(spread: Spread, noise: BoolArray, alone: BoolArray) -> FloatArray:
+def _changes(own: Sequence[RunSolution], group: IntArray, rows: Collects) -> FloatArray:
+    """Return the squares, and their degrees of freedom, of what residuals differ by from run to run, (2, c).
+
+    In standard errors, among runs at one temperature (`group`, one of each) of the same collects.
+    """
+    alike: dict[tuple[object, ...], list[tuple[FloatArray, ...]]] = {}
+    for each, k in zip(own, group.tolist(), strict=True):
+        if each.residuals_deg_per_hr is not None and each.of_channels is not None:
+            here, left = rows.rows(rows.conditions.of_each_run[each.runs[0]]), each.residuals_deg_per_hr
+            place = (k, *here.conditions.position.tolist(), np.isfinite(left).tobytes())
+            alike.setdefault(place, []).append((left, here.rates_se_deg_per_hr**-2.0, each.of_channels[1]))
+    found = np.zeros((2, len(rows.conditions.sensor.channels)))
+    for several in alike.values():
+        left, weight, freedom = (np.array(of) for of in zip(*several, strict=True))
+        mean = np.sum(weight * left, axis=0) / weight.sum(axis=0)
+        squares = np.nansum(weight * (left - mean) ** 2, axis=(0, 1))
+        found += [squares, (1.0 - 1.0 / len(several)) * freedom.sum(axis=0)]
+    return found
+
+
+def _times(spread: Spread, noise: BoolArray, alone: BoolArray, changes: FloatArray) -> FloatArray:
     """Return how many times their errors the averages of each channel scatter by, (c,): alike where none stands out.
 
-    What is `noise` (p,) shows it, and of each channel what it tells `alone` (p, c).
+    What is `noise` (p,) shows it, and of each channel what it tells `alone` (p, c); and residuals by their `changes`.
     """
-    together, own = spread.times_stated(noise), np.array([spread.times_stated(of) for of in alone.T])
-    return own if together != 1.0 and np.any(own != 1.0) else np.full(len(own), together)
+    together, many = spread.times_stated(noise, changes.sum(axis=1).tolist()), changes.shape[1]
+    own = np.array([spread.times_stated(of, each, many) for of, each in zip(alone.T, changes.T.tolist(), strict=True)])
+    return own if np.any(own != 1.0) else np.full(many, together)
+
+
+def _by_errors(stated: float, enlarged: float) -> str:
+    """Say what standard errors explain of a scatter, and what they would, as large as noise is."""
+    more = "" if abs(enlarged - stated) < 0.01 * stated else f", {enlarged:.2g} as large as their noise is"
+    return f" ({stated:.2g} by standard errors{more})"

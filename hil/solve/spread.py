@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtr, chdtrc
+from scipy.special import chdtr, chdtrc, fdtrc
 
 from hil.campaign import BoolArray, FloatArray, IntArray
 
@@ -93,15 +94,24 @@ class Spread:
         explained = own / np.maximum(own + self.beyond**2, np.finfo(np.float64).tiny)
         return np.where(self.degrees > 0, self.degrees * (1.0 + 0.5 * self.degrees * explained**2), self.residuals)
 
-    def times_stated(self, of: BoolArray) -> float:
+    @property
+    def certain(self) -> BoolArray:
+        """Which scatter more than standard errors, times `factor`, say, beyond chance at `RARE` for all together."""
+        known = np.minimum(self.residuals, 1e9)
+        chance = fdtrc(np.maximum(self.degrees, 1), known, self.times**2)
+        more = (self.stated <= 0.0) | (chance * np.count_nonzero(self.degrees) < RARE)
+        return np.asarray((self.observed > 0.0) & more)  # NaN where nothing was repeated
+
+    def times_stated(self, of: BoolArray, residuals: Sequence[float] = (0.0, 0.0), among: int = 1) -> float:
         """How many times what standard errors, times `factor`, say some, `of` (p,), scatter by: 1 by chance.
 
-        Values that do not scatter at all were rounded or copied, and tell nothing of noise.
+        `residuals` are the squares, and their degrees of freedom, of what else does, and `among` of how many such
+        questions it is. Values that do not scatter at all were rounded or copied, and tell nothing of noise.
         """
         told = of & (self.observed > 0.0) & (self.stated > 0.0) & ~self.uneven  # NaN where nothing was repeated
-        squares = self.times[told] ** 2 @ self.degrees[told]
-        count = self.degrees[told].sum()
-        by_chance = min(chdtr(count, squares), chdtrc(count, squares)) > 0.5 * RARE if count else True
+        squares = residuals[0] + self.times[told] ** 2 @ self.degrees[told]
+        count = residuals[1] + self.degrees[told].sum()
+        by_chance = not count or min(chdtr(count, squares), chdtrc(count, squares)) > 0.5 * RARE / among
         return 1.0 if by_chance else math.sqrt(squares / count)
 
 
