@@ -83,7 +83,7 @@ def certificate(
     content, serial = gather(campaign), campaign.identity.get("serial", "")
     if unit not in (None, serial):
         raise InputError(f"{folder}: --unit {unit}: the unit of this night is {serial or 'not known'}")
-    scenes = measured_scenes(campaign, bench)
+    scenes = measured_scenes(campaign, bench, {each.number: each.shown for each in content.sensors})
     means = {each.number: list(budgets_of_means(scenes[each.number], each.shown)) for each in content.sensors}
     measured = night_verdict(str(status["state"]), content.solutions)
     allowed = own if limits is None else load_limits(limits)

@@ -200,6 +200,14 @@ class SensorRepeats:
         said = [f"repeats scatter {more}"] if told or not self.noise_in_words else []
         return [*said, *self.noise_in_words, *self._by_temperature()]
 
+    def noise_by(self, errors: str) -> str:
+        """Say what tells the noise of a collect: `errors`, and how many times as large it is where they do not."""
+        times = dict(zip(self.times_of, self.noise_times.tolist(), strict=True))
+        if all(0.95 < each < 1.05 for each in times.values()):
+            return errors
+        each = listed(f"{channel} {significant(of)}" for channel, of in times.items())
+        return f"{errors}, times what residuals and repeats show ({each})"
+
     @property
     def noise_in_words(self) -> list[str]:
         """Say by how much standard errors are too small or too large, and where residuals are no noise."""

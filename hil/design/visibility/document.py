@@ -152,6 +152,11 @@ def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[st
             if np.any(each.spread.degrees)
             else NoiseLevel(),
             collect_deg_per_hr=float(np.nanmedian(sigmas[number])),  # one that is huge says nothing of the others
+            channels_deg_per_hr={
+                name: float(np.median(of[known]))
+                for name, of, known in zip(each.times_of, sigmas[number].T, np.isfinite(sigmas[number]).T, strict=True)
+                if known.any()
+            },
         )
         for number, each in shown.items()
         if number in used

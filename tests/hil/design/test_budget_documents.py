@@ -88,7 +88,7 @@ def test_after_a_night_noise_and_parameters_are_the_measured_ones(campaign: Camp
     """The collects' own standard errors, this run's own GS and MU, and beside it what was seen to scatter."""
     bench = load_bench("simulated")
     shown = repeats(campaign, solve_campaign(campaign))
-    document = budget_document(measured_scenes(campaign, bench), "t", FEW, observed=shown)
+    document = budget_document(measured_scenes(campaign, bench, shown), "t", FEW, observed=shown)
     sensor = document["sensors"]["2"]
     assert sensor["acting_on"] == "as solved from this run"
     assert sensor["sources"][0]["origin"] == "measured standard errors"
@@ -117,7 +117,7 @@ def test_of_a_collect_with_one_rate_left_out_the_other_counts_as_in_solve(campai
     wrong = replace(campaign, sensors={2: replace(rows, rates_deg_per_hr=rates)})
     (solved,) = (each for each in solve_campaign(wrong) if each.run == rows.conditions.run[3])
     asked = replace(FEW, run=solved.run)
-    sensor = budget_document(measured_scenes(wrong, load_bench("simulated")), "t", asked)["sensors"]["2"]
+    sensor = budget_document(measured_scenes(wrong, load_bench("simulated"), {}), "t", asked)["sensors"]["2"]
     assert {each.se is None for each in solved.parameters.values()} == {True, False}
     for name, each in solved.parameters.items():
         noise = sensor["sources"][0]["parameters"][name]["analytic"]
@@ -133,7 +133,7 @@ def test_a_campaign_of_another_bench_takes_its_axes_from_gravity_and_earth_rate(
     own, other = (
         {
             each["id"]: each["parameters"]
-            for each in budget_document(measured_scenes(of, bench), "t", FEW)["sensors"]["2"]["sources"]
+            for each in budget_document(measured_scenes(of, bench, {}), "t", FEW)["sensors"]["2"]["sources"]
         }
         for of in (replace(campaign, sensors={2: rows}), foreign)
     )
@@ -141,7 +141,7 @@ def test_a_campaign_of_another_bench_takes_its_axes_from_gravity_and_earth_rate(
         for name in ("BA", "GSA", "MUB"):
             assert other[source][name]["analytic"] == pytest.approx(own[source][name]["analytic"], abs=2e-4), source
     still = replace(renamed, conditions=replace(renamed.conditions, w_deg_per_hr=np.zeros_like(rows.conditions.f_g)))
-    known = budget_document(measured_scenes(replace(campaign, sensors={2: still}), bench), "t", FEW)["sensors"]["2"]
+    known = budget_document(measured_scenes(replace(campaign, sensors={2: still}), bench, {}), "t", FEW)["sensors"]["2"]
     assert [each["id"] for each in known["sources"]] == ["noise", "instability", "gravity", "drift", "soak"]
     assert "index error of each move" in known["left_out"]
 
