@@ -96,10 +96,10 @@ class SensorRepeats:
     own records. `of_each` is one standard deviation of every parameter that a run could tell, by run. `times_of` is by
     how much more or less than their standard errors averages scatter, by channel, 1 where chance explains it: what
     differs from run to run, and neither the bias nor MU moves, shows it, in runs that nothing is said against; where it
-    cannot be told of which channel, all have the same. `noise_times` (c,) is what residuals exceed them by, less where
-    what differs from run to run contradicts it, `same_times` by how much, beyond chance, they are no noise; `by_noise`
-    is how parameters scatter beside errors that are so large. `left_deg_per_hr` is what residuals make of the noise of
-    rates without errors.
+    cannot be told of which channel, all have the same. `noise_times` (c,) is that, and where chance explains it what
+    residuals exceed them by, unless what differs contradicts that; `same_times` is how much, beyond chance, those do
+    that are no noise; `by_noise` is how parameters scatter beside errors as large as noise is. `left_deg_per_hr` is
+    what residuals make of the noise of rates without errors.
     """
 
     names: tuple[str, ...]
@@ -307,17 +307,18 @@ def _of_sensor(own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, 
         residuals = np.minimum(residuals, factor**4 / np.sum(variance**2 / np.maximum(freedom, 1.0), axis=1))
     sound = np.array([not each.doubted for each in own])
     noise = np.array([not name.startswith(("B", "MU")) for name in units])
-    chosen, alone = (values[sound], errors[sound], group[sound]), noise[:, None] & (shares > _ALONE)
-    by_residuals = changes / [residual_times**2, np.ones(len(channels))]
-    noise_times = residual_times * _times(Spread.of(*chosen, factor), noise, alone, by_residuals)
+    alone = noise[:, None] & (shares > _ALONE)
     shown = means_of(units, values, errors, group, at, factor, residuals)
-    stated = stated_noise(rows) is not None
-    times = _times(Spread.of(*chosen), noise, alone, changes) if stated else np.ones(len(channels))
+    if not (stated := stated_noise(rows) is not None):  # a run's own few residuals tell little: of all those of all do
+        squared = np.nansum(errors**2, axis=0) / np.maximum(np.isfinite(errors).sum(axis=0), 1)
+        errors, residuals = np.tile(np.sqrt(squared), (len(errors), 1)), np.full(len(factor), sum(unstated))
+    known = math.inf if stated else float(sum(unstated))
+    plain, widened = (Spread.of(values[sound], errors[sound], group[sound], of, known) for of in (1.0, factor))
+    times = _times(plain, noise, alone, changes) if stated else np.ones(len(channels))
+    noise_times = residual_times * _times(widened, noise, alone, changes / [residual_times**2, np.ones(len(channels))])
     same = (chdtrc(np.maximum(freedom, 0.5), squares) < RARE) & (noise_times < residual_times)
-    # Of a run without stated errors its own few residuals tell little: of how parameters scatter those of all runs do.
-    usual = np.sqrt(np.nansum(errors**2, axis=0) / np.maximum(np.isfinite(errors).sum(axis=0), 1))
-    alike = errors if stated else np.tile(usual, (len(errors), 1))
-    by_noise = Spread.of(values, alike, group, np.sqrt(shares @ noise_times**2), residuals if stated else sum(unstated))
+    noise_times = np.where(same | (times != 1.0), times, noise_times)  # what is no noise tells nothing of it
+    by_noise = Spread.of(values, errors, group, np.sqrt(shares @ noise_times**2), residuals)
     many = {run: int(np.isfinite(rows.rates_deg_per_hr[at]).sum()) for run, at in rows.conditions.of_each_run.items()}
     left = sum(many.get(e.runs[0], 0) * (e.residual_rms_deg_per_hr or 0.0) ** 2 for e in own)
     conditions = rows.conditions
@@ -366,6 +367,6 @@ def _times(spread: Spread, noise: BoolArray, alone: BoolArray, changes: FloatArr
 
 
 def _by_errors(stated: float, enlarged: float) -> str:
-    """Say what standard errors explain of a scatter, and what they would, as large as noise is."""
-    more = "" if abs(enlarged - stated) < 0.01 * stated else f", {enlarged:.2g} as large as their noise is"
+    """Say what standard errors explain of a scatter, and what noise does that is as large as shows."""
+    more = "" if abs(enlarged - stated) < 0.01 * stated else f", {enlarged:.2g} by the noise that shows"
     return f" ({stated:.2g} by standard errors{more})"

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtr, chdtrc, fdtrc
+from scipy.special import chdtrc, fdtr, fdtrc
 
 from hil.campaign import BoolArray, FloatArray, IntArray
 
@@ -111,7 +111,8 @@ class Spread:
         told = of & (self.observed > 0.0) & (self.stated > 0.0) & ~self.uneven  # NaN where nothing was repeated
         squares = residuals[0] + self.times[told] ** 2 @ self.degrees[told]
         count = residuals[1] + self.degrees[told].sum()
-        by_chance = not count or min(chdtr(count, squares), chdtrc(count, squares)) > 0.5 * RARE / among
+        ratio = (count, float(np.min(np.minimum(self.residuals, 1e9))), squares / max(count, 1))
+        by_chance = not count or min(fdtr(*ratio), fdtrc(*ratio)) > 0.5 * RARE / among
         return 1.0 if by_chance else math.sqrt(squares / count)
 
 
