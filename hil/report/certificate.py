@@ -208,8 +208,8 @@ def _conditions(campaign: Campaign, content: ReportContent) -> Iterator[str]:
         rows, shown = campaign.sensors[each.number], each.shown
         own = [degC for mean in shown.means for degC in mean.unit_degC or ()]
         chamber = rows.conditions.columns.get("chamber_degC")
-        air = "" if chamber is None else f", the chamber at {min(chamber):.1f} … {max(chamber):.1f} °C"
-        inside = f"; inside the unit {min(own):.1f} … {max(own):.1f} °C" if own else ""
+        air = "" if chamber is None else f", the chamber at {min(chamber):z.1f} … {max(chamber):z.1f} °C"
+        inside = f"; inside the unit {min(own):z.1f} … {max(own):z.1f} °C" if own else ""
         yield (
             f"sensor {each.number}: {how_many(rows.conditions)}{air}{inside}; collects of "
             f"{listed(f'{s:g} s' for s in sorted({float(s) for s in rows.conditions.duration_s}))} at positions "

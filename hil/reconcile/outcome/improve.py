@@ -90,7 +90,7 @@ def _place(candidate: Candidate, number: int) -> tuple[int, str]:
     repeats = POWERS.get(candidate.form, len(candidate.stations_degC))
     part = number // (candidate.size // repeats)
     if candidate.form == "table":
-        return 0, f"{candidate.stations_degC[part]:.1f} degC"
+        return 0, f"{candidate.stations_degC[part]:z.1f} degC"
     return part, f"about {candidate.reference_degC:g} degC"
 
 
@@ -99,7 +99,7 @@ def _range(conditions: Conditions) -> str:
     if temperature is None or not np.any(np.isfinite(temperature)):
         return "the campaign's temperature (not recorded)"
     low, high = float(np.nanmin(temperature)), float(np.nanmax(temperature))
-    return _whose(f"{low:.1f} degC" if high - low < 1.0 else f"{low:.1f} to {high:.1f} degC", conditions)
+    return _whose(f"{low:z.1f} degC" if high - low < 1.0 else f"{low:z.1f} to {high:z.1f} degC", conditions)
 
 
 def _whose(degC: str, conditions: Conditions) -> str:

@@ -387,6 +387,18 @@ def _moved_by(of_sensor: Mapping[str, Any], effect: str) -> dict[str, float]:
     return {each["id"]: each["leaks"] for each in of_sensor["effects"]}[effect]
 
 
+@pytest.mark.parametrize(("runs", "left"), [(1, False), (4, True)])
+def test_what_changes_from_run_to_run_is_not_known_where_nothing_was_repeated(runs: int, left: bool) -> None:
+    """By neither of them, and it is no 0 that scatter states; what single runs leave beside a curve is observed."""
+    one = campaign(runs, 1, seed=3, scatter=0.5)
+    found = what_scatters(one)
+    assert "what changes from run to run is not known" in repeats(one, solve_campaign(one))[2].sentences()[0]
+    assert "nothing was repeated: what changes from run to run is not known" in found.sentences()[0]
+    assert {of["run_offset_deg_per_hr"] for of in found.noise} == {None}
+    assert {of["observed_deg_per_hr"] is not None for of in found.noise} == {left}
+    assert ("what is observed is" in found.sentences()[0]) is left
+
+
 @pytest.mark.parametrize("seed", [11, pytest.param(13, marks=pytest.mark.slow)])
 def test_an_offset_of_runs_is_as_large_for_the_search_as_for_repeats(seed: int) -> None:
     """Within what eight degrees of freedom tell, and not one of the few sizes that the search's grid has."""

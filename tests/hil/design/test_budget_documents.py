@@ -25,6 +25,7 @@ from hil.design.budget.document import Asked, budget_document
 from hil.design.budget.scenes import measured_scenes, planned_scenes
 from hil.errors import InputError
 from hil.solve import repeats, solve_campaign
+from tests.hil.solve.test_other_runs import repeated
 
 FEW = Asked(draws=2000)
 
@@ -122,6 +123,18 @@ def test_of_a_collect_with_one_rate_left_out_the_other_counts_as_in_solve(campai
     for name, each in solved.parameters.items():
         noise = sensor["sources"][0]["parameters"][name]["analytic"]
         assert noise == (None if each.se is None else pytest.approx(each.se)), name
+
+
+def test_the_worst_run_is_the_one_that_solve_knows_worst() -> None:
+    """Of rates without standard errors, whose noise a budget only assumes, residuals tell which run that is."""
+    one = repeated(4, 4, (0, 1, 2, 0), seed=4)
+    bare = replace(one.sensors[2], rates_se_deg_per_hr=np.full_like(one.sensors[2].rates_deg_per_hr, np.nan))
+    made = replace(one, sensors={2: bare})
+    shown = repeats(made, solve_campaign(made))
+    worst = max(shown[2].of_each, key=lambda run: sum(sd**2 for sd in shown[2].of_each[run].values()))
+    asked = Asked(draws=100)
+    document = budget_document(measured_scenes(made, load_bench("simulated"), shown), "t", asked, observed=shown)
+    assert document["sensors"]["2"]["run"] == worst != 1
 
 
 def test_a_campaign_of_another_bench_takes_its_axes_from_gravity_and_earth_rate(campaign: Campaign) -> None:
