@@ -18,24 +18,24 @@ Every command that states an uncertainty asks here.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtrc, ndtr, stdtrit
+from scipy.special import chdtr, chdtrc, ndtr, stdtrit
 
-from hil.campaign import BoolArray, Campaign, Collects, FloatArray, IntArray
+from hil.campaign import Campaign, Collects, FloatArray, IntArray
 from hil.model.forms import default_form
+from hil.solve.identifiability import orthonormal
 from hil.solve.runs import Estimate, RunSolution, stated_noise
-from hil.solve.spread import RARE, Spread
+from hil.solve.spread import RARE, Spread, uneven
 from hil.solve.temperatures import nearest, runs_by_temperature, told_by, unit_range_degC
 from hil.solve.wrong_rows import treated
 from procedures.words import counted, listed, significant
 
 CONFIDENCE = 0.95
 """Of every interval that is stated."""
-_ALONE = 0.95  # of what noise moves a parameter by: so much by one channel is that one's
 
 
 @dataclass(frozen=True)
@@ -226,7 +226,7 @@ class SensorRepeats:
 
     def _by_temperature(self) -> list[str]:
         """Say which parameters scatter more at some temperatures than at others: no one ± holds at each."""
-        names = [name for name, uneven in zip(self.names, self.spread.uneven, strict=True) if uneven]
+        names = [name for name, odd in zip(self.names, self.spread.uneven, strict=True) if odd]
         how = "scatters" if len(names) == 1 else "scatter"
         where = "more at some temperatures than at others: no one ± holds at each; hil scatter asks what it is"
         return [f"{listed(names)} {how} {where}"] if names else []
@@ -296,7 +296,6 @@ def _of_sensor(own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, 
     channels, known_shares = list(rows.conditions.sensor.channels), _shares(rows)
     shares = np.array([known_shares.get(name, np.full(len(channels), 1.0 / len(channels))) for name in units])
     of_channels = [np.array(each.of_channels) for each in own if each.of_channels is not None]
-    changes = _changes([each for each in own if not each.doubted], group[[not e.doubted for e in own]], rows)
     squares, freedom = sum(of_channels, np.zeros((2, len(channels))))
     residual_times = np.sqrt(np.maximum(squares / np.maximum(freedom, 1.0), 1.0))
     variance = shares * residual_times**2
@@ -305,17 +304,13 @@ def _of_sensor(own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, 
     residuals = np.full(len(factor), min(unstated, default=math.inf))
     if freedom.sum() > 0.5 and chdtrc(freedom.sum(), squares.sum()) < RARE:  # then by Welch and Satterthwaite
         residuals = np.minimum(residuals, factor**4 / np.sum(variance**2 / np.maximum(freedom, 1.0), axis=1))
-    sound = np.array([not each.doubted for each in own])
-    noise = np.array([not name.startswith(("B", "MU")) for name in units])
-    alone = noise[:, None] & (shares > _ALONE)
     shown = means_of(units, values, errors, group, at, factor, residuals)
     if not (stated := stated_noise(rows) is not None):  # a run's own few residuals tell little: of all those of all do
         squared = np.nansum(errors**2, axis=0) / np.maximum(np.isfinite(errors).sum(axis=0), 1)
         errors, residuals = np.tile(np.sqrt(squared), (len(errors), 1)), np.full(len(factor), sum(unstated))
-    known = math.inf if stated else float(sum(unstated))
-    plain, widened = (Spread.of(values[sound], errors[sound], group[sound], of, known) for of in (1.0, factor))
-    times = _times(plain, noise, alone, changes) if stated else np.ones(len(channels))
-    noise_times = residual_times * _times(widened, noise, alone, changes / [residual_times**2, np.ones(len(channels))])
+    changes = _changes(rows, {run for each in own if not each.doubted for run in each.runs} if stated else set())
+    times = _times(*changes)
+    noise_times = residual_times * _times(changes[0] / residual_times**2, changes[1])
     same = (chdtrc(np.maximum(freedom, 0.5), squares) < RARE) & (noise_times < residual_times)
     noise_times = np.where(same | (times != 1.0), times, noise_times)  # what is no noise tells nothing of it
     by_noise = Spread.of(values, errors, group, np.sqrt(shares @ noise_times**2), residuals)
@@ -336,34 +331,54 @@ def _of_sensor(own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, 
     )
 
 
-def _changes(own: Sequence[RunSolution], group: IntArray, rows: Collects) -> FloatArray:
-    """Return the squares, and their degrees of freedom, of what residuals differ by from run to run, (2, c).
+def _changes(rows: Collects, runs: Set[int]) -> FloatArray:
+    """Return the squares, and their degrees of freedom, of what differs from run to run, in standard errors, (2, c).
 
-    In standard errors, among runs at one temperature (`group`, one of each) of the same collects.
+    Among `runs` of the same collects at one temperature, less what a bias or MU of each makes; nothing of a channel
+    that differs more at some temperatures than at others.
     """
-    alike: dict[tuple[object, ...], list[tuple[FloatArray, ...]]] = {}
-    for each, k in zip(own, group.tolist(), strict=True):
-        if each.residuals_deg_per_hr is not None and each.of_channels is not None:
-            here, left = rows.rows(rows.conditions.of_each_run[each.runs[0]]), each.residuals_deg_per_hr
-            place = (k, *here.conditions.position.tolist(), np.isfinite(left).tobytes())
-            alike.setdefault(place, []).append((left, here.rates_se_deg_per_hr**-2.0, each.of_channels[1]))
-    found = np.zeros((2, len(rows.conditions.sensor.channels)))
-    for several in alike.values():
-        left, weight, freedom = (np.array(of) for of in zip(*several, strict=True))
-        mean = np.sum(weight * left, axis=0) / weight.sum(axis=0)
-        squares = np.nansum(weight * (left - mean) ** 2, axis=(0, 1))
-        found += [squares, (1.0 - 1.0 / len(several)) * freedom.sum(axis=0)]
-    return found
+    conditions, form = rows.conditions, default_form(rows.conditions)
+    seen, known = rows.rates_deg_per_hr - conditions.w_channels_deg_per_hr, np.isfinite(rows.rates_deg_per_hr)
+    root = np.where(known, 1.0 / np.where(known, rows.rates_se_deg_per_hr, 1.0), 0.0)
+    columns, white = form.columns(conditions) * root[..., None], np.where(known, seen, 0.0) * root
+    of_run = np.array([name.startswith(("B", "MU")) for name in form.names])
+    groups, count = runs_by_temperature(conditions), known.shape[1]
+    alike: dict[tuple[int, bytes, bytes], list[IntArray]] = {}
+    for k, (_, several) in enumerate(groups):
+        for rows_of in (conditions.of_each_run[run] for run in several if run in runs):
+            what = conditions.position[rows_of].tobytes(), known[rows_of].tobytes()
+            alike.setdefault((k, *what), []).append(rows_of)
+    found = np.zeros((2, len(groups), count))
+    for (k, *_), each in alike.items():
+        at, weight = np.array(each), root[each] ** 2
+        share = weight / np.maximum(weight.sum(axis=0), 1e-300)
+        common = np.linalg.lstsq(columns[at].reshape(-1, len(of_run)), white[at].reshape(-1), rcond=1e-3)[0]
+        left = white[at] - columns[at] @ common
+        left -= root[at] * np.sum(share * left / np.where(weight > 0.0, root[at], 1.0), axis=0)
+        for own, off, part in zip(columns[at], left, share, strict=True):
+            basis = orthonormal(own[..., of_run].reshape(-1, of_run.sum()))
+            off = off.reshape(-1) - basis @ (basis.T @ off.reshape(-1))
+            free = (1.0 - np.sum(basis**2, axis=1)).reshape(part.shape) * (1.0 - part) * (part > 0.0)
+            found[:, k] += [np.sum(off.reshape(part.shape) ** 2, axis=0), free.sum(axis=0)]
+    squares, freedom = found
+    told = (squares.sum(axis=0) > 0.0) & ~uneven(
+        squares / np.maximum(freedom, 0.5), np.where(freedom > 0.5, freedom, 0.0)
+    )
+    return np.asarray(found.sum(axis=1) * told)
 
 
-def _times(spread: Spread, noise: BoolArray, alone: BoolArray, changes: FloatArray) -> FloatArray:
-    """Return how many times their errors the averages of each channel scatter by, (c,): alike where none stands out.
+def _times(squares: FloatArray, freedom: FloatArray) -> FloatArray:
+    """Return how many times their errors each channel's averages differ by, (c,), 1 by chance: alike where none is odd.
 
-    What is `noise` (p,) shows it, and of each channel what it tells `alone` (p, c); and residuals by their `changes`.
+    Values that do not differ at all were rounded or copied, and tell nothing of noise.
     """
-    together, many = spread.times_stated(noise, changes.sum(axis=1).tolist()), changes.shape[1]
-    own = np.array([spread.times_stated(of, each, many) for of, each in zip(alone.T, changes.T.tolist(), strict=True)])
-    return own if np.any(own != 1.0) else np.full(many, together)
+
+    def times(square: float, degrees: float, among: int) -> float:
+        by_chance = degrees < 0.5 or min(chdtr(degrees, square), chdtrc(degrees, square)) > 0.5 * RARE / among
+        return 1.0 if by_chance else math.sqrt(square / degrees)
+
+    own = np.array([times(*each, len(freedom)) for each in zip(squares, freedom, strict=True)])
+    return own if np.any(own != 1.0) else np.full(len(own), times(squares.sum(), freedom.sum(), 1))
 
 
 def _by_errors(stated: float, enlarged: float) -> str:

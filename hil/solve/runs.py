@@ -60,10 +60,9 @@ class RunSolution:
     `covariance` (p, p) in the order of `parameters`, NaN where unknown; `condition_number` None where infinite;
     `residual_rms_deg_per_hr` None without degrees of freedom; `combinations` are seen mixtures of parameters that are
     not known singly. `chi_square` is that of the residuals, None without stated standard errors, and `of_channels` what
-    each channel has of it and of its degrees of freedom, (c,) each; `residuals_deg_per_hr` (n, c) is None where they
-    are not those of its equations. `compared`: whether other runs say what this one's collects should show; `doubted`:
-    whether it tells nothing of noise, for something is said against a row of it, or it had not settled. `among`: of how
-    many judgements it may be the one that differs most by chance.
+    each channel has of it and of its degrees of freedom, (c,) each. `compared`: whether other runs say what this one's
+    collects should show; `doubted`: whether it tells nothing of noise, for something is said against a row of it, or it
+    had not settled. `among`: of how many judgements it may be the one that differs most by chance.
     """
 
     run: int | None
@@ -83,7 +82,6 @@ class RunSolution:
     assumed: tuple[str, ...]
     chi_square: float | None = None
     of_channels: tuple[FloatArray, FloatArray] | None = None
-    residuals_deg_per_hr: FloatArray | None = None
     compared: bool = True
     doubted: bool = False
     among: int = 1
@@ -253,9 +251,6 @@ def _described(sensor: int, solved: _Solved, among: int) -> RunSolution:
         assumed=_assumptions(form, collects, noise_stated),
         chi_square=float(solution.chi_square) if solved.tells else None,
         of_channels=of_channels if solved.tells else None,
-        residuals_deg_per_hr=None
-        if solved.as_contractor
-        else solution.residuals.reshape(-1, len(conditions.sensor.channels)),
         among=among,
     )
 

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtrc, fdtr, fdtrc
+from scipy.special import chdtrc, fdtrc
 
 from hil.campaign import BoolArray, FloatArray, IntArray
 
@@ -70,14 +69,14 @@ class Spread:
         beyond = np.sqrt(np.maximum(more.sum(axis=0), 0.0) / np.maximum(room.sum(axis=0), _TINY)) * (freedom > 0)
         beyond = np.fmin(beyond, observed)  # no part of it is more than the whole
         expected = explained + degrees * beyond**2
-        uneven = _uneven(squares / np.where(expected > 0.0, expected, np.inf), degrees)
+        odd = uneven(squares / np.where(expected > 0.0, expected, np.inf), degrees)
         stated = np.sqrt(explained.sum(axis=0) / enough)
         every = np.all(~known | (own > 0.0), axis=0) & (stated > 0.0)
         times = np.where(
             every, np.sqrt(weighed.sum(axis=0) / enough), observed / np.where(stated > 0.0, stated, np.inf)
         )
         of_each = np.broadcast_to(np.asarray(factor, dtype=np.float64), observed.shape)
-        return cls(observed, beyond, stated, times, freedom.astype(np.int64), uneven, of_each, residuals)
+        return cls(observed, beyond, stated, times, freedom.astype(np.int64), odd, of_each, residuals)
 
     def sd(self, errors: FloatArray) -> FloatArray:
         """Return the standard deviation of a run's values by its standard errors (…, p); NaN where nothing tells it."""
@@ -102,22 +101,9 @@ class Spread:
         more = (self.stated <= 0.0) | (chance * np.count_nonzero(self.degrees) < RARE)
         return np.asarray((self.observed > 0.0) & more)  # NaN where nothing was repeated
 
-    def times_stated(self, of: BoolArray, residuals: Sequence[float] = (0.0, 0.0), among: int = 1) -> float:
-        """How many times what standard errors, times `factor`, say some, `of` (p,), scatter by: 1 by chance.
 
-        `residuals` are the squares, and their degrees of freedom, of what else does, and `among` of how many such
-        questions it is. Values that do not scatter at all were rounded or copied, and tell nothing of noise.
-        """
-        told = of & (self.observed > 0.0) & (self.stated > 0.0) & ~self.uneven  # NaN where nothing was repeated
-        squares = residuals[0] + self.times[told] ** 2 @ self.degrees[told]
-        count = residuals[1] + self.degrees[told].sum()
-        ratio = (count, float(np.min(np.minimum(self.residuals, 1e9))), squares / max(count, 1))
-        by_chance = not count or min(fdtr(*ratio), fdtrc(*ratio)) > 0.5 * RARE / among
-        return 1.0 if by_chance else math.sqrt(squares / count)
-
-
-def _uneven(times: FloatArray, degrees: FloatArray) -> BoolArray:
-    """Return which parameters scatter otherwise from temperature to temperature: variances `times` (k, p) the expected.
+def uneven(times: FloatArray, degrees: FloatArray) -> BoolArray:
+    """Return which of p scatter otherwise from temperature to temperature: variances `times` (k, p) the expected.
 
     Bartlett's test (Snedecor and Cochran, Statistical Methods) at `RARE` for all parameters together.
     """

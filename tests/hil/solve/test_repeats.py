@@ -298,13 +298,11 @@ def campaign_of_four_collects() -> Campaign:
     return Campaign("four", "", {2: Collects(conditions, rates, np.full((4, 2), np.nan))})
 
 
-def test_one_large_standard_error_makes_no_other_too_large() -> None:
-    """Twelve runs at four temperatures, right to one: what they scatter by is asked in each run's own error."""
-    rng, group, every = np.random.default_rng(3), np.repeat(np.arange(4), 3), np.full(4, True)
-    errors = np.ones((12, 4))
-    values = rng.normal(size=(12, 4))
-    assert Spread.of(values, errors, group).times_stated(every) == 1.0
-    errors[7] = 300.0
-    assert Spread.of(values, errors, group).times_stated(every) == 1.0
-    assert Spread.of(values, 10.0 * np.ones((12, 4)), group).times_stated(every) == pytest.approx(0.1, rel=0.3)
-    assert Spread.of(values, 0.1 * np.ones((12, 4)), group).times_stated(every) == pytest.approx(10.0, rel=0.3)
+@pytest.mark.parametrize("times", [1.0, 0.1, 10.0])
+def test_one_large_standard_error_makes_no_other_too_large(times: float) -> None:
+    """Twelve runs at four temperatures, right to one: what they differ by is asked in each run's own error."""
+    one = runs_at_their_temperatures(12, 3, seed=3, scatter=0.0)
+    errors = times * one.sensors[2].rates_se_deg_per_hr
+    errors[21:24] *= 300.0
+    made = replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=errors)})
+    assert [*repeats(made, solve_campaign(made))[2].times_of.values()] == pytest.approx([1.0 / times] * 2, rel=0.5)
