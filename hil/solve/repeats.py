@@ -184,10 +184,11 @@ class SensorRepeats:
                 "no parameter was told twice at one temperature: what changes from run to run is not known, and in no ±"
             ]
         of, noise = self.spread, self.by_noise
-        rows = zip(self.names, self.units, of.observed, noise.stated, noise.factor, noise.certain, strict=True)
         told = [
-            f"{name} by {sd:.3g} {unit}" + _by_errors(stated / factor, stated) * bool(stated > 0.0)
-            for name, unit, sd, stated, factor, certain in rows
+            f"{name} by {sd:.3g} {unit}" + f" ({stated:.2g} by noise)" * bool(stated > 0.0)
+            for name, unit, sd, stated, certain in zip(
+                self.names, self.units, of.observed, noise.stated, noise.certain, strict=True
+            )
             if certain
         ]
         freedom = int(of.degrees.max())
@@ -379,9 +380,3 @@ def _times(squares: FloatArray, freedom: FloatArray) -> FloatArray:
 
     own = np.array([times(*each, len(freedom)) for each in zip(squares, freedom, strict=True)])
     return own if np.any(own != 1.0) else np.full(len(own), times(squares.sum(), freedom.sum(), 1))
-
-
-def _by_errors(stated: float, enlarged: float) -> str:
-    """Say what standard errors explain of a scatter, and what noise does that is as large as shows."""
-    more = "" if abs(enlarged - stated) < 0.01 * stated else f", {enlarged:.2g} by the noise that shows"
-    return f" ({stated:.2g} by standard errors{more})"

@@ -237,6 +237,7 @@ def test_sound_repeats_are_seldom_said_to_scatter_more_and_those_that_do_are(run
     assert more.count(2.0) >= (10 if runs > 2 else 2)
     freedom = runs - runs // per_temperature
     assert any(f"say, as far as {freedom} degree" in words for words in said.values())
+    assert all("deg/hr (0." in words and " by noise)" in words for words in said.values() if "BA by" in words)
 
 
 @pytest.mark.slow
