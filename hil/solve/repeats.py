@@ -96,10 +96,10 @@ class SensorRepeats:
     own records. `of_each` is one standard deviation of every parameter that a run could tell, by run. `times_of` is by
     how much more or less than their standard errors averages scatter, by channel, 1 where chance explains it: what
     differs from run to run, and neither the bias nor MU moves, shows it, in runs that nothing is said against; where it
-    cannot be told of which channel, all have the same. `noise_times` (c,) is that, and where chance explains it what
-    residuals exceed them by, unless what differs contradicts that; `same_times` is how much, beyond chance, those do
-    that are no noise; `by_noise` is how parameters scatter beside errors as large as noise is. `left_deg_per_hr` is
-    what residuals make of the noise of rates without errors.
+    cannot be told of which channel, all have the same. `noise_times` (c,) is that, or what residuals exceed them by
+    beyond chance where what differs neither shows nor contradicts it; `same_times` is how much those do that are no
+    noise; `by_noise` is how parameters scatter beside errors as large as noise is. `left_deg_per_hr` is what residuals
+    make of the noise of rates without errors.
     """
 
     names: tuple[str, ...]
@@ -204,7 +204,7 @@ class SensorRepeats:
     def noise_by(self, errors: str) -> str:
         """Say what tells the noise of a collect: `errors`, and how many times as large it is where they do not."""
         times = dict(zip(self.times_of, self.noise_times.tolist(), strict=True))
-        if all(0.95 < each < 1.05 for each in times.values()):
+        if {*times.values()} == {1.0}:
             return errors
         each = listed(f"{channel} {significant(of)}" for channel, of in times.items())
         return f"{errors}, times what residuals and repeats show ({each})"
@@ -311,9 +311,9 @@ def _of_sensor(own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, 
         errors, residuals = np.tile(np.sqrt(squared), (len(errors), 1)), np.full(len(factor), sum(unstated))
     changes = _changes(rows, {run for each in own if not each.doubted for run in each.runs} if stated else set())
     times = _times(*changes)
-    noise_times = residual_times * _times(changes[0] / residual_times**2, changes[1])
-    same = (chdtrc(np.maximum(freedom, 0.5), squares) < RARE) & (noise_times < residual_times)
-    noise_times = np.where(same | (times != 1.0), times, noise_times)  # what is no noise tells nothing of it
+    odd = chdtrc(np.maximum(freedom, 0.5), squares) < RARE
+    contradicted = odd & (_times(changes[0] / residual_times**2, changes[1]) < 1.0)
+    noise_times = np.where(odd & ~contradicted & (times == 1.0), residual_times, times)
     by_noise = Spread.of(values, errors, group, np.sqrt(shares @ noise_times**2), residuals)
     many = {run: int(np.isfinite(rows.rates_deg_per_hr[at]).sum()) for run, at in rows.conditions.of_each_run.items()}
     left = sum(many.get(e.runs[0], 0) * (e.residual_rms_deg_per_hr or 0.0) ** 2 for e in own)
@@ -326,7 +326,7 @@ def _of_sensor(own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, 
         of_each={e.runs[0]: {n: u.sd for n, u in shown.of_run(e).items()} for e in own},
         times_of=dict(zip(channels, times.tolist(), strict=True)),
         noise_times=noise_times,
-        same_times=float(np.max(residual_times, where=same, initial=1.0)),
+        same_times=float(np.max(residual_times, where=contradicted, initial=1.0)),
         by_noise=by_noise,
         left_deg_per_hr=math.sqrt(left / max(sum(e.degrees_of_freedom for e in own), 1)),
     )
