@@ -13,12 +13,13 @@ from unittest.mock import patch
 from hil.campaign import Campaign
 from hil.reconcile import Reconciliation
 from hil.reconcile import reconcile as quick
-from hil.reconcile.search import likely_noise, posterior, set_in_block, sets
+from hil.reconcile.search import block_search, likely_noise, posterior, set_in_block, sets
 
 WIDER: dict[Any, dict[str, Any]] = {
     posterior: {"WIDTH": (24, 15, 12, 9, 6), "GROWTH": 30, "PER_NAME": 9, "WORTH": 14.0},
-    sets: {"SCANNED": 40, "GLANCED": 20, "LEADING": 18},
-    likely_noise: {"POINTS": 200, "DEPTH": 12.0, "PROFILES": 16, "ROUNDS": 6},
+    block_search: {"SCANNED": 40, "GLANCED": 20},
+    sets: {"LEADING": 60},
+    likely_noise: {"POINTS": 200, "DEPTH": 12.0},
     set_in_block: {"DEPTH": 30.0},
 }
 

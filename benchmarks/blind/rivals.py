@@ -47,8 +47,8 @@ def library(folder: Path, case: Case, model: str) -> Library:
 
     problem = pose(read_campaign(folder), load_model(model), EFFECTS)
     first = [c for c in problem.candidates if c.tier == 1]
-    stacked = np.hstack([c.columns.transpose(1, 0, 2).reshape(-1, c.size) for c in first])
-    names = np.concatenate([[c.name] * c.size for c in first])
+    stacked = np.hstack([c.columns.transpose(1, 0, 2).reshape(-1, len(c.parameters)) for c in first])
+    names = np.concatenate([[c.name] * len(c.parameters) for c in first])
     q, _ = np.linalg.qr(base_columns(case.night, model))
 
     def beside(values: np.ndarray) -> np.ndarray:

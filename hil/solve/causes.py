@@ -39,6 +39,7 @@ _TOLD = 1e-3  # of a rate: where the others leave less, nothing tells what it sh
 _HARDLY_ANY = 4.0  # logs: of many runs those are not asked about that the data make no likelier than that less
 _FIRST = 3  # runs of which it is asked what else is wrong beside what is likeliest of them
 _LEAST_RUNS = 2  # of so few both are all
+_AT_ONCE = 4000  # ways of which it is asked how probable they are: of a life all of them would fill the memory
 _NEXT_TO_NONE = 1e-12  # of what the likeliest has: ways that are less probable are not told
 _TIMES = np.geomspace(0.05, 500.0, 93)  # that standard errors are too small by
 _RIGHT, _NEARLY = 0.7, 0.15  # probability that they are as stated, within
@@ -165,10 +166,13 @@ class Asked:
         for several in alike.values():
             shown, alone = np.vstack([by for _, by in several]), np.concatenate([each.left for each, _ in several])
             log_odds = np.concatenate([each.log_odds for each, _ in several])
-            left = alone[:, None] + alone - self.rates.squares - 2.0 * shown @ shown.T
-            i, j = np.nonzero(np.triu(left < np.minimum(alone[:, None], alone), 1))
-            causes = [each.cause(k) for each, _ in several for k in range(len(each.left) * bool(len(i)))]
-            yield log_odds[i] + made_again(2, runs), left[i, j], partial(_both, causes, i, j)
+            reach = np.linalg.norm(shown, axis=1)  # what has too little in common with any is in no pair
+            near = np.flatnonzero(alone - self.rates.squares < 2.0 * reach * reach.max(initial=0.0))
+            causes = [each.cause(k) for each, _ in several for k in range(len(each.left) * bool(len(near)))]
+            left = alone[near, None] + alone[near] - self.rates.squares - 2.0 * shown[near] @ shown[near].T
+            i, j = np.nonzero(np.triu(left < np.minimum(alone[near, None], alone[near]), 1))
+            both = partial(_both, causes, near[i], near[j])
+            yield log_odds[near[i]] + made_again(2, runs), left[i, j], both
 
     def _evidence(self, squares: FloatArray) -> FloatArray:
         """Log probability of residual squares (h,), whatever the size of the noise."""
@@ -177,8 +181,12 @@ class Asked:
         if self.rates.stated:
             right, otherwise = np.exp(-0.5 * (size / _NEARLY) ** 2), np.exp(-np.abs(size) / _OTHERWISE)
             prior = _RIGHT * right / right.sum() + (1.0 - _RIGHT) * otherwise / otherwise.sum()
-        left = 0.5 * np.maximum(squares, 0.0)[:, None] / _TIMES**2
-        return np.asarray(logsumexp(np.log(prior) - self.rates.freedom * size - left, axis=1))
+        by_size, out = np.log(prior) - self.rates.freedom * size, np.empty(len(squares))
+        for few in np.array_split(np.arange(len(squares)), 1 + len(squares) // _AT_ONCE):
+            left = by_size - 0.5 * np.maximum(squares[few], 0.0)[:, None] / _TIMES**2
+            most = left.max(axis=1, initial=-np.inf)
+            out[few] = most + np.log(np.sum(np.exp(left - most[:, None]), axis=1))
+        return out
 
     def labels(self, run: int) -> dict[tuple[int, ...], float]:
         """Return how much likelier, in logs, these rates are with each two places in a run exchanged."""
@@ -189,7 +197,7 @@ class Asked:
     def with_others(self, run: int, rates: FloatArray) -> float:
         """Return how much likelier, in logs, these rates are with others (k, c) in a run: not at all if one lacks."""
         (own,) = (each for runs in _Runs.of(self.rates, [run]) for each in runs.otherwise("sensors", rates[None]))
-        return float(self._evidence(np.append(own.left, np.inf))[0]) - self.as_filed
+        return float(self._evidence(own.left)[0]) - self.as_filed if len(own.left) else -np.inf
 
     def seen_from(self) -> FloatArray:
         """Return how far off each rate must be to be doubted, deg/hr, (n, c); infinite where nothing tells."""

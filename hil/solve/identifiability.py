@@ -43,6 +43,13 @@ class Whitener:
         white = [(block @ columns[rows]).reshape(rows.size, -1) for rows, block in self.blocks]
         return np.concatenate([np.zeros((0, columns.shape[1])), *white])
 
+    def back(self, white: FloatArray) -> FloatArray:
+        """Return Wᵀ times what was whitened, (N, p): of each row, its product with the row by itself, whitened."""
+        out, ends = [np.zeros((0, white.shape[1]))], np.cumsum([rows.size for rows, _ in self.blocks])
+        for (rows, block), own in zip(self.blocks, np.split(white, ends[:-1]), strict=True):
+            out.append((np.swapaxes(block, 1, 2) @ own.reshape(*rows.shape, -1)).reshape(rows.size, -1))
+        return np.concatenate(out)
+
 
 def whitener(
     conditions: Conditions,

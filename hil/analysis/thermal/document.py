@@ -1,6 +1,5 @@
 """The result of `hil thermal` as one document (schema hil.thermal/1), and its findings in words."""
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -124,9 +123,7 @@ def parameter_in_words(each: ParameterFit) -> str:
     errors, unit = each.choice.errors, each.unit
     if each.finding == "constant":
         largest = f"{significant(each.largest_change)} {unit}"
-        freedom = each.values.freedom
-        by = f" ({freedom:.0f} degrees of freedom)" * math.isfinite(freedom)
-        return f"not shown by its repeats{by} to depend on temperature: a straight line changes less than {largest}"
+        return f"not shown by its repeats to depend on temperature: a straight line changes less than {largest}"
     if each.finding == "undescribed":
         cubic = f"; a cubic {errors['cubic']:.3g}" if "cubic" in errors else ""
         return (

@@ -198,13 +198,11 @@ def budgets_of_means(runs: Sequence[RunScene], observed: SensorRepeats) -> Itera
 
 def moves_most(runs: Sequence[RunScene], mean: MeanAt, observed: SensorRepeats) -> tuple[RunScene, Budget]:
     """Return the run of a mean whose total moves it most, with its budget: one that is hardly known moves none."""
-
-    def moves(each: tuple[RunScene, Budget]) -> float:
-        sd = as_solved(each[1], each[0].run, observed)
-        return float(np.nansum((each[1].total() / np.where(sd > 0.0, sd, 1.0) ** 2) ** 2))
-
     both = [(each, Budget(each.scene, each.sources, each.form, draws=0)) for each in runs if each.run in mean.runs]
-    return max(both, key=moves)
+    least = 1e-9  # deg/hr: where nothing states a run's uncertainty all weigh alike
+    return max(
+        both, key=lambda of: np.nansum(of[1].total() ** 2 / np.fmax(as_solved(of[1], of[0].run, observed), least) ** 4)
+    )
 
 
 def as_solved(budget: Budget, run: int, observed: SensorRepeats | None) -> FloatArray:

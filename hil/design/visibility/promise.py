@@ -16,6 +16,7 @@ from scipy.special import ndtr, ndtri
 from hil.campaign import Conditions, FloatArray
 from hil.model.effects.base import Effect, Parameter
 from hil.model.effects.prior import ALPHA, HOLDS, UNSEEN, ladder, middle
+from hil.solve.causes import ODDS
 from hil.solve.identifiability import Visible, Whitener
 
 PROBABILITY = 0.9
@@ -51,7 +52,7 @@ class Rows:
         sizes = np.array([size for own, _ in whiten.blocks for size in [own.shape[1]] * len(own)], dtype=np.int64)
         self.starts, self.channel = np.cumsum(sizes) - sizes, np.eye(channels)[rows % channels]
         self.alike = whiten @ np.tile(np.eye(channels), (rows.max(initial=-1) // channels + 1, 1))
-        self.base = base
+        self.base, self.whiten = base, whiten
 
     def squares(self, white: FloatArray) -> FloatArray:
         """Return the squares (2c, p) of columns (N, p) by channel: of what a whole run has in common, then the rest."""
@@ -59,6 +60,13 @@ class Rows:
         norms = np.maximum(np.add.reduceat(self.alike**2, self.starts), 1e-300)[:, :, None]
         shared = np.sum(sums**2 / norms, axis=0)
         return np.concatenate([shared, np.maximum(self.channel.T @ white**2 - shared, 0.0)])
+
+    def in_one(self, white: FloatArray) -> FloatArray:
+        """Return how much of the squares (p,) of columns (N, p) beside the base a single wrong rate can explain."""
+        own = [np.sum(block**2, axis=1).ravel() for _, block in self.whiten.blocks]
+        left = np.concatenate([np.zeros(0), *own]) - np.sum(self.whiten.back(self.base) ** 2, axis=1)
+        along = self.whiten.back(white) ** 2 / np.where(left > UNSEEN**2 * left.max(initial=0.0), left, np.inf)[:, None]
+        return np.asarray(along.max(axis=0, initial=0.0) / np.maximum(np.sum(white**2, axis=0), 1e-300))
 
     @cached_property
     def freedom(self) -> FloatArray:
@@ -122,6 +130,10 @@ def thresholds(
     squares = np.stack([rows.squares(one) for one in columns])  # (k, 2c, p)
     shares = squares / np.maximum(squares.sum(axis=1, keepdims=True), 1e-300)
     needed = noise_unknown(2.0 * (log_odds[..., None] - price[own]), shares, rows.freedom)
+    # One rate that is wrong, as large, explains what shows in it: the rest has to tell, or the odds of the two.
+    log_wrong = np.log((ODDS["rate"] + ODDS["collect"]) / len(rows.channel))
+    beside = np.maximum(1.0 - np.stack([rows.in_one(one) for one in columns]), 1e-12)
+    needed = np.maximum(needed, np.sqrt(2.0 * np.maximum(log_odds + log_wrong, 0.0) / beside)[..., None])
     turned = (vectors * values[:, :, None] / centre[:, None]) ** 2
     reach = np.sqrt(turned @ (sizes**2 / shrunk))[*own, np.arange(len(parameters))]  # (k, p, o)
     with np.errstate(divide="ignore"):

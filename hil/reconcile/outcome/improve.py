@@ -44,6 +44,7 @@ def described_parameters(
             error = 0.5 * float(np.ptp(_within(shapes, number, len(conditions), _ONE_SE)))
         parameter = candidate.parameters[number]
         power, at = _place(candidate, number)
+        place = at or _range(conditions)
         entry: dict[str, Any] = {
             "name": parameter.name,
             "value": value,
@@ -51,7 +52,7 @@ def described_parameters(
             "low": low,
             "high": high,
             "unit": parameter.unit + {0: "", 1: "/degC"}.get(power, f"/degC^{power}"),
-            "at": _whose(at, conditions) if at else _range(conditions),
+            "at": f"{place} {WHOSE[temperature_of(conditions)]}" if place.endswith("degC") else place,
             "sensor": candidate.sensor,
         }
         called = () if candidate.effect is None else known_as(candidate.effect).parameters
@@ -88,7 +89,7 @@ def _place(candidate: Candidate, number: int) -> tuple[int, str]:
     if candidate.form == "constant":
         return 0, ""
     repeats = POWERS.get(candidate.form, len(candidate.stations_degC))
-    part = number // (candidate.size // repeats)
+    part = number // (len(candidate.parameters) // repeats)
     if candidate.form == "table":
         return 0, f"{candidate.stations_degC[part]:z.1f} degC"
     return part, f"about {candidate.reference_degC:g} degC"
@@ -99,11 +100,7 @@ def _range(conditions: Conditions) -> str:
     if temperature is None or not np.any(np.isfinite(temperature)):
         return "the campaign's temperature (not recorded)"
     low, high = float(np.nanmin(temperature)), float(np.nanmax(temperature))
-    return _whose(f"{low:z.1f} degC" if high - low < 1.0 else f"{low:z.1f} to {high:z.1f} degC", conditions)
-
-
-def _whose(degC: str, conditions: Conditions) -> str:
-    return f"{degC} ({WHOSE[temperature_of(conditions)]})"
+    return f"{low:z.1f} degC" if high - low < 1.0 else f"{low:z.1f} to {high:z.1f} degC"
 
 
 def improved(
@@ -223,7 +220,7 @@ def _curves(candidate: Candidate, found: Values) -> dict[str, Curve]:
             for k, (value, error) in found.items()
         }
     repeats = POWERS.get(candidate.form, len(candidate.stations_degC))
-    own = candidate.size // repeats
+    own = len(candidate.parameters) // repeats
     curves: dict[str, Curve] = {}
     for first in sorted({k % own for k in found}):
         pairs = [found.get(first + own * part, (0.0, 0.0)) for part in range(repeats)]
@@ -268,5 +265,5 @@ def _empirical_terms(
 
 def _channel_and_power(candidate: Candidate, column: int) -> tuple[int, str]:
     """Return in which channel a column of the second tier acts, and of which power of the driver it is, "" or "^2"."""
-    order = candidate.size // len(candidate.changes)
+    order = len(candidate.parameters) // len(candidate.changes)
     return column // order, f"^{column % order + 1}" * (order > 1)

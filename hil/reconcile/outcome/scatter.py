@@ -240,21 +240,16 @@ def with_white_noise(model: Model, campaign: Campaign, otherwise: float = 0.0) -
             continue
         white, station, level = np.nan_to_num(white, nan=usual), same_temperature(own), level_degC(own)
         at = [station == k for k in np.unique(station[station >= 0])]
-        (_, usual_se), *known_at = [_middle(white[here]) for here in (slice(None), *at)]
+        every = [white, *(white[here] for here in at)]
+        apart = [OF_NORMAL * float(np.median(np.abs(of - np.median(of)))) for of in every]  # one may be huge
+        usual_se, *se = [_OF_A_MEDIAN * each / of.size**0.5 for each, of in zip(apart, every, strict=True)]
         curve: Curve = Constant(unit=_WHITE, value=usual, se=usual_se)
         if level is not None and len(at) > 1:
             known = [float(np.nanmean(level[here])) for here in at]
-            value, se = zip(*known_at, strict=True)
+            value = [float(np.median(of)) for of in every[1:]]
             curve = Table(unit=_WHITE, table={"temperature_degC": known, "value": value, "se": se})
         sections[number] = section.model_copy(update={"angle_random_walk": curve})
     return model.model_copy(update={"noise": sections})
-
-
-def _middle(values: FloatArray) -> tuple[float, float]:
-    """Return the median of some values and its error: one that is huge says nothing of either."""
-    middle = float(np.median(values))
-    apart = OF_NORMAL * float(np.median(np.abs(values - middle)))
-    return middle, _OF_A_MEDIAN * apart / float(np.sqrt(values.size))
 
 
 def beyond_chance(channel: Mapping[str, Any]) -> Iterator[tuple[str, float, float]]:

@@ -113,7 +113,7 @@ def _next(found: Answer) -> dict[str, Any] | None:
         number = shared[0] if shared else next(iter(named.terms))
         at = named.terms[number]
         candidate = fit.posterior.term(number, at[0]).candidate
-        values = np.zeros(candidate.size)
+        values = np.zeros(len(candidate.parameters))
         for column, (value, _) in fit.of_term(number, at[0]).items():
             values[column] = value
         sigma = float(np.sqrt(np.mean([np.median(b.variance) for b in fit.blocks])))

@@ -14,11 +14,12 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from hil.campaign import BoolArray, FloatArray, IntArray
+from hil.reconcile.search.block_search import BlockSearch
 from hil.reconcile.search.filters import Filter
 from hil.reconcile.search.fitted import FittedBlock, fitted_block
 from hil.reconcile.search.noise import FEWEST_RUNS
 from hil.reconcile.search.posterior import Found, Posterior
-from hil.reconcile.search.sets import BlockSearch, Set
+from hil.reconcile.search.sets import Set
 
 SETS = 8
 """Sets among which a fold chooses: what is not among these with all rows is not without some."""

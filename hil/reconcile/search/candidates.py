@@ -8,6 +8,7 @@ catalogue would get the catalogue's nearest name.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -46,7 +47,7 @@ class Candidate:
     name: str
     tier: int
     sensor: int
-    columns: FloatArray
+    laid: FloatArray | Callable[[], FloatArray]
     parameters: tuple[Parameter, ...]
     shape: Mapping[str, float] = field(default_factory=dict)
     form: str = "constant"
@@ -60,9 +61,9 @@ class Candidate:
     kept: tuple[int, ...] = ()
 
     @property
-    def size(self) -> int:
-        """Number of columns."""
-        return int(self.columns.shape[2])
+    def columns(self) -> FloatArray:
+        """The columns, (n, c, p); what is soon made of a few numbers is made anew, and takes no memory."""
+        return self.laid() if callable(self.laid) else self.laid
 
     def rebuilt(self, conditions: Conditions, base: Base) -> FloatArray:
         """Return the columns of the same effect, shape and form on other rows, shape (n, c, p).
@@ -86,12 +87,14 @@ def catalogue_candidates(
     for effect in catalogue:
         if not effect.searched or not effect.applies_to(conditions.sensor) or effect.missing(conditions):
             continue
-        tried = set[bytes]()
+        tried = set[int]()
         for shape in shapes_tried(effect, conditions):
             columns = effect_columns(effect, conditions, base_beside(effect, shape), shape)
             parameters = effect.parameters_for(conditions)
             high = np.array([item.typical[1] if 0 < item.typical[1] < np.inf else 1.0 for item in parameters])
-            same = (columns.round(9) + 0.0).tobytes()  # as where nothing tells one room before the night from another
+            same = hash(
+                (columns.round(9) + 0.0).tobytes()
+            )  # as where nothing tells one room before the night from another
             if float(np.abs(columns * high).max(initial=0.0)) < _NOTHING or same in tried:
                 continue
             tried.add(same)
@@ -100,7 +103,7 @@ def catalogue_candidates(
                 name=called.id,
                 tier=1,
                 sensor=number,
-                columns=columns,
+                laid=columns,
                 parameters=parameters,
                 shape=shape,
                 title=called.title,
@@ -124,9 +127,9 @@ def _over_temperature(plain: Candidate, conditions: Conditions) -> Iterator[Cand
     if temperature is None or not np.all(np.isfinite(temperature)):
         return
     kept = () if plain.effect is None else plain.effect.kept_over_temperature(plain.parameters, conditions.sensor)
-    if 0 < len(kept) < plain.size:
+    if 0 < len(kept) < len(plain.parameters):
         parameters = tuple(plain.parameters[k] for k in kept)
-        plain = replace(plain, columns=plain.columns[:, :, list(kept)], parameters=parameters, kept=kept)
+        plain = replace(plain, laid=plain.columns[:, :, list(kept)], parameters=parameters, kept=kept)
     numbers = same_temperature(conditions)
     centres = tuple(float(np.mean(temperature[numbers == k])) for k in range(numbers.max() + 1))
     if len(centres) < 2:
@@ -141,8 +144,8 @@ def _over_temperature(plain: Candidate, conditions: Conditions) -> Iterator[Cand
     forms += [("table", None, centres)] * (len(centres) > 3)
     for form, about, stations in forms:
         columns = in_form(plain.columns, conditions, form, about, stations)
-        parameters = plain.parameters * (columns.shape[2] // plain.size)
-        laid = replace(plain, columns=columns, parameters=parameters, form=form)
+        parameters = plain.parameters * (columns.shape[2] // len(plain.parameters))
+        laid = replace(plain, laid=columns, parameters=parameters, form=form)
         yield replace(laid, reference_degC=about, stations_degC=stations)
 
 
@@ -211,9 +214,8 @@ def second_tier(number: int, conditions: Conditions) -> Iterator[Candidate]:
     plain = drivers(conditions)
     targets = list(_targets(conditions))
     for target in targets:
-        for driver in plain:
-            if target.name != "earth rate" or driver.kind == "condition":
-                yield _nameless(number, conditions, target, driver.name, target.columns * driver.values[:, None])
+        for driver in (each for each in plain if target.name != "earth rate" or each.kind == "condition"):
+            yield _nameless(number, conditions, target, driver.name, target.columns * driver.values[:, None])
         curves = list(_smooth(conditions)) if target.name != "earth rate" else []
         bear = [driver.name for driver in plain if target.name == "B" and _bears_a_curve(driver)]
         for over, curve in [*curves, *((name, _powers(name, conditions, _CURVE_ORDER)) for name in bear)]:
@@ -276,16 +278,23 @@ def _nameless(number: int, conditions: Conditions, target: _Target, driver: str,
     curve, channels = values.ndim > 2, len(conditions.sensor.channels)
     values = values.reshape(*values.shape[:2], -1)
     order, how = values.shape[2], f"{'curve over ' * curve}{driver}"
-    each = np.broadcast_to(values, (len(conditions), channels, order))[:, :, None, :] * np.eye(channels)[:, :, None]
     changes = [Parameter(f"{name} × {driver}", target.unit, (0.0, np.inf)) for name in target.changes]
     return Candidate(
         name=f"{target.name} × {how}",
         tier=2,
         sensor=number,
-        columns=each.reshape(len(conditions), channels, channels * order),
+        laid=partial(_each_channel, values, channels),
         parameters=tuple(each for each in changes for _ in range(order)),
         title=f"{target.name} follows {driver}{' in a way that no effect of the catalogue describes' * curve}",
         equation=f"rate += amplitude × {target.name} × {how}",
         driver=driver,
         changes=target.changes,
     )
+
+
+def _each_channel(values: FloatArray, channels: int) -> FloatArray:
+    """Return values (n, c or 1, k) of every channel by itself, (n, c, c·k)."""
+    each = (
+        np.broadcast_to(values, (len(values), channels, values.shape[2]))[:, :, None, :] * np.eye(channels)[:, :, None]
+    )
+    return np.asarray(each.reshape(len(values), channels, -1))

@@ -82,6 +82,8 @@ class Filter:
 
     def take(self, index: IntArray) -> Filter:
         """Return some of the models, those at `index` (k,)."""
+        if np.array_equal(index, np.arange(len(self.half_log_det))):
+            return self
         return Filter([each.take(index) for each in self.stretches], self.half_log_det[index])
 
     def whiten(self, columns: FloatArray) -> FloatArray:

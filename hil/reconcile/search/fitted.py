@@ -7,10 +7,11 @@ from functools import cached_property
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray
+from hil.reconcile.search.block_search import BlockSearch
 from hil.reconcile.search.noise import COMPARED
 from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.set_in_block import SetInBlock
-from hil.reconcile.search.sets import BlockSearch, SensorSearch, Set
+from hil.reconcile.search.sets import SensorSearch, Set
 from hil.solve.identifiability import orthonormal, project_out
 
 Key = tuple[int, int, int]

@@ -9,11 +9,12 @@ import numpy as np
 from hil.model.effects.base import Effect, VarianceEffect
 from hil.model.effects.data import Mislabelled
 from hil.model.effects.prior import MANY
+from hil.reconcile.search.block_search import BlockSearch
 from hil.reconcile.search.candidates import Candidate, effect_columns
 from hil.reconcile.search.mistakes import AsSolved, as_told, exchanges, may_be_wrong
 from hil.reconcile.search.noise import Noise
 from hil.reconcile.search.problem import LEAST_FREEDOM, Problem, SensorProblem
-from hil.reconcile.search.sets import BlockSearch, SensorSearch, Set
+from hil.reconcile.search.sets import SensorSearch, Set
 from hil.reconcile.search.terms import terms
 from hil.solve.rows import Block
 
@@ -118,4 +119,4 @@ def _between(sensor: SensorProblem, candidate: Candidate) -> Iterator[Candidate]
             values += [{**candidate.shape, shape.name: here * (other / here) ** part} for part in BETWEEN]
     for value in values:
         columns = effect_columns(effect, conditions, sensor.base_beside(effect, value), value)
-        yield replace(candidate, shape=value, columns=columns)
+        yield replace(candidate, shape=value, laid=columns)

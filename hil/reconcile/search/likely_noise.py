@@ -22,10 +22,6 @@ POINTS = 48
 """Points of the noise that a block is weighed at: what the data leave probable under any of the leading sets."""
 DEPTH = 9.0
 """Noise this much (in log probability) below the best is left out: one part in eight thousand."""
-PROFILES = 2
-"""Ways of following temperature that are weighed on: with a step of three between sizes, others add nothing."""
-ROUNDS = 3
-"""At most, in which a way of following temperature is climbed to; one more changes nothing that these rows show."""
 
 
 @dataclass(frozen=True)
@@ -76,11 +72,14 @@ class _Rows:
         freedom = len(self.noise.order) - len(columns)
         return log_sum(student(rss[None], log_base, self.scales, freedom))
 
-    def climb(self) -> list[tuple[list[Profile], FloatArray]]:
-        """Return of each variant how values likeliest follow, the likeliest first, and the heights (κ,) beside that."""
+    def climb(self) -> list[tuple[Profile, FloatArray]]:
+        """Return of each variant how values likeliest follow, and the heights (κ,) beside that.
+
+        Nothing else is weighed: with a step of three between sizes, other ways add nothing.
+        """
         stand = self.noise.profiles[0]
         if not self.noise.calibrated:
-            return [([stand], own[:, 0]) for own in self.heights(np.arange(len(self.grid)), [stand])]
+            return [(stand, own[:, 0]) for own in self.heights(np.arange(len(self.grid)), [stand])]
         ordinary = np.flatnonzero(self.grid.kind < 0)
         alike = [(way,) * len(stand) for way in FOLLOWS]
         starts = [np.unravel_index(np.argmax(own), own.shape) for own in self.heights(ordinary, alike)]
@@ -99,21 +98,19 @@ class _Rows:
         index = np.append(np.arange(values), values + np.append(self.variants[v], self.data[v]))
         return replace(self, gram=self.gram[:, index[:, None], index], variants=[np.arange(own)], data=[own])
 
-    def _climb(self, v: int, at: int, best: Profile) -> tuple[list[Profile], FloatArray]:
+    def _climb(self, v: int, at: int, best: Profile) -> tuple[Profile, FloatArray]:
+        """Climb by turns to the likeliest way for each value, and to the likeliest noise beside these."""
         only, beside, probable = self._only(v), np.full(len(self.grid), -np.inf), np.arange(len(self.grid))
-        near: dict[Profile, float] = {}
-        for _ in range(ROUNDS):
-            before, near = (best, at), {}
+        climbs = True
+        while climbs:
+            height = beside[at]
             for place in range(len(best)):
                 changed = [(*best[:place], way, *best[place + 1 :]) for way in FOLLOWS]
-                near |= dict(zip(changed, only.heights(np.array([at]), changed)[0, 0].tolist(), strict=True))
-                best = max(changed, key=lambda p: near[p])
+                best = changed[int(np.argmax(only.heights(np.array([at]), changed)))]
             beside[probable] = self._everywhere(v, best)[probable]
             at = int(np.argmax(beside))
-            probable = np.flatnonzero(beside > beside[at] - 2.0 * DEPTH)
-            if (best, at) == before:
-                break
-        return sorted(near, key=lambda p: -near[p])[:PROFILES], beside
+            probable, climbs = np.flatnonzero(beside > beside[at] - 2.0 * DEPTH), beside[at] > height
+        return best, beside
 
 
 def likely_points(
@@ -134,7 +131,7 @@ def likely_points(
     rows = _Rows(noise, grid, scales, gram, half_log_det, [v for v, _ in pairs], [y for _, y in pairs])
 
     found = rows.climb()
-    profiles = list(dict.fromkeys(p for own, _ in found for p in own))
+    profiles = list(dict.fromkeys(best for best, _ in found))
     near = np.flatnonzero(
         np.any([(b > b.max() - 2.0 * DEPTH) | _highest(b, grid.kind) for _, b in found], axis=0) | _quiet(grid)
     )

@@ -15,6 +15,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -44,21 +45,19 @@ def may_be_wrong(number: int, blocks: Sequence[Block], conditions: Conditions, s
     rows = np.unique(np.concatenate([block.rows for block in blocks]))
     rows = rows[np.isin(conditions.run[rows], solved.told)]
     for row in sorted(rows[np.argsort(-odd[rows], kind="stable")][:MANY].tolist()):
-        several = np.zeros((*shape, shape[1]))
-        several[row] = np.eye(shape[1])
-        yield _wrong("row", number, several, {"row": float(row)})
-        for channel in range(shape[1]):
-            yield _wrong("row", number, several[:, :, channel : channel + 1], {"row": float(row), "channel": channel})
+        every = np.arange(shape[1])
+        yield _wrong("row", number, shape, np.full(len(every), row), every, {"row": float(row)})
+        for channel in every.tolist():
+            of_channel = np.array([row]), every[channel : channel + 1]
+            yield _wrong("row", number, shape, *of_channel, {"row": float(row), "channel": channel})
     odd_runs = runs_to_ask(blocks, conditions, solved, MANY)
     for block in blocks:
         for run in np.unique(block.run[np.isin(conditions.run[block.rows], odd_runs)]).tolist():
             here = np.flatnonzero(block.run == run)
             if not 1 < len(here) < 0.5 * len(block.y):
                 continue
-            columns = np.zeros((*shape, len(here)))
-            columns[block.rows[here], block.channel[here], np.arange(len(here))] = 1.0
             of_block = {"number": float(conditions.run[block.rows[here[0]]]), "channel": float(block.channel[0])}
-            yield _wrong("run", number, columns, of_block)
+            yield _wrong("run", number, shape, block.rows[here], block.channel[here], of_block)
 
 
 def runs_to_ask(blocks: Sequence[Block], conditions: Conditions, solved: AsSolved, most: int) -> IntArray:
@@ -89,9 +88,19 @@ def _oddness(block: Block, conditions: Conditions) -> FloatArray:
     return out
 
 
-def _wrong(name: str, number: int, columns: FloatArray, shape: Mapping[str, float]) -> Candidate:
-    parameters = tuple(Parameter(f"off_{k}", "deg/hr", (1.0, 100.0)) for k in range(columns.shape[2]))
+def _wrong(
+    name: str, number: int, size: tuple[int, int], rows: IntArray, channels: IntArray, shape: Mapping[str, float]
+) -> Candidate:
+    parameters = tuple(Parameter(f"off_{k}", "deg/hr", (1.0, 100.0)) for k in range(len(rows)))
+    columns = partial(_each_rate, size, rows, channels)
     return Candidate(name, 0, number, columns, parameters, shape=shape, title=f"A {name} that is wrong")
+
+
+def _each_rate(size: tuple[int, int], rows: IntArray, channels: IntArray) -> FloatArray:
+    """Return a column (n, c, p) for each of some rates."""
+    out = np.zeros((*size, len(rows)))
+    out[rows, channels, np.arange(len(rows))] = 1.0
+    return out
 
 
 @dataclass(frozen=True)

@@ -41,8 +41,8 @@ FEWEST_RUNS = 4
 """Runs of which one can be held out, and that tell what changes from one to the next: of fewer, collects do."""
 ALIKE = 0.985
 """Covariances of which the cosine is larger are one and the same to these rows."""
-LARGEST = 4_000_000
-"""Numbers that are whitened at once: some tens of megabytes, and still in step with the processor's cache."""
+LARGEST = 2_500_000
+"""Numbers that are whitened at once: twenty megabytes, and still in step with the processor's cache."""
 KEPT = 500_000
 """Rows times models of the noise up to which what whitens them is kept: some two hundred megabytes."""
 COMPARED = 256

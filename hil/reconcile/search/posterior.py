@@ -111,7 +111,7 @@ def _best(search: SensorSearch, scores: FloatArray, given: Set) -> Iterator[int]
     present = {t.name for j in given if not (t := search.terms[j]).is_mistake and not t.recurring}
     count: dict[str, int] = {}
     first: dict[str, float] = {}
-    for j in np.argsort(-scores).tolist():
+    for j in np.argsort(-scores.round(9), kind="stable").tolist():  # not rounding tells alike ones apart
         name = search.terms[j].name
         if name in present or j in given or not np.isfinite(scores[j]):
             continue

@@ -8,122 +8,26 @@ search.likely_sets()           # the sets that are worth anything
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import pairwise
 
 import numpy as np
 
-from hil.campaign import FloatArray, IntArray
-from hil.model.effects.prior import HOLDS
-from hil.reconcile.search.evidence import (
-    LEAST,
-    SEEN,
-    Beside,
-    Group,
-    Options,
-    Scale,
-    log_factors,
-    log_sum,
-)
-from hil.reconcile.search.filters import Filter
-from hil.reconcile.search.likely_noise import likely_points
-from hil.reconcile.search.noise import LARGEST, Noise, Points
+from hil.campaign import FloatArray
+from hil.reconcile.search.block_search import BlockSearch
+from hil.reconcile.search.evidence import LEAST, Beside, Options, log_sum
+from hil.reconcile.search.noise import LARGEST
+from hil.reconcile.search.scan import Group, log_factors
 from hil.reconcile.search.set_in_block import Member, SetInBlock, weigh_in_block
 from hil.reconcile.search.terms import Term
 from hil.reconcile.search.tied import tied_gain
 from hil.solve.causes import made_again
-from hil.solve.identifiability import independent_columns
-from hil.solve.rows import Block
 
-SCANNED = 6
-"""Points of the noise at which every term is tried: a scan proposes, and what it proposes is weighed at all."""
-GLANCED = 4
-"""Points at which the terms are tried beside which the noise is then looked at anew."""
 LEADING = 18
 """Terms beside which the noise is looked at anew."""
 Set = tuple[int, ...]
-
-
-@dataclass
-class BlockSearch:
-    """One block: its rows `y` (N,) in units of its noise, the points at which it is weighed, those scanned (t,)."""
-
-    block: Block
-    noise: Noise
-    points: Points
-    scales: Sequence[Scale]
-    y: FloatArray
-    unit: float
-    beside: Beside
-    scanned: IntArray
-    _filters: Sequence[tuple[IntArray, Filter]] = ()
-
-    @classmethod
-    def of(cls, block: Block, noise: Noise) -> BlockSearch:
-        """Weigh the block at the noise that its rows leave probable."""
-        unit = float(np.sqrt(noise.unit))
-        scales = HOLDS if block.sigma_stated else HOLDS[1:]
-        cube, flat, line = (np.zeros((0,) * n) for n in (3, 2, 1))
-        nothing = Beside(scales, cube, cube, flat, line, line, line, 0, cube)
-        out = cls(block, noise, noise.grid, scales, block.y / unit, unit, nothing, np.zeros(0, dtype=np.int64))
-        out.choose([np.zeros((len(block.y), 0))])
-        out.scanned = out.scanned[:GLANCED]
-        return out
-
-    def choose(self, extras: Sequence[FloatArray], units: Sequence[FloatArray] = ()) -> None:
-        """Keep the points that are probable with one of several further columns (N, q) in the base.
-
-        For one of several `units`, whose rates are (N,) deg/hr each, where such are given.
-        """
-        data = [y / self.unit for y in units] or [self.y]
-        self.points, best = likely_points(self.noise, self.scales, data, self.block.base, extras)
-        self.scanned, self._filters = np.argsort(-best)[:SCANNED], ()
-        self.measure(self.y)
-
-    def measure(self, y: FloatArray) -> None:
-        """Take other data (N,), in units of the noise."""
-        self.y = y
-        base = independent_columns(self.block.base, SEEN)
-        rows = np.column_stack([self.noise.by_station, base[self.noise.order], y[self.noise.order]])
-        self.beside = Beside.of(self.noise, self.points, self.scales, *self._white(rows))
-
-    def projected(self, columns: FloatArray, at: IntArray | slice = slice(None)) -> FloatArray:
-        """Return columns (N, k), deg/hr, at some of the points, whitened and less what the base can do, (t, N, k)."""
-        return self.beside.at(at).project(self.whitened(columns, at))
-
-    def pulled(self, white: FloatArray, at: IntArray) -> FloatArray:
-        """Return what rows (t, r, N) that were whitened at some of the points make of columns, in deg/hr, (t, r, N).
-
-        Their products with whitened columns are those with columns as they were.
-        """
-        known = self.beside.at(at).follow(np.swapaxes(white, 1, 2))
-        out = np.empty(known.shape)
-        for here, own in self._at(at):
-            out[here[:, None], self.noise.order] = own.back(known[here])
-        return np.swapaxes(out, 1, 2) / self.unit
-
-    def whitened(self, columns: FloatArray, at: IntArray | slice = slice(None)) -> FloatArray:
-        """Return columns (N, k), deg/hr, at some of the points, with rows that are independent, in time, (t, N, k)."""
-        return self.beside.at(at).follow(self._white(columns[self.noise.order] / self.unit, at)[0])
-
-    def _white(self, columns: FloatArray, at: IntArray | slice = slice(None)) -> tuple[FloatArray, FloatArray]:
-        """Whiten columns (N, k), in the order of time, at some of the points: (t, N, k), and half log dets (t,)."""
-        many = len(np.arange(len(self.points))[at])
-        out, half_log_det = np.empty((many, *columns.shape)), np.empty(many)
-        for here, own in self._at(at):
-            out[here], half_log_det[here] = own.whiten(columns), own.half_log_det
-        return out, half_log_det
-
-    def _at(self, at: IntArray | slice) -> Iterator[tuple[IntArray, Filter]]:
-        """Yield places among some of the points, and what whitens there."""
-        wanted = np.arange(len(self.points))[at]
-        self._filters = self._filters or list(self.noise.filters(self.points))
-        for places, own in self._filters:
-            here = np.flatnonzero(np.isin(wanted, places))
-            if len(here):
-                yield here, own.take(np.searchsorted(places, wanted[here]))
 
 
 @dataclass
@@ -155,10 +59,10 @@ class SensorSearch:
         asked: list[Set] = [(j,) for j in self.leading()]
         asked += [(*first, *self.leading(first)[:1]) for first in asked[:1]]
         asked += [self.start] * bool(self.start)
+        self.forget()
         for b, block in enumerate(self.blocks):
             sets = [[p.columns for j in chosen if (p := self.terms[j].parts[b])] for chosen in asked]
             block.choose([np.zeros((len(block.y), 0)), *(np.hstack(columns) for columns in sets if columns)])
-        self.forget()
 
     def forget(self) -> None:
         """Compute everything anew from now on: the terms, the data or the points of the noise are others."""
@@ -192,12 +96,10 @@ class SensorSearch:
         first, self._scannable = self._scannable, len(self.terms)
         new = self.terms[first:]
         for b, search in enumerate(self.blocks if new else ()):
-            empty = np.zeros((len(search.y), 0))
-            columns = [empty if (p := t.parts[b]) is None else p.columns for t in new]
-            amplitudes = [term.amplitudes[b] for term in new]
+            parts, amplitudes = ([getattr(term, of)[b] for term in new] for of in ("parts", "amplitudes"))
             project = partial(search.projected, at=search.scanned)
             at_once = LARGEST // max(len(search.scanned) * len(search.y), 1)
-            self._laid[b] += Group.several(columns, amplitudes, first, project, at_once)
+            self._laid[b] += Group.several(parts, amplitudes, first, project, at_once)
             self._shown = {}
         return self._laid
 
@@ -208,7 +110,7 @@ class SensorSearch:
             at = search.scanned
             own = search.beside.residual[at][:, None] if j is None else np.swapaxes(self.member(j, b).columns[at], 1, 2)
             pulled = search.pulled(own, at)
-            self._shown[key] = [pulled @ group.columns for group in self._laid[b]]
+            self._shown[key] = [group.products(pulled) for group in self._laid[b]]
         return self._shown[key]
 
     def scan(self, given: Set) -> FloatArray:
@@ -238,7 +140,7 @@ class SensorSearch:
             at = search.scanned[:most]
             residual = np.ascontiguousarray(np.swapaxes(search.projected(rates, at), 1, 2))
             first, pulled = [replace(each, gram=each.gram[:most]) for each in groups], search.pulled(residual, at)
-            products = [(score := pulled @ each.columns, score[:, :0]) for each in groups]
+            products = [(score := each.products(pulled), score[:, :0]) for each in groups]
             squares = np.sum(residual**2, axis=2)
             total += self._factors(search, first, search.beside.at(at), squares, products)
         return total.T

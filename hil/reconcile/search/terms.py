@@ -29,6 +29,7 @@ EXACT = 0.03
 """Deviation of an amplitude that is one or nothing: a model's columns are right to a few per cent.
 
 Those of a mistake are what was measured, and as right as that."""
+_AT_ONCE = 100  # candidates that are laid out side by side: of a life all of them would fill the memory
 NO_NAME = "empirical"
 """What no effect describes counts as this one name, whatever it seems to follow: which curve fits best is no cause."""
 IDENTICAL = 0.99
@@ -37,10 +38,19 @@ IDENTICAL = 0.99
 
 @dataclass(frozen=True)
 class Part:
-    """What a term is in one block: columns (N, q), and which of the term's parameters they belong to, (q,)."""
+    """What a term is in one block of N rows: which of its `parameters` (q,) act, by `values` (k, q) in some rows."""
 
-    columns: FloatArray
     parameters: IntArray
+    rows: IntArray
+    values: FloatArray
+    many: int
+
+    @property
+    def columns(self) -> FloatArray:
+        """The columns (N, q): of what is wrong most is zero, and is not kept."""
+        out = np.zeros((self.many, len(self.parameters)))
+        out[self.rows] = self.values
+        return out
 
 
 @dataclass(frozen=True)
@@ -118,15 +128,8 @@ def terms(
     ]
     if not candidates:
         return []
-    squares = np.concatenate([np.mean(c.columns**2, axis=0) for c in candidates], axis=1)
-    rms, ends = np.sqrt(np.mean(squares, axis=0)), np.cumsum([c.size for c in candidates])[:-1]
-    rms[rms == 0.0] = 1.0
-    largest, scales = np.sqrt(squares.max(axis=0)) / rms, np.split(rms, ends)
-    by_block = []
-    for block, base in zip(blocks, bases, strict=True):
-        columns = np.hstack([block.select(c.columns) for c in candidates]) / rms
-        by_block.append(_parts(columns, largest, ends, base))
-    laid = list(zip(candidates, scales, zip(*by_block, strict=True), strict=True))
+    few = (candidates[first : first + _AT_ONCE] for first in range(0, len(candidates), _AT_ONCE))
+    laid = [each for several in few for each in _laid(several, blocks, bases)]
     values = {id(c.effect): any(parts) for c, _, parts in laid if c.effect is not None and c.form == "constant"}
     seen = [
         (c, scale, parts)
@@ -142,6 +145,22 @@ def terms(
         log_odds = float(np.log(odds))
         out.append(Term(candidate.name, candidate.tier, candidate, parts, own, scale, log_odds, ties))
     return _undescribed(out, bases)
+
+
+def _laid(
+    candidates: Sequence[Candidate], blocks: Sequence[Block], bases: Sequence[FloatArray]
+) -> Iterator[tuple[Candidate, FloatArray, tuple[Part | None, ...]]]:
+    """Yield candidates with the sizes (p,) of their columns, and what they are in each block."""
+    every = [candidate.columns for candidate in candidates]
+    squares = np.concatenate([np.mean(columns**2, axis=0) for columns in every], axis=1)
+    rms, ends = np.sqrt(np.mean(squares, axis=0)), np.cumsum([len(c.parameters) for c in candidates])[:-1]
+    rms[rms == 0.0] = 1.0
+    largest, scales = np.sqrt(squares.max(axis=0)) / rms, np.split(rms, ends)
+    by_block = []
+    for block, base in zip(blocks, bases, strict=True):
+        columns = np.hstack([block.select(each) for each in every]) / rms
+        by_block.append(list(_parts(columns, largest, ends, base)))
+    yield from zip(candidates, scales, zip(*by_block, strict=True), strict=True)
 
 
 def _undescribed(found: Sequence[Term], bases: Sequence[FloatArray]) -> list[Term]:
@@ -190,7 +209,11 @@ def _parts(columns: FloatArray, largest: FloatArray, ends: IntArray, base: Float
     seen[seen] = kept_shares(base, columns[:, seen]) > UNSEEN
     for places in np.split(np.arange(len(seen)), ends):
         own = np.flatnonzero(seen[places])
-        yield Part(columns[:, places[own]], own) if len(own) else None
+        if not len(own):
+            yield None
+            continue
+        rows = np.flatnonzero(np.any(columns[:, places], axis=1))
+        yield Part(own, rows, columns[rows[:, None], places[own]], len(columns))
 
 
 def _is_exact(candidate: Candidate) -> bool:
@@ -202,7 +225,7 @@ def _amplitudes(
     candidate: Candidate, rms: FloatArray, noise: float, known: Sequence[tuple[float, FloatArray, FloatArray]]
 ) -> list[Amplitude]:
     """Return the prior of all parameters of a candidate, of whose columns the root mean squares are `rms` (p,)."""
-    count = candidate.size
+    count = len(candidate.parameters)
     if _is_exact(candidate):
         choices = [np.array(c) for c in itertools.product((0.0, 1.0), repeat=count) if any(c)]
         one, log_weight = np.ones(1), np.full(1, -np.log(len(choices)))
@@ -222,12 +245,12 @@ def _sizes(candidate: Candidate, rms: FloatArray, noise: float) -> tuple[FloatAr
         # Of what nobody has described, sizes from the noise up are as probable, order by order.
         typical = 0.5 * noise, 50.0 * noise
         # A curve of several columns is as large as one column would be.
-        centre = np.sqrt(0.5 * 50.0 / max(candidate.size, 1)) * noise / rms
+        centre = np.sqrt(0.5 * 50.0 / max(len(candidate.parameters), 1)) * noise / rms
     else:
         typical = candidate.parameters[0].typical
         centre = np.array([middle(p) for p in candidate.parameters])
         if candidate.form in POWERS:  # each power is as large as the value itself, over the campaign's range
-            own = candidate.size // POWERS[candidate.form]
+            own = len(candidate.parameters) // POWERS[candidate.form]
             centre = centre * np.tile(rms[:own], POWERS[candidate.form]) / rms
     sizes, log_weights = ladder(typical)
     return np.asarray(centre, dtype=np.float64), sizes, log_weights

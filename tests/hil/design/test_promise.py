@@ -95,6 +95,23 @@ def test_what_a_whole_run_has_in_common_is_apart_from_the_rest() -> None:
     assert rows.freedom[2:] == pytest.approx(48.0 + 36.0)  # errors that are right to 17 % count as 36 rows
 
 
+def test_what_shows_in_one_rate_may_be_a_wrong_one() -> None:
+    """How much of a column one rate explains beside the base; of what one explains whole nothing typical is seen."""
+    base = orthonormal(WHITEN @ flattened(named_form("matrix-6", ROWS).columns(ROWS)))
+    rows, effect = Rows(WHITEN, base, 2), effect_by_id("jump")
+    every = WHITEN @ np.eye(2 * len(ROWS))
+    every -= base @ (base.T @ every)
+    some = every @ np.random.default_rng(8).standard_normal((len(every), 3))
+    cosine = (every / np.linalg.norm(every, axis=0)).T @ (some / np.linalg.norm(some, axis=0))
+    assert rows.in_one(some) == pytest.approx(np.max(cosine**2, axis=0))
+    assert rows.in_one(every[:, 7:9]) == pytest.approx(1.0)
+    single, many = (
+        found_from(effect, ROWS, [{}], [visible(own, base, np.ones(2))], -5.0, rows)[0].value
+        for own in (every[:, :2], every[:, :12].reshape(-1, 6, 2).sum(axis=1))
+    )
+    assert many < effect.parameters[0].typical[1] < single
+
+
 def test_noise_that_few_rows_tell_may_be_what_is_seen() -> None:
     """Σ ν log(1 + f x/ν) is what is needed: next to x where rows are many, and far less of it where they are few."""
     needed, shares = np.full((1, 1, 1), 25.0), np.array([0.9, 0.1])

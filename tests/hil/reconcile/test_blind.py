@@ -8,6 +8,7 @@ from benchmarks.blind.cases import Noise
 from benchmarks.blind.jobs import Job
 from benchmarks.blind.judge import all_right, confidently_wrong, first_is_right
 from benchmarks.blind.score import reconcile_job
+from benchmarks.blind.wider import FOUR, ORDINARY
 
 QUICK = ("hyst",)  # a history, which the columns only approximate
 SLOW = ("supply", "warmup", "k2", "bias_Tdot")
@@ -35,6 +36,12 @@ def test_a_sealed_effect_of_twelve_sigma_is_in_the_first_class(name: str) -> Non
     document = reconcile_job(Job(name, 92_000, (name,), 12.0))
     assert first_is_right(document, (name,))
     assert all_right(document, (name,))
+
+
+def test_a_step_that_the_base_alone_takes_for_noise_is_found() -> None:
+    """Six terms explain more at the noise that is probable without a step: it is looked at anew beside a step, too."""
+    document = reconcile_job(Job("step", 343_005, ("jump@any collect",), 12.0, noise=ORDINARY, design=FOUR))
+    assert first_is_right(document, ("jump@any collect",))
 
 
 @pytest.mark.slow

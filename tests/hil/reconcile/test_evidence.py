@@ -21,6 +21,7 @@ from hil.model.effects.data import Mislabelled
 from hil.model.effects.prior import SECOND_TIER
 from hil.reconcile.proof.held_out import Rows, by_run, in_blocks
 from hil.reconcile.search import set_in_block
+from hil.reconcile.search.block_search import BlockSearch
 from hil.reconcile.search.evidence import log_sum, shrunk
 from hil.reconcile.search.fitted import FittedBlock, fitted_block
 from hil.reconcile.search.layout import searches
@@ -28,7 +29,7 @@ from hil.reconcile.search.noise import OFFSETS, Noise
 from hil.reconcile.search.posterior import scatter_odds
 from hil.reconcile.search.problem import pose
 from hil.reconcile.search.set_in_block import Sets
-from hil.reconcile.search.sets import BlockSearch, SensorSearch
+from hil.reconcile.search.sets import SensorSearch
 from hil.reconcile.search.terms import terms
 from tests.hil.reconcile.hidden_effects import both, hidden_campaign
 
@@ -206,7 +207,7 @@ def test_in_which_unit_a_column_is_given_changes_nothing(search: SensorSearch) -
     """Seconds squared or days squared: the same evidence, the same scale of the noise, the same best sizes."""
     candidates = [search.terms[term(search, name)].candidate for name in ("usual", "k2")]
     sizes = [replace(p, typical=(1e-9 * p.typical[0], 1e-9 * p.typical[1])) for p in candidates[1].parameters]
-    other = replace(candidates[1], columns=1e9 * candidates[1].columns, parameters=tuple(sizes))
+    other = replace(candidates[1], laid=1e9 * candidates[1].columns, parameters=tuple(sizes))
     blocks = [own.block for own in search.blocks]
     conditions = search.blocks[0].noise.conditions
     laid = (terms([candidates[0], one], blocks, conditions, 1.0, {}) for one in (candidates[1], other))

@@ -10,6 +10,7 @@ from hil.model import load_model
 from hil.model.effects.catalogue import SERIES_EFFECTS, effect_by_id
 from hil.model.effects.prior import MANY as SHAPES
 from hil.reconcile.inside import named_within
+from hil.reconcile.search.block_search import BlockSearch
 from hil.reconcile.search.candidates import MANY, catalogue_candidates
 from hil.reconcile.search.layout import searches
 from hil.reconcile.search.likely_noise import _Rows
@@ -17,7 +18,6 @@ from hil.reconcile.search.mistakes import AsSolved, exchanges, may_be_wrong
 from hil.reconcile.search.noise import Noise
 from hil.reconcile.search.problem import Problem, pose
 from hil.reconcile.search.profiles import FIXED, FOLLOWS, Profile, log_profile
-from hil.reconcile.search.sets import BlockSearch
 from tests.hil.reconcile.hidden_effects import Rows, base_rates, both, hidden_campaign
 
 

@@ -79,7 +79,7 @@ def test_a_term_without_a_name_changes_the_base_parameters_that_it_says() -> Non
     rows = hidden_campaign(1).sensors[2].conditions
     changed = set()
     for candidate in second_tier(2, rows):
-        order = candidate.size // len(candidate.changes)
+        order = len(candidate.parameters) // len(candidate.changes)
         for channel, name in enumerate(candidate.changes) if order == 1 else ():
             changed.add(name)
             about = {"reference": driver_reference(candidate.driver, rows)}

@@ -22,7 +22,9 @@ def test_what_is_printed_is_what_a_parameter_is_before_and_after() -> None:
     line = next(each for each in problem.candidates if each.name == "bias_T")
     own, rates = problem.sensors[2], campaign.sensors[2].rates_deg_per_hr
     columns = np.concatenate([line.columns, own.form.columns(campaign.sensors[2].conditions)], axis=2)
-    slopes = np.linalg.lstsq(columns.reshape(-1, columns.shape[2]), rates.reshape(-1), rcond=None)[0][: line.size]
+    slopes = np.linalg.lstsq(columns.reshape(-1, columns.shape[2]), rates.reshape(-1), rcond=None)[0][
+        : len(line.parameters)
+    ]
     found = before_and_after(problem.sensors, [(line, {k: (v, 0.1) for k, v in enumerate(slopes)})], frozenset())
     assert {each["name"] for each in found} == {"BA"}
     for each, degC in zip(found, (-29.7, 23.4, 60.0), strict=True):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -125,9 +124,7 @@ def test_without_temperature_dependence_it_says_so() -> None:
     document = thermal_document(result)["sensors"][0]
     assert not document["verdict"]["improves"]
     assert "no parameter is shown to depend on temperature" in document["verdict"]["words"]
-    assert re.match(
-        r"not shown by its repeats \(\d+ degrees of freedom\) to depend", document["parameters"]["MUB"]["verdict"]
-    )
+    assert "not shown by its repeats to depend" in document["parameters"]["MUB"]["verdict"]
     assert 0.5 < document["parameters"]["GSA"]["largest_linear_change"] < 5.0
 
 

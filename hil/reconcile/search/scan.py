@@ -1,0 +1,128 @@
+"""How much more probable each of many candidates makes a block of rows: a scan, which proposes what is weighed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csc_array, hstack
+
+from hil.campaign import FloatArray, IntArray
+from hil.reconcile.search.evidence import LEAST, Amplitude, Beside, log_sum
+from hil.reconcile.search.terms import Part
+
+
+@dataclass(frozen=True)
+class Group:
+    """Candidates with q columns each: their places (j,), and their priors, one or several of each.
+
+    `columns` (N, j·q), in most of which most is zero, are as they were laid out; `gram` (t, j, q, q) has the products
+    within each at some points, less what the base can do.
+    `owner` (p,) is the candidate of a prior, `mean` and `deviation` are (p, q), `sizes` and `log_weights` (p, u).
+    """
+
+    places: IntArray
+    columns: csc_array
+    gram: FloatArray
+    owner: IntArray
+    mean: FloatArray
+    deviation: FloatArray
+    sizes: FloatArray
+    log_weights: FloatArray
+
+    def products(self, rows: FloatArray) -> FloatArray:
+        """Return the products of rows (t, r, N) with the columns, (t, r, j·q)."""
+        return np.asarray(rows.reshape(-1, rows.shape[2]) @ self.columns).reshape(*rows.shape[:2], -1)
+
+    @classmethod
+    def several(
+        cls,
+        parts: Sequence[Part | None],
+        amplitudes: Sequence[Sequence[Amplitude]],
+        first: int,
+        project: Callable[[FloatArray], FloatArray],
+        at_once: int,
+    ) -> Iterator[Group]:
+        """Group candidates by how many columns they have in a block; those of none are in no group.
+
+        `first` is the place of the first, `project` takes so many columns `at_once` to what they are at some points.
+        """
+        sizes = np.array([0 if part is None else len(part.parameters) for part in parts])
+        for q in sorted(set(sizes.tolist()) - {0}):
+            places = np.flatnonzero(sizes == q)
+            priors = [(j, prior) for j, place in enumerate(places.tolist()) for prior in amplitudes[place]]
+            most = max(len(prior.sizes) for _, prior in priors)
+            tried, weights = np.zeros((len(priors), most)), np.full((len(priors), most), -np.inf)
+            for i, (_, prior) in enumerate(priors):
+                tried[i, : len(prior.sizes)], weights[i, : len(prior.sizes)] = prior.sizes, prior.log_weights
+            laid, grams, step = [], [], max(1, at_once // q)
+            for few in (places[k : k + step] for k in range(0, len(places), step)):
+                own = np.hstack([part.columns for place in few if (part := parts[place]) is not None])
+                laid.append(csc_array(own))
+                grams.append(_grams(project(own), q))
+            yield cls(
+                places + first,
+                hstack(laid, format="csc"),
+                np.concatenate(grams, axis=1),
+                np.array([j for j, _ in priors]),
+                np.array([prior.mean for _, prior in priors]),
+                np.array([prior.deviation for _, prior in priors]),
+                tried,
+                weights,
+            )
+
+
+def log_factors(
+    beside: Beside, groups: Sequence[Group], products: Sequence[tuple[FloatArray, FloatArray]], count: int
+) -> FloatArray:
+    """Log evidence of each of `count` candidates at every point in m data, (t, m, count), the point's prior apart.
+
+    `products` are by group those of its columns with the residuals of the data, (t, m, j·q), of which the squares are
+    (t, m), and with what `beside` has more than the base that candidates were laid out with, (t, a, j·q).
+    """
+    out = np.repeat(beside.log_null()[..., None], count, axis=-1)
+    for own, (score, shared) in zip(groups, products, strict=True):
+        size = own.gram.shape[2]
+        score, gram = score.reshape(*beside.rss.shape, -1, size), own.gram - _grams(shared, size)
+        terms = _weighed(beside, gram[:, None, own.owner], score[..., own.owner, :], own)
+        if len(own.owner) > len(own.places):
+            terms = np.stack(
+                [np.logaddexp.reduce(terms[..., own.owner == j], axis=-1) for j in range(len(own.places))], -1
+            )
+        out[..., own.places] = terms
+    return out
+
+
+def _grams(columns: FloatArray, size: int) -> FloatArray:
+    """Inner products within each of several candidates of `size` columns, (t, j, q, q) of (t, N, j·q)."""
+    points, rows, wide = columns.shape
+    if size == 1:
+        return np.asarray(np.einsum("tnk,tnk->tk", columns, columns)[:, :, None, None])
+    apart = np.ascontiguousarray(columns.reshape(points, rows, wide // size, size).transpose(0, 2, 1, 3))
+    return np.asarray(np.swapaxes(apart, 2, 3) @ apart)
+
+
+def _weighed(beside: Beside, gram: FloatArray, score: FloatArray, group: Group) -> FloatArray:
+    """Log evidence (t, m, p) of columns given Gram (t, 1, p, q, q) and score (t, m, p, q), for each of p priors."""
+    mean, deviation = group.mean, group.deviation
+    pull = np.einsum("...jpq,jq->...jp", gram, mean)
+    rss = beside.rss[..., None] + np.einsum("...jq,jq->...j", pull - 2.0 * score, mean)
+    score = score - pull
+    gram, z = gram * (deviation[:, :, None] * deviation[:, None, :]), score * deviation
+    if gram.shape[-1] == 1:
+        values = np.maximum(gram[..., 0], 0.0)
+    else:
+        values, axes = np.linalg.eigh(gram)
+        values, z = np.maximum(values, 0.0), np.einsum("...qk,...q->...k", axes, z)
+    # Axes first: a sum over few numbers that lie side by side takes many times as long as one of whole arrays.
+    values, squares = (np.ascontiguousarray(np.moveaxis(own, -1, 0))[:, None] for own in (values, z**2))
+    usable = values > 1e-10 * np.maximum(values.max(axis=0), 1e-300)
+    explained = np.sum(np.where(usable, squares / np.where(usable, values, 1.0), 0.0), axis=0)[0]
+    variance, terms = beside.scale_left(np.maximum(rss - explained, LEAST)), []
+    for size, log_weight in zip(group.sizes.T, group.log_weights.T, strict=True):
+        ratio = size**2 / variance
+        shrunk = 1.0 + values * ratio
+        left = np.maximum(rss - np.sum(squares / shrunk, axis=0) * ratio, LEAST)
+        terms.append(log_weight + beside.student(left, 0.5 * np.sum(np.log(shrunk), axis=0)))
+    return log_sum(np.concatenate(terms))
