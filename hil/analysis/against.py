@@ -128,7 +128,7 @@ def compare(campaign: Campaign, earlier: Campaign) -> Comparison:
             match = before[sensor].at(mean.temperature_degC)
             if match is None:
                 degC = mean.temperature_degC
-                at = "no stated temperature" if degC is None else f"{degC:.1f} °C"
+                at = "no stated temperature" if degC is None else f"{degC:z.1f} °C"
                 remarks.append(f"Sensor {sensor} at {at}: the earlier campaign has no such temperature.")
                 continue
             both = {name: (one, match.values[name]) for name, one in mean.values.items() if name in match.values}

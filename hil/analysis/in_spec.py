@@ -87,7 +87,7 @@ class Characteristic:
     @property
     def name(self) -> str:
         """Which it is, in words."""
-        at = "" if self.temperature_degC is None else f" at {self.temperature_degC:.1f} °C"
+        at = "" if self.temperature_degC is None else f" at {self.temperature_degC:z.1f} °C"
         return f"sensor {self.sensor}, {self.parameter}{_OF[self.of]}{at}"
 
     @property

@@ -123,7 +123,7 @@ def _next(
         return None, "no parameter reaches a limit within ten years" if judged else "it takes three calibrations"
     months, parameter, of = min(due, key=lambda each: each[0])
     day = (datetime.fromisoformat(newest_utc) + timedelta(seconds=months * _MONTH_S)).date().isoformat()
-    at = "" if of["temperature_degC"] is None else f" at {of['temperature_degC']:.1f} °C"
+    at = "" if of["temperature_degC"] is None else f" at {of['temperature_degC']:z.1f} °C"
     why = "may be beyond its limit by then" if months else "is not certainly within its limits even now"
     return day, f"sensor {parameter['sensor']}, {parameter['parameter']}{at} {why}"
 

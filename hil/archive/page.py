@@ -53,7 +53,7 @@ def _picture(parameter: Mapping[str, Any]) -> str:
         days: Any = [date.fromisoformat(each["day"]) for each in values]
         bars = [0.0 if each["high"] is None else each["high"] - each["value"] for each in values]
         colour = colormaps[_COLOURS](0.85 * place / max(count - 1, 1))
-        label = "" if at is None else f"{at:.0f} °C"
+        label = "" if at is None else f"{at:z.0f} °C"
         drawn: dict[str, Any] = {
             "color": colour,
             "marker": "o",

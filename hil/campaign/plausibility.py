@@ -291,7 +291,7 @@ def _lost(collects: Collects, name: str) -> Iterator[_Found]:
         low, high = f"{shown[lost].min():.1f}", f"{shown[lost].max():.1f}"
         words = (
             f"{name}: its thermometer shows {low if low == high else f'{low} to {high}'} °C while "
-            f"{what} went from {air[among].min():.1f} to {air[among].max():.1f} °C: it does not follow"
+            f"{what} went from {air[among].min():z.1f} to {air[among].max():z.1f} °C: it does not follow"
         )
         return [collects], lost, words
 

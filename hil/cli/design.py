@@ -39,7 +39,7 @@ def budget(
         its_bench = load_bench(bench) if bench is not None else _bench_of(Path(source))
         shown = what_repeats_show(campaign, solve_campaign(campaign))
         document = budget_document(
-            measured_scenes(campaign, its_bench, chosen),
+            measured_scenes(campaign, its_bench, shown, chosen),
             campaign.title,
             Asked(run, repeats, draws, seed),
             simulated=campaign.simulated,

@@ -36,10 +36,14 @@ WHOSE = {
 
 
 def degrees(temperature_degC: float | None, column: str | None = None) -> str:
-    """Write a temperature in °C, and of a known column whose it is, or say that there is none."""
+    """Write a temperature in °C, and of a known column whose it is, or say that there is none.
+
+    >>> degrees(-0.04)
+    '0.0 °C'
+    """
     if temperature_degC is None:
         return "all runs"
-    return f"{temperature_degC:.1f} °C" + (f" {WHOSE[column]}" if column in WHOSE else "")
+    return f"{temperature_degC:z.1f} °C" + (f" {WHOSE[column]}" if column in WHOSE else "")
 
 
 def rounded(value: float, se: float | None) -> str:

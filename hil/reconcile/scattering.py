@@ -69,8 +69,10 @@ class Scattering:
             told = [f"what scatters has no name: {ranked[0]}"]
         else:
             told = [f"these repeats cannot tell: {'; '.join(ranked)}" if ranked else "too few repeats to tell anything"]
+        left = {of["sensor"] for of in self.noise if of["observed_deg_per_hr"] is not None}
         alone = [
-            f"sensor {number}: nothing was repeated: what is observed is what a smooth model leaves of single runs"
+            f"sensor {number}: nothing was repeated: what changes from run to run is not known"
+            + "; what is observed is what a smooth model leaves of single runs" * (number in left)
             for number, collects in self.campaign.sensors.items()
             if not any(len(runs) > 1 for _, runs in runs_by_temperature(collects.conditions))
         ]

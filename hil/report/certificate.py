@@ -83,7 +83,7 @@ def certificate(
     content, serial = gather(campaign), campaign.identity.get("serial", "")
     if unit not in (None, serial):
         raise InputError(f"{folder}: --unit {unit}: the unit of this night is {serial or 'not known'}")
-    scenes = measured_scenes(campaign, bench)
+    scenes = measured_scenes(campaign, bench, {each.number: each.shown for each in content.sensors})
     means = {each.number: list(budgets_of_means(scenes[each.number], each.shown)) for each in content.sensors}
     measured = night_verdict(str(status["state"]), content.solutions)
     allowed = own if limits is None else load_limits(limits)
@@ -208,8 +208,8 @@ def _conditions(campaign: Campaign, content: ReportContent) -> Iterator[str]:
         rows, shown = campaign.sensors[each.number], each.shown
         own = [degC for mean in shown.means for degC in mean.unit_degC or ()]
         chamber = rows.conditions.columns.get("chamber_degC")
-        air = "" if chamber is None else f", the chamber at {min(chamber):.1f} … {max(chamber):.1f} °C"
-        inside = f"; inside the unit {min(own):.1f} … {max(own):.1f} °C" if own else ""
+        air = "" if chamber is None else f", the chamber at {min(chamber):z.1f} … {max(chamber):z.1f} °C"
+        inside = f"; inside the unit {min(own):z.1f} … {max(own):z.1f} °C" if own else ""
         yield (
             f"sensor {each.number}: {how_many(rows.conditions)}{air}{inside}; collects of "
             f"{listed(f'{s:g} s' for s in sorted({float(s) for s in rows.conditions.duration_s}))} at positions "

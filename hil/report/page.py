@@ -218,7 +218,7 @@ def _picture(night: NightContent) -> str:
     low = {
         label: (min(v), max(v)) for label, values in night.temperatures.items() if (v := [x for x in values if x == x])
     }
-    spans = ", ".join(f"{label} {least:.1f} to {most:.1f} °C" for label, (least, most) in low.items())
+    spans = ", ".join(f"{label} {least:z.1f} to {most:z.1f} °C" for label, (least, most) in low.items())
     says = (
         f"Temperatures through {night.hours[-1]:.1f} hours: {spans}; {len(night.soaks)} soaks, {len(night.collects)} "
         f"collects, {len(night.events)} events."

@@ -129,7 +129,7 @@ def _unit(repeat: MeanAt) -> str:
         return ""
     low, high = repeat.unit_degC
     moved = max(high - at_degC, at_degC - low) > WIDEST_DEGC
-    where = f"at {low:.1f} °C" if f"{low:.1f}" == f"{high:.1f}" else f"from {low:.1f} to {high:.1f} °C"
+    where = f"at {low:z.1f} °C" if f"{low:z.1f}" == f"{high:z.1f}" else f"from {low:z.1f} to {high:z.1f} °C"
     return f"unit {where}" if moved else ""
 
 
@@ -181,7 +181,7 @@ def _figure(title: str, unit: str, lines: Sequence[Line], *, fahrenheit: bool = 
         f"{line.label}: "
         + ", ".join(
             f"{line.mean[place]:.1f}{f' ±{line.sigma[place]:.1f}' if np.isfinite(line.sigma[place]) else ''} {unit} at "
-            f"{line.temperature_degC[place]:.1f} °C"
+            f"{line.temperature_degC[place]:z.1f} °C"
             for place in (0, -1)
         )
         for line in lines

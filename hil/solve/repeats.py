@@ -18,24 +18,24 @@ Every command that states an uncertainty asks here.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtrc, ndtr, stdtrit
+from scipy.special import chdtr, chdtrc, ndtr, stdtrit
 
-from hil.campaign import BoolArray, Campaign, Collects, FloatArray, IntArray
+from hil.campaign import Campaign, Collects, FloatArray, IntArray
 from hil.model.forms import default_form
+from hil.solve.identifiability import orthonormal
 from hil.solve.runs import Estimate, RunSolution, stated_noise
-from hil.solve.spread import RARE, Spread
+from hil.solve.spread import RARE, Spread, uneven
 from hil.solve.temperatures import nearest, runs_by_temperature, told_by, unit_range_degC
 from hil.solve.wrong_rows import treated
 from procedures.words import counted, listed, significant
 
 CONFIDENCE = 0.95
 """Of every interval that is stated."""
-_ALONE = 0.95  # of what noise moves a parameter by: so much by one channel is that one's
 
 
 @dataclass(frozen=True)
@@ -95,23 +95,24 @@ class SensorRepeats:
     `told_by` is the column whose temperatures those are (None: there is none); `not_used` are runs that FAIL by their
     own records. `of_each` is one standard deviation of every parameter that a run could tell, by run. `times_of` is by
     how much more or less than their standard errors averages scatter, by channel, 1 where chance explains it: what
-    neither the bias nor MU moves shows it, in runs that nothing is said against; where it cannot be told of which
-    channel, all have the same. `residual_times` (c,) is what residuals exceed them by, and `noise_times` (c,) that,
-    where repeats do not contradict it; `beyond_noise` (p,) is what errors that are so large leave unexplained.
-    `left_deg_per_hr` is what residuals make of the noise of rates without errors.
+    differs from run to run, and neither the bias nor MU moves, shows it, in runs that nothing is said against; where it
+    cannot be told of which channel, all have the same. `noise_times` (c,) is that, or what residuals exceed them by
+    beyond chance where what differs neither shows nor contradicts it; `same_times` is how much those do that are no
+    noise; `by_noise` is how parameters scatter beside errors as large as noise is. `left_deg_per_hr` is what residuals
+    make of the noise of rates without errors.
     """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
     spread: Spread
+    by_noise: Spread
     means: Sequence[MeanAt]
     told_by: str | None = None
     not_used: tuple[int, ...] = ()
     of_each: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
     times_of: Mapping[str, float] = field(default_factory=dict)
-    residual_times: FloatArray = field(default_factory=lambda: np.ones(1))
     noise_times: FloatArray = field(default_factory=lambda: np.ones(1))
-    beyond_noise: FloatArray = field(default_factory=lambda: np.zeros(0))
+    same_times: float = 1.0
     left_deg_per_hr: float = 0.0
 
     def at(self, temperature_degC: float | None) -> MeanAt | None:
@@ -144,7 +145,7 @@ class SensorRepeats:
 
         `errors` (n, c) are the standard errors of rates, `columns` (n, c, p) what these are of each parameter.
         """
-        beyond = np.einsum("ncp,p->nc", columns**2, self.beyond_noise**2)
+        beyond = np.einsum("ncp,p->nc", columns**2, self.by_noise.beyond**2)
         own = np.nan_to_num(self.noise_times * errors, nan=self.left_deg_per_hr)
         return float(np.sqrt(np.median(own**2 + beyond)))
 
@@ -182,20 +183,31 @@ class SensorRepeats:
             return [
                 "no parameter was told twice at one temperature: what changes from run to run is not known, and in no ±"
             ]
-        of = self.spread
-        rows = zip(self.names, self.units, of.observed, of.stated, of.beyond, of.degrees, strict=True)
+        of, noise = self.spread, self.by_noise
         told = [
-            f"{name} by {sd:.3g} {unit}" + f" ({stated:.2g} by standard errors)" * bool(stated > 0.0)
-            for name, unit, sd, stated, more, degrees in rows
-            if degrees and more > 0.5 * sd
+            f"{name} by {sd:.3g} {unit}" + f" ({stated:.2g} by noise)" * bool(stated > 0.0)
+            for name, unit, sd, stated, certain in zip(
+                self.names, self.units, of.observed, noise.stated, noise.certain, strict=True
+            )
+            if certain
         ]
+        freedom = int(of.degrees.max())
         unknown = "" if self.told_by else "; no temperature was recorded, so that every run counts as a repeat"
-        degrees = f"{counted(int(self.spread.degrees.max()), 'degree')} of freedom{unknown}"
-        if not told:
-            return self.noise_in_words or [f"repeats scatter as their standard errors say ({degrees})"]
-        stated = "more than their standard errors say" if (of.stated > 0.0).any() else "and state no standard errors"
-        more = f"repeats scatter {stated} ({degrees})"
-        return [f"{more}: {'; '.join(told)}; each ± includes it", *self.noise_in_words, *self._by_temperature()]
+        if told:
+            stated = "more than their standard errors say" if of.stated.any() else "and state no standard errors"
+            more = f"{stated} ({counted(freedom, 'degree')} of freedom{unknown}): {'; '.join(told)}; each ± includes it"
+        else:
+            more = f"as their standard errors say, as far as {counted(freedom, 'degree')} of freedom can tell{unknown}"
+        said = [f"repeats scatter {more}"] if told or not self.noise_in_words else []
+        return [*said, *self.noise_in_words, *self._by_temperature()]
+
+    def noise_by(self, errors: str) -> str:
+        """Say what tells the noise of a collect: `errors`, and how many times as large it is where they do not."""
+        times = dict(zip(self.times_of, self.noise_times.tolist(), strict=True))
+        if {*times.values()} == {1.0}:
+            return errors
+        each = listed(f"{channel} {significant(of)}" for channel, of in times.items())
+        return f"{errors}, times what residuals and repeats show ({each})"
 
     @property
     def noise_in_words(self) -> list[str]:
@@ -207,16 +219,15 @@ class SensorRepeats:
             f"{'small' if times > 1.0 else 'large'}, as what nothing but noise moves shows"
             for of, times in ({"all channels together": max(odd.values())} if together else odd).items()
         ]
-        contradicted = self.residual_times[self.noise_times < self.residual_times]
-        if min(odd.values(), default=1.0) < 1.0 or not contradicted.size:
-            return by_noise
-        left = "what is left is the same in every run, and no noise"
-        allowed = f"{significant(float(contradicted.max()))} times what standard errors allow"
-        return [*by_noise, f"residuals are {allowed}, and repeats are not: {left}"]
+        if self.same_times > 1.0:
+            allowed = f"residuals are {significant(self.same_times)} times what standard errors allow"
+            left = "what is left is the same in every run, and no noise"
+            by_noise.append(f"{allowed}, and do not differ as much from run to run: {left}")
+        return by_noise
 
     def _by_temperature(self) -> list[str]:
         """Say which parameters scatter more at some temperatures than at others: no one ± holds at each."""
-        names = [name for name, uneven in zip(self.names, self.spread.uneven, strict=True) if uneven]
+        names = [name for name, odd in zip(self.names, self.spread.uneven, strict=True) if odd]
         how = "scatters" if len(names) == 1 else "scatter"
         where = "more at some temperatures than at others: no one ± holds at each; hil scatter asks what it is"
         return [f"{listed(names)} {how} {where}"] if names else []
@@ -261,7 +272,7 @@ def means_of(
                 mean[name] = Uncertain(value, error, float(spread.freedom[p]), count, units[name])
                 scatter[name] = float(np.std(values[here, p], ddof=1)) if count > 1 else math.nan
         means.append(MeanAt(temperature, runs, mean, scatter))
-    return SensorRepeats(names, tuple(units.values()), spread, means)
+    return SensorRepeats(names, tuple(units.values()), spread, spread, means)
 
 
 def _shares(collects: Collects) -> dict[str, FloatArray]:
@@ -294,17 +305,16 @@ def _of_sensor(own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, 
     residuals = np.full(len(factor), min(unstated, default=math.inf))
     if freedom.sum() > 0.5 and chdtrc(freedom.sum(), squares.sum()) < RARE:  # then by Welch and Satterthwaite
         residuals = np.minimum(residuals, factor**4 / np.sum(variance**2 / np.maximum(freedom, 1.0), axis=1))
-    sound = np.array([not each.doubted for each in own])
-    noise = np.array([not name.startswith(("B", "MU")) for name in units])
-    chosen, alone = (values[sound], errors[sound], group[sound]), noise[:, None] & (shares > _ALONE)
-    # A bias that scatters less than residuals would have it contradicts them too, where nothing else tells.
-    less = _times(Spread.of(*chosen, factor), noise if noise.any() else ~noise, alone)
-    noise_times = residual_times * (less if noise.any() else np.minimum(less, 1.0))
     shown = means_of(units, values, errors, group, at, factor, residuals)
-    stated = stated_noise(rows) is not None
-    times = _times(Spread.of(*chosen), noise, alone) if stated else np.ones(len(channels))
-    odd = (chdtrc(np.maximum(freedom, 0.5), squares) < RARE) & (noise_times == residual_times)  # which say it better
-    times = np.where(odd, residual_times, times)
+    if not (stated := stated_noise(rows) is not None):  # a run's own few residuals tell little: of all those of all do
+        squared = np.nansum(errors**2, axis=0) / np.maximum(np.isfinite(errors).sum(axis=0), 1)
+        errors, residuals = np.tile(np.sqrt(squared), (len(errors), 1)), np.full(len(factor), sum(unstated))
+    changes = _changes(rows, {run for each in own if not each.doubted for run in each.runs} if stated else set())
+    times = _times(*changes)
+    odd = chdtrc(np.maximum(freedom, 0.5), squares) < RARE
+    contradicted = odd & (_times(changes[0] / residual_times**2, changes[1]) < 1.0)
+    noise_times = np.where(odd & ~contradicted & (times == 1.0), residual_times, times)
+    by_noise = Spread.of(values, errors, group, np.sqrt(shares @ noise_times**2), residuals)
     many = {run: int(np.isfinite(rows.rates_deg_per_hr[at]).sum()) for run, at in rows.conditions.of_each_run.items()}
     left = sum(many.get(e.runs[0], 0) * (e.residual_rms_deg_per_hr or 0.0) ** 2 for e in own)
     conditions = rows.conditions
@@ -315,17 +325,58 @@ def _of_sensor(own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, 
         not_used=not_used,
         of_each={e.runs[0]: {n: u.sd for n, u in shown.of_run(e).items()} for e in own},
         times_of=dict(zip(channels, times.tolist(), strict=True)),
-        residual_times=residual_times,
         noise_times=noise_times,
+        same_times=float(np.max(residual_times, where=contradicted, initial=1.0)),
+        by_noise=by_noise,
         left_deg_per_hr=math.sqrt(left / max(sum(e.degrees_of_freedom for e in own), 1)),
-        beyond_noise=Spread.of(values, errors, group, np.sqrt(shares @ noise_times**2)).beyond,
     )
 
 
-def _times(spread: Spread, noise: BoolArray, alone: BoolArray) -> FloatArray:
-    """Return how many times their errors the averages of each channel scatter by, (c,): alike where none stands out.
+def _changes(rows: Collects, runs: Set[int]) -> FloatArray:
+    """Return the squares, and their degrees of freedom, of what differs from run to run, in standard errors, (2, c).
 
-    What is `noise` (p,) shows it, and of each channel what it tells `alone` (p, c).
+    Among `runs` of the same collects at one temperature, less what a bias or MU of each makes; nothing of a channel
+    that differs more at some temperatures than at others.
     """
-    together, own = spread.times_stated(noise), np.array([spread.times_stated(of) for of in alone.T])
-    return own if together != 1.0 and np.any(own != 1.0) else np.full(len(own), together)
+    conditions, form = rows.conditions, default_form(rows.conditions)
+    seen, known = rows.rates_deg_per_hr - conditions.w_channels_deg_per_hr, np.isfinite(rows.rates_deg_per_hr)
+    root = np.where(known, 1.0 / np.where(known, rows.rates_se_deg_per_hr, 1.0), 0.0)
+    columns, white = form.columns(conditions) * root[..., None], np.where(known, seen, 0.0) * root
+    of_run = np.array([name.startswith(("B", "MU")) for name in form.names])
+    groups, count = runs_by_temperature(conditions), known.shape[1]
+    alike: dict[tuple[int, bytes, bytes], list[IntArray]] = {}
+    for k, (_, several) in enumerate(groups):
+        for rows_of in (conditions.of_each_run[run] for run in several if run in runs):
+            what = conditions.position[rows_of].tobytes(), known[rows_of].tobytes()
+            alike.setdefault((k, *what), []).append(rows_of)
+    found = np.zeros((2, len(groups), count))
+    for (k, *_), each in alike.items():
+        at, weight = np.array(each), root[each] ** 2
+        share = weight / np.maximum(weight.sum(axis=0), 1e-300)
+        common = np.linalg.lstsq(columns[at].reshape(-1, len(of_run)), white[at].reshape(-1), rcond=1e-3)[0]
+        left = white[at] - columns[at] @ common
+        left -= root[at] * np.sum(share * left / np.where(weight > 0.0, root[at], 1.0), axis=0)
+        for own, off, part in zip(columns[at], left, share, strict=True):
+            basis = orthonormal(own[..., of_run].reshape(-1, of_run.sum()))
+            off = off.reshape(-1) - basis @ (basis.T @ off.reshape(-1))
+            free = (1.0 - np.sum(basis**2, axis=1)).reshape(part.shape) * (1.0 - part) * (part > 0.0)
+            found[:, k] += [np.sum(off.reshape(part.shape) ** 2, axis=0), free.sum(axis=0)]
+    squares, freedom = found
+    told = (squares.sum(axis=0) > 0.0) & ~uneven(
+        squares / np.maximum(freedom, 0.5), np.where(freedom > 0.5, freedom, 0.0)
+    )
+    return np.asarray(found.sum(axis=1) * told)
+
+
+def _times(squares: FloatArray, freedom: FloatArray) -> FloatArray:
+    """Return how many times their errors each channel's averages differ by, (c,), 1 by chance: alike where none is odd.
+
+    Values that do not differ at all were rounded or copied, and tell nothing of noise.
+    """
+
+    def times(square: float, degrees: float, among: int) -> float:
+        by_chance = degrees < 0.5 or min(chdtr(degrees, square), chdtrc(degrees, square)) > 0.5 * RARE / among
+        return 1.0 if by_chance else math.sqrt(square / degrees)
+
+    own = np.array([times(*each, len(freedom)) for each in zip(squares, freedom, strict=True)])
+    return own if np.any(own != 1.0) else np.full(len(own), times(squares.sum(), freedom.sum(), 1))

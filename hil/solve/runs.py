@@ -40,6 +40,7 @@ A thousandth of 1 g is a milliradian: less than that, and the error of the attit
 """
 
 LEAST_SQUARES = "weighted least squares"
+UNSTATED = "every rate of a run has the same, unstated noise"
 EXCESS = "the residuals are {} times what the standard errors allow"
 
 
@@ -350,7 +351,7 @@ def _assumptions(form: LinearForm, collects: Collects, noise_stated: bool) -> tu
     if form.name == "constant":
         said.append("no acceleration sensitivity")
     if not noise_stated:
-        said.append("every rate has the same, unstated noise")
+        said.append(UNSTATED)
     return tuple(said)
 
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtr, chdtrc
+from scipy.special import chdtrc, fdtrc
 
 from hil.campaign import BoolArray, FloatArray, IntArray
 
@@ -69,14 +69,14 @@ class Spread:
         beyond = np.sqrt(np.maximum(more.sum(axis=0), 0.0) / np.maximum(room.sum(axis=0), _TINY)) * (freedom > 0)
         beyond = np.fmin(beyond, observed)  # no part of it is more than the whole
         expected = explained + degrees * beyond**2
-        uneven = _uneven(squares / np.where(expected > 0.0, expected, np.inf), degrees)
+        odd = uneven(squares / np.where(expected > 0.0, expected, np.inf), degrees)
         stated = np.sqrt(explained.sum(axis=0) / enough)
         every = np.all(~known | (own > 0.0), axis=0) & (stated > 0.0)
         times = np.where(
             every, np.sqrt(weighed.sum(axis=0) / enough), observed / np.where(stated > 0.0, stated, np.inf)
         )
         of_each = np.broadcast_to(np.asarray(factor, dtype=np.float64), observed.shape)
-        return cls(observed, beyond, stated, times, freedom.astype(np.int64), uneven, of_each, residuals)
+        return cls(observed, beyond, stated, times, freedom.astype(np.int64), odd, of_each, residuals)
 
     def sd(self, errors: FloatArray) -> FloatArray:
         """Return the standard deviation of a run's values by its standard errors (…, p); NaN where nothing tells it."""
@@ -93,20 +93,17 @@ class Spread:
         explained = own / np.maximum(own + self.beyond**2, np.finfo(np.float64).tiny)
         return np.where(self.degrees > 0, self.degrees * (1.0 + 0.5 * self.degrees * explained**2), self.residuals)
 
-    def times_stated(self, of: BoolArray) -> float:
-        """How many times what standard errors, times `factor`, say some, `of` (p,), scatter by: 1 by chance.
-
-        Values that do not scatter at all were rounded or copied, and tell nothing of noise.
-        """
-        told = of & (self.observed > 0.0) & (self.stated > 0.0) & ~self.uneven  # NaN where nothing was repeated
-        squares = self.times[told] ** 2 @ self.degrees[told]
-        count = self.degrees[told].sum()
-        by_chance = min(chdtr(count, squares), chdtrc(count, squares)) > 0.5 * RARE if count else True
-        return 1.0 if by_chance else math.sqrt(squares / count)
+    @property
+    def certain(self) -> BoolArray:
+        """Which scatter more than standard errors, times `factor`, say, beyond chance at `RARE` for all together."""
+        known = np.minimum(self.residuals, 1e9)
+        chance = fdtrc(np.maximum(self.degrees, 1), known, self.times**2)
+        more = (self.stated <= 0.0) | (chance * np.count_nonzero(self.degrees) < RARE)
+        return np.asarray((self.observed > 0.0) & more)  # NaN where nothing was repeated
 
 
-def _uneven(times: FloatArray, degrees: FloatArray) -> BoolArray:
-    """Return which parameters scatter otherwise from temperature to temperature: variances `times` (k, p) the expected.
+def uneven(times: FloatArray, degrees: FloatArray) -> BoolArray:
+    """Return which of p scatter otherwise from temperature to temperature: variances `times` (k, p) the expected.
 
     Bartlett's test (Snedecor and Cochran, Statistical Methods) at `RARE` for all parameters together.
     """

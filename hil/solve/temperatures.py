@@ -128,8 +128,8 @@ def unsettled(conditions: Conditions) -> dict[int, str]:
             middle, last = np.median(own[here]), own[here[np.argmax(conditions.start_s[here])]]
             settled = middle if np.mean(np.abs(own[here] - middle) < far) > 0.5 else last
             words = (
-                f"setpoint {setpoint[here][0]:.4g} °C: the unit's own thermometer went from {own[here].min():.1f} to "
-                f"{own[here].max():.1f} °C through its runs: the soak had not ended"
+                f"setpoint {setpoint[here][0]:.4g} °C: the unit's own thermometer went from {own[here].min():z.1f} to "
+                f"{own[here].max():z.1f} °C through its runs: the soak had not ended"
             )
             off = here[np.fmax(to_come[here], np.abs(own[here] - settled)) > far]
             found |= dict.fromkeys(np.unique(conditions.run[off]).tolist(), words)

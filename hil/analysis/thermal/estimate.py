@@ -196,7 +196,7 @@ def layout_of(
     whole = np.array([not tell.isdisjoint(run[stations.number == place].tolist()) for place in range(len(stations))])
     spread = None
     if not np.all(whole):
-        left = ", ".join(f"{each:.1f} °C" for each in stations.centre_degC[~whole])
+        left = ", ".join(f"{each:z.1f} °C" for each in stations.centre_degC[~whole])
         notes.append(f"sensor {number}: no run tells every parameter at {left}; left out")
         columns = form.columns(collects.conditions)
         spread = Visits(Layout(collects, form, columns, stations, 0.0, 1.0, False, factor)).spread
@@ -213,7 +213,7 @@ def layout_of(
     own = collects.conditions.columns["temperature_degC"]
     middle, half = 0.5 * float(own.min() + own.max()), 0.5 * float(np.ptp(own))
     if half < _MOVES_DEGC:
-        shown = f"temperature_degC is {own.mean():.1f} °C at every setpoint"
+        shown = f"temperature_degC is {own.mean():z.1f} °C at every setpoint"
         raise InputError(f"sensor {number}: {shown}; nothing can be said against it: look at that column")
     both = len(stations.both_directions) > 0
     if both:

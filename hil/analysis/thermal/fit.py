@@ -131,8 +131,8 @@ class SensorFit:
         self.number, self.layout, self.notes = number, layout, notes
         self.improvement = _rate_improvement(layout, choices, errors)
         # Less what the two directions differ by, which is no noise.
-        beyond = np.sqrt(np.maximum(shown.beyond_noise**2 - shown.spread.beyond**2 + seen.spread.beyond**2, 0.0))
-        shown = replace(shown, beyond_noise=beyond)
+        beyond = np.sqrt(np.maximum(shown.by_noise.beyond**2 - shown.spread.beyond**2 + seen.spread.beyond**2, 0.0))
+        shown = replace(shown, by_noise=replace(shown.by_noise, beyond=beyond))
         self.rate_noise_deg_per_hr = shown.of_a_collect(layout.collects.rates_se_deg_per_hr, layout.columns)
 
 

@@ -9,7 +9,7 @@ The analytic column propagates each source's covariance through the derivative o
 the source's errors, makes the rates that a sensor with known parameters would have shown, solves them as if nothing
 were wrong, and looks how far off the parameters are. They must agree within the draws' own error, and both are printed.
 
-    for each in budgets_of_means(measured_scenes(campaign, bench)[2], repeats(campaign, solutions)[2]):
+    for each in budgets_of_means(measured_scenes(campaign, bench, shown)[2], shown[2]):
         each.values["MUB"].expanded(2.0)     # of the mean at each.mean.temperature_degC, its whole uncertainty
         each.unexplained                     # (p,) what repeats show beyond every source that the bench states
 """

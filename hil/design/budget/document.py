@@ -1,9 +1,10 @@
 """The error budget as the JSON document hil.budget/1, before a night and after it.
 
     budget_document(planned_scenes(sweep, bench), sweep.title, repeats=3)
-    budget_document(measured_scenes(campaign, bench), campaign.title, repeats=3, observed=repeats(campaign, solutions))
+    budget_document(measured_scenes(campaign, bench, shown), campaign.title, repeats=3, observed=shown)
 
-Each sensor has the budget of one run, the one whose total is worst unless another is asked for, and the totals of all.
+Each sensor has the budget of one run, and the totals of all: where no other is asked for, of the one that is known
+worst, by its sources and by what `hil solve` states of it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -68,12 +69,14 @@ def budget_document(
 
 
 def _sensor(number: int, runs: Sequence[RunScene], asked: Asked, observed: SensorRepeats | None) -> dict[str, Any]:
-    totals = {each.run: Budget(each.scene, each.sources, each.form, draws=0).total() for each in runs}
+    alone = {each.run: Budget(each.scene, each.sources, each.form, draws=0) for each in runs}
+    totals = {run: each.total() for run, each in alone.items()}
+    whole = {run: mean_of_repeats(each, 1, as_solved(each, run, observed), None) for run, each in alone.items()}
     if asked.run is not None and asked.run not in totals:
         raise InputError(
             f"sensor {number}: there is no run {asked.run}, or it FAILed; there are {', '.join(map(str, totals))}"
         )
-    chosen = max(runs, key=lambda each: (each.run == asked.run, float(np.nansum(totals[each.run] ** 2))))
+    chosen = max(runs, key=lambda each: (each.run == asked.run, float(np.nansum(whole[each.run] ** 2))))
     budget = Budget(chosen.scene, chosen.sources, chosen.form, asked.draws, asked.seed)
     one = as_solved(budget, chosen.run, observed)
     mean = None if observed is None else next((each for each in observed.means if chosen.run in each.runs), None)
@@ -89,7 +92,7 @@ def _sensor(number: int, runs: Sequence[RunScene], asked: Asked, observed: Senso
         "positions": chosen.scene.conditions.position.tolist(),
         "form": chosen.form.name,
         "acting_on": chosen.base_origin,
-        "noise_deg_per_hr": float(np.sqrt(np.nanmean(chosen.scene.sigma**2))),
+        "noise_deg_per_hr": float(np.sqrt(np.nanmean(chosen.scene.noise**2))),
         "parameters": dict(zip(budget.names, budget.units, strict=True)),
         "sources": [_share(budget, index) for index in range(len(budget.shares))],
         "total": _both(budget, budget.total(), budget.everything),

@@ -1,13 +1,13 @@
 """From a planned sweep or a measured campaign to the scenes of an error budget: one for each run of each sensor.
 
     scenes = planned_scenes(sweep, bench)            # before the night: what the files say
-    scenes = measured_scenes(campaign, bench)        # after it: standard errors, slopes and parameters as measured
+    scenes = measured_scenes(campaign, bench, shown) # after it: standard errors, slopes and parameters as measured
 
 The parameters that errors of attitude act on (GS, MU) are the model's where there is one with values, those that were
 solved for after a night, and else typical of such a sensor.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +24,7 @@ from hil.model.effects.base import Base
 from hil.model.effects.geometry import local_frame
 from hil.model.forms import LinearForm, default_form
 from hil.solve import solve
+from hil.solve.repeats import SensorRepeats
 from hil.solve.runs import OBSERVABLE, stated_noise
 from hil.solve.temperatures import level_degC, told_by
 from hil.solve.wrong_rows import treated
@@ -88,16 +89,21 @@ def planned_scenes(sweep: Sweep, bench: Bench, model: Model | None = None) -> di
     return found
 
 
-def measured_scenes(campaign: Campaign, bench: Bench, model: Model | None = None) -> dict[int, list[RunScene]]:
-    """Return the runs of each sensor as they were measured, by the rates that `hil solve` solves.
+def measured_scenes(
+    campaign: Campaign, bench: Bench, shown: Mapping[int, SensorRepeats], model: Model | None = None
+) -> dict[int, list[RunScene]]:
+    """Return the runs of each sensor as they were measured, by the rates that `hil solve` solves, as noisy as it finds.
 
-    Runs that FAIL by their own records, which are in no mean, are left out.
+    `shown` is what repeats show. Runs that FAIL by their own records, which are in no mean, are left out.
     """
     used = treated(campaign).sensors
-    return {number: list(_measured_runs(rows, bench, model)) for number, rows in used.items()}
+    return {number: list(_measured_runs(rows, bench, shown.get(number), model)) for number, rows in used.items()}
 
 
-def _measured_runs(collects: Collects, bench: Bench, model: Model | None) -> Iterator[RunScene]:
+def _measured_runs(
+    collects: Collects, bench: Bench, shown: SensorRepeats | None, model: Model | None
+) -> Iterator[RunScene]:
+    times, measured_by = (1.0, MEASURED) if shown is None else (shown.noise_times, shown.noise_by(MEASURED))
     measured = collects.rows(~np.all(np.isnan(collects.rates_deg_per_hr), axis=1))
     for run in np.unique(measured.conditions.run).tolist():
         rows = measured.rows(measured.conditions.run == run)
@@ -112,14 +118,14 @@ def _measured_runs(collects: Collects, bench: Bench, model: Model | None) -> Ite
             bench.name,
             slope,
             slope_origin,
-            MEASURED if stated is not None else f"angle_random_walk {walk:g} deg/√hr over the collect",
+            measured_by if stated is not None else f"angle_random_walk {walk:g} deg/√hr over the collect",
         )
         base, origin = _base(conditions, model) if model is not None else _solved(rows, form)
         axes = _axes(conditions, bench)
         usable = tuple(each for each in given if axes is not None or not each.needs_axes)
         lying = np.broadcast_to(np.eye(3), (len(conditions), 3, 3)) if axes is None else axes
         sigma = np.where(np.isnan(rows.rates_deg_per_hr), np.nan, assumed if stated is None else stated)
-        scene = Scene(conditions, lying, base, sigma)
+        scene = Scene(conditions, lying, base, sigma, 1.0 if stated is None else times)
         left_out = tuple(each.title for each in given if each not in usable)
         yield RunScene(
             run, scene, usable, form, origin, _at(measured.conditions, measured.conditions.run == run), left_out

@@ -35,13 +35,20 @@ class Scene:
     """One self-calibration of one sensor as it is assumed to be: n collects.
 
     `axes` (n, 3, 3) are the sensor's axes in the bench frame, one row each; `base` gives B (n, c) and K (n, c, 3) at
-    each collect; `sigma` (n, c) is the noise of the averages, deg/hr, NaN where there is no rate.
+    each collect; `sigma` (n, c) are the standard errors of averages, deg/hr, NaN where there is no rate, that weigh
+    them, and `noise_times` (c,) is how many times as large their noise is.
     """
 
     conditions: Conditions
     axes: FloatArray
     base: Base
     sigma: FloatArray
+    noise_times: FloatArray | float = 1.0
+
+    @property
+    def noise(self) -> FloatArray:
+        """The noise of the averages, (n, c), deg/hr, NaN where there is no rate."""
+        return np.asarray(self.sigma * self.noise_times)
 
     @property
     def gravity(self) -> FloatArray:
@@ -105,7 +112,7 @@ class Noise(Source):
 
     def each(self, scene: Scene) -> FloatArray:
         """Return the size of each average's own component, (n, c), deg/hr."""
-        return np.nan_to_num(scene.sigma)
+        return np.nan_to_num(scene.noise)
 
     def columns(self, scene: Scene) -> FloatArray:
         """Return one component for each average."""

@@ -152,6 +152,11 @@ def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[st
             if np.any(each.spread.degrees)
             else NoiseLevel(),
             collect_deg_per_hr=float(np.nanmedian(sigmas[number])),  # one that is huge says nothing of the others
+            channels_deg_per_hr={
+                name: float(np.median(of[known]))
+                for name, of, known in zip(each.times_of, sigmas[number].T, np.isfinite(sigmas[number]).T, strict=True)
+                if known.any()
+            },
         )
         for number, each in shown.items()
         if number in used
@@ -169,7 +174,7 @@ def _with_typical_noise(rows: Collects) -> Collects:
 
 def _seen(shown: SensorRepeats, *, assumed: bool) -> NoiseLevel:
     """Return what repeats scatter by beyond white noise: bias and, of a rotor, MU, rms of both channels."""
-    beyond = [each for each in zip(shown.names, shown.beyond_noise, shown.spread.degrees, strict=True) if each[2]]
+    beyond = [each for each in zip(shown.names, shown.by_noise.beyond, shown.spread.degrees, strict=True) if each[2]]
     bias, mu = ([more**2 for name, more, _ in beyond if name.startswith(kind)] for kind in ("B", "MU"))
     stated = "; ".join(["its repeats", *shown.noise_in_words])  # of errors that are assumed nothing is to be said
     source = "its repeats, beyond an assumed noise of collects" if assumed else stated

@@ -11,7 +11,7 @@ base's parameters: that is told too.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -43,13 +43,15 @@ class NoiseLevel:
     """What averages scatter by: within a run (white, per collect), and from run to run (bias, and a rotor's MU).
 
     The defaults are the report's quiet cells and its pooled run-to-run scatter. `source` says whose it is: "assumed",
-    "its repeats", or theirs beyond an assumed noise of collects: what changes from run to run decides.
+    "its repeats", or theirs beyond an assumed noise of collects: what changes from run to run decides. Where channels
+    are measured, a collect's is the median of all, and `channels_deg_per_hr` that of each.
     """
 
     collect_deg_per_hr: float = 0.93
     run_bias_deg_per_hr: float = 1.8
     run_mu_deg_per_hr_per_g: float = 0.0
     source: str = "assumed"
+    channels_deg_per_hr: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

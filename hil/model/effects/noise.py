@@ -34,7 +34,7 @@ class Drift(Effect):
     id = "drift"
     follows = "time"
     title = "Linear drift between collects"
-    equation = "R += d k, k = -1, 0, 1 in the order taken within the run"
+    equation = "R += d k, k = how many collects after the middle of the run: -1, 0, 1 of three"
     per_channel = True
     parameters = (Parameter("d", "deg/hr/collect", (0.1, 5.0)),)
     signature = "Depends on the order of positions: 1-2-3 gives bias -d/2, MU 3d/2; sigmas 1 : 0.5 : 1.5."

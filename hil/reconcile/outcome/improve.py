@@ -91,7 +91,7 @@ def _place(candidate: Candidate, number: int) -> tuple[int, str]:
     repeats = POWERS.get(candidate.form, len(candidate.stations_degC))
     part = number // (len(candidate.parameters) // repeats)
     if candidate.form == "table":
-        return 0, f"{candidate.stations_degC[part]:.1f} degC"
+        return 0, f"{candidate.stations_degC[part]:z.1f} degC"
     return part, f"about {candidate.reference_degC:g} degC"
 
 
@@ -100,7 +100,7 @@ def _range(conditions: Conditions) -> str:
     if temperature is None or not np.any(np.isfinite(temperature)):
         return "the campaign's temperature (not recorded)"
     low, high = float(np.nanmin(temperature)), float(np.nanmax(temperature))
-    return f"{low:.1f} degC" if high - low < 1.0 else f"{low:.1f} to {high:.1f} degC"
+    return f"{low:z.1f} degC" if high - low < 1.0 else f"{low:z.1f} to {high:z.1f} degC"
 
 
 def improved(

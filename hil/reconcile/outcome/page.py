@@ -109,7 +109,7 @@ def place_in_words(where: Mapping[str, Any]) -> str:
         parts.append(f"position {where['position']}")
     if "temperature_degC" in where:
         low, high = where["temperature_degC"]
-        span = f"at {low:.0f} °C" if high - low < 1.0 else f"from {low:.0f} to {high:.0f} °C"
+        span = f"at {low:z.0f} °C" if high - low < 1.0 else f"from {low:z.0f} to {high:z.0f} °C"
         parts.append(f"{span} {WHOSE[where['temperature_of']]}")
     if "runs" in where:
         parts.append(numbered("run", where["runs"]))

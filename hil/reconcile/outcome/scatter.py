@@ -22,7 +22,7 @@ from hil.reconcile.search.profiles import log_profile
 from hil.reconcile.search.set_in_block import SetInBlock
 from hil.reconcile.search.sets import SensorSearch
 from hil.solve.repeats import CONFIDENCE
-from hil.solve.temperatures import level_degC, same_temperature
+from hil.solve.temperatures import level_degC, runs_by_temperature, same_temperature
 
 _WHITE = "deg/sqrt(hr)"
 _OF_A_MEDIAN = 1.25  # times as uncertain as a mean is a median of normal numbers
@@ -167,6 +167,7 @@ def _of_channels(block: FittedBlock, found: Sequence[FoundScatter], model: str) 
     alone = replace(points, kind=np.full(len(points), -1), offset=np.zeros(len(points)))
     by_itself = scales[:, None] * own.noise.variance(alone)
     relative = float(np.sqrt(2.0 / own.beside.freedom)) if own.beside.freedom else np.inf  # nothing is left to know by
+    repeated = any(len(of) > 1 for _, of in runs_by_temperature(own.noise.conditions))
     beside, errors = own.noise.stated_variance(), rows_of.sigma**2 * rows_of.sigma_stated
     for c in np.unique(rows_of.channel):
         rows, channel = rows_of.channel == c, list(own.noise.conditions.sensor.channels)[c]
@@ -182,6 +183,7 @@ def _of_channels(block: FittedBlock, found: Sequence[FoundScatter], model: str) 
         offset_se = offset * float(np.hypot(_GRID / np.sqrt(12.0), 1.0 / np.sqrt(2.0 * runs)))
         if sure and offset > 0.0 and not certain:
             offset_se = float(np.hypot(offset_se, 0.5 * np.sqrt(weight @ (offsets - offset2) ** 2) / offset))
+        told = (certain or sure) and offset > 0.0
         here = [f for f in found if (f.sensor, f.channel) == (rows_of.sensor, channel)]
         seen = np.median(variance[rows]) if here or sure or certain else middle
         yield {
@@ -191,9 +193,9 @@ def _of_channels(block: FittedBlock, found: Sequence[FoundScatter], model: str) 
             "stated_deg_per_hr": float(np.sqrt(np.median(errors[rows]))) if rows_of.sigma_stated else None,
             "explained_deg_per_hr": float(np.sqrt(known)) if rows_of.sigma_stated else None,
             "observed_deg_per_hr": float(np.sqrt(seen)) if own.beside.freedom else None,
-            "run_offset_deg_per_hr": offset,
-            "run_offset_se_deg_per_hr": offset_se if (certain or sure) and offset > 0.0 else None,
-            "collect_to_collect_deg_per_hr": size,
+            "run_offset_deg_per_hr": offset if repeated or told else None,
+            "run_offset_se_deg_per_hr": offset_se if told else None,
+            "collect_to_collect_deg_per_hr": size if own.beside.freedom else None,
             "collect_to_collect_se_deg_per_hr": 0.5 * error / size if sure and size > 0.0 else None,
             "scatter": [{"id": f.effect.id, "deg_per_hr": f.deg_per_hr} for f in here],
         }

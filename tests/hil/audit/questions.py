@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from hil.solve.runs import UNSTATED
 from tests.hil.audit.folders import LOGS
 
 VERDICTS = ("PASS", "MARGINAL", "INCONCLUSIVE", "FAIL")
@@ -134,7 +135,7 @@ def _run_to_run(of_sensor: Mapping[str, Any], where: str) -> Answer:
 
 def _noise_assumed(document: dict[str, Any]) -> Answer:
     return {
-        str(s["sensor"]): "every rate has the same, unstated noise" in s["assumed"]
+        str(s["sensor"]): UNSTATED in s["assumed"]
         for s in document["solutions"]
         if document["repeats"][str(s["sensor"])]["run_to_run"]
     }
@@ -291,9 +292,7 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
         "report": lambda document: document,
     },
     "which sensors' standard errors are used": {
-        "solve": lambda document: {
-            s["sensor"]: "every rate has the same, unstated noise" not in s["assumed"] for s in document["solutions"]
-        },
+        "solve": lambda document: {s["sensor"]: UNSTATED not in s["assumed"] for s in document["solutions"]},
         **dict.fromkeys(
             ("scatter", "reconcile"),
             lambda document: {of["sensor"]: of["stated_deg_per_hr"] is not None for of in document["noise"]},

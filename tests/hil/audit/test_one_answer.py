@@ -24,6 +24,7 @@ from hil.campaign.writer import write_campaign
 from hil.cli.app import run
 from hil.config import load_bench, load_sweep
 from hil.design.budget.budget import budgets_of_means
+from hil.design.budget.document import Asked, budget_document
 from hil.design.budget.scenes import measured_scenes
 from hil.design.conditions import planned_conditions
 from hil.design.sequence.sequences import scene_of, sequence_worth
@@ -156,7 +157,8 @@ def test_what_moves_both_sensors_is_said_wherever_somebody_asks_what_scatters(
 def test_the_channel_whose_standard_errors_do_not_hold_is_named() -> None:
     """By repeats as by the search, and about as much; the other is not blamed."""
     one = FOLDERS["one channel noisy"]()
-    (said,) = repeats(one, solve_campaign(one))[2].noise_in_words
+    shown = repeats(one, solve_campaign(one))
+    (said,) = shown[2].noise_in_words
     found = re.match(r"standard errors of RB are ([\d.]+) times too small", said)
     assert found is not None
     (noisy,) = scatter_in_words(what_scatters(one).noise)
@@ -164,6 +166,17 @@ def test_the_channel_whose_standard_errors_do_not_hold_is_named() -> None:
     by_search = re.search(r"scatter ([\d.]+) times", noisy)
     assert by_search is not None
     assert float(found[1]) == pytest.approx(float(by_search[1]), rel=0.2)
+    seen: Any = campaign_document(one)["sensors"]
+    bench, sizes = load_bench("simulated"), seen["2"]["noise"]["channels_deg_per_hr"]
+    (stated,) = {*one.sensors[2].rates_se_deg_per_hr.ravel().tolist()}
+    assert [*sizes.values()] == pytest.approx(stated * shown[2].noise_times)
+    assert sizes["RB"] == pytest.approx(float(by_search[1]) * stated, rel=0.2)
+    asked = Asked(draws=100)
+    budget = budget_document(measured_scenes(one, bench, shown), "t", asked, observed=shown)["sensors"]["2"]
+    assert f"(RA 1 and RB {found[1]})" in budget["sources"][0]["origin"]
+    assert budget["noise_deg_per_hr"] == pytest.approx(np.sqrt(np.mean(np.square([*sizes.values()]))))
+    noise = {name: each["analytic"] for name, each in budget["sources"][0]["parameters"].items()}
+    assert noise["BB"] == pytest.approx(float(found[1]) * noise["BA"], rel=0.1)
 
 
 def test_each_sensor_of_a_unit_is_compared_in_its_own_form() -> None:
@@ -213,7 +226,7 @@ def test_a_run_that_is_hardly_known_moves_no_mean() -> None:
     told = []
     for made in (replace(one, sensors={2: rows.rows(~unsure)}), beside):
         shown, fitted = repeats(made, solve_campaign(made))[2], fit_thermal(made).sensors[2].parameters
-        (certified, *_) = budgets_of_means(measured_scenes(made, load_bench("simulated"))[2], shown)
+        (certified, *_) = budgets_of_means(measured_scenes(made, load_bench("simulated"), {2: shown})[2], shown)
         values = [(each.value, each.sd) for each in (*shown.means[0].values.values(), *certified.values.values())]
         told.append([*values, *((of.values.values[0], of.values.se[0]) for of in fitted.values())])
     assert np.abs(np.subtract(*told)).max() < 0.25
@@ -372,6 +385,18 @@ def test_what_a_drift_spoils_is_the_same_before_and_after_a_night(order: str) ->
 
 def _moved_by(of_sensor: Mapping[str, Any], effect: str) -> dict[str, float]:
     return {each["id"]: each["leaks"] for each in of_sensor["effects"]}[effect]
+
+
+@pytest.mark.parametrize(("runs", "left"), [(1, False), (4, True)])
+def test_what_changes_from_run_to_run_is_not_known_where_nothing_was_repeated(runs: int, left: bool) -> None:
+    """By neither of them, and it is no 0 that scatter states; what single runs leave beside a curve is observed."""
+    one = campaign(runs, 1, seed=3, scatter=0.5)
+    found = what_scatters(one)
+    assert "what changes from run to run is not known" in repeats(one, solve_campaign(one))[2].sentences()[0]
+    assert "nothing was repeated: what changes from run to run is not known" in found.sentences()[0]
+    assert {of["run_offset_deg_per_hr"] for of in found.noise} == {None}
+    assert {of["observed_deg_per_hr"] is not None for of in found.noise} == {left}
+    assert ("what is observed is" in found.sentences()[0]) is left
 
 
 @pytest.mark.parametrize("seed", [11, pytest.param(13, marks=pytest.mark.slow)])

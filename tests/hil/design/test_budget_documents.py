@@ -25,6 +25,7 @@ from hil.design.budget.document import Asked, budget_document
 from hil.design.budget.scenes import measured_scenes, planned_scenes
 from hil.errors import InputError
 from hil.solve import repeats, solve_campaign
+from tests.hil.solve.test_other_runs import repeated
 
 FEW = Asked(draws=2000)
 
@@ -88,7 +89,7 @@ def test_after_a_night_noise_and_parameters_are_the_measured_ones(campaign: Camp
     """The collects' own standard errors, this run's own GS and MU, and beside it what was seen to scatter."""
     bench = load_bench("simulated")
     shown = repeats(campaign, solve_campaign(campaign))
-    document = budget_document(measured_scenes(campaign, bench), "t", FEW, observed=shown)
+    document = budget_document(measured_scenes(campaign, bench, shown), "t", FEW, observed=shown)
     sensor = document["sensors"]["2"]
     assert sensor["acting_on"] == "as solved from this run"
     assert sensor["sources"][0]["origin"] == "measured standard errors"
@@ -117,11 +118,23 @@ def test_of_a_collect_with_one_rate_left_out_the_other_counts_as_in_solve(campai
     wrong = replace(campaign, sensors={2: replace(rows, rates_deg_per_hr=rates)})
     (solved,) = (each for each in solve_campaign(wrong) if each.run == rows.conditions.run[3])
     asked = replace(FEW, run=solved.run)
-    sensor = budget_document(measured_scenes(wrong, load_bench("simulated")), "t", asked)["sensors"]["2"]
+    sensor = budget_document(measured_scenes(wrong, load_bench("simulated"), {}), "t", asked)["sensors"]["2"]
     assert {each.se is None for each in solved.parameters.values()} == {True, False}
     for name, each in solved.parameters.items():
         noise = sensor["sources"][0]["parameters"][name]["analytic"]
         assert noise == (None if each.se is None else pytest.approx(each.se)), name
+
+
+def test_the_worst_run_is_the_one_that_solve_knows_worst() -> None:
+    """Of rates without standard errors, whose noise a budget only assumes, residuals tell which run that is."""
+    one = repeated(4, 4, (0, 1, 2, 0), seed=4)
+    bare = replace(one.sensors[2], rates_se_deg_per_hr=np.full_like(one.sensors[2].rates_deg_per_hr, np.nan))
+    made = replace(one, sensors={2: bare})
+    shown = repeats(made, solve_campaign(made))
+    worst = max(shown[2].of_each, key=lambda run: sum(sd**2 for sd in shown[2].of_each[run].values()))
+    asked = Asked(draws=100)
+    document = budget_document(measured_scenes(made, load_bench("simulated"), shown), "t", asked, observed=shown)
+    assert document["sensors"]["2"]["run"] == worst != 1
 
 
 def test_a_campaign_of_another_bench_takes_its_axes_from_gravity_and_earth_rate(campaign: Campaign) -> None:
@@ -133,7 +146,7 @@ def test_a_campaign_of_another_bench_takes_its_axes_from_gravity_and_earth_rate(
     own, other = (
         {
             each["id"]: each["parameters"]
-            for each in budget_document(measured_scenes(of, bench), "t", FEW)["sensors"]["2"]["sources"]
+            for each in budget_document(measured_scenes(of, bench, {}), "t", FEW)["sensors"]["2"]["sources"]
         }
         for of in (replace(campaign, sensors={2: rows}), foreign)
     )
@@ -141,7 +154,7 @@ def test_a_campaign_of_another_bench_takes_its_axes_from_gravity_and_earth_rate(
         for name in ("BA", "GSA", "MUB"):
             assert other[source][name]["analytic"] == pytest.approx(own[source][name]["analytic"], abs=2e-4), source
     still = replace(renamed, conditions=replace(renamed.conditions, w_deg_per_hr=np.zeros_like(rows.conditions.f_g)))
-    known = budget_document(measured_scenes(replace(campaign, sensors={2: still}), bench), "t", FEW)["sensors"]["2"]
+    known = budget_document(measured_scenes(replace(campaign, sensors={2: still}), bench, {}), "t", FEW)["sensors"]["2"]
     assert [each["id"] for each in known["sources"]] == ["noise", "instability", "gravity", "drift", "soak"]
     assert "index error of each move" in known["left_out"]
 

@@ -320,7 +320,7 @@ def test_text_says_what_is_seen_alike_absorbed_and_what_would_help() -> None:
     lines = visibility_text(campaign_document(simulated)).splitlines()
     assert lines[0] == "night  SIMULATED"
     assert "noise, sensor 1: 0.93 deg/hr in a collect; from run to run the bias by 1.8 deg/hr (assumed)" in text
-    assert "noise, sensor 2: 0.5 deg/hr in a collect; from run to run nothing (its repeats)" in lines
+    assert "noise, sensor 2: RA 0.5, RB 0.5 deg/hr in a collect; from run to run nothing (its repeats)" in lines
     assert any(line.startswith("  k2 (sensor 2: ") and "MUB" in line for line in lines)
     assert not any(line.startswith("  MU_real") for line in lines)  # the model has it
 

@@ -209,6 +209,39 @@ def test_residuals_that_repeats_do_not_share_are_no_noise() -> None:
     assert "the same in every run, and no noise" in shown.sentences()[-1]
 
 
+@pytest.mark.parametrize(("drift", "times"), [(2.0, 1.0), (0.0, 1.0), (0.0, 0.2), (2.0, 0.2)])
+def test_standard_errors_are_too_small_only_where_what_is_left_differs_from_run_to_run(
+    drift: float, times: float
+) -> None:
+    """What moves the mean alone, of one channel, is never put down to them, and noise always is."""
+    for seed in range(8):
+        one = repeated(6, 6, (0, 1, 2, 0), seed)
+        one = with_rates(one, one.sensors[2].rates_deg_per_hr + np.tile(np.arange(4.0), 6)[:, None] * [0.0, drift])
+        errors = replace(one.sensors[2], rates_se_deg_per_hr=times * one.sensors[2].rates_se_deg_per_hr)
+        made = replace(one, sensors={2: errors})
+        shown = repeats(made, solve_campaign(made))[2]
+        said = " ".join(shown.sentences())
+        assert ("too small" in said) is (times < 1.0)
+        assert drift or times < 1.0 or shown.noise_times.max() <= 1.0
+        assert not drift or times < 1.0 or "the same in every run, and no noise" in said
+
+
+@pytest.mark.parametrize(("runs", "per_temperature"), [(2, 2), (6, 6), (12, 3)])
+def test_sound_repeats_are_seldom_said_to_scatter_more_and_those_that_do_are(runs: int, per_temperature: int) -> None:
+    """Once in a hundred, however many parameters are asked; what scatters by twice its noise is said, and by what."""
+    said = {}
+    for scatter in (0.0, 2.0):
+        for seed in range(12):
+            one = runs_at_their_temperatures(runs, per_temperature, seed=50 + seed, scatter=scatter)
+            said[scatter, seed] = repeats(one, solve_campaign(one))[2].sentences()[0]
+    more = [scatter for (scatter, _), words in said.items() if "scatter more" in words]
+    assert more.count(0.0) <= 1
+    assert more.count(2.0) >= (10 if runs > 2 else 2)
+    freedom = runs - runs // per_temperature
+    assert any(f"say, as far as {freedom} degree" in words for words in said.values())
+    assert all("deg/hr (0." in words and " by noise)" in words for words in said.values() if "BA by" in words)
+
+
 @pytest.mark.slow
 def test_a_run_that_its_records_contradict_widens_no_other_and_is_in_no_mean() -> None:
     """With it or without its collects, the others' means and uncertainties are the same; and it is said."""
@@ -268,13 +301,11 @@ def campaign_of_four_collects() -> Campaign:
     return Campaign("four", "", {2: Collects(conditions, rates, np.full((4, 2), np.nan))})
 
 
-def test_one_large_standard_error_makes_no_other_too_large() -> None:
-    """Twelve runs at four temperatures, right to one: what they scatter by is asked in each run's own error."""
-    rng, group, every = np.random.default_rng(3), np.repeat(np.arange(4), 3), np.full(4, True)
-    errors = np.ones((12, 4))
-    values = rng.normal(size=(12, 4))
-    assert Spread.of(values, errors, group).times_stated(every) == 1.0
-    errors[7] = 300.0
-    assert Spread.of(values, errors, group).times_stated(every) == 1.0
-    assert Spread.of(values, 10.0 * np.ones((12, 4)), group).times_stated(every) == pytest.approx(0.1, rel=0.3)
-    assert Spread.of(values, 0.1 * np.ones((12, 4)), group).times_stated(every) == pytest.approx(10.0, rel=0.3)
+@pytest.mark.parametrize("times", [1.0, 0.1, 10.0])
+def test_one_large_standard_error_makes_no_other_too_large(times: float) -> None:
+    """Twelve runs at four temperatures, right to one: what they differ by is asked in each run's own error."""
+    one = runs_at_their_temperatures(12, 3, seed=3, scatter=0.0)
+    errors = times * one.sensors[2].rates_se_deg_per_hr
+    errors[21:24] *= 300.0
+    made = replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=errors)})
+    assert [*repeats(made, solve_campaign(made))[2].times_of.values()] == pytest.approx([1.0 / times] * 2, rel=0.5)
