@@ -35,11 +35,17 @@ WHOSE = {
 """Whose temperature a column has, in words."""
 
 
-def degrees(temperature_degC: float | None, column: str | None = None) -> str:
-    """Write a temperature in °C, and of a known column whose it is, or say that there is none."""
+def degrees(
+    temperature_degC: float | None, temperature_of: str | None = None, unit_degC: tuple[float, float] | None = None
+) -> str:
+    """Write a temperature in °C, or that there is none; whose it is, and what the unit's own thermometer showed."""
     if temperature_degC is None:
         return "all runs"
-    return f"{temperature_degC:.1f} °C" + (f" {WHOSE[column]}" if column in WHOSE else "")
+    whose = f" {WHOSE[temperature_of]}" if temperature_of in WHOSE else ""
+    own = unit_degC if temperature_of != "temperature_degC" else None
+    return f"{number(temperature_degC, 1)} °C{whose}" + (
+        f", unit {number(own[0], 1)} … {number(own[1], 1)} °C" if own else ""
+    )
 
 
 def rounded(value: float, se: float | None) -> str:
