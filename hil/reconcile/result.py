@@ -13,9 +13,13 @@ from hil.files.numbers import degrees, number, rounded
 from hil.model import Model
 from hil.solve.both_sensors import BothSensors
 from hil.solve.document import not_passed, reasons
+from hil.solve.identifiability import SAME_CLASS
 from hil.solve.repeats import repeats
 from hil.solve.runs import solve_campaign
 from procedures.words import listed, numbered, unit_in_words
+
+EXCLUDED = 0.001
+"""What is identical in these collects is told apart where the data themselves make one so much less probable."""
 
 LEFT_OUT = "runs_left_out"
 """What the finding of bad runs has in its shape, and no other: how many they are."""
@@ -52,6 +56,16 @@ class Rival:
     remedy: str = ""
     likely: bool = True
 
+    @property
+    def alike(self) -> bool:
+        """Whether it looks the same in these collects, and the data do not exclude it all the same."""
+        return self.overlap > SAME_CLASS and not (1.0 if self.bayes_factor is None else self.bayes_factor) < EXCLUDED
+
+    @property
+    def untold(self) -> bool:
+        """Whether it is alike and the data say no more of it than of the name."""
+        return self.alike and _cannot_tell(1.0 if self.bayes_factor is None else self.bayes_factor)
+
     def document(self) -> dict[str, Any]:
         """Return the JSON object."""
         return picked(
@@ -64,8 +78,12 @@ def rival_in_words(rival: Mapping[str, Any]) -> str:
     data, before = rival.get("bayes_factor"), rival.get("prior_odds")
     if data is None or before is None or not math.isfinite(data):
         return ""
-    told = "cannot tell it apart" if 0.5 <= data <= 2.0 else f"make it {in_times(data)} as probable as the first name"
+    told = "cannot tell it apart" if _cannot_tell(data) else f"make it {in_times(data)} as probable as the first name"
     return f"the data {told}; before them it was {in_times(before)} as probable"
+
+
+def _cannot_tell(bayes_factor: float) -> bool:
+    return not (bayes_factor < 0.5 or bayes_factor > 2.0)
 
 
 def in_times(ratio: float) -> str:
