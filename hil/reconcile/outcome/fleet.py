@@ -91,8 +91,8 @@ def fleet_sentences(found: Screened) -> Iterator[str]:
     if (more := len(wrong) - _MOST_WRONG) > 0:
         yield f"and of {counted(more, 'calibration')} more: --json has all"
     yield (
-        "a screen asks for what moves averages; a full hil reconcile also asks what only scatters them, "
-        "hil solve whether runs are good"
+        "a screen asks for one thing that moves averages, by noise as it is without that; a full hil reconcile looks "
+        "at the noise anew beside it, and asks what only scatters averages; hil solve whether runs are good"
     )
     if any(each.follows for _, each in found.shared):
         yield (

@@ -58,6 +58,17 @@ def test_the_faulty_units_are_called_and_the_others_go_on(folder: Path) -> None:
     assert "x-broken" in page
 
 
+def test_one_unit_with_a_noisy_channel_is_asked_at_every_noise() -> None:
+    """Of few units a few points of the noise are too few: 0.1 deg/hr/degC of both biases was no finding."""
+    made = campaign_of(SHORT, 0.0 * base_rates(SHORT))
+    rows = made.sensors[2]
+    errors = rows.rates_se_deg_per_hr * [1.0, 5.0]
+    rates = np.random.default_rng(1).normal(size=errors.shape) * errors + 0.1 * SHORT.temperature[:, None]
+    one = replace(made, sensors={2: replace(rows, rates_deg_per_hr=rates)})
+    (found,) = Screen.of(one, "matrix-6").units([one])
+    assert (found.leader, found.q_value < 0.01) == ("bias_T", True)
+
+
 def test_what_the_records_say_is_wrong_is_in_no_screen(tmp_path: Path) -> None:
     """A run that FAILs, averages at a channel's limit: left out, and said of that unit; so is what is missing."""
     rates = base_rates(SHORT) + noise(SHORT, np.random.default_rng(9))
