@@ -71,8 +71,8 @@ class Facts:
         """Return what the records of a campaign say."""
         day, serial = day_of(campaign.source), campaign.identity.get("serial", "")
         bad = sorted(set().union(*(failed(campaign, number) for number in campaign.sensors)))
-        date, wrong = day.isoformat() if day else "", by_records(campaign)
-        return cls(folder, campaign.title, serial, date, campaign.simulated, bad, wrong)
+        known = (campaign.title, serial, day.isoformat() if day else "", campaign.simulated)
+        return cls(folder, *known, bad, by_records(campaign))
 
 
 @dataclass(frozen=True)
@@ -122,9 +122,8 @@ class _Group:
 
     def has_like(self, other: Campaign, values: Mapping[int, FloatArray]) -> bool:
         """Whether a campaign is of this layout: it stood so, and the same of its rates are there."""
-        if self.first.sensors.keys() != other.sensors.keys() or not self.stood.like(other):
-            return False
-        return all(np.array_equal(np.isfinite(own), np.isfinite(values[n])) for n, own in self.values[0].items())
+        alike = self.first.sensors.keys() == values.keys() and self.stood.like(other)
+        return alike and all(np.array_equal(*np.isfinite([own, values[n]])) for n, own in self.values[0].items())
 
     def layout(self, model: Model) -> _Layout:
         """Return what a screen is laid out by: the first unit, and others evenly over the fleet."""
@@ -163,12 +162,12 @@ def screen_folders(
                 told[place] = str(error)
                 continue
             values = beside_the_earth(read)
-            if (group := next((each for each in groups if each.has_like(read, values)), None)) is None:
-                groups.append(group := _Group(read, Stood({n: rows.conditions for n, rows in read.sensors.items()})))
             told_apart_by = hashlib.sha256(b"".join(own.tobytes() for own in values.values())).digest()
             if (first := known.setdefault(told_apart_by, place)) != place:
                 told[place] = f"the very rates of {first}: a copy, which counts once"
                 continue
+            if (group := next((each for each in groups if each.has_like(read, values)), None)) is None:
+                groups.append(group := _Group(read, Stood({n: rows.conditions for n, rows in read.sensors.items()})))
             group.facts.append(Facts.of(place, campaign))
             group.values.append(values)
         for number, group in enumerate(groups, 1):

@@ -118,10 +118,7 @@ class Asked:
 
 @dataclass(frozen=True)
 class Screen:
-    """One layout: its conditions and, by sensor, the search with the points of the noise that units have.
-
-    At the first `few` of them every unit is weighed; None: at all.
-    """
+    """One layout: its conditions and, by sensor, the search with points of the noise, at a `few` of which all begin."""
 
     conditions: Mapping[int, Conditions]
     found: Mapping[int, SensorSearch]

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil.model.effects.base import Described
-from hil.reconcile.result import Rival
+from hil.reconcile.rivals import Rival
 from hil.reconcile.search.fitted import Fitted, fitted
 from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.terms import IDENTICAL, NO_NAME, Term

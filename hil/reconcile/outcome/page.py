@@ -15,7 +15,8 @@ from hil.files.numbers import WHOSE
 from hil.files.page import in_style, inline_svg, rendered
 from hil.model import save_model
 from hil.reconcile.outcome.sentences import LEAST, at_most, gap_in_words, number, summary, titled, what_to_do
-from hil.reconcile.result import FoundEffect, Reconciliation, rival_in_words, stated
+from hil.reconcile.result import FoundEffect, Reconciliation, stated
+from hil.reconcile.rivals import rival_in_words
 from procedures.words import hours_minutes, numbered, unit_in_words
 
 if TYPE_CHECKING:

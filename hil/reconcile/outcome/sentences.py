@@ -10,7 +10,8 @@ from drivers.strict_yaml import packaged
 from hil.files.numbers import rounded
 from hil.reconcile.naming import CERTAIN, LIKELY
 from hil.reconcile.outcome.scatter import beyond_chance
-from hil.reconcile.result import LEFT_OUT, Gap, Reconciliation, Rival, in_times
+from hil.reconcile.result import LEFT_OUT, Gap, Reconciliation
+from hil.reconcile.rivals import Rival, in_times
 from hil.reconcile.search.terms import NO_NAME
 from hil.solve.document import runs_in_words
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED

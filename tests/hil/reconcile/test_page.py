@@ -17,7 +17,8 @@ from hil.files.numbers import rounded
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.page import driver_of, page, panels_of, pictures
 from hil.reconcile.outcome.sentences import summary, titled, what_to_do
-from hil.reconcile.result import FoundEffect, Rival, rival_in_words
+from hil.reconcile.result import FoundEffect
+from hil.reconcile.rivals import Rival, rival_in_words
 from tests.hil.reconcile.hidden_effects import hidden_campaign
 
 
