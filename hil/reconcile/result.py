@@ -10,6 +10,7 @@ from hil.campaign import Campaign
 from hil.files.document import picked, plain
 from hil.files.numbers import degrees, number, rounded
 from hil.model import Model
+from hil.model.effects.document import shape_in_words
 from hil.reconcile.rivals import Rival
 from hil.solve.both_sensors import BothSensors
 from hil.solve.document import not_passed, reasons
@@ -62,14 +63,6 @@ def before_and_after_in_words(values: Iterable[Mapping[str, Any]]) -> Iterator[s
     yield from (f"{name}: {'; '.join(told)}" for name, told in lines.items())
 
 
-_SHAPES = {
-    "tau_min": "time constant {:g} min",
-    "tau_s": "time constant {:g} s",
-    "half_width_degC": "half width {:g} °C",
-    "from_degC": "the unit coming from {:g} °C",
-}
-
-
 def without_collects(why: str) -> dict[str, Any]:
     """Return the next experiment where it is no further collect that settles the question."""
     unknown = dict.fromkeys(("expected_difference_deg_per_hr", "power"))
@@ -91,12 +84,7 @@ class Shape:
     @property
     def in_words(self) -> str:
         """From which run a step holds, or what time constant or width fits best; empty where there is none."""
-        run = self.values.get("from_run")
-        if run is not None:
-            return f"in run {run:g} alone" if self.values.get("runs_held") else f"from run {run:g} on"
-        every = {name: text.format(self.values[name]) for name, text in _SHAPES.items() if name in self.values}
-        may_be = {name: " ({:.3g} to {:.3g} is possible)".format(*ends) for name, ends in self.may_be.items()}
-        return ", ".join(text + may_be.get(name, "") for name, text in every.items())
+        return shape_in_words(self.values, self.may_be)
 
 
 @dataclass(frozen=True)
