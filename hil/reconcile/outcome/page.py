@@ -112,6 +112,8 @@ def place_in_words(where: Mapping[str, Any]) -> str:
         low, high = where["temperature_degC"]
         span = f"at {low:.0f} °C" if high - low < 1.0 else f"from {low:.0f} to {high:.0f} °C"
         parts.append(f"{span} {WHOSE[where['temperature_of']]}")
+    if where.get("of") == "scatter":
+        parts.append("what its averages scatter by")
     if "runs" in where:
         parts.append(numbered("run", where["runs"]))
     return ", ".join(parts)
