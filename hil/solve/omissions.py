@@ -27,7 +27,8 @@ def by_records(campaign: Campaign) -> dict[str, Any]:
 
     So treated are campaigns that are `pooled` and `usable`. Keys of which there is nothing to say are left out.
     """
-    clipped = [each for rows in campaign.sensors.values() for each in clipped_rows(rows)]
+    judged = [rows for number, rows in campaign.sensors.items() if failed(campaign, number)]  # as what is clipped is
+    clipped = [each for rows in judged for each in clipped_rows(rows)]
     return {name: of for name, of in _keys(campaign, clipped).items() if of}
 
 
