@@ -104,15 +104,20 @@ def _differs(n: int, expected: int) -> bool:
 def _enough(
     samples: SampleBlock, n: int, expected: int, missing: int, sample_rate_hz: float, settings: CollectSettings
 ) -> Iterable[Judgement]:
-    """Judge the number of samples. Evenly spread and none lost, it is the unit's rate that is not the description's."""
+    """Judge the number of samples. Evenly spread from end to end, it is the unit's rate that is not the description's.
+
+    At the described rate as far as they go, and few, they are a stream that stopped; a rate that is off by less shows
+    in no times.
+    """
     fraction = max(1.0 - missing / expected, 0.0) if expected else 0.0
     counts = samples.counts
     bad = counts.bad_checksum + counts.bad_delimiter
     sends_hz = len(samples) / expected * sample_rate_hz if expected else 0.0
     gaps = bad or counts.lost or missing_in_gaps(samples.time_s, sends_hz)
-    even = n == len(samples) > _WORTH_AVERAGING and not gaps
+    few_or_many = not settings.minimum_fraction <= n / max(expected, 1) <= 1.0 / settings.minimum_fraction
+    as_described = n > 0 and not _differs(n, 1 + round(sample_rate_hz * float(np.ptp(samples.time_s))))
+    even = n == len(samples) > _WORTH_AVERAGING and not gaps and not (few_or_many and as_described)
     if _differs(n, expected) and (n > expected or even):
-        few_or_many = not settings.minimum_fraction <= n / max(expected, 1) <= 1.0 / settings.minimum_fraction
         yield Judgement(
             Verdict.INCONCLUSIVE if few_or_many else Verdict.MARGINAL,
             f"{n} of {expected} expected samples: the unit sends at {sends_hz:.4g} Hz, the description says "

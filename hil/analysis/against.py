@@ -10,17 +10,19 @@ uncertainties are passed by chance in 0.27 % of cases, as three sigma are.
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
 
 from hil.analysis.night_verdict import night_verdict
 from hil.campaign import Campaign, Collects, FloatArray
+from hil.files.numbers import degrees
 from hil.solve import repeats, solve_campaign
-from hil.solve.repeats import Uncertain
-from hil.solve.temperatures import nearest, runs_by_temperature
+from hil.solve.repeats import MeanAt, Uncertain
+from hil.solve.temperatures import NOT_SETTLED, apart, nearest, runs_by_temperature
 from procedures.verdict import NOT_GOOD
+from procedures.words import numbered
 
 SIGMAS = 3.0
 _BY_CHANCE = 0.00135  # of a normal distribution, beyond three sigma on one side
@@ -32,12 +34,14 @@ _GAIN = 0.02
 
 @dataclass(frozen=True)
 class Difference:
-    """One parameter at one temperature: its `means`, this campaign's and the earlier one's."""
+    """One parameter at one temperature, and whose that is: its `means`, this campaign's and the earlier one's."""
 
     sensor: int
-    temperature_degC: float | None
     parameter: str
     means: tuple[Uncertain, Uncertain]
+    temperature_degC: float | None
+    temperature_of: str | None
+    unit_degC: tuple[float, float] | None
 
     @property
     def now(self) -> float:
@@ -86,6 +90,7 @@ class Comparison:
     differences: Sequence[Difference]
     remarks: Sequence[str]
     doubts: Sequence[str] = ()  # those of the remarks that contradict this campaign
+    without: Mapping[tuple[int, float | None], str] = field(default_factory=dict)  # by sensor and temperature: why
     meaningless: str = ""  # why no difference says anything of the unit: the same rates, two units, a bad campaign
 
     @property
@@ -120,24 +125,40 @@ def compare(campaign: Campaign, earlier: Campaign) -> Comparison:
     judged = night_verdict("complete", solved[1])
     bad = [f"The earlier campaign is {judged.verdict}: {judged.reason}."] if judged.verdict in NOT_GOOD else []
     meaningless = next(iter([*itself, *(told if all(units) and units[0] != units[1] else []), *bad]), "")
+    without: dict[tuple[int, float | None], str] = {}
     for sensor, shown in now.items():
         if sensor not in before:
             remarks.append(f"The earlier campaign has no sensor {sensor}.")
             continue
+        moving = [{r for each in of if each.sensor == sensor and not each.settled for r in each.runs} for of in solved]
         for mean in shown.means:
-            match = before[sensor].at(mean.temperature_degC)
-            if match is None:
-                degC = mean.temperature_degC
-                at = "no stated temperature" if degC is None else f"{degC:z.1f} °C"
-                remarks.append(f"Sensor {sensor} at {at}: the earlier campaign has no such temperature.")
-                continue
-            both = {name: (one, match.values[name]) for name, one in mean.values.items() if name in match.values}
-            differences += [Difference(sensor, mean.temperature_degC, name, each) for name, each in both.items()]
+            match, where = before[sensor].at(mean.temperature_degC), shown.where(mean)
+            if why := _not_comparable(mean, match, moving):
+                without[sensor, mean.temperature_degC] = why
+                remarks.append(f"Sensor {sensor} at {degrees(**where)}: {why}.")
+            elif match:
+                both = {name: (one, match.values[name]) for name, one in mean.values.items() if name in match.values}
+                differences += [Difference(sensor, name, each, **where) for name, each in both.items()]
     doubts = [*_slips(campaign, earlier), *_sites(campaign.site, earlier.site)]
     if any(each.sigma is None for each in differences):
         remarks.append("Where no uncertainty is given, neither standard errors nor repeats are there to tell it from.")
     remarks = [*doubts, *remarks]
-    return Comparison(earlier.title, earlier.simulated, earlier.source, differences, remarks, doubts, meaningless)
+    return Comparison(
+        earlier.title, earlier.simulated, earlier.source, differences, remarks, doubts, without, meaningless
+    )
+
+
+def _not_comparable(mean: MeanAt, match: MeanAt | None, moving: Sequence[set[int]]) -> str:
+    """Return why a mean cannot be compared with the earlier one that matches it; empty where it can."""
+    if match is None:
+        return "the earlier campaign has no such temperature"
+    for whose, of, moved in zip(("", "the earlier campaign's "), (mean, match), moving, strict=True):
+        if runs := moved.intersection(of.runs):
+            return f"{whose}{numbered('run', runs)}: {NOT_SETTLED}"
+    own = match.unit_degC
+    if own is None or not apart(own, mean.unit_degC):
+        return ""
+    return f"not the same temperature: in the earlier campaign the unit was at {own[0]:.1f} … {own[1]:.1f} °C"
 
 
 def _itself(campaign: Campaign, earlier: Campaign) -> Iterator[str]:
@@ -194,8 +215,8 @@ def _same_place(now: Collects, before: Collects) -> Iterator[tuple[_Place, Float
 
 def _sites(now: Mapping[str, float], before: Mapping[str, float]) -> Iterator[str]:
     """Yield where the two campaigns say that they were taken at other places."""
-    for key, apart in _PLACES.items():
-        if key in now and key in before and abs(now[key] - before[key]) > apart:
+    for key, far in _PLACES.items():
+        if key in now and key in before and abs(now[key] - before[key]) > far:
             what = key.removesuffix("_deg")
             yield f"The {what} is {now[key]:g} deg now and was {before[key]:g}: was the bench moved, or is one wrong?"
 

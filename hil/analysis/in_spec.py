@@ -29,12 +29,13 @@ from hil.analysis.night_verdict import night_verdict
 from hil.campaign import Campaign
 from hil.config.limits import Limits, ParameterLimits, load_limits
 from hil.config.recorded import recorded_limits
-from hil.files.numbers import decimals_for
+from hil.files.numbers import decimals_for, degrees
 from hil.records import reading
 from hil.records.reader import is_night
 from hil.records.status import night_status
 from hil.solve import RunSolution, repeats
 from hil.solve.repeats import MeanAt, SensorRepeats, Uncertain
+from hil.solve.temperatures import NOT_SETTLED
 from procedures.verdict import NOT_GOOD, Judgement
 from procedures.words import counted, numbered
 
@@ -60,6 +61,7 @@ _Ends = tuple[float | None, float | None]
 class Characteristic:
     """What a limit is of: a parameter's `value` at a temperature, `scatter`, `change` at a temperature, or `span`.
 
+    `temperature_of` is the column that the temperature is of, `unit_degC` what the unit's own thermometer showed.
     `interval` is where it lies by the decision rule, None where nobody can tell, and then `reason` says why.
     """
 
@@ -69,6 +71,8 @@ class Characteristic:
     limits: _Ends
     unit: str = ""
     temperature_degC: float | None = None
+    temperature_of: str | None = None
+    unit_degC: tuple[float, float] | None = None
     value: float | None = None
     interval: tuple[float, float] | None = None
     reason: str = ""
@@ -87,7 +91,8 @@ class Characteristic:
     @property
     def name(self) -> str:
         """Which it is, in words."""
-        at = "" if self.temperature_degC is None else f" at {self.temperature_degC:z.1f} °C"
+        where = degrees(self.temperature_degC, self.temperature_of, self.unit_degC)
+        at = "" if self.temperature_degC is None else f" at {where}"
         return f"sensor {self.sensor}, {self.parameter}{_OF[self.of]}{at}"
 
     @property
@@ -177,6 +182,7 @@ def judge(
     for number, of in limits.sensors.items():
         own = [each for each in solutions if each.sensor == number]
         bad = {run for each in own if each.verdict in NOT_GOOD for run in each.runs}
+        moving = {run for each in own if not each.settled for run in each.runs}
         alone = {run for each in own if not each.compared for run in each.runs}
         for name, each in of.items():
             if number not in shown or name not in shown[number].names:
@@ -184,14 +190,14 @@ def judge(
                     Characteristic(number, name, "value", (each.low, each.high), reason="no run could tell it")
                 )
                 continue
-            one = _Judged(limits, number, name, each, shown[number], bad, alone)
+            one = _Judged(limits, number, name, each, shown[number], bad, moving, alone)
             found += [*one.values(), *one.scatter(), *one.span(), *one.change(comparison)]
     return InSpec(limits, measured, found)
 
 
 @dataclass(frozen=True)
 class _Judged:
-    """One parameter of one sensor, of which some runs are `bad`, and some have no other to be compared with."""
+    """One parameter of one sensor, of which some runs are `bad`, `moving` or have no other to be compared with."""
 
     rule: Limits
     sensor: int
@@ -199,14 +205,16 @@ class _Judged:
     limits: ParameterLimits
     shown: SensorRepeats
     bad: set[int]
+    moving: set[int]
     alone: set[int]
 
     def _doubt(self, means: Sequence[MeanAt]) -> str:
         """Say why these means tell nothing of the unit; empty where they do."""
         if any(self.name not in mean.values for mean in means):
             return "no run could tell it here"
-        if bad := self.bad.intersection(run for mean in means for run in mean.runs):
-            return f"{numbered('run', bad)}: not good (INCONCLUSIVE or FAIL)"
+        for those, why in ((self.bad, "not good (INCONCLUSIVE or FAIL)"), (self.moving, NOT_SETTLED)):
+            if found := those.intersection(run for mean in means for run in mean.runs):
+                return f"{numbered('run', found)}: {why}"
         if not self._degrees and self.rule.sigmas:
             return _ALONE
         if self.shown.spread.uneven[self._place] and self.rule.sigmas:
@@ -234,17 +242,17 @@ class _Judged:
         return Characteristic(self.sensor, self.name, of, limits, unit, value=value, interval=known, reason=doubt, **at)
 
     def _told_at(
-        self, at: float | None, of: str, limits: _Ends, doubt: str, value: float | None, means: Sequence[Uncertain]
+        self, at: MeanAt, of: str, limits: _Ends, doubt: str, value: float | None, means: Sequence[Uncertain]
     ) -> Characteristic:
         wide = self._wide(means)
         ends = () if value is None else (value - wide, value + wide)
-        return self._told(of, limits, doubt, value, *ends, temperature_degC=at)
+        return self._told(of, limits, doubt, value, *ends, **self.shown.where(at))
 
     def values(self) -> Iterator[Characteristic]:
         limits = (self.limits.low, self.limits.high)
         for mean in self.shown.means if limits != (None, None) else ():
             value, known = (each.value, [each]) if (each := mean.values.get(self.name)) else (None, [])
-            yield self._told_at(mean.temperature_degC, "value", limits, self._doubt([mean]), value, known)
+            yield self._told_at(mean, "value", limits, self._doubt([mean]), value, known)
 
     def scatter(self) -> Iterator[Characteristic]:
         limits = (None, self.limits.scatter)
@@ -281,10 +289,10 @@ class _Judged:
         for mean in self.shown.means:
             at, doubt = mean.temperature_degC, whole or self._doubt([mean])
             if (each := found.get((self.sensor, self.name, at))) is None:
-                doubt = doubt or "the earlier campaign has no such mean"
-                yield self._told_at(at, "change", limits, doubt, None, ())
+                doubt = doubt or comparison.without.get((self.sensor, at), "the earlier campaign has no such mean")
+                yield self._told_at(mean, "change", limits, doubt, None, ())
             else:
-                yield self._told_at(at, "change", limits, doubt, each.difference, each.means)
+                yield self._told_at(mean, "change", limits, doubt, each.difference, each.means)
 
 
 def in_spec_of(

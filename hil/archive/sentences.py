@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from hil.archive.trend import LEAST
+
 _SHOWN = 8  # things of one kind in a sentence; the document has all
 
 
@@ -22,6 +24,11 @@ def sentences(document: Mapping[str, Any]) -> Iterator[str]:
     for campaign in document["campaigns"]:
         if changed := campaign["changed_since_the_last"]:
             yield f"changed by {campaign['began_utc'][:10]}: {'; '.join(changed[:_SHOWN])}{more(changed)}"
+    if 1 < sum(each["used"] for each in document["campaigns"]) < LEAST:
+        yield (
+            f"drift and jump are told from {LEAST} calibrations on; of two hil report --against says what differs "
+            "beyond chance"
+        )
     due = document["next_calibration"]
     yield f"next calibration: {due['due'] or 'no date'} ({due['why']})"
 

@@ -164,7 +164,7 @@ Values = Mapping[float | None, Mapping[str, tuple[float, float]]]
 
 
 def stations_of(own: Sequence[ArchivedMean]) -> dict[float | None, list[ArchivedMean]]:
-    """Group a parameter's means by temperature, coldest first: what `hil report --against` takes for the same one."""
+    """Group a parameter's means by temperature, coldest first; how far the unit was off it comes after."""
     found: dict[float | None, list[ArchivedMean]] = {}
     for each in own:
         known = [at for at in found if at is not None]

@@ -1,10 +1,11 @@
 """What is suspicious in a campaign but legal: imported, said, and repeated by every report."""
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hil.campaign.data import TELL_TEMPERATURE, Collects
+from hil.campaign.data import EARTH_RATE_DEG_PER_HR, TELL_TEMPERATURE, Collects, Conditions
 from hil.campaign.header import OF_A_SENSOR, Header
 from hil.campaign.stand_ins import OWN, instead_of_temperature, not_recorded
 from hil.campaign.table import Table, rows_in_words
@@ -14,6 +15,9 @@ F_LIMITS_G = (0.5, 1.5)
 """Beyond these |f| is no static collect, unless the campaign says that a centrifuge was used."""
 
 F_SUSPICIOUS = 0.02
+
+_LEVEL_DEG_PER_HR = 0.1
+"""A horizontal part of the earth rate that is less counts as none."""
 
 _USUAL_DEGC = (-100.0, 100.0)
 """Beyond these a temperature is rather in K or °F."""
@@ -79,7 +83,21 @@ def _of_sensor(where: str, collects: Collects, rows: np.ndarray, centrifuge: boo
         found.append(not_recorded(conditions, OWN, other[0]))
     if not conditions.w_deg_per_hr.any() and not centrifuge:
         found.append(f"{where}: w is 0 in every row: what there is of the earth rate (15 deg/hr) is in the parameters")
+    elif not centrifuge and (across := _across(conditions)) > _LEVEL_DEG_PER_HR:
+        found.append(
+            f"{where}: w is the vertical part of the earth rate: the horizontal part, up to {across:.1f} deg/hr in "
+            "any channel, is in the rates, and in no standard error"
+        )
     return found
+
+
+def _across(conditions: Conditions) -> float:
+    """Return how large the earth rate's horizontal part is, deg/hr, where w is the vertical part in every row; or 0."""
+    up = conditions.f_g / np.maximum(np.linalg.norm(conditions.f_g, axis=1, keepdims=True), F_SUSPICIOUS)
+    vertical = np.sum(conditions.w_deg_per_hr * up, axis=1)
+    if np.abs(conditions.w_deg_per_hr - vertical[:, None] * up).max() > _LEVEL_DEG_PER_HR:
+        return 0.0
+    return math.sqrt(max(EARTH_RATE_DEG_PER_HR**2 - float(np.mean(vertical)) ** 2, 0.0))
 
 
 def _zero_errors(table: Table, sensors: Mapping[int, Collects]) -> list[str]:

@@ -38,7 +38,8 @@ def reconcile(
     from hil.reconcile import write_result
     from hil.reconcile.outcome.page import place_in_words
     from hil.reconcile.outcome.sentences import summary, what_to_do
-    from hil.reconcile.result import before_and_after_in_words, rival_in_words
+    from hil.reconcile.result import before_and_after_in_words
+    from hil.reconcile.rivals import rival_in_words
     from procedures.words import percent
 
     data = read_source(campaign)

@@ -94,7 +94,9 @@ def say(folder: Path, status: dict[str, Any], now: Snapshot | None, console: Con
     done, total = status["self_calibrations_done"], status["self_calibrations_total"]
     told = not status["reason"].startswith("ERROR")  # of a damaged journal nothing is, and it is not carried on
     if told:
-        console.print(f"{status['steps_done']} of {status['steps_total']} steps, {done} of {total} self-calibrations")
+        every = " are whole in every unit" * bool(status.get("units"))
+        steps = f"{status['steps_done']} of {status['steps_total']} steps"
+        console.print(f"{steps}, {done} of {total} self-calibrations{every}")
     if now is not None and working:
         for label, text in rows(now):
             console.print(_cut(f"{label}: {text}"))

@@ -35,15 +35,19 @@ WHOSE = {
 """Whose temperature a column has, in words."""
 
 
-def degrees(temperature_degC: float | None, column: str | None = None) -> str:
-    """Write a temperature in °C, and of a known column whose it is, or say that there is none.
+def degrees(
+    temperature_degC: float | None, temperature_of: str | None = None, unit_degC: tuple[float, float] | None = None
+) -> str:
+    """Write a temperature in °C, or that there is none; whose it is, and what the unit's own thermometer showed.
 
     >>> degrees(-0.04)
     '0.0 °C'
     """
     if temperature_degC is None:
         return "all runs"
-    return f"{temperature_degC:z.1f} °C" + (f" {WHOSE[column]}" if column in WHOSE else "")
+    whose = f" {WHOSE[temperature_of]}" if temperature_of in WHOSE else ""
+    own = unit_degC if temperature_of != "temperature_degC" else None
+    return f"{temperature_degC:z.1f} °C{whose}" + (f", unit {own[0]:z.1f} … {own[1]:z.1f} °C" if own else "")
 
 
 def rounded(value: float, se: float | None) -> str:

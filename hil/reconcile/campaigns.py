@@ -17,7 +17,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from importlib.metadata import version
-from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +26,7 @@ from drivers.given_file import check_folder
 from hil.campaign import Campaign, FloatArray
 from hil.campaign.fleet_file import pieces_of, read_piece
 from hil.campaign.header import day_of
+from hil.campaign.plausibility import usable
 from hil.campaign.reader import HEADER_FILE
 from hil.campaign.stand_ins import with_stand_ins
 from hil.errors import InputError
@@ -36,11 +36,11 @@ from hil.reconcile.fleet import NOISY_UNITS, Asked, Screen, SharedFinding, Stood
 from hil.reconcile.proof.places import false_discovery
 from hil.records.export import open_source
 from hil.records.reader import is_night, units_in
-from hil.solve.wrong_rows import failed
+from hil.solve.omissions import by_records
+from hil.solve.wrong_rows import failed, pooled
 
 LEVEL = 0.05
 """False discoveries among the units that are called, at most, on average."""
-_MISSING = "rates are missing: a screen needs every row of its layout"
 _PIECE = 256  # units that a process takes at once
 _AT_ONCE = 8  # pieces that are read at once; memory holds two times as many
 _WEIGHED = 64  # that are weighed at once
@@ -48,7 +48,10 @@ _WEIGHED = 64  # that are weighed at once
 
 @dataclass(frozen=True)
 class Facts:
-    """Which campaign it is, of whom and when, and which runs FAIL, as far as its records say."""
+    """Which campaign it is, of whom and when, and which runs FAIL, as far as its records say.
+
+    `wrong` is what is left out of it for that, missing or not settled, in the keys of every document.
+    """
 
     folder: str
     title: str
@@ -56,13 +59,20 @@ class Facts:
     date: str
     simulated: bool
     runs_failed: Sequence[int]
+    wrong: Mapping[str, Any]
+
+    @property
+    def runs_in_use(self) -> list[int]:
+        """Runs that FAIL and are screened all the same: what is wrong with them is no rate's, or every run has it."""
+        return sorted({*self.runs_failed}.difference(*self.wrong.get("runs_not_used", {}).values()))
 
     @classmethod
     def of(cls, folder: str, campaign: Campaign) -> Facts:
         """Return what the records of a campaign say."""
         day, serial = day_of(campaign.source), campaign.identity.get("serial", "")
         bad = sorted(set().union(*(failed(campaign, number) for number in campaign.sensors)))
-        return cls(folder, campaign.title, serial, day.isoformat() if day else "", campaign.simulated, bad)
+        known = (campaign.title, serial, day.isoformat() if day else "", campaign.simulated)
+        return cls(folder, *known, bad, by_records(campaign))
 
 
 @dataclass(frozen=True)
@@ -110,9 +120,10 @@ class _Group:
     facts: list[Facts] = field(default_factory=list)
     values: list[Mapping[int, FloatArray]] = field(default_factory=list)
 
-    def has_like(self, other: Campaign) -> bool:
-        """Whether a campaign is of this layout."""
-        return self.first.sensors.keys() == other.sensors.keys() and self.stood.like(other)
+    def has_like(self, other: Campaign, values: Mapping[int, FloatArray]) -> bool:
+        """Whether a campaign is of this layout: it stood so, and the same of its rates are there."""
+        alike = self.first.sensors.keys() == values.keys() and self.stood.like(other)
+        return alike and all(np.array_equal(*np.isfinite([own, values[n]])) for n, own in self.values[0].items())
 
     def layout(self, model: Model) -> _Layout:
         """Return what a screen is laid out by: the first unit, and others evenly over the fleet."""
@@ -145,31 +156,28 @@ def screen_folders(
             if isinstance(campaign, str):
                 told[place] = campaign
                 continue
-            if still := [
-                f"sensor {number}: every rate of a channel is one number: nothing was measured"
-                for number, rows in campaign.sensors.items()
-                if np.any(np.ptp(rows.rates_deg_per_hr, axis=0) == 0.0)
-            ]:
-                told[place] = "; ".join(still)
+            try:
+                read = with_stand_ins(usable(pooled(campaign)))
+            except InputError as error:
+                told[place] = str(error)
                 continue
-            read = with_stand_ins(campaign)
-            if (group := next((each for each in groups if each.has_like(read)), None)) is None:
-                groups.append(group := _Group(read, Stood({n: rows.conditions for n, rows in read.sensors.items()})))
             values = beside_the_earth(read)
             told_apart_by = hashlib.sha256(b"".join(own.tobytes() for own in values.values())).digest()
             if (first := known.setdefault(told_apart_by, place)) != place:
                 told[place] = f"the very rates of {first}: a copy, which counts once"
                 continue
-            group.facts.append(Facts.of(place, read))
+            if (group := next((each for each in groups if each.has_like(read, values)), None)) is None:
+                groups.append(group := _Group(read, Stood({n: rows.conditions for n, rows in read.sensors.items()})))
+            group.facts.append(Facts.of(place, campaign))
             group.values.append(values)
         for number, group in enumerate(groups, 1):
             try:
-                found, common = _weighed(group, chosen, mapped, told)
+                found, common = _weighed(group, chosen, mapped)
             except InputError as error:
                 told |= {facts.folder: str(error) for facts in group.facts}
                 continue
             units += [ScreenedUnit(**vars(facts), layout=number, finding=each) for facts, each in found]
-            shared += [(number, common)] if found else []
+            shared.append((number, common))
     if not units:
         raise InputError("; ".join(f"{place}: {why}" for place, why in list(told.items())[:3]))
     q_values = false_discovery(np.array([each.finding.p_value for each in units])).tolist()
@@ -232,15 +240,8 @@ def _read(piece: tuple[str, int]) -> list[tuple[str, Campaign | str]]:
         return [(place if number < 0 else f"{place}, row group {number}", str(error))]
 
 
-def _weighed(
-    group: _Group, model: Model, mapped: Map, told: dict[str, str]
-) -> tuple[list[tuple[Facts, UnitFinding]], SharedFinding]:
-    """Weigh the units of a layout; those with rows missing are `told`. Raises `InputError` for an unfit model."""
-    whole = [all(np.all(np.isfinite(each)) for each in own.values()) for own in group.values]
-    told |= {facts.folder: _MISSING for facts, good in zip(group.facts, whole, strict=True) if not good}
-    if not any(whole):
-        raise InputError(_MISSING)
-    group.facts, group.values = list(compress(group.facts, whole)), list(compress(group.values, whole))
+def _weighed(group: _Group, model: Model, mapped: Map) -> tuple[list[tuple[Facts, UnitFinding]], SharedFinding]:
+    """Weigh the units of a layout. Raises `InputError` for an unfit model."""
     layout = group.layout(model)
     pieces = [(layout, group.values[first : first + _PIECE]) for first in range(0, len(group.values), _PIECE)]
     findings: list[UnitFinding] = []

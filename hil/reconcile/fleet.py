@@ -41,7 +41,7 @@ ASKED_UNITS = 8
 FRACTIONS = (0.01, 0.03, 0.1, 0.3, 1.0)
 """Of the fleet, the shares that may have a shared effect."""
 FEW = 4
-"""Points of the noise at which every unit is weighed."""
+"""Points of the noise at which every unit of a fleet of `NOISY_UNITS` and more is weighed; of fewer units at all."""
 ASKED_AGAIN = 0.5
 """Log odds from which a unit is weighed again at all of them: a discovery takes three and more."""
 CALLED = 2.5
@@ -118,10 +118,11 @@ class Asked:
 
 @dataclass(frozen=True)
 class Screen:
-    """One layout: its conditions and, by sensor, the search with the points of the noise that units have."""
+    """One layout: its conditions and, by sensor, the search with points of the noise, at a `few` of which all begin."""
 
     conditions: Mapping[int, Conditions]
     found: Mapping[int, SensorSearch]
+    few: int | None = FEW
 
     @classmethod
     def of(cls, units: Campaign | Sequence[Campaign], model: Model | str) -> Screen:
@@ -135,9 +136,10 @@ class Screen:
         chosen = fitting(model, [collects.conditions.sensor for collects in fleet[0].sensors.values()])
         problem = pose(fleet[0], chosen, (*BASE_EFFECTS, *EFFECTS))
         conditions = {number: sensor.collects.conditions for number, sensor in problem.sensors.items()}
-        laid = [cls(conditions, stand := searches(problem, (), VARIANCE_EFFECTS))]
+        few = FEW if len(fleet) >= NOISY_UNITS else None
+        laid = [cls(conditions, stand := searches(problem, (), VARIANCE_EFFECTS), few)]
         if may_be_calibrated(problem):
-            laid.append(cls(conditions, searches(problem, (), VARIANCE_EFFECTS, stand)))
+            laid.append(cls(conditions, searches(problem, (), VARIANCE_EFFECTS, stand), few))
         if all(term.is_mistake for search in laid[0].found.values() for term in search.terms):
             raise InputError(
                 f"{fleet[0].title}: too few rows to test anything by; a screen needs several runs of each unit"
@@ -213,9 +215,9 @@ class Screen:
 
     def _weighed(self, units: Sequence[Sequence[FloatArray]]) -> FloatArray:
         data = [np.column_stack(each) for each in zip(*units, strict=True)]
-        by_name = self._by_name(data, FEW)
+        by_name = self._by_name(data, self.few)
         again = np.flatnonzero(log_sum(by_name + self.asked.log_odds[:, None]) > ASKED_AGAIN)
-        if len(again):
+        if len(again) and self.few is not None:
             by_name[:, again] = self._by_name([rates[:, again] for rates in data], None)
         for i in np.flatnonzero(log_sum(by_name + self.asked.log_odds[:, None]) > CALLED).tolist():
             by_name[:, i] = self._by_its_own_noise([rates[:, i] for rates in data])

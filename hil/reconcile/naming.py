@@ -10,11 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil.model.effects.base import Described
-from hil.reconcile.result import Rival
+from hil.reconcile.rivals import Rival
 from hil.reconcile.search.fitted import Fitted, fitted
 from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.terms import IDENTICAL, NO_NAME, Term
-from hil.solve.identifiability import SAME_CLASS
 
 CERTAIN = 0.8
 """Probability from which a name is stated as the name."""
@@ -24,8 +23,6 @@ BY_CHANCE = 0.01
 """How often noise may get the name of what moves averages: so probable it may be that nothing stands in its place."""
 WANDERS = 2.0
 """How much likelier than nothing at all it may be that averages only scatter: Ville's bound is loose by more there."""
-EXCLUDED = 0.001
-"""What is identical in these collects is told apart where the data themselves make one so much less probable."""
 LEAST = 0.01
 """Rivals less probable are not listed, unless they look the same, and shapes add nothing to an interval."""
 Names = tuple[frozenset[str], str]
@@ -144,9 +141,9 @@ def _named(fit: Fitted, sets: Sequence[_Weighed], name: str, lead: frozenset[str
         for rival in (sort or names) - lead if name not in names else ():
             instead.setdefault(rival, []).append(each)
     rivals = [_rival(fit, name, probability, rival, others, own) for rival, others in instead.items()]
-    told = [r for r in rivals if r.probability >= LEAST or r.overlap > SAME_CLASS]
+    told = [r for r in rivals if r.probability >= LEAST or r.alike]
     listed = sorted(told, key=lambda r: -r.probability)
-    alike = [r for r in listed if r.overlap > IDENTICAL and not (r.bayes_factor or 0.0) < EXCLUDED]
+    alike = [r for r in listed if r.alike and r.overlap > IDENTICAL]
     withheld = [r for r in alike if r.likely or r.probability > 1.0 - CERTAIN]
     nothing_there = sum(weight for names, weight, f in sets if name not in names and names - {f.kind} <= lead)
     sure = probability >= CERTAIN and not (own and nothing_there > BY_CHANCE)

@@ -1,6 +1,5 @@
 """The result of the discrepancy workflow (schema hil.reconciliation/1), as objects and as the JSON document."""
 
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -11,6 +10,8 @@ from hil.campaign import Campaign
 from hil.files.document import picked, plain
 from hil.files.numbers import degrees, number, rounded
 from hil.model import Model
+from hil.model.effects.document import shape_in_words
+from hil.reconcile.rivals import Rival
 from hil.solve.both_sensors import BothSensors
 from hil.solve.document import not_passed, reasons
 from hil.solve.repeats import repeats
@@ -31,50 +32,6 @@ class Disagreement:
     size_deg_per_hr: float
     se_deg_per_hr: float
     q_value: float
-
-
-@dataclass(frozen=True)
-class Rival:
-    """Another name for the same data: its probability, and how much of the added effect it can reproduce.
-
-    `bayes_factor` is what the data say of it against the name, `prior_odds` what was known before. `terms` are its
-    places by sensor in the likeliest set that has it. A `likely` cause is in the sensor itself and no accident of the
-    order or the heading: identical, it withholds the name. `remedy` is what would tell the two apart.
-    """
-
-    id: str
-    probability: float
-    overlap: float
-    title: str = ""
-    bayes_factor: float | None = None
-    prior_odds: float | None = None
-    terms: Mapping[int, int] = field(default_factory=dict)
-    remedy: str = ""
-    likely: bool = True
-
-    def document(self) -> dict[str, Any]:
-        """Return the JSON object."""
-        return picked(
-            self, "id probability overlap title" + " bayes_factor prior_odds" * (self.bayes_factor is not None)
-        )
-
-
-def rival_in_words(rival: Mapping[str, Any]) -> str:
-    """Say what the data say of a rival, and apart from it what was known before; empty where nobody can."""
-    data, before = rival.get("bayes_factor"), rival.get("prior_odds")
-    if data is None or before is None or not math.isfinite(data):
-        return ""
-    told = "cannot tell it apart" if 0.5 <= data <= 2.0 else f"make it {in_times(data)} as probable as the first name"
-    return f"the data {told}; before them it was {in_times(before)} as probable"
-
-
-def in_times(ratio: float) -> str:
-    """Write a ratio of probabilities, no finer than anybody believes one.
-
-    >>> in_times(0.00002), in_times(5.013)
-    ('less than 0.0001 times', '5 times')
-    """
-    return "less than 0.0001 times" if ratio < 1e-4 else f"{ratio:.2g} times" if ratio < 100 else "over 100 times"
 
 
 def stated(parameters: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, str, str]]:
@@ -106,14 +63,6 @@ def before_and_after_in_words(values: Iterable[Mapping[str, Any]]) -> Iterator[s
     yield from (f"{name}: {'; '.join(told)}" for name, told in lines.items())
 
 
-_SHAPES = {
-    "tau_min": "time constant {:g} min",
-    "tau_s": "time constant {:g} s",
-    "half_width_degC": "half width {:g} °C",
-    "from_degC": "the unit coming from {:g} °C",
-}
-
-
 def without_collects(why: str) -> dict[str, Any]:
     """Return the next experiment where it is no further collect that settles the question."""
     unknown = dict.fromkeys(("expected_difference_deg_per_hr", "power"))
@@ -135,12 +84,7 @@ class Shape:
     @property
     def in_words(self) -> str:
         """From which run a step holds, or what time constant or width fits best; empty where there is none."""
-        run = self.values.get("from_run")
-        if run is not None:
-            return f"in run {run:g} alone" if self.values.get("runs_held") else f"from run {run:g} on"
-        every = {name: text.format(self.values[name]) for name, text in _SHAPES.items() if name in self.values}
-        may_be = {name: " ({:.3g} to {:.3g} is possible)".format(*ends) for name, ends in self.may_be.items()}
-        return ", ".join(text + may_be.get(name, "") for name, text in every.items())
+        return shape_in_words(self.values, self.may_be)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from dataclasses import replace
 from hil.model.effects.base import Effect
 from hil.model.effects.catalogue import effect_by_id
 from hil.reconcile.naming import Named
-from hil.reconcile.result import Rival
+from hil.reconcile.rivals import Rival
 from hil.reconcile.search.fitted import Fitted
 from procedures.words import listed
 

@@ -105,8 +105,9 @@ def _comparison(comparison: Comparison, order: list[int]) -> dict[str, Any]:
 
 def _in_words(each: Difference) -> str:
     digits = decimals_for([each.sigma])
+    at = degrees(each.temperature_degC, each.temperature_of, each.unit_degC)
     return (
-        f"sensor {each.sensor}, {degrees(each.temperature_degC)}: {each.parameter} is {each.now:.{digits}f} now "
+        f"sensor {each.sensor}, {at}: {each.parameter} is {each.now:.{digits}f} now "
         f"and was {each.earlier:.{digits}f}, a difference of {each.difference:.{digits}f} ±{each.sigma:.{digits}f} "
         f"{each.unit}"
     )

@@ -36,7 +36,7 @@ def tables_of(content: ReportContent) -> Mapping[str, pa.Table]:
         "soaks": list(night.soaks if night else ()),
         "differences": [
             {
-                **picked(each, "sensor temperature_degC parameter unit now earlier sigma"),
+                **picked(each, "sensor temperature_degC temperature_of parameter unit now earlier sigma"),
                 "runs_now": each.runs[0],
                 "runs_earlier": each.runs[1],
                 "difference": each.difference,

@@ -6,7 +6,7 @@ from typing import Any
 
 from hil.campaign import Campaign
 from hil.solve.temperatures import unsettled
-from hil.solve.wrong_rows import USED, failed, pooled, wrong_rows
+from hil.solve.wrong_rows import USED, Wrong, clipped_rows, failed, pooled, wrong_rows
 from procedures.words import numbered, significant
 
 
@@ -16,13 +16,28 @@ def what_is_wrong(campaign: Campaign) -> dict[str, Any]:
     Rows are those of runs that are in means: of the others each solution's reason says it. `rows_seen_from`, deg/hr by
     sensor, is there for one of which so few runs were made that a collect off by less is not seen.
     """
-    not_used, every = pooled(campaign).not_used, wrong_rows(campaign)
-    rows = [each for found in every.values() for each in found.rows]
+    every = wrong_rows(campaign)
     seen_from = {str(number): found.sees_from for number, found in every.items() if found.sees_from is not None}
+    rows = [each for found in every.values() for each in found.rows]
+    return _keys(campaign, rows) | ({"rows_seen_from": seen_from} if seen_from else {})
+
+
+def by_records(campaign: Campaign) -> dict[str, Any]:
+    """Return the same keys for what the records alone say, quickly: `rows` are those that stand at a channel's limit.
+
+    So treated are campaigns that are `pooled` and `usable`. Keys of which there is nothing to say are left out.
+    """
+    judged = [rows for number, rows in campaign.sensors.items() if failed(campaign, number)]  # as what is clipped is
+    clipped = [each for rows in judged for each in clipped_rows(rows)]
+    return {name: of for name, of in _keys(campaign, clipped).items() if of}
+
+
+def _keys(campaign: Campaign, rows: Sequence[Wrong]) -> dict[str, Any]:
+    not_used = pooled(campaign).not_used
     return {
         "rows": [each.document() for each in rows if each.run not in not_used[each.sensor]],
         **without(campaign),
-    } | ({"rows_seen_from": seen_from} if seen_from else {})
+    }
 
 
 def without(campaign: Campaign) -> dict[str, Any]:

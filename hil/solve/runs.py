@@ -62,7 +62,7 @@ class RunSolution:
     not known singly. `chi_square` is that of the residuals, None without stated standard errors, and `of_channels` what
     each channel has of it and of its degrees of freedom, (c,) each. `compared`: whether other runs say what this one's
     collects should show; `doubted`: whether it tells nothing of noise, for something is said against a row of it, or it
-    had not settled. `among`: of how many judgements it may be the one that differs most by chance.
+    had not `settled`. `among`: of how many judgements it may be the one that differs most by chance.
     """
 
     run: int | None
@@ -84,6 +84,7 @@ class RunSolution:
     of_channels: tuple[FloatArray, FloatArray] | None = None
     compared: bool = True
     doubted: bool = False
+    settled: bool = True
     among: int = 1
 
     @property
@@ -162,12 +163,14 @@ def _of_as_many(solved: Sequence[_Solved]) -> int:
 class _Beside:
     """What is known of a sensor's runs beside their solutions: judgements by run, and what no other run was held to.
 
-    `lacking` are the collects without a standard error, by run; `doubted` the runs that tell nothing of noise.
+    `lacking` are the collects without a standard error, by run; `doubted` the runs with a row that
+    something is said against, `moving` those that had not settled.
     """
 
     judged: Sequence[Mapping[int, Judgement]]
     not_compared: Sequence[int]
     doubted: Set[int]
+    moving: Set[int]
     lacking: Mapping[int, list[int]]
     largest_se: float | None
 
@@ -181,8 +184,7 @@ class _Beside:
         for row in np.flatnonzero(unstated(rows).any(axis=1)):
             lacking.setdefault(int(rows.conditions.run[row]), []).append(int(rows.conditions.collect[row]))
         judged = (campaign.verdicts, here, wrong.judged, soak)
-        doubted = wrong.judged.keys() | soak.keys()
-        return cls(judged, sorted(wrong.not_compared), doubted, lacking, campaign.largest_se)
+        return cls(judged, sorted(wrong.not_compared), wrong.judged.keys(), soak.keys(), lacking, campaign.largest_se)
 
 
 def _judged(solution: RunSolution, rows: Collects, beside: _Beside) -> RunSolution:
@@ -190,7 +192,8 @@ def _judged(solution: RunSolution, rows: Collects, beside: _Beside) -> RunSoluti
 
     Where there is nothing to compare it with, that stands among what was assumed.
     """
-    solution = replace(solution, doubted=not beside.doubted.isdisjoint(solution.runs))
+    settled = beside.moving.isdisjoint(solution.runs)
+    solution = replace(solution, doubted=not (settled and beside.doubted.isdisjoint(solution.runs)), settled=settled)
     if not set(beside.not_compared).isdisjoint(solution.runs):
         alone = (
             f"{numbered('run', beside.not_compared)} cannot be compared with others (it takes runs that repeat "

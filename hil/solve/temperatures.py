@@ -24,6 +24,8 @@ NARROWEST_DEGC = 1.0
 
 _SETPOINT = "setpoint_degC"
 
+NOT_SETTLED = "the soak had not ended"
+
 ELSEWHERE_DEGC = 2.0
 """Another campaign's temperature, or a printed one, is the same where it is this close: chambers differ."""
 
@@ -82,6 +84,13 @@ def nearest(temperature_degC: float | None, others_degC: Sequence[float]) -> flo
     return min(close, key=lambda other: abs(other - temperature_degC), default=None)
 
 
+def apart(unit_degC: tuple[float, float] | None, other_degC: tuple[float, float] | None) -> bool:
+    """Whether what the unit's own thermometer showed in two campaigns, from … to, is not the same temperature."""
+    if unit_degC is None or other_degC is None:
+        return False
+    return max(unit_degC[0] - other_degC[1], other_degC[0] - unit_degC[1]) > ELSEWHERE_DEGC
+
+
 def level_degC(conditions: Conditions) -> FloatArray | None:
     """Return the column that tells temperatures from each other, shape (n,), NaN where it does not; None for none."""
     name = told_by(conditions)
@@ -129,7 +138,7 @@ def unsettled(conditions: Conditions) -> dict[int, str]:
             settled = middle if np.mean(np.abs(own[here] - middle) < far) > 0.5 else last
             words = (
                 f"setpoint {setpoint[here][0]:.4g} °C: the unit's own thermometer went from {own[here].min():z.1f} to "
-                f"{own[here].max():z.1f} °C through its runs: the soak had not ended"
+                f"{own[here].max():z.1f} °C through its runs: {NOT_SETTLED}"
             )
             off = here[np.fmax(to_come[here], np.abs(own[here] - settled)) > far]
             found |= dict.fromkeys(np.unique(conditions.run[off]).tolist(), words)

@@ -102,9 +102,12 @@ def test_the_units_own_counter_counts_too():
 
 
 def test_samples_missing_at_the_end_count():
-    """A stream that stops leaves no gap behind it."""
-    data, verdict, _ = _judge(_keep(_samples(), np.r_[0:900]))
+    """A stream that stops leaves no gap behind it, and says nothing of the unit's rate."""
+    data, verdict, reason = _judge(_keep(_samples(), np.r_[0:900]))
     assert (data["n_missing"], verdict) == (300, "INCONCLUSIVE")
+    assert reason.startswith("300 of 1200 samples are missing")
+    slow = _judge(_keep(_samples(), np.r_[0:N:2]))[2]
+    assert slow.startswith("600 of 1200 expected samples: the unit sends at 10 Hz, the description says 20; write its")
 
 
 def test_a_rate_that_is_not_a_number_is_a_missing_sample():

@@ -239,8 +239,5 @@ def _earth_rate_in_words(latitude_deg: float | None) -> str:
             "w is given as 0: neither latitude (--latitude) nor heading is known; the earth rate is in the parameters, "
             "its vertical part (15 deg/hr times the sine of the latitude) as a sensitivity to f along a channel's axis"
         )
-    across = EARTH_RATE_DEG_PER_HR * np.cos(np.deg2rad(latitude_deg))
-    return (
-        f"w is the vertical part at latitude {latitude_deg:g} deg; which way north lay is not known: the horizontal "
-        f"part, up to {across:.1f} deg/hr in any channel, is in the rates, and in no standard error"
-    )
+    part = "w is the vertical part at latitude"
+    return f"{part} {latitude_deg:g} deg; which way north lay is not known: the horizontal part is in the rates"

@@ -24,6 +24,7 @@ from hil.design.visibility.promise import PROBABILITY
 from hil.files.text import filled
 from hil.model import Model, built_in_model
 from hil.model.effects.catalogue import FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS
+from hil.model.effects.document import shape_in_words
 from hil.model.effects.prior import ALPHA
 from hil.solve import repeats, solve_campaign
 from hil.solve.changes import CHANGES
@@ -282,6 +283,7 @@ def visibility_text(document: Mapping[str, Any]) -> str:
         ],
         worth=_WORTH,
         unit_in_words=unit_in_words,
+        shape_in_words=shape_in_words,
     ).rstrip("\n")
 
 

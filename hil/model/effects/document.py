@@ -1,6 +1,6 @@
-"""The catalogue as the JSON document of `hil effects` (hil.effects/1)."""
+"""The catalogue as the JSON document of `hil effects` (hil.effects/1), and the shape of an effect in words."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from drivers.strict_yaml import packaged
@@ -13,6 +13,30 @@ FAMILIES: Mapping[str, str] = packaged("hil.model.effects", "families.yaml")
 """What the effects of each family are."""
 
 _WORKS_ON = {Effect: "averages of collects", VarianceEffect: "scatter of averages", SeriesEffect: "within a collect"}
+
+
+_SHAPES = {
+    "run": "in run {:g}",
+    "tau_min": "time constant {:g} min",
+    "tau_hr": "time constant {:g} h",
+    "tau_s": "time constant {:g} s",
+    "half_width_degC": "half width {:g} °C",
+    "from_degC": "the unit coming from {:g} °C",
+}
+
+
+def shape_in_words(shape: Mapping[str, float], may_be: Mapping[str, Sequence[float]] | None = None) -> str:
+    """Say from where on a step holds, or what time constant or width an effect has, and `may_be` has from … to.
+
+    Empty where there is none.
+    """
+    run, collects = shape.get("from_run"), shape.get("from_collect")
+    if run is not None:
+        after = f", after {collects:g} of its collects" if collects else ""
+        return f"in run {run:g} alone" if shape.get("runs_held") else f"from run {run:g} on{after}"
+    every = {name: text.format(shape[name]) for name, text in _SHAPES.items() if name in shape}
+    known = {name: " ({:.3g} to {:.3g} is possible)".format(*ends) for name, ends in (may_be or {}).items()}
+    return ", ".join(text + known.get(name, "") for name, text in every.items())
 
 
 def effects_document() -> dict[str, Any]:

@@ -13,8 +13,10 @@ from hil.files.document import picked
 from hil.files.figure import LOOKS, blank
 from hil.files.page import in_style, inline_svg, rendered
 from hil.reconcile.campaigns import LEVEL, Screened, ScreenedUnit
+from hil.solve.omissions import in_words
 from procedures.words import counted, listed, numbered
 
+_MOST_WRONG = 5  # of which it is said what is left out
 _MOST_NAMES = 4  # that have a look of their own in a picture
 _NUMBER = re.compile(r"(\d+)\D*$")
 
@@ -26,7 +28,7 @@ def fleet_document(found: Screened) -> dict[str, Any]:
         "model": found.model,
         "simulated": any(each.simulated for each in found.units),
         "level": LEVEL,
-        "units": [_row(each) for each in found.units],
+        "units": [_row(each) | dict(each.wrong) for each in found.units],
         "effects": [
             {"id": name, "count": count, "serials": serials} for name, count, serials in _by_effect(found.units)
         ],
@@ -82,11 +84,15 @@ def fleet_sentences(found: Screened) -> Iterator[str]:
             f"layout {number}: its {_counted(own)} together seem to lack {each.name} (p = {each.p_value:.1g}), most "
             f"probably {each.fraction:.0%} of them; a few of them deserve a full hil reconcile"
         )
-    if bad := [f"{each.title} ({numbered('run', each.runs_failed)})" for each in found.units if each.runs_failed]:
-        yield f"FAIL by what was recorded, and screened as filed: {listed(bad)}; hil solve says why"
+    if bad := [f"{each.title} ({numbered('run', runs)})" for each in found.units if (runs := each.runs_in_use)]:
+        yield f"FAIL by what was recorded, and screened all the same: {listed(bad)}; hil solve says why"
+    wrong = [(each.title, in_words(each.wrong)) for each in found.units if each.wrong]
+    yield from (f"{title}: {line}" for title, lines in wrong[:_MOST_WRONG] for line in lines)
+    if (more := len(wrong) - _MOST_WRONG) > 0:
+        yield f"and of {counted(more, 'calibration')} more: --json has all"
     yield (
-        "a screen asks for what moves averages; a full hil reconcile also asks what only scatters them, "
-        "hil solve whether runs are good"
+        "a screen asks for one thing that moves averages, by noise as it is without that; a full hil reconcile looks "
+        "at the noise anew beside it, and asks what only scatters averages; hil solve whether runs are good"
     )
     if any(each.follows for _, each in found.shared):
         yield (

@@ -15,7 +15,8 @@ from hil.files.numbers import WHOSE
 from hil.files.page import in_style, inline_svg, rendered
 from hil.model import save_model
 from hil.reconcile.outcome.sentences import LEAST, at_most, gap_in_words, number, summary, titled, what_to_do
-from hil.reconcile.result import FoundEffect, Reconciliation, rival_in_words, stated
+from hil.reconcile.result import FoundEffect, Reconciliation, stated
+from hil.reconcile.rivals import rival_in_words
 from procedures.words import hours_minutes, numbered, unit_in_words
 
 if TYPE_CHECKING:
@@ -111,6 +112,8 @@ def place_in_words(where: Mapping[str, Any]) -> str:
         low, high = where["temperature_degC"]
         span = f"at {low:z.0f} °C" if high - low < 1.0 else f"from {low:z.0f} to {high:z.0f} °C"
         parts.append(f"{span} {WHOSE[where['temperature_of']]}")
+    if where.get("of") == "scatter":
+        parts.append("what its averages scatter by")
     if "runs" in where:
         parts.append(numbered("run", where["runs"]))
     return ", ".join(parts)

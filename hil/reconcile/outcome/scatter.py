@@ -272,6 +272,8 @@ def _grown(stated: Curve | None, size: float, se: float, conditions: Conditions)
 def places(found: Sequence[FoundScatter], chance: float) -> list[Disagreement]:
     """Return the channels that an effect scatters, with by how much."""
     return [
-        Disagreement({"sensor": f.sensor, "channel": f.channel}, f.deg_per_hr, f.deg_per_hr * f.relative, chance)
+        Disagreement(
+            {"sensor": f.sensor, "channel": f.channel, "of": "scatter"}, f.deg_per_hr, f.deg_per_hr * f.relative, chance
+        )
         for f in found
     ]

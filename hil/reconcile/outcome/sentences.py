@@ -10,10 +10,10 @@ from drivers.strict_yaml import packaged
 from hil.files.numbers import rounded
 from hil.reconcile.naming import CERTAIN, LIKELY
 from hil.reconcile.outcome.scatter import beyond_chance
-from hil.reconcile.result import LEFT_OUT, Gap, Reconciliation, Rival, in_times
+from hil.reconcile.result import LEFT_OUT, Gap, Reconciliation
+from hil.reconcile.rivals import Rival, in_times
 from hil.reconcile.search.terms import NO_NAME
 from hil.solve.document import runs_in_words
-from hil.solve.identifiability import SAME_CLASS
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED
 from procedures.words import listed, numbered, percent, significant
 
@@ -106,13 +106,16 @@ def summary(result: Reconciliation) -> list[str]:
     said = [f"{effect.title} ({effect.id}): {effect.equation}." for effect in swapped]
     said += [f"{effect.title}: left out." for effect in result.effects if LEFT_OUT in effect.shape]
     for effect in added:
-        same = [rival for rival in effect.confusable_with if rival.overlap > SAME_CLASS]
-        alike = [rival.id for rival in same]
+        alike = [rival for rival in effect.confusable_with if rival.alike]
+        same = [rival for rival in alike if rival.untold] or alike
         when = f", {effect.shape_in_words}," if effect.shape_in_words else ""
         sentence = f"{effect.title} ({effect.id}){when} is missing from {model}"
-        if effect.kind == "ambiguous" and alike:
-            others = " or ".join(titled(result, each) for each in alike[:3])
-            sentence += f", or {others}: these collects cannot tell them apart"
+        if effect.kind == "ambiguous" and same:
+            sentence += f", or {' or '.join(titled(result, each.id) for each in same[:3])}: "
+            least = min(1.0 if each.bayes_factor is None else each.bayes_factor for each in same)
+            one = "it" if len(same) == 1 else "each of these"
+            told = f"the data make {one} at least {in_times(least)} as probable"
+            sentence += "these collects cannot tell them apart" if same[0].untold else told
             sentence += f"; {percent(effect.probability)} for {effect.id}, {_usual(result, same)}"
         elif effect.kind == "ambiguous":
             own = percent(effect.probability)

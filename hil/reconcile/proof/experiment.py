@@ -15,7 +15,8 @@ from hil.campaign import Conditions, FloatArray
 from hil.model.effects.base import Base
 from hil.model.effects.catalogue import named as known_as
 from hil.model.effects.history import joined
-from hil.reconcile.result import Rival, without_collects
+from hil.reconcile.result import without_collects
+from hil.reconcile.rivals import Rival
 from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.problem import SensorProblem
 from hil.solve.changes import Addition, additions

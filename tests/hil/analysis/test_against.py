@@ -103,6 +103,39 @@ def test_what_cannot_be_compared_is_said(first: Campaign) -> None:
     assert "The earlier campaign has no sensor 2." in compare(first, other).remarks
 
 
+def at_setpoint(campaign: Campaign, runs: tuple[int, ...], own_degC: object) -> Campaign:
+    """Return the campaign with what the unit's own thermometer showed in some runs, which were all of one setpoint."""
+    rows = campaign.sensors[2].conditions
+    own = rows.columns["temperature_degC"].copy()
+    own[np.isin(rows.run, runs)] = own_degC
+    told = replace(rows, columns={**rows.columns, "temperature_degC": own})
+    return replace(campaign, sensors={2: replace(campaign.sensors[2], conditions=told)})
+
+
+def test_a_setpoint_at_which_the_unit_was_at_another_temperature_is_not_compared(first: Campaign) -> None:
+    """In either of the two it had not settled, or was elsewhere: it is said, and nothing found."""
+    mean = compare(first, first).differences[0]
+    rows = first.sensors[2].conditions
+    runs = tuple(np.unique(rows.run[rows.columns["setpoint_degC"] == mean.temperature_degC]).tolist())
+    own = float(rows.columns["temperature_degC"][rows.run == runs[0]][0])
+    rising = at_setpoint(first, runs, own - 40.0 + 4.0 * np.arange(np.isin(rows.run, runs).sum()))
+    elsewhere = at_setpoint(first, runs, own - 2.5)
+    said = f"run{'s' * (len(runs) > 1)} {runs[0]}"
+    for now, before, why in (
+        (rising, first, said),
+        (first, rising, f"the earlier campaign's {said}"),
+        (elsewhere, first, f"in the earlier campaign the unit was at {own:.1f} … {own:.1f} °C"),
+    ):
+        found = compare(changed(now, add=50.0), before)
+        assert {each.temperature_degC for each in found.differences}.isdisjoint({mean.temperature_degC})
+        assert len(found.flagged) == 2 * 7
+        (remark,) = [each for each in found.remarks if why in each]
+        assert f"Sensor 2 at {mean.temperature_degC:.1f} °C as set, unit " in remark
+        assert list(found.without) == [(2, mean.temperature_degC)]
+    near = compare(changed(at_setpoint(first, runs, own - 1.5), add=50.0), first)
+    assert (len(near.flagged), near.without) == (16, {})
+
+
 def test_without_any_uncertainty_nothing_is_flagged(first: Campaign) -> None:
     """One run at each temperature and no standard errors: the difference is shown, and that it says nothing."""
     collects = first.sensors[2]
@@ -143,8 +176,9 @@ def test_the_command_compares_two_folders(tmp_path: Path, capsys: pytest.Capture
     assert hil(["report", str(tmp_path / "c7"), "--out", str(out), "--against", str(tmp_path / "c8"), "--csv"]) == 0
     assert 'id="differences"' in out.read_text()
     lines = (tmp_path / "r-differences.csv").read_text().splitlines()
-    assert len(lines) == 1 + 48
-    assert "difference" in lines[0]
+    assert len(lines) == 1 + 42  # at one temperature the unit had not settled
+    assert '"difference"' in lines[0]
+    assert '"temperature_of"' in lines[0]
     capsys.readouterr()
 
 

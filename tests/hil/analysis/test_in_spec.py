@@ -18,6 +18,7 @@ from hil.config.limits import Limits, ParameterLimits
 from hil.errors import InputError
 from hil.solve import repeats, solve_campaign
 from hil.solve.repeats import means_of
+from hil.solve.temperatures import NOT_SETTLED
 from procedures.verdict import Judgement, Verdict
 from tests.hil.analysis.thermal.nights import rotor_night
 
@@ -77,6 +78,24 @@ def test_scatter_without_a_temperature_is_nobody_s_to_judge() -> None:
     bare = replace(one.sensors[2], conditions=replace(one.sensors[2].conditions, columns=own))
     (found,) = judged(replace(one, sensors={2: bare}), limits({"MUB": {"scatter": "12 deg/hr/g"}})).characteristics
     assert (found.word, found.reason) == (Word.UNKNOWN, _NO_TEMPERATURE)
+
+
+def test_of_a_soak_that_had_not_ended_nobody_can_tell() -> None:
+    """Of what rests on those runs, at any rule; and each line says whose its temperature is, and where the unit was."""
+    one, rule = night(), limits({"BA": {"low": "90 deg/hr", "span": "90 deg/hr", "scatter": "90 deg/hr"}})
+    rows = one.sensors[2].conditions
+    own = rows.columns["temperature_degC"]
+    told = {**rows.columns, "setpoint_degC": np.round(own, -1)}
+    told["temperature_degC"] = np.where(rows.run <= 3, own + 3.0 * (rows.run - 1), own)
+    moving = replace(one, sensors={2: replace(one.sensors[2], conditions=replace(rows, columns=told))})
+    for how in ({}, {"decision": "simple acceptance"}):
+        cold, *others, scatter, span = judged(moving, rule.model_copy(update=how)).characteristics
+        assert {each.word for each in others} == {Word.OUT}
+        for each in (cold, scatter, span):
+            assert (each.word, each.reason) == (Word.UNKNOWN, f"runs 1–2: {NOT_SETTLED}"), each
+        assert cold.name.startswith("sensor 2, BA at -30.0 °C as set, unit -30.")
+        assert cold.document()["temperature_of"] == "setpoint_degC"
+        assert cold.unit_degC == pytest.approx((-30.0, -24.0), abs=0.4)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from hil.archive.sentences import sentences
 from hil.archive.trend import Fit, control_half_width, control_limits, predicted, trend
 
 
@@ -76,3 +77,11 @@ def test_a_prediction_widens_with_time() -> None:
     value, wide = predicted(fit, np.array([5.0, 20.0]), months, 2.0)
     assert value == pytest.approx([2.5, 10.0])
     assert wide[1] > 3.0 * wide[0]
+
+
+@pytest.mark.parametrize(("used", "said"), [(1, False), (2, True), (3, True), (4, False)])
+def test_few_calibrations_are_said_to_be_few(used: int, said: bool) -> None:
+    """Two are compared by `hil report --against`, which may find what no trend of so few can tell."""
+    calibration = {"used": True, "changed_since_the_last": [], "began_utc": "2026-03-01"}
+    document = {"parameters": [], "campaigns": [calibration] * used, "next_calibration": {"due": None, "why": ""}}
+    assert any("hil report --against" in line for line in sentences(document)) is said

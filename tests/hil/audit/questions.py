@@ -159,15 +159,18 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
     "which rows are wrong": dict.fromkeys(COMMANDS, rows),
     "which runs are in no mean": {
         **dict.fromkeys(COMMANDS, lambda document: document["runs_not_used"]),
+        "fleet": lambda document: document["units"][0].get("runs_not_used", {}),
         "solve, by sensor": lambda document: {
             number: of["runs_not_used"] for number, of in document["repeats"].items() if of["runs_not_used"]
         },
     },
-    "what is missing of what was asked for": dict.fromkeys(
-        COMMANDS, lambda document: dict.fromkeys(document["missing"])
-    ),
+    "what is missing of what was asked for": {
+        **dict.fromkeys(COMMANDS, lambda document: dict.fromkeys(document["missing"])),
+        "fleet": lambda document: dict.fromkeys(document["units"][0].get("missing", ())),
+    },
     "which runs had not settled": {
         **dict.fromkeys(COMMANDS, lambda document: _soaks(document["runs_not_settled"])),
+        "fleet": lambda document: _soaks(document["units"][0].get("runs_not_settled", ())),
         "solve, by run": lambda document: {
             (s["sensor"], run): words[0]
             for s in document["solutions"]

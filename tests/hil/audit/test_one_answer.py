@@ -115,7 +115,7 @@ def test_a_screen_says_which_runs_fail(tmp_path: Path, capsys: pytest.CaptureFix
     """It is not green where a run FAILs, whether or not the model lacks anything."""
     folder, page = written("labels exchanged", tmp_path / "campaign"), tmp_path / "fleet.html"
     assert run(["fleet", str(folder), "--model", "matrix-6", "--out", str(page)]) == 0
-    assert "FAIL by what was recorded, and screened as filed: made (run 5); hil solve" in capsys.readouterr().out
+    assert "FAIL by what was recorded, and screened all the same: made (run 5); hil solve" in capsys.readouterr().out
     assert '<section class="verdict FAIL"' in page.read_text()
 
 
@@ -269,7 +269,9 @@ def test_a_dead_channel_has_no_value_and_no_pass(ask: Ask) -> None:
     assert "GY: every rate is exactly 0: nothing was measured" in solved["reason"]
     assert {name for name, of in solved["parameters"].items() if of["value"] is None} == {"BY", "GYX", "GYY", "GYZ"}
     assert ask("scatter") is not None
-    assert ask("fleet") is None  # says that nothing was measured
+    screened = ask("fleet")
+    assert screened is not None
+    assert {(*of["channels"], of["done"]) for of in screened["units"][0]["rows"]} == {("GY", "left out")}
 
 
 @pytest.mark.parametrize(

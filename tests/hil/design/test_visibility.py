@@ -306,7 +306,7 @@ def test_text_says_what_is_seen_alike_absorbed_and_what_would_help() -> None:
     assert "  supply: needs supply_V" in text
     # Of a unit that settles within seconds nothing is left in any collect: of one that takes a minute much is.
     settle = next(line for line in text.splitlines() if line.startswith("  settle "))
-    assert settle.endswith("typical 5 to 100: in some shapes only, best in tau_s 60")
+    assert settle.endswith("typical 5 to 100: in some shapes only, best time constant 60 s")
     assert next(line for line in text.splitlines() if line.startswith("  MU_real ")).endswith("typical 2 to 40")
     assert next(line for line in text.splitlines() if line.startswith("  k2 ")).endswith(": too small to be found")
     assert "1. add collect 4 (spin axis down) to every run (costs one more collect per run)" in text
@@ -321,6 +321,15 @@ def test_text_says_what_is_seen_alike_absorbed_and_what_would_help() -> None:
     assert lines[0] == "night  SIMULATED"
     assert "noise, sensor 1: 0.93 deg/hr in a collect; from run to run the bias by 1.8 deg/hr (assumed)" in text
     assert "noise, sensor 2: RA 0.5, RB 0.5 deg/hr in a collect; from run to run nothing (its repeats)" in lines
+    looked = "(observed with no effect looked for: what a recorded column explains of it is no noise"
+    assert looked not in text  # of what was not observed, or is nothing
+    run = campaign().run  # type: ignore[attr-defined]
+    rng = np.random.default_rng(1)
+    noisy = rates + 5.0 * rng.normal(size=run.max() + 1)[run][:, None] + 0.5 * rng.normal(size=rates.shape)
+    restless = Campaign("night", "twin", {2: Collects(campaign(), noisy, np.full((72, 2), 0.5))})
+    said = visibility_text(campaign_document(restless))
+    assert looked in said
+    assert not {"from_run", "runs_held", "from_collect"} & set(said.replace(",", "").split())
     assert any(line.startswith("  k2 (sensor 2: ") and "MUB" in line for line in lines)
     assert not any(line.startswith("  MU_real") for line in lines)  # the model has it
 

@@ -51,9 +51,11 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_night_says_how_each_unit_stands(finished: Path) -> None:
+def test_a_night_says_how_each_unit_stands(finished: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One line for each; what is missing is missing of the unit that was set aside, and of nothing else."""
     status = night_status(finished)
+    cli(["status", str(finished)])
+    assert "steps, 0 of 1 self-calibrations are whole in every unit\n" in capsys.readouterr().out
     told = {
         each["unit"]: (each["state"], each["set_aside"], each["self_calibrations_done"]) for each in status["units"]
     }

@@ -28,7 +28,7 @@ def unit(i: int, size: float = 0.0) -> Campaign:
 
 
 def written_fleet(folder: Path) -> Path:
-    """Fourteen units, two with a fault; one with a rate missing, one of another layout, one that is no campaign."""
+    """Fourteen units, two with a fault; one with a rate missing, two of other layouts, one that is no campaign."""
     for i in range(14):
         write_campaign(unit(i, 20.0 * (i in FAULTY)), folder / f"u{i:02d}")
     rates = unit(20).sensors[2].rates_deg_per_hr.copy()

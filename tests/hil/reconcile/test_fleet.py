@@ -19,7 +19,8 @@ from hil.reconcile.campaigns import Screened, ScreenedUnit, pieces_in, screen_fo
 from hil.reconcile.fleet import Screen, SharedFinding, UnitFinding
 from hil.reconcile.outcome.fleet import fleet_csv, fleet_document, fleet_page, fleet_sentences
 from hil.reconcile.proof.places import false_discovery
-from tests.hil.reconcile.fleet_units import MODEL, unit, written_fleet
+from procedures.verdict import Judgement, Verdict
+from tests.hil.reconcile.fleet_units import MODEL, SHORT, unit, written_fleet
 from tests.hil.reconcile.hidden_effects import base_rates, both, campaign_of, lay_out, noise
 
 
@@ -35,27 +36,70 @@ def test_the_faulty_units_are_called_and_the_others_go_on(folder: Path) -> None:
     document = fleet_document(found)
     assert {each["folder"][-3:] for each in document["units"] if each["worth"]} == {"u03", "u09"}
     assert document["effects"] == [{"id": "supply", "count": 2, "serials": ["A003", "A009"]}]
-    assert len(document["units"]) == 15
-    assert {each["layout_number"] for each in document["units"]} == {1, 2}
+    assert len(document["units"]) == 16
+    assert {each["layout_number"] for each in document["units"]} == {1, 2, 3}
     told = {Path(each["folder"]).name: each["reason"] for each in document["not_screened"]}
-    assert told.keys() == {"u99", "v-holed", "x-broken"}
+    assert told.keys() == {"u99", "x-broken"}
     assert re.search(r"the very rates of .*u03: a copy", told["u99"])
-    assert "every row of its layout" in told["v-holed"]
     assert "'nonsense'" in told["x-broken"]
     p_values = np.array([each["p_value"] for each in document["units"]])
     assert [each["q_value"] for each in document["units"]] == false_discovery(p_values).tolist()  # of all layouts
     json.dumps(document, allow_nan=False)
     rows = list(csv.DictReader(fleet_csv(found).splitlines()))
-    assert len(rows) == 15
+    assert len(rows) == 16
     assert {row["serial"] for row in rows if row["worth"] == "True"} == {"A003", "A009"}
     page = fleet_page(found)
-    assert re.search(r"<h2 id=\"verdict\">2 of 15 units deserve a full hil reconcile", page)
+    assert re.search(r"<h2 id=\"verdict\">2 of 16 units deserve a full hil reconcile", page)
     assert re.findall(r'aria-label="([^"]+)"', page) == [
         "Units by effect: supply 2",
         "Log odds that anything is missing from each unit, by date",
         "Log odds that anything is missing from each unit, by serial number",
     ]
     assert "x-broken" in page
+
+
+def test_one_unit_with_a_noisy_channel_is_asked_at_every_noise() -> None:
+    """Of few units a few points of the noise are too few: 0.1 deg/hr/degC of both biases was no finding."""
+    made = campaign_of(SHORT, 0.0 * base_rates(SHORT))
+    rows = made.sensors[2]
+    errors = rows.rates_se_deg_per_hr * [1.0, 5.0]
+    rates = np.random.default_rng(1).normal(size=errors.shape) * errors + 0.1 * SHORT.temperature[:, None]
+    one = replace(made, sensors={2: replace(rows, rates_deg_per_hr=rates)})
+    (found,) = Screen.of(one, "matrix-6").units([one])
+    assert (found.leader, found.q_value < 0.01) == ("bias_T", True)
+
+
+def test_what_the_records_say_is_wrong_is_in_no_screen(tmp_path: Path) -> None:
+    """A run that FAILs, averages at a channel's limit: left out, and said of that unit; so is what is missing."""
+    rates = base_rates(SHORT) + noise(SHORT, np.random.default_rng(9))
+    made = campaign_of(SHORT, rates)
+    rows, away, clipped = made.sensors[2], rates.copy(), rates.copy()
+    here = rows.conditions.run == 4
+    away[here] += 300.0 * rows.conditions.f_g[here, :2] ** 2
+    clipped[:, 0] = np.minimum(rates[:, 0], np.quantile(rates[:, 0], 0.7))
+    broken = replace(
+        made,
+        sensors={2: replace(rows, rates_deg_per_hr=away)},
+        verdicts={4: Judgement(Verdict.FAIL, "the stream broke off")},
+        missing=["run 99"],
+    )
+    write_campaign(replace(broken, title="broken"), tmp_path / "broken")
+    write_campaign(
+        replace(made, title="clipped", sensors={2: replace(rows, rates_deg_per_hr=clipped)}), tmp_path / "clipped"
+    )
+    found = screen_folders([tmp_path], "matrix-6-thermal")
+    told = {each["title"]: each for each in fleet_document(found)["units"]}
+    assert {name: each["worth"] for name, each in told.items()} == {"broken": False, "clipped": False}
+    assert (told["broken"]["runs_not_used"], told["broken"]["missing"]) == ({"2": [4]}, ["run 99"])
+    assert {(*of["channels"], of["done"]) for of in told["clipped"]["rows"]} == {("RA", "left out")}
+    said = "\n".join(fleet_sentences(found))
+    for words in (
+        "screened all the same: clipped (runs 1–12)",
+        "broken: missing: run 99\n",
+        "broken: sensor 2: run 4 FAILed by what was recorded",
+        "clipped: left out: sensor 2, runs 1–12: RA goes no further",
+    ):
+        assert words in said, said
 
 
 @pytest.mark.slow
@@ -75,10 +119,10 @@ def test_the_command(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture
     said = json.loads(capsys.readouterr().out)
     assert said["schema"] == "hil.fleet/1"
     assert page.read_text().startswith("<!doctype html>")
-    assert len(table.read_text().splitlines()) == 16
+    assert len(table.read_text().splitlines()) == 17
     assert run(["fleet", str(folder), *MODEL]) == 0
     out, err = capsys.readouterr()
-    assert "2 of 15 units deserve a full hil reconcile" in out
+    assert "2 of 16 units deserve a full hil reconcile" in out
     assert "x-broken" in err
     own = next(each for each in folder.rglob("collects.csv") if (each.parent / "campaign.yaml").exists())
     for words, message in (
@@ -209,7 +253,7 @@ def test_calibrations_of_one_unit_are_counted_as_what_they_are(serials: str, sai
     """And what one alone has in common with nothing is not told."""
     finding = UnitFinding(0.0, 0.5, 0.5, "supply", 1.0)
     units = [
-        ScreenedUnit(f"u{place}", "", serial, "", False, (), layout=1, finding=finding)
+        ScreenedUnit(f"u{place}", "", serial, "", False, (), {}, layout=1, finding=finding)
         for place, serial in enumerate(serials)
     ]
     shared = SharedFinding("supply", 0.9, 0.001, 1.0, False)

@@ -107,6 +107,7 @@ def test_mass_unbalance_from_run_to_run_is_an_effect_on_the_scatter(restless: tu
     _, result = restless
     assert result.verdict == "named"
     assert [(e.id, e.acts_on) for e in result.effects] == [("MU_rr", "scatter")]
+    assert {each.where["of"] for each in result.disagreements} == {"scatter"}
     (size,) = result.effects[0].parameters
     assert size["value"] == pytest.approx(5.0, rel=0.4)
     assert 0.2 < size["se"] < 2.0

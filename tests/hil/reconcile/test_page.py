@@ -17,7 +17,8 @@ from hil.files.numbers import rounded
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.page import driver_of, page, panels_of, pictures
 from hil.reconcile.outcome.sentences import summary, titled, what_to_do
-from hil.reconcile.result import FoundEffect, Rival
+from hil.reconcile.result import FoundEffect
+from hil.reconcile.rivals import Rival, rival_in_words
 from tests.hil.reconcile.hidden_effects import hidden_campaign
 
 
@@ -163,11 +164,32 @@ def test_physics_expects_a_name_only_where_it_favours_it_alone(
 ) -> None:
     """By what was known before the data, of every rival that looks the same: a lead that data gave it is none."""
     rivals = [
-        Rival(name, 0.2, 0.99, f"{name.upper()}'s title", 0.1, prior) for name, prior in zip("bc", odds, strict=True)
+        Rival(name, 0.2, 0.99, f"{name.upper()}'s title", 0.6, prior) for name, prior in zip("bc", odds, strict=True)
     ]
     first = FoundEffect("a", "A's title", 0.6, "ambiguous", confusable_with=rivals)
     told = summary(replace(aged, verdict="ambiguous", effects=[first]))[0]
     assert told.endswith(f"these collects cannot tell them apart; 60 % for a, {said}.")
+
+
+@pytest.mark.parametrize(
+    ("factors", "said"),
+    [
+        ((1.0, 1.9, 5e-4), "or b or c: these collects cannot tell them apart"),
+        ((1.0, 0.3, 5e-4), "or b: these collects cannot tell them apart"),
+        ((0.3, 0.1, 5e-4), "or b or c: the data make each of these at least 0.1 times as probable"),
+        ((0.3, 5e-4, 5e-4), "or b: the data make it at least 0.3 times as probable"),
+        ((5e-4, 5e-4, 5e-4), "– probably (60 %), not certainly"),
+    ],
+)
+def test_what_the_data_exclude_is_not_said_to_be_the_same(
+    aged: Reconciliation, factors: tuple[float, ...], said: str
+) -> None:
+    """Columns that look the same are no more: the headline says of each what the list of rivals says."""
+    rivals = [Rival(name, 0.1, 0.999, "", factor, 0.1) for name, factor in zip("bcd", factors, strict=True)]
+    first = FoundEffect("a", "A's title", 0.6, "ambiguous", confusable_with=rivals)
+    told = summary(replace(aged, verdict="ambiguous", effects=[first]))[0]
+    assert said in told
+    assert ("cannot tell" in told) == any("cannot tell it" in rival_in_words(each.document()) for each in rivals)
 
 
 def test_physics_expects_no_curve(aged: Reconciliation) -> None:

@@ -16,7 +16,8 @@ from hil.model.curve import Constant
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.page import page, write_result
 from hil.reconcile.outcome.sentences import summary, what_to_do
-from hil.reconcile.result import FoundEffect, Rival, Solved, without_collects
+from hil.reconcile.result import FoundEffect, Solved, without_collects
+from hil.reconcile.rivals import Rival
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,8 @@ from hil.cli.model import _values
 from hil.model import load_model
 from hil.model.effects.catalogue import effect_by_id
 from hil.reconcile.outcome.values import before_and_after
-from hil.reconcile.result import before_and_after_in_words, rival_in_words
+from hil.reconcile.result import before_and_after_in_words
+from hil.reconcile.rivals import rival_in_words
 from hil.reconcile.search.problem import pose
 from tests.hil.analysis.thermal.nights import PUBLISHED_DEGC, rotor_night, scaled
 

@@ -358,6 +358,8 @@ def test_the_earth_rate_is_what_a_latitude_tells(sound: Simulated, tmp_path: Pat
     w = there.campaign.sensors[1].conditions.w_deg_per_hr
     assert w == pytest.approx(15.041067 * np.sin(np.deg2rad(48.0)) * sound.f_g, abs=0.02)
     assert "which way north lay is not known" in said(there)
+    (warned,) = read_campaign(write_log_campaign(there, tmp_path / "there")).warnings
+    assert "the horizontal part, up to 10.1 deg/hr in any channel, is in the rates, and in no standard error" in warned
     nowhere = campaign_of_log(log, StaticTest())
     assert not nowhere.campaign.sensors[1].conditions.w_deg_per_hr.any()
     assert "neither latitude (--latitude) nor heading is known" in said(nowhere)

@@ -1,0 +1,70 @@
+"""Another name for the same data: what the data say of it, what was known before, and both in words."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from hil.files.document import picked
+from hil.solve.identifiability import SAME_CLASS
+
+EXCLUDED = 0.001
+"""What is identical in these collects is told apart where the data themselves make one so much less probable."""
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another name for the same data: its probability, and how much of the added effect it can reproduce.
+
+    `bayes_factor` is what the data say of it against the name, `prior_odds` what was known before. `terms` are its
+    places by sensor in the likeliest set that has it. A `likely` cause is in the sensor itself and no accident of the
+    order or the heading: identical, it withholds the name. `remedy` is what would tell the two apart.
+    """
+
+    id: str
+    probability: float
+    overlap: float
+    title: str = ""
+    bayes_factor: float | None = None
+    prior_odds: float | None = None
+    terms: Mapping[int, int] = field(default_factory=dict)
+    remedy: str = ""
+    likely: bool = True
+
+    @property
+    def alike(self) -> bool:
+        """Whether it looks the same in these collects, and the data do not exclude it all the same."""
+        return self.overlap > SAME_CLASS and not (1.0 if self.bayes_factor is None else self.bayes_factor) < EXCLUDED
+
+    @property
+    def untold(self) -> bool:
+        """Whether it is alike and the data say no more of it than of the name."""
+        return self.alike and _cannot_tell(1.0 if self.bayes_factor is None else self.bayes_factor)
+
+    def document(self) -> dict[str, Any]:
+        """Return the JSON object."""
+        return picked(
+            self, "id probability overlap title" + " bayes_factor prior_odds" * (self.bayes_factor is not None)
+        )
+
+
+def rival_in_words(rival: Mapping[str, Any]) -> str:
+    """Say what the data say of a rival, and apart from it what was known before; empty where nobody can."""
+    data, before = rival.get("bayes_factor"), rival.get("prior_odds")
+    if data is None or before is None or not math.isfinite(data):
+        return ""
+    told = "cannot tell it apart" if _cannot_tell(data) else f"make it {in_times(data)} as probable as the first name"
+    return f"the data {told}; before them it was {in_times(before)} as probable"
+
+
+def _cannot_tell(bayes_factor: float) -> bool:
+    return not (bayes_factor < 0.5 or bayes_factor > 2.0)
+
+
+def in_times(ratio: float) -> str:
+    """Write a ratio of probabilities, no finer than anybody believes one.
+
+    >>> in_times(0.00002), in_times(5.013)
+    ('less than 0.0001 times', '5 times')
+    """
+    return "less than 0.0001 times" if ratio < 1e-4 else f"{ratio:.2g} times" if ratio < 100 else "over 100 times"
