@@ -17,7 +17,8 @@ FEWEST = 16
 
 FEWEST_BESIDE = 8
 """Collects below which nobody knows what is usual of them."""
-_OFTEN = 0.2  # share of a channel's collects beside coloured noise, from which on all are
+OFTEN = 0.2
+"""Share of a channel's collects, from which on all are what these are: beside coloured noise, or of a shape."""
 OF_NORMAL = 1.4826  # standard deviations, of a median deviation
 _OF_A_MEDIAN = 0.5  # of what a standard deviation knows: between its .37 of very many and what few leave
 
@@ -72,7 +73,7 @@ class SeriesEffect(Described):
         noise a size has to stand out of what half of them show. Student's t, with the degrees of freedom of a median.
         """
         own = np.array([each.p_value for each in findings])
-        coloured = float(np.mean([each.coloured for each in findings])) > _OFTEN
+        coloured = float(np.mean([each.coloured for each in findings])) > OFTEN
         if not (self.size and coloured) or len(findings) < FEWEST_BESIDE:
             return own
         sizes = np.array([each.estimates[self.size] for each in findings])

@@ -6,12 +6,14 @@ from typing import Any
 
 from hil.model import Model
 from hil.model.effects.catalogue import SERIES_EFFECTS
+from hil.model.effects.inside import OFTEN
 from hil.reconcile.inside import named_within
 from hil.reconcile.outcome import findings, mistakes, scatter
 from hil.reconcile.outcome.answer import Answer
 from hil.reconcile.outcome.improve import improved
 from hil.reconcile.outcome.values import before_and_after, taken_out
 from hil.reconcile.result import FoundEffect, Solved
+from hil.reconcile.wander import Wander
 
 
 @dataclass(frozen=True)
@@ -20,6 +22,7 @@ class Added:
 
     `within` are the effects that show inside the collects, `values` what each parameter is without what was found and
     with it; `solved` is what `hil solve` says of the campaign, and `left` what it would say with that taken off.
+    `wanders` is what noise is coloured inside the collects, `noise` what averages scatter by beyond it.
     """
 
     model: Model
@@ -27,6 +30,8 @@ class Added:
     values: Sequence[Mapping[str, Any]]
     solved: Solved
     left: Solved
+    noise: Sequence[Mapping[str, Any]]
+    wanders: Mapping[int, Wander]
 
 
 def added(found: Answer, inside: Sequence[dict[str, Any]]) -> Added:
@@ -39,12 +44,18 @@ def added(found: Answer, inside: Sequence[dict[str, Any]]) -> Added:
         record = {each.name: findings.origin(found.campaign, each, found.gap_of_names) for each in found.names}
         after = improved(model, found.sensors, found.terms, sizes, record, found.calibrated)
         values = before_and_after(found.sensors, found.terms, found.calibrated)
-    after = scatter.with_ordinary(after, found.noise, found.fit.conditions) if found.tested else after
+    wanders, noise = {}, []
+    if found.tested:
+        often = {each["sensor"] for each in inside if each["collects"] > OFTEN * each["asked"]}
+        wanders = scatter.wanders(after, found.problem.campaign, found.noise, often)
+        noise = scatter.beside(found.noise, wanders)
+        after = scatter.with_ordinary(after, noise, found.fit.conditions)
     after = findings.with_inside(after, within, found.campaign)
-    if after != model:
-        after = scatter.with_white_noise(after, found.campaign).model_copy(update={"version": model.version + 1})
+    if after != model or wanders:
+        after = scatter.with_white_noise(after, found.campaign, wanders=wanders)
+        after = after.model_copy(update={"version": model.version + 1})
     left = solved = Solved.of(found.campaign)
     if found.names or wrong or model.terms or model.noise:
         sure = mistakes.mended(found.problem.sensors, mistakes.certain(wrong, found.fit, found.campaign))
         left = Solved.of(taken_out(found.problem, sure, found.terms, sizes))
-    return Added(after, within, values, solved, left)
+    return Added(after, within, values, solved, left, noise, wanders)

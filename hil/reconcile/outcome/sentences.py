@@ -13,6 +13,7 @@ from hil.reconcile.outcome.scatter import beyond_chance
 from hil.reconcile.result import LEFT_OUT, Gap, Reconciliation
 from hil.reconcile.rivals import Rival, in_times
 from hil.reconcile.search.terms import NO_NAME
+from hil.reconcile.wander import Wander
 from hil.solve.document import runs_in_words
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED
 from procedures.words import listed, numbered, percent, significant
@@ -234,7 +235,7 @@ def _times(channel: Mapping[str, Any]) -> float:
     return float((channel["observed_deg_per_hr"] or 0.0) / known) if known else 0.0
 
 
-def stated_in_words(noise: Sequence[Mapping[str, Any]]) -> list[str]:
+def stated_in_words(noise: Sequence[Mapping[str, Any]], wanders: Mapping[int, Wander]) -> list[str]:
     """Say in a sentence what the improved model's noise states beyond that of the model that was read."""
     more = "; ".join(
         f"sensor {each['sensor']}, {each['channel']}: {rounded(size, se)} deg/hr from {key.replace('_', ' ')}"
@@ -242,7 +243,12 @@ def stated_in_words(noise: Sequence[Mapping[str, Any]]) -> list[str]:
         for key, size, se in beyond_chance(each)
     )
     said = "the noise of model.yaml states what averages scatter by beyond the standard errors and the model read"
-    return [f"{said}: {more}"] if more else []
+    inside = [
+        f"the series of sensor {number} show flicker, which model.yaml states: a bias instability of "
+        f"{rounded(own.size, own.se)} deg/hr"
+        for number, own in wanders.items()
+    ]
+    return [*([f"{said}: {more}"] if more else []), *inside]
 
 
 def values_off(standing: Mapping[str, Any] | None, gap: Gap) -> list[str]:

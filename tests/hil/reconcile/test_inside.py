@@ -12,12 +12,16 @@ from benchmarks.blind.cases import make_case, write_case
 from benchmarks.blind.inside import INSIDE, write_series
 from benchmarks.blind.jobs import EIGHT
 from hil.campaign import Campaign, Series
-from hil.campaign.reader import read_campaign
+from hil.campaign.reader import read_campaign, read_series
 from hil.model import load_model, save_model
 from hil.model.effects.catalogue import SERIES_EFFECTS
+from hil.model.effects.noise import BiasInstability
 from hil.model.effects.series import SettlingInCollect
+from hil.model.stated_noise import SensorNoise
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.inside import within_collects
+from hil.reconcile.outcome.scatter import with_white_noise
+from hil.reconcile.wander import wandering
 from tests.hil.model.effect_conditions import ROTOR
 
 SMALL = replace(EIGHT, temperatures_degC=(-20.0, 20.0, 60.0), runs_per_temperature=2)
@@ -59,6 +63,58 @@ def test_series_of_noise_alone_get_no_name(rho: float, tmp_path: Path) -> None:
     campaign = campaign_with("", tmp_path, rho=rho)
     assert within_collects(campaign, SERIES_EFFECTS, 0.01) == []
     assert reconciled(campaign).verdict == "none"
+
+
+def test_noise_that_wanders_inside_the_collects_is_written_as_white_noise_and_flicker(tmp_path: Path) -> None:
+    """Each of its size, though standard errors hold both; what it scatters averages by is stated once; and that is all.
+
+    Where averages do not wander samples are only filtered, and a shape is none: then nothing of it is written.
+    """
+    plain, size = campaign_with("", tmp_path), 30.0
+    rows = plain.sensors[2]
+    every = [read_series(plain, collect) for collect in rows.conditions.collect.tolist()]
+    t_s = np.concatenate([begins + each.t_s for begins, each in zip(rows.conditions.start_s, every, strict=True)])
+    fine = rows.conditions.rows(np.repeat(np.arange(len(every)), len(every[0].t_s)))
+    fine = replace(fine, start_s=t_s, duration_s=np.full(len(t_s), 0.2))
+    rng = np.random.default_rng(3)
+    more = size * sum(part.draw(fine, rng) for part in BiasInstability().scatter(fine, {}))
+    more = more.reshape(len(every), -1, 2)
+
+    def written(further: np.ndarray) -> None:
+        for path, own, each in zip(plain.series_files.values(), further, every, strict=True):
+            table = np.column_stack([each.t_s, each.rates_deg_per_hr + own])
+            np.savetxt(path, table, delimiter=",", header="t_s,RA_deg_per_hr,RB_deg_per_hr", comments="")
+
+    written(more)
+    rates, errors = rows.rates_deg_per_hr + more.mean(axis=1), 3.0 * rows.rates_se_deg_per_hr
+    wanders = replace(plain, sensors={2: replace(rows, rates_deg_per_hr=rates, rates_se_deg_per_hr=errors)})
+    result = reconciled(wanders)
+    noise = result.model_after.noise[2]
+    white = float(np.median(rows.rates_se_deg_per_hr)) * np.sqrt(60.0 / 3600.0)
+    assert noise.angle_random_walk.at([-20.0, 20.0, 60.0]) == pytest.approx(white, rel=0.1)
+    (term,) = noise.scatter
+    (curve,) = term.parameters.values()
+    assert term.effect == "flicker"
+    assert abs(curve.value - size) < 3.0 * curve.se < 0.3 * size
+    assert not noise.collect_to_collect
+    assert not noise.run_to_run
+    assert any("show flicker" in note for note in result.notes)
+    again = reconcile(wanders, result.model_after, prove=False)
+    assert again.model_after == again.input_model
+    named = term.model_copy(update={"parameters": {"B_f": curve.scaled(0.5)}, "added": {"name": "flicker"}})
+    sized = with_white_noise(
+        result.input_model.model_copy(update={"noise": {2: SensorNoise(scatter=(named,))}}),
+        wanders,
+        wanders={2: wandering(wanders, 2)},
+    )
+    assert sized.noise[2].scatter == (term.model_copy(update={"added": named.added}),)
+    quiet = replace(wanders, sensors={2: rows})
+    assert not any("show flicker" in note for note in reconciled(quiet).notes)
+    settles, steps = 100.0 * np.exp(-every[0].t_s / 8.0), 100.0 * (every[0].t_s > 30.0)
+    few = np.arange(len(every)) % 6 == 0
+    for shapes in (np.outer(np.ones(len(every)), settles), np.outer(few, steps)):
+        written(shapes[:, :, None])
+        assert not any("show flicker" in note for note in reconciled(wanders).notes)
 
 
 def flicker(rng: np.random.Generator, samples: int) -> np.ndarray:
