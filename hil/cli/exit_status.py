@@ -59,7 +59,8 @@ def of_unit(in_spec: Mapping[str, str] | None, strict: bool) -> Exit:
         return Exit.DONE
     if in_spec is None:
         return _say(
-            "--strict: nobody said what the unit must be: limits in its bench file, or --limits", Exit.SPEC_NOT_TOLD
+            "--strict: nobody said what the unit must be: limits in its bench file, or hil solve --limits",
+            Exit.SPEC_NOT_TOLD,
         )
     return {"in spec": Exit.DONE, "out of spec": Exit.OUT_OF_SPEC}.get(in_spec["verdict"], Exit.SPEC_NOT_TOLD)
 

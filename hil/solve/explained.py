@@ -187,7 +187,7 @@ def _by_place(found: Iterable[tuple[tuple[Cause, ...], float]]) -> dict[tuple[ob
     """Return how probably something is wrong at each place."""
     out: dict[tuple[object, ...], float] = {}
     for causes, p in found:
-        for place in {cause.place for cause in causes}:
+        for place in dict.fromkeys(cause.place for cause in causes):
             out[place] = out.get(place, 0.0) + p
     return out
 
