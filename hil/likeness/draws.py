@@ -32,7 +32,7 @@ from hil.model import Model, fitting
 from hil.model.model_file import save_model
 from hil.night import start_night
 from hil.reconcile.outcome.improve import improved
-from hil.reconcile.outcome.scatter import with_white_noise
+from hil.reconcile.outcome.stated import with_white_noise
 from hil.reconcile.search.problem import fitted_sensors
 from hil.records.export import open_source
 from hil.records.reader import is_night

@@ -8,7 +8,7 @@ from hil.model import Model
 from hil.model.effects.catalogue import SERIES_EFFECTS
 from hil.model.effects.inside import OFTEN
 from hil.reconcile.inside import named_within
-from hil.reconcile.outcome import findings, mistakes, scatter
+from hil.reconcile.outcome import findings, mistakes, scatter, stated
 from hil.reconcile.outcome.answer import Answer
 from hil.reconcile.outcome.improve import improved
 from hil.reconcile.outcome.values import before_and_after, taken_out
@@ -47,12 +47,12 @@ def added(found: Answer, inside: Sequence[dict[str, Any]]) -> Added:
     wanders, noise = {}, []
     if found.tested:
         often = {each["sensor"] for each in inside if each["collects"] > OFTEN * each["asked"]}
-        wanders = scatter.wanders(after, found.problem.campaign, found.noise, often)
-        noise = scatter.beside(found.noise, wanders)
-        after = scatter.with_ordinary(after, noise, found.fit.conditions)
+        wanders = stated.wanders(after, found.problem.campaign, found.noise, often)
+        noise = stated.beside(found.noise, wanders)
+        after = stated.with_ordinary(after, noise, found.fit.conditions)
     after = findings.with_inside(after, within, found.campaign)
     if after != model or wanders:
-        after = scatter.with_white_noise(after, found.campaign, wanders=wanders)
+        after = stated.with_white_noise(after, found.campaign, wanders=wanders)
         after = after.model_copy(update={"version": model.version + 1})
     left = solved = Solved.of(found.campaign)
     if found.names or wrong or model.terms or model.noise:

@@ -1,21 +1,14 @@
 """What the averages scatter by: stated and observed, of every channel, and the effect on the scatter that was found."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from scipy.special import ndtri
 
-from hil.campaign import Campaign, Conditions, FloatArray
-from hil.model import Model
-from hil.model.curve import Constant, Curve, Table
+from hil.campaign import FloatArray
 from hil.model.effects.base import Parameter, VarianceEffect
-from hil.model.effects.inside import OF_NORMAL
-from hil.model.effects.noise import BiasInstability
-from hil.model.forms import bias_names
-from hil.model.stated_noise import ScatterTerm, SensorNoise
 from hil.reconcile.result import Disagreement
 from hil.reconcile.search.fitted import Fitted, FittedBlock
 from hil.reconcile.search.likely_noise import DEPTH
@@ -23,12 +16,8 @@ from hil.reconcile.search.noise import Points
 from hil.reconcile.search.profiles import log_profile
 from hil.reconcile.search.set_in_block import SetInBlock
 from hil.reconcile.search.sets import SensorSearch
-from hil.reconcile.wander import Wander, wandering
 from hil.solve.repeats import CONFIDENCE
-from hil.solve.temperatures import level_degC, runs_by_temperature, same_temperature
-
-_WHITE = "deg/sqrt(hr)"
-_OF_A_MEDIAN = 1.25  # times as uncertain as a mean is a median of normal numbers
+from hil.solve.temperatures import runs_by_temperature
 
 
 @dataclass(frozen=True)
@@ -126,7 +115,6 @@ def _at_points(fit: Fitted, block: FittedBlock, points: Points) -> SetInBlock:
 _GRID = float(np.log(2.0))
 _STEPS = (8, 3)  # of an amount, and of an offset, which only stands beside it
 _BEYOND = 3.0  # what is explained is as uncertain as what is seen: so many such errors more, for the model to state it
-_FLICKER = 2.0  # times as much as averages scatter inside a run, from which on what wanders is none
 _NO_OFFSET = 0.05  # and how probable it may be at most that runs have no offset of their own
 
 
@@ -210,113 +198,6 @@ def _likely(variances: FloatArray, weight: FloatArray, *, known: bool) -> float:
     order = np.argsort(variances)
     middle = order[np.searchsorted(np.cumsum(weight[order]), 0.5 * weight.sum())]
     return float(weight @ variances if known else variances[middle])
-
-
-def with_ordinary(model: Model, noise: Sequence[Mapping[str, Any]], conditions: Mapping[int, Conditions]) -> Model:
-    """Return the model whose noise also states what is ordinary, and more than it and the standard errors explain.
-
-    Each bias is drawn anew in every run, or in every collect, beside what is drawn already.
-    """
-    sections = dict(model.noise)
-    for each in noise:
-        own = conditions[each["sensor"]]
-        name = bias_names(own.sensor)[list(own.sensor.channels).index(each["channel"])]
-        for key, size, se in beyond_chance(each):
-            section = sections.get(each["sensor"], SensorNoise())
-            stated = getattr(section, key)
-            grown = _grown(stated.get(name), size, se, own)
-            sections[each["sensor"]] = section.model_copy(update={key: {**stated, name: grown}})
-    return model.model_copy(update={"noise": sections})
-
-
-def wanders(
-    model: Model, campaign: Campaign, noise: Sequence[Mapping[str, Any]], but: Collection[int]
-) -> dict[int, Wander]:
-    """Return what the series show of the noise of each sensor of which a model states none, `but` of some.
-
-    What would scatter averages by much more than they do is no flicker: its samples are only filtered.
-    """
-    out = {}
-    for number in campaign.sensors:
-        stated = model.noise.get(number, SensorNoise()).model_fields_set
-        if number in but or stated & {"angle_random_walk", "bias_instability"}:
-            continue
-        own = wandering(campaign, number)
-        seen = [each["observed_deg_per_hr"] or np.inf for each in noise if each["sensor"] == number]
-        if own is not None and own.within <= _FLICKER * min(seen, default=np.inf):
-            out[number] = own
-    return out
-
-
-def beside(noise: Sequence[Mapping[str, Any]], wanders: Mapping[int, Wander]) -> list[dict[str, Any]]:
-    """Return what averages scatter by beyond what the flicker of their sensor does."""
-    out = []
-    for each in noise:
-        named = any(effect["id"] == BiasInstability.id for effect in each["scatter"])
-        own, left = None if named else wanders.get(each["sensor"]), dict(each)
-        for called, known in (("run_offset", own.between), ("collect_to_collect", own.within)) if own else ():
-            size, se = left[f"{called}_deg_per_hr"], left[f"{called}_se_deg_per_hr"]
-            more = float(np.sqrt(max(size**2 - known**2, 0.0)))
-            left[f"{called}_deg_per_hr"] = more
-            left[f"{called}_se_deg_per_hr"] = se * size / more if se is not None and size - known > se else None
-        out.append(left)
-    return out
-
-
-def with_white_noise(
-    model: Model, campaign: Campaign, otherwise: float = 0.0, wanders: Mapping[int, Wander] = MappingProxyType({})
-) -> Model:
-    """Return the model with the white noise that the standard errors show at each temperature, where it states none.
-
-    Of sensors whose noise `wanders`, what neighbours in their series show, and flicker. `otherwise`, deg/√hr, is what
-    it is of a sensor without stated errors; 0: nobody knows.
-    """
-    sections = dict(model.noise)
-    for number, rows in campaign.sensors.items():
-        section, own = sections.get(number, SensorNoise()), rows.conditions
-        white = rows.rates_se_deg_per_hr * np.sqrt(own.duration_s / 3600.0)[:, None]
-        flicker = wanders.get(number)
-        if flicker is not None:
-            own, white = flicker.conditions, flicker.white.copy()
-        white[~np.isfinite(white) | (white <= 0.0)] = np.nan
-        usual = float(np.nanmedian(white)) if np.isfinite(white).any() else otherwise
-        if "angle_random_walk" in section.model_fields_set or usual <= 0.0:
-            continue
-        white, station, level = np.nan_to_num(white, nan=usual), same_temperature(own), level_degC(own)
-        at = [station == k for k in np.unique(station[station >= 0])]
-        every = [white, *(white[here] for here in at)]
-        apart = [OF_NORMAL * float(np.median(np.abs(of - np.median(of)))) for of in every]  # one may be huge
-        usual_se, *se = [_OF_A_MEDIAN * each / of.size**0.5 for each, of in zip(apart, every, strict=True)]
-        curve: Curve = Constant(unit=_WHITE, value=usual, se=usual_se)
-        if level is not None and len(at) > 1:
-            known = [float(np.nanmean(level[here])) for here in at]
-            value = [float(np.median(of)) for of in every[1:]]
-            curve = Table(unit=_WHITE, table={"temperature_degC": known, "value": value, "se": se})
-        noise: dict[str, Any] = {"angle_random_walk": curve}
-        if flicker is not None:
-            name, size = BiasInstability.id, Constant(unit="deg/hr", value=flicker.size, se=flicker.se)
-            term = next((term for term in section.scatter if term.effect == name), ScatterTerm(effect=name))
-            term = term.model_copy(update={"parameters": {BiasInstability.parameters[0].name: size}})
-            noise["scatter"] = (*(each for each in section.scatter if each.effect != name), term)
-        sections[number] = section.model_copy(update=noise)
-    return model.model_copy(update={"noise": sections})
-
-
-def beyond_chance(channel: Mapping[str, Any]) -> Iterator[tuple[str, float, float]]:
-    """Yield what a channel scatters by that no model stated: the key of a noise section, the size and its error."""
-    for key, called in (("run_to_run", "run_offset"), ("collect_to_collect", "collect_to_collect")):
-        size, se = channel[f"{called}_deg_per_hr"], channel[f"{called}_se_deg_per_hr"]
-        if se is not None:
-            yield key, size, se
-
-
-def _grown(stated: Curve | None, size: float, se: float, conditions: Conditions) -> Curve:
-    """Return a size that was stated and one that came to it as one, in square: what follows temperature still does."""
-    temperature = conditions.columns.get("temperature_degC", np.zeros(len(conditions)))
-    before = 0.0 if stated is None else float(np.sqrt(np.nanmean(stated.at(temperature) ** 2)))
-    if stated is None or before <= 0.0:
-        return Constant(unit="deg/hr", value=size, se=se)
-    return stated.scaled(float(np.hypot(1.0, size / before)))
 
 
 def places(found: Sequence[FoundScatter], chance: float) -> list[Disagreement]:

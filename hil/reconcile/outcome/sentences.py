@@ -9,7 +9,7 @@ import numpy as np
 from drivers.strict_yaml import packaged
 from hil.files.numbers import rounded
 from hil.reconcile.naming import CERTAIN, LIKELY
-from hil.reconcile.outcome.scatter import beyond_chance
+from hil.reconcile.outcome.stated import beyond_chance
 from hil.reconcile.result import LEFT_OUT, Gap, Reconciliation
 from hil.reconcile.rivals import Rival, in_times
 from hil.reconcile.search.terms import NO_NAME

@@ -20,7 +20,7 @@ from hil.model.effects.series import SettlingInCollect
 from hil.model.stated_noise import SensorNoise
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.inside import within_collects
-from hil.reconcile.outcome.scatter import with_white_noise
+from hil.reconcile.outcome.stated import with_white_noise
 from hil.reconcile.wander import wandering
 from tests.hil.model.effect_conditions import ROTOR
 

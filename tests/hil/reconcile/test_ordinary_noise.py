@@ -13,7 +13,7 @@ from hil.model.curve import Constant, Curve, Polynomial, Table
 from hil.model.stated_noise import SensorNoise
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.page import page
-from hil.reconcile.outcome.scatter import with_ordinary
+from hil.reconcile.outcome.stated import with_ordinary
 from tests.hil.reconcile.hidden_effects import Rows, base_rates, campaign_of, hidden_campaign, lay_out, noise
 from tests.hil.solve.test_other_runs import campaign, with_rates
 
