@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -65,6 +66,37 @@ def test_series_of_noise_alone_get_no_name(rho: float, tmp_path: Path) -> None:
     assert reconciled(campaign).verdict == "none"
 
 
+def write_further(plain: Campaign, every: Sequence[Series | None], further: np.ndarray) -> None:
+    """Write the series of a campaign (n, samples, 2), as they were, with something further in them."""
+    for path, own, each in zip(plain.series_files.values(), further, every, strict=True):
+        table = np.column_stack([each.t_s, each.rates_deg_per_hr + own])
+        np.savetxt(path, table, delimiter=",", header="t_s,RA_deg_per_hr,RB_deg_per_hr", comments="")
+
+
+def wandering_as_flicker(plain: Campaign, size: float, seed: int) -> Campaign:
+    """A campaign with flicker in its series and averages, in deg/hr, whose standard errors allow for it."""
+    rows = plain.sensors[2]
+    every = [read_series(plain, collect) for collect in rows.conditions.collect.tolist()]
+    t_s = np.concatenate([begins + each.t_s for begins, each in zip(rows.conditions.start_s, every, strict=True)])
+    fine = rows.conditions.rows(np.repeat(np.arange(len(every)), len(every[0].t_s)))
+    fine = replace(fine, start_s=t_s, duration_s=np.full(len(t_s), 0.2))
+    rng = np.random.default_rng(seed)
+    more = size * sum(part.draw(fine, rng) for part in BiasInstability().scatter(fine, {}))
+    more = more.reshape(len(every), -1, 2)
+    write_further(plain, every, more)
+    rates, errors = rows.rates_deg_per_hr + more.mean(axis=1), 3.0 * rows.rates_se_deg_per_hr
+    return replace(plain, sensors={2: replace(rows, rates_deg_per_hr=rates, rates_se_deg_per_hr=errors)})
+
+
+def test_noise_that_wanders_where_no_run_was_repeated_leaves_open_what_runs_scatter_by(tmp_path: Path) -> None:
+    """One run at each temperature: what of it is from run to run is not known, and less the flicker no more so."""
+    wanders = wandering_as_flicker(campaign_with("", tmp_path), 5.0, 1)
+    rows = wanders.sensors[2]
+    alone = reconciled(replace(wanders, sensors={2: rows.rows(np.isin(rows.conditions.run, [1, 3, 5]))}))
+    assert None in [each["run_offset_deg_per_hr"] for each in alone.noise]
+    assert any("show flicker" in note for note in alone.notes)
+
+
 def test_noise_that_wanders_inside_the_collects_is_written_as_white_noise_and_flicker(tmp_path: Path) -> None:
     """Each of its size, though standard errors hold both; what it scatters averages by is stated once; and that is all.
 
@@ -73,21 +105,7 @@ def test_noise_that_wanders_inside_the_collects_is_written_as_white_noise_and_fl
     plain, size = campaign_with("", tmp_path), 30.0
     rows = plain.sensors[2]
     every = [read_series(plain, collect) for collect in rows.conditions.collect.tolist()]
-    t_s = np.concatenate([begins + each.t_s for begins, each in zip(rows.conditions.start_s, every, strict=True)])
-    fine = rows.conditions.rows(np.repeat(np.arange(len(every)), len(every[0].t_s)))
-    fine = replace(fine, start_s=t_s, duration_s=np.full(len(t_s), 0.2))
-    rng = np.random.default_rng(3)
-    more = size * sum(part.draw(fine, rng) for part in BiasInstability().scatter(fine, {}))
-    more = more.reshape(len(every), -1, 2)
-
-    def written(further: np.ndarray) -> None:
-        for path, own, each in zip(plain.series_files.values(), further, every, strict=True):
-            table = np.column_stack([each.t_s, each.rates_deg_per_hr + own])
-            np.savetxt(path, table, delimiter=",", header="t_s,RA_deg_per_hr,RB_deg_per_hr", comments="")
-
-    written(more)
-    rates, errors = rows.rates_deg_per_hr + more.mean(axis=1), 3.0 * rows.rates_se_deg_per_hr
-    wanders = replace(plain, sensors={2: replace(rows, rates_deg_per_hr=rates, rates_se_deg_per_hr=errors)})
+    wanders = wandering_as_flicker(plain, size, 3)
     result = reconciled(wanders)
     noise = result.model_after.noise[2]
     white = float(np.median(rows.rates_se_deg_per_hr)) * np.sqrt(60.0 / 3600.0)
@@ -113,7 +131,7 @@ def test_noise_that_wanders_inside_the_collects_is_written_as_white_noise_and_fl
     settles, steps = 100.0 * np.exp(-every[0].t_s / 8.0), 100.0 * (every[0].t_s > 30.0)
     few = np.arange(len(every)) % 6 == 0
     for shapes in (np.outer(np.ones(len(every)), settles), np.outer(few, steps)):
-        written(shapes[:, :, None])
+        write_further(plain, every, shapes[:, :, None])
         assert not any("show flicker" in note for note in reconciled(wanders).notes)
 
 
