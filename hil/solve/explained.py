@@ -20,7 +20,8 @@ import numpy as np
 
 from hil.campaign import Collects, FloatArray
 from hil.model.effects.data import put_right
-from hil.solve.causes import DOUBTED, Asked, Cause, OtherSensor
+from hil.solve.asked import DOUBTED, Asked, OtherSensor
+from hil.solve.causes import Cause
 from hil.solve.whitened import Whitened
 
 SURE, CERTAIN = 0.99, 0.95

@@ -18,7 +18,8 @@ import numpy as np
 
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.campaign.plausibility import clipped, unclipped
-from hil.solve.causes import AS_IT_LAY, Asked, Cause, OtherSensor, all_of
+from hil.solve.asked import Asked, OtherSensor
+from hil.solve.causes import AS_IT_LAY, Cause, all_of
 from hil.solve.explained import HARDLY, Explained, beyond_others, explanations, mended
 from hil.solve.precision import with_every_error
 from hil.solve.whitened import Whitened

@@ -11,7 +11,7 @@ from hil.campaign import Campaign, Collects, Conditions, Sensor
 from hil.model.effects.prior import COMMON
 from hil.reconcile import reconcile
 from hil.solve import repeats, solve_campaign
-from hil.solve.causes import _in_common
+from hil.solve.asked import _in_common
 from hil.solve.wrong_rows import MENDED, USED, treated, wrong_rows
 from procedures.verdict import Verdict
 from tests.hil.model.effect_conditions import TRIAD

@@ -1,0 +1,221 @@
+"""What is wrong with runs: everything that may be, weighed by what it leaves of the rates."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Self
+
+import numpy as np
+from scipy.special import logsumexp
+
+from hil.campaign import FloatArray, IntArray
+from hil.model.effects.data import of_a_run, put_right
+from hil.model.effects.prior import COMMON
+from hil.solve.causes import ODDS, Cause, made_again
+from hil.solve.tried import TOLD, WIDE, Runs, Tried, Ways, some_of
+from hil.solve.whitened import Whitened
+
+DOUBTED = 0.5
+"""Probability of nothing being wrong, below which something may be."""
+_HARDLY_ANY = 4.0  # logs: of many runs those are not asked about that the data make no likelier than that less
+_FIRST = 3  # runs of which it is asked what else is wrong beside what is likeliest of them
+_LEAST_RUNS = 2  # of so few both are all
+_AT_ONCE = 4000  # ways of which it is asked how probable they are: of a life all of them would fill the memory
+_NEXT_TO_NONE = 1e-20  # of what the likeliest has: ways that are less probable do not even decide between two
+_TIMES = np.geomspace(0.05, 500.0, 93)  # that standard errors are too small by
+_RIGHT, _NEARLY = 0.7, 0.15  # probability that they are as stated, within
+_OTHERWISE = 0.7  # and else the usual size of the logarithm of how many times they are not
+
+
+@dataclass(frozen=True)
+class OtherSensor:
+    """What another sensor shows in the same collects: its `rates` (n, c), NaN where it took none.
+
+    `labels` says of a run how much likelier they are, in logs, with two of its places exchanged; `instead` how much
+    with the rates that this sensor shows in it.
+    """
+
+    rates: FloatArray
+    labels: Callable[[int], Mapping[tuple[int, ...], float]]
+    instead: Callable[[int], float]
+
+    def rows(self, rows: IntArray) -> Self:
+        """Return what it shows in some of them."""
+        return replace(self, rates=self.rates[rows])
+
+
+class Asked:
+    """What may be wrong with whitened rates, each with its log odds before the data and the squares that it leaves.
+
+    `beside` is what another sensor shows in the same collects; runs in `own_bias` may have a bias of their own.
+    """
+
+    def __init__(self, rates: Whitened, own_bias: Collection[int] = (), beside: OtherSensor | None = None) -> None:
+        self.rates, self._own_bias, self._beside = rates, own_bias, beside
+
+    @property
+    def times(self) -> float:
+        """How many times as far from each other as their standard errors say rates are."""
+        return float(np.sqrt(max(self.rates.squares, 0.0) / max(self.rates.freedom, 1.0)))
+
+    @property
+    def as_filed(self) -> float:
+        """Log probability of the rates if nothing is wrong with them."""
+        return float(self._evidence(np.array([self.rates.squares]))[0])
+
+    def weighed(self, run: int | None = None) -> tuple[float, list[tuple[tuple[Cause, ...], float]]]:
+        """Return how probable it is that nothing is wrong, and causes with their probability, the likeliest first.
+
+        One, or two in two runs, which hide behind each other. Of one `run` alone, if asked for.
+        """
+        if self.rates.freedom < 1.0:
+            return 1.0, []
+        singly = [some_of(each, np.isin(each.runs, each.runs if run is None else run)) for each in self._tried()]
+        ways = [*(each.ways() for each in singly), *self._twice(singly)]
+        nothing, found = self._posterior(ways)
+        if nothing < DOUBTED and run is None:
+            nothing, found = self._posterior([*ways, *self._another(singly)])
+        return nothing, found
+
+    def _posterior(self, ways: Sequence[Ways]) -> tuple[float, list[tuple[tuple[Cause, ...], float]]]:
+        weights = np.concatenate([np.zeros(1), *(log_odds for log_odds, *_ in ways)])
+        weights += self._evidence(np.concatenate([np.array([self.rates.squares]), *(left for _, left, _ in ways)]))
+        weights = np.exp(weights - logsumexp(weights))
+        ends = np.cumsum([1, *(len(left) for _, left, _ in ways)])
+        told = 1 + np.flatnonzero(weights[1:] > _NEXT_TO_NONE * weights[1:].max(initial=0.0))
+        of = np.searchsorted(ends, told, side="right") - 1
+        found = [(ways[w][2](k), float(weights[i])) for i, w, k in zip(told, of, told - ends[of], strict=True)]
+        return float(weights[0]), sorted(found, key=lambda each: -each[1])
+
+    def _another(self, singly: Sequence[Tried]) -> Iterator[Ways]:
+        """Yield what leaves least of a run whose rates it tells, of a few, with all that is unlike it in others."""
+        first: dict[int, tuple[Tried, int]] = {}
+        telling = [each for each in singly if each.moved is not None]
+        for _, k, i in sorted((left, k, i) for k, each in enumerate(telling) for i, left in enumerate(each.left)):
+            first.setdefault(int(telling[k].runs[i]), (telling[k], i))
+        for one, i in [*first.values()][:_FIRST]:
+            known, moved = one.one(i), np.zeros(0) if one.moved is None else one.moved[i]
+            rates = self.rates.moved(known.run, moved, float(one.left[i]))
+            for other in Asked(rates, self._own_bias, self._beside)._tried():
+                if (other.what, other.channels) != (known.what, known.channels):
+                    yield some_of(other, other.runs != known.run).ways((known,), float(one.log_odds[i]))
+
+    def _twice(self, singly: Sequence[Tried]) -> Iterator[Ways]:
+        """Yield the same mistake in two of several runs, with its log odds and what it leaves: less than either alone.
+
+        What all runs would share is none of theirs, and whose rates are another sensor's that one tells.
+        """
+        alike: dict[tuple[object, ...], list[tuple[Tried, FloatArray]]] = {}
+        runs = len(self.rates.collects.conditions.of_each_run)
+        for each in singly:
+            if each.moved is not None and each.instead is None and runs > _LEAST_RUNS:
+                moved = zip(each.runs.tolist(), each.moved, strict=True)
+                shown = np.array([self.rates.shown(run) @ by for run, by in moved])
+                places, which = np.unique(each.place, axis=0, return_inverse=True)
+                for k, place in enumerate(places.tolist()):
+                    own = np.flatnonzero(which.reshape(-1) == k)
+                    of = alike.setdefault((each.what, *place, each.channels), [])
+                    of.append((some_of(each, own), shown[own]))
+        for several in alike.values():
+            shown, alone = np.vstack([by for _, by in several]), np.concatenate([each.left for each, _ in several])
+            log_odds = np.concatenate([each.log_odds for each, _ in several])
+            reach = np.linalg.norm(shown, axis=1)  # what has too little in common with any is in no pair
+            near = np.flatnonzero(alone - self.rates.squares < 2.0 * reach * reach.max(initial=0.0))
+            causes = [each.one(k) for each, _ in several for k in range(len(each.left) * bool(len(near)))]
+            left = alone[near, None] + alone[near] - self.rates.squares - 2.0 * shown[near] @ shown[near].T
+            i, j = np.nonzero(np.triu(left < np.minimum(alone[near, None], alone[near]), 1))
+            both = partial(_both, causes, near[i], near[j])
+            yield log_odds[near[i]] + made_again(2, runs), left[i, j], both
+
+    def _evidence(self, squares: FloatArray) -> FloatArray:
+        """Log probability of residual squares (h,), whatever the size of the noise."""
+        size = np.log(_TIMES)
+        prior = np.full(len(size), 1.0 / len(size))
+        if self.rates.stated:
+            right, otherwise = np.exp(-0.5 * (size / _NEARLY) ** 2), np.exp(-np.abs(size) / _OTHERWISE)
+            prior = _RIGHT * right / right.sum() + (1.0 - _RIGHT) * otherwise / otherwise.sum()
+        by_size, out = np.log(prior) - self.rates.freedom * size, np.empty(len(squares))
+        for few in np.array_split(np.arange(len(squares)), 1 + len(squares) // _AT_ONCE):
+            left = by_size - 0.5 * np.maximum(squares[few], 0.0)[:, None] / _TIMES**2
+            most = left.max(axis=1, initial=-np.inf)
+            out[few] = most + np.log(np.sum(np.exp(left - most[:, None]), axis=1))
+        return out
+
+    def labels(self, run: int) -> dict[tuple[int, ...], float]:
+        """Return how much likelier, in logs, these rates are with each two places in a run exchanged."""
+        (own,) = (each for runs in Runs.of(self.rates, [run]) for each in runs.exchanged())
+        likelier = (self._evidence(own.left) - self.as_filed).tolist()
+        return dict(zip(map(tuple, own.place.tolist()), likelier, strict=True))
+
+    def with_others(self, run: int, rates: FloatArray) -> float:
+        """Return how much likelier, in logs, these rates are with others (k, c) in a run: not at all if one lacks."""
+        (own,) = (each for runs in Runs.of(self.rates, [run]) for each in runs.otherwise("sensors", rates[None]))
+        return float(self._evidence(own.left)[0]) - self.as_filed if len(own.left) else -np.inf
+
+    def seen_from(self) -> FloatArray:
+        """Return how far off each rate must be to be doubted, deg/hr, (n, c); infinite where nothing tells."""
+        rates, size = self.rates, np.geomspace(1.0, 1e6, 300)
+        apart = np.zeros(rates.known.shape)
+        for run, rows in rates.collects.conditions.of_each_run.items():
+            apart[rows] = np.diag(rates.of(run)[0]).reshape(len(rows), -1)
+        told = rates.known & (apart > TOLD)
+        against = np.log(DOUBTED) + np.log(ODDS["rate"] / apart.size) - 0.5 * np.log1p(WIDE**2 * apart[told])
+        nothing, wrong = self._evidence(rates.freedom + size), self._evidence(np.array([rates.freedom]))
+        squares = size[np.minimum(np.searchsorted(wrong - nothing, -against), len(size) - 1)]
+        out = np.full(apart.shape, np.inf)
+        out[told] = np.sqrt(squares / apart[told]) / rates.weight[told]
+        return out
+
+    def _tried(self) -> Iterator[Tried]:
+        """Yield each cause with its log odds, less what it pays for being anywhere, and the squares that it leaves."""
+        (n, channels), every = self.rates.known.shape, self.rates.collects.conditions.of_each_run
+        runs, many = [*Runs.of(self.rates, every)], len(every)
+        of = {"rate": n * channels, "collect": n, "exchanged": max(sum(int(each.may_be.sum()) for each in runs), 1)}
+        of |= {what: many * count for what, count in Counter(what for what, _ in of_a_run(channels)).items()}
+        of |= {"sensors": many, "run": many, "bias": many * (channels + (channels > 1))}
+        log_odds = {what: float(np.log(ODDS[what] / places)) for what, places in of.items()}
+        for each in runs:
+            likelier = self._evidence(self.rates.squares - each.most) - self.as_filed
+            for tried in self._of(some_of(each, likelier >= np.log(many) - _HARDLY_ANY), many, log_odds["exchanged"]):
+                yield replace(tried, log_odds=tried.log_odds + log_odds[tried.what])
+
+    def _of(self, runs: Runs, many: int, exchanged: float) -> Iterator[Tried]:
+        """Yield what may be wrong with some of so many runs; labels are `exchanged` with these log odds alone."""
+        beside = self._beside
+        yield from runs.rows_off()
+        for tried in runs.exchanged():
+            at = zip(tried.runs.tolist(), map(tuple, tried.place.tolist()), strict=True)
+            theirs = [_in_common(exchanged, beside.labels(run).get(place)) if beside else 0.0 for run, place in at]
+            yield replace(tried, log_odds=np.array(theirs))
+        if runs.rows.shape[1] < 2:
+            return
+        for what, some in of_a_run(runs.known.shape[2]):
+            told = some_of(runs, runs.known[..., some].sum(axis=(1, 2)) > 1)
+            yield from told.otherwise(what, put_right(told.measured, what, some), some)
+        if many > 1:
+            yield from some_of(runs, ~np.isin(runs.runs, [*self._own_bias])).of_its_own()
+            yield from runs.anywhere("run", np.eye(runs.free.shape[1]))
+        if beside is not None:
+            for tried in runs.otherwise("sensors", beside.rates[runs.rows]):
+                # What is no longer this sensor's is the other's, which must not agree less with it for that.
+                theirs = [min(beside.instead(run), 0.0) for run in tried.runs.tolist()]
+                yield replace(tried, log_odds=np.array(theirs), instead=beside.rates[tried.rows])
+
+
+def _in_common(log_odds: float, elsewhere: float | None) -> float:
+    """Return by how much another sensor's rates, so many logs likelier with labels exchanged, move those log odds.
+
+    A label is a collect's, which all sensors have in common: nearly always it is exchanged for all, or for none.
+    """
+    if elsewhere is None:
+        return 0.0
+    alone = float(np.log1p(-COMMON))
+    both = float(np.logaddexp(np.log(COMMON) + elsewhere, alone))
+    return both - float(np.logaddexp(0.0, log_odds + alone + elsewhere))
+
+
+def _both(causes: Sequence[Cause], i: IntArray, j: IntArray, k: int) -> tuple[Cause, Cause]:
+    return causes[i[k]], causes[j[k]]
