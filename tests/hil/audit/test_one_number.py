@@ -1,0 +1,188 @@
+"""One question, one answer: what scatters, and by how much, is one number wherever somebody asks for it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hil.analysis.thermal.fit import fit_thermal
+from hil.campaign import Campaign, Collects
+from hil.config import load_bench, load_sweep
+from hil.design.budget.budget import budgets_of_means
+from hil.design.budget.document import Asked, budget_document
+from hil.design.budget.scenes import measured_scenes
+from hil.design.conditions import planned_conditions
+from hil.design.sequence.sequences import scene_of, sequence_worth
+from hil.design.visibility.document import campaign_document, sweep_document
+from hil.errors import InputError
+from hil.model.forms import default_form
+from hil.reconcile import reconcile
+from hil.reconcile.fleet import Screen
+from hil.reconcile.outcome.sentences import scatter_in_words
+from hil.reconcile.scattering import what_scatters
+from hil.solve import repeats, solve_campaign
+from procedures.plan import make_plan
+from tests.hil.audit.folders import FOLDERS, _changed
+from tests.hil.solve.test_other_runs import campaign
+
+
+def test_the_channel_whose_standard_errors_do_not_hold_is_named() -> None:
+    """By repeats as by the search, and about as much; the other is not blamed."""
+    one = FOLDERS["one channel noisy"]()
+    shown = repeats(one, solve_campaign(one))
+    (said,) = shown[2].noise_in_words
+    found = re.match(r"standard errors of RB are ([\d.]+) times too small", said)
+    assert found is not None
+    (noisy,) = scatter_in_words(what_scatters(one).noise)
+    assert noisy.startswith("sensor 2, RB: ")
+    by_search = re.search(r"scatter ([\d.]+) times", noisy)
+    assert by_search is not None
+    assert float(found[1]) == pytest.approx(float(by_search[1]), rel=0.2)
+    seen: Any = campaign_document(one)["sensors"]
+    bench, sizes = load_bench("simulated"), seen["2"]["noise"]["channels_deg_per_hr"]
+    (stated,) = {*one.sensors[2].rates_se_deg_per_hr.ravel().tolist()}
+    assert [*sizes.values()] == pytest.approx(stated * shown[2].noise_times)
+    assert sizes["RB"] == pytest.approx(float(by_search[1]) * stated, rel=0.2)
+    asked = Asked(draws=100)
+    budget = budget_document(measured_scenes(one, bench, shown), "t", asked, observed=shown)["sensors"]["2"]
+    assert f"(RA 1 and RB {found[1]})" in budget["sources"][0]["origin"]
+    assert budget["noise_deg_per_hr"] == pytest.approx(np.sqrt(np.mean(np.square([*sizes.values()]))))
+    noise = {name: each["analytic"] for name, each in budget["sources"][0]["parameters"].items()}
+    assert noise["BB"] == pytest.approx(float(found[1]) * noise["BA"], rel=0.1)
+
+
+def test_each_sensor_of_a_unit_is_compared_in_its_own_form() -> None:
+    """What a rotor sensor does is no finding beside the form of a triad; a model of one kind screens neither."""
+    one = FOLDERS["a rotor sensor and a triad"]()
+    found = what_scatters(one)
+    assert {each["sensor"]: each["under"] for each in found.noise} == {1: "triad-12", 2: "matrix-6"}
+    assert found.moves == ()
+    for ask in (reconcile, Screen.of):
+        with pytest.raises(InputError, match="sensor 1: it is not a two-channel rotor sensor"):
+            ask(one, "matrix-6")
+
+
+def test_what_is_taken_for_scatter_is_said_to_be_however_probable_it_is() -> None:
+    """And what moves the mean instead: hil reconcile writes the walk into the model, and says that it may be ageing."""
+    found = what_scatters(FOLDERS["after a pause"]())
+    said = found.sentences()
+    assert (found.named, [size.effect.id for size in found.sizes]) == ((), ["rrw"])
+    assert "Rate random walk (0." in said[0]
+    assert said[1].startswith("or it is no scatter, and moves the mean: Ageing of the bias (0.")
+
+
+def test_the_usual_run_is_as_sure_beside_one_that_is_not() -> None:
+    """Thermal says of one self-calibration what solve states of nearly all."""
+    one = FOLDERS["one standard error huge"]()
+    stated, fitted = repeats(one, solve_campaign(one))[2].of_each.values(), fit_thermal(one).sensors[2].parameters
+    usual = {name: float(np.median([of[name] for of in stated])) for name in fitted}
+    assert {name: each.repeatability for name, each in fitted.items()} == pytest.approx(usual)
+
+
+def test_a_run_that_is_hardly_known_moves_no_mean() -> None:
+    """Neither what solve, thermal and a certificate state at its temperature, nor what reconcile makes of the noise."""
+    one = campaign(12, 3, seed=1, scatter=0.5)
+    rows, unsure = one.sensors[2], one.sensors[2].conditions.run == 3
+    errors = np.where(unsure[:, None], 141.0, rows.rates_se_deg_per_hr)
+    rates = rows.rates_deg_per_hr + np.where(unsure[:, None], [120.0, -90.0], 0.0)
+    beside = replace(one, sensors={2: replace(rows, rates_deg_per_hr=rates, rates_se_deg_per_hr=errors)})
+    told = []
+    for made in (replace(one, sensors={2: rows.rows(~unsure)}), beside):
+        shown, fitted = repeats(made, solve_campaign(made))[2], fit_thermal(made).sensors[2].parameters
+        (certified, *_) = budgets_of_means(measured_scenes(made, load_bench("simulated"), {2: shown})[2], shown)
+        values = [(each.value, each.sd) for each in (*shown.means[0].values.values(), *certified.values.values())]
+        told.append([*values, *((of.values.values[0], of.values.se[0]) for of in fitted.values())])
+    assert np.abs(np.subtract(*told)).max() < 0.25
+    noise = reconcile(beside, "matrix-6", prove=False).model_after.noise[2]
+    assert (noise.run_to_run, noise.collect_to_collect) == ({}, {})
+
+
+def _of_a_collect(one: Campaign) -> list[float]:
+    noise, seen = what_scatters(one).noise, campaign_document(one)["noise_level"]
+    assert isinstance(seen, dict)
+    by_search = [each[key] for each in noise for key in ("stated_deg_per_hr", "observed_deg_per_hr")]
+    return [*by_search, seen["collect_deg_per_hr"], fit_thermal(one).sensors[2].rate_noise_deg_per_hr]
+
+
+@pytest.mark.slow
+def test_one_huge_standard_error_says_nothing_of_what_the_others_scatter_by() -> None:
+    """Scatter, visibility and thermal say of a collect what they say where that one is as good as the others."""
+    without, beside = FOLDERS["good"](), FOLDERS["one standard error huge"]()
+    told = [_of_a_collect(one) for one in (without, beside)]
+    assert told[1] == pytest.approx(told[0], rel=0.15)
+
+
+@pytest.mark.parametrize(
+    "name", ["good", pytest.param("drift through every run", marks=pytest.mark.slow), "no standard errors"]
+)
+def test_a_collect_scatters_by_as_much_for_thermal_as_for_the_search(name: str) -> None:
+    """Also where residuals are many times their errors, and repeats show that this is no noise."""
+    one = FOLDERS[name]()
+    by_search = [each["observed_deg_per_hr"] for each in what_scatters(one).noise]
+    assert fit_thermal(one).sensors[2].rate_noise_deg_per_hr == pytest.approx(np.mean(by_search), rel=0.4)
+
+
+@pytest.mark.parametrize("order", ["1-2-3", "1-3-2", pytest.param("1-2-3-2-1", marks=pytest.mark.slow)])
+def test_what_a_drift_spoils_is_the_same_before_and_after_a_night(order: str) -> None:
+    """Of each sensor: `design` and `visibility` of the sweep, `visibility` of a campaign that has no repeats yet."""
+    bench, published = load_bench("simulated"), load_sweep("rd-gc-86-1")
+    sweep = published.model_copy(update={"positions": tuple(order.split("-")), "self_calibrations_per_temperature": 1})
+    conditions = planned_conditions(make_plan(sweep.procedure()), bench)
+    typical = float(bench.uncertainties.of_collects(conditions[2])[0, 0])
+    rng = np.random.default_rng(0)
+    rates = {number: rng.normal(0.0, typical, (len(own), 2)) for number, own in conditions.items()}
+    rows = {n: Collects(own, rates[n], np.full_like(rates[n], typical)) for n, own in conditions.items()}
+    maps: list[Any] = [sweep_document(sweep, bench), campaign_document(Campaign("night", "", rows))]
+    assert [of["noise_level"]["collect_deg_per_hr"] for of in maps] == [typical, typical]
+    before, after = ({n: _moved_by(of, "drift") for n, of in each["sensors"].items()} for each in maps)
+    assert after == before
+    for number, own in conditions.items():
+        worth = sequence_worth(scene_of(bench, number, sweep.positions, sweep.procedure().collect), default_form(own))
+        assert worth is not None
+        spoiled = {name for name in worth.drift if not worth.immune([name])}
+        assert bool(before[str(number)]) == bool(spoiled)
+        assert {name.partition("_")[0] for name in before[str(number)]} <= spoiled
+
+
+def _moved_by(of_sensor: Mapping[str, Any], effect: str) -> dict[str, float]:
+    return {each["id"]: each["leaks"] for each in of_sensor["effects"]}[effect]
+
+
+@pytest.mark.parametrize(("runs", "left"), [(1, False), (4, True)])
+def test_what_changes_from_run_to_run_is_not_known_where_nothing_was_repeated(runs: int, left: bool) -> None:
+    """By neither of them, and it is no 0 that scatter states; what single runs leave beside a curve is observed."""
+    one = campaign(runs, 1, seed=3, scatter=0.5)
+    found = what_scatters(one)
+    assert "what changes from run to run is not known" in repeats(one, solve_campaign(one))[2].sentences()[0]
+    assert "nothing was repeated: what changes from run to run is not known" in found.sentences()[0]
+    assert {of["run_offset_deg_per_hr"] for of in found.noise} == {None}
+    assert {of["observed_deg_per_hr"] is not None for of in found.noise} == {left}
+    assert ("what is observed is" in found.sentences()[0]) is left
+
+
+@pytest.mark.parametrize("seed", [11, pytest.param(13, marks=pytest.mark.slow)])
+def test_an_offset_of_runs_is_as_large_for_the_search_as_for_repeats(seed: int) -> None:
+    """Within what eight degrees of freedom tell, and not one of the few sizes that the search's grid has."""
+    night = campaign(12, 3, seed=seed, scatter=2.0)
+    told = repeats(night, solve_campaign(night))[2].spread.beyond[:2]
+    found = [channel["run_offset_deg_per_hr"] for channel in what_scatters(night).noise]
+    assert found == pytest.approx(told.tolist(), rel=0.45)
+
+
+def test_what_few_repeats_scatter_by_is_within_what_the_search_says_of_its_size() -> None:
+    """Two at each of two temperatures: one size of both channels, in an interval that people are told, not ± of it."""
+    one = campaign(4, 2, seed=2, scatter=0.3)
+    mu = np.random.default_rng(2).normal(0.0, 6.0, (4, 2))
+    one = _changed(one, list(range(2, 12, 3)), one.sensors[2].rates_deg_per_hr[2::3] + mu)
+    found, spread = what_scatters(one), repeats(one, solve_campaign(one))[2].spread
+    (size,) = found.sizes
+    assert size.effect.id == "MU_rr"
+    assert size.interval["low"] < np.sqrt(np.mean(spread.beyond[4:] ** 2)) < size.interval["high"]
+    assert (
+        f"{size.value:.3g} deg/hr/g ({size.interval['low']:.2g} … {size.interval['high']:.2g})" in found.sentences()[0]
+    )
