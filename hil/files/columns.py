@@ -110,15 +110,17 @@ def _text(path: Path, delimiter: str | None) -> Columns:
             rows = np.empty((0, 0))  # numpy counts from the first row of numbers, and people from the top of the file
         if rows.shape[1] != len(names):
             file.seek(0)
-            for number, line in enumerate(file, 1):
-                cells = line.decode("utf-8-sig").partition("#")[0].strip().split(delimiter)
-                if (
-                    number > before + named
-                    and any(cells)
-                    and [is_number(each) for each in cells] != [True] * len(names)
-                ):
-                    raise ValueError(f"row {number}: {len(names)} numbers are asked for, it has {' '.join(cells):.60}")
+            raise ValueError(_first_odd_row(file, delimiter, before + named, len(names)))
     return Columns(path, {name: rows[:, place] for place, name in enumerate(names)})
+
+
+def _first_odd_row(file: BinaryIO, delimiter: str | None, before: int, count: int) -> str:
+    """Say which row of a file, after so many `before`, is the first that does not hold `count` numbers."""
+    for number, line in enumerate(file, 1):
+        cells = line.decode("utf-8-sig").partition("#")[0].strip().split(delimiter)
+        if number > before and any(cells) and (len(cells) != count or not all(map(is_number, cells))):
+            return f"row {number}: {count} numbers are asked for, it has {' '.join(cells):.60}"
+    return f"{count} columns have names, and no row holds so many numbers"
 
 
 def _numbers(table: pa.Table) -> dict[str, NDArray[np.float64]]:

@@ -94,7 +94,7 @@ def likeness(
 
     What has no values, as a built-in, is fitted first; at each temperature where `calibrated`, else as one set. `keep`
     is the folder of draws, `workers` how many processes make them (one for each core), `wrong` is the key `rows` of who
-    looked closer than every command (key `rows`), `done` is told how many there are. Raises `InputError` where the
+    looked closer than every command, `done` is told how many there are. Raises `InputError` where the
     night cannot be carried out again, or a draw does not end.
     """
     if draws < FEWEST:

@@ -32,14 +32,19 @@ class Rival:
     likely: bool = True
 
     @property
+    def told(self) -> float:
+        """How many times as probable as the name the data make it; once, where nobody can say."""
+        return 1.0 if self.bayes_factor is None else self.bayes_factor
+
+    @property
     def alike(self) -> bool:
         """Whether it looks the same in these collects, and the data do not exclude it all the same."""
-        return self.overlap > SAME_CLASS and not (1.0 if self.bayes_factor is None else self.bayes_factor) < EXCLUDED
+        return self.overlap > SAME_CLASS and not self.told < EXCLUDED
 
     @property
     def untold(self) -> bool:
         """Whether it is alike and the data say no more of it than of the name."""
-        return self.alike and _cannot_tell(1.0 if self.bayes_factor is None else self.bayes_factor)
+        return self.alike and _cannot_tell(self.told)
 
     def document(self) -> dict[str, Any]:
         """Return the JSON object."""

@@ -113,7 +113,7 @@ def summary(result: Reconciliation) -> list[str]:
         sentence = f"{effect.title} ({effect.id}){when} is missing from {model}"
         if effect.kind == "ambiguous" and same:
             sentence += f", or {' or '.join(titled(result, each.id) for each in same[:3])}: "
-            least = min(1.0 if each.bayes_factor is None else each.bayes_factor for each in same)
+            least = min(each.told for each in same)
             one = "it" if len(same) == 1 else "each of these"
             told = f"the data make {one} at least {in_times(least)} as probable"
             sentence += "these collects cannot tell them apart" if same[0].untold else told
