@@ -21,8 +21,8 @@ from hil.model.effects.series import SettlingInCollect
 from hil.model.stated_noise import SensorNoise
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.inside import within_collects
-from hil.reconcile.outcome.stated import with_white_noise
-from hil.reconcile.wander import wandering
+from hil.reconcile.outcome.stated import beside, with_white_noise
+from hil.reconcile.wander import Wander, wandering
 from tests.hil.model.effect_conditions import ROTOR
 
 SMALL = replace(EIGHT, temperatures_degC=(-20.0, 20.0, 60.0), runs_per_temperature=2)
@@ -86,6 +86,16 @@ def wandering_as_flicker(plain: Campaign, size: float, seed: int) -> Campaign:
     write_further(plain, every, more)
     rates, errors = rows.rates_deg_per_hr + more.mean(axis=1), 3.0 * rows.rates_se_deg_per_hr
     return replace(plain, sensors={2: replace(rows, rates_deg_per_hr=rates, rates_se_deg_per_hr=errors)})
+
+
+def test_what_flicker_scatters_averages_by_is_taken_in_square_from_what_they_scatter_by() -> None:
+    """5 deg/hr of which flicker does 3 are 4 more, less surely; what is as good as all flicker is no more at all."""
+    own = Wander(1.0, 0.1, None, np.zeros(0), within=2.0, between=3.0)
+    sizes = {"run_offset_deg_per_hr": 5.0, "run_offset_se_deg_per_hr": 0.4}
+    sizes |= {"collect_to_collect_deg_per_hr": 2.1, "collect_to_collect_se_deg_per_hr": 0.4}
+    (left,) = beside([{"sensor": 2, "channel": "RA", "scatter": [], **sizes}], {2: own})
+    assert (left["run_offset_deg_per_hr"], left["run_offset_se_deg_per_hr"]) == pytest.approx((4.0, 0.5))
+    assert left["collect_to_collect_se_deg_per_hr"] is None
 
 
 def test_noise_that_wanders_where_no_run_was_repeated_leaves_open_what_runs_scatter_by(tmp_path: Path) -> None:
