@@ -162,13 +162,15 @@ class Gap:
 class Solved:
     """The runs that `hil solve` does not pass, by verdict; whose residuals exceed their errors; and all reasons.
 
-    `widens`: whether repeats or residuals tell it by how much its ± have to be wider than standard errors say.
+    `widens`: whether repeats or residuals tell it by how much its ± have to be wider than standard errors say; `errors`
+    is what they say of the standard errors of each sensor.
     """
 
     not_passed: Mapping[str, Sequence[int]] = field(default_factory=dict)
     beyond_errors: Sequence[int] = ()
     reasons: Sequence[str] = ()
     widens: bool = False
+    errors: Sequence[str] = ()
 
     @classmethod
     def of(cls, campaign: Campaign) -> "Solved":
@@ -178,8 +180,10 @@ class Solved:
         found = {str(verdict): runs for verdict, runs in not_passed(every).items()}
         odd = [each for each in every if not {*each.runs}.isdisjoint(found.get(str(each.verdict), ()))]
         why = [f"{verdict}, {where}: {each}" for verdict, where, each in reasons(odd)]
-        repeated = any(np.any(each.spread.degrees) for each in repeats(campaign, every).values())
-        return cls(found, beyond, why, repeated or any(each.degrees_of_freedom for each in every))
+        shown = repeats(campaign, every)
+        widens = any(np.any(each.spread.degrees) for each in shown.values()) or any(e.degrees_of_freedom for e in every)
+        errors = [f"sensor {number}: {said}" for number, each in shown.items() for said in each.noise_in_words]
+        return cls(found, beyond, why, widens, errors)
 
 
 @dataclass(frozen=True)

@@ -25,12 +25,13 @@ from hil.model.forms import default_form
 from hil.reconcile.naming import CERTAIN
 from hil.reconcile.outcome import scatter
 from hil.reconcile.outcome.sentences import scatter_in_words
+from hil.reconcile.result import Solved
 from hil.reconcile.workflow import searched
 from hil.solve.both_sensors import BothSensors, common_and_differential
 from hil.solve.omissions import in_words, otherwise, without
 from hil.solve.temperatures import runs_by_temperature
 from hil.solve.wrong_rows import pooled
-from procedures.words import listed, unit_in_words
+from procedures.words import listed, percent, unit_in_words
 
 ORDINARY = "ordinary"
 """White noise and an offset from run to run: what is called no effect."""
@@ -38,7 +39,10 @@ ORDINARY = "ordinary"
 
 @dataclass(frozen=True)
 class Scattering:
-    """Probabilities of what scatters, by id; what is `named` of it, what `moves` the mean, and what may `instead`."""
+    """Probabilities of what scatters, by id; what is `named` of it, what `moves` the mean, and what may `instead`.
+
+    `errors` is what repeats and residuals say of standard errors.
+    """
 
     campaign: Campaign
     probabilities: dict[str, float]
@@ -50,19 +54,20 @@ class Scattering:
     noise: Sequence[dict[str, Any]]
     rows: Sequence[dict[str, Any]]
     both: BothSensors | None
+    errors: Sequence[str]
 
     def sentences(self) -> list[str]:
         """Say what scatters, by how much, and what is wrong with the rows."""
         taken = {size.effect.id for size in self.sizes}  # `hil reconcile` reads the most probable set, which has them
         likely = {n: p for n, p in self.probabilities.items() if p >= 1.0 - CERTAIN or n in taken}
-        ranked = [f"{self.titles[name]} ({probability:.2f})" for name, probability in likely.items()]
+        ranked = [f"{self.titles[name]} ({percent(probability)})" for name, probability in likely.items()]
         if self.named:
             values = [
                 f"sensor {s.sensor}: {s.value:.3g} {unit_in_words(s.parameter.unit)} "
                 f"({s.interval['low']:.2g} … {s.interval['high']:.2g}), by all runs and what is typical"
                 for s in self.sizes
             ]
-            first = f"{self.titles[self.named[0]]} (probability {self.probabilities[self.named[0]]:.2f}), "
+            first = f"{self.titles[self.named[0]]} ({percent(self.probabilities[self.named[0]])}), "
             first += f"about {', '.join(dict.fromkeys(n['under'] for n in self.noise))}: "
             told = [first + "; ".join(values)]
         elif self.probabilities.get(ORDINARY, 0.0) >= CERTAIN:
@@ -83,7 +88,7 @@ class Scattering:
             *otherwise(self.campaign, self.rows),
         ]
         both = [] if self.both is None else self.both.sentences()
-        return [*alone, *told, *both, *scatter_in_words(self.noise), *beside, *rows]
+        return [*alone, *told, *both, *self.errors, *scatter_in_words(self.noise), *beside, *rows]
 
     def document(self) -> dict[str, Any]:
         """Return what `hil scatter --json` prints."""
@@ -111,7 +116,8 @@ class Scattering:
 
 def what_scatters(campaign: Campaign) -> Scattering:
     """Weigh what may scatter in a campaign; raises `InputError` where no form fits a sensor."""
-    both, campaign = common_and_differential(campaign), with_stand_ins(pooled(campaign))
+    both, errors = common_and_differential(campaign), Solved.of(campaign).errors
+    campaign = with_stand_ins(pooled(campaign))
     model = load_model(default_form(next(iter(usable(campaign).sensors.values())).conditions).name)
     answer = searched(campaign, model, (*BASE_EFFECTS, *EFFECTS), VARIANCE_EFFECTS, ALPHA)
     posterior, names = answer.posterior, answer.reading.names
@@ -123,6 +129,8 @@ def what_scatters(campaign: Campaign) -> Scattering:
     moves = tuple(each.name for each in names if each.acts_on == "mean")
     named = tuple(each.name for each in names if each.acts_on == "scatter" and each.kind == "named")
     rivals = [rival for each in names if each.acts_on == "scatter" for rival in each.rivals if rival.terms]
-    instead = tuple(f"{rival.title} ({rival.probability:.2f})" for rival in rivals if rival.probability > 1.0 - CERTAIN)
+    instead = tuple(
+        f"{rival.title} ({percent(rival.probability)})" for rival in rivals if rival.probability > 1.0 - CERTAIN
+    )
     sizes = tuple(scatter.pooled(answer.scatter))
-    return Scattering(campaign, ranked, titles, named, moves, instead, sizes, answer.noise, answer.rows, both)
+    return Scattering(campaign, ranked, titles, named, moves, instead, sizes, answer.noise, answer.rows, both, errors)

@@ -61,7 +61,7 @@ def visibility_document(
     noise, sigmas = noise or {}, sigmas or {}
     maps = {
         n: visibility(rows, model, noise.get(n), sigma=sigmas.get(n), sensors=len(sensors))
-        for n, rows in sensors.items()
+        for n, rows in sorted(sensors.items())
     }
     best: dict[str, tuple[int, Sight]] = {}
     alike: dict[str, set[str]] = {}
@@ -268,15 +268,17 @@ def visibility_text(document: Mapping[str, Any]) -> str:
         for name, why in sensor["cannot_be_asked"].items()
         if name not in asked and "cannot" in why
     }
+    occurring = [effect for effect in seen if _against_typical(effect) <= 1.0]
     helps = ("newly_visible", "separated", "protected")
     return filled(
         "hil.design.visibility",
         "text.txt.j2",
         r=document,
         wrong=list(in_words(document)),
-        seen=sorted(seen, key=_against_typical),
-        alike=sorted({tuple(effect["class"]) for effect in seen if len(effect["class"]) > 1}),
-        scattering=[name for name in document["not_in_averages"] if name not in asked],
+        seen=sorted(occurring, key=_against_typical),
+        small=sorted((effect for effect in seen if effect not in occurring), key=_against_typical),
+        alike=sorted({tuple(effect["class"]) for effect in occurring if len(effect["class"]) > 1}),
+        scattering=[name for name in document["not_in_averages"] if name not in {*asked, *reasons}],
         needing={name: why.removeprefix("cannot be asked: ") for name, why in reasons.items()},
         changes=[
             each for each in document["changes"] if any(each[key] for key in helps) or each["size_ratio"] < _WORTH

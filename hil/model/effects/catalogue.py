@@ -87,7 +87,7 @@ def effect_by_id(identifier: str) -> Effect:
     if identifier.startswith(PREFIX):
         return empirical_from_id(identifier)
     if identifier in {entry.id for entry in VARIANCE_EFFECTS}:
-        raise InputError(f"effect {identifier} scatters averages: write it in noise, as noise.2.scatter.0.effect")
+        raise InputError(f"effect {identifier} scatters averages: write it in noise, in the sensor's scatter")
     if identifier in {entry.id for entry in SERIES_EFFECTS}:
         raise InputError(f"effect {identifier} shows within collects and moves no average: take it out of the terms")
     raise InputError(f"no effect of the catalogue has the id {identifier}; `hil effects` lists them")

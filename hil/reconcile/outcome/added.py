@@ -44,12 +44,10 @@ def added(found: Answer, inside: Sequence[dict[str, Any]]) -> Added:
         record = {each.name: findings.origin(found.campaign, each, found.gap_of_names) for each in found.names}
         after = improved(model, found.sensors, found.terms, sizes, record, found.calibrated)
         values = before_and_after(found.sensors, found.terms, found.calibrated)
-    wanders, noise = {}, []
-    if found.tested:
-        often = {each["sensor"] for each in inside if each["collects"] > OFTEN * each["asked"]}
-        wanders = stated.wanders(after, found.problem.campaign, found.noise, often)
-        noise = stated.beside(found.noise, wanders)
-        after = stated.with_ordinary(after, noise, found.fit.conditions)
+    often = {each["sensor"] for each in inside if each["collects"] > OFTEN * each["asked"]}
+    wanders = stated.wanders(after, found.problem.campaign, found.noise, often)
+    noise = stated.beside(found.noise, wanders)
+    after = stated.with_ordinary(after, noise, found.fit.conditions)
     after = findings.with_inside(after, within, found.campaign)
     if after != model or wanders:
         after = stated.with_white_noise(after, found.campaign, wanders=wanders)

@@ -10,7 +10,7 @@ from drivers.strict_yaml import packaged
 from hil.files.numbers import rounded
 from hil.reconcile.naming import CERTAIN, LIKELY
 from hil.reconcile.outcome.stated import beyond_chance
-from hil.reconcile.result import LEFT_OUT, Gap, Reconciliation
+from hil.reconcile.result import LEFT_OUT, FoundEffect, Gap, Reconciliation
 from hil.reconcile.rivals import Rival, in_times
 from hil.reconcile.search.terms import NO_NAME
 from hil.reconcile.wander import Wander
@@ -26,6 +26,7 @@ _EXPECTED = 5.0  # times as probable before the data, from which on physics is s
 
 _ACT = packaged("hil.reconcile.outcome", "what_to_do.yaml")
 _MEASURED = " The model holds at temperatures that were measured: how far off it may be at others, hil thermal says."
+_MOST = 3  # other names in one sentence
 _APART = 0.05  # p-value below which nights simulated after are told from the measured one
 _BY = {
     "averages": "its averages",
@@ -107,25 +108,9 @@ def summary(result: Reconciliation) -> list[str]:
     said = [f"{effect.title} ({effect.id}): {effect.equation}." for effect in swapped]
     said += [f"{effect.title}: left out." for effect in result.effects if LEFT_OUT in effect.shape]
     for effect in added:
-        alike = [rival for rival in effect.confusable_with if rival.alike]
-        same = [rival for rival in alike if rival.untold] or alike
         when = f", {effect.shape_in_words}," if effect.shape_in_words else ""
         sentence = f"{effect.title} ({effect.id}){when} is missing from {model}"
-        if effect.kind == "ambiguous" and same:
-            sentence += f", or {' or '.join(titled(result, each.id) for each in same[:3])}: "
-            least = min(each.told for each in same)
-            one = "it" if len(same) == 1 else "each of these"
-            told = f"the data make {one} at least {in_times(least)} as probable"
-            sentence += "these collects cannot tell them apart" if same[0].untold else told
-            sentence += f"; {percent(effect.probability)} for {effect.id}, {_usual(result, same)}"
-        elif effect.kind == "ambiguous":
-            own = percent(effect.probability)
-            likelier = [rival for rival in effect.confusable_with if rival.probability > effect.probability]
-            if likelier:
-                sentence += f" ({own}), or – {percent(likelier[0].probability)} – {titled(result, likelier[0].id)}"
-                sentence += ": what may be no more than scatter is written as scatter" * (effect.acts_on == "scatter")
-            else:
-                sentence += f" – probably ({own}), not certainly"
+        sentence += _or_else(result, effect) if effect.kind == "ambiguous" else ""
         if effect.inside_collects:
             sentence += "; it shows inside the collects and leaves no trace in their averages"
         said.append(sentence + ".")
@@ -143,23 +128,37 @@ def summary(result: Reconciliation) -> list[str]:
     return said
 
 
-def _usual(result: Reconciliation, same: Sequence[Rival]) -> str:
-    """Say whether physics alone, before any data, favours the first name or another that looks the `same`.
+def _or_else(result: Reconciliation, effect: FoundEffect) -> str:
+    """Say how probable an ambiguous name is, what it may be instead, and what the data and physics say of those."""
+    others = effect.confusable_with[:_MOST]
+    if not others:
+        return f" – probably ({percent(effect.probability)}), not certainly"
+    instead = "".join(f", or – {percent(each.probability)} – {titled(result, each.id)}" for each in others)
+    said = f" ({percent(effect.probability)}){instead}"
+    if same := [each for each in others if each.untold]:
+        them = "them" if same == others else f"{effect.id} and {listed([each.id for each in same])}"
+        said += f": these collects cannot tell {them} apart; {_usual(result, effect, same)}"
+    elif effect.acts_on == "scatter" and others[0].probability > effect.probability:
+        said += ": what may be no more than scatter is written as scatter"
+    return said
+
+
+def _usual(result: Reconciliation, effect: FoundEffect, same: Sequence[Rival]) -> str:
+    """Say whether physics alone, before any data, favours an effect or another that looks the `same`.
 
     What follows a curve has no name, and nothing expects it.
     """
     named = [each for each in same if not each.id.startswith(NO_NAME)]
     if not named:
-        return "the only one of them that has a name"
+        return f"{effect.id} is the only one of them that has a name"
     odds = {each.id: each.prior_odds if each.prior_odds is not None else 1.0 for each in named}
     most = max(odds, key=lambda name: odds[name])
-    if odds[most] * _EXPECTED <= 1.0:
-        return (
-            f"which physics expects: before these data it was {in_times(1.0 / odds[most])} as probable as any of those"
-        )
     if odds[most] >= _EXPECTED:
-        return f"though physics expects {titled(result, most)}, before these data {in_times(odds[most])} as probable"
-    return "which before these data was not known to be much more usual than those"
+        return f"physics expects {titled(result, most)}, before these data {in_times(odds[most])} as probable"
+    if odds[most] * _EXPECTED > 1.0:
+        return f"before these data {effect.id} was not known to be much more usual"
+    of = " as any of those" if len(named) > 1 else ""
+    return f"physics expects {effect.id}, before these data {in_times(1.0 / odds[most])} as probable{of}"
 
 
 def gap_in_words(result: Reconciliation) -> list[str]:

@@ -38,7 +38,10 @@ def test_the_channel_whose_standard_errors_do_not_hold_is_named() -> None:
     (said,) = shown[2].noise_in_words
     found = re.match(r"standard errors of RB are ([\d.]+) times too small", said)
     assert found is not None
-    (noisy,) = scatter_in_words(what_scatters(one).noise)
+    weighed = what_scatters(one)
+    assert f"sensor 2: {said}" in weighed.sentences()
+    assert f"sensor 2: {said}" in reconcile(one, "matrix-6").notes
+    (noisy,) = scatter_in_words(weighed.noise)
     assert noisy.startswith("sensor 2, RB: ")
     by_search = re.search(r"scatter ([\d.]+) times", noisy)
     assert by_search is not None

@@ -154,9 +154,9 @@ def test_it_fits_a_phone_and_paper_and_is_dark_where_its_reader_is(
 @pytest.mark.parametrize(
     ("odds", "said"),
     [
-        ((0.1, 0.02), "which physics expects: before these data it was 10 times as probable as any of those"),
-        ((0.3, 0.02), "which before these data was not known to be much more usual than those"),
-        ((5.01, 0.02), "though physics expects B's title (b), before these data 5 times as probable"),
+        ((0.1, 0.02), "physics expects a, before these data 10 times as probable as any of those"),
+        ((0.3, 0.02), "before these data a was not known to be much more usual"),
+        ((5.01, 0.02), "physics expects B's title (b), before these data 5 times as probable"),
     ],
 )
 def test_physics_expects_a_name_only_where_it_favours_it_alone(
@@ -168,17 +168,17 @@ def test_physics_expects_a_name_only_where_it_favours_it_alone(
     ]
     first = FoundEffect("a", "A's title", 0.6, "ambiguous", confusable_with=rivals)
     told = summary(replace(aged, verdict="ambiguous", effects=[first]))[0]
-    assert told.endswith(f"these collects cannot tell them apart; 60 % for a, {said}.")
+    assert "(60 %), or – 20 % – B's title (b), or – 20 % – C's title (c): these" in told
+    assert told.endswith(f"these collects cannot tell them apart; {said}.")
 
 
 @pytest.mark.parametrize(
     ("factors", "said"),
     [
-        ((1.0, 1.9, 5e-4), "or b or c: these collects cannot tell them apart"),
-        ((1.0, 0.3, 5e-4), "or b: these collects cannot tell them apart"),
-        ((0.3, 0.1, 5e-4), "or b or c: the data make each of these at least 0.1 times as probable"),
-        ((0.3, 5e-4, 5e-4), "or b: the data make it at least 0.3 times as probable"),
-        ((5e-4, 5e-4, 5e-4), "– probably (60 %), not certainly"),
+        ((1.0, 1.9, 0.6), ": these collects cannot tell them apart;"),
+        ((1.0, 1.9, 5e-4), ": these collects cannot tell a and b and c apart;"),
+        ((1.0, 0.3, 5e-4), ": these collects cannot tell a and b apart;"),
+        ((0.3, 0.1, 5e-4), ", or – 10 % – d."),
     ],
 )
 def test_what_the_data_exclude_is_not_said_to_be_the_same(
@@ -198,10 +198,10 @@ def test_physics_expects_no_curve(aged: Reconciliation) -> None:
     alone = FoundEffect("a", "A's title", 0.6, "ambiguous", confusable_with=[curve])
     told = summary(replace(aged, verdict="ambiguous", effects=[alone]))[0]
     assert "expects" not in told
-    assert told.endswith("60 % for a, the only one of them that has a name.")
+    assert told.endswith("apart; a is the only one of them that has a name.")
     beside = replace(alone, confusable_with=[curve, Rival("b", 0.1, 0.99, "B's title", 1.0, 0.1)])
     told = summary(replace(aged, verdict="ambiguous", effects=[beside]))[0]
-    assert "which physics expects: before these data it was 10 times as probable" in told
+    assert told.endswith("apart; physics expects a, before these data 10 times as probable.")
 
 
 def test_a_title_beside_an_id_keeps_its_own_words(aged: Reconciliation) -> None:
