@@ -75,7 +75,7 @@ def test_what_is_taken_for_scatter_is_said_to_be_however_probable_it_is() -> Non
     found = what_scatters(FOLDERS["after a pause"]())
     said = found.sentences()
     assert (found.named, [size.effect.id for size in found.sizes]) == ((), ["rrw"])
-    assert "Rate random walk (0." in said[0]
+    assert re.search(r"Rate random walk \(\d+ %\)", said[0])
     assert said[1].startswith("or it is no scatter, and moves the mean: Ageing of the bias (0.")
 
 
