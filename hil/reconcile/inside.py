@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import Campaign, FloatArray
-from hil.campaign.reader import read_series
 from hil.model.effects.catalogue import effect_by_id
 from hil.model.effects.inside import SeriesEffect, SeriesFinding
 from hil.model.effects.series import Ramp
@@ -48,10 +47,10 @@ def within_collects(campaign: Campaign, effects: Sequence[SeriesEffect], alpha: 
 def _asked(campaign: Campaign, effects: Sequence[SeriesEffect]) -> dict[tuple[SeriesEffect, int, str], list[_Answer]]:
     """Return the answers of every effect, sensor and channel that at least one collect could be asked about."""
     asked: dict[tuple[SeriesEffect, int, str], list[_Answer]] = {}
-    for number, collects in campaign.sensors.items() if campaign.series_files else ():
+    for number, collects in campaign.sensors.items():
         sensor = collects.conditions.sensor
         for collect in collects.conditions.collect.tolist():
-            series = read_series(campaign, collect)
+            series = campaign.series(collect)
             if series is None:
                 continue
             for effect in effects:

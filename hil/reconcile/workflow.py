@@ -76,7 +76,7 @@ def searched(
     The search over averages and the tests inside the collects share `alpha`, the stated rate of false alarms.
     """
     problem = pose(usable(sound(campaign)), model, effects)
-    posterior, reading = _weighed(problem, scattering, (1.0 - _INSIDE) * alpha if campaign.series_files else alpha)
+    posterior, reading = _weighed(problem, scattering, (1.0 - _INSIDE) * alpha if campaign.recorded else alpha)
     proof = held_out(posterior, reading.nothing, reading.found) if prove else None
     reading, reverted = _kept(posterior, reading, proof)
     return Answer(campaign, problem, posterior, reading, proof, reverted, alpha, prove)

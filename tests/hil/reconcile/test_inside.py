@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from benchmarks.blind.cases import make_case, write_case
 from benchmarks.blind.inside import INSIDE, write_series
 from benchmarks.blind.jobs import EIGHT
 from hil.campaign import Campaign, Series
-from hil.campaign.reader import read_campaign, read_series
+from hil.campaign.reader import read_campaign
 from hil.model import load_model, save_model
 from hil.model.effects.catalogue import SERIES_EFFECTS
 from hil.model.effects.noise import BiasInstability
@@ -66,26 +67,27 @@ def test_series_of_noise_alone_get_no_name(rho: float, tmp_path: Path) -> None:
     assert reconciled(campaign).verdict == "none"
 
 
-def write_further(plain: Campaign, every: Sequence[Series | None], further: np.ndarray) -> None:
-    """Write the series of a campaign (n, samples, 2), as they were, with something further in them."""
-    for path, own, each in zip(plain.series_files.values(), further, every, strict=True):
-        table = np.column_stack([each.t_s, each.rates_deg_per_hr + own])
-        np.savetxt(path, table, delimiter=",", header="t_s,RA_deg_per_hr,RB_deg_per_hr", comments="")
+def with_further(plain: Campaign, every: Sequence[Series | None], further: np.ndarray) -> Campaign:
+    """Return a campaign with something further in its series, (n, samples, 2)."""
+    more = [
+        replace(each, rates_deg_per_hr=each.rates_deg_per_hr + own) for each, own in zip(every, further, strict=True)
+    ]
+    return replace(plain, recorded={n: partial(replace, each) for n, each in zip(plain.recorded, more, strict=True)})
 
 
 def wandering_as_flicker(plain: Campaign, size: float, seed: int) -> Campaign:
     """A campaign with flicker in its series and averages, in deg/hr, whose standard errors allow for it."""
     rows = plain.sensors[2]
-    every = [read_series(plain, collect) for collect in rows.conditions.collect.tolist()]
+    every = [plain.series(collect) for collect in rows.conditions.collect.tolist()]
     t_s = np.concatenate([begins + each.t_s for begins, each in zip(rows.conditions.start_s, every, strict=True)])
     fine = rows.conditions.rows(np.repeat(np.arange(len(every)), len(every[0].t_s)))
     fine = replace(fine, start_s=t_s, duration_s=np.full(len(t_s), 0.2))
     rng = np.random.default_rng(seed)
     more = size * sum(part.draw(fine, rng) for part in BiasInstability().scatter(fine, {}))
     more = more.reshape(len(every), -1, 2)
-    write_further(plain, every, more)
     rates, errors = rows.rates_deg_per_hr + more.mean(axis=1), 3.0 * rows.rates_se_deg_per_hr
-    return replace(plain, sensors={2: replace(rows, rates_deg_per_hr=rates, rates_se_deg_per_hr=errors)})
+    sensors = {2: replace(rows, rates_deg_per_hr=rates, rates_se_deg_per_hr=errors)}
+    return replace(with_further(plain, every, more), sensors=sensors)
 
 
 def test_what_flicker_scatters_averages_by_is_taken_in_square_from_what_they_scatter_by() -> None:
@@ -114,7 +116,7 @@ def test_noise_that_wanders_inside_the_collects_is_written_as_white_noise_and_fl
     """
     plain, size = campaign_with("", tmp_path), 30.0
     rows = plain.sensors[2]
-    every = [read_series(plain, collect) for collect in rows.conditions.collect.tolist()]
+    every = [plain.series(collect) for collect in rows.conditions.collect.tolist()]
     wanders = wandering_as_flicker(plain, size, 3)
     result = reconciled(wanders)
     noise = result.model_after.noise[2]
@@ -141,8 +143,8 @@ def test_noise_that_wanders_inside_the_collects_is_written_as_white_noise_and_fl
     settles, steps = 100.0 * np.exp(-every[0].t_s / 8.0), 100.0 * (every[0].t_s > 30.0)
     few = np.arange(len(every)) % 6 == 0
     for shapes in (np.outer(np.ones(len(every)), settles), np.outer(few, steps)):
-        write_further(plain, every, shapes[:, :, None])
-        assert not any("show flicker" in note for note in reconciled(wanders).notes)
+        settling = with_further(wanders, every, shapes[:, :, None])
+        assert not any("show flicker" in note for note in reconciled(settling).notes)
 
 
 def flicker(rng: np.random.Generator, samples: int) -> np.ndarray:
