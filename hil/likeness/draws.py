@@ -28,7 +28,7 @@ from hil.files.strict import read_text
 from hil.likeness.again import configuration
 from hil.likeness.features import features, levels
 from hil.likeness.verdict import verdict
-from hil.model import Model, fitting
+from hil.model import Model, fitting_campaign
 from hil.model.model_file import save_model
 from hil.night import start_night
 from hil.reconcile.outcome.improve import improved
@@ -114,7 +114,7 @@ def likeness(
         kept[number], compared[number] = (collects, frozenset(every.conditions.columns)), every.rows(used)
     campaign = replace(taken, sensors=compared)
     sensors = [rows.conditions.sensor for rows in campaign.sensors.values()]
-    model = fitting(model, sensors)
+    model = fitting_campaign(model, campaign)
     own = [curve for sensor in sensors for curve in model.sensors.get(sensor.number, {}).values()]
     follows = any(curve.depends_on_temperature for curve in own) if calibrated is None else calibrated
     follows &= all(same_temperature(rows.conditions).max() > 0 for rows in campaign.sensors.values())
