@@ -92,6 +92,13 @@ class Model(Section):
         """Whether an effect inside these sensors' collects is on record already."""
         return all(any((known.effect, known.sensor) == (effect, n) for known in self.inside_collects) for n in sensors)
 
+    def moves_inside(self, sensor: Sensor) -> bool:
+        """Whether what it states of a sensor, terms or scatter, goes on changing while a collect lasts."""
+        noise = self.noise.get(sensor.number, SensorNoise())
+        return any(
+            effect.moves_inside for _, effect in (*self.terms_for(sensor), *noise.scatter_for(sensor, slow=True))
+        )
+
     def terms_for(self, sensor: Sensor) -> tuple[tuple[Term, Effect], ...]:
         """Return the terms that act on a sensor, each with its effect."""
         pairs = ((term, effect_by_id(term.effect)) for term in self.terms if term.sensor in (None, sensor.number))

@@ -15,7 +15,7 @@ from benchmarks.blind.inside import INSIDE, write_series
 from benchmarks.blind.jobs import EIGHT
 from hil.campaign import Campaign, Series
 from hil.campaign.reader import read_campaign
-from hil.model import load_model, save_model
+from hil.model import Model, load_model, save_model
 from hil.model.effects.catalogue import SERIES_EFFECTS
 from hil.model.effects.noise import BiasInstability
 from hil.model.effects.series import SettlingInCollect
@@ -37,9 +37,9 @@ def campaign_with(name: str, folder: Path, seed: int = 5, rho: float = 0.0) -> C
     return read_campaign(written)
 
 
-def reconciled(campaign: Campaign, model: str = "matrix-6") -> Reconciliation:
+def reconciled(campaign: Campaign, model: str | Model = "matrix-6") -> Reconciliation:
     """The campaign against a model, without the held-out comparison of averages."""
-    return reconcile(campaign, load_model(model), prove=False)
+    return reconcile(campaign, model, prove=False)
 
 
 QUICK = "settle"
@@ -182,6 +182,23 @@ def test_what_no_collect_proves_shows_in_all_together(
     alone = within_collects(campaign, [effect], 0.01)
     assert [f["channel"] for f in together] == ["RA"]
     assert together[0]["q_value"] < 1e-3 * min([f["q_value"] for f in alone], default=1.0)
+
+
+@pytest.mark.parametrize(("effect", "unit"), [("markov", "deg/hr"), ("MU_rr", "deg/hr/g")])
+def test_a_slope_inside_collects_is_the_slow_effects_that_the_model_states(
+    effect: str, unit: str, tmp_path: Path
+) -> None:
+    """A bias that wanders drifts through every collect; an MU that differs from run to run through none."""
+    plain = campaign_with("", tmp_path)
+    every = [plain.series(collect) for collect in plain.recorded]
+    ramp = np.linspace(-60.0, 60.0, len(every[0].t_s))
+    drifts = with_further(plain, every, np.broadcast_to(ramp[:, None], (len(every), len(ramp), 2)))
+    size = {"unit": unit, "value": 1.0}
+    shape, name = ({"tau_hr": 0.5}, "sigma_m") if effect == "markov" else ({}, "s_mu")
+    noise = SensorNoise.model_validate({"scatter": [{"effect": effect, "parameters": {name: size}, "shape": shape}]})
+    result = reconciled(drifts, load_model("matrix-6").model_copy(update={"noise": {2: noise}}))
+    assert {each["id"] for each in result.within_collects} >= {"drift"}
+    assert ("drift" in [each.id for each in result.effects]) is (effect == "MU_rr")
 
 
 @pytest.mark.slow
