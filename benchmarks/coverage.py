@@ -120,7 +120,7 @@ def night(folder: Path, sweep: str, document: Mapping[str, Any], seed: int = SEE
     if ended.exit_status:
         raise InputError(ended.reason)
     export_campaign(folder / "night", folder / "campaign")
-    return open_source(folder / "campaign").campaign
+    return open_source(folder / "campaign")
 
 
 @cache

@@ -37,7 +37,6 @@ from hil.model.effects.catalogue import EFFECTS, VARIANCE_EFFECTS
 from hil.model.forms import named_form
 from hil.reconcile import reconcile
 from hil.reconcile.search.candidates import effect_columns
-from hil.records.export import Source
 
 ASKED = "matrix-6-thermal"
 KINDS = ("mean", "scatter", "both")
@@ -113,7 +112,7 @@ def case(number: int, *, seed: int, keep: Path, averages: bool) -> dict[str, Any
     """Draw a unit, carry its night out, look for what it hides, and lay twins beside it before and after."""
     sweep = ("published", "recommended")[number % 2]
     rng = np.random.default_rng([seed, number])
-    bare = replace(coverage.without(sweep, ASKED, seed), series_files={})
+    bare = replace(coverage.without(sweep, ASKED, seed), recorded={})
     folder = keep / f"unit-{seed}-{number}"
     document = drawn(number, bare, folder, rng)
     if averages:
@@ -149,7 +148,7 @@ def without_bytes(
     for _ in range(DRAWS):
         values = drawn_model(known, measured, form, rng, calibrated=follows)
         nights.append(night_of_averages(bare, values, rng))
-    return verdict([features(Source(Path(), each, {}), form, calibrated=follows) for each in nights])
+    return verdict([features(each, form, calibrated=follows) for each in nights])
 
 
 def table(found: list[dict[str, Any]]) -> Iterator[str]:

@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import tempfile
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -31,7 +32,7 @@ from hil.likeness.verdict import verdict
 from hil.model import load_model
 from hil.night import start_night
 from hil.reconcile import reconcile
-from hil.records.export import Source, open_source
+from hil.records.export import open_source
 
 DRAWS = 20
 TRUTH = "rd-gc-86-1-truth"
@@ -57,9 +58,7 @@ def one(number: int, *, start: Campaign, how: str) -> float:
     for _ in range(DRAWS):
         values = drawn_model(model, measured, form, rng, calibrated=calibrated)
         nights.append(night_of_averages(start, values, rng))
-    return float(
-        verdict([features(Source(Path(), each, {}), form, calibrated=calibrated) for each in nights])["p_value"]
-    )
+    return float(verdict([features(each, form, calibrated=calibrated) for each in nights])["p_value"])
 
 
 def through_bytes(number: int) -> float:
@@ -85,7 +84,7 @@ def main() -> None:
     asked = options.parse_args()
     with tempfile.TemporaryDirectory(prefix="hil-") as name:
         start_night(Path(name) / "night", load_sweep("rd-gc-86-1"), load_bench("simulated"), seed=1)
-        start = open_source(Path(name) / "night").campaign
+        start = replace(open_source(Path(name) / "night"), recorded={})
     job = through_bytes if asked.bytes else partial(one, start=start, how=asked.model)
     with ProcessPoolExecutor(asked.workers) as pool:
         found = np.array(list(pool.map(job, range(asked.first, asked.first + asked.nights))))

@@ -43,7 +43,7 @@ def life(night: Campaign, runs: int) -> Campaign:
         shape = whole.rates_deg_per_hr.shape
         rates = whole.rates_deg_per_hr + rng.normal(0.0, 1.0, shape) + rng.normal(0.0, 3.0, shape)[run]
         sensors[number] = replace(whole, conditions=conditions, rates_deg_per_hr=rates).rows(run <= runs)
-    return replace(night, sensors=sensors, verdicts={}, contradicted={}, title=f"{runs} runs of one unit")
+    return replace(night, sensors=sensors, recorded={}, verdicts={}, contradicted={}, title=f"{runs} runs of one unit")
 
 
 def main() -> None:

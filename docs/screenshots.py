@@ -132,8 +132,8 @@ def _changed(
             rows, rates_deg_per_hr=rows.rates_deg_per_hr + more + rng.normal(0.0, noise, (len(rows), 2))
         )
     identity = {"model": "SIMULATED", "serial": serial}
-    changed = replace(measured, sensors=sensors, title=f"unit {serial}", source=f"simulated, {day}", identity=identity)
-    return write_campaign(changed, folder)
+    said = {"title": f"unit {serial}", "source": f"simulated, {day}", "identity": identity}
+    return write_campaign(replace(measured, sensors=sensors, recorded={}, **said), folder)
 
 
 def _night(folder: Path, name: str, *, operator: bool) -> subprocess.Popen[str]:

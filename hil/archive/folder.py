@@ -75,13 +75,13 @@ def take_up(
     night's records are not what was written. Nothing is changed then. What is damaged in the archive is replaced, and
     an export by the night that it is of, which has all of it.
     """
-    campaign = open_source(source).campaign
+    campaign = open_source(source)
     own = campaign.identity.get("serial", "")
     if serial is not None and own not in ("", serial):
         raise InputError(f"{source}: --serial {serial}: its records say {own}")
     if not (serial := own or serial):
         raise InputError(f"{source}: its records do not say which unit it is of; give --serial")
-    campaign = replace(campaign, identity={**campaign.identity, "serial": serial}, folder=None, series_files={})
+    campaign = replace(campaign, identity={**campaign.identity, "serial": serial}, folder=None, recorded={})
     facts, configuration = _facts(source, campaign, day, state)
     unit, began = archive / folder_of(serial), datetime.fromisoformat(facts["began_utc"])
     digest = _rates_digest(campaign)

@@ -6,7 +6,7 @@ reconcile, thermal and report work on data that this project did not record.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -28,6 +28,7 @@ BoolArray = NDArray[np.bool_]
 RowIndex = BoolArray | IntArray
 
 SCHEMA = "hil.campaign/1"
+_EDGE = 1e-6  # a sample on the edge between two blocks belongs to the later one, whatever the rounding
 
 
 Technology = Literal["", "rotor", "DTG", "RLG", "FOG", "MEMS", "gas"]
@@ -137,6 +138,24 @@ class Series:
     block_s: float | None = None
     n_samples: FloatArray | None = None
 
+    def in_blocks(self, block_s: float) -> Series | None:
+        """Return the means over `block_s`, s, of rows in which every cell is filled; None where none is."""
+        good = np.isfinite(self.rates_deg_per_hr).all(axis=1)
+        if not good.any():
+            return None
+        t_s = self.t_s[good]
+        _, where, counts = np.unique(np.floor(t_s / block_s + _EDGE), return_inverse=True, return_counts=True)
+        whole = counts > 0.5 * counts.max()  # a few samples at the end of a collect are no block: they join the last
+        joined = np.maximum.accumulate(np.where(whole, np.arange(len(whole)), np.argmax(whole)))
+        _, where, counts = np.unique(joined[where], return_inverse=True, return_counts=True)
+
+        def means(values: FloatArray) -> FloatArray:
+            return np.asarray(np.bincount(where, weights=values[good]) / counts)
+
+        rates = np.stack([means(channel) for channel in self.rates_deg_per_hr.T], axis=1)
+        temperature = None if self.temperature_degC is None else means(self.temperature_degC)
+        return Series(means(self.t_s), rates, temperature, block_s, counts.astype(np.float64))
+
 
 TELL_TEMPERATURE = ("setpoint_degC", "temperature_degC", "case_degC", "chamber_degC")
 """Columns that say at what temperature a collect was made, the first that can."""
@@ -146,15 +165,14 @@ TELL_TEMPERATURE = ("setpoint_degC", "temperature_degC", "case_degC", "chamber_d
 class Campaign:
     """A campaign folder in memory. `warnings` names suspicious but legal input; every report repeats them.
 
-    `series_files` says where the series of a collect stands, by collect number; `hil.campaign.reader.read_series`
-    reads one when it is needed. `verdicts` says how each run was measured, by whoever recorded it, `missing` what was
-    planned and is not there, `contradicted` what its records contradict of each other, by run and sensor
-    (hil.campaign.plausibility), and `exchanged` by sensor the pairs of collects that have each other's pose by the
-    unit's accelerometers; `not_used` by sensor the runs that are in no mean and in no search (`hil.solve.wrong_rows`);
-    `pose` how far these may be from f, `largest_se` how large a standard error is accepted,
-    deg/hr (of a sensitivity at 1 g), None for what is usual. `identity` holds what is known of `model` and `serial` of
-    the unit, the `operator`, their `note`, and what they went on `despite`. Where it is `rebuilt` from printed means,
-    rows that were not printed are copies of others.
+    `recorded` reads, by its number, what was kept of a collect beside its averages, whoever wrote it; see `series`.
+    `verdicts` says how each run was measured, by whoever recorded it, `missing` what was planned and is not there,
+    `contradicted` what its records contradict of each other, by run and sensor (hil.campaign.plausibility), and
+    `exchanged` by sensor the pairs of collects that have each other's pose by the unit's accelerometers; `not_used` by
+    sensor the runs that are in no mean and in no search (`hil.solve.wrong_rows`); `pose` how far these may be from f,
+    `largest_se` how large a standard error is accepted, deg/hr (of a sensitivity at 1 g), None for what is usual.
+    `identity` holds what is known of `model` and `serial` of the unit, the `operator`, their `note`, and what they went
+    on `despite`. Where it is `rebuilt` from printed means, rows that were not printed are copies of others.
     """
 
     title: str
@@ -167,7 +185,7 @@ class Campaign:
     warnings: Sequence[str] = ()
     folder: Path | None = None
     notes: str = ""
-    series_files: Mapping[int, Path] = field(default_factory=dict)
+    recorded: Mapping[int, Callable[[], Series | None]] = field(default_factory=dict)
     series_block_s: float | None = None
     verdicts: Mapping[int, Judgement] = field(default_factory=dict)
     missing: Sequence[str] = ()
@@ -178,3 +196,17 @@ class Campaign:
     identity: Mapping[str, str] = field(default_factory=dict)
     pose: PoseTolerance = field(default_factory=PoseTolerance)
     largest_se: float | None = None
+
+    def series(self, collect: int) -> Series | None:
+        """Read the rates within a collect as an export has them: samples as means over `series_block_s`.
+
+        None where only its average was kept. Raises `InputError` where it cannot be read.
+        """
+        found = self.samples(collect)
+        if found is None or found.block_s is not None or self.series_block_s is None:
+            return found
+        return found.in_blocks(self.series_block_s)
+
+    def samples(self, collect: int) -> Series | None:
+        """Read the rates within a collect as finely as they were kept, NaN where rejected; as `series` otherwise."""
+        return self.recorded[collect]() if collect in self.recorded else None

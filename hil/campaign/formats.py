@@ -1,6 +1,6 @@
 """A campaign as one file of another program's format: HDF5, NetCDF or MATLAB.
 
-write_file(campaign, Path("night-014.mat"), "mat", series)
+write_file(campaign, Path("night-014.mat"), "mat")
 
 Each has the columns of collects.csv under their names (what is no letter, digit or _ becomes _), one value for each
 collect and sensor, and those of the series folder as `series_…`, one value for each row of every series, whose collect
@@ -9,13 +9,13 @@ is in `series_collect`. NaN is not known. Attributes carry title, source, notes,
 
 import io
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from hil.campaign.data import Campaign, Series
+from hil.campaign.data import Campaign
 from hil.campaign.writer import columns_of, columns_of_series
 from hil.errors import InputError
 from hil.files.durable import write_result
@@ -29,8 +29,8 @@ _Columns = Mapping[str, np.ndarray[Any, Any]]
 _Attributes = Mapping[str, str | int]
 
 
-def write_file(campaign: Campaign, path: Path, form: Format, series: Iterable[tuple[int, Series]] = ()) -> None:
-    """Write `campaign` with the `series` of its collects as one file, whole or not at all.
+def write_file(campaign: Campaign, path: Path, form: Format) -> None:
+    """Write `campaign` with the series of its collects as one file, whole or not at all.
 
     Raises `InputError` where `path` exists, its folder does not, it cannot be written, the names of two columns would
     be one, or the library is not installed.
@@ -44,7 +44,7 @@ def write_file(campaign: Campaign, path: Path, form: Format, series: Iterable[tu
         raise InputError(f"{path}: the names of these columns cannot be told apart in it: {names}; name them otherwise")
     attributes: dict[str, str | int] = {name: getattr(campaign, name) for name in ("title", "source", "notes")}
     attributes["simulated"] = int(campaign.simulated)
-    write_result(path, _WRITERS[form](columns | _samples(campaign, series), attributes))
+    write_result(path, _WRITERS[form](columns | _samples(campaign), attributes))
 
 
 def unit_of(column: str) -> str:
@@ -59,13 +59,9 @@ def _array(cells: list[Any]) -> np.ndarray[Any, Any]:
     return np.array([np.nan if cell is None else cell for cell in cells], dtype=np.float64)
 
 
-def _samples(campaign: Campaign, series: Iterable[tuple[int, Series]]) -> dict[str, np.ndarray[Any, Any]]:
+def _samples(campaign: Campaign) -> dict[str, np.ndarray[Any, Any]]:
     """Return all series, one below the other; a column that a series lacks is NaN there."""
-    sensors = [rows.conditions for rows in campaign.sensors.values()]
-    owner = {int(collect): each.sensor for each in sensors for collect in each.collect}
-    parts: list[dict[str, Any]] = [
-        {"collect": number, **columns_of_series(each, owner[number])} for number, each in series
-    ]
+    parts: list[dict[str, Any]] = [{"collect": number, **each} for number, each in columns_of_series(campaign)]
     stacked = {}
     for name in dict.fromkeys(name for columns in parts for name in columns):
         pieces = [np.broadcast_to(columns.get(name, np.nan), len(columns["t_s"])) for columns in parts]

@@ -2,14 +2,15 @@
 
     campaign = read_campaign("my-campaign")
     campaign.warnings  # suspicious but legal input, with its rows
-    series = read_series(campaign, collect=7)  # the rates within a collect, read when asked for
+    series = campaign.series(7)  # the rates within a collect, read when asked for
 
 Bad input is refused whole, with one sentence that names file, row and column: nothing partial is imported.
 """
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import chain
 from pathlib import Path
 
@@ -103,13 +104,19 @@ def read_campaign(folder: Path | str) -> Campaign:
         chosen = np.flatnonzero(numbers == number)
         lines[number] = [table.rows[int(i)] for i in chosen]
         sensors[number] = _collects_of(table, sensor, chosen, columns, header.campaign.centrifuge)
-    series = _series_files(root / SERIES_FOLDER, {int(collect) for collect in collects})
+    files = _series_files(root / SERIES_FOLDER, {int(collect) for collect in collects})
+    block_s = header.campaign.series_block_s
+    series = {
+        each: partial(_read_series, files[each], columns_for(used[number])["rate"], block_s)
+        for each, number in zip(collects.tolist(), numbers.tolist(), strict=True)
+        if each in files
+    }
     undeclared = [name for name in extra if name not in declared]
     said = (
         *suspicions(table, header, sensors, lines, undeclared),
         *(f"{table.path}, column {name}: holds no number; taken as a remark, and not used" for name in remarks),
     )
-    campaign = replace(header.campaign, sensors=sensors, warnings=said, series_files=series)
+    campaign = replace(header.campaign, sensors=sensors, warnings=said, recorded=series)
     campaign = _without_series(campaign, header.series)
     # Nothing partial is imported: a bad cell of a series is refused now, not when somebody needs it.
     return judged_by_its_records(campaign, dict(_averages(campaign)))
@@ -117,9 +124,9 @@ def read_campaign(folder: Path | str) -> Campaign:
 
 def _without_series(campaign: Campaign, written: float) -> Campaign:
     """Say which averages no series proves, where there were some; MARGINAL where more were `written` than are here."""
-    here, rows = len(campaign.series_files), [each.conditions for each in campaign.sensors.values()]
+    here, rows = len(campaign.recorded), [each.conditions for each in campaign.sensors.values()]
     run_of = {n: run for c in rows for n, run in zip(c.collect.tolist(), c.run.tolist(), strict=True)}
-    lost = [n for n in sorted(run_of) if n not in campaign.series_files]
+    lost = [n for n in sorted(run_of) if n not in campaign.recorded]
     if here >= written and not (lost and campaign.series_block_s):
         return campaign
     which = lost or sorted(run_of)
@@ -135,24 +142,13 @@ def _averages(campaign: Campaign) -> Iterator[tuple[int, FloatArray]]:
     for rows in (each.conditions for each in campaign.sensors.values()):
         n_samples = rows.columns.get("n_samples", np.full(len(rows), np.nan))
         for collect, n, duration_s in zip(rows.collect.tolist(), n_samples, rows.duration_s, strict=True):
-            series = read_series(campaign, collect)
+            series = campaign.series(collect)
             if series is not None:
                 yield collect, average(series, n, duration_s)
 
 
-def read_series(campaign: Campaign, collect: int) -> Series | None:
-    """Read the rates within one collect, or return None where the campaign holds no series of it.
-
-    Raises `InputError` where a column is missing, or times are empty or do not increase.
-    """
-    path = campaign.series_files.get(collect)
-    if path is None:
-        return None
-    sensor = next(
-        rows.conditions.sensor for rows in campaign.sensors.values() if np.any(rows.conditions.collect == collect)
-    )
+def _read_series(path: Path, rates: Sequence[str], block_s: float | None) -> Series:
     columns = _finite(path, read_parquet(path)) if path.suffix == ".parquet" else _csv_columns(path)
-    rates = columns_for(sensor)["rate"]
     missing = [name for name in ["t_s", *rates] if name not in columns]
     if missing:
         raise InputError(f"{path}, row 1: column {missing[0]} is missing; a series has t_s and {', '.join(rates)}")
@@ -164,7 +160,7 @@ def read_series(campaign: Campaign, collect: int) -> Series | None:
         times,
         np.stack([columns[name] for name in rates], -1),
         columns.get("temperature_degC"),
-        campaign.series_block_s,
+        block_s,
         columns.get("n_samples"),
     )
 

@@ -7,14 +7,14 @@ The folder appears whole or not at all (hil.files.folder).
 
 import csv
 import io
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
 
-from hil.campaign.data import SCHEMA, Campaign, Collects, Sensor, Series
+from hil.campaign.data import SCHEMA, Campaign, Collects, Sensor
 from hil.campaign.reader import COLLECTS_FILE, HEADER_FILE, IDENTITY, SERIES_FOLDER, STANDARD_CONDITIONS, columns_for
 from hil.errors import InputError
 from hil.files.durable import RealDisk
@@ -22,17 +22,11 @@ from hil.files.folder import is_new, whole_or_nothing
 from procedures.pose import PoseTolerance
 
 
-def write_campaign(
-    campaign: Campaign,
-    folder: Path | str,
-    series: Iterable[tuple[int, Series]] = (),
-    beside: Mapping[str, bytes] | None = None,
-) -> Path:
-    """Write `campaign` with the `series` of its collects, (collect, series) pairs taken one at a time.
+def write_campaign(campaign: Campaign, folder: Path | str, beside: Mapping[str, bytes] | None = None) -> Path:
+    """Write `campaign` with the series of its collects, read one at a time.
 
     `beside` holds further files by name, which no reader of campaigns looks at. Values are written so that they read
-    back to the last bit. Raises InputError where `folder` holds anything or cannot be made, or a series belongs to no
-    collect.
+    back to the last bit. Raises InputError where `folder` holds anything or cannot be made, or a series cannot be read.
     """
     target = Path(folder)
     if not is_new(target):
@@ -42,7 +36,7 @@ def write_campaign(
         disk.write(partial / COLLECTS_FILE, _csv(columns_of(campaign)))
         for name, data in (beside or {}).items():
             disk.write(partial / name, data)
-        written = _write_series(disk, campaign, partial / SERIES_FOLDER, series)
+        written = _write_series(disk, campaign, partial / SERIES_FOLDER)
         disk.write(partial / HEADER_FILE, header_of(campaign, written).encode())
     return target
 
@@ -112,30 +106,27 @@ def _cell(value: float | int | str | None) -> str:
     return str(value)
 
 
-def _write_series(disk: RealDisk, campaign: Campaign, folder: Path, series: Iterable[tuple[int, Series]]) -> int:
+def _write_series(disk: RealDisk, campaign: Campaign, folder: Path) -> int:
     """Write the series of collects; return of how many."""
-    sensors: Mapping[int, Sensor] = {
-        int(collect): rows.conditions.sensor
-        for rows in campaign.sensors.values()
-        for collect in rows.conditions.collect
-    }
-    for collect, samples in series:
-        if collect not in sensors:
-            raise InputError(f"series of collect {collect}: the campaign has no such collect")
+    for collect, columns in columns_of_series(campaign):
         folder.mkdir(exist_ok=True)
-        disk.write(folder / f"{collect:04d}.csv", _csv(columns_of_series(samples, sensors[collect])))
+        disk.write(folder / f"{collect:04d}.csv", _csv(columns))
     if folder.is_dir():
         disk.synchronise_folder(folder)
     return len(list(folder.glob("*.csv")))
 
 
-def columns_of_series(samples: Series, sensor: Sensor) -> dict[str, list[float]]:
-    """Return the columns of a file of the series folder, those that are known."""
-    columns = {"t_s": samples.t_s}
-    columns |= {name: samples.rates_deg_per_hr[:, j] for j, name in enumerate(columns_for(sensor)["rate"])}
-    optional = {"temperature_degC": samples.temperature_degC, "n_samples": samples.n_samples}
-    columns |= {name: values for name, values in optional.items() if values is not None}
-    return {name: values.tolist() for name, values in columns.items()}
+def columns_of_series(campaign: Campaign) -> Iterator[tuple[int, dict[str, list[float]]]]:
+    """Yield each collect that has series with the columns of its file, those that are known: read one at a time."""
+    every = [rows.conditions for rows in campaign.sensors.values()]
+    for collect, sensor in sorted((n, each.sensor.number) for each in every for n in each.collect.tolist()):
+        if (series := campaign.series(collect)) is None:
+            continue
+        rates = columns_for(campaign.sensors[sensor].conditions.sensor)["rate"]
+        columns = {"t_s": series.t_s, **dict(zip(rates, series.rates_deg_per_hr.T, strict=True))}
+        more = {"temperature_degC": series.temperature_degC, "n_samples": series.n_samples}
+        columns |= {name: values for name, values in more.items() if values is not None}
+        yield collect, {name: values.tolist() for name, values in columns.items()}
 
 
 def _csv(columns: Mapping[str, Sequence[Any]]) -> bytes:

@@ -31,7 +31,7 @@ def read_source(source: Path, which: str = "") -> Campaign:
     """
     from hil.records.export import open_source
 
-    campaign = open_source(source).campaign
+    campaign = open_source(source)
     warn([f"{which}{each}" for each in campaign.warnings])
     return campaign
 

@@ -37,7 +37,7 @@ class Measured:
 
     def __init__(self, folder: Path | str) -> None:
         self.folder = Path(folder)
-        self.campaign: Campaign = open_source(self.folder).campaign
+        self.campaign: Campaign = open_source(self.folder)
 
     def solve(self, model: str | None = None) -> Answer:
         """Solve every self-calibration, as `hil solve`: parameters, their uncertainty, what repeats show."""

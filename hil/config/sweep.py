@@ -15,6 +15,7 @@ from hil.config.sections import settings_of
 from hil.errors import InputError
 from hil.files.strict import WholeFile, find_config, near, read_text
 from hil.files.units import Celsius, CelsiusPerMinute
+from hil.model import fitting
 from procedures.plan import Plan, make_plan
 from procedures.safe_air import ROOM_DEGC
 from procedures.settings import CollectSettings, Restabilisation, SweepProcedure
@@ -110,6 +111,10 @@ def check_sweep_against_bench(sweep: Sweep, bench: Bench) -> None:
                 f"{sweep.source}: {key}: {value:.4g} °C lies outside the limits of bench {bench.name}'s chamber, "
                 f"{limits.low_degC:.4g} … {limits.high_degC:.4g} °C"
             )
+    for each in bench.each.values():
+        if each.simulation is not None and each.simulation_model is not None:
+            levels = each.simulation.start.temperature, *(value for _, value in wanted)
+            fitting(each.simulation_model, [each.sensor(number) for number in each.sensors], levels)
     steps = planned(sweep, bench).steps
     keys = list(dict.fromkeys(name for step in steps for name in (step.key, step.stage)))
     for index, fault in enumerate(bench.faults):

@@ -6,6 +6,7 @@ position from gravity and earth rate along the sensor's axes, and the stream is 
 
 from collections import Counter
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,6 @@ from hil.errors import InputError
 from hil.files.strict import find_config, parse_yaml, read_text
 from hil.model.earth import Site
 from hil.records import reading
-from hil.records.export import Source
 from hil.records.reader import is_night
 from hil.records.units import place_of
 from hil.solve.temperatures import level_degC, same_temperature
@@ -30,19 +30,19 @@ _INFERRED = "inferred"
 _MARGIN_DEGC = 20.0
 
 
-def configuration(source: Source) -> tuple[dict[str, Any], bool]:
-    """Return hil.configuration/1 of the night to be simulated, without its model; and whether its devices are assumed.
+def configuration(folder: Path, campaign: Campaign) -> tuple[dict[str, Any], bool]:
+    """Return hil.configuration/1 of what is in a folder, without its model; and whether its devices are assumed.
 
     Raises `InputError` where the plan of a campaign cannot be inferred from its collects.
     """
-    if is_night(source.folder):
-        with reading(source.folder) as journal:
+    if is_night(folder):
+        with reading(folder) as journal:
             document = understood(journal.night.configuration)
-        if unit := place_of(source.folder)[1]:
+        if unit := place_of(folder)[1]:
             document["bench"] = of_each(document["bench"])[unit]
             document["imu"] = document.get(f"imu-{unit}", document["imu"])
     else:
-        document = _inferred(source.campaign)
+        document = _inferred(campaign)
     bench = document["bench"]
     for key in ("faults", "notify"):
         bench.pop(key, None)

@@ -28,7 +28,7 @@ from hil.files.strict import read_text
 from hil.likeness.again import configuration
 from hil.likeness.features import features, levels
 from hil.likeness.verdict import verdict
-from hil.model import Model, fitting
+from hil.model import Model, fitting_campaign
 from hil.model.model_file import save_model
 from hil.night import start_night
 from hil.reconcile.outcome.improve import improved
@@ -99,41 +99,41 @@ def likeness(
     """
     if draws < FEWEST:
         raise InputError(f"--draws {draws}: {FEWEST} at least; 20 tell at a level of 5 %")
-    source = open_source(folder)
-    document, assumed = configuration(source)
-    left_out, taken = what_is_wrong(source.campaign), pooled(source.campaign)
+    campaign = open_source(folder)
+    document, assumed = configuration(folder, campaign)
+    left_out, taken = what_is_wrong(campaign), pooled(campaign)
     rows = [row for row in (left_out["rows"] if wrong is None else wrong) if row["done"] != USED]
     left_out |= {"rows": [{**row, "done": LEFT_OUT} for row in rows]}  # what others put right is compared with nothing
     off = {(row["sensor"], collect) for row in rows for collect in row["collects"]}
     kept, compared = {}, {}
-    for number, every in source.campaign.sensors.items():
+    for number, every in campaign.sensors.items():
         used = np.isin(every.conditions.collect, taken.sensors[number].conditions.collect)
         good = used & [(number, collect) not in off for collect in every.conditions.collect.tolist()]
         used = good if good.any() else used
         collects = set(compress(_collects(every.conditions, as_listed=not is_night(folder)), used))
         kept[number], compared[number] = (collects, frozenset(every.conditions.columns)), every.rows(used)
-    source = replace(source, campaign=replace(taken, sensors=compared))
-    sensors = [rows.conditions.sensor for rows in source.campaign.sensors.values()]
-    model = fitting(model, sensors)
+    campaign = replace(taken, sensors=compared)
+    sensors = [rows.conditions.sensor for rows in campaign.sensors.values()]
+    model = fitting_campaign(model, campaign)
     own = [curve for sensor in sensors for curve in model.sensors.get(sensor.number, {}).values()]
     follows = any(curve.depends_on_temperature for curve in own) if calibrated is None else calibrated
-    follows &= all(same_temperature(rows.conditions).max() > 0 for rows in source.campaign.sensors.values())
+    follows &= all(same_temperature(rows.conditions).max() > 0 for rows in campaign.sensors.values())
     form = model.model_copy(update={"sensors": {}})
     if not all(map(model.has_values, sensors)):
-        values = fitted(source.campaign, form, calibrated=follows)
+        values = fitted(campaign, form, calibrated=follows)
         model = values.model_copy(update={"sensors": {**values.sensors, **model.sensors}})
-    known = with_white_noise(model, source.campaign, _ANGLE_RANDOM_WALK)
-    nights = [features(source, form, calibrated=follows)]
+    known = with_white_noise(model, campaign, _ANGLE_RANDOM_WALK)
+    nights = [features(campaign, form, calibrated=follows)]
     told = json.dumps([document, known.model_dump(mode="json"), follows, seed, sorted(nights[0]), left_out])
     keep.mkdir(parents=True, exist_ok=True)
     alike = sha256(told.encode()).hexdigest()
-    make = partial(_drawn, document, known, source.campaign, kept, form, follows, seed, keep, alike)
+    make = partial(_drawn, document, known, campaign, kept, form, follows, seed, keep, alike)
     count = min(workers or os.cpu_count() or 1, draws)
     with processes(count) as mapped:
         for number, night in enumerate(mapped(make, range(draws))):
             nights.append(night)
             done(number + 1)
-    head = {"schema": SCHEMA, "campaign": source.campaign.title, "simulated": source.campaign.simulated}
+    head = {"schema": SCHEMA, "campaign": campaign.title, "simulated": campaign.simulated}
     asked = {"model": model.full_title, "draws": draws, "seed": seed}
     return {**head, **asked, **left_out, **verdict(nights, _ASSUMED if assumed else 1.0)}
 
@@ -212,10 +212,9 @@ def _drawn(
         ended = start_night(folder / "night", sweep, bench, seed=own, terminal=Agrees(), who="the twin")
         if ended.exit_status != 0:
             raise InputError(f"the simulated night {number + 1} did not end well: {ended.reason}")
-        source = open_source(folder / "night")
-        sensors = {n: _as_measured(rows, kept[n]) for n, rows in source.campaign.sensors.items() if n in kept}
-        source = replace(source, campaign=replace(source.campaign, sensors=sensors))
-        found = features(source, form, calibrated=calibrated, levels_degC=levels(campaign))
+        night = open_source(folder / "night")
+        sensors = {n: _as_measured(rows, kept[n]) for n, rows in night.sensors.items() if n in kept}
+        found = features(replace(night, sensors=sensors), form, calibrated=calibrated, levels_degC=levels(campaign))
     made = {"simulated": True, "of": alike, "numbers": found}
     write_durably(RealDisk(), path, json.dumps(made).encode())
     return found

@@ -15,8 +15,6 @@ from hil.model import Model
 from hil.model.effects.history import collect_interval_s, place_in_run
 from hil.model.effects.series import blocked
 from hil.reconcile.search.problem import SensorProblem, fitted_sensors
-from hil.records.export import Source
-from hil.records.reader import is_night
 from hil.solve.identifiability import orthonormal
 from hil.solve.temperatures import level_degC, same_temperature
 
@@ -26,7 +24,7 @@ RESOLUTION: Mapping[str, float] = {"degC": 0.5, "min": 0.05, "s": 60.0, "se": 0.
 """Differences that count as none, by the unit that ends a name: no bench repeats its conditions better."""
 
 _CONDITIONS = ("temperature_degC", "dTdt_degC_per_min")
-_OF_A_BENCH = ("chamber_degC", "case_degC")  # which a campaign's is not known to have
+_OF_A_BENCH = ("chamber_degC", "case_degC")  # which that of a campaign folder is not known to have
 _INSIDE = ("slope", "size of slope", "head", "log steps", "lag", "kurtosis")
 NORMAL = 2.0 / 3.0  # to this power a size is nearly normal (Wilson, Hilferty)
 _FEWEST = 8  # blocks of a series
@@ -34,19 +32,19 @@ _STILL = 1e-9  # of a condition's size: what differs by less was only reckoned s
 
 
 def features(
-    source: Source, form: Model, *, calibrated: bool, levels_degC: Sequence[float] | None = None
+    campaign: Campaign, form: Model, *, calibrated: bool, levels_degC: Sequence[float] | None = None
 ) -> dict[str, float]:
     """Return every compared number of a night by JSON of [part, place, name].
 
     `form` is the model without its values; `calibrated` says that they are fitted at each temperature. Temperatures are
     called as in the measured night, `levels_degC`, coldest first (its own where that is not given).
     """
-    called = levels(source.campaign) if levels_degC is None else levels_degC
+    called = levels(campaign) if levels_degC is None else levels_degC
     out: dict[str, float] = {}
-    for number, problem in fitted_sensors(source.campaign, form).items():
-        rows = source.campaign.sensors[number].conditions  # what stands in for a temperature is compared once
+    for number, problem in fitted_sensors(campaign, form).items():
+        rows = campaign.sensors[number].conditions  # what stands in for a temperature is compared once
         left, errors = residuals(problem, calibrated=calibrated), problem.collects.rates_se_deg_per_hr
-        known = (*_CONDITIONS, *(_OF_A_BENCH if is_night(source.folder) else ()), "duration_s")
+        known = (*_CONDITIONS, *(_OF_A_BENCH if campaign.folder is None else ()), "duration_s")
         columns = {"duration_s": rows.duration_s, **rows.columns}
         told = [("conditions", name, columns[name], "by temperature") for name in known if name in columns]
         begins_s = rows.start_s[np.unique(rows.run, return_index=True)[1]]
@@ -62,7 +60,7 @@ def features(
         ]
         for k, channel in enumerate(rows.sensor.channels):
             at = {"sensor": number, "channel": channel}
-            asked.append((at, [*_of_channel(rows, left[:, k], errors[:, k]), *_inside(source, rows, k)]))
+            asked.append((at, [*_of_channel(rows, left[:, k], errors[:, k]), *_inside(campaign, rows, k)]))
         for at, quantities in asked:
             for part, name, values, how in quantities:
                 for where, here in places[how]:
@@ -138,10 +136,10 @@ def _of_channel(rows: Conditions, left: FloatArray, errors: FloatArray) -> Itera
     yield "series", "log_se", np.log(np.maximum(errors, 1e-9)), "everywhere"
 
 
-def _inside(source: Source, rows: Conditions, channel: int) -> Iterator[_Quantity]:
+def _inside(campaign: Campaign, rows: Conditions, channel: int) -> Iterator[_Quantity]:
     table = np.full((len(rows), len(_INSIDE)), np.nan)
     for row, collect in enumerate(rows.collect.tolist()):
-        series = source.series(collect) if collect in source.recorded else None
+        series = campaign.series(collect)
         rates = np.empty(0) if series is None else blocked(series, channel)[1]
         if len(rates) >= _FEWEST and np.ptp(rates) > 0.0:
             x = np.linspace(-1.0, 1.0, len(rates))

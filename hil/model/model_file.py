@@ -8,8 +8,9 @@ The same file is what `hil reconcile` compares with, what it writes with a term 
 built-in (`matrix-6`, `collins-4` …) is the same object without values: they are fitted to the data.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -18,7 +19,7 @@ import yaml
 from pydantic import AfterValidator, Field, FiniteFloat, ValidationError
 
 from drivers.strict_yaml import first_mistake
-from hil.campaign import Conditions, FloatArray, Sensor
+from hil.campaign import Campaign, Conditions, FloatArray, Sensor
 from hil.errors import InputError
 from hil.files.durable import RealDisk, write_durably
 from hil.files.strict import Section, find_config, parse_yaml, read_text
@@ -33,6 +34,8 @@ from procedures.words import listed
 
 SCHEMA = "hil.model/1"
 _ROTOR = Sensor(0, ("A", "B", "S"), {"A": "A", "B": "B"})
+_BETWEEN = 101
+"""At how many temperatures of a range a size is asked for."""
 _ROTOR_FORMS = frozenset({"matrix-6", "collins-4", "matrix-6-thermal"})
 
 
@@ -88,6 +91,13 @@ class Model(Section):
     def knows_inside(self, effect: str, sensors: Sequence[int]) -> bool:
         """Whether an effect inside these sensors' collects is on record already."""
         return all(any((known.effect, known.sensor) == (effect, n) for known in self.inside_collects) for n in sensors)
+
+    def moves_inside(self, sensor: Sensor) -> bool:
+        """Whether what it states of a sensor, terms or scatter, goes on changing while a collect lasts."""
+        noise = self.noise.get(sensor.number, SensorNoise())
+        return any(
+            effect.moves_inside for _, effect in (*self.terms_for(sensor), *noise.scatter_for(sensor, slow=True))
+        )
 
     def terms_for(self, sensor: Sensor) -> tuple[tuple[Term, Effect], ...]:
         """Return the terms that act on a sensor, each with its effect."""
@@ -169,11 +179,12 @@ def load_model(path_or_name: str | Path) -> Model:
     return _parse(path, parse_yaml(read_text(path), str(path)))
 
 
-def fitting(model: Model | str | Path, sensors: Sequence[Sensor]) -> Model:
+def fitting(model: Model | str | Path, sensors: Sequence[Sensor], temperatures_degC: Iterable[float] = ()) -> Model:
     """Return a model, read where its file or its name is given, that fits sensors of these layouts.
 
-    Raises `InputError`, naming file and key, where it does not: names, units, shapes, effects, and terms or noise of a
-    sensor that nobody has. (One of several sensors has the values of those that are not here.)
+    Raises `InputError`, naming file and key, where it does not: names, units, shapes, effects, terms or noise of a
+    sensor that nobody has, and noise that is negative between the lowest and the highest of the temperatures. (One of
+    several sensors has the values of those that are not here.)
     """
     chosen = model if isinstance(model, Model) else load_model(model)
     where = f"model {chosen.title}" if isinstance(model, Model) or str(model) in MODEL_NAMES else str(_find(str(model)))
@@ -185,9 +196,18 @@ def fitting(model: Model | str | Path, sensors: Sequence[Sensor]) -> Model:
     for k, term in enumerate(chosen.terms if {*chosen.sensors} <= {*there} else ()):
         if not any(effect_by_id(term.effect).applies_to(sensor) for sensor in sensors):
             raise InputError(f"{where}: terms.{k}.effect: {term.effect} can be in no sensor that is here; take it out")
+    known = [each for each in temperatures_degC if np.isfinite(each)]
+    between = np.linspace(min(known), max(known), _BETWEEN).tolist() if known else ()
     for sensor in sensors:
-        _check_layout(where, chosen, sensor, exact=True)
+        _check_layout(where, chosen, sensor, exact=True, temperatures_degC=between)
     return chosen
+
+
+def fitting_campaign(model: Model | str | Path, campaign: Campaign) -> Model:
+    """Return a model that fits a campaign's sensors at their temperatures; raise `InputError` as `fitting` does."""
+    rows = [each.conditions for each in campaign.sensors.values()]
+    known = chain.from_iterable(each.columns.get("temperature_degC", ()) for each in rows)
+    return fitting(model, [each.sensor for each in rows], known)
 
 
 def save_model(model: Model, path: Path) -> None:
@@ -227,7 +247,9 @@ def _check(path: Path, model: Model) -> None:
     _check_layout(str(path), model, _ROTOR if model.form in _ROTOR_FORMS else None)
 
 
-def _check_layout(where: str, model: Model, sensor: Sensor | None, *, exact: bool = False) -> None:
+def _check_layout(
+    where: str, model: Model, sensor: Sensor | None, *, exact: bool = False, temperatures_degC: Sequence[float] = ()
+) -> None:
     """Check what a sensor's layout decides: of that very sensor (`exact`), or of all by what the form tells of them."""
     units = {}
     if sensor is not None:
@@ -243,7 +265,7 @@ def _check_layout(where: str, model: Model, sensor: Sensor | None, *, exact: boo
     for number, noise in model.noise.items():
         if own is None or number == own:
             here = f"{where}: noise.{number}"
-            if mistake := noise.mistake(units):
+            if mistake := noise.mistake(units, temperatures_degC):
                 raise InputError(f"{here}.{mistake}")
             for index, scatter in enumerate(noise.scatter):
                 effect = variance_effect_by_id(scatter.effect)

@@ -15,7 +15,7 @@ from pydantic import AfterValidator, Field, FiniteFloat
 from hil.campaign import Conditions, FloatArray, Sensor
 from hil.errors import InputError
 from hil.files.strict import Section
-from hil.model.curve import Constant, Curve, Table
+from hil.model.curve import Constant, Curve, Polynomial, Table
 from hil.model.effects.base import Scatter, VarianceEffect
 from hil.model.effects.catalogue import known_by, variance_effect_by_id
 from hil.model.forms import LinearForm
@@ -107,10 +107,11 @@ class SensorNoise(Section):
                 out += [replace(part, columns=size[:, None, None] * part.columns) for part in parts]
         return out
 
-    def mistake(self, units: Mapping[str, str]) -> str:
+    def mistake(self, units: Mapping[str, str], temperatures_degC: Sequence[float]) -> str:
         """Say what is wrong with the older keys, or with the size of a named effect, "key: what"; empty if nothing is.
 
         `units` are those of the base parameters by name; empty where the file does not tell which there are.
+        `temperatures_degC` (n,) are some at which no size may be negative, beside those that the file gives.
         """
         given = {key: (getattr(self, key), unit) for key, unit in _UNITS.items()}
         for key in ("run_to_run", "collect_to_collect"):
@@ -125,8 +126,8 @@ class SensorNoise(Section):
         for index, term in enumerate(self.scatter):
             sizes |= {f"scatter.{index}.parameters.{name}": curve for name, curve in term.parameters.items()}
         for key, curve in sizes.items():
-            if (least := _least(curve)) < 0.0:
-                return f"{key}: {least:g} {curve.unit} given: a deviation is 0 or more; write it without its sign"
+            if said := _negative(curve, temperatures_degC):
+                return f"{key}: {said}"
         for pair in self.correlation:
             names = pair.split()
             if len(names) != 2 or names[0] == names[1] or not set(names) <= set(self.run_to_run):
@@ -139,11 +140,19 @@ class SensorNoise(Section):
         return ""
 
 
-def _least(curve: Curve) -> float:
-    """Return the least of a curve's values where the file says that it holds: in its table, or at its range's ends."""
-    if isinstance(curve, Table):
-        return min(curve.table.value)
-    return float(np.min(curve.at(curve.valid_degC or (getattr(curve, "reference_degC", 0.0),))))
+def _negative(curve: Curve, temperatures_degC: Sequence[float]) -> str:
+    """Say that a size is less than nothing, and what to write: of a polynomial at its range's ends, or temperatures."""
+    if not isinstance(curve, Polynomial):
+        least = min(curve.table.value) if isinstance(curve, Table) else curve.value
+        sign = f"{least:g} {curve.unit} given: a deviation is 0 or more; write it without its sign"
+        return sign if least < 0.0 else ""
+    low, high = curve.valid_degC or (-np.inf, np.inf)
+    at = np.array(
+        [*(curve.valid_degC or (curve.reference_degC,)), *(min(max(t, low), high) for t in temperatures_degC)]
+    )
+    sizes = curve.at(at)
+    said = f"{sizes.min():.3g} {curve.unit} at {at[sizes.argmin()]:.4g} °C: a deviation is 0 or more; "
+    return said + "write a table of what it is at each temperature" if sizes.min() < 0.0 else ""
 
 
 def _at(curve: Curve, temperature_degC: FloatArray, what: str) -> FloatArray:

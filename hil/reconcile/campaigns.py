@@ -235,7 +235,7 @@ def _some_at_once(mapped: Map, function: Callable[[Any], Any], things: Sequence[
 def _read(piece: tuple[str, int]) -> list[tuple[str, Campaign | str]]:
     place, number = piece
     try:
-        return [(place, open_source(Path(place)).campaign)] if number < 0 else list(read_piece(Path(place), number))
+        return [(place, open_source(Path(place)))] if number < 0 else list(read_piece(Path(place), number))
     except (InputError, OSError, sqlite3.Error) as error:
         return [(place if number < 0 else f"{place}, row group {number}", str(error))]
 

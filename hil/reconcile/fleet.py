@@ -25,7 +25,7 @@ import numpy as np
 
 from hil.campaign import Campaign, Conditions, FloatArray, IntArray
 from hil.errors import InputError
-from hil.model import Model, fitting
+from hil.model import Model, fitting_campaign
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS
 from hil.reconcile.proof.places import false_discovery
 from hil.reconcile.search.evidence import log_sum
@@ -133,7 +133,7 @@ class Screen:
         fleet = [units] if isinstance(units, Campaign) else list(units)
         if not fleet:
             raise InputError("a screen needs at least one unit")
-        chosen = fitting(model, [collects.conditions.sensor for collects in fleet[0].sensors.values()])
+        chosen = fitting_campaign(model, fleet[0])
         problem = pose(fleet[0], chosen, (*BASE_EFFECTS, *EFFECTS))
         conditions = {number: sensor.collects.conditions for number, sensor in problem.sensors.items()}
         few = FEW if len(fleet) >= NOISY_UNITS else None

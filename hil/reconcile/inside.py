@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import Campaign, FloatArray
-from hil.campaign.reader import read_series
 from hil.model.effects.catalogue import effect_by_id
 from hil.model.effects.inside import SeriesEffect, SeriesFinding
 from hil.model.effects.series import Ramp
@@ -48,10 +47,10 @@ def within_collects(campaign: Campaign, effects: Sequence[SeriesEffect], alpha: 
 def _asked(campaign: Campaign, effects: Sequence[SeriesEffect]) -> dict[tuple[SeriesEffect, int, str], list[_Answer]]:
     """Return the answers of every effect, sensor and channel that at least one collect could be asked about."""
     asked: dict[tuple[SeriesEffect, int, str], list[_Answer]] = {}
-    for number, collects in campaign.sensors.items() if campaign.series_files else ():
+    for number, collects in campaign.sensors.items():
         sensor = collects.conditions.sensor
         for collect in collects.conditions.collect.tolist():
-            series = read_series(campaign, collect)
+            series = campaign.series(collect)
             if series is None:
                 continue
             for effect in effects:
@@ -98,18 +97,18 @@ def named_within(
     findings: Sequence[dict[str, Any]],
     effects: Sequence[SeriesEffect],
     alpha: float,
-    in_averages: Collection[str] = (),
+    moving: Collection[int] = (),
 ) -> list[FoundEffect]:
     """Return what the findings are called: per sensor, the strongest of each group that can be taken for one another.
 
     The share of a name among its rivals is that of its prior odds and its Bayes factor's bound, 1/(−e p ln p) (Sellke,
-    Bayarri, Berger); what is nothing with a probability above `alpha` has no name. A slope inside the collects is the
-    slow effect's that the averages show (`in_averages`), and ambiguous where none is.
+    Bayarri, Berger); what is nothing with a probability above `alpha` has no name. A slope inside the collects is that
+    of the slow effect which the model states of a sensor (`moving`), and ambiguous where it states none.
     """
     by_id = {effect.id: effect for effect in effects}
     out = []
     for sensor in dict.fromkeys(f["sensor"] for f in findings):
-        left = [f for f in findings if f["sensor"] == sensor and (f["id"] != RAMP or not in_averages)]
+        left = [f for f in findings if f["sensor"] == sensor and (f["id"] != RAMP or sensor not in moving)]
         while left:
             leader = left[0]
             alike = [f for f in left if f["id"] == leader["id"] or _confusable(by_id, leader["id"], f["id"])]

@@ -12,7 +12,6 @@ from functools import cache
 import numpy as np
 
 from hil.campaign import Campaign, Conditions, FloatArray
-from hil.campaign.reader import read_series
 from hil.model.effects.base import Scatter, middle_hr
 from hil.model.effects.inside import FEWEST, FEWEST_BESIDE
 from hil.model.effects.noise import BiasInstability
@@ -49,7 +48,7 @@ def wandering(campaign: Campaign, number: int) -> Wander | None:
     sizes = np.array([part.columns[0, 0, 0] ** 2 for part in parts])
     seen = np.full((5, len(rows), len(rows.sensor.channels)), np.nan)
     for row, collect in enumerate(rows.collect.tolist()):
-        if (series := read_series(campaign, collect)) is None:
+        if (series := campaign.series(collect)) is None:
             continue
         for channel in range(seen.shape[2]):
             times, rates = blocked(series, channel)

@@ -18,7 +18,7 @@ from hil.campaign import Campaign
 from hil.campaign.plausibility import usable
 from hil.campaign.stand_ins import with_stand_ins
 from hil.errors import InputError
-from hil.model import Model, fitting
+from hil.model import Model, fitting_campaign
 from hil.model.effects.base import Effect, VarianceEffect
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS
 from hil.model.effects.prior import ALPHA
@@ -54,7 +54,7 @@ def reconcile(
     """
     if not 0.0 < alpha < 0.5:
         raise InputError(f"alpha {alpha}: the false-alarm rate must lie between 0 and 0.5")
-    chosen = fitting(model, [collects.conditions.sensor for collects in campaign.sensors.values()])
+    chosen = fitting_campaign(model, campaign)
     effects = (*BASE_EFFECTS, *EFFECTS) if catalogue is None else tuple(catalogue)
     asked = with_stand_ins(pooled(campaign))
     inside = within_collects(asked, SERIES_EFFECTS, _INSIDE * alpha)
@@ -76,7 +76,7 @@ def searched(
     The search over averages and the tests inside the collects share `alpha`, the stated rate of false alarms.
     """
     problem = pose(usable(sound(campaign)), model, effects)
-    posterior, reading = _weighed(problem, scattering, (1.0 - _INSIDE) * alpha if campaign.series_files else alpha)
+    posterior, reading = _weighed(problem, scattering, (1.0 - _INSIDE) * alpha if campaign.recorded else alpha)
     proof = held_out(posterior, reading.nothing, reading.found) if prove else None
     reading, reverted = _kept(posterior, reading, proof)
     return Answer(campaign, problem, posterior, reading, proof, reverted, alpha, prove)

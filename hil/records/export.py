@@ -11,6 +11,7 @@ applied to its site; nothing in them is measured. A night that is not complete i
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,20 +21,20 @@ from drivers.given_file import check_folder
 from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor, Series
 from hil.campaign.formats import Format, write_file
 from hil.campaign.plausibility import judged_by_its_records
-from hil.campaign.reader import HEADER_FILE, read_campaign, read_series
+from hil.campaign.reader import HEADER_FILE, read_campaign
 from hil.campaign.stand_ins import OWN, instead_of_temperature, not_recorded
 from hil.campaign.writer import write_campaign
 from hil.config import Bench
 from hil.config.recorded import bench_of_record
 from hil.errors import Damaged, InputError
 from hil.files.folder import is_new, whole_or_nothing
-from hil.records.blocks import SAMPLES, Block, Samples, read_samples
+from hil.records.blocks import SAMPLES, Block, read_samples
 from hil.records.damage import refuse_damaged_samples
 from hil.records.identity import night_identity
 from hil.records.reader import JOURNAL_NAME, JournalReader, is_night, reading
 from hil.records.rows import Attempt
 from hil.records.status import in_brief, missing_in_words
-from hil.records.units import night_of, place_of, unit_folder
+from hil.records.units import place_of, unit_folder
 from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Step, StepKind
 from procedures.verdict import Judgement, Verdict, combine, self_calibration_verdict
@@ -45,7 +46,6 @@ _MEANINGS = {
 }
 _STEP_COLUMNS: tuple[str, ...] = ("chamber_degC", "setpoint_degC", "time_since_power_on_s", "time_since_setpoint_s")
 _STEP_COLUMNS += ("time_since_index_s", "n_samples")
-_EDGE = 1e-6  # a sample on the edge between two blocks belongs to the later one, whatever the rounding
 _CHAMBERS_DIGIT_DEGC = 0.051  # half of the tenth to which chambers keep a setpoint
 _SITE = ("latitude_deg", "heading_deg", "axis_2_elevation_deg", "axis_3_elevation_deg")
 _SENSOR_COLUMNS = ("temperature_degC", "dTdt_degC_per_min")
@@ -97,10 +97,8 @@ def export_campaign(folder: Path | str, out: Path | str, form: Format | None = N
     """
     folder, target = Path(folder), Path(out)
     if form is not None and not is_night(folder):
-        campaign = open_source(folder).campaign
-        stored = ((number, read_series(campaign, number)) for number in campaign.series_files)
-        write_file(campaign, target, form, ((number, each) for number, each in stored if each is not None))
-        return Export(target, sum(len(rows.conditions) for rows in campaign.sensors.values()), ())
+        write_file(campaign := open_source(folder), target, form)
+        return Export(target, sum(map(len, campaign.sensors.values())), ())
     night, named = place_of(folder)
     with reading(folder) as journal:
         units = journal.plan.units
@@ -125,15 +123,14 @@ def export_campaign(folder: Path | str, out: Path | str, form: Format | None = N
 
 
 def _export_unit(folder: Path, target: Path, form: Format | None) -> Export:
-    with reading(folder) as journal:
-        campaign, rows = _campaign(journal)
-        series = _series(journal.folder, rows, campaign, _bench(journal).record.series_block)
-        if form is None:
-            write_campaign(campaign, target, series)
-        else:
-            write_file(campaign, target, form, series)
+    campaign = campaign_of_night(folder)
+    if form is None:
+        write_campaign(campaign, target)
+    else:
+        write_file(campaign, target, form)
     missing = f"The night is not complete; missing: {'; '.join(campaign.missing)}."
-    return Export(target, len(rows), (*campaign.notes.splitlines(), *([missing] if campaign.missing else ())))
+    rows = sum(map(len, campaign.sensors.values()))
+    return Export(target, rows, (*campaign.notes.splitlines(), *([missing] if campaign.missing else ())))
 
 
 def _bench(journal: JournalReader) -> Bench:
@@ -142,13 +139,13 @@ def _bench(journal: JournalReader) -> Bench:
 
 
 def campaign_of_night(folder: Path | str) -> Campaign:
-    """Return the collects of a night as a campaign in memory, without the series.
+    """Return the collects of a night as a campaign in memory.
 
     Raises `InputError` as `export_campaign` does.
     """
     folder = Path(folder)
     with reading(folder) as journal:
-        return _campaign(journal)[0]
+        return _campaign(journal)
 
 
 def _verdicts(
@@ -168,52 +165,19 @@ def _verdicts(
     return verdicts
 
 
-@dataclass(frozen=True)
-class Source:
-    """A night or a campaign folder as a campaign; of a night also the blocks of samples, by collect, that it has."""
-
-    folder: Path
-    campaign: Campaign
-    blocks: Mapping[int, Block]
-
-    @property
-    def recorded(self) -> frozenset[int]:
-        """The collects of which more than an average was kept."""
-        return frozenset((*self.blocks, *self.campaign.series_files))
-
-    def series(self, collect: int) -> Series | None:
-        """Return what was measured within a collect, NaN where it was rejected; None where only its average was kept.
-
-        Raises `DamagedBlock` where samples are not what was written, `InputError` as `read_series` does.
-        """
-        if collect not in self.blocks:
-            return read_series(self.campaign, collect)
-        samples = read_samples(night_of(self.folder), self.blocks[collect])
-        own = next(rows.conditions for rows in self.campaign.sensors.values() if collect in rows.conditions.collect)
-        rates, number = samples.of("rate", own.sensor.number), own.sensor.number
-        return Series(
-            samples.time_s - own.start_s[own.collect == collect],
-            np.stack([np.where(samples.good, rates[name], np.nan) for name in own.sensor.channels], -1),
-            next(iter(samples.of("temperature", number).values()), None),
-            None,
-        )
-
-
-def open_source(folder: Path | str) -> Source:
+def open_source(folder: Path | str) -> Campaign:
     """Read a night or a campaign folder; raise `InputError` where it is neither, or as `export_campaign` does."""
     folder = Path(folder)
     if is_night(folder):
-        with reading(folder) as journal:
-            campaign, rows = _campaign(journal)
-        return Source(folder, campaign, {row.number: row.collect.samples for row in rows if row.collect.samples})
+        return campaign_of_night(folder)
     if (folder / HEADER_FILE).is_file():
-        return Source(folder, read_campaign(folder), {})
+        return read_campaign(folder)
     neither = f"neither a campaign folder (no {HEADER_FILE}) nor a night (no {JOURNAL_NAME})"
     check_folder(folder)
     raise InputError(f"{folder}: {neither}")
 
 
-def _campaign(journal: JournalReader) -> tuple[Campaign, Sequence[_Row]]:
+def _campaign(journal: JournalReader) -> Campaign:
     bench = _bench(journal)
     refuse_damaged_samples(journal)
     done, attempts = journal.completed(), journal.attempts()
@@ -243,6 +207,11 @@ def _campaign(journal: JournalReader) -> tuple[Campaign, Sequence[_Row]]:
         simulated=night.simulated,
         site={name: getattr(bench.site, name) for name in _SITE},
         notes="\n".join(_notes(journal, bench, rows, done, verdicts)),
+        recorded={
+            row.number: partial(_samples, journal.folder, block, bench.sensor(row.sensor), row.collect.start_s)
+            for row in rows
+            if (block := row.collect.samples)
+        },
         series_block_s=bench.record.series_block,
         verdicts=verdicts,
         warnings=[
@@ -255,7 +224,7 @@ def _campaign(journal: JournalReader) -> tuple[Campaign, Sequence[_Row]]:
         pose=bench.pose,
         largest_se=bench.largest_standard_error,
     )
-    return judged_by_its_records(campaign), rows
+    return judged_by_its_records(campaign)
 
 
 def _collects(journal: JournalReader, taken: Mapping[str, Attempt]) -> list[_Collect]:
@@ -341,40 +310,14 @@ def _notes(
             yield f"The orientations of sensor {number} are assumed, not known."
 
 
-def _series(folder: Path, rows: Sequence[_Row], campaign: Campaign, block_s: float) -> Iterator[tuple[int, Series]]:
-    """Yield the rates within each collect as means over `block_s`, one collect in memory at a time."""
-    newest: tuple[Block, Samples] | None = None
-    for row in rows:
-        block = row.collect.samples
-        if block is None:
-            continue
-        if newest is None or newest[0] != block:
-            newest = (block, read_samples(folder, block))
-        sensor = campaign.sensors[row.sensor].conditions.sensor
-        series = _block_means(newest[1], sensor, row.collect.start_s, block_s)
-        if series is not None:
-            yield row.number, series
-
-
-def _block_means(samples: Samples, sensor: Sensor, start_s: float, block_s: float) -> Series | None:
-    rates = samples.of("rate", sensor.number)
-    good = samples.good
-    if not good.any() or not all(channel in rates for channel in sensor.channels):
+def _samples(folder: Path, block: Block, sensor: Sensor, start_s: float) -> Series | None:
+    """Read what a sensor showed within a collect; None where not all of its channels were recorded."""
+    samples = read_samples(folder, block)
+    rates, temperatures = (samples.of(role, sensor.number) for role in ("rate", "temperature"))
+    if not all(channel in rates for channel in sensor.channels):
         return None
-    t_s = samples.time_s[good] - start_s
-    _, where, counts = np.unique(np.floor(t_s / block_s + _EDGE), return_inverse=True, return_counts=True)
-    whole = counts > 0.5 * counts.max()  # a few samples at the end of a collect are no mean of a block: they join it
-    joined = np.maximum.accumulate(np.where(whole, np.arange(len(whole)), np.argmax(whole)))
-    _, where, counts = np.unique(joined[where], return_inverse=True, return_counts=True)
-
-    def means(values: FloatArray) -> FloatArray:
-        return np.asarray(np.bincount(where, weights=values) / counts)
-
-    temperatures = samples.of("temperature", sensor.number)
     return Series(
-        t_s=means(t_s),
-        rates_deg_per_hr=np.stack([means(rates[channel][good]) for channel in sensor.channels], axis=1),
-        temperature_degC=means(next(iter(temperatures.values()))[good]) if temperatures else None,
-        block_s=block_s,
-        n_samples=counts.astype(np.float64),
+        samples.time_s - start_s,
+        np.stack([np.where(samples.good, rates[channel], np.nan) for channel in sensor.channels], axis=1),
+        next(iter(temperatures.values()), None),
     )

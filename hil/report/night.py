@@ -21,7 +21,7 @@ import numpy as np
 
 from drivers.given_file import opened
 from hil.campaign import Campaign, FloatArray
-from hil.campaign.reader import COLLECTS_FILE, HEADER_FILE
+from hil.campaign.reader import COLLECTS_FILE, HEADER_FILE, SERIES_FOLDER
 from hil.config.recorded import understood
 from hil.records import JournalReader, reading
 from hil.records.curve import temperatures
@@ -296,7 +296,7 @@ def campaign_files(campaign: Campaign) -> list[tuple[str, int, str]]:
         return []
     folder = campaign.folder
     files = []
-    for path in (folder / HEADER_FILE, folder / COLLECTS_FILE, *campaign.series_files.values()):
+    for path in (folder / HEADER_FILE, folder / COLLECTS_FILE, *sorted((folder / SERIES_FOLDER).glob("[0-9]*"))):
         if path.is_file():
             name = str(path.relative_to(folder)) if path.is_relative_to(folder) else path.name
             with opened(path) as file:

@@ -60,13 +60,12 @@ def collect_series(
 
     It is named by its number, or by run and position. Raises `InputError` saying what there is to choose from.
     """
-    source = open_source(folder)
-    campaign = source.campaign
+    campaign = open_source(folder)
     number = which_sensor(folder, campaign, sensor)
     rows = campaign.sensors[number]
     chosen = _collect(folder, campaign, number, collect, run, position)
     row = int(np.flatnonzero(rows.conditions.collect == chosen)[0])
-    series = source.series(chosen)
+    series = campaign.samples(chosen)
     if series is None:
         raise InputError(f"{folder}: collect {chosen} of sensor {number} was kept as an average only, no series")
     conditions = rows.conditions

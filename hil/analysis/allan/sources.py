@@ -54,10 +54,9 @@ def read_recording(
 
 
 def _of_folder(folder: Path, channel: str | None, sensor: int | None, collect: int | None) -> Recording:
-    source = open_source(folder)
-    campaign = source.campaign
+    campaign = open_source(folder)
     number, name = _choose_channel(folder, campaign, channel, sensor)
-    own = [int(each) for each in campaign.sensors[number].conditions.collect if int(each) in source.recorded]
+    own = [int(each) for each in campaign.sensors[number].conditions.collect if int(each) in campaign.recorded]
     if not own:
         raise InputError(f"{folder}: no series of sensor {number} was kept")
     if collect is not None and collect not in own:
@@ -65,7 +64,7 @@ def _of_folder(folder: Path, channel: str | None, sensor: int | None, collect: i
     pieces: list[FloatArray] = []
     interval_s = 0.0
     for each in own if collect is None else [collect]:
-        if (series := source.series(each)) is not None:
+        if (series := campaign.samples(each)) is not None:
             title = f"{folder}, collect {each}"
             interval_s = interval_s or series.block_s or sampling_interval(title, series.t_s)
             rates = series.rates_deg_per_hr[:, _channels(campaign, number).index(name)]

@@ -12,8 +12,9 @@ latitude is given, and the rest is in the rates.
 import json
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -41,10 +42,9 @@ _DIRECTIONS = "put the unit down on edges and corners too, so that every two axe
 
 @dataclass(frozen=True)
 class LogCampaign:
-    """A campaign with the series of its collects, and the document of `hil import log` (schema hil.import-log/1)."""
+    """A campaign and the document of `hil import log` (schema hil.import-log/1)."""
 
     campaign: Campaign
-    series: Sequence[tuple[int, Series]]
     document: dict[str, Any]
 
 
@@ -96,6 +96,7 @@ def campaign_of_log(log: Log, test: StaticTest, *, latitude_deg: float | None = 
         site={} if latitude_deg is None else {"latitude_deg": latitude_deg},
         condition_units={f"accelerometer_{axis}_g": "what the calibrated accelerometers show, g" for axis in AXES},
         notes="\n".join(notes),
+        recorded={k: partial(_series, log, each) for k, each in enumerate(stretches, start=1)},
         verdicts={1: Judgement(Verdict.FAIL, turns.sentences[0])} if turns and turns.astray else {},
     )
     rows = [
@@ -134,13 +135,13 @@ def campaign_of_log(log: Log, test: StaticTest, *, latitude_deg: float | None = 
         },
         "notes": notes,
     }
-    return LogCampaign(campaign, list(_series(log, stretches)), document)
+    return LogCampaign(campaign, document)
 
 
 def write_log_campaign(made: LogCampaign, out: Path) -> Path:
     """Write the campaign with its series and, beside them, what was found of the accelerometers."""
     accelerometer = json.dumps(made.document["accelerometer"], indent=1, allow_nan=False)
-    return write_campaign(made.campaign, out, made.series, {ACCELEROMETER_FILE: accelerometer.encode()})
+    return write_campaign(made.campaign, out, {ACCELEROMETER_FILE: accelerometer.encode()})
 
 
 def _mean(temperature_degC: FloatArray) -> float:
@@ -148,11 +149,10 @@ def _mean(temperature_degC: FloatArray) -> float:
     return float(known.mean()) if len(known) else np.nan
 
 
-def _series(log: Log, stretches: Sequence[Stretch]) -> Iterator[tuple[int, Series]]:
-    for k, each in enumerate(stretches, start=1):
-        t_s = log.time_s[each.rows]
-        temperature = None if log.temperature_degC is None else log.temperature_degC[each.rows]
-        yield k, Series(t_s - t_s[0], log.rates_deg_per_hr[each.rows], temperature)
+def _series(log: Log, stretch: Stretch) -> Series:
+    t_s = log.time_s[stretch.rows]
+    temperature = None if log.temperature_degC is None else log.temperature_degC[stretch.rows]
+    return Series(t_s - t_s[0], log.rates_deg_per_hr[stretch.rows], temperature)
 
 
 def _check_size(log: Log, mean_g: FloatArray) -> None:

@@ -162,6 +162,12 @@ class Described(ABC):
         if "family" not in vars(cls):
             cls.family = cls.__module__.rpartition(".")[2].replace("_", "-")
 
+    @property
+    def moves_inside(self) -> bool:
+        """Whether a rate goes on changing by it while a collect lasts, beyond white noise."""
+        stands = self.follows in ("pose", "run", "heading", "duration_s")
+        return not stands or "time_since_index_s" in self.needs
+
     def applies_to(self, sensor: Sensor) -> bool:
         """Whether the effect can exist in a sensor of this layout."""
         return sensor.is_rotor or not self.rotor_only

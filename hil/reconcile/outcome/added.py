@@ -37,8 +37,6 @@ class Added:
 def added(found: Answer, inside: Sequence[dict[str, Any]]) -> Added:
     """Add to the model what was found in averages, and what was found `inside` the collects."""
     model, wrong, sizes = found.problem.model, found.reading.mistakes, scatter.pooled(found.scatter)
-    named = named_within(inside, SERIES_EFFECTS, found.alpha, [each.name for each in found.names])
-    within = [effect for effect in named if not model.knows_inside(effect.id, effect.sensors)]
     after, values = model, []
     if found.names:
         record = {each.name: findings.origin(found.campaign, each, found.gap_of_names) for each in found.names}
@@ -48,6 +46,10 @@ def added(found: Answer, inside: Sequence[dict[str, Any]]) -> Added:
     wanders = stated.wanders(after, found.problem.campaign, found.noise, often)
     noise = stated.beside(found.noise, wanders)
     after = stated.with_ordinary(after, noise, found.fit.conditions)
+    sensors = {number: rows.conditions.sensor for number, rows in found.campaign.sensors.items()}
+    moving = [number for number, sensor in sensors.items() if number in wanders or after.moves_inside(sensor)]
+    named = named_within(inside, SERIES_EFFECTS, found.alpha, moving)
+    within = [effect for effect in named if not model.knows_inside(effect.id, effect.sensors)]
     after = findings.with_inside(after, within, found.campaign)
     if after != model or wanders:
         after = stated.with_white_noise(after, found.campaign, wanders=wanders)

@@ -30,6 +30,7 @@ def of_life(campaign: Campaign, number: int, serial: str = "0042", model: str = 
     return replace(
         campaign,
         sensors=sensors,
+        recorded={},
         source=f"measured on {day}",
         simulated=False,
         notes="",

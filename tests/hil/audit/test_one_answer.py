@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -135,7 +136,7 @@ def test_what_moves_both_sensors_is_said_wherever_somebody_asks_what_scatters(
     assert set(both.sentences()) <= set(what_scatters(one).sentences())
     noise = np.random.default_rng(1).normal(0.0, 1.0, (64, 2))
     rates = one.sensors[2].rates_deg_per_hr[3] + noise - noise.mean(axis=0)
-    write_campaign(one, folder := tmp_path / name, [(40, Series(np.arange(64.0), rates))])
+    write_campaign(replace(one, recorded={40: lambda: Series(np.arange(64.0), rates)}), folder := tmp_path / name)
     notes = read_recording(folder, channel="RA", sensor=2).notes
     assert [any(said in note for note in notes) for said in both.sentences()] == [together]
 

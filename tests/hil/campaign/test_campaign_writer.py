@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hil.campaign import Campaign, Collects, Conditions, Sensor, Series
-from hil.campaign.reader import read_campaign, read_series
+from hil.campaign.reader import read_campaign
 from hil.campaign.writer import write_campaign
 from hil.errors import InputError
 from procedures.verdict import Verdict
@@ -96,18 +98,18 @@ def test_series_read_back_exactly(campaign: Campaign, tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     rates = rng.normal(size=(5, 2))
     rates[2, 1] = np.nan
-    first = Series(np.cumsum(rng.uniform(0.01, 0.02, 5)), rates, rng.normal(20, 1, 5))
-    second = Series(np.arange(4.0), rng.normal(size=(4, 3)))
-    folder = write_campaign(campaign, tmp_path / "out", iter([(7, first), (4, second)]))
+    first = Series(np.cumsum(rng.uniform(0.01, 0.02, 5)), rates, rng.normal(20, 1, 5), 0.5)
+    second = Series(np.arange(4.0), rng.normal(size=(4, 3)), block_s=0.5)
+    folder = write_campaign(replace(campaign, recorded={7: lambda: first, 4: lambda: second}), tmp_path / "out")
     back = read_campaign(folder)
-    assert sorted(back.series_files) == [4, 7]
+    assert sorted(back.recorded) == [4, 7]
     for collect, written in ((7, first), (4, second)):
-        read = read_series(back, collect)
+        read = back.series(collect)
         assert read is not None
         np.testing.assert_array_equal(read.t_s, written.t_s)
         np.testing.assert_array_equal(read.rates_deg_per_hr, written.rates_deg_per_hr)
         assert read.block_s == 0.5
-    read = read_series(back, 7)
+    read = back.series(7)
     assert read is not None
     np.testing.assert_array_equal(read.temperature_degC, first.temperature_degC)
 
@@ -117,8 +119,8 @@ def test_series_that_were_written_and_are_gone_are_said(campaign: Campaign, tmp_
     own = {
         n: rows.rates_deg_per_hr[i] for rows in campaign.sensors.values() for i, n in enumerate(rows.conditions.collect)
     }
-    samples = [(n, Series(np.arange(2.0), np.stack([rates, rates]))) for n, rates in own.items()]
-    folder = write_campaign(campaign, tmp_path / "out", samples)
+    kept = {n: partial(Series, np.arange(2.0), np.stack([rates, rates]), block_s=0.5) for n, rates in own.items()}
+    folder = write_campaign(replace(campaign, recorded=kept), tmp_path / "out")
     whole = read_campaign(folder)
     assert (whole.verdicts, [line for line in whole.warnings if "no series" in line]) == ({}, [])
     first, *others = sorted((folder / "series").iterdir())
@@ -162,8 +164,12 @@ def test_an_existing_folder_is_never_overwritten(campaign: Campaign, tmp_path: P
 
 
 def test_a_failure_leaves_no_half_made_folder(campaign: Campaign, tmp_path: Path) -> None:
-    """A series of no collect, met after half the work, undoes everything."""
-    samples = Series(np.arange(2.0), np.zeros((2, 2)))
-    with pytest.raises(InputError, match="series of collect 99"):
-        write_campaign(campaign, tmp_path / "out", [(10, samples), (99, samples)])
+    """A series that cannot be read, met after half the work, undoes everything."""
+
+    def gone() -> Series:
+        raise InputError("the block is missing")
+
+    kept = {4: partial(Series, np.arange(2.0), np.zeros((2, 3))), 7: gone}
+    with pytest.raises(InputError, match="the block is missing"):
+        write_campaign(replace(campaign, recorded=kept), tmp_path / "out")
     assert list(tmp_path.iterdir()) == []

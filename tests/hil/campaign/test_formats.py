@@ -14,7 +14,7 @@ from scipy.io import loadmat, netcdf_file
 
 from hil.campaign import Campaign
 from hil.campaign.formats import Format, unit_of, write_file
-from hil.campaign.reader import read_campaign, read_series
+from hil.campaign.reader import read_campaign
 from hil.campaign.writer import columns_of
 from hil.cli.app import run
 from hil.errors import InputError
@@ -100,8 +100,8 @@ def test_a_night_has_its_series_in_the_file(form: Format, tmp_path: Path) -> Non
         assert run(["export", str(source), str(path), "--format", form]) == 0
         columns, _, _ = READERS[form](path)
         stored = read_campaign(folder)
-        for number in stored.series_files:
-            series = read_series(stored, number)
+        for number in stored.recorded:
+            series = stored.series(number)
             assert series is not None
             own = columns["series_collect"] == number
             assert np.array_equal(columns["series_RA_deg_per_hr"][own], series.rates_deg_per_hr[:, 0])

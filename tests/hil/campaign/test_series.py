@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet
 import pytest
 
-from hil.campaign.reader import read_campaign, read_series
+from hil.campaign.reader import read_campaign
 from hil.errors import InputError
 from tests.hil.campaign.test_campaign_reader import ROWS, YAML, table
 
@@ -36,17 +36,17 @@ def test_series_are_found_by_their_collect_and_read_when_asked(folder: Path) -> 
     pyarrow.parquet.write_table(pa.table(columns), folder / "series" / "0001.parquet")
     (folder / "series" / "readme.txt").write_text("ignored")
     campaign = read_campaign(folder)
-    series = read_series(campaign, 3)
+    series = campaign.series(3)
     assert series is not None
     np.testing.assert_array_equal(series.t_s, [0, 0.5, 1.7])
     np.testing.assert_array_equal(series.rates_deg_per_hr, [[1, 2], [np.nan, 3], [4, 5]])
     assert series.temperature_degC is None
     assert series.block_s == 0.5
-    other = read_series(campaign, 1)
+    other = campaign.series(1)
     assert other is not None
     np.testing.assert_array_equal(other.rates_deg_per_hr, [[3, 1], [4, np.nan]])
     assert other.temperature_degC is not None
-    assert read_series(campaign, 2) is None
+    assert campaign.series(2) is None
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hil.campaign.reader import read_campaign, read_series
+from hil.campaign.reader import read_campaign
 
 
 @pytest.mark.slow
@@ -35,8 +35,8 @@ def test_a_nights_noise_is_that_of_its_export(hil: Any, night: Path, tmp_path: P
     """Every row of an exported series is the mean of a whole block, so that both records have the same white noise."""
     assert hil("export", night, tmp_path / "c").returncode == 0
     campaign = read_campaign(tmp_path / "c")
-    for collect in campaign.series_files:
-        t_s = read_series(campaign, collect).t_s
+    for collect in campaign.recorded:
+        t_s = campaign.series(collect).t_s
         assert np.ptp(np.diff(t_s)) < 0.1 * np.median(np.diff(t_s)), collect
     white = []
     for folder in (night, tmp_path / "c"):

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
+import yaml
 
+from hil.campaign import Campaign, Collects
+from hil.config import check_sweep_against_bench, load_bench, parse_bench, parse_sweep
 from hil.errors import InputError
-from hil.model import fitting, load_model
+from hil.model import fitting, fitting_campaign, load_model
 from tests.hil.model.effect_conditions import ROTOR, campaign
 from tests.hil.model.test_models import document, model, written
 
@@ -141,3 +147,43 @@ def test_terms_and_noise_of_sensors_that_are_not_there_are_refused(tmp_path: Pat
         with pytest.raises(InputError, match=rf"model\.yaml: {key}; there are 2"):
             fitting(written(tmp_path, document(**changes)), [ROTOR])
         fitting(model(tmp_path, sensors=dict.fromkeys((2, 3, 7), values), **changes), [ROTOR])
+
+
+@pytest.mark.parametrize(
+    ("key", "unit", "noise"),
+    [
+        ("angle_random_walk", "deg/sqrt(hr)", lambda curve: {"angle_random_walk": curve}),
+        ("run_to_run.BA", "deg/hr", lambda curve: {"run_to_run": {"BA": curve}}),
+        (
+            "scatter.0.parameters.sigma_m",
+            "deg/hr",
+            lambda curve: {
+                "scatter": [{"effect": "markov", "shape": {"tau_hr": 1.0}, "parameters": {"sigma_m": curve}}]
+            },
+        ),
+    ],
+)
+def test_noise_that_is_negative_at_a_temperature_is_refused_before_the_night(
+    key: str, unit: str, noise: Callable[[object], object], tmp_path: Path
+) -> None:
+    """Of a polynomial without a range only who knows the temperatures can say so: a sweep on its bench, a campaign.
+
+    At temperatures where it is positive, the same file is read.
+    """
+    curve = {"unit": unit, "polynomial": [1.0, 0.0, -1e-3], "reference_degC": 0.0}
+    path = written(tmp_path, document(noise={2: noise(curve)}))
+    assert fitting(path, [ROTOR], [30.0, -30.0, np.nan]) == load_model(path)
+    rows = campaign(temperatures=(20.0, 50.0))
+    measured = Campaign("", "", {2: Collects(rows, np.zeros((len(rows), 2)), np.ones((len(rows), 2)))})
+    bench = yaml.safe_load(load_bench("simulated").text)
+    bench["simulation"]["model"] = str(path)
+    del bench["sensors"][1]
+    warm = parse_sweep("title: warm\ntemperatures: [20 degC, 50 degC]\n", "sweep.yaml")
+    for ask in (
+        lambda: fitting_campaign(path, measured),
+        lambda: check_sweep_against_bench(warm, parse_bench(yaml.safe_dump(bench), "bench.yaml")),
+    ):
+        with pytest.raises(
+            InputError, match=rf"noise\.2\.{key}: -1\.\d+ {re.escape(unit)} at \d+.* °C: .* write a tab"
+        ):
+            ask()

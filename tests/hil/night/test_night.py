@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.campaign.reader import read_campaign, read_series
+from hil.campaign.reader import read_campaign
 from hil.config import load_bench, parse_bench, parse_sweep
 from hil.errors import InputError
 from hil.files.durable import PARTIAL, RealDisk
@@ -258,7 +258,7 @@ def test_an_exported_night_reads_back_as_it_was_recorded(finished: Path, tmp_pat
             assert conditions.columns["time_since_index_s"][i] == data["time_since_index_s"]
             orientation = bench.orientations(number)[step.position or ""]
             np.testing.assert_array_equal(conditions.f_g[i], orientation.components(bench.site.gravity_g()))
-            series = read_series(campaign, int(conditions.collect[i]))
+            series = campaign.series(int(conditions.collect[i]))
             assert series is not None
             samples = read_samples(finished, blocks[step.key])
             assert len(series.t_s) == pytest.approx(20, abs=1)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -10,11 +12,13 @@ import pytest
 import yaml
 
 from hil.campaign import Campaign
+from hil.campaign.reader import read_campaign
 from hil.config import Bench, load_bench, load_sweep
 from hil.model import load_model
 from hil.night import start_night
 from hil.reconcile import Reconciliation, reconcile, write_result
-from hil.records.export import campaign_of_night
+from hil.reconcile.inside import RAMP
+from hil.records.export import campaign_of_night, export_campaign
 from hil.solve import solve_campaign
 from tests.hil.twin.quiet import changed_bench
 
@@ -28,10 +32,10 @@ SWEEP: dict[str, Any] = {
 }
 
 
-def measured(folder: Path, bench: Bench, seed: int) -> Campaign:
+def measured(folder: Path, bench: Bench, seed: int, other: Mapping[str, Any] = MappingProxyType({})) -> Campaign:
     """Run a simulated night through the bytes and return its campaign."""
     sweep = folder / "sweep.yaml"
-    sweep.write_text(yaml.safe_dump(SWEEP))
+    sweep.write_text(yaml.safe_dump({**SWEEP, **other}))
     night = folder / f"night-{seed}"
     assert start_night(night, load_sweep(sweep), bench, seed=seed).exit_status == 0
     return campaign_of_night(night)
@@ -70,6 +74,19 @@ def test_a_twin_driven_by_the_improved_model_shows_the_effect_and_lacks_nothing_
     assert after[key] == pytest.approx(before[key], abs=2.0)
     assert names(reconcile(again, "collins-4", prove=False))[0] == "MU_real"
     assert reconcile(again, load_model(improved)).verdict == "none"
+
+
+def test_a_night_answers_as_its_export_does(tmp_path: Path) -> None:
+    """What shows inside its collects is asked of its samples, in the means over a second that an export keeps."""
+    longer = {"self_calibrations_per_temperature": 2, "collect": {"settle": "5 s", "duration": "40 s"}}
+    bench = changed_bench(tmp_path, settling={"size": "300 deg/hr", "time_constant": "20 s"})
+    night = measured(tmp_path, bench, 1, longer)
+    export_campaign(tmp_path / "night-1", tmp_path / "campaign")
+    told = [
+        reconcile(each, "matrix-6", prove=False).document() for each in (night, read_campaign(tmp_path / "campaign"))
+    ]
+    assert {each["id"] for each in told[0]["within_collects"]} == {RAMP}
+    assert told[0] == told[1]
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,8 @@ from benchmarks.blind.cases import make_case, write_case
 from benchmarks.blind.inside import INSIDE, write_series
 from benchmarks.blind.jobs import EIGHT
 from hil.campaign import Campaign, Series
-from hil.campaign.reader import read_campaign, read_series
-from hil.model import load_model, save_model
+from hil.campaign.reader import read_campaign
+from hil.model import Model, load_model, save_model
 from hil.model.effects.catalogue import SERIES_EFFECTS
 from hil.model.effects.noise import BiasInstability
 from hil.model.effects.series import SettlingInCollect
@@ -36,9 +37,9 @@ def campaign_with(name: str, folder: Path, seed: int = 5, rho: float = 0.0) -> C
     return read_campaign(written)
 
 
-def reconciled(campaign: Campaign, model: str = "matrix-6") -> Reconciliation:
+def reconciled(campaign: Campaign, model: str | Model = "matrix-6") -> Reconciliation:
     """The campaign against a model, without the held-out comparison of averages."""
-    return reconcile(campaign, load_model(model), prove=False)
+    return reconcile(campaign, model, prove=False)
 
 
 QUICK = "settle"
@@ -66,26 +67,27 @@ def test_series_of_noise_alone_get_no_name(rho: float, tmp_path: Path) -> None:
     assert reconciled(campaign).verdict == "none"
 
 
-def write_further(plain: Campaign, every: Sequence[Series | None], further: np.ndarray) -> None:
-    """Write the series of a campaign (n, samples, 2), as they were, with something further in them."""
-    for path, own, each in zip(plain.series_files.values(), further, every, strict=True):
-        table = np.column_stack([each.t_s, each.rates_deg_per_hr + own])
-        np.savetxt(path, table, delimiter=",", header="t_s,RA_deg_per_hr,RB_deg_per_hr", comments="")
+def with_further(plain: Campaign, every: Sequence[Series | None], further: np.ndarray) -> Campaign:
+    """Return a campaign with something further in its series, (n, samples, 2)."""
+    more = [
+        replace(each, rates_deg_per_hr=each.rates_deg_per_hr + own) for each, own in zip(every, further, strict=True)
+    ]
+    return replace(plain, recorded={n: partial(replace, each) for n, each in zip(plain.recorded, more, strict=True)})
 
 
 def wandering_as_flicker(plain: Campaign, size: float, seed: int) -> Campaign:
     """A campaign with flicker in its series and averages, in deg/hr, whose standard errors allow for it."""
     rows = plain.sensors[2]
-    every = [read_series(plain, collect) for collect in rows.conditions.collect.tolist()]
+    every = [plain.series(collect) for collect in rows.conditions.collect.tolist()]
     t_s = np.concatenate([begins + each.t_s for begins, each in zip(rows.conditions.start_s, every, strict=True)])
     fine = rows.conditions.rows(np.repeat(np.arange(len(every)), len(every[0].t_s)))
     fine = replace(fine, start_s=t_s, duration_s=np.full(len(t_s), 0.2))
     rng = np.random.default_rng(seed)
     more = size * sum(part.draw(fine, rng) for part in BiasInstability().scatter(fine, {}))
     more = more.reshape(len(every), -1, 2)
-    write_further(plain, every, more)
     rates, errors = rows.rates_deg_per_hr + more.mean(axis=1), 3.0 * rows.rates_se_deg_per_hr
-    return replace(plain, sensors={2: replace(rows, rates_deg_per_hr=rates, rates_se_deg_per_hr=errors)})
+    sensors = {2: replace(rows, rates_deg_per_hr=rates, rates_se_deg_per_hr=errors)}
+    return replace(with_further(plain, every, more), sensors=sensors)
 
 
 def test_what_flicker_scatters_averages_by_is_taken_in_square_from_what_they_scatter_by() -> None:
@@ -114,7 +116,7 @@ def test_noise_that_wanders_inside_the_collects_is_written_as_white_noise_and_fl
     """
     plain, size = campaign_with("", tmp_path), 30.0
     rows = plain.sensors[2]
-    every = [read_series(plain, collect) for collect in rows.conditions.collect.tolist()]
+    every = [plain.series(collect) for collect in rows.conditions.collect.tolist()]
     wanders = wandering_as_flicker(plain, size, 3)
     result = reconciled(wanders)
     noise = result.model_after.noise[2]
@@ -141,8 +143,8 @@ def test_noise_that_wanders_inside_the_collects_is_written_as_white_noise_and_fl
     settles, steps = 100.0 * np.exp(-every[0].t_s / 8.0), 100.0 * (every[0].t_s > 30.0)
     few = np.arange(len(every)) % 6 == 0
     for shapes in (np.outer(np.ones(len(every)), settles), np.outer(few, steps)):
-        write_further(plain, every, shapes[:, :, None])
-        assert not any("show flicker" in note for note in reconciled(wanders).notes)
+        settling = with_further(wanders, every, shapes[:, :, None])
+        assert not any("show flicker" in note for note in reconciled(settling).notes)
 
 
 def flicker(rng: np.random.Generator, samples: int) -> np.ndarray:
@@ -180,6 +182,23 @@ def test_what_no_collect_proves_shows_in_all_together(
     alone = within_collects(campaign, [effect], 0.01)
     assert [f["channel"] for f in together] == ["RA"]
     assert together[0]["q_value"] < 1e-3 * min([f["q_value"] for f in alone], default=1.0)
+
+
+@pytest.mark.parametrize(("effect", "unit"), [("markov", "deg/hr"), ("MU_rr", "deg/hr/g")])
+def test_a_slope_inside_collects_is_the_slow_effects_that_the_model_states(
+    effect: str, unit: str, tmp_path: Path
+) -> None:
+    """A bias that wanders drifts through every collect; an MU that differs from run to run through none."""
+    plain = campaign_with("", tmp_path)
+    every = [plain.series(collect) for collect in plain.recorded]
+    ramp = np.linspace(-60.0, 60.0, len(every[0].t_s))
+    drifts = with_further(plain, every, np.broadcast_to(ramp[:, None], (len(every), len(ramp), 2)))
+    size = {"unit": unit, "value": 1.0}
+    shape, name = ({"tau_hr": 0.5}, "sigma_m") if effect == "markov" else ({}, "s_mu")
+    noise = SensorNoise.model_validate({"scatter": [{"effect": effect, "parameters": {name: size}, "shape": shape}]})
+    result = reconciled(drifts, load_model("matrix-6").model_copy(update={"noise": {2: noise}}))
+    assert {each["id"] for each in result.within_collects} >= {"drift"}
+    assert ("drift" in [each.id for each in result.effects]) is (effect == "MU_rr")
 
 
 @pytest.mark.slow

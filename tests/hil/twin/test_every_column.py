@@ -52,7 +52,7 @@ def _night(
     path.write_text(yaml.safe_dump(document))
     sweep = parse_sweep(_SWEEP.format(times=times, duration=duration, soak=soak), "sweep.yaml")
     assert start_night(folder / "night", sweep, bench).exit_status == 0
-    return open_source(folder / "night").campaign, load_model(path)
+    return open_source(folder / "night"), load_model(path)
 
 
 def _term(effect: Effect, conditions: Conditions, sensor: int) -> dict[str, Any]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -193,7 +195,9 @@ def test_temperatures_are_only_said_to_be_different_where_they_are(tmp_path: Pat
     for per_temperature, several in ((2, False), (1, True)):
         one, rates = campaign(2, per_temperature, seed=1), np.random.default_rng(1).normal(0.0, 1.0, (64, 2))
         rates -= rates.mean(axis=0)
-        kept = [(row + 1, Series(np.arange(64.0), rates + one.sensors[2].rates_deg_per_hr[row])) for row in (0, 3)]
-        write_campaign(one, folder := tmp_path / str(several), kept)
+        kept = {
+            row + 1: partial(Series, np.arange(64.0), rates + one.sensors[2].rates_deg_per_hr[row]) for row in (0, 3)
+        }
+        write_campaign(replace(one, recorded=kept), folder := tmp_path / str(several))
         notes = read_recording(folder, channel="RA").notes
         assert any("different temperatures" in note for note in notes) is several

@@ -14,7 +14,7 @@ from hil.analysis.log.accelerometer import NAMES, Accelerometers
 from hil.analysis.log.poses import LogCampaign, campaign_of_log, write_log_campaign
 from hil.analysis.log.reading import read_log
 from hil.analysis.log.static import StaticTest
-from hil.campaign.reader import read_campaign, read_series
+from hil.campaign.reader import read_campaign
 from hil.errors import InputError
 from hil.files.columns import Columns, read_columns
 from hil.files.units import ACCELERATION, RATE, TIME
@@ -83,7 +83,7 @@ def test_the_truth_comes_back_from_the_folder_alone(sound: Simulated, tmp_path: 
         assert of["low"] < of["value"] < of["high"]
         assert of["told"]
         assert abs(of["value"] - truth) < 4.0 * of["sd"], name
-    series = read_series(campaign, 1)
+    series = campaign.series(1)
     assert series is not None
     assert len(series.t_s) == campaign.sensors[1].conditions.columns["n_samples"][0]
 
