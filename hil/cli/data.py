@@ -110,7 +110,7 @@ def export(
 
 def _export_fleet(folder: Path, out: Path, form: Format | None) -> None:
     from hil.campaign.fleet_file import write_fleet_file
-    from hil.reconcile.campaigns import in_turn, pieces_in
+    from hil.records.folders import in_turn, pieces_in
 
     check_named(out, ".parquet")
     if form is not None:
