@@ -13,6 +13,7 @@ from hil.cli.answer import Answer, told
 from hil.cli.exit_status import Exit, Limits, Strict, of_unit
 from hil.cli.output import Folder, check_named, messages, results, warn
 from hil.errors import InputError
+from procedures.words import counted
 
 if TYPE_CHECKING:  # `hil --help` loads no arithmetic
     from matplotlib.figure import Figure
@@ -104,7 +105,7 @@ def export(
     written = export_documents(folder, out) if form == "documents" else export_campaign(folder, out, form)
     for note in written.notes:
         messages().print(f"note: {note}")
-    results().print(f"{form or 'campaign'}: {out}, {written.rows} rows")
+    results().print(f"{form or 'campaign'}: {out}, {counted(written.rows, 'row')}")
     return None
 
 

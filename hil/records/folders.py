@@ -73,4 +73,5 @@ def _read(piece: tuple[str, int]) -> list[tuple[str, Campaign | str]]:
     try:
         return [(place, open_source(Path(place)).campaign)] if number < 0 else list(read_piece(Path(place), number))
     except (InputError, OSError, sqlite3.Error) as error:
-        return [(place if number < 0 else f"{place}, row group {number}", str(error))]
+        why = str(error).removeprefix(place).lstrip("/:, ")  # the folder is said by whoever tells of it
+        return [(place if number < 0 else f"{place}, row group {number}", why)]
