@@ -138,6 +138,13 @@ def parse_yaml(text: str, source: str) -> dict[str, Any]:
     return document
 
 
+def check_schema(document: Mapping[str, Any], schema: str, source: str) -> None:
+    """Raise `InputError`, which begins with `source`, where a document is of another `schema` or does not say which."""
+    if (found := document.get("schema")) != schema:
+        what = "it is missing" if found is None else f"it is {found!r}"
+        raise InputError(f"{source}, key schema: {what}; this program reads {schema}")
+
+
 def first_mistake(error: ValidationError, document: object) -> str:
     """Return the first thing that is wrong with `document` as one sentence that begins with its key.
 

@@ -22,6 +22,7 @@ from procedures.quality import longest_run, missing_in_gaps, moved, not_measured
 from procedures.settings import CollectSettings
 from procedures.verdict import Judgement, Verdict, combine
 from procedures.watch import UNSEEN_S, Watch
+from procedures.words import counted
 
 _INDEX_FIELD = "index_position"  # where a unit that indexes says in every frame where it stands
 _EDGE_SAMPLES = 2  # a collect's ends may each cut one sample off
@@ -132,8 +133,8 @@ def _enough(
     elif missing > _SHORT_LOSS * expected:
         yield Judgement(Verdict.MARGINAL, f"{missing} of {expected} samples are missing")
     if counts.duplicate > _SHORT_LOSS * expected:
-        twice = f"{counts.duplicate} frames came twice, by their counter, and count once: the unit or its line repeats"
-        yield Judgement(Verdict.MARGINAL, twice)
+        twice = f"{counted(counts.duplicate, 'frame')} that came twice, by the counter, counted once"
+        yield Judgement(Verdict.MARGINAL, f"{twice}: the unit or its line repeats")
 
 
 @dataclass(frozen=True)

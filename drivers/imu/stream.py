@@ -209,7 +209,8 @@ class StreamImu:
             return begin + "nothing arrived; is the unit powered, and is the cable in the right port?"
         if not counts.ok:
             return begin + (
-                f"{arrived} bytes arrived but no good {name} frame (bad checksum {counts.bad_checksum}, unknown id "
-                f"{counts.unknown_id}); check the baud rate, and that {name} describes this unit"
+                f"{arrived} byte{'s' * (arrived != 1)} arrived but no good {name} frame (bad checksum "
+                f"{counts.bad_checksum}, unknown id {counts.unknown_id}); check the baud rate, and that {name} "
+                "describes this unit"
             )
-        return begin + f"the unit streamed {counts.ok} good frames but did not say who it is; check its receive line"
+        return begin + f"the unit streamed good frames ({counts.ok}) but did not say who it is; check its receive line"

@@ -17,7 +17,7 @@ import numpy as np
 
 from hil.analysis.night_verdict import night_verdict
 from hil.campaign import Campaign, Collects, FloatArray
-from hil.files.numbers import degrees
+from hil.files.numbers import decimals_for, degrees
 from hil.solve import repeats, solve_campaign
 from hil.solve.repeats import MeanAt, Uncertain
 from hil.solve.temperatures import NOT_SETTLED, apart, nearest, runs_by_temperature
@@ -30,6 +30,7 @@ _LEAST_PLACES = 3  # positions and temperatures in common that a turned sign or 
 _PLACES = {"latitude_deg": 0.2, "heading_deg": 3.0}  # beyond what two people write of one bench
 _MENDED = 0.05  # of the squares of what was different must be left
 _GAIN = 0.02
+_SHOWN = 3  # differences in words
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,14 @@ class Difference:
         """Whether the difference is beyond three times its uncertainty."""
         return self.sigma is not None and abs(self.difference) > SIGMAS * self.sigma
 
+    @property
+    def sentence(self) -> str:
+        """Both means and their difference in words."""
+        digits, at = decimals_for([self.sigma]), degrees(self.temperature_degC, self.temperature_of, self.unit_degC)
+        apart = f"a difference of {self.difference:.{digits}f} ±{self.sigma:.{digits}f} {self.unit}"
+        was = f"{self.parameter} is {self.now:.{digits}f} now and was {self.earlier:.{digits}f}"
+        return f"sensor {self.sensor}, {at}: {was}, {apart}"
+
 
 @dataclass(frozen=True)
 class Comparison:
@@ -109,6 +118,17 @@ class Comparison:
             f"{found} of {all_of} differences from “{self.earlier}” {'is' if found == 1 else 'are'} beyond 3 sigma; "
             f"chance alone gives {chance:.1g}"
         )
+
+    @property
+    def first(self) -> Sequence[Difference]:
+        """The first few of the differences beyond three sigma."""
+        return self.flagged[:_SHOWN]
+
+    def sentences(self) -> list[str]:
+        """Say what was found, the first of it, and what contradicts that."""
+        marked = self.sentence + "; the earlier campaign is SIMULATED" * self.simulated
+        why = dict.fromkeys(filter(None, [*self.doubts, self.meaningless]))
+        return [marked, *(each.sentence for each in self.first), *why]
 
 
 _Place = tuple[str, tuple[int, ...]]  # a position, and the runs of one temperature

@@ -30,6 +30,7 @@ import numpy as np
 import yaml
 
 from drivers.given_file import read_bytes
+from drivers.strict_yaml import check_schema
 from hil.archive.places import CAMPAIGN, CONFIGURATION, ENTRY, HASHED, MARK, check_archive, folder_of, found
 from hil.campaign import Campaign
 from hil.campaign.header import day_of
@@ -127,8 +128,9 @@ def read_entry(archive: Path, entry: str) -> tuple[dict[str, Any], Campaign, Map
     """
     folder = archive / entry
     facts = parse_yaml(read_text(folder / ENTRY), str(folder / ENTRY))
-    if facts.get("schema") != SCHEMA or not isinstance(hashes := facts.get("sha256"), dict):
-        raise InputError(f"{folder / ENTRY}: is no {SCHEMA}")
+    check_schema(facts, SCHEMA, str(folder / ENTRY))
+    if not isinstance(hashes := facts.get("sha256"), dict):
+        raise InputError(f"{folder / ENTRY}, key sha256: it is missing, or no mapping")
     if folder_of(str(facts.get("serial"))) != folder.parent.name:
         raise InputError(f"{folder / ENTRY}: it is of unit {facts.get('serial')}, and stands in another unit's folder")
     try:

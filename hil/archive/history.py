@@ -214,7 +214,7 @@ def _parameters(
 
 def _control(y: FloatArray, sd: FloatArray, since: BoolArray) -> dict[str, Any] | None:
     """Return where the newest value (n,) should be by the earlier ones `since` a jump, and whether it is outside."""
-    limits = control_limits(y[:-1][since[:-1]], sd[:-1][since[:-1]])
+    limits = control_limits(y[:-1][since[:-1]], sd[:-1][since[:-1]], float(sd[-1]))
     if limits is None:
         return None
     half = control_half_width(limits)

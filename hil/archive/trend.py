@@ -36,7 +36,7 @@ LEAST = 4
 
 _EACH_SIDE = 2
 _UNKNOWN, _NOTHING = "cannot tell", "nothing shown"
-_SHEWHART = 1.128  # of the mean range of two values, by their standard deviation (d2 for n = 2)
+_OF_A_PAIR = math.sqrt(2.0 / math.pi)  # how far two values are apart on average, by that difference's own deviation
 _SIGMAS = 3.0
 _OTHERWISE = 0.01  # as improbable as this a jump must be alike at all temperatures, to be called a change with them
 
@@ -142,17 +142,27 @@ def predicted(fit: Fit, at: FloatArray, months: FloatArray, sigmas: float) -> tu
     return columns @ fit.values, sd * Uncertain(0.0, 1.0, fit.freedom, fit.freedom, "").expanded(sigmas)
 
 
-def control_limits(earlier: FloatArray, sd: FloatArray) -> Uncertain | None:
+def control_limits(earlier: FloatArray, sd: FloatArray, own_sd: float) -> Uncertain | None:
     """Return where the next of a unit's values should be by its own earlier ones (m,), None for fewer than three.
 
-    A chart of single values (Shewhart): the scatter is that of neighbours, so that a slow drift does not widen it, and
-    never less than the standard deviations (m,) that are stated. Of few values it is known badly, and wide.
+    A chart of single values (Shewhart), each weighed by its standard deviation (m,); the next has its `own_sd`. How
+    many times these what is seen is, one at least, neighbours tell, so that a slow drift does not widen it. Of few
+    values it is known badly, and wide.
     """
     count = len(earlier)
     if count < LEAST - 1:
         return None
-    scatter = max(float(np.mean(np.abs(np.diff(earlier)))) / _SHEWHART, float(np.sqrt(np.mean(sd**2))))
-    return Uncertain(float(earlier.mean()), scatter * math.sqrt(1.0 + 1.0 / count), count - 1, count, "")
+    if not (told := bool(np.all(sd > 0.0) and own_sd > 0.0)):  # all alike, then
+        sd, own_sd = np.ones(count), 1.0
+    times = max(float(np.mean(np.abs(np.diff(earlier)) / np.hypot(sd[1:], sd[:-1]))) / _OF_A_PAIR, float(told))
+    centre, error = _weighed(earlier, sd)
+    return Uncertain(centre, times * math.hypot(own_sd, error), count - 1, count, "")
+
+
+def _weighed(values: FloatArray, sd: FloatArray) -> tuple[float, float]:
+    """Return the mean of values (n,) by their standard deviations (n,), and its own."""
+    weight = sd**-2.0
+    return float(weight @ values / weight.sum()), float(weight.sum()) ** -0.5
 
 
 def control_half_width(limits: Uncertain) -> float:
@@ -228,12 +238,10 @@ def differs(left: Values, names: Sequence[str], together: Trend) -> bool:
     after = set(names[together.step :])
     jumps = []
     for of in left.values():
-        sides = [
-            np.array([of[name] for name in of if (name in after) is late]).reshape(-1, 2) for late in (False, True)
-        ]
+        sides = [np.array([of[name] for name in of if (name in after) is late]) for late in (False, True)]
         if all(len(side) for side in sides):
-            error = np.sqrt(sum(np.sum(side[:, 1] ** 2) / len(side) ** 2 for side in sides))
-            jumps.append((float(sides[1][:, 0].mean() - sides[0][:, 0].mean()), float(error)))
+            (before, one), (now, other) = (_weighed(*side.T) for side in sides)
+            jumps.append((now - before, math.hypot(one, other)))
     sizes, errors = (np.array(column) for column in zip(*jumps, strict=True))
     mean = np.sum(sizes / errors**2) / np.sum(1.0 / errors**2)
     squares = float(np.sum(((sizes - mean) / errors) ** 2))

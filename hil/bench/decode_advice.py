@@ -22,6 +22,7 @@ from drivers.frames.roles import CounterDescription
 from drivers.given_file import opened
 from hil.errors import InputError
 from hil.files.strict import config_folders
+from procedures.words import counted
 
 _LOOK = 1 << 16  # bytes from the beginning of a file that are tried with other descriptions
 _FEW = 10  # frames from which on a counter's habit can be told
@@ -49,7 +50,8 @@ def misfit(path: Path, description: StreamDescription, counts: StreamCounts) -> 
     yield f"{said}: in the first {len(data)}, what begins a frame of {description.name} is there {times}"
     others = sorted(that_read(data), reverse=True)
     for share, ok, name in others[:2]:
-        yield f"{name} reads {share:.1%} of the first {len(data)} bytes as {ok} good frames: try --frames {name}"
+        read = f"{share:.1%} of the first {len(data)} bytes as {counted(ok, 'good frame')}"
+        yield f"{name} reads {read}: try --frames {name}"
     if others:
         return
     if counts.bad_checksum > begun / 2 > 2:

@@ -57,7 +57,7 @@ def guess_file(path: Path) -> dict[str, Any]:
     with opened(path) as file:
         data = file.read(_LOOK)
     if len(data) < 4 * _FEW:
-        raise InputError(f"{path}: {len(data)} bytes are too few to guess from; record some seconds")
+        raise InputError(f"{path}: too few bytes ({len(data)}) to guess from; record some seconds")
     printable = sum(32 <= byte < 127 or byte in b"\t\r\n" for byte in data) / len(data)
     fits = sorted(that_read(data, least=0.05), reverse=True)
     found = _lines(data) if printable > _MOST else _frames(np.frombuffer(data, np.uint8))

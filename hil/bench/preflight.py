@@ -30,6 +30,7 @@ from hil.config.sweep import left_hot_or_cold
 from hil.errors import InputError
 from procedures.collect import join
 from procedures.plan import Plan, Step, StepKind, lasting_s
+from procedures.words import counted
 
 _LISTEN_S = 2.0
 _LISTEN_AGAIN = 3  # times, while the rate is not what it should be: a busy computer is late by a few samples once
@@ -135,7 +136,7 @@ def _stream(live: LiveBench) -> Iterator[Finding]:
     samples, counts = len(heard), heard.counts
     bad = counts.bad_checksum + counts.bad_delimiter + counts.lost
     rate = f"{rate_hz:.1f} Hz, {imu.sample_rate_hz:g} expected"
-    told = f"{samples} samples in {listened_s:.0f} s ({rate}), {bad} bad or lost"
+    told = f"{counted(samples, 'sample')} in {listened_s:.0f} s ({rate}), {bad} bad or lost"
     miscounted = "; ".join(wrong_counter(live.bench.frames, heard.raw, rate_hz)) if samples else ""
     wrong = "silent" if not samples else "damaged" if bad else "" if enough else "other rate"
     yield Finding("stream", enough and not bad, told, miscounted or ADVICE["stream"].get(wrong, ""))

@@ -10,7 +10,7 @@ from typing import Annotated, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StrictBool, ValidationError, model_validator
 
-from drivers.strict_yaml import first_mistake, parse_yaml
+from drivers.strict_yaml import check_schema, first_mistake, parse_yaml
 from hil.campaign.data import SCHEMA, Campaign, Sensor, Technology
 from hil.errors import InputError
 from procedures.pose import PoseTolerance
@@ -109,10 +109,8 @@ class Header:
 def parse_header(text: str, path: Path) -> Header:
     """Read and check the text of a campaign.yaml, which stands at `path`; raise InputError with that and the key."""
     keys = parse_yaml(text, str(path))
-    schema = keys.pop("schema", None)
-    if schema != SCHEMA:
-        found = "it is missing" if schema is None else f"it is {schema!r}"
-        raise InputError(f"{path}, key schema: {found}; this program reads {SCHEMA}")
+    check_schema(keys, SCHEMA, str(path))
+    del keys["schema"]
     extra = tuple(sorted(str(key) for key in keys.keys() - _Keys.model_fields.keys()))
     known = {key: value for key, value in keys.items() if str(key) not in extra and value is not None}
     try:

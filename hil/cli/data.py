@@ -13,6 +13,7 @@ from hil.cli.answer import Answer, told
 from hil.cli.exit_status import Exit, Limits, Strict, of_unit
 from hil.cli.output import Folder, check_named, messages, results, warn
 from hil.errors import InputError
+from procedures.words import counted
 
 if TYPE_CHECKING:  # `hil --help` loads no arithmetic
     from matplotlib.figure import Figure
@@ -104,13 +105,13 @@ def export(
     written = export_documents(folder, out) if form == "documents" else export_campaign(folder, out, form)
     for note in written.notes:
         messages().print(f"note: {note}")
-    results().print(f"{form or 'campaign'}: {out}, {written.rows} rows")
+    results().print(f"{form or 'campaign'}: {out}, {counted(written.rows, 'row')}")
     return None
 
 
 def _export_fleet(folder: Path, out: Path, form: Format | None) -> None:
     from hil.campaign.fleet_file import write_fleet_file
-    from hil.reconcile.campaigns import in_turn, pieces_in
+    from hil.records.folders import in_turn, pieces_in
 
     check_named(out, ".parquet")
     if form is not None:

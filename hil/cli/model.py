@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from rich.progress import Progress
 from typer import Argument, Option
@@ -14,9 +15,7 @@ from typer import Argument, Option
 from hil.cli.answer import Answer, told
 from hil.cli.data import Source, read_source
 from hil.cli.output import check_named, check_result_folder, messages
-
-if TYPE_CHECKING:
-    from hil.model import Model
+from procedures.words import hours_minutes
 
 _LEVEL = 0.05
 _ModelName = Annotated[str, Option("--model", help="A model file, or the name of a built-in.")]
@@ -47,17 +46,21 @@ def reconcile(
         check_result_folder(out, "reconciliation.json", model)
     result = search(data, model, alpha=alpha)
     if with_twin and out is not None:
+        from hil.likeness import likeness
+
         each_temperature = True if result.calibration == "per temperature" else None
-        given, how = result.input_model, {"draws": draws, "seed": seed}
-        before, after = (
-            _likeness(campaign, each, out / f"twin-{when}", calibrated=each_temperature, wrong=result.rows, **how)
-            for when, each in (("before", given), ("after", result.model_after))
-        )
+        given, asked = result.input_model, {"draws": draws, "seed": seed}
+        how: dict[str, Any] = {"calibrated": each_temperature, "wrong": result.rows, **asked}
+        with _bar(2 * draws) as done:
+            before, after = (
+                likeness(campaign, each, keep=out / f"twin-{when}", done=done, **how)
+                for when, each in (("before", given), ("after", result.model_after))
+            )
         halves = {
             name: {key: of[key] for key in ("p_value", "parts", "places")}
             for name, of in (("before", before), ("after", after))
         }
-        result = replace(result, twin={**how, **halves})
+        result = replace(result, twin={**asked, **halves})
     if out is not None:
         write_result(result, out)
     document, stated_by = result.document(), {"values_of": _values, "before_and_after": before_and_after_in_words}
@@ -109,33 +112,35 @@ def twin(
     out: Annotated[Path | None, Option(help="Keeps what was simulated; default: NIGHT-twin, beside it.")] = None,
 ) -> Answer:
     """Simulate the same night with a model, many times, through bytes; say whether the measured one can be told."""
+    from hil.likeness import likeness
     from hil.records.units import place_of
 
     night, unit = place_of(campaign.resolve())
     keep = out or night.with_name("-".join(filter(None, (night.name, unit, "twin"))))
     check_result_folder(keep)
-    document = _likeness(campaign, model, keep, draws=draws, seed=seed)
-    return Answer(document, told(document, keep=keep, level=_LEVEL))
-
-
-def _likeness(folder: Path, model: Model | str, keep: Path, *, draws: int, **how: Any) -> dict[str, Any]:
-    """Ask `hil.likeness`, and show how far it is."""
-    from hil.likeness import likeness
-
     with _bar(draws) as done:
-        return likeness(folder, model, keep=keep, draws=draws, done=done, **how)
+        document = likeness(campaign, model, keep=keep, draws=draws, seed=seed, done=done)
+    return Answer(document, told(document, keep=keep, level=_LEVEL))
 
 
 @contextmanager
 def _bar(draws: int) -> Iterator[Callable[[int], None]]:
-    """Show how many nights are simulated, on a terminal as a bar."""
+    """Show how many nights are simulated, and how long the others take; on a terminal as a bar."""
     console = messages()
-    if not console.is_terminal:
-        yield lambda number: console.print(f"simulated night {number} of {draws}")
-        return
-    with Progress(console=console, transient=True) as bar:
+    # However slow a machine is, two nights tell how long one takes.
+    with Progress(
+        console=console, transient=True, disable=not console.is_terminal, speed_estimate_period=math.inf
+    ) as bar:
         task = bar.add_task("simulated nights", total=draws)
-        yield lambda number: bar.update(task, completed=number)
+
+        def done(_: int) -> None:
+            bar.advance(task)
+            if bar.disable:
+                left_s = bar.tasks[0].time_remaining
+                more = f", {hours_minutes(left_s)} to go" if left_s else ""
+                console.print(f"simulated night {bar.tasks[0].completed:.0f} of {draws}{more}")
+
+        yield done
 
 
 def visibility(

@@ -20,6 +20,7 @@ from hil.errors import InputError
 from hil.files.optional import library
 from hil.records.export import open_source
 from hil.records.reader import JOURNAL_NAME, is_night
+from procedures.words import counted, numbered
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -119,8 +120,8 @@ class Measured:
     def __repr__(self) -> str:
         collects = sum(len(each.conditions) for each in self.campaign.sensors.values())
         mark = "  SIMULATED" if self.campaign.simulated else ""
-        sensors = ", ".join(map(str, self.campaign.sensors))
-        return f"{self.campaign.title}{mark}: {collects} averages of sensors {sensors}, in {self.folder}"
+        known = f"{counted(collects, 'average')} of {numbered('sensor', self.campaign.sensors)}"
+        return f"{self.campaign.title}{mark}: {known}, in {self.folder}"
 
 
 class Night(Measured):

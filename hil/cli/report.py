@@ -62,6 +62,8 @@ def report(
     formats: list[TableFormat] = [*(["csv"] if csv else []), *(["parquet"] if parquet else [])]  # type: ignore[list-item]
     for path, content in written.values():
         results().print(f"report: {path}: {': '.join(good(content))}")
+        for line in () if content.comparison is None else content.comparison.sentences():
+            results().print(line)
         for line in () if content.in_spec is None else content.in_spec.sentences()[:1]:
             results().print(line)
         for kind in formats:

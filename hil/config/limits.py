@@ -20,6 +20,7 @@ from hil.errors import InputError
 from hil.files.strict import Section, WholeFile, find_config, near, read_text, validated_inside
 from hil.files.units import RATE, RATE_PER_G, to_number
 from hil.model.forms import bias_names, rotor_names, sensitivity_names
+from procedures.words import counted
 
 _Above = Annotated[float, Field(gt=0.0)] | None
 
@@ -104,7 +105,9 @@ class Limits(WholeFile):
             names = rotor_names(sensor) if sensor.is_rotor else (*biases, *sensitivity_names(sensor))
             for name in of:
                 if name not in names:
-                    kind = "a two-channel rotor sensor" if sensor.is_rotor else f"one of {len(biases)} channels"
+                    kind = (
+                        "a two-channel rotor sensor" if sensor.is_rotor else f"one of {counted(len(biases), 'channel')}"
+                    )
                     raise InputError(
                         f"{self.source}: sensors.{number}.{name}: sensor {number} is {kind}, without such a parameter"
                         f"{near(name, names)}"

@@ -19,6 +19,7 @@ import yaml
 
 from drivers.frames.description import whole_text
 from drivers.given_file import read_bytes
+from drivers.strict_yaml import check_schema
 from hil.config import Bench, Sweep, limits_of, parse_bench, parse_sweep
 from hil.config.limits import Limits
 from hil.errors import InputError
@@ -89,8 +90,7 @@ def configuration_of(text: str, folder: Path) -> tuple[Bench, Sweep]:
     Raises `InputError` where the text is not a configuration that this version understands.
     """
     document: Any = parse_yaml(text, "the night's configuration")
-    if document.get("schema") != SCHEMA:
-        raise InputError(f"the night's configuration is {document.get('schema')!r}; this program reads {SCHEMA}")
+    check_schema(document, SCHEMA, "the night's configuration")
     bench: dict[str, Any] = document["bench"]
     folder = folder.resolve()
     folder.mkdir(exist_ok=True)

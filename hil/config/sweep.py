@@ -136,9 +136,9 @@ def _refuse_endless(sweep: Sweep) -> None:
     runs = len(sweep.temperatures) * sweep.self_calibrations_per_temperature
     if runs * len(sweep.positions) > _MOST_COLLECTS:
         raise InputError(
-            f"{sweep.source}: {len(sweep.temperatures)} temperatures, {sweep.self_calibrations_per_temperature} "
-            f"self_calibrations_per_temperature and {len(sweep.positions)} positions make more than {_MOST_COLLECTS} "
-            "collects"
+            f"{sweep.source}: {counted(len(sweep.temperatures), 'temperature')}, "
+            f"{sweep.self_calibrations_per_temperature} self_calibrations_per_temperature and "
+            f"{counted(len(sweep.positions), 'position')} make more than {_MOST_COLLECTS} collects"
         )
     total_s = make_plan(sweep.procedure()).total_s
     if total_s > _LONGEST_DAYS * 86400.0:

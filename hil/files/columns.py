@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from drivers.given_file import RECORDING_MB, check_size, opened
 from hil.errors import InputError
+from procedures.words import counted
 
 
 @dataclass(frozen=True)
@@ -119,8 +120,8 @@ def _first_odd_row(file: BinaryIO, delimiter: str | None, before: int, count: in
     for number, line in enumerate(file, 1):
         cells = line.decode("utf-8-sig").partition("#")[0].strip().split(delimiter)
         if number > before and any(cells) and (len(cells) != count or not all(map(is_number, cells))):
-            return f"row {number}: {count} numbers are asked for, it has {' '.join(cells):.60}"
-    return f"{count} columns have names, and no row holds so many numbers"
+            return f"row {number}: it should have {counted(count, 'number')}, and has {' '.join(cells):.60}"
+    return f"{counted(count, 'column')} named, and no row holds so many numbers"
 
 
 def _numbers(table: pa.Table) -> dict[str, NDArray[np.float64]]:
@@ -165,8 +166,21 @@ def read_csv(path: Path, file: BinaryIO, names: list[str] | None = None) -> pa.T
 
     Raises `InputError` where it names a column twice, and `pyarrow.ArrowInvalid` where it is no table.
     """
-    # With threads an error would not say which row it is about.
-    table = pyarrow.csv.read_csv(file, pyarrow.csv.ReadOptions(column_names=names, use_threads=False))
+    odd: list[pyarrow.csv.InvalidRow] = []
+
+    def at_the_first(row: pyarrow.csv.InvalidRow) -> str:
+        odd.append(row)
+        return "error"
+
+    told = pyarrow.csv.ParseOptions(invalid_row_handler=at_the_first)
+    try:  # with threads an error would not say which row it is about
+        table = pyarrow.csv.read_csv(file, pyarrow.csv.ReadOptions(column_names=names, use_threads=False), told)
+    except pa.ArrowInvalid as error:
+        if not odd:
+            raise
+        under = f"{counted(odd[0].actual_columns, 'cell')} under {counted(odd[0].expected_columns, 'column')}"
+        cut = "; it seems to be cut off" * (odd[0].actual_columns < odd[0].expected_columns)
+        raise pa.ArrowInvalid(f"row {odd[0].number}: {under}{cut}") from error
     check_names(path, table.column_names)
     return table
 

@@ -45,9 +45,10 @@ def degrees(
     """
     if temperature_degC is None:
         return "all runs"
-    whose = f" {WHOSE[temperature_of]}" if temperature_of in WHOSE else ""
-    own = unit_degC if temperature_of != "temperature_degC" else None
-    return f"{temperature_degC:z.1f} °C{whose}" + (f", unit {own[0]:z.1f} … {own[1]:z.1f} °C" if own else "")
+    about = [WHOSE[temperature_of]] if temperature_of in WHOSE else []
+    if unit_degC and temperature_of != "temperature_degC":
+        about.append(f"unit {unit_degC[0]:z.1f} … {unit_degC[1]:z.1f} °C")
+    return f"{temperature_degC:z.1f} °C" + (f" ({', '.join(about)})" if about else "")
 
 
 def rounded(value: float, se: float | None) -> str:

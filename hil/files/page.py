@@ -15,7 +15,7 @@ from markupsafe import Markup
 from hil.errors import InputError
 from hil.files.figure import drawn
 from hil.files.numbers import degrees, number
-from procedures.words import hours_minutes, percent
+from procedures.words import counted, hours_minutes, percent
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,7 +33,7 @@ def rendered(room: str, template: str, content: object) -> str:
         trim_blocks=True,
         finalize=_with_minus,
     )
-    filters = {"number": number, "degrees": degrees, "hours_minutes": hours_minutes}
+    filters = {"number": number, "degrees": degrees, "hours_minutes": hours_minutes, "counted": counted}
     environment.filters |= {**filters, "percent": percent}
     return environment.get_template(f"room/{template}").render(r=content)
 

@@ -23,6 +23,7 @@ from hil.records import reading
 from hil.records.reader import is_night
 from hil.records.units import place_of
 from hil.solve.temperatures import level_degC, same_temperature
+from procedures.words import counted
 
 _LOOKED_AT = {"interval": "90 s", "read_interval": "90 s"}  # seldom: simulated devices keep every byte
 _OVERHEAD_BYTES = 11  # sync, id, status, counter, position and checksum of an MFS frame
@@ -150,7 +151,8 @@ def _sweep(campaign: Campaign, rows: Conditions) -> tuple[dict[str, Any], float]
         odd = next((rows.run[own[0]] for own, at in zip(runs, taken, strict=True) if at != positions), rows.run[0])
         raise InputError(
             f"{campaign.folder}: no plan can be inferred: most runs should have the same collects ("
-            f"{', '.join(positions)}, which run {odd} has not), and most temperatures, all known, {times} runs each"
+            f"{', '.join(positions)}, which run {odd} has not), and most temperatures, all known, "
+            f"{counted(times, 'run')} each"
         )
     levels = [23.0 if level is None else float(np.nanmean(level[station == stands[k]])) for k in plateaus]
     settle_s = float(np.nanmedian(rows.columns.get("time_since_index_s", np.array([60.0]))))

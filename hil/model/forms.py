@@ -18,6 +18,7 @@ from hil.campaign import Conditions, FloatArray, Sensor
 from hil.campaign.stand_ins import told
 from hil.errors import InputError
 from hil.model.equation import pickoff_rates, rotor_matrix
+from procedures.words import counted
 
 MATRIX_6 = ("BA", "BB", "GSA", "GSB", "MUA", "MUB")
 """Order of the report's six parameters, everywhere."""
@@ -204,7 +205,7 @@ def default_form(conditions: Conditions) -> LinearForm:
         return triad_12_form(sensor)
     return constant_form(
         sensor,
-        f"bias only: the {len(conditions)} positions do not excite all three axes apart from the bias "
+        f"bias only: {counted(len(conditions), 'position')} cannot excite all three axes apart from the bias "
         "(triad-12 needs four poses or more whose f do not lie in one plane)",
     )
 

@@ -18,7 +18,7 @@ import numpy as np
 import yaml
 from pydantic import AfterValidator, Field, FiniteFloat, ValidationError
 
-from drivers.strict_yaml import first_mistake
+from drivers.strict_yaml import check_schema, first_mistake
 from hil.campaign import Campaign, Conditions, FloatArray, Sensor
 from hil.errors import InputError
 from hil.files.durable import RealDisk, write_durably
@@ -224,8 +224,7 @@ def _plain(value: Any) -> Any:
 
 
 def _parse(path: Path, document: dict[str, Any]) -> Model:
-    if document.get("schema") != SCHEMA:
-        raise InputError(f"{path}: schema: expected {SCHEMA}, found {document.get('schema')}")
+    check_schema(document, SCHEMA, str(path))
     try:
         model = Model.model_validate(document, context=str(path))
     except ValidationError as error:

@@ -34,6 +34,7 @@ from hil.records.live import TRACE_NAME
 from hil.records.reader import JOURNAL_NAME, journal_of
 from hil.records.rows import step_row, to_json
 from hil.records.witnesses import LOG_NAME, Witnesses, proven
+from procedures.words import counted
 
 
 def repair_night(folder: Path, out: Path, who: str = "") -> dict[str, Any]:
@@ -54,7 +55,7 @@ def repair_night(folder: Path, out: Path, who: str = "") -> dict[str, Any]:
             restored = _take_from_the_log(new, witnesses, gone)
             enter_everything(new)
             new.execute("COMMIT")
-        lost = [f"{count} rows of the table {table}" for table, count in gone.items() if count > 0]
+        lost = [f"{counted(count, 'row')} of the table {table}" for table, count in gone.items() if count > 0]
         (partial / BLOCKS).mkdir()
         for path in (*folder.glob(f"{LOG_NAME}*"), folder / TRACE_NAME):  # not as sealed? That is said again
             with suppress(InputError), opened(path) as file:

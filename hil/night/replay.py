@@ -39,6 +39,7 @@ from hil.records.units import night_of
 from procedures.collect import reduce_collect
 from procedures.plan import StepKind
 from procedures.settings import CollectSettings
+from procedures.words import counted
 
 SCHEMA = "hil.replay/1"
 _TAKEN = "counts"  # as recorded: the driver also counts what no byte tells, such as bytes that overflowed
@@ -163,7 +164,7 @@ def _different_samples(samples: Samples, columns: Mapping[str, FloatArray]) -> I
     n = len(samples.time_s)
     decoded = len(next(iter(columns.values()))) if columns else 0
     if decoded != n:
-        yield f"the raw bytes hold {decoded} good frames, {n} samples are stored"
+        yield f"the raw bytes hold {counted(decoded, 'good frame')}, stored are {counted(n, 'sample')}"
         return
     nothing = np.full(n, np.nan)
     for name in dict.fromkeys([*samples.fields, *columns]):

@@ -1,4 +1,4 @@
-"""Screen campaign folders: read each, put those of one layout together, weigh them on as many processes as there are.
+"""Screen campaigns: read each, put those of one layout together, weigh them on as many processes as there are.
 
     screened = screen_folders([Path("units")], "matrix-6", workers=4)
     [unit for unit in screened.units if unit.worth]     # those that a full reconcile is worth
@@ -11,39 +11,32 @@ in its own), in pieces of a size that does not depend on the workers, so that th
 from __future__ import annotations
 
 import hashlib
-import sqlite3
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
-from drivers.given_file import check_folder
 from hil.campaign import Campaign, FloatArray
-from hil.campaign.fleet_file import pieces_of, read_piece
 from hil.campaign.header import day_of
 from hil.campaign.plausibility import usable
-from hil.campaign.reader import HEADER_FILE
 from hil.campaign.stand_ins import with_stand_ins
 from hil.errors import InputError
 from hil.files.processes import Map, processes
 from hil.model import Model, load_model
-from hil.reconcile.fleet import NOISY_UNITS, Asked, Screen, SharedFinding, Stood, UnitFinding, beside_the_earth
+from hil.reconcile.fleet import CALLED, NOISY_UNITS, Asked, Screen, SharedFinding, Stood, UnitFinding, beside_the_earth
 from hil.reconcile.proof.places import false_discovery
-from hil.records.export import open_source
-from hil.records.reader import is_night, units_in
+from hil.records.folders import PIECE, in_turn, pieces_in, some_at_once
 from hil.solve.omissions import by_records
-from hil.solve.wrong_rows import failed, pooled
+from hil.solve.wrong_rows import Wrong, failed, pooled, put_right
 
 LEVEL = 0.05
 """False discoveries among the units that are called, at most, on average."""
-_PIECE = 256  # units that a process takes at once
-_AT_ONCE = 8  # pieces that are read at once; memory holds two times as many
-_WEIGHED = 64  # that are weighed at once
+_WEIGHED = 64  # pieces that are weighed at once
 
 
 @dataclass(frozen=True)
@@ -73,6 +66,11 @@ class Facts:
         bad = sorted(set().union(*(failed(campaign, number) for number in campaign.sensors)))
         known = (campaign.title, serial, day.isoformat() if day else "", campaign.simulated)
         return cls(folder, *known, bad, by_records(campaign))
+
+    def mended(self, rows: Sequence[Wrong]) -> Self:
+        """Return the same with rows that are put right."""
+        found = [*self.wrong.get("rows", ()), *(row.document() for row in rows)]
+        return replace(self, wrong={**self.wrong, "rows": found}) if rows else self
 
 
 @dataclass(frozen=True)
@@ -111,6 +109,10 @@ class _Layout:
     units: Sequence[Campaign] = field(compare=False)
 
 
+_Rates = Mapping[int, FloatArray]
+_Unit = tuple[_Rates, _Rates]  # rates less the earth's, and their standard errors
+
+
 @dataclass
 class _Group:
     """Units of one layout, by what is kept of them."""
@@ -118,24 +120,28 @@ class _Group:
     first: Campaign
     stood: Stood
     facts: list[Facts] = field(default_factory=list)
-    values: list[Mapping[int, FloatArray]] = field(default_factory=list)
+    units: list[_Unit] = field(default_factory=list)
 
-    def has_like(self, other: Campaign, values: Mapping[int, FloatArray]) -> bool:
+    def has_like(self, other: Campaign, values: _Rates) -> bool:
         """Whether a campaign is of this layout: it stood so, and the same of its rates are there."""
         alike = self.first.sensors.keys() == values.keys() and self.stood.like(other)
-        return alike and all(np.array_equal(*np.isfinite([own, values[n]])) for n, own in self.values[0].items())
+        return alike and all(np.array_equal(*np.isfinite([own, values[n]])) for n, own in self.units[0][0].items())
 
     def layout(self, model: Model) -> _Layout:
         """Return what a screen is laid out by: the first unit, and others evenly over the fleet."""
-        some = np.unique(np.linspace(0, len(self.values) - 1, NOISY_UNITS).astype(np.int64)).tolist()
-        told = b"".join(own.tobytes() for i in some for own in self.values[i].values())
-        return _Layout(hashlib.sha256(told).hexdigest(), model, [self._again(self.values[i]) for i in some])
+        some = np.unique(np.linspace(0, len(self.units) - 1, NOISY_UNITS).astype(np.int64)).tolist()
+        told = b"".join(own.tobytes() for i in some for own in self.units[i][0].values())
+        return _Layout(hashlib.sha256(told).hexdigest(), model, [_again(self.first, self.units[i]) for i in some])
 
-    def _again(self, values: Mapping[int, FloatArray]) -> Campaign:
-        """Return a unit with its own rates, under the first one's conditions."""
-        w = {number: of.conditions.w_channels_deg_per_hr for number, of in self.first.sensors.items()}
-        sensors = {n: replace(of, rates_deg_per_hr=values[n] + w[n]) for n, of in self.first.sensors.items()}
-        return replace(self.first, sensors=sensors)
+
+def _again(first: Campaign, unit: _Unit) -> Campaign:
+    """Return a unit with its own rates, under the first one's conditions."""
+    sensors = {}
+    for number, of in first.sensors.items():
+        values, errors = (each[number] for each in unit)
+        rates = values + of.conditions.w_channels_deg_per_hr
+        sensors[number] = replace(of, rates_deg_per_hr=rates, rates_se_deg_per_hr=errors)
+    return replace(first, sensors=sensors)
 
 
 def screen_folders(
@@ -157,7 +163,9 @@ def screen_folders(
                 told[place] = campaign
                 continue
             try:
-                read = with_stand_ins(usable(pooled(campaign)))
+                # What its records contradict has been asked about already.
+                used, rows = put_right(pooled(campaign)) if campaign.contradicted else (pooled(campaign), [])
+                read = with_stand_ins(usable(used))
             except InputError as error:
                 told[place] = str(error)
                 continue
@@ -168,8 +176,8 @@ def screen_folders(
                 continue
             if (group := next((each for each in groups if each.has_like(read, values)), None)) is None:
                 groups.append(group := _Group(read, Stood({n: rows.conditions for n, rows in read.sensors.items()})))
-            group.facts.append(Facts.of(place, campaign))
-            group.values.append(values)
+            group.facts.append(Facts.of(place, campaign).mended(rows))
+            group.units.append((values, {n: of.rates_se_deg_per_hr for n, of in read.sensors.items()}))
         for number, group in enumerate(groups, 1):
             try:
                 found, common = _weighed(group, chosen, mapped)
@@ -185,71 +193,19 @@ def screen_folders(
     return Screened(chosen.full_title, sorted(units, key=lambda each: each.finding.p_value), shared, told, said)
 
 
-def pieces_in(folders: Sequence[Path]) -> list[tuple[str, int]]:
-    """Return what is read at once: campaigns and nights that folders are or hold (-1), pieces of files.
-
-    Each once, by name. Raises `InputError` where a folder or file is none, or no campaign is in it.
-    """
-    found: list[tuple[str, int]] = []
-    for folder in folders:
-        if folder.suffix == ".parquet" and not folder.is_dir():
-            found += [(str(folder), piece) for piece in range(pieces_of(folder))]
-            continue
-        check_folder(folder)
-        inside = [(str(unit), -1) for each in _held(folder) for unit in (*units_in(each).values(),) or (each,)]
-        if not inside:
-            raise InputError(f"{folder}: no campaign folder (with {HEADER_FILE}) and no night is there")
-        found += inside
-    return list(dict.fromkeys(found))
-
-
-def in_turn(mapped: Map, pieces: Sequence[tuple[str, int]]) -> Iterator[tuple[str, Campaign | str]]:
-    """Read campaigns, each with its folder, or the sentence why it cannot be read; some at once, to spare memory."""
-    folders = all(piece < 0 for _, piece in pieces)
-    for read in _some_at_once(mapped, _read, pieces, _PIECE if folders else _AT_ONCE):
-        yield from read
-
-
-def _holds_one(folder: Path) -> bool:
-    return (folder / HEADER_FILE).is_file() or (folder.is_dir() and is_night(folder))
-
-
-def _held(folder: Path) -> Iterator[Path]:
-    """Yield the campaigns and nights that a folder is or holds, in the order of their names: none holds others."""
-    if _holds_one(folder):
-        yield folder
-        return
-    for each in sorted(folder.iterdir()):
-        if (each.is_dir() and not each.is_symlink()) or _holds_one(each):
-            yield from _held(each)
-
-
-def _some_at_once(mapped: Map, function: Callable[[Any], Any], things: Sequence[Any], most: int) -> Iterator[Any]:
-    """Yield what a function makes of things; the next of them are under way while these are taken."""
-    ahead = mapped(function, things[:most])
-    for first in range(most, len(things) + most, most):
-        these, ahead = ahead, mapped(function, things[first : first + most])
-        yield from these
-
-
-def _read(piece: tuple[str, int]) -> list[tuple[str, Campaign | str]]:
-    place, number = piece
-    try:
-        return [(place, open_source(Path(place)))] if number < 0 else list(read_piece(Path(place), number))
-    except (InputError, OSError, sqlite3.Error) as error:
-        return [(place if number < 0 else f"{place}, row group {number}", str(error))]
-
-
 def _weighed(group: _Group, model: Model, mapped: Map) -> tuple[list[tuple[Facts, UnitFinding]], SharedFinding]:
     """Weigh the units of a layout. Raises `InputError` for an unfit model."""
     layout = group.layout(model)
-    pieces = [(layout, group.values[first : first + _PIECE]) for first in range(0, len(group.values), _PIECE)]
+    pieces = [(layout, group.units[first : first + PIECE]) for first in range(0, len(group.units), PIECE)]
     findings: list[UnitFinding] = []
+    mended: list[Sequence[Wrong]] = []
     mixed: FloatArray = np.zeros(())
-    for asked, by_name in _some_at_once(mapped, _weigh, pieces, _WEIGHED):
+    for asked, by_name, rows in some_at_once(mapped, _weigh, pieces, _WEIGHED):
         findings += asked.findings(by_name)
+        mended += rows
         mixed = mixed + asked.mixed(by_name)
-    return list(zip(group.facts, findings, strict=True)), asked.in_common(mixed)
+    facts = [each.mended(rows) for each, rows in zip(group.facts, mended, strict=True)]
+    return list(zip(facts, findings, strict=True)), asked.in_common(mixed)
 
 
 @lru_cache(maxsize=2)
@@ -257,10 +213,20 @@ def _screen(layout: _Layout) -> Screen:
     return Screen.of(layout.units, layout.model)
 
 
-def _weigh(piece: tuple[_Layout, Sequence[Mapping[int, FloatArray]]]) -> tuple[Asked, FloatArray]:
-    """Weigh some units, in whichever process this is, which lays a layout out once."""
-    screen, values = _screen(piece[0]), piece[1]
-    return screen.asked, screen.weigh([screen.in_blocks(each, "") for each in values])
+def _weigh(piece: tuple[_Layout, Sequence[_Unit]]) -> tuple[Asked, FloatArray, list[Sequence[Wrong]]]:
+    """Weigh some units, in whichever process this is, which lays a layout out once.
+
+    Of those that something may be missing from it is asked what is filed elsewhere than it belongs, as of every
+    campaign that is solved; they are weighed again with that put right, and it is said of each.
+    """
+    (layout, units), screen = piece, _screen(piece[0])
+    by_name = screen.weigh([screen.in_blocks(values, "") for values, _ in units])
+    mended: list[Sequence[Wrong]] = [()] * len(units)
+    for i in np.flatnonzero(screen.asked.statistic(by_name) > CALLED).tolist():
+        right, mended[i] = put_right(_again(layout.units[0], units[i]))
+        if mended[i]:
+            by_name[:, i] = screen.weigh([screen.in_blocks(beside_the_earth(right), "")])[:, 0]
+    return screen.asked, by_name, mended
 
 
 @contextmanager

@@ -1,6 +1,4 @@
-"""Screen many units that were measured in the same way.
-
-Is anything missing, in which of them, in all of them?
+"""Screen many units that were measured in the same way: what is missing, in which of them, in all of them.
 
     screen = Screen.of(campaigns, "matrix-6")           # the layout: terms and noise, once
     findings = screen.units(campaigns)                  # milliseconds per unit
@@ -88,12 +86,14 @@ class Asked:
     log_odds: FloatArray
     follows: bool
 
+    def statistic(self, by_name: FloatArray) -> FloatArray:
+        """Return the log odds that anything is missing, (u,), by what `weigh` says of u units, (n, u)."""
+        return log_sum(by_name + self.log_odds[:, None])
+
     def findings(self, by_name: FloatArray) -> list[UnitFinding]:
         """Return what is found of each unit, by what `weigh` says of all of them, (n, u)."""
-        posterior = by_name + self.log_odds[:, None]
-        statistic = log_sum(posterior)
-        p_values = _ville(statistic)
-        leaders = np.argmax(posterior, axis=0)
+        posterior, statistic = by_name + self.log_odds[:, None], self.statistic(by_name)
+        p_values, leaders = _ville(statistic), np.argmax(posterior, axis=0)
         share = np.exp(posterior[leaders, np.arange(len(leaders))] - statistic)
         numbers = (each.tolist() for each in (statistic, p_values, false_discovery(p_values)))
         return list(map(UnitFinding, *numbers, [self.names[each] for each in leaders], share.tolist()))
@@ -171,7 +171,7 @@ class Screen:
                 block.measure(rates / block.unit)
                 total += float(log_sum(block.beside.log_null() + block.points.log_prior))
         by_name = self._by_name([np.column_stack(own) for own in of_block], None)
-        return total + float(np.sum(np.logaddexp(0.0, log_sum(by_name + self.asked.log_odds[:, None]))))
+        return total + float(np.sum(np.logaddexp(0.0, self.asked.statistic(by_name))))
 
     def units(self, campaigns: Sequence[Campaign]) -> list[UnitFinding]:
         """Screen units with this layout; raises `InputError` for a unit whose layout differs."""
@@ -216,10 +216,10 @@ class Screen:
     def _weighed(self, units: Sequence[Sequence[FloatArray]]) -> FloatArray:
         data = [np.column_stack(each) for each in zip(*units, strict=True)]
         by_name = self._by_name(data, self.few)
-        again = np.flatnonzero(log_sum(by_name + self.asked.log_odds[:, None]) > ASKED_AGAIN)
+        again = np.flatnonzero(self.asked.statistic(by_name) > ASKED_AGAIN)
         if len(again) and self.few is not None:
             by_name[:, again] = self._by_name([rates[:, again] for rates in data], None)
-        for i in np.flatnonzero(log_sum(by_name + self.asked.log_odds[:, None]) > CALLED).tolist():
+        for i in np.flatnonzero(self.asked.statistic(by_name) > CALLED).tolist():
             by_name[:, i] = self._by_its_own_noise([rates[:, i] for rates in data])
         return by_name
 

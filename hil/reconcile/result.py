@@ -58,7 +58,7 @@ def before_and_after_in_words(values: Iterable[Mapping[str, Any]]) -> Iterator[s
     for each in values:
         degC = each["temperature_degC"]
         at = "" if degC is None else f" at {degrees(degC, each['temperature_of'])}"
-        told = f"{number(each['after'], 1)}{at} (without it {number(each['before'], 1)})"
+        told = f"{number(each['after'], 1)}{at}, without it {number(each['before'], 1)}"
         lines.setdefault(f"{each['name']} of sensor {each['sensor']}, {each['unit']}", []).append(told)
     yield from (f"{name}: {'; '.join(told)}" for name, told in lines.items())
 

@@ -30,7 +30,7 @@ from hil.records.units import unit_folder
 from procedures.journal_protocol import Outcome
 from procedures.plan import Plan, StepKind, lasting_s
 from procedures.safe_air import Left, Word
-from procedures.words import hours_minutes, listed, plural, step_in_words
+from procedures.words import counted, hours_minutes, listed, plural, step_in_words
 
 _UNSAFE = "safe-state-not-reached"
 VERDICT = "verdict"
@@ -259,7 +259,7 @@ def _state(facts: _Facts) -> tuple[str, str]:
     if len(facts.done) == len(facts.journal.plan.steps):
         lost = sum(each.samples for each in facts.lost)
         if lost:
-            return "incomplete", f"every planned step was done, but the samples of {lost} collects are lost"
+            return "incomplete", f"every planned step was done, but the samples of {counted(lost, 'collect')} are lost"
         return "complete", "every planned step is done"
     if set_aside := _aside(facts).get(facts.journal.unit):
         return "incomplete", set_aside

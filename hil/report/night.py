@@ -145,8 +145,8 @@ def _done(journal: JournalReader, status: Mapping[str, object]) -> str:
     last_s = max((each.seen_s for each in journal.controllers()), default=0.0)
     sittings = len(journal.controllers())
     return (
-        f"{status['self_calibrations_done']} of {len(plan.self_calibrations)} self-calibrations, {taken} of "
-        f"{len(collects)} collects, {len(done)} of {len(plan.steps)} steps, in {hours_minutes(last_s)} from "
+        f"{status['self_calibrations_done']} of {counted(len(plan.self_calibrations), 'self-calibration')}, {taken} of "
+        f"{counted(len(collects), 'collect')}, {len(done)} of {len(plan.steps)} steps, in {hours_minutes(last_s)} from "
         f"{_local(journal, 0.0)} to {_local(journal, last_s)}" + (f", in {sittings} parts" if sittings > 1 else "")
     )
 

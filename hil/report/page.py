@@ -6,9 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from hil.analysis.against import Comparison, Difference
+from hil.analysis.against import Comparison
 from hil.files.durable import write_result
-from hil.files.numbers import decimals_for, degrees
+from hil.files.numbers import decimals_for
 from hil.files.page import in_style, inline_svg, rendered
 from hil.records import reading
 from hil.records.reader import JournalReader
@@ -23,8 +23,6 @@ from hil.solve.omissions import in_words, what_is_wrong
 from procedures.plan import StepKind
 from procedures.verdict import Verdict
 from procedures.words import counted, listed
-
-_MOST_IN_WORDS = 3
 
 MOST_EVENTS = 500
 """More events than this are not listed: a device that flaps all night must not make a report that nobody can open."""
@@ -97,20 +95,10 @@ def _comparison(comparison: Comparison, order: list[int]) -> dict[str, Any]:
     differences = sorted(comparison.differences, key=lambda each: order.index(each.sensor))
     return {
         "of": comparison,
-        "flagged": [_in_words(each) for each in comparison.flagged[:_MOST_IN_WORDS]],
+        "flagged": [each.sentence for each in comparison.first],
         "remarks": [each for each in comparison.remarks if each not in comparison.doubts],
         "differences": [(each, decimals_for([each.sigma])) for each in differences],
     }
-
-
-def _in_words(each: Difference) -> str:
-    digits = decimals_for([each.sigma])
-    at = degrees(each.temperature_degC, each.temperature_of, each.unit_degC)
-    return (
-        f"sensor {each.sensor}, {at}: {each.parameter} is {each.now:.{digits}f} now "
-        f"and was {each.earlier:.{digits}f}, a difference of {each.difference:.{digits}f} ±{each.sigma:.{digits}f} "
-        f"{each.unit}"
-    )
 
 
 def write_units(
@@ -192,7 +180,7 @@ def stream_in_words(collects: Sequence[Mapping[str, Any]]) -> str:
         share = f", {used / max(expected, 1) - 1.0:.2%} more than the description's rate gives: the unit is faster"
     where = f", in {len(_troubled(collects))} of them" if bad else ""
     return (
-        f"{len(collects)} collects: {total['ok']} good frames; {came}{where}. "
+        f"{counted(len(collects), 'collect')}: {counted(total['ok'], 'good frame')}; {came}{where}. "
         f"{used} of {expected} expected samples are in the averages{share}."
     )
 
@@ -221,7 +209,7 @@ def _picture(night: NightContent) -> str:
     }
     spans = ", ".join(f"{label} {least:z.1f} to {most:z.1f} °C" for label, (least, most) in low.items())
     says = (
-        f"Temperatures through {night.hours[-1]:.1f} hours: {spans}; {len(night.soaks)} soaks, {len(night.collects)} "
-        f"collects, {len(night.events)} events."
+        f"Temperatures through {night.hours[-1]:.1f} hours: {spans}; {counted(len(night.soaks), 'soak')}, "
+        f"{counted(len(night.collects), 'collect')}, {counted(len(night.events), 'event')}."
     )
     return inline_svg(draw_night(night), says)

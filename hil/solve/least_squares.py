@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hil.campaign import FloatArray
 from hil.solve.observability import Observability, describe, directions_seen
+from procedures.words import counted
 
 RANK_TOLERANCE = 1e-9
 """A combination counts as unseen where its singular value is this small beside the largest."""
@@ -57,7 +58,7 @@ class Solution:
         if self.rank.shape:
             return f"<{self.rank.size} solutions for {', '.join(self.names)}>"
         parts = [f"{n} = {v:.4g} ± {e:.2g}" for n, v, e in zip(self.names, self.values, self.se, strict=True)]
-        return f"<{', '.join(parts)}; {int(self.degrees_of_freedom)} degrees of freedom>"
+        return f"<{', '.join(parts)}; {counted(int(self.degrees_of_freedom), 'degree')} of freedom>"
 
     @property
     def se(self) -> FloatArray:

@@ -191,13 +191,15 @@ class SensorRepeats:
             )
             if certain
         ]
-        freedom = int(of.degrees.max())
+        every = of.degrees[noise.certain if told else of.degrees > 0]
+        least = f"{every.min()} to " * bool(every.min() < every.max())
+        freedom = f"{least}{counted(int(every.max()), 'degree')} of freedom"
         unknown = "" if self.told_by else "; no temperature was recorded, so that every run counts as a repeat"
         if told:
             stated = "more than their standard errors say" if of.stated.any() else "and state no standard errors"
-            more = f"{stated} ({counted(freedom, 'degree')} of freedom{unknown}): {'; '.join(told)}; each ± includes it"
+            more = f"{stated} ({freedom}{unknown}): {'; '.join(told)}; each ± includes what noise does not explain"
         else:
-            more = f"as their standard errors say, as far as {counted(freedom, 'degree')} of freedom can tell{unknown}"
+            more = f"as their standard errors say, as far as {freedom} can tell{unknown}"
         said = [f"repeats scatter {more}"] if told or not self.noise_in_words else []
         return [*said, *self.noise_in_words, *self._by_temperature()]
 

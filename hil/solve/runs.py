@@ -297,8 +297,8 @@ def judge(
     Of so many judgements, `among`, one is further off by chance than a single is. `where` says in which channels.
     """
     if degrees == 0:
-        count = spelled(equations)
-        reason = f"no residual: {count} equations, {count} unknowns; these collects cannot contradict the model"
+        known, unknown = (f"{spelled(equations)} {plural(noun, equations)}" for noun in ("equation", "unknown"))
+        reason = f"no residual: {known}, {unknown}; these collects cannot contradict the model"
         if not noise_stated:
             reason += "; with neither a residual nor stated standard errors a run alone tells no uncertainty"
         return Judgement(Verdict.PASS, reason)

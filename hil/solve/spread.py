@@ -24,6 +24,10 @@ class Spread:
     standard error, by which one that is large hides nothing; `degrees` how many runs were repeated. Those that are
     `uneven` scatter more at some temperatures than at others, as chance hardly explains. `residuals` are the degrees of
     freedom of what a run's noise is known by, infinite where it is stated. Both are of each parameter, or of all.
+
+    `freedom` are those behind a standard deviation: of `residuals` where nothing was repeated, else as many as runs
+    with equal errors would have (Welch and Satterthwaite), and more where errors explain what they scatter by: that is
+    known better the more repeats agree (`benchmarks/intervals.py` measures the coverage).
     """
 
     observed: FloatArray
@@ -31,6 +35,7 @@ class Spread:
     stated: FloatArray
     times: FloatArray
     degrees: IntArray
+    freedom: FloatArray
     uneven: BoolArray
     factor: FloatArray
     residuals: FloatArray | float = math.inf
@@ -48,50 +53,45 @@ class Spread:
 
         `errors` (r, p) are standard errors, NaN where there is none; a value that is NaN was not measured.
         """
-        known, places = np.isfinite(values), np.unique(group)
-        own = np.where(known, factor * np.nan_to_num(errors), 0.0) ** 2
-        squares, explained, degrees, weighed, more, room = (np.zeros((len(places), values.shape[1])) for _ in range(6))
+        known, (places, at) = np.isfinite(values), np.unique(group, return_inverse=True)
+        rows, own = np.where(known, values, 0.0), np.where(known, factor * np.nan_to_num(errors), 0.0) ** 2
+
+        def total(of_each: FloatArray) -> FloatArray:
+            out = np.zeros((len(places), values.shape[1]))
+            np.add.at(out, at, of_each)
+            return out
+
+        count = np.maximum(total(known), 1.0)
+        squares = total(np.where(known, rows - (total(rows) / count)[at], 0.0) ** 2)
+        explained, degrees = total(own) * (1.0 - 1.0 / count), count - 1.0
         # What is beyond shows in runs of small standard errors: one that is large hides nothing. Where none is, alike.
         weight = np.where(known, np.where(np.any(known & (own <= 0.0), axis=0), 1.0, 1.0 / np.maximum(own, _TINY)), 0.0)
-        for k, place in enumerate(places):
-            here, rows, w, errors_squared = (each[group == place] for each in (known, values, weight, own))
-            rows, count = np.where(here, rows, 0.0), np.maximum(here.sum(axis=0), 1)
-            squares[k] = np.where(here, (rows - rows.sum(axis=0) / count) ** 2, 0.0).sum(axis=0)
-            explained[k] = errors_squared.sum(axis=0) * (1.0 - 1.0 / count)
-            degrees[k] = count - 1
-            whole = np.maximum(w.sum(axis=0), _TINY)
-            weighed[k] = np.sum(w * (rows - (w * rows).sum(axis=0) / whole) ** 2, axis=0)
-            more[k] = weighed[k] - np.sum(w * (1.0 - w / whole) * errors_squared, axis=0)
-            room[k] = whole - np.sum(w**2, axis=0) / whole
+        share = weight / np.maximum(total(weight), _TINY)[at]
+        weighed = np.sum(weight * (rows - total(share * rows)[at]) ** 2, axis=0)
+        shows = weight * (1.0 - share)
         freedom = degrees.sum(axis=0)
-        enough = np.maximum(freedom, 1)
+        enough = np.maximum(freedom, 1.0)
         observed = np.where(freedom > 0, np.sqrt(squares.sum(axis=0) / enough), np.nan)
-        beyond = np.sqrt(np.maximum(more.sum(axis=0), 0.0) / np.maximum(room.sum(axis=0), _TINY)) * (freedom > 0)
+        more = weighed - np.sum(shows * own, axis=0)
+        beyond = np.sqrt(np.maximum(more, 0.0) / np.maximum(shows.sum(axis=0), _TINY)) * (freedom > 0)
         beyond = np.fmin(beyond, observed)  # no part of it is more than the whole
         expected = explained + degrees * beyond**2
         odd = uneven(squares / np.where(expected > 0.0, expected, np.inf), degrees)
         stated = np.sqrt(explained.sum(axis=0) / enough)
         every = np.all(~known | (own > 0.0), axis=0) & (stated > 0.0)
-        times = np.where(
-            every, np.sqrt(weighed.sum(axis=0) / enough), observed / np.where(stated > 0.0, stated, np.inf)
-        )
+        times = np.where(every, np.sqrt(weighed / enough), observed / np.where(stated > 0.0, stated, np.inf))
         of_each = np.broadcast_to(np.asarray(factor, dtype=np.float64), observed.shape)
-        return cls(observed, beyond, stated, times, freedom.astype(np.int64), odd, of_each, residuals)
+        size = weight * np.where(own + beyond**2 > 0.0, own + beyond**2, 1.0)  # of values that do not differ: alike
+        same = np.sum(size**2 * (1.0 - 2.0 * share), axis=0) + np.sum(total(size * share) ** 2, axis=0)
+        tell = np.sum(size * (1.0 - share), axis=0) ** 2 / np.maximum(same, _TINY)
+        by_errors = np.sum(shows * weight * own, axis=0) / np.maximum(np.sum(shows * size, axis=0), _TINY)
+        behind = np.where(freedom > 0, tell * (1.0 + 0.5 * tell * by_errors**2), residuals)
+        return cls(observed, beyond, stated, times, freedom.astype(np.int64), behind, odd, of_each, residuals)
 
     def sd(self, errors: FloatArray) -> FloatArray:
         """Return the standard deviation of a run's values by its standard errors (…, p); NaN where nothing tells it."""
         own = np.where((self.degrees > 0) & ~np.isfinite(errors), 0.0, errors)
         return np.asarray(np.hypot(self.factor * own, self.beyond))
-
-    @property
-    def freedom(self) -> FloatArray:
-        """Degrees of freedom behind a standard deviation, (p,): those of `residuals` where nothing was repeated.
-
-        What they explain is known better the more repeats agree (`benchmarks/intervals.py` measures the coverage).
-        """
-        own = self.stated**2
-        explained = own / np.maximum(own + self.beyond**2, np.finfo(np.float64).tiny)
-        return np.where(self.degrees > 0, self.degrees * (1.0 + 0.5 * self.degrees * explained**2), self.residuals)
 
     @property
     def certain(self) -> BoolArray:

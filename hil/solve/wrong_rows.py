@@ -270,6 +270,15 @@ def treated(campaign: Campaign) -> Campaign:
     return replace(used, sensors=sensors, exchanged={}, not_used=not_used)
 
 
+def put_right(campaign: Campaign) -> tuple[Campaign, list[Wrong]]:
+    """Return a campaign with rates where they belong that are certain to be filed elsewhere, and which those are."""
+    found, sensors = wrong_rows(campaign), {}
+    for number, rows in campaign.sensors.items():
+        laid = found[number].collects.rates_deg_per_hr  # what is left out there is not mended
+        sensors[number] = replace(rows, rates_deg_per_hr=np.where(np.isfinite(laid), laid, rows.rates_deg_per_hr))
+    return replace(campaign, sensors=sensors), [r for of in found.values() for r in of.rows if r.done == MENDED]
+
+
 def sound(campaign: Campaign) -> Campaign:
     """Return a `pooled` campaign without sensors of which every run FAILs by its records, where others do not."""
     own = {number: set(rows.conditions.run.tolist()) for number, rows in campaign.sensors.items()}

@@ -228,5 +228,5 @@ def test_frames_that_came_twice_count_once_and_are_said():
     """A few are nothing; a share of them is worth a look."""
     _, verdict, reason = _judge(_samples(counts=StreamCounts(ok=N, duplicate=N)))
     assert verdict == "MARGINAL"
-    assert f"{N} frames came twice" in reason
+    assert f"{N} frames that came twice" in reason
     assert _judge(_samples(counts=StreamCounts(ok=N, duplicate=2)))[1] == "PASS"

@@ -20,7 +20,7 @@ from hil.files.units import RATE, worth
 from hil.records.export import open_source
 from hil.solve.both_sensors import moving_together
 from hil.solve.temperatures import runs_by_temperature
-from procedures.words import choice
+from procedures.words import choice, counted
 
 _TIMES = ("t_s", "time_s")
 _PROJECT_UNIT = "deg/hr"
@@ -162,7 +162,9 @@ class Recording:
         usable = [piece for piece in pieces if len(piece) >= 4]
         if not usable:
             longest = max((len(piece) for piece in pieces), default=0)
-            raise InputError(f"{name}: the longest stretch without a gap has {longest} samples; at least 4 are needed")
+            raise InputError(
+                f"{name}: the longest stretch without a gap has {counted(longest, 'sample')}; at least 4 are needed"
+            )
         said = list(notes)
         if len(pieces) > 1:
             said.append(f"{len(pieces)} stretches without a gap; differences are taken within each, never across a gap")
@@ -218,7 +220,7 @@ def cut(name: str, values: FloatArray, interval_s: float, time_s: FloatArray | N
 def sampling_interval(name: str, time_s: FloatArray) -> float:
     """Return the median step of the times (n,), s. Raises `InputError` where there are fewer than three."""
     if len(time_s) < 3:
-        raise InputError(f"{name}: {len(time_s)} samples; an Allan deviation needs more")
+        raise InputError(f"{name}: {counted(len(time_s), 'sample')}; an Allan deviation needs more")
     return float(np.median(np.diff(time_s)))
 
 
@@ -231,7 +233,7 @@ def _jumps(pieces: list[FloatArray], interval_s: float) -> list[str]:
         return []
     first_s = (int(np.argmax(steps > _JUMP * usual)) + 1) * interval_s
     said = (
-        f"{far} steps from one sample to the next are more than {_JUMP:g} times the usual one (the first "
+        f"{counted(far, 'step')} from one sample to the next of more than {_JUMP:g} times the usual one (the first "
         f"{first_s:.6g} s into what was used): spikes or steps are no noise, and the fit takes them for it"
     )
     return [said]

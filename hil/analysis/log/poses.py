@@ -31,7 +31,7 @@ from hil.campaign.writer import write_campaign
 from hil.errors import InputError
 from procedures.averaging import average_series
 from procedures.verdict import Judgement, Verdict
-from procedures.words import listed, numbered
+from procedures.words import counted, listed, numbered
 
 SCHEMA, ACCELEROMETER_SCHEMA = "hil.import-log/1", "hil.accelerometer/1"
 ACCELEROMETER_FILE = "accelerometer.json"
@@ -89,7 +89,7 @@ def campaign_of_log(log: Log, test: StaticTest, *, latitude_deg: float | None = 
         _earth_rate_in_words(latitude_deg),
     ]
     campaign = Campaign(
-        title=f"{log.path.stem}, {n} poses by hand",
+        title=f"{log.path.stem}, {counted(n, 'pose')} by hand",
         source=f"{log.path.name}, a log that others recorded",
         sensors={1: Collects(conditions, mean[:, :3], se[:, :3])},
         simulated=log.simulated,
@@ -211,16 +211,17 @@ def _calibration_in_words(fitted: Accelerometers, n: int) -> list[str]:
     lacking = fitted.not_told
     if lacking:
         said.append(
-            f"accelerometers: {n} poses tell {len(NAMES) - len(lacking)} of {len(NAMES)} parameters; {listed(lacking)} "
-            f"stay what is usual: it takes {len(NAMES)} poses or more; {_DIRECTIONS}"
+            f"accelerometers: {counted(n, 'pose')}: {len(NAMES) - len(lacking)} of {len(NAMES)} parameters told; "
+            f"{listed(lacking)} stay what is usual: it takes {len(NAMES)} poses or more; {_DIRECTIONS}"
         )
     rms, freedom = float(np.sqrt(np.mean(fitted.residuals_g**2))), round(float(fitted.freedom))
     if freedom < 1:
-        said.append(f"accelerometers: {n} poses leave no residual, so nothing proves the calibration; make more poses")
-    else:
         said.append(
-            f"accelerometers: |f| is 1 g to {1e3 * rms:.2g} mg rms over {n} poses, {freedom} more than it takes"
+            f"accelerometers: {counted(n, 'pose')}: no residual, so nothing proves the calibration; make more poses"
         )
+    else:
+        over = f"{counted(n, 'pose')}, {freedom} more than it takes"
+        said.append(f"accelerometers: |f| is 1 g to {1e3 * rms:.2g} mg rms over {over}")
     if fitted.inflation > 1.0:
         said.append(
             f"accelerometers: that is {float(fitted.inflation):.2g} times what their noise makes: uncertainties are "

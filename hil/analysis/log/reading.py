@@ -25,7 +25,7 @@ from hil.campaign import BoolArray, FloatArray, IntArray, TextArray
 from hil.errors import InputError
 from hil.files.columns import Columns, is_number
 from hil.files.units import ACCELERATION, RATE, TIME, Kind, worth
-from procedures.words import choice, listed, plural, ranges
+from procedures.words import choice, counted, listed, plural, ranges
 
 AXES = ("X", "Y", "Z")
 CHANNELS = ("GX", "GY", "GZ")
@@ -249,13 +249,14 @@ def _measured(log: Log) -> Log:
         )
     kept = log.rows(~(empty | nothing | stands))
     if len(kept.row) < _FEW:
-        raise InputError(f"{log.path}: {len(kept.row)} rows hold a measurement; {'; '.join(said) or 'a log has many'}")
+        raise InputError(
+            f"{log.path}: {counted(len(kept.row), 'row')} of measurements; {'; '.join(said) or 'a log has many'}"
+        )
     still = [name for name, column in zip(NAMES, kept.values.T, strict=True) if not np.ptp(column)]
     if still:
         raise InputError(f"{log.path}: {listed(still)}: never changes, so it is not measured, or is the wrong column")
     for gap in np.flatnonzero(kept.begins)[1:2]:
-        step_s, number = kept.time_s[gap] - kept.time_s[gap - 1], np.count_nonzero(kept.begins) - 1
-        said.append(
-            f"no stretch goes over one of {number} gaps in time (the first, {step_s:.3g} s, before row {kept.row[gap]})"
-        )
+        step_s, number = kept.time_s[gap] - kept.time_s[gap - 1], int(np.count_nonzero(kept.begins)) - 1
+        first = f"the first, {step_s:.3g} s, before row {kept.row[gap]}"
+        said.append(f"no stretch goes over {counted(number, 'gap')} in time ({first})")
     return replace(kept, time_s=kept.time_s - kept.time_s[0], notes=(*log.notes, *said))

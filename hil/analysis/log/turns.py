@@ -22,7 +22,7 @@ from hil.analysis.log.accelerometer import LEVEL, PRIOR, TOLD, parameters_told
 from hil.analysis.log.reading import AXES, Log
 from hil.analysis.log.static import Stretch
 from hil.campaign import FloatArray
-from procedures.words import listed, numbered
+from procedures.words import counted, listed, numbered
 
 NAMES = tuple(f"D_{to}{of}" for to, of in product(AXES, AXES))
 _LONGEST_S = 60.0  # beyond, the noise of the integral is what is seen
@@ -59,7 +59,7 @@ class Turns:
     @property
     def sentences(self) -> list[str]:
         """Say what the turns tell, and what not."""
-        which = f"gyros: {len(self.turns)} turns (behind {numbered('collect', self.turns, to='-')})"
+        which = f"gyros: {counted(len(self.turns), 'turn')} (behind {numbered('collect', self.turns, to='-')})"
         lacking = [name for name, sd in zip(NAMES, self.sd, strict=True) if sd > TOLD * PRIOR]
         if self.astray:
             found = (

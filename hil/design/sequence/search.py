@@ -27,6 +27,7 @@ from hil.files.units import RATE, to_number
 from hil.model import load_model
 from hil.model.forms import LinearForm, default_form
 from procedures.plan import make_plan
+from procedures.words import counted
 
 DURATIONS_S = (60.0, 120.0, 180.0, 300.0, 600.0)
 MOST_REPEATS = 8
@@ -143,7 +144,7 @@ def propose(sweep: Sweep, bench: Bench, goal: Goal) -> Proposal:
 
 def _too_little_time(sweep: Sweep, goal: Goal, shortest_s: float) -> InputError:
     return InputError(
-        f"{sweep.source}: the shortest night with its {len(sweep.temperatures)} temperatures takes "
+        f"{sweep.source}: the shortest night with its {counted(len(sweep.temperatures), 'temperature')} takes "
         f"{shortest_s / 3600.0:.1f} h, not {(goal.time_s or 0.0) / 3600.0:.1f} h; allow more time, or fewer "
         "temperatures or repeats"
     )

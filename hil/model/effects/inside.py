@@ -57,7 +57,7 @@ class SeriesEffect(Described):
         findings = []
         for index, channel in enumerate(sensor.channels):
             known = int(np.isfinite(series.rates_deg_per_hr[:, index]).sum())
-            short = Shown(math.nan, {}, f"{known} samples are too few to ask")
+            short = Shown(math.nan, {}, f"too few samples ({known}) to ask")
             p_value, estimates, sentence, coloured = short if known < FEWEST else self._test_channel(series, index)
             findings.append(SeriesFinding(channel, p_value, estimates, f"{channel}: {sentence}", coloured))
         return tuple(findings)

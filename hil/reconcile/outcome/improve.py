@@ -52,7 +52,7 @@ def described_parameters(
             "low": low,
             "high": high,
             "unit": parameter.unit + {0: "", 1: "/degC"}.get(power, f"/degC^{power}"),
-            "at": f"{place} {WHOSE[temperature_of(conditions)]}" if place.endswith("degC") else place,
+            "at": f"{place} ({WHOSE[temperature_of(conditions)]})" if place.endswith("degC") else place,
             "sensor": candidate.sensor,
         }
         called = () if candidate.effect is None else known_as(candidate.effect).parameters

@@ -111,7 +111,7 @@ def place_in_words(where: Mapping[str, Any]) -> str:
     if "temperature_degC" in where:
         low, high = where["temperature_degC"]
         span = f"at {low:z.0f} °C" if high - low < 1.0 else f"from {low:z.0f} to {high:z.0f} °C"
-        parts.append(f"{span} {WHOSE[where['temperature_of']]}")
+        parts.append(f"{span} ({WHOSE[where['temperature_of']]})")
     if where.get("of") == "scatter":
         parts.append("what its averages scatter by")
     if "runs" in where:

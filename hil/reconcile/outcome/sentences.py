@@ -175,7 +175,7 @@ def gap_in_words(result: Reconciliation) -> list[str]:
     added = sum(
         not (effect.mends_labels or effect.inside_collects or LEFT_OUT in effect.shape) for effect in result.effects
     )
-    mended += [f"{'them' if added > 1 else 'it'} in the model"] * bool(added)
+    mended += [f"{'what was found' if swapped else 'them' if added > 1 else 'it'} in the model"] * bool(added)
     if not mended:
         return []
     falls = f"the gap {how} falls from {number(gap.before)} to {number(gap.after)} deg/hr"

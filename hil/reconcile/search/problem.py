@@ -26,6 +26,7 @@ from hil.solve.identifiability import kept_shares, orthonormal, smallest_fit
 from hil.solve.precision import with_every_error
 from hil.solve.rows import Block, sensor_blocks
 from hil.solve.temperatures import same_temperature
+from procedures.words import counted
 
 LEAST_FREEDOM = 3  # rows of a block beyond the values of its base, from which on anything can be tested
 LARGE = 250_000  # bytes: columns of a life, of which some hundred candidates would fill a third of the memory
@@ -147,8 +148,8 @@ def _starved(block: Block, collects: Collects) -> str:
     channels = list(collects.conditions.sensor.channels)
     names = " and ".join(channels[c] for c in np.unique(block.channel))
     return (
-        f"sensor {block.sensor}, {names}: {len(block.y)} rates for {block.base.shape[1]} values of the model: "
-        "too few to test anything by, so the search is about the others"
+        f"sensor {block.sensor}, {names}: {counted(len(block.y), 'rate')} for {counted(block.base.shape[1], 'value')} "
+        "of the model: too few to test anything by, so the search is about the others"
     )
 
 

@@ -173,7 +173,7 @@ def test_no_identity_is_said_with_its_cause() -> None:
     stalled = Bench([FaultWindow(ImuFault.STALL), FaultWindow(ImuFault.SILENT_IDENTITY)])
     with pytest.raises(DeviceTimeout, match="nothing arrived; is the unit powered"):
         stalled.imu.identify()
-    with pytest.raises(DeviceTimeout, match=r"the unit streamed \d+ good frames but did not say who it is"):
+    with pytest.raises(DeviceTimeout, match=r"the unit streamed good frames \(\d+\) but did not say who it is"):
         Bench([FaultWindow(ImuFault.SILENT_IDENTITY)]).imu.identify()
     noisy = Bench(
         [

@@ -174,7 +174,7 @@ def test_silence_names_what_to_check() -> None:
 
 
 @pytest.mark.parametrize(
-    ("noise", "words"), [(b"\x9a" * 5000, "bytes more"), (b"a" * 5000 + b"\r\n", "5002 bytes that begin")]
+    ("noise", "words"), [(b"\x9a" * 5000, "the first of 5000 bytes"), (b"a" * 5000 + b"\r\n", "5002 bytes that begin")]
 )
 def test_noise_without_end_makes_a_short_message(noise: bytes, words: str) -> None:
     """A port that spews is named in a sentence that a person can read, and does not fill the journal."""

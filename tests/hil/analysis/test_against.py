@@ -130,7 +130,7 @@ def test_a_setpoint_at_which_the_unit_was_at_another_temperature_is_not_compared
         assert {each.temperature_degC for each in found.differences}.isdisjoint({mean.temperature_degC})
         assert len(found.flagged) == 2 * 7
         (remark,) = [each for each in found.remarks if why in each]
-        assert f"Sensor 2 at {mean.temperature_degC:.1f} °C as set, unit " in remark
+        assert f"Sensor 2 at {mean.temperature_degC:.1f} °C (as set, unit " in remark
         assert list(found.without) == [(2, mean.temperature_degC)]
     near = compare(changed(at_setpoint(first, runs, own - 1.5), add=50.0), first)
     assert (len(near.flagged), near.without) == (16, {})
@@ -179,7 +179,10 @@ def test_the_command_compares_two_folders(tmp_path: Path, capsys: pytest.Capture
     assert len(lines) == 1 + 42  # at one temperature the unit had not settled
     assert '"difference"' in lines[0]
     assert '"temperature_of"' in lines[0]
-    capsys.readouterr()
+    said, found = capsys.readouterr().out, compare(*(read_campaign(tmp_path / name) for name in ("c7", "c8")))
+    assert found.flagged
+    assert "\n".join(found.sentences()) in said
+    assert found.sentences()[1] == found.flagged[0].sentence
 
 
 @pytest.mark.parametrize(

@@ -93,7 +93,7 @@ def test_of_a_soak_that_had_not_ended_nobody_can_tell() -> None:
         assert {each.word for each in others} == {Word.OUT}
         for each in (cold, scatter, span):
             assert (each.word, each.reason) == (Word.UNKNOWN, f"runs 1–2: {NOT_SETTLED}"), each
-        assert cold.name.startswith("sensor 2, BA at -30.0 °C as set, unit -30.")
+        assert cold.name.startswith("sensor 2, BA at -30.0 °C (as set, unit -30.")
         assert cold.document()["temperature_of"] == "setpoint_degC"
         assert cold.unit_degC == pytest.approx((-30.0, -24.0), abs=0.4)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hil.archive.sentences import sentences
-from hil.archive.trend import Fit, control_half_width, control_limits, predicted, trend
+from hil.archive.trend import Fit, Trend, control_half_width, control_limits, differs, predicted, trend
 
 
 def found(count: int, what: str, size: float, scatter: float = 1.0, draws: int = 200) -> Counter[str]:
@@ -63,11 +63,31 @@ def test_control_limits_are_passed_by_chance_as_three_sigma_are() -> None:
         lives = rng.normal(0.0, 2.0, (4000, count + 1))
         outside = 0
         for life in lives:
-            limits = control_limits(life[:-1], np.full(count, 0.1))
+            limits = control_limits(life[:-1], np.full(count, 0.1), 0.1)
             assert limits is not None
             outside += abs(life[-1] - limits.value) > control_half_width(limits)
         assert outside / len(lives) < 0.008
-    assert control_limits(np.zeros(2), np.ones(2)) is None
+    assert control_limits(np.zeros(2), np.ones(2), 1.0) is None
+
+
+def test_a_calibration_that_is_hardly_known_moves_no_control_limit() -> None:
+    """One of eight, fifty off and as unsure: the next is judged as by the seven; one that is unsure is not outside."""
+    life = np.random.default_rng(10).normal(0.0, 1.0, 8)
+    sd, known = np.where(np.arange(8) == 3, 50.0, 1.0), np.arange(8) != 3
+    life[3] += 50.0
+    poor, seven = control_limits(life, sd, 1.0), control_limits(life[known], sd[known], 1.0)
+    unsure, unstated = control_limits(life, sd, 50.0), control_limits(life[known], np.full(7, np.nan), np.nan)
+    assert poor is not None
+    assert seven is not None
+    assert unsure is not None
+    assert unstated is not None
+    assert (poor.value, poor.sd) == pytest.approx((seven.value, seven.sd), abs=0.1)
+    assert unsure.sd > 50.0
+    assert unstated.value == pytest.approx(np.mean(life[known]))
+    assert 0.3 < unstated.sd < 3.0
+    at = {f"unit/{k}": (float(value), float(error)) for k, (value, error) in enumerate(zip(life, sd, strict=True))}
+    together = Trend("jump", Fit(np.arange(8.0), life, sd, line=False, step=4), None, poor)
+    assert not differs({20.0: at, 40.0: {name: of for name, of in at.items() if name != "unit/3"}}, [*at], together)
 
 
 def test_a_prediction_widens_with_time() -> None:

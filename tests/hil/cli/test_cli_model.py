@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 
 from benchmarks.blind.cases import make_case, write_case
 from benchmarks.blind.night import Design
+from hil.cli.model import _bar
 from hil.model import load_model
 
 FOUR = Design(temperatures_degC=(23.0,), runs_per_temperature=8, positions=("1", "2", "3", "4"))
@@ -144,6 +146,14 @@ def test_draws_may_be_kept_beside_a_model_that_they_do_not_touch(hil: Any, contr
     assert (tmp_path / "model.yaml").read_text() == "somebody's"
 
 
+def test_how_long_the_other_simulated_nights_take_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    """From the second on, however slow a machine is, and of all that a command simulates."""
+    with _bar(24) as done:
+        done(1)
+        done(1)
+    assert re.fullmatch(r"simulated night 1 of 24\nsimulated night 2 of 24, \d+ s to go\n", capsys.readouterr().err)
+
+
 @pytest.mark.slow(seconds=21)
 def test_the_twin_tells_the_model_that_lacks_something_and_not_the_one_that_reconcile_wrote(
     hil: Any, tmp_path: Path
@@ -154,6 +164,7 @@ def test_the_twin_tells_the_model_that_lacks_something_and_not_the_one_that_reco
     out, few = tmp_path / "out", ("--draws", 6)
     ended = hil("reconcile", campaign, "--model", "collins-4", "--out", out, "--twin", *few, "--json")
     assert ended.returncode == 0, ended.stderr
+    assert re.search(r"simulated night 7 of 12, \d+ (s|min) to go\n", ended.stderr)
     told = json.loads(ended.stdout)["twin"]
     assert (told["draws"], told["seed"]) == (6, 1)
     assert told["before"]["p_value"] < 1e-3

@@ -256,7 +256,7 @@ def test_what_cannot_be_is_refused(section: str, message: str) -> None:
         ("positions: [1, 1, 1]", "positions: 1, 1, 1 is one position 3 times"),
         ("collect: {duration: 7 d}\nself_calibrations_per_temperature: 100", "it would take 2"),
         ("ramp: 1e-9 degC/min", "it would take"),
-        (f"positions: [{'1, 2, ' * 500}3]\nself_calibrations_per_temperature: 1000", "1 temperatures, 1000 self_"),
+        (f"positions: [{'1, 2, ' * 500}3]\nself_calibrations_per_temperature: 1000", "1 temperature, 1000 self_"),
     ],
 )
 def test_a_sweep_that_solves_nothing_or_never_ends_is_refused(section: str, message: str) -> None:

@@ -36,7 +36,8 @@ WARMUP = {"effect": "warmup", "parameters": {"W_A": {"unit": "deg/hr", "value": 
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"schema": "hil.model/2"}, "schema: expected hil.model/1, found hil.model/2"),
+        ({"schema": "hil.model/2"}, "key schema: it is 'hil.model/2'; this program reads hil.model/1"),
+        ({"schema": None}, "key schema: it is missing; this program reads hil.model/1"),
         ({"form": "matrix-7"}, "form: unknown form matrix-7"),
         ({"colour": "red"}, "unknown key 'colour'; allowed: form, inside_collects, noise, schema, "),
         ({"noise": {2: {"flicker": 1.0}}}, "noise.2: unknown key 'flicker'; allowed: angle_random_walk, "),
@@ -106,7 +107,7 @@ def test_mistakes_in_a_model_file_are_named_by_file_and_key(
     path = written(tmp_path, document(**changes))
     with pytest.raises(InputError) as refusal:
         load_model(path)
-    assert str(refusal.value).startswith(f"{path}: {sentence}")
+    assert str(refusal.value).startswith((f"{path}: {sentence}", f"{path}, {sentence}"))
     assert "\n" not in str(refusal.value)
 
 

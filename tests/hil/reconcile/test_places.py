@@ -93,7 +93,7 @@ def test_a_corner_is_one_place_with_the_size_that_is_there(cornered: tuple[Recon
     assert [(d.where["channel"], d.where["position"]) for d in result.disagreements] == [("RA", "3")]
     place = result.disagreements[0]
     low, high = place.where["temperature_degC"]
-    assert place_in_words(place.where).endswith(f" to {high:.0f} °C the unit's own")
+    assert place_in_words(place.where).endswith(f" to {high:.0f} °C (the unit's own)")
     assert low < rows.temperature.min() + 0.11
     assert 5.0 < high < 10.0
     assert abs(place.size_deg_per_hr - 9.0) < 3.0 * place.se_deg_per_hr

@@ -135,7 +135,7 @@ def test_an_effect_beside_the_exchange_is_judged_by_what_it_mends_itself(swap_be
     own = result.model_after.terms[0].added
     assert own["gap_after_deg_per_hr"] < own["gap_before_deg_per_hr"] < 0.8 * result.gap.before
     assert own["gap_after_deg_per_hr"] == pytest.approx(result.gap.after, abs=1e-3)
-    assert "With the record put right and it in the model the gap" in page(result)
+    assert "With the record put right and what was found in the model the gap" in page(result)
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,7 @@ def test_what_is_printed_is_what_a_parameter_is_before_and_after() -> None:
         assert each["before"] == pytest.approx(np.mean([curves["BA"](np.array(t)) for t in PUBLISHED_DEGC]), abs=0.05)
     (told,) = before_and_after_in_words(found)
     assert told.startswith(
-        "BA of sensor 2, deg/hr: 20.0 at -29.7 °C the unit's own (without it 30.1); 31.8 at 23.4 °C the"
+        "BA of sensor 2, deg/hr: 20.0 at -29.7 °C (the unit's own), without it 30.1; 31.8 at 23.4 °C (the"
     )
     problem = pose(campaign, load_model("collins-4"), [effect_by_id("MU_real")])
     constant = next(each for each in problem.candidates if each.name == "MU_real" and each.form == "constant")

@@ -119,7 +119,7 @@ def test_lost_samples_are_said_and_make_a_night_incomplete(full_night: Path) -> 
     block.unlink()
     status = night_status(full_night)
     assert status["state"] == "incomplete"
-    assert "samples of 1 collects are lost" in status["reason"]
+    assert "samples of 1 collect are lost" in status["reason"]
     (problem,) = status["problems"]
     assert block.name in problem
     assert "missing" in problem

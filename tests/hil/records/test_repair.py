@@ -124,7 +124,7 @@ def test_a_line_of_the_log_that_was_changed_proves_nothing(killed: Path, tmp_pat
 @pytest.mark.parametrize(
     ("damage", "lost"),
     [
-        ("UPDATE heartbeats SET readings = '{' WHERE id = 2", ["1 rows of the table heartbeats"]),
+        ("UPDATE heartbeats SET readings = '{' WHERE id = 2", ["1 row of the table heartbeats"]),
         ("UPDATE attempts SET reason = 'excellent' WHERE id = 3", []),
         ("UPDATE steps SET key = 'x' WHERE number = 3", []),
         ("DELETE FROM steps WHERE number > 3", []),

@@ -12,6 +12,7 @@ from hil.analysis.thermal.fit import fit_thermal
 from hil.campaign import Campaign, Collects
 from hil.solve import repeats, solve_campaign
 from hil.solve.omissions import in_words, what_is_wrong
+from hil.solve.repeats import means_of
 from hil.solve.spread import Spread
 from procedures.verdict import Judgement, Verdict
 from tests.hil.analysis.thermal.nights import PUBLISHED_DEGC, RUN_TO_RUN, rotor_night, scaled
@@ -133,7 +134,7 @@ def test_a_spread_is_pooled_over_temperatures_and_never_less_than_standard_error
     quiet = Spread.of(values, np.full((6, 1), 5.0), group)
     assert quiet.beyond[0] == 0.0
     assert quiet.sd(np.full((6, 1), 5.0))[0, 0] == 5.0
-    assert quiet.freedom[0] == 3 * spread.degrees[0]  # what stated errors explain is known better
+    assert quiet.freedom[0] == pytest.approx(3 * spread.degrees[0])  # what stated errors explain is known better
     loud = Spread.of(values, np.array([0.6, 0.6, 0.6, 0.5, 0.5, 0.5])[:, None], group)
     assert loud.beyond[0] < loud.observed[0]
     unsure = Spread.of(values, np.array([0.6, 0.6, 0.6, 0.3, 0.3, 0.3])[:, None], group)
@@ -269,6 +270,20 @@ def test_one_large_standard_error_makes_no_other_run_surer() -> None:
     poor = replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=errors)})
     told, beside = (repeats(each, solve_campaign(each))[2].of_each[13] for each in (one, poor))
     assert beside == pytest.approx(told, rel=0.25)
+
+
+def test_each_parameter_is_known_by_the_runs_that_tell_it() -> None:
+    """One that is hardly known, or not told, adds nothing to what the others show of a parameter, nor its interval."""
+    values = 500.0 * np.random.default_rng(0).normal(size=(9, 3))
+    errors, group = np.ones_like(values), np.repeat([0, 1, 2], 3)
+    every = Spread.of(values, errors, group)
+    values[::3, 1], errors[::3, 2] = np.nan, 1e6
+    shown = means_of(dict.fromkeys("ABC", "deg/hr"), values, errors, group, [(float(k), ()) for k in range(3)])
+    fewer = Spread.of(*(np.delete(each, np.s_[::3], axis=0) for each in (values, errors, group)))
+    assert shown.spread.freedom == pytest.approx([every.freedom[0], fewer.freedom[1], fewer.freedom[2]], rel=1e-3)
+    assert shown.spread.freedom[0] > 1.9 * shown.spread.freedom[2]
+    assert "(3 to 6 degrees of freedom" in shown.sentences()[0]
+    assert shown.sentences()[0].endswith("; each ± includes what noise does not explain")
 
 
 def test_one_run_whose_noise_its_residuals_tell_has_an_interval_of_students() -> None:

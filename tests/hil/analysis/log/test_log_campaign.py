@@ -337,8 +337,8 @@ def test_six_poses_say_that_they_do_not_tell_misalignment() -> None:
 def test_few_poses_are_told_in_words(tmp_path: Path) -> None:
     """How many it takes, and of what kind."""
     made = made_of(simulate(6).write(tmp_path / "log.csv"))
-    assert "6 poses tell 6 of 9 parameters; a_YX, a_ZX and a_ZY stay what is usual: it takes 9 poses" in said(made)
-    assert "6 poses leave no residual" in said(made)
+    assert "6 poses: 6 of 9 parameters told; a_YX, a_ZX and a_ZY stay what is usual: it takes 9 poses" in said(made)
+    assert "6 poses: no residual" in said(made)
 
 
 def test_scatter_of_f_beyond_noise_enlarges_the_uncertainties() -> None:
