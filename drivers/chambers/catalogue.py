@@ -16,7 +16,6 @@ from drivers.chambers.controllers.described import SetpointBox
 from drivers.chambers.controllers.description import BoxDescription, load_box
 from drivers.chambers.controllers.description import SerialLine as SerialLine
 from drivers.chambers.controllers.espec import Espec
-from drivers.chambers.controllers.simserv import SimServ
 from drivers.chambers.controllers.voetsch_ascii import AsciiLayout, VoetschAscii
 from drivers.chambers.controllers.watlow_f4t import WatlowF4t
 from drivers.chambers.supervised import SupervisedChamber, Supervision
@@ -125,7 +124,7 @@ SHIPPED: Mapping[str, ChamberDriver] = {
     "voetsch-ascii2": ChamberDriver(
         "Vötsch and Weiss, ASCII-2", SerialLine(9600), _built(VoetschAscii, "limits", "address", "layout", "terminator")
     ),
-    "simserv": _described(_BOXES / "simserv.yaml", SimServ),
+    "simserv": _described(_BOXES / "simserv.yaml"),
     "thermotron": _described(_BOXES / "thermotron.yaml"),
     "julabo": _described(_BOXES / "julabo.yaml"),
     "watlow-f4t": _described(_BOXES / "watlow-f4t.yaml", WatlowF4t, "ramp_port"),

@@ -58,6 +58,10 @@ class Question(InRegister):
         """Return what a word means; raise `ValueError`, which says what the box does, where it can mean nothing."""
         return word
 
+    def numbered(self, number: int) -> Self:
+        """Return the question about one of several, in whose text it is `{number}`."""
+        return self.model_copy(update={"ask": (self.ask or "").replace("{number}", str(number))})
+
 
 class Number(Question):
     """A number that can be asked."""
@@ -93,6 +97,7 @@ class Quantity(Number):
     confirm: Several[str] = ()
     then_start: bool = False  # takes effect when it is started, where it runs
     step: PositiveFloat = 0.1  # in which it is held
+    most: PositiveFloat | None = None  # of a ramp: the fastest
     write: Several[Address] = ()
 
     @model_validator(mode="after")
@@ -213,6 +218,14 @@ class AlarmQuestion(Question):
         return tuple(self.bits.get(bit, self.name.replace("{value}", f"bit {bit}")) for bit in standing)
 
 
+class Messages(Entry):
+    """Alarms as texts in a list: the `count`, and by `{number}` the `text` of each, if all of `only` are answered 1."""
+
+    count: Number
+    text: Question
+    only: Several[Number] = ()
+
+
 class SimulatedSection(Entry):
     """What a simulator of it does besides: registers that it has, others that are the same, and how it refuses."""
 
@@ -275,7 +288,8 @@ class BoxDescription(Entry):
     end_program: Several[Command] = ()
     alarms: Several[AlarmQuestion] = ()
     variants: dict[Plain, dict[str, Any]] = Field(default_factory=dict)  # what is otherwise for some models
-    ramp_degC_per_min: Quantity | None = None
+    messages: Messages | None = None
+    ramp_degC_per_min: Several[Quantity] = ()  # up and down, where these are two
     dead_man_s: Quantity | None = None
 
     @property

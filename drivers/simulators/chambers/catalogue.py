@@ -11,7 +11,6 @@ from drivers.simulators.chambers.controller import ChamberFault, SimulatedContro
 from drivers.simulators.chambers.described import simulated_box
 from drivers.simulators.chambers.espec import SimulatedEspec
 from drivers.simulators.chambers.plant import ChamberPlant
-from drivers.simulators.chambers.simserv import SimulatedSimServ
 from drivers.simulators.chambers.voetsch_ascii import SimulatedVoetschAscii
 from drivers.simulators.chambers.watlow_f4t import SimulatedF4tScpi, SimulatedWatlowF4t
 
@@ -67,7 +66,6 @@ _SHIPPED: Mapping[str, Build] = {
     **{name: _box(driver.description) for name, driver in SHIPPED.items()},
     "espec": _built(SimulatedEspec, "address", "terminator", "strict"),
     "voetsch-ascii2": _built(SimulatedVoetschAscii, "address", "layout", "terminator"),
-    "simserv": _built(SimulatedSimServ),
     "watlow-f4t": _box(SHIPPED["watlow-f4t"].description, SimulatedWatlowF4t),
 }
 

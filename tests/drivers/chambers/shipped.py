@@ -7,7 +7,6 @@ from typing import Any, Literal
 from drivers.chambers import CHAMBER_DRIVERS
 from drivers.chambers.controllers.described import SetpointBox
 from drivers.chambers.controllers.description import BoxDescription, load_box
-from drivers.chambers.controllers.simserv import SimServ
 from drivers.chambers.controllers.watlow_f4t import WatlowF4t
 from drivers.clock import Clock
 from drivers.simulators.chambers.described import SimulatedRegisterBox, SimulatedSetpointBox
@@ -80,6 +79,11 @@ def simulated_julabo(plant: ChamberPlant, **settings: Any) -> SimulatedSetpointB
     return SimulatedSetpointBox(plant, shipped("julabo"), **settings)
 
 
-def simserv(transport: Transport, clock: Clock) -> SimServ:
+def simserv(transport: Transport, clock: Clock) -> SetpointBox:
     """Return the driver of SimServ."""
-    return SimServ(transport, clock, shipped("simserv"))
+    return SetpointBox(transport, clock, shipped("simserv"))
+
+
+def simulated_simserv(plant: ChamberPlant, **settings: Any) -> SimulatedSetpointBox:
+    """Return a simulated SimServ."""
+    return SimulatedSetpointBox(plant, shipped("simserv"), **settings)
