@@ -212,12 +212,17 @@ _ASCII2: dict[str, Vector] = {
 _SIMSERV: dict[str, Vector] = {
     "info": Vector(
         b"99997\xb61\xb61\r",
-        b"1\xb6LabEvent T/110/70/3 simulated\r\n",
-        _simserv(),
-        _is(simserv, "LabEvent T/110/70/3 simulated", 185.0),
+        b"1\xb6LabEvent T/110/70/3\r\n",
+        _simserv(says={"identity": "LabEvent T/110/70/3"}),
+        _is(simserv, "LabEvent T/110/70/3", 185.0),
     ),
     "pv": Vector(b"11004\xb61\xb61\r", b"1\xb623.456\r\n", _simserv(23.456), _sees(simserv, temperature=23.456)),
-    "sp": Vector(b"11002\xb61\xb61\r", b"1\xb620.000\r\n", _simserv(setpoint_degC=20.0), _sees(simserv, setpoint=20.0)),
+    "sp": Vector(
+        b"11002\xb61\xb61\r",
+        b"1\xb620.0\r\n",
+        _simserv(says={"decimals": 1}, setpoint_degC=20.0),
+        _sees(simserv, setpoint=20.0),
+    ),
     "set": Vector(b"11001\xb61\xb61\xb6-30\r", b"1\r\n", _simserv(), _does(simserv, _sets(-30.0))),
     "start": Vector(b"14001\xb61\xb61\xb61\r", b"1\r\n", _simserv(), _does(simserv, lambda driver: driver.start())),
     "stop": Vector(

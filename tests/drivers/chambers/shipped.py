@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, Literal
 
 from drivers.chambers import CHAMBER_DRIVERS
@@ -84,6 +86,10 @@ def simserv(transport: Transport, clock: Clock) -> SetpointBox:
     return SetpointBox(transport, clock, shipped("simserv"))
 
 
-def simulated_simserv(plant: ChamberPlant, **settings: Any) -> SimulatedSetpointBox:
-    """Return a simulated SimServ."""
-    return SimulatedSetpointBox(plant, shipped("simserv"), **settings)
+def simulated_simserv(
+    plant: ChamberPlant, says: Mapping[str, str | int] = MappingProxyType({}), **settings: Any
+) -> SimulatedSetpointBox:
+    """Return a simulated SimServ; `says` is what its `simulated` section says otherwise: its name, its decimals."""
+    box = shipped("simserv")
+    box = box.model_copy(update={"simulated": box.simulated.model_copy(update=says)})
+    return SimulatedSetpointBox(plant, box, **settings)
