@@ -23,7 +23,7 @@ from hil.twin.unit import SimulatedUnit
 class SimulatedBench:
     """The chamber's device and every unit's, by the unit's name, and what they share.
 
-    Tests ask `unit` for the truth and inject faults into the devices.
+    Tests look into `unit` for the truth and inject faults into the devices.
     """
 
     imus: Mapping[str, SimulatedImu]
