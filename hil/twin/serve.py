@@ -37,9 +37,9 @@ _HOST = "127.0.0.1"
 
 
 def port_keys(bench: Bench) -> Mapping[str, tuple[str | int, ...]]:
-    """Return where the bench file names the port of each device: imu or, of several, imu-SERIAL; chamber, ramp."""
+    """Return where the bench file names the port of each device: imu or, of several, imu-SERIAL; chamber."""
     units = {f"imu-{name}": ("units", place, "port") for place, name in enumerate(bench.units)}
-    return {**(units or {"imu": ("imu", "port")}), "chamber": ("chamber", "port"), "ramp": ("chamber", "ramp_port")}
+    return {**(units or {"imu": ("imu", "port")}), "chamber": ("chamber", "port")}
 
 
 def _device(unit: str) -> str:
@@ -54,8 +54,7 @@ def _key(bench: Bench, device: str) -> str:
 class Simulation:
     """Devices that are being served: what a client opens, by device, and the devices themselves.
 
-    A device is imu, or of several units imu-SERIAL; chamber; or ramp, the chamber's second port, where the bench file
-    names one.
+    A device is imu, or of several units imu-SERIAL; or chamber.
     """
 
     bench: Bench
@@ -99,8 +98,6 @@ def serving(bench: Bench, *, tcp: bool) -> Iterator[tuple[DeviceServer, Simulati
     wanted = {_device(name): own.imu.port for name, own in bench.each.items()} | {"chamber": bench.chamber.port}
     lines: dict[str, SimulatedDevice] = {_device(name): imu for name, imu in devices.imus.items()}
     lines["chamber"] = devices.chamber
-    if bench.chamber.ramp_port is not None:
-        wanted["ramp"], lines["ramp"] = bench.chamber.ramp_port, devices.ramp_port
     host, tcp_ports = _tcp_ports(bench, wanted, tcp=tcp)
     with ExitStack() as stack:
         try:

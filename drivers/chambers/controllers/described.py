@@ -106,6 +106,8 @@ class SetpointBox(Controller):
         try:
             for each in self._box.ramp_degC_per_min:
                 self._set(each, max(min(degC_per_min, each.most or degC_per_min), each.step))
+                for other in each.also:
+                    self._set(other, other.to)
             return bool(self._box.ramp_degC_per_min)
         except CommandRefused:
             return False

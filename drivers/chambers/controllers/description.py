@@ -97,7 +97,6 @@ class Quantity(Number):
     confirm: Several[str] = ()
     then_start: bool = False  # takes effect when it is started, where it runs
     step: PositiveFloat = 0.1  # in which it is held
-    most: PositiveFloat | None = None  # of a ramp: the fastest
     write: Several[Address] = ()
 
     @model_validator(mode="after")
@@ -110,6 +109,19 @@ class Quantity(Number):
     def written_to(self) -> tuple[int, ...]:
         """The registers it is written to."""
         return self.write or (() if self.address is None else (self.address,))
+
+
+class Setting(Quantity):
+    """What is set `to` the same value whenever another quantity is."""
+
+    to: float
+
+
+class Ramp(Quantity):
+    """How fast the setpoint moves, °C/min: `most` is the fastest, `also` are the settings that make it count."""
+
+    most: PositiveFloat | None = None
+    also: Several[Setting] = ()
 
 
 class Requirement(Question):
@@ -289,7 +301,7 @@ class BoxDescription(Entry):
     alarms: Several[AlarmQuestion] = ()
     variants: dict[Plain, dict[str, Any]] = Field(default_factory=dict)  # what is otherwise for some models
     messages: Messages | None = None
-    ramp_degC_per_min: Several[Quantity] = ()  # up and down, where these are two
+    ramp_degC_per_min: Several[Ramp] = ()  # up and down, where these are two
     dead_man_s: Quantity | None = None
 
     @property
@@ -321,6 +333,7 @@ class BoxDescription(Entry):
     def named(self) -> tuple[tuple[str, Question | Command], ...]:
         """Everything that is asked or told, with its key."""
         entries = ((key, entry) for key in type(self).model_fields for entry in self._entries(key))
+        entries = ((key, each) for key, entry in entries for each in (entry, *getattr(entry, "also", ())))
         return tuple((key, entry) for key, entry in entries if isinstance(entry, Question | Command))
 
     @model_validator(mode="after")

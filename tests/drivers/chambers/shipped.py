@@ -9,11 +9,9 @@ from typing import Any, Literal
 from drivers.chambers import CHAMBER_DRIVERS
 from drivers.chambers.controllers.described import SetpointBox
 from drivers.chambers.controllers.description import BoxDescription, load_box
-from drivers.chambers.controllers.watlow_f4t import WatlowF4t
 from drivers.clock import Clock
 from drivers.simulators.chambers.described import SimulatedRegisterBox, SimulatedSetpointBox
 from drivers.simulators.chambers.plant import ChamberPlant
-from drivers.simulators.chambers.watlow_f4t import SimulatedWatlowF4t
 from drivers.transports import Transport
 
 
@@ -29,9 +27,9 @@ def watlow_f4(transport: Transport, clock: Clock, **settings: Any) -> SetpointBo
     return SetpointBox(transport, clock, shipped("watlow-f4", **settings))
 
 
-def watlow_f4t(transport: Transport, clock: Clock, ramp_port: Transport | None = None, **settings: Any) -> WatlowF4t:
+def watlow_f4t(transport: Transport, clock: Clock, **settings: Any) -> SetpointBox:
     """Return the driver of an F4T."""
-    return WatlowF4t(transport, clock, shipped("watlow-f4t", **settings), ramp_port=ramp_port)
+    return SetpointBox(transport, clock, shipped("watlow-f4t", **settings))
 
 
 def ezt570i(transport: Transport, clock: Clock) -> SetpointBox:
@@ -44,9 +42,9 @@ def simulated_f4(plant: ChamberPlant, framing: str | None = None, **settings: An
     return SimulatedRegisterBox(plant, shipped("watlow-f4", framing), **settings)
 
 
-def simulated_f4t(plant: ChamberPlant, framing: str | None = None, **settings: Any) -> SimulatedWatlowF4t:
+def simulated_f4t(plant: ChamberPlant, framing: str | None = None, **settings: Any) -> SimulatedRegisterBox:
     """Return a simulated F4T."""
-    return SimulatedWatlowF4t(plant, shipped("watlow-f4t", framing), **settings)
+    return SimulatedRegisterBox(plant, shipped("watlow-f4t", framing), **settings)
 
 
 def simulated_ezt570i(plant: ChamberPlant, **settings: Any) -> SimulatedRegisterBox:
