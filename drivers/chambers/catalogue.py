@@ -16,9 +16,7 @@ from drivers.chambers.controllers.described import SetpointBox
 from drivers.chambers.controllers.description import BoxDescription, load_box
 from drivers.chambers.controllers.description import SerialLine as SerialLine
 from drivers.chambers.controllers.espec import Espec
-from drivers.chambers.controllers.simserv import SimServ
 from drivers.chambers.controllers.voetsch_ascii import AsciiLayout, VoetschAscii
-from drivers.chambers.controllers.watlow_f4t import WatlowF4t
 from drivers.chambers.supervised import SupervisedChamber, Supervision
 from drivers.clock import Clock
 from drivers.outside import Catalogue
@@ -51,9 +49,7 @@ class Spoken:
 
 @dataclass(frozen=True)
 class ChamberOptions(Spoken, Supervision):
-    """What a bench file says about its chamber. `ramp_port` is a second port, where one is needed to set its ramp."""
-
-    ramp_port: Transport | None = None
+    """What a bench file says about its chamber."""
 
 
 Build = Callable[[Transport, Clock, ChamberOptions], SupervisedChamber]
@@ -90,22 +86,21 @@ def _built(kind: Callable[..., Controller], *said: str) -> Build:
     return build
 
 
-def _speaks(path: Path | None, kind: type[SetpointBox], *said: str) -> Build:
+def _speaks(path: Path | None) -> Build:
     """Return what makes a chamber of a description, the bench file's own where it has one."""
 
     def build(transport: Transport, clock: Clock, options: ChamberOptions) -> SupervisedChamber:
         if (own := options.description or path) is None:
             raise ValueError("a box needs its description")
-        given = {name: getattr(options, name) for name in said}
-        return supervised(kind(transport, clock, options.box(own), **given), clock, options)
+        return supervised(SetpointBox(transport, clock, options.box(own)), clock, options)
 
     return build
 
 
-def _described(path: Path, kind: type[SetpointBox] = SetpointBox, *said: str) -> ChamberDriver:
+def _described(path: Path) -> ChamberDriver:
     """Return the driver of a description."""
     box = load_box(path)
-    return ChamberDriver(box.title or box.name, box.line, _speaks(path, kind, *said), box.dead_man_s is not None, path)
+    return ChamberDriver(box.title or box.name, box.line, _speaks(path), box.dead_man_s is not None, path)
 
 
 _BOXES = Path(__file__).parent / "boxes"
@@ -125,13 +120,11 @@ SHIPPED: Mapping[str, ChamberDriver] = {
     "voetsch-ascii2": ChamberDriver(
         "Vötsch and Weiss, ASCII-2", SerialLine(9600), _built(VoetschAscii, "limits", "address", "layout", "terminator")
     ),
-    "simserv": _described(_BOXES / "simserv.yaml", SimServ),
+    "simserv": _described(_BOXES / "simserv.yaml"),
     "thermotron": _described(_BOXES / "thermotron.yaml"),
     "julabo": _described(_BOXES / "julabo.yaml"),
-    "watlow-f4t": _described(_BOXES / "watlow-f4t.yaml", WatlowF4t, "ramp_port"),
-    "box": ChamberDriver(
-        "Any chamber that a file describes", SerialLine(9600), _speaks(None, SetpointBox), dead_man=True
-    ),
+    "watlow-f4t": _described(_BOXES / "watlow-f4t.yaml"),
+    "box": ChamberDriver("Any chamber that a file describes", SerialLine(9600), _speaks(None), dead_man=True),
 }
 
 CHAMBER_DRIVERS: Mapping[str, ChamberDriver] = Catalogue("hil.chambers", SHIPPED, _brought)

@@ -18,14 +18,12 @@
 the encoder work from the same description, so a simulated unit cannot disagree with the driver about a byte.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import reduce
 from itertools import combinations
 from operator import xor
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import yaml
 from pydantic import Discriminator, Field, Tag, ValidationError, field_validator, model_validator
@@ -86,7 +84,7 @@ class FrameDescription(Described):
     status: dict[str, dict[Name, StatusBit]] = Field(default_factory=dict)
 
     @model_validator(mode="after")
-    def _one_kind(self) -> FrameDescription:
+    def _one_kind(self) -> Self:
         if [self.length is None, self.text is None, not self.parts].count(False) != 1:
             raise ValueError("length: is given for every frame but one of text, or of parts")
         if self.parts and self.model_fields_set - {"parts", "by", "meaning", "counter", "time"}:
@@ -169,7 +167,7 @@ class StreamDescription(Described):
         return {name: _joined(name, frame, frames) if frame.parts else frame for name, frame in frames.items()}
 
     @model_validator(mode="after")
-    def _consistent(self) -> StreamDescription:
+    def _consistent(self) -> Self:
         _check_headers(self)
         for name, frame in self.frames.items():
             try:

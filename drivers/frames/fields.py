@@ -1,9 +1,7 @@
 """Fields as they are written in a description: type, place, scale; arrays, bit fields, turns; and lengths."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -29,7 +27,7 @@ class When(Described):
     equals: int = Field(ge=0)
 
     @model_validator(mode="after")
-    def _possible(self) -> When:
+    def _possible(self) -> Self:
         if self.mask is not None and self.equals & ~self.mask:
             raise ValueError(f"equals: {self.equals:#x} has bits that the mask {self.mask:#x} hides")
         return self
@@ -59,7 +57,7 @@ class FieldDescription(Described):
     label: str = ""
 
     @model_validator(mode="after")
-    def _text_has_a_size(self) -> FieldDescription:
+    def _text_has_a_size(self) -> Self:
         if (self.type == "text") != (self.size is not None):
             raise ValueError("size is given for a text field, and only for a text field")
         if self.scale == 0.0:
@@ -227,7 +225,7 @@ class LengthDescription(Described):
     extended: ExtendedLength | None = None
 
     @model_validator(mode="after")
-    def _possible(self) -> LengthDescription:
+    def _possible(self) -> Self:
         if self.shortest > self.longest:
             raise ValueError(f"least: {self.shortest} is more than the most, {self.longest}")
         if self.shortest < self.at + SIZES[self.type]:

@@ -9,12 +9,10 @@
 A packet is one frame, whole. Its fields, length and checksum are described as they are once the stuffing is taken out.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from functools import cached_property
-from typing import Literal
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -33,7 +31,7 @@ class PacketDescription(Described):
     escape: HexBytes = Field(default=b"", max_length=1)
 
     @model_validator(mode="after")
-    def _possible(self) -> PacketDescription:
+    def _possible(self) -> Self:
         if (self.escape and self.kind not in ("slip", "hdlc")) or len(self.end or _ENDS[self.kind]) != len(
             _ENDS[self.kind]
         ):

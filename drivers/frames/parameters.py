@@ -13,11 +13,9 @@ A value is put in wherever the description says `${acc_scale}`; `${acceleration_
 `${rate}` the sample rate in Hz. A parameter without choices is a number.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Self
 
 from pydantic import model_validator
 
@@ -36,7 +34,7 @@ class ParameterDescription(Described):
     default: str | int | float | bool
 
     @model_validator(mode="after")
-    def _default_is_possible(self) -> ParameterDescription:
+    def _default_is_possible(self) -> Self:
         self.chosen(self.default, "default")
         if self.choices is not None and len({frozenset(names) for names in self.choices.values()}) > 1:
             raise ValueError("choices: every choice gives values to the same names")

@@ -7,13 +7,11 @@ text:
 fields: {yaw: {type: decimal, unit: deg}, pitch: {type: decimal, unit: deg}}
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping
 from functools import reduce
 from operator import xor
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -72,7 +70,7 @@ class TextDescription(Described):
     checksums: list[Annotated[TextXor | TextCrc, Field(discriminator="kind")]] = Field(default_factory=list)
 
     @model_validator(mode="after")
-    def _ascii(self) -> TextDescription:
+    def _ascii(self) -> Self:
         for key, text in [("separator", self.separator), *[("checksums.mark", each.mark) for each in self.checksums]]:
             if not _PRINTABLE.fullmatch(text.encode()):
                 raise ValueError(f"{key}: {text!r} is not printable ASCII")

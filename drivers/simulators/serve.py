@@ -145,8 +145,6 @@ class DeviceServer:
 
     def __post_init__(self) -> None:
         self._lines: dict[str, _PtyLine | _TcpLine] = {}
-        self._wake_read, self._wake_write = os.pipe()
-        os.set_blocking(self._wake_write, False)
         try:
             for name in self.devices:
                 port = self.tcp_ports.get(name)
@@ -170,10 +168,8 @@ class DeviceServer:
             self.close()
 
     def interrupt(self) -> None:
-        """Ask the loop to end; returns at once."""
+        """Ask the loop to end after its next look at the lines; returns at once."""
         self._stopping = True
-        with suppress(OSError):
-            os.write(self._wake_write, b"x")
 
     def _exchange(self) -> None:
         for name, line in self._lines.items():
@@ -187,14 +183,10 @@ class DeviceServer:
         due = [device.next_transmission(now_s) for device in self.devices.values()]
         wait_s = min([_LONGEST_WAIT_S] + [when - now_s for when in due if when is not None])
         descriptors = [fd for line in self._lines.values() for fd in line.readable()]
-        select.select([self._wake_read, *descriptors], [], [], max(wait_s, _SHORTEST_WAIT_S))
+        select.select(descriptors, [], [], max(wait_s, _SHORTEST_WAIT_S))
 
     def close(self) -> None:
         """Release everything. Closing twice is allowed."""
         lines, self._lines = list(self._lines.values()), {}
         for line in lines:
             line.close()
-        for descriptor in (self._wake_read, self._wake_write):
-            if descriptor >= 0:
-                os.close(descriptor)
-        self._wake_read = self._wake_write = -1

@@ -5,8 +5,6 @@
 It commands the chamber by a degree or two about its present temperature, and the unit through every position.
 """
 
-from __future__ import annotations
-
 import pytest
 
 from drivers.chambers.setpoints import clamped

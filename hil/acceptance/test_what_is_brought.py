@@ -5,8 +5,6 @@
 Chambers are tried against the simulator that comes with them, or the box of their description, on a virtual clock.
 """
 
-from __future__ import annotations
-
 import pytest
 
 from drivers.chambers import CHAMBER_DRIVERS, ChamberLimits, ChamberOptions, SafeState

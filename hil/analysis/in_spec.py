@@ -12,8 +12,6 @@ k = 2. A scatter's interval is that of chi-square at the same probability. Simpl
 A measurement that is FAIL or INCONCLUSIVE tells nothing of the unit.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass

@@ -16,8 +16,6 @@ An entry appears whole or not at all, and is never changed: what is taken up aga
 folders are the truth. The night itself stays where it is; when it goes, what was averaged of it is still here.
 """
 
-from __future__ import annotations
-
 import hashlib
 import shutil
 from collections.abc import Mapping

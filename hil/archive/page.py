@@ -4,8 +4,6 @@ history_page(history(index, "0042"))
 units_page(index.units(), index.behind(), address="/units/KEY/")
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from datetime import date
 from typing import Any

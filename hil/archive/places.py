@@ -1,7 +1,5 @@
 """Where things are in an archive: units' folders, entries, and what tells that an entry's files have changed."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import suppress

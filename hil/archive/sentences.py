@@ -1,7 +1,5 @@
 """What a unit's history says in words, for terminals and pages, from the document hil.history/1."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 

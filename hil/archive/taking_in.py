@@ -6,8 +6,6 @@ Each entry is one transaction, so a process that is killed leaves an index of wh
 solve`, the means and their uncertainty what repeats show.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import sqlite3

@@ -16,8 +16,6 @@ A parameter has a mean at several temperatures: which belong together, and what 
     entries, shifts, sd, left = shifts_of(values)          # of each calibration against the others
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

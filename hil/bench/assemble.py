@@ -42,8 +42,6 @@ from hil.twin.faults import FaultInjector
 from hil.twin.motion import FROM_THE_START, Resumed
 from procedures.devices import BenchDevices
 
-_RAMP_LINE = SerialLine(115200)
-
 Unopened = Callable[[str, DeviceError], None]
 """Is told the key of the bench file whose port could not be opened, and why."""
 
@@ -170,9 +168,8 @@ def check_ports(bench: Bench) -> None:
 
 def ports_of(bench: Bench) -> list[tuple[str, str]]:
     """Return key and port of everything that the bench file connects."""
-    urls = [(unit_port(name), each.imu.port) for name, each in bench.each.items()]
-    urls.append(("chamber.port", bench.chamber.port))
-    return urls if bench.chamber.ramp_port is None else [*urls, ("chamber.ramp_port", bench.chamber.ramp_port)]
+    units = [(unit_port(name), each.imu.port) for name, each in bench.each.items()]
+    return [*units, ("chamber.port", bench.chamber.port)]
 
 
 def is_missing(port: str) -> bool:
@@ -262,16 +259,12 @@ def _chamber(
 ) -> Chamber:
     section = bench.chamber
     port = ports.open("chamber.port", section.port, section.line, lambda: simulated().chamber)
-    ramp_port = None
-    if section.ramp_port is not None:
-        ramp_port = ports.open("chamber.ramp_port", section.ramp_port, _RAMP_LINE, lambda: simulated().ramp_port)
     options = ChamberOptions(
         limits=section.limits,
         safe=section.safe_state,
         expected_model=section.model or None,
         native_margin_degC=section.native_margin,
         celsius_confirmed=section.celsius_confirmed,
-        ramp_port=ramp_port,
         dead_man_s=section.night_dead_man if night else section.dead_man,
         dead_man_asked=section.dead_man is not None,
         description=bench.chamber_description,

@@ -28,6 +28,7 @@ from drivers.frames.description import StreamDescription, load_description
 from drivers.frames.fields import FieldDescription
 from drivers.frames.wire import FloatArray
 from drivers.given_file import opened
+from drivers.strict_yaml import packaged
 from hil.bench.decode_advice import CounterHabit, misfit
 from hil.errors import InputError
 from hil.files.durable import PARTIAL, RealDisk
@@ -42,13 +43,6 @@ _CHUNK = 1 << 22  # bytes
 _SUFFIXES = (".parquet", ".csv")
 _PLACES = 6  # decimals up to which rounding a 32-bit count times its scale gives the nearest float
 _PLACE = ("frame", "position", "sequence")  # the columns before the fields
-_NAMES = {
-    (32, 0x04C11DB7, 0xFFFFFFFF, False, False, 0): "CRC-32/MPEG-2",
-    (32, 0x04C11DB7, 0xFFFFFFFF, True, True, 0xFFFFFFFF): "CRC-32/ISO-HDLC",
-    (16, 0x1021, 0, False, False, 0): "CRC-16/XMODEM",
-    (16, 0x1021, 0x1D0F, False, False, 0): "CRC-16/SPI-FUJITSU",
-    (16, 0x1021, 0xFFFF, False, False, 0): "CRC-16/IBM-3740",
-}
 _TYPES = {"fp12.20": "12.20 fixed point", "fp16.32": "16.32 fixed point", "item": "in the item's number format"}
 _TYPES |= {"f16": "half precision", "f32": "single precision", "f64": "double precision"}
 
@@ -233,7 +227,8 @@ def _table(decoded: Decoded, schema: pa.Schema, *, for_reading: bool) -> pa.Tabl
 
 def explain_frames(description: StreamDescription) -> str:
     """Return the description in words: the stream, each frame with its fields, what they are for, and what is weak."""
-    told = {"names": _NAMES, "types": _TYPES, "warnings": list(_warnings(description))}
+    names = {tuple(of): name for name, of in packaged("hil.bench", "checksums.yaml")["names"].items()}
+    told = {"names": names, "types": _TYPES, "warnings": list(_warnings(description))}
     return filled("hil.bench", "frames_check.txt.j2", r=description, **told).rstrip("\n") + "\n"
 
 

@@ -23,6 +23,7 @@ from pydantic import TypeAdapter
 from drivers.frames.checksum_kinds import ChecksumDescription
 from drivers.frames.checksums import FrameChecksum
 from drivers.given_file import opened
+from drivers.strict_yaml import packaged
 from hil.bench.decode_advice import that_read
 from hil.errors import InputError
 
@@ -31,18 +32,8 @@ _LOOK = 1 << 17  # bytes from the beginning of a file
 _LONGEST = 512  # bytes of a frame that is looked for
 _MOST = 0.9  # of frames agree where something is taken for a rule
 _FEW = 12  # frames, fewer of which show nothing
-_CRCS = [(16, 0x1021, init, turned) for init in (0, 0xFFFF, 0x1D0F) for turned in (False, True)]
-_CRCS += [(16, 0x8005, 0, True), (16, 0x8005, 0xFFFF, True), (32, 0x04C11DB7, 0, True)]
-_CRCS += [(32, 0x04C11DB7, 0xFFFFFFFF, False)]
-_CRC_KINDS: list[dict[str, Any]] = [
-    {"kind": "crc", "width": width, "poly": poly, "init": init, "refin": turned, "refout": turned}
-    for width, poly, init, turned in _CRCS
-]
-_CRC_KINDS += [_CRC_KINDS[3] | {"xorout": 0xFFFF}, _CRC_KINDS[-2] | {"init": 0xFFFFFFFF, "xorout": 0xFFFFFFFF}]
-_KINDS = [*_CRC_KINDS, _CRC_KINDS[9] | {"pad_to": 4}, {"kind": "fletcher"}, {"kind": "xor"}]
-_KINDS += [{"kind": "sum", "width": width, "negate": sign} for width in (16, 8) for sign in (False, True)]
-_WORDS = [{"word": 2, "word_order": order} for order in ("big", "little")]
-_KINDS += [{"kind": "sum", "width": 16, "negate": sign, **words} for words in _WORDS for sign in (False, True)]
+_KINDS: list[dict[str, Any]] = packaged("hil.bench", "checksums.yaml")["kinds"]
+_INSIDE = [kind for kind in _KINDS if kind["kind"] == "crc" and "pad_to" not in kind]  # may stand before the content
 _RATE = ("_hz: 100\n", "_hz: 100  # TO DO: no recording tells it; write what the unit sends\n")
 _TRIED = 6  # places at which a frame may begin
 _CHECKSUM: TypeAdapter[ChecksumDescription] = TypeAdapter(ChecksumDescription)
@@ -141,7 +132,7 @@ def _checks(length: int, tail: int) -> list[tuple[dict[str, Any], FrameChecksum]
     given = [kind | {"stored": order, "span": [at, None]} for kind, order, at in product(_KINDS, orders, range(4))]
     given += [
         kind | {"stored": order, "at": at, "span": [[0, at], [at + kind["width"] // 8, None]]}
-        for kind, order, at in product(_CRC_KINDS, orders, range(2, 8))
+        for kind, order, at in product(_INSIDE, orders, range(2, 8))
     ]
     checks = []
     for kind in given:

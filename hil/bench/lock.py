@@ -35,8 +35,7 @@ def bench_lock(bench: Bench, night: Path) -> Iterator[None]:
     Raises `InputError` that names the owner where another controller, or a watchdog, has one of them.
     """
     refuse_without_locks()
-    ports = {each.imu.port for each in bench.each.values()}
-    ports |= {bench.chamber.port, bench.chamber.ramp_port or SIMULATED_SCHEME}
+    ports = {bench.chamber.port, *(each.imu.port for each in bench.each.values())}
     real = {name: port for port in ports if not port.startswith(SIMULATED_SCHEME) for name in port_names(port)}
     begin, what = f"{bench.source or bench.name}: another controller owns the bench", str(night.resolve())
     with ExitStack() as owned:

@@ -77,7 +77,7 @@ def look_at_devices(live: LiveBench, closed: Collection[str] = ()) -> Iterator[F
             whose = f" of {name}" if name else ""
             looked = chain(_guarded(each, "unit", _unit), _guarded(each, "unit", _stream, "stream"))
             yield from (replace(found, subject=f"{found.subject}{whose}") for found in looked)
-    if not {"chamber.port", "chamber.ramp_port"} & set(closed):
+    if "chamber.port" not in closed:
         yield from _guarded(live, "chamber", _chamber)
 
 
@@ -97,8 +97,6 @@ def _ports(live: LiveBench, closed: dict[str, DeviceError]) -> Iterator[Finding]
             yield Finding(key, False, (words := str(closed[key])), closed_port_advice(words, url, live.bench))
         elif url.startswith(SIMULATED_SCHEME):
             yield Finding(key, True, f"{url}: simulated in this process")
-        elif key == "chamber.ramp_port":
-            yield Finding(key, True, f"{url}: opened")
         else:
             unit = next((each for name, each in live.each.items() if key == unit_port(name)), None)
             of = unit or live

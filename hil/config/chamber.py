@@ -9,7 +9,7 @@ from drivers.chambers import CHAMBER_DRIVERS, ChamberLimits, SafeState
 from drivers.chambers.catalogue import SerialLine, WarningLimits
 from drivers.chambers.controllers.voetsch_ascii import AsciiLayout
 from drivers.chambers.setpoints import COLDEST_POSSIBLE_DEGC, HOTTEST_POSSIBLE_DEGC
-from hil.config.ports import SIMULATED_SCHEME, ChamberPort, RampPort
+from hil.config.ports import SIMULATED_SCHEME, ChamberPort
 from hil.config.sections import settings_of, to_settings
 from hil.files.strict import Section
 from hil.files.units import CelsiusDifference, CelsiusPerMinute, Seconds
@@ -24,7 +24,6 @@ _PARITIES: Mapping[str, Literal["N", "E", "O"]] = {"none": "N", "even": "E", "od
 _OF_ONE_DRIVER = {
     "layout": ("voetsch-ascii2", "has layouts that differ"),
     "warning_limits": ("julabo", "has them under parameters that differ"),
-    "ramp_port": ("watlow-f4t", "sets its ramp on a port of its own"),
 }
 
 
@@ -57,9 +56,8 @@ class ChamberSection(Section):
     `model` is how the controller's answer to who it is must begin. The controller's own limits are set `native_margin`
     beyond the bench's. `celsius_confirmed` says that a person has seen °C on its panel, which the protocol cannot tell.
     Line settings, address, terminator and Modbus framing are those with which the maker ships it where they are not
-    given. `ramp_port` is a second port of the controller, for one that sets its ramp there.
-    `ramp` bounds how fast the setpoint moves, by the controller where it can. `dead_man` arms the controller's own
-    timer; at least 10 min, because it is renewed only now and then; null for not at all (`night_dead_man`).
+    given. `ramp` bounds how fast the setpoint moves, by the controller where it can. `dead_man` arms the controller's
+    own timer; at least 10 min, because it is renewed only now and then; null for not at all (`night_dead_man`).
     `description` is the file of a `box`: a chamber without a driver of its own. `layout` says what the values and
     bits of an ASCII-2 chamber are, `warning_limits` under which parameters a Julabo has its own limits.
     """
@@ -72,7 +70,6 @@ class ChamberSection(Section):
     address: NonNegativeInt | None = None
     terminator: Literal["CR", "LF", "CR LF"] | None = None
     framing: Literal["rtu", "tcp"] | None = None
-    ramp_port: RampPort | None = None
     ramp: Annotated[CelsiusPerMinute, Field(gt=0.0, le=100.0)] | None = None
     dead_man: Annotated[Seconds, Field(ge=600.0, le=7 * 86400.0)] | None = None
     description: str | None = None
@@ -115,9 +112,6 @@ class ChamberSection(Section):
         for key, (driver, why) in _OF_ONE_DRIVER.items():
             if getattr(self, key) is not None and self.driver != driver:
                 raise ValueError(f"{key}: only {driver} {why}; leave it out")
-        simulated = self.port.startswith(SIMULATED_SCHEME)
-        if self.ramp_port is not None and self.ramp_port.startswith(SIMULATED_SCHEME) != simulated:
-            raise ValueError("ramp_port: simulated with the chamber, or neither; the simulated one is sim://ramp")
         held, low, high = self.safe_state.temperature_degC, self.limits.low_degC, self.limits.high_degC
         if held is not None and not low <= held <= high:
             raise ValueError(

@@ -45,4 +45,3 @@ def _port(value: object, name: str) -> str:
 
 ImuPort = Annotated[str, BeforeValidator(lambda value: _port(value, "imu"))]
 ChamberPort = Annotated[str, BeforeValidator(lambda value: _port(value, "chamber"))]
-RampPort = Annotated[str, BeforeValidator(lambda value: _port(value, "ramp"))]

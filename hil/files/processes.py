@@ -7,8 +7,6 @@ They end with the one that they work for, however that ends, and at once where i
 a terminal.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

@@ -47,9 +47,9 @@ def configuration(folder: Path, campaign: Campaign) -> tuple[dict[str, Any], boo
     bench = document["bench"]
     for key in ("faults", "notify"):
         bench.pop(key, None)
-    for section, key in (("imu", "port"), ("chamber", "port"), ("chamber", "ramp_port")):
-        if key in bench[section]:
-            bench[section][key] = f"sim://{key if key == 'ramp_port' else section}"
+    for section in ("imu", "chamber"):
+        if "port" in bench[section]:
+            bench[section]["port"] = f"sim://{section}"
     bench["chamber"].pop("model", None)  # which the simulated one is not
     if bench["unit"]["serial"] in ("", "ask"):
         bench["unit"]["serial"] = "SIM-0001"

@@ -9,8 +9,6 @@ Every number is another command's: means are those of `hil solve`, the uncertain
 never smaller than repeats show), the judgement that of `hil.analysis.in_spec`, the records' proof that of `hil verify`.
 """
 
-from __future__ import annotations
-
 import hashlib
 import math
 from collections.abc import Iterator, Mapping, Sequence

@@ -5,8 +5,6 @@
 Every axis has its unit, every line a colour and a style or marker of its own, and what is simulated says so.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

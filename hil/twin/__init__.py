@@ -1,5 +1,5 @@
 """The simulated unit: physics behind the bytes that the simulated devices speak."""
 
-from hil.twin.unit import SimulatedUnit, Truth
+from hil.twin.unit import SimulatedUnit
 
-__all__ = ["SimulatedUnit", "Truth"]
+__all__ = ["SimulatedUnit"]

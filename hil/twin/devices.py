@@ -2,12 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 from drivers.imu import ImuIdentity
-from drivers.simulators import SimulatedDevice
-from drivers.simulators.chambers.catalogue import CHAMBER_SIMULATORS, SimulatorOptions, ramp_port_of
+from drivers.simulators.chambers.catalogue import CHAMBER_SIMULATORS, SimulatorOptions
 from drivers.simulators.chambers.controller import SimulatedController
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.unit import IndexSettings, SimulatedImu
@@ -23,7 +21,7 @@ from hil.twin.unit import SimulatedUnit
 class SimulatedBench:
     """The chamber's device and every unit's, by the unit's name, and what they share.
 
-    Tests ask `unit` for the truth and inject faults into the devices.
+    Tests look into `unit` for the truth and inject faults into the devices.
     """
 
     imus: Mapping[str, SimulatedImu]
@@ -40,11 +38,6 @@ class SimulatedBench:
     def unit(self) -> SimulatedUnit:
         """The first unit, or the only one."""
         return next(iter(self.units.values()))
-
-    @cached_property
-    def ramp_port(self) -> SimulatedDevice:
-        """The chamber's second port; raise `ValueError` where its controller has none."""
-        return ramp_port_of(self.chamber)
 
 
 def simulate_devices(bench: Bench, *, begins_s: float, resumed: Resumed = FROM_THE_START) -> SimulatedBench:

@@ -102,12 +102,6 @@ class SimulatedSensor:
     def _laid(self, drawn: Mapping[str, float]) -> FloatArray:
         return self._per_unit @ [drawn.get(name, 0.0) for name in self._form.names]
 
-    def parameters(self, run: int, temperature_degC: float) -> dict[str, float]:
-        """Return the true base parameters by name in `run` at a temperature, scatter included."""
-        curves, drawn = self.model.sensors[self.sensor.number], self.scatter(run)
-        at = np.array([temperature_degC])
-        return {name: float(curve.at(at)[0]) + drawn.get(name, 0.0) for name, curve in curves.items()}
-
     def _tabulate(self) -> FloatArray:
         # Dense enough that a straight line between two rows is the curve: evaluating the curves costs too much a poll.
         temperatures = np.arange(_COLDEST_DEGC, _HOTTEST_DEGC + _STEP_DEGC / 2, _STEP_DEGC)

@@ -15,14 +15,13 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
 from urllib.parse import urlsplit
 
 from drivers.clock import SystemClock
 from drivers.simulators import SimulatedDevice
 from drivers.simulators.serve import DeviceServer
 from hil.config.bench import Bench
-from hil.config.ports import SIMULATED_SCHEME
+from hil.config.ports import SIMULATED_SCHEME, unit_port
 from hil.errors import InputError
 from hil.twin.devices import SimulatedBench, simulate_devices
 from hil.twin.faults import FaultInjector
@@ -36,26 +35,11 @@ _SIGNALS = (
 _HOST = "127.0.0.1"
 
 
-def port_keys(bench: Bench) -> Mapping[str, tuple[str | int, ...]]:
-    """Return where the bench file names the port of each device: imu or, of several, imu-SERIAL; chamber, ramp."""
-    units = {f"imu-{name}": ("units", place, "port") for place, name in enumerate(bench.units)}
-    return {**(units or {"imu": ("imu", "port")}), "chamber": ("chamber", "port"), "ramp": ("chamber", "ramp_port")}
-
-
-def _device(unit: str) -> str:
-    return f"imu-{unit}" if unit else "imu"
-
-
-def _key(bench: Bench, device: str) -> str:
-    return ".".join(map(str, port_keys(bench)[device]))
-
-
 @dataclass(frozen=True)
 class Simulation:
     """Devices that are being served: what a client opens, by device, and the devices themselves.
 
-    A device is imu, or of several units imu-SERIAL; chamber; or ramp, the chamber's second port, where the bench file
-    names one.
+    A device is imu, or of several units imu-SERIAL; or chamber.
     """
 
     bench: Bench
@@ -73,11 +57,7 @@ def serve_bench(bench: Bench, announce: Callable[[str], None], *, tcp: bool = Fa
     Only the main thread can do this. Raises `InputError` as `serving` does.
     """
     with serving(bench, tcp=tcp) as (server, simulation):
-
-        def stop(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the signature of a handler
-            server.interrupt()
-
-        former = {number: signal.signal(number, stop) for number in _SIGNALS}
+        former = {number: signal.signal(number, lambda *_: server.interrupt()) for number in _SIGNALS}
         try:
             announce(json.dumps(simulation.document()))
             server.run()
@@ -96,34 +76,30 @@ def serving(bench: Bench, *, tcp: bool) -> Iterator[tuple[DeviceServer, Simulati
     clock = SystemClock()
     devices = simulate_devices(bench, begins_s=clock.now())
     FaultInjector(bench.faults, clock).inject(devices, {})
-    wanted = {_device(name): own.imu.port for name, own in bench.each.items()} | {"chamber": bench.chamber.port}
-    lines: dict[str, SimulatedDevice] = {_device(name): imu for name, imu in devices.imus.items()}
-    lines["chamber"] = devices.chamber
-    if bench.chamber.ramp_port is not None:
-        wanted["ramp"], lines["ramp"] = bench.chamber.ramp_port, devices.ramp_port
+    wanted = {f"imu-{name}" if name else "imu": (unit_port(name), own.imu.port) for name, own in bench.each.items()}
+    wanted["chamber"] = "chamber.port", bench.chamber.port
+    there: list[SimulatedDevice] = [*devices.imus.values(), devices.chamber]
     host, tcp_ports = _tcp_ports(bench, wanted, tcp=tcp)
     with ExitStack() as stack:
         try:
-            server = DeviceServer(lines, clock, tcp_ports=tcp_ports, host=host)
+            server = DeviceServer(dict(zip(wanted, there, strict=True)), clock, tcp_ports=tcp_ports, host=host)
         except OSError as error:
-            where = ", ".join(wanted.values())
+            where = ", ".join(port for _, port in wanted.values())
             raise InputError(f"{bench.source}: {where} cannot be served: {error.strerror or error}") from error
         stack.callback(server.close)
         ports = dict(server.urls)
-        for device, port in wanted.items():
+        for device, (key, port) in wanted.items():
             if "://" not in port:
-                stack.callback(_link(bench, _key(bench, device), Path(port), Path(ports[device])))
+                stack.callback(_link(bench, key, Path(port), Path(ports[device])))
                 ports[device] = port
         yield server, Simulation(bench, ports, devices)
 
 
-def _tcp_ports(bench: Bench, wanted: Mapping[str, str], *, tcp: bool) -> tuple[str, dict[str, int]]:
+def _tcp_ports(bench: Bench, wanted: Mapping[str, tuple[str, str]], *, tcp: bool) -> tuple[str, dict[str, int]]:
     hosts, numbers = set(), {}
-    for device, url in wanted.items():
+    for device, (key, url) in wanted.items():
         if url.startswith("rfc2217://"):
-            raise InputError(
-                f"{bench.source}: {_key(bench, device)}: {url} cannot be simulated; write socket://host:port"
-            )
+            raise InputError(f"{bench.source}: {key}: {url} cannot be simulated; write socket://host:port")
         if url.startswith("socket://"):
             parts = urlsplit(url)
             hosts.add(parts.hostname or _HOST)

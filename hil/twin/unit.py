@@ -2,8 +2,7 @@
 
     unit = SimulatedUnit(bench, model, roles, plant, sample_rate_hz=20.0)
     unit.start_move("1", begins_s=100.0, ends_s=105.0)
-    unit.signals(times_s)["rate_A2"]              # deg/hr, one per time
-    unit.truth(run=1, sensor=2).parameters["BA"]  # what a solver should find
+    unit.signals(times_s)["rate_A2"]  # deg/hr, one per time
 
 It implements `drivers.simulators.unit.UnitPhysics`: the simulator of the frames asks it for signals by field name, and
 it knows nothing of bytes. Times never go backwards, and every sample is asked for once; how many are asked for at a
@@ -38,16 +37,6 @@ from hil.twin.thermal import ThermalUnit
 _COLD_DEGC = 5.0  # below it the bearings settle slowly
 _SETTLED_AFTER = 25.0  # time constants after which nothing is left of the settling
 _DEG_PER_HR = float(np.rad2deg(1.0)) * 3600.0
-
-
-@dataclass(frozen=True)
-class Truth:
-    """What one sensor really was during a self-calibration: its base parameters, deg/hr and deg/hr/g, by name."""
-
-    run: int
-    sensor: int
-    temperature_degC: float
-    parameters: Mapping[str, float]
 
 
 class SimulatedUnit:
@@ -141,20 +130,6 @@ class SimulatedUnit:
                 for number in self._sensors:
                     (self._turn if moving else self._stay)(number, here)
         return {name: readings[:, column] for column, name in enumerate(self._columns.names)}
-
-    def truth(self, run: int, sensor: int) -> Truth:
-        """Return what a sensor really was in self-calibration `run`, at its mean rotor temperature during the run.
-
-        What wanders, and the model's terms, are not part of its base. Raises `ValueError` for a run that has not begun.
-        """
-        legs = [leg for leg in self._timeline.legs if leg.run == run and np.isfinite(leg.begins_s)]
-        if not legs:
-            raise ValueError(f"self-calibration {run} of the simulated unit has not begun")
-        within = self._grid.nodes(np.array([legs[0].ends_s, legs[-1].ends_s]))
-        part = slice(int(within[0]), int(within[1]) + 1)
-        temperature_degC = float(self._grid.state[part, ROTOR].mean())
-        one = self._sensors[sensor]
-        return Truth(run, sensor, temperature_degC, one.parameters(run, temperature_degC))
 
     def _rotor_at(self, time_s: float) -> float:
         self._grid.advance(time_s, self)

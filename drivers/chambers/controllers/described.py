@@ -9,12 +9,12 @@ the description's key `verified` says what was seen. A reply that is a bare numb
 question without a reply the line is listened to for 3 s. Temperatures in °C; time-outs are those of the description.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, Literal
 
 from drivers.chambers.controller import Controller, ControllerIdentity, ControllerState, Mode, Which
-from drivers.chambers.controllers.description import BoxDescription, Command, Identity, Quantity, Question
+from drivers.chambers.controllers.description import BoxDescription, Command, Identity, Messages, Quantity, Question
 from drivers.chambers.controllers.media import RegisterMedium, TextMedium
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, ProtocolError, WrongDevice
@@ -71,6 +71,8 @@ class SetpointBox(Controller):
                 "right controller"
             )
         alarms = tuple(alarm for each in box.alarms for alarm in found[id(each)])
+        if alarms and box.messages:
+            alarms = tuple(self._messages(box.messages)) or alarms
         self._known["setpoint"] = found[id(box.setpoint)]
         return ControllerState(
             found[id(box.temperature)], found[id(box.setpoint)], self._mode(found), alarms, low, high, unit
@@ -102,7 +104,11 @@ class SetpointBox(Controller):
     def set_ramp_rate(self, degC_per_min: float) -> bool:
         """Set the ramp, °C/min; False where there is none or it refuses; `ProtocolError` where it did not take."""
         try:
-            return self._set(self._box.ramp_degC_per_min, degC_per_min)
+            for each in self._box.ramp_degC_per_min:
+                self._set(each, max(min(degC_per_min, each.most or degC_per_min), each.step))
+                for other in each.also:
+                    self._set(other, other.to)
+            return bool(self._box.ramp_degC_per_min)
         except CommandRefused:
             return False
 
@@ -114,7 +120,7 @@ class SetpointBox(Controller):
         if quantity is None:
             return False
         self._medium.set(quantity, value, self._known)
-        found = self._ask([quantity])[id(quantity)]
+        found = self._one(quantity)
         if abs(found - value) > 0.51 * quantity.step:
             raise ProtocolError(f"{self.device} reads back {found:g} where {value:g} was set")
         return True
@@ -124,7 +130,7 @@ class SetpointBox(Controller):
             self._medium.tell(command, self._known)
 
     def _model(self, identity: Identity) -> str:
-        word = self._ask([identity])[id(identity)] if identity.asks else ""
+        word = self._one(identity) if identity.asks else ""
         if not word.upper().startswith(identity.expect.upper()):
             what = (
                 f"says it is {word!r}, its description expects {identity.expect!r}; check the cable and the bench file"
@@ -140,6 +146,14 @@ class SetpointBox(Controller):
                 self._known["mode"], self._runs = each.word_for(mode), mode == "CONSTANT"
                 return mode
         return "CONSTANT"
+
+    def _messages(self, told: Messages) -> Iterator[str]:
+        for number in range(1, int(self._one(told.count)) + 1):
+            if all(self._one(each.numbered(number)) == 1 for each in told.only):
+                yield self._one(told.text.numbered(number))
+
+    def _one(self, question: Question) -> Any:
+        return self._ask([question])[id(question)]
 
     def _ask(self, questions: Sequence[Question]) -> dict[int, Any]:
         """Return the meanings of the answers, by the questions' ids; what answers several is fetched once."""

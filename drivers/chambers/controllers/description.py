@@ -58,6 +58,10 @@ class Question(InRegister):
         """Return what a word means; raise `ValueError`, which says what the box does, where it can mean nothing."""
         return word
 
+    def numbered(self, number: int) -> Self:
+        """Return the question about one of several, in whose text it is `{number}`."""
+        return self.model_copy(update={"ask": (self.ask or "").replace("{number}", str(number))})
+
 
 class Number(Question):
     """A number that can be asked."""
@@ -105,6 +109,19 @@ class Quantity(Number):
     def written_to(self) -> tuple[int, ...]:
         """The registers it is written to."""
         return self.write or (() if self.address is None else (self.address,))
+
+
+class Setting(Quantity):
+    """What is set `to` the same value whenever another quantity is."""
+
+    to: float
+
+
+class Ramp(Quantity):
+    """How fast the setpoint moves, °C/min: `most` is the fastest, `also` are the settings that make it count."""
+
+    most: PositiveFloat | None = None
+    also: Several[Setting] = ()
 
 
 class Requirement(Question):
@@ -213,6 +230,14 @@ class AlarmQuestion(Question):
         return tuple(self.bits.get(bit, self.name.replace("{value}", f"bit {bit}")) for bit in standing)
 
 
+class Messages(Entry):
+    """Alarms as texts in a list: the `count`, and by `{number}` the `text` of each, if all of `only` are answered 1."""
+
+    count: Number
+    text: Question
+    only: Several[Number] = ()
+
+
 class SimulatedSection(Entry):
     """What a simulator of it does besides: registers that it has, others that are the same, and how it refuses."""
 
@@ -275,7 +300,8 @@ class BoxDescription(Entry):
     end_program: Several[Command] = ()
     alarms: Several[AlarmQuestion] = ()
     variants: dict[Plain, dict[str, Any]] = Field(default_factory=dict)  # what is otherwise for some models
-    ramp_degC_per_min: Quantity | None = None
+    messages: Messages | None = None
+    ramp_degC_per_min: Several[Ramp] = ()  # up and down, where these are two
     dead_man_s: Quantity | None = None
 
     @property
@@ -307,6 +333,7 @@ class BoxDescription(Entry):
     def named(self) -> tuple[tuple[str, Question | Command], ...]:
         """Everything that is asked or told, with its key."""
         entries = ((key, entry) for key in type(self).model_fields for entry in self._entries(key))
+        entries = ((key, each) for key, entry in entries for each in (entry, *getattr(entry, "also", ())))
         return tuple((key, entry) for key, entry in entries if isinstance(entry, Question | Command))
 
     @model_validator(mode="after")

@@ -6,14 +6,11 @@ from pathlib import Path
 
 from drivers.chambers.catalogue import SHIPPED, ChamberDriver, Spoken
 from drivers.outside import Catalogue
-from drivers.simulators import SimulatedDevice
 from drivers.simulators.chambers.controller import ChamberFault, SimulatedController
 from drivers.simulators.chambers.described import simulated_box
 from drivers.simulators.chambers.espec import SimulatedEspec
 from drivers.simulators.chambers.plant import ChamberPlant
-from drivers.simulators.chambers.simserv import SimulatedSimServ
 from drivers.simulators.chambers.voetsch_ascii import SimulatedVoetschAscii
-from drivers.simulators.chambers.watlow_f4t import SimulatedF4tScpi, SimulatedWatlowF4t
 
 
 @dataclass(frozen=True)
@@ -23,13 +20,6 @@ class SimulatorOptions(Spoken):
     strict: bool | None = None
     faults: tuple[ChamberFault, ...] = ()
     begins_s: float = 0.0
-
-
-def ramp_port_of(chamber: object) -> SimulatedDevice:
-    """Return the simulated second port on which a controller takes its ramp; raise `ValueError` where it has none."""
-    if not isinstance(chamber, SimulatedWatlowF4t):
-        raise ValueError("this chamber has no second port for its ramp")
-    return SimulatedF4tScpi(chamber)
 
 
 Build = Callable[[ChamberPlant, SimulatorOptions], SimulatedController]
@@ -45,14 +35,14 @@ def _built(kind: Callable[..., SimulatedController], *said: str) -> Build:
     return build
 
 
-def _box(description: Path | None, kind: Callable[..., SimulatedController] = simulated_box) -> Build:
+def _box(description: Path | None) -> Build:
     """Return what makes the box of a description, the bench file's own where it has one."""
 
     def build(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedController:
         path = options.description or description
         if path is None:
             raise ValueError("it has no description, and no simulator of its own")
-        return kind(plant, options.box(path), faults=options.faults, begins_s=options.begins_s)
+        return simulated_box(plant, options.box(path), faults=options.faults, begins_s=options.begins_s)
 
     return build
 
@@ -67,8 +57,6 @@ _SHIPPED: Mapping[str, Build] = {
     **{name: _box(driver.description) for name, driver in SHIPPED.items()},
     "espec": _built(SimulatedEspec, "address", "terminator", "strict"),
     "voetsch-ascii2": _built(SimulatedVoetschAscii, "address", "layout", "terminator"),
-    "simserv": _built(SimulatedSimServ),
-    "watlow-f4t": _box(SHIPPED["watlow-f4t"].description, SimulatedWatlowF4t),
 }
 
 CHAMBER_SIMULATORS: Mapping[str, Build] = Catalogue("hil.chambers", _SHIPPED, _brought)

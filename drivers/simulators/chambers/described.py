@@ -16,7 +16,7 @@ from itertools import zip_longest
 from typing import Any
 
 from drivers.chambers import ChamberLimits
-from drivers.chambers.controllers.description import AlarmQuestion, BoxDescription, Command, Quantity, Question
+from drivers.chambers.controllers.description import AlarmQuestion, BoxDescription, Command, Quantity, Question, Setting
 from drivers.chambers.controllers.registers import ModbusSection
 from drivers.chambers.controllers.templates import filled, reply_with, taken_from
 from drivers.simulators.chambers.controller import Refusal, SimulatedController, SimulatedLines
@@ -29,14 +29,18 @@ class _Described(SimulatedController, ABC):
     """What a described box does, however it is spoken to."""
 
     _box: BoxDescription
-    ramp_degC_per_min = 0.0
     dead_man_s = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.settings: dict[str, float] = {}  # beside a ramp: "setting 0.1" is the second with the first
 
     def _answers(self, now_s: float) -> Iterator[tuple[Question | None, float | str | None]]:
         """Give every question and what is answered: a temperature or another number, or a word."""
         box, identity = self._box, self._box.identify
         own = box.simulated.identity or f"{identity.expect or box.name} SIMULATED"
         yield identity, identity.expect if box.modbus else own
+        yield identity.hottest, self._shown(self.limits.high_degC)
         for each in (*identity.requires, *box.believe):
             yield each, each.one_of[0] if each.one_of else None
         if box.unit is not None:
@@ -50,7 +54,13 @@ class _Described(SimulatedController, ABC):
             yield state, state.word_for("next" if decided else self.mode)
             decided |= self.mode in state.modes.values()
         yield from ((each, self._alarm_word(each)) for each in box.alarms)
-        yield box.ramp_degC_per_min, self.ramp_degC_per_min
+        if told := box.messages:
+            yield told.count, str(len(self.alarms))
+            for number, alarm in enumerate(self.alarms, start=1):
+                yield told.text.numbered(number), alarm
+                yield from ((each.numbered(number), "1") for each in told.only)
+        yield from zip(box.ramp_degC_per_min, self.plant.ramp_degC_per_min, strict=False)
+        yield from ((each, self.settings.get(place, 0.0)) for place, each in self._with_ramps)
         yield box.dead_man_s, self.dead_man_s
 
     def _alarm_word(self, question: AlarmQuestion) -> str:
@@ -64,8 +74,13 @@ class _Described(SimulatedController, ABC):
     def _quantities(self) -> list[tuple[str, Quantity]]:
         box = self._box
         several = [("setpoint", box.setpoint), ("low", box.low_limit), ("high", box.high_limit)]
-        several += [("ramp", box.ramp_degC_per_min), ("dead_man", box.dead_man_s)]
-        return [(name, quantity) for name, quantity in several if quantity is not None]
+        several += [*zip(("ramp", "ramp down"), box.ramp_degC_per_min, strict=False), ("dead_man", box.dead_man_s)]
+        return [*((name, quantity) for name, quantity in several if quantity is not None), *self._with_ramps]
+
+    @property
+    def _with_ramps(self) -> list[tuple[str, Setting]]:
+        ramps = enumerate(self._box.ramp_degC_per_min)
+        return [(f"setting {n}.{k}", each) for n, ramp in ramps for k, each in enumerate(ramp.also)]
 
     @property
     def _switches(self) -> list[tuple[Sequence[Command], str]]:
@@ -82,10 +97,13 @@ class _Described(SimulatedController, ABC):
             case "high":
                 self.limits = ChamberLimits(self.limits.low_degC, self._rounded(value))
             case "ramp":
-                self.ramp_degC_per_min = value
                 self.plant.ramp_degC_per_min = (value, value)
-            case _:
+            case "ramp down":
+                self.plant.ramp_degC_per_min = (self.plant.ramp_degC_per_min[0], value)
+            case "dead_man":
                 self.dead_man_s = value
+            case _:
+                self.settings[name] = value
 
     def _switch(self, what: str) -> None:
         if what == "start":

@@ -1,7 +1,5 @@
 """The result of `hil allan` as one document (schema hil.allan/1), as text and as a plot: how long to average."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

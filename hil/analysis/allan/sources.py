@@ -20,6 +20,7 @@ from hil.files.units import RATE, worth
 from hil.records.export import open_source
 from hil.solve.both_sensors import moving_together
 from hil.solve.temperatures import runs_by_temperature
+from procedures.quality import longest_run
 from procedures.words import choice, counted
 
 _TIMES = ("t_s", "time_s")
@@ -177,7 +178,7 @@ class Recording:
         if largest > _POSSIBLE_DEG_PER_HR:
             raise InputError(f"{name}: rates up to {largest:.3g} deg/hr; is the unit (--unit) or the column right?")
         said += _jumps(usable, interval_s)
-        same = max(_longest_run(piece) for piece in usable)
+        same = max(longest_run(piece) for piece in usable)
         if same >= _STUCK:
             said.append(f"{same} samples in a row are exactly equal: was the stream stuck, or the file padded?")
         self.name, self.interval_s, self.simulated = name, interval_s, simulated
@@ -237,10 +238,3 @@ def _jumps(pieces: list[FloatArray], interval_s: float) -> list[str]:
         f"{first_s:.6g} s into what was used): spikes or steps are no noise, and the fit takes them for it"
     )
     return [said]
-
-
-def _longest_run(values: FloatArray) -> int:
-    """Return how many samples in a row are exactly equal, at most."""
-    changes = np.flatnonzero(np.diff(values) != 0.0)
-    edges = np.concatenate([[-1], changes, [len(values) - 1]])
-    return int(np.max(np.diff(edges)))

@@ -1,7 +1,5 @@
 """The audit of a printed table: every identity with its residual, its verdict, and what would mend it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise

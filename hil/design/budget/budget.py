@@ -14,8 +14,6 @@ were wrong, and looks how far off the parameters are. They must agree within the
         each.unexplained                     # (p,) what repeats show beyond every source that the bench states
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 

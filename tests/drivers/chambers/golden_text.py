@@ -18,11 +18,17 @@ from drivers.errors import CommandRefused
 from drivers.simulators.chambers.controller import SimulatedController
 from drivers.simulators.chambers.espec import SimulatedEspec
 from drivers.simulators.chambers.plant import ChamberPlant
-from drivers.simulators.chambers.simserv import SimulatedSimServ
 from drivers.simulators.chambers.voetsch_ascii import SimulatedVoetschAscii
 from drivers.transports import Transport
 from tests.drivers.chambers.chamber_benches import EXAMPLE_BOX
-from tests.drivers.chambers.shipped import julabo, simserv, simulated_julabo, simulated_thermotron, thermotron
+from tests.drivers.chambers.shipped import (
+    julabo,
+    simserv,
+    simulated_julabo,
+    simulated_simserv,
+    simulated_thermotron,
+    thermotron,
+)
 from tests.drivers.frames.golden_vectors import Act, Key, Vector
 
 Build = Callable[[], SimulatedController]
@@ -65,7 +71,7 @@ def _alarmed(build: Build, alarm: str) -> Build:
 
 
 def _simserv(air: float = 22.0, **settings: Any) -> Build:
-    return lambda: SimulatedSimServ(ChamberPlant(ambient_degC=air), latency_s=0.0, **settings)
+    return lambda: simulated_simserv(ChamberPlant(ambient_degC=air), latency_s=0.0, **settings)
 
 
 def _thermotron(**settings: Any) -> Build:
@@ -207,11 +213,16 @@ _SIMSERV: dict[str, Vector] = {
     "info": Vector(
         b"99997\xb61\xb61\r",
         b"1\xb6LabEvent T/110/70/3\r\n",
-        _simserv(model="LabEvent T/110/70/3"),
+        _simserv(says={"identity": "LabEvent T/110/70/3"}),
         _is(simserv, "LabEvent T/110/70/3", 185.0),
     ),
     "pv": Vector(b"11004\xb61\xb61\r", b"1\xb623.456\r\n", _simserv(23.456), _sees(simserv, temperature=23.456)),
-    "sp": Vector(b"11002\xb61\xb61\r", b"1\xb620.0\r\n", _simserv(setpoint_degC=20.0), _sees(simserv, setpoint=20.0)),
+    "sp": Vector(
+        b"11002\xb61\xb61\r",
+        b"1\xb620.0\r\n",
+        _simserv(says={"decimals": 1}, setpoint_degC=20.0),
+        _sees(simserv, setpoint=20.0),
+    ),
     "set": Vector(b"11001\xb61\xb61\xb6-30\r", b"1\r\n", _simserv(), _does(simserv, _sets(-30.0))),
     "start": Vector(b"14001\xb61\xb61\xb61\r", b"1\r\n", _simserv(), _does(simserv, lambda driver: driver.start())),
     "stop": Vector(

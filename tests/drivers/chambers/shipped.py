@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, Literal
 
 from drivers.chambers import CHAMBER_DRIVERS
 from drivers.chambers.controllers.described import SetpointBox
 from drivers.chambers.controllers.description import BoxDescription, load_box
-from drivers.chambers.controllers.simserv import SimServ
-from drivers.chambers.controllers.watlow_f4t import WatlowF4t
 from drivers.clock import Clock
 from drivers.simulators.chambers.described import SimulatedRegisterBox, SimulatedSetpointBox
 from drivers.simulators.chambers.plant import ChamberPlant
-from drivers.simulators.chambers.watlow_f4t import SimulatedWatlowF4t
 from drivers.transports import Transport
 
 
@@ -28,9 +27,9 @@ def watlow_f4(transport: Transport, clock: Clock, **settings: Any) -> SetpointBo
     return SetpointBox(transport, clock, shipped("watlow-f4", **settings))
 
 
-def watlow_f4t(transport: Transport, clock: Clock, ramp_port: Transport | None = None, **settings: Any) -> WatlowF4t:
+def watlow_f4t(transport: Transport, clock: Clock, **settings: Any) -> SetpointBox:
     """Return the driver of an F4T."""
-    return WatlowF4t(transport, clock, shipped("watlow-f4t", **settings), ramp_port=ramp_port)
+    return SetpointBox(transport, clock, shipped("watlow-f4t", **settings))
 
 
 def ezt570i(transport: Transport, clock: Clock) -> SetpointBox:
@@ -43,9 +42,9 @@ def simulated_f4(plant: ChamberPlant, framing: str | None = None, **settings: An
     return SimulatedRegisterBox(plant, shipped("watlow-f4", framing), **settings)
 
 
-def simulated_f4t(plant: ChamberPlant, framing: str | None = None, **settings: Any) -> SimulatedWatlowF4t:
+def simulated_f4t(plant: ChamberPlant, framing: str | None = None, **settings: Any) -> SimulatedRegisterBox:
     """Return a simulated F4T."""
-    return SimulatedWatlowF4t(plant, shipped("watlow-f4t", framing), **settings)
+    return SimulatedRegisterBox(plant, shipped("watlow-f4t", framing), **settings)
 
 
 def simulated_ezt570i(plant: ChamberPlant, **settings: Any) -> SimulatedRegisterBox:
@@ -80,6 +79,15 @@ def simulated_julabo(plant: ChamberPlant, **settings: Any) -> SimulatedSetpointB
     return SimulatedSetpointBox(plant, shipped("julabo"), **settings)
 
 
-def simserv(transport: Transport, clock: Clock) -> SimServ:
+def simserv(transport: Transport, clock: Clock) -> SetpointBox:
     """Return the driver of SimServ."""
-    return SimServ(transport, clock, shipped("simserv"))
+    return SetpointBox(transport, clock, shipped("simserv"))
+
+
+def simulated_simserv(
+    plant: ChamberPlant, says: Mapping[str, str | int] = MappingProxyType({}), **settings: Any
+) -> SimulatedSetpointBox:
+    """Return a simulated SimServ; `says` is what its `simulated` section says otherwise: its name, its decimals."""
+    box = shipped("simserv")
+    box = box.model_copy(update={"simulated": box.simulated.model_copy(update=says)})
+    return SimulatedSetpointBox(plant, box, **settings)

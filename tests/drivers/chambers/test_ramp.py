@@ -24,7 +24,7 @@ def _ramped(name: str, degC_per_min: float = 1.0) -> tuple[ChamberBench, RampedC
     return bench, chamber
 
 
-@pytest.mark.parametrize("name", ["espec", "watlow-f4", "ezt-570i", "julabo", "watlow-f4t"])
+@pytest.mark.parametrize("name", ["espec", "watlow-f4", "ezt-570i", "julabo"])
 def test_the_host_steps_the_setpoint_of_a_controller_without_a_ramp(name: str) -> None:
     """22 to 52 °C at 1 °C/min takes half an hour, in steps of half a degree at least, and no write too many."""
     bench, chamber = _ramped(name)
@@ -47,7 +47,7 @@ def test_the_host_steps_the_setpoint_of_a_controller_without_a_ramp(name: str) -
     assert len(bench.setpoints) - before == len(steps)
 
 
-@pytest.mark.parametrize("name", ["voetsch-ascii2", "simserv"])
+@pytest.mark.parametrize("name", ["voetsch-ascii2", "simserv", "watlow-f4t"])
 def test_a_controller_that_can_ramps_by_itself(name: str) -> None:
     """One setpoint on the wire, and the rate confirmed before."""
     bench, chamber = _ramped(name, 2.5)

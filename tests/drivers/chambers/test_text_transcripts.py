@@ -9,15 +9,13 @@ import pytest
 
 from drivers.chambers import ChamberLimits, SafeState
 from drivers.chambers.controller import Controller
-from drivers.chambers.controllers.simserv import SimServ
 from drivers.chambers.controllers.voetsch_ascii import AsciiLayout, VoetschAscii
 from drivers.chambers.supervised import SupervisedChamber, Supervision
 from drivers.clock import VirtualClock
 from drivers.errors import CommandRefused, ProtocolError
 from drivers.simulators.chambers.plant import ChamberPlant
-from drivers.simulators.chambers.simserv import SimulatedSimServ
 from drivers.simulators.memory import MemoryTransport
-from tests.drivers.chambers.shipped import julabo, shipped, simserv, simulated_thermotron, thermotron
+from tests.drivers.chambers.shipped import julabo, simserv, simulated_simserv, simulated_thermotron, thermotron
 from tests.drivers.transcript import TranscriptDevice
 
 LIMITS = ChamberLimits(-35.0, 65.0)
@@ -191,16 +189,16 @@ def test_simserv_says_its_unit_and_how_hot_it_can_be(
     lines = [("99997¶1¶1", "1¶LabEvent"), *zip(asked, replies, strict=True)]
     exchanges = [((ask + "\r").encode("latin-1"), (reply + "\r\n").encode("latin-1")) for ask, reply in lines]
     clock, device = VirtualClock(), TranscriptDevice(exchanges)
-    identity = SimServ(MemoryTransport(device, clock, "sim://chamber"), clock, shipped("simserv")).identify()
+    identity = simserv(MemoryTransport(device, clock, "sim://chamber"), clock).identify()
     assert (identity.unit, identity.maximum) == (unit, maximum)
     device.finish()
 
 
 def test_a_simulated_simserv_answers_what_public_clients_ask() -> None:
-    """Its unit and the limits of what may be entered."""
-    device = SimulatedSimServ(ChamberPlant())
-    device.receive("11023¶1¶1\r11007¶1¶1\r11009¶1¶1\r".encode("latin-1"), 0.0)
-    assert device.transmit(1.0) == "1¶°C\r\n1¶-75.0\r\n1¶185.0\r\n".encode("latin-1")
+    """Its unit and the limit of what may be entered."""
+    device = simulated_simserv(ChamberPlant())
+    device.receive("11023¶1¶1\r11009¶1¶1\r".encode("latin-1"), 0.0)
+    assert device.transmit(1.0) == "1¶°C\r\n1¶185.000\r\n".encode("latin-1")
 
 
 def test_simserv_names_its_alarms() -> None:

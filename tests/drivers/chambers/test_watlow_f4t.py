@@ -1,4 +1,4 @@
-"""The F4T driver: against pymodbus' own server, and its ramp over SCPI."""
+"""The F4T driver: against pymodbus' own server, and its ramp."""
 
 from __future__ import annotations
 
@@ -8,17 +8,15 @@ import pytest
 from pymodbus import FramerType
 
 from drivers.chambers import ChamberLimits, SafeState
-from drivers.chambers.controllers.watlow_f4t import WatlowF4t
 from drivers.chambers.ramp import RampedChamber
 from drivers.chambers.supervised import SupervisedChamber, Supervision
 from drivers.clock import SystemClock, VirtualClock
-from drivers.errors import ProtocolError, WrongDevice
+from drivers.errors import ProtocolError
 from drivers.simulators.chambers.plant import ChamberPlant
-from drivers.simulators.chambers.watlow_f4t import SimulatedF4tScpi, SimulatedWatlowF4t
 from drivers.simulators.memory import MemoryTransport
 from drivers.transports import open_port
 from tests.drivers.chambers.modbus_peer import modbus_server
-from tests.drivers.chambers.shipped import shipped, simulated_f4t, watlow_f4t
+from tests.drivers.chambers.shipped import simulated_f4t, watlow_f4t
 from tests.drivers.transcript import TranscriptDevice
 
 LIMITS = ChamberLimits(-35.0, 65.0)
@@ -53,103 +51,57 @@ def test_our_driver_works_against_pymodbus_server() -> None:
             chamber.close()
 
 
-def _ramped(unit: str = "C") -> tuple[SupervisedChamber, SimulatedWatlowF4t]:
-    clock, device = VirtualClock(), simulated_f4t(ChamberPlant())
-    scpi = MemoryTransport(SimulatedF4tScpi(device, unit=unit), clock, "sim://scpi")
-    controller = watlow_f4t(MemoryTransport(device, clock, "sim://chamber"), clock, ramp_port=scpi)
-    return SupervisedChamber(controller, clock, Supervision(limits=LIMITS, safe=SafeState("off"))), device
+def _sent(number: int, words: str) -> bytes:
+    """Modbus TCP: the transaction's number, what follows as hex, to unit 1."""
+    body = bytes.fromhex(f"01 {words}")
+    return struct.pack(">HHH", number, 0, len(body)) + body
 
 
-def test_the_ramp_is_set_over_scpi_and_read_back() -> None:
-    """In minutes, for setpoint changes."""
-    chamber, device = _ramped()
-    assert chamber.set_ramp_rate(2.0) is True
-    assert device.ramp == {"RSCALE": "MINUTES", "RRATE": "2.0", "RACTION": "SETPOINT"}
-
-
-def test_a_ramp_in_fahrenheit_is_refused() -> None:
-    """The unit of communication is not that of the panel."""
-    chamber, device = _ramped(unit="F")
-    with pytest.raises(WrongDevice, match="°F over SCPI"):
-        chamber.set_ramp_rate(2.0)
-    assert device.ramp["RACTION"] == "OFF"
-
-
-def test_without_its_scpi_port_there_is_no_native_ramp() -> None:
-    """The host steps the setpoint then."""
-    clock = VirtualClock()
-    port = MemoryTransport(simulated_f4t(ChamberPlant()), clock, "sim://chamber")
-    chamber = SupervisedChamber(watlow_f4t(port, clock), clock, Supervision(limits=LIMITS, safe=SafeState("off")))
-    assert chamber.set_ramp_rate(2.0) is False
+RATE = [("10 0A EE 00 02 04 00 00 40 20", "10 0A EE 00 02"), ("03 0A EE 00 02", "03 04 00 00 40 20")]  # 2.5, low first
+SCALE = [("06 0A EC 00 39", "06 0A EC 00 39"), ("03 0A EC 00 01", "03 02 00 39")]  # 57: per minute
+ACTION = [("06 0A EA 00 55", "06 0A EA 00 55"), ("03 0A EA 00 01", "03 02 00 55")]  # 85: where the setpoint changes
 
 
 @pytest.mark.parametrize(
-    ("rate", "scale", "action", "message"),
+    ("exchanges", "message"),
     [
-        (b"2.5\n", b"MINUTES\n", b"SETPOINT\n", None),
-        (b"2.0\n", b"MINUTES\n", b"SETPOINT\n", r"a ramp of 2 per MINUTES on SETPOINT instead of 2\.5"),
-        (b"2.5\n", b"HOURS\n", b"SETPOINT\n", r"a ramp of 2\.5 per HOURS"),
-        (b"2.5\n", b"MINUTES\n", b"OFF\n", r"on OFF instead"),
+        ([*RATE, *SCALE, *ACTION], None),
+        ([RATE[0], (RATE[1][0], "03 04 00 00 40 00")], "reads back 2 where 2.5 was set"),
+        ([*RATE, SCALE[0], (SCALE[1][0], "03 02 00 27")], "reads back 39 where 57 was set"),
+        ([*RATE, *SCALE, ACTION[0], (ACTION[1][0], "03 02 00 3E")], "reads back 62 where 85 was set"),
     ],
 )
-def test_the_scpi_transcript(rate: bytes, scale: bytes, action: bytes, message: str | None) -> None:
-    """Unit, scale, rate, action, and all three read back: settings are not acknowledged, so one may have been lost."""
+def test_the_ramp_is_a_rate_a_scale_and_an_action(exchanges: list[tuple[str, str]], message: str | None) -> None:
+    """All three are read back: where one is not taken the chamber would go as fast as it can."""
     clock = VirtualClock()
-    exchanges = [
-        (b":UNIT:TEMPERATURE?\n", b"C\n"),
-        (b":SOURCE:CLOOP1:RSCALE MINUTES\n", b""),
-        (b":SOURCE:CLOOP1:RRATE 2.5\n", b""),
-        (b":SOURCE:CLOOP1:RACTION SETPOINT\n", b""),
-        (b":SOURCE:CLOOP1:RRATE?\n", rate),
-        (b":SOURCE:CLOOP1:RSCALE?\n", scale),
-        (b":SOURCE:CLOOP1:RACTION?\n", action),
-    ]
-    scpi = TranscriptDevice(exchanges)
-    port = MemoryTransport(simulated_f4t(ChamberPlant()), clock, "sim://chamber")
-    ramp_port = MemoryTransport(scpi, clock, "sim://scpi")
-    controller = WatlowF4t(port, clock, shipped("watlow-f4t"), ramp_port=ramp_port)
+    device = TranscriptDevice([(_sent(n, ask), _sent(n, reply)) for n, (ask, reply) in enumerate(exchanges, start=1)])
+    controller = watlow_f4t(MemoryTransport(device, clock, "sim://chamber"), clock)
     if message is None:
         assert controller.set_ramp_rate(2.5) is True
     else:
         with pytest.raises(ProtocolError, match=message):
             controller.set_ramp_rate(2.5)
-    scpi.finish()
+    device.finish()
+
+
+def test_an_f4t_that_refuses_a_ramp_has_none() -> None:
+    """The host steps the setpoint then."""
+    clock = VirtualClock()
+    device = TranscriptDevice([(_sent(1, RATE[0][0]), _sent(1, "90 02"))])
+    assert watlow_f4t(MemoryTransport(device, clock, "sim://chamber"), clock).set_ramp_rate(2.5) is False
 
 
 def test_the_air_moves_no_faster_than_the_ramp() -> None:
     """By the controller: one setpoint is written."""
-    clock, plant = VirtualClock(), ChamberPlant()
-    device = simulated_f4t(plant)
-    scpi = MemoryTransport(SimulatedF4tScpi(device), clock, "sim://scpi")
-    controller = watlow_f4t(MemoryTransport(device, clock, "sim://chamber"), clock, ramp_port=scpi)
+    clock, device = VirtualClock(), simulated_f4t(ChamberPlant())
+    controller = watlow_f4t(MemoryTransport(device, clock, "sim://chamber"), clock)
     chamber = RampedChamber(
         SupervisedChamber(controller, clock, Supervision(limits=LIMITS, safe=SafeState("off"))), clock, degC_per_min=0.5
     )
     chamber.prepare()
     assert chamber.native is True
+    assert device.settings == {"setting 0.0": 57.0, "setting 0.1": 85.0}
     chamber.set_temperature(52.0)
     clock.sleep(1800.0)
     assert chamber.read().temperature_degC == pytest.approx(37.0, abs=0.5)
     assert device.setpoint_degC == pytest.approx(52.0)
-
-
-@pytest.mark.parametrize(
-    ("question", "answer"),
-    [
-        (b":SOURCE:CLOOP1:PVALUE?\n", b"22.0\n"),
-        (b":SOURce:CLOop1:PVALue?\n", b"22.0\n"),
-        (b":SOURCE:CLOOP1:SPOINT?\r\n", b"23.0\n"),
-        (b":SOURCE:CLOOP1:ERROR?\n", b"NONE\n"),
-        (b":UNIT:TEMPERATURE:DISPLAY?\n", b"C\n"),
-        (b":OUTPUT1:STATE?\n", b"OFF\n"),
-        (b"*IDN?\n", b"Watlow Electric,F4T,SIMULATED,04:07:0012\n"),
-    ],
-)
-def test_its_scpi_port_answers_what_public_clients_ask(question: bytes, answer: bytes) -> None:
-    """Temperature, setpoint, error, units and output, as they write the questions; the air is left alone."""
-    device = simulated_f4t(ChamberPlant(), mode="CONSTANT")
-    scpi = SimulatedF4tScpi(device)
-    assert device.plant.commanded_degC == 23.0
-    device.mode = "OFF"
-    scpi.receive(question, 0.0)
-    assert scpi.transmit(1.0) == answer

@@ -117,9 +117,7 @@ def test_a_tcp_port_has_one_owner() -> None:
         ({"driver": "voetsch-ascii2", "layout": {"error_bit": 1}}, r"chamber\.layout: .*must be different bits"),
         ({"driver": "voetsch-ascii2", "layout": {"bits": 2}}, r"chamber\.layout: .*different bits from 0 to 1"),
         ({"driver": "voetsch-ascii2", "layout": {"bit": 8}}, r"chamber\.layout: unknown key 'bit'"),
-        ({"ramp_port": "sim://chamber"}, r"chamber\.ramp_port: .*the simulated ramp is sim://ramp"),
-        ({"ramp_port": "socket://192.0.2.5:5025"}, r"chamber\.ramp_port: simulated with the chamber, or neither"),
-        ({"driver": "espec", "ramp_port": "sim://ramp"}, r"chamber\.ramp_port: only watlow-f4t"),
+        ({"ramp_port": "socket://192.0.2.5:5025"}, r"chamber: unknown key 'ramp_port'"),
     ],
 )
 def test_a_wrong_chamber_is_one_sentence(chamber: dict[str, Any], message: str) -> None:
@@ -192,26 +190,14 @@ def test_the_record_keeps_the_description_of_a_box(tmp_path: Path) -> None:
     assert "TTIM" in (tmp_path / "chamber.yaml").read_text()
 
 
-def test_the_ramp_of_an_f4t_goes_over_its_own_port() -> None:
+def test_an_f4t_ramps_by_itself() -> None:
     """One setpoint is written, and the air follows at the rate that was asked for."""
-    with build_bench(bench_with("watlow-f4t", ramp_port="sim://ramp", ramp="0.5 degC/min")) as live:
+    with build_bench(bench_with("watlow-f4t", ramp="0.5 degC/min")) as live:
         live.devices.chamber.prepare()
         live.devices.chamber.set_temperature(45.0)
         device: Any = live.simulators and live.simulators.chamber
-        assert device.ramp == {"RSCALE": "MINUTES", "RRATE": "0.5", "RACTION": "SETPOINT"}
+        assert device.plant.ramp_degC_per_min == (0.5, 0.5)
         assert device.setpoint_degC == pytest.approx(45.0)
-
-
-@pytest.mark.slow
-def test_both_ports_of_an_f4t_can_be_served() -> None:
-    """To any client, as the controller has them."""
-    bench = bench_with("watlow-f4t", ramp_port="sim://ramp", ramp="2 degC/min")
-    with served(bench, tcp=True) as simulation:
-        assert set(simulation.ports) == {"imu", "chamber", "ramp"}
-        with open_chamber(client_bench(bench, simulation.ports)) as live:
-            live.chamber.prepare()
-            device: Any = simulation.devices.chamber
-            assert device.ramp["RRATE"] == "2.0"
 
 
 # Layouts as they were seen elsewhere: actual values first, no bit for the channel; one that numbers its bits to 32.
@@ -259,7 +245,7 @@ def _solved(choice: str, folder: Path, temperatures: tuple[str, ...]) -> Mapping
 CHOICES: dict[str, tuple[str, dict[str, Any]]] = {
     **{driver: (driver, {}) for driver in CHAMBER_DRIVERS},
     **{f"voetsch-ascii2-{place}": ("voetsch-ascii2", {"layout": LAYOUTS[place]}) for place in (0, 1)},
-    "watlow-f4t-ramp": ("watlow-f4t", {"ramp_port": "sim://ramp", "ramp": "2 degC/min"}),
+    "watlow-f4t-ramp": ("watlow-f4t", {"ramp": "2 degC/min"}),
     "espec-dead-man": ("espec", {"dead_man": "2 h"}),
 }
 

@@ -40,10 +40,10 @@ def bench_around(**sections: Any) -> Bench:
 
 def with_simulated_chamber(section: dict[str, Any]) -> Bench:
     """The simulated bench with this chamber, which is simulated too."""
-    simulated = section | ({"ramp_port": "sim://ramp"} if "ramp_port" in section else {})
+    simulated = section | {"port": "sim://chamber"}
     if simulated["driver"] == "espec":
         simulated["model"] = "P3"  # whom the simulated ESPEC is
-    return bench_around(chamber=simulated | {"port": "sim://chamber"})
+    return bench_around(chamber=simulated)
 
 
 _CHAMBERS = [

@@ -27,6 +27,7 @@ from hil.records.reader import proven_once, units_in
 from hil.records.status import night_status
 from hil.records.verify import verify_night
 from tests.hil.short_sweeps import short_sweep
+from tests.hil.twin.truth import truth_of
 
 UNITS = ("0041", "0042", "0043")
 SHORT = parse_sweep(short_sweep(), "short.yaml")
@@ -266,7 +267,7 @@ def test_each_unit_is_solved_for_its_own_truth(tmp_path: Path) -> None:
     assert replay_night(tmp_path / "night")["identical"]
     for unit, gsa in (("a", -54.0), ("b", -154.0)):
         for found in solve_campaign(campaign_of_night(tmp_path / "night" / "units" / unit)):
-            true = opened[0].simulators.units[unit].truth(1, found.sensor).parameters
+            true = truth_of(opened[0].simulators.units[unit], 1, found.sensor).parameters
             for name, value in found.parameters.items():
                 assert abs(value.value - true[name]) < 6.0 * value.se + 0.5, (unit, found.sensor, name)
             if found.sensor == 1:

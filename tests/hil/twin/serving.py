@@ -2,13 +2,12 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
 
 import yaml
 
 from hil.config.bench import Bench, parse_bench
 from hil.files.strict import parse_yaml
-from hil.twin.serve import Simulation, port_keys, serving
+from hil.twin.serve import Simulation, serving
 from tests.drivers.simulators.running import running
 
 
@@ -25,10 +24,8 @@ def client_bench(bench: Bench, ports: Mapping[str, str]) -> Bench:
     document["clock"] = "system"
     document.pop("polling", None)
     document.pop("faults", None)  # they happen to the devices, which the server has
+    sections = {"imu": document["imu"], "chamber": document["chamber"]}
+    sections |= {f"imu-{name}": own for name, own in zip(bench.units, document.get("units", ()), strict=True)}
     for device, port in ports.items():
-        *sections, key = port_keys(bench)[device]
-        within: Any = document
-        for section in sections:
-            within = within[section]
-        within[key] = port
+        sections[device]["port"] = port
     return parse_bench(yaml.safe_dump(document, sort_keys=False, allow_unicode=True), bench.source)

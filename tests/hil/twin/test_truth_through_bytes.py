@@ -15,6 +15,7 @@ from hil.config import load_bench, load_sweep
 from hil.night import start_night
 from hil.records.export import campaign_of_night
 from hil.solve import solve_campaign
+from tests.hil.twin.truth import truth_of
 
 PARAMETERS = ("BA", "BB", "GSA", "GSB", "MUA", "MUB")
 SEEDS = range(4)
@@ -63,7 +64,7 @@ def pulls_of(folder: Path, benches: list[LiveBench], runs: int, seeds: range) ->
         simulators = benches[-1].simulators
         assert simulators is not None
         for solution in solve_campaign(campaign_of_night(night)):
-            truth = simulators.unit.truth(1, solution.sensor).parameters  # the same in every run
+            truth = truth_of(simulators.unit, 1, solution.sensor).parameters  # the same in every run
             for name in PARAMETERS:
                 found = solution.parameters[name]
                 assert found.value is not None

@@ -17,6 +17,7 @@ from hil.twin.devices import SimulatedBench, simulate_devices
 from hil.twin.motion import Resumed
 from hil.twin.scatter import run_scatter
 from tests.hil.twin.quiet import changed_bench, quiet_bench
+from tests.hil.twin.truth import truth_of
 
 _MINUTE = 1200  # samples
 
@@ -149,7 +150,7 @@ def _runs_of(unit: SimulatedUnit, moves: list[tuple[float, str]]) -> list[int]:
 
 def _has_begun(unit: SimulatedUnit, run: int) -> bool:
     try:
-        unit.truth(run, 2)
+        truth_of(unit, run, 2)
     except ValueError:
         return False
     return True
@@ -158,7 +159,7 @@ def _has_begun(unit: SimulatedUnit, run: int) -> bool:
 def _scatter(unit: SimulatedUnit, bench: Bench, run: int, sensor: int) -> dict[str, float]:
     """Return by how much what a sensor really was differs from its model."""
     assert bench.simulation_model is not None
-    truth, curves = unit.truth(run, sensor), load_model(bench.simulation_model).sensors[sensor]
+    truth, curves = truth_of(unit, run, sensor), load_model(bench.simulation_model).sensors[sensor]
     at = np.array([truth.temperature_degC])
     return {name: value - float(curves[name].at(at)[0]) for name, value in truth.parameters.items()}
 
@@ -176,10 +177,10 @@ def test_run_to_run_scatter_is_part_of_the_truth_and_of_the_rates(tmp_path: Path
     unit = _unit(changed_bench(tmp_path, start={"powered_for": "10 h"}))
     _runs_of(unit, [(3000.0, "1"), (3100.0, "3"), (9000.0, "1"), (9100.0, "3")])
     unit.signals(np.array([10000.0]))
-    first, second = (unit.truth(run, 2).parameters for run in (1, 2))
+    first, second = (truth_of(unit, run, 2).parameters for run in (1, 2))
     assert {name for name in first if abs(first[name] - second[name]) > 1e-6} == {"BA", "BB", "MUA", "MUB"}
     with pytest.raises(ValueError, match=r"self-calibration 3 of the simulated unit has not begun"):
-        unit.truth(3, 2)
+        truth_of(unit, 3, 2)
 
 
 def test_run_to_run_scatter_has_the_models_size_and_correlation(tmp_path: Path) -> None:
@@ -228,7 +229,7 @@ def test_run_to_run_scatter_can_be_switched_off(tmp_path: Path) -> None:
         live.devices.clock.sleep(60.0)
         live.devices.imu.read_block()
         assert live.simulators is not None
-        truth = live.simulators.unit.truth(1, 2)
+        truth = truth_of(live.simulators.unit, 1, 2)
     assert truth.temperature_degC == pytest.approx(23.39, abs=0.01)
     assert truth.parameters["BA"] == pytest.approx(17.7333, abs=0.02)
     assert truth.parameters["MUA"] == pytest.approx(9.1933, abs=0.02)
