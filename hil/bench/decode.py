@@ -11,7 +11,6 @@ frame come first.
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections.abc import Iterator, Mapping
 from decimal import Decimal
@@ -31,7 +30,7 @@ from drivers.given_file import opened
 from drivers.strict_yaml import packaged
 from hil.bench.decode_advice import CounterHabit, misfit
 from hil.errors import InputError
-from hil.files.durable import PARTIAL, RealDisk
+from hil.files.folder import whole_file
 from hil.files.strict import find_config
 from hil.files.text import filled
 
@@ -159,24 +158,14 @@ def printed(values: FloatArray, field: FieldDescription) -> FloatArray:
 
 def _write_table(path: Path, description: StreamDescription, seen: Mapping[str, set[str]], out: Path) -> None:
     """Write the frames in the order of their arrival; the file appears whole or not at all."""
-    import pyarrow as pa
     import pyarrow.csv as pa_csv
     import pyarrow.parquet as pq
 
-    partial = out.with_name(f"{PARTIAL}{out.name}")
-    schema = _schema(description, seen)
-    try:
-        with partial.open("wb") as file:
-            parquet = out.suffix.lower() == ".parquet"
-            writer = pq.ParquetWriter(file, schema) if parquet else pa_csv.CSVWriter(file, schema)
-            with writer:
-                for decoded in _decoded(path, description):
-                    writer.write_table(_table(decoded, schema, for_reading=not parquet))
-        RealDisk().rename(partial, out)
-    except (OSError, pa.ArrowException) as error:
-        with contextlib.suppress(OSError):
-            partial.unlink(missing_ok=True)
-        raise InputError(f"{out}: cannot be written: {getattr(error, 'strerror', None) or error}") from None
+    schema, parquet = _schema(description, seen), out.suffix.lower() == ".parquet"
+    written_by = pq.ParquetWriter if parquet else pa_csv.CSVWriter
+    with whole_file(out) as partial, partial.open("wb") as file, written_by(file, schema) as writer:
+        for decoded in _decoded(path, description):
+            writer.write_table(_table(decoded, schema, for_reading=not parquet))
 
 
 def _schema(description: StreamDescription, seen: Mapping[str, set[str]]) -> pa.Schema:

@@ -28,6 +28,7 @@ from hil.campaign.header import Header, parse_header
 from hil.campaign.reader import IDENTITY, NUMBERED, collects_from, columns_for
 from hil.campaign.writer import columns_of, header_of
 from hil.errors import InputError
+from hil.files.durable import check_new
 from hil.files.folder import whole_file
 from procedures.verdict import Verdict
 
@@ -44,8 +45,7 @@ def write_fleet_file(campaigns: Iterable[tuple[str, Campaign | str]], path: Path
     Return why some are not in it: a sentence in a campaign's place, or columns that the first one has not. Raises
     `InputError` where the file exists, or no campaign is left.
     """
-    if path.exists():
-        raise InputError(f"{path}: it exists; name a new file")
+    check_new(path)
     told: dict[str, str] = {}
     with whole_file(path) as partial:
         writer: pq.ParquetWriter | None = None

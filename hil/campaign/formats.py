@@ -18,7 +18,7 @@ import numpy as np
 from hil.campaign.data import Campaign
 from hil.campaign.writer import columns_of, columns_of_series
 from hil.errors import InputError
-from hil.files.durable import write_result
+from hil.files.durable import check_new, write_result
 from hil.files.optional import library
 
 Format = Literal["hdf5", "netcdf", "mat"]
@@ -35,8 +35,7 @@ def write_file(campaign: Campaign, path: Path, form: Format) -> None:
     Raises `InputError` where `path` exists, its folder does not, it cannot be written, the names of two columns would
     be one, or the library is not installed.
     """
-    if path.exists():
-        raise InputError(f"{path}: exists already; give another name")
+    check_new(path)
     given = columns_of(campaign)
     columns = {re.sub(r"^(?=[\W\d_])", "c", re.sub(r"\W", "_", name)): _array(cells) for name, cells in given.items()}
     if len(columns) < len(given) or max(map(len, columns)) > _LONGEST_NAME:

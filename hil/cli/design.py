@@ -93,8 +93,9 @@ def design(
 ) -> Answer:
     """Propose the sequence of collects for a goal and a time, beside the usual ones; --out writes it as a sweep."""
     from hil.config import load_bench, load_sweep
-    from hil.design.sequence.proposal import check_new, design_document, write_sweep
+    from hil.design.sequence.proposal import design_document, write_sweep
     from hil.design.sequence.search import Goal, parse_target, propose
+    from hil.files.durable import check_new
     from hil.files.units import TIME
 
     base, its_bench = load_sweep(sweep), load_bench(bench)

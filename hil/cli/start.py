@@ -42,11 +42,10 @@ def init(
     """Write a first bench file from six answers; what is not given is asked. Look it over, then hil check it."""
     from drivers.chambers import CHAMBER_DRIVERS
     from hil.bench.new_file import EXAMPLES, Asked, new_bench
-    from hil.files.durable import write_result
+    from hil.files.durable import check_new, write_result
     from hil.files.strict import config_folders
 
-    if out.exists():
-        raise InputError(f"{out}: exists already, and is left as it is; give another name")
+    check_new(out)
     ports = "/dev/ttyUSB0, COM3, socket://host:port"
     units = sorted(path.stem for folder in config_folders("imus") for path in folder.glob("*.yaml"))
     chambers = ", ".join(f"{name} ({driver.title})" for name, driver in CHAMBER_DRIVERS.items() if name != "box")

@@ -64,6 +64,14 @@ def write_result(path: Path, data: bytes | str) -> None:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
+def check_new(path: Path) -> None:
+    """Raise `InputError` where a new file cannot be made: there is one already, or no folder for it."""
+    if path.exists():
+        raise InputError(f"{path}: exists already; give another name")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: the folder {path.parent} does not exist")
+
+
 def make_folders(disk: RealDisk, folder: Path) -> list[Path]:
     """Make `folder` and whatever is missing above it, durably; return what was made, the innermost first.
 

@@ -65,7 +65,8 @@ def whole_file(target: Path) -> Iterator[Path]:
     except OSError as error:
         raise InputError(f"{target}: cannot be made ({error.strerror or error})") from error
     finally:
-        partial.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            partial.unlink(missing_ok=True)
 
 
 def _clear_away(above: Path, name: str) -> None:

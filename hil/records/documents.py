@@ -19,7 +19,7 @@ from uuid import NAMESPACE_OID, uuid5
 from hil.campaign.formats import unit_of
 from hil.campaign.writer import columns_of
 from hil.errors import InputError
-from hil.files.durable import write_result
+from hil.files.durable import check_new, write_result
 from hil.records.export import Export, campaign_of_night
 from hil.records.reader import JournalReader, is_night, reading
 from hil.records.status import in_brief, missing_in_words
@@ -37,8 +37,7 @@ def export_documents(folder: Path | str, out: Path | str) -> Export:
     `Damaged` where the journal or samples are not what was written.
     """
     folder, target = Path(folder), Path(out)
-    if target.exists():
-        raise InputError(f"{target}: exists already; give another name")
+    check_new(target)
     if not is_night(folder):
         raise InputError(f"{folder}: no night; documents are made of a journal, which a campaign folder does not have")
     with reading(folder) as journal:

@@ -7,6 +7,7 @@ import tempfile
 from pathlib import Path
 
 from hil.errors import InputError
+from hil.files.durable import write_result
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 _PRINTS_WITHIN_S = 120.0
@@ -47,7 +48,4 @@ def write_pdf(page: Path, path: Path) -> None:
         if not made.is_file():
             last = (ended.stderr.strip().splitlines() or ["it says nothing"])[-1]
             raise InputError(f"{path}: {browser.name} could not print it: {last}")
-        try:
-            shutil.copyfile(made, path)
-        except OSError as error:
-            raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+        write_result(path, made.read_bytes())

@@ -12,9 +12,8 @@ import yaml
 from hil.config.bench import Bench
 from hil.config.sweep import Sweep, check_sweep_against_bench, parse_sweep
 from hil.design.sequence.search import Candidate, Goal, Proposal
-from hil.errors import InputError
 from hil.files.document import picked
-from hil.files.durable import write_result
+from hil.files.durable import check_new, write_result
 from hil.files.strict import parse_yaml
 
 SCHEMA = "hil.design/1"
@@ -75,14 +74,6 @@ def sweep_text(proposal: Proposal, sweep: Sweep, command: str) -> str:
         head.append(f"sensor {number}, mean of {best.repeats} at one temperature, ±: {told} (deg/hr, deg/hr/g)")
     body = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None)
     return "".join(f"# {line}\n" for line in head) + body
-
-
-def check_new(out: Path) -> None:
-    """Raise `InputError` where a file cannot be made: there is one already, or no folder for it."""
-    if out.exists():
-        raise InputError(f"{out}: it exists already; name a new file")
-    if not out.parent.is_dir():
-        raise InputError(f"{out}: the folder {out.parent} does not exist")
 
 
 def write_sweep(proposal: Proposal, sweep: Sweep, bench: Bench, out: Path, command: str) -> None:
