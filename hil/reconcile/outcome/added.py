@@ -47,7 +47,8 @@ def added(found: Answer, inside: Sequence[dict[str, Any]]) -> Added:
     noise = stated.beside(found.noise, wanders)
     after = stated.with_ordinary(after, noise, found.fit.conditions)
     sensors = {number: rows.conditions.sensor for number, rows in found.campaign.sensors.items()}
-    moving = [number for number, sensor in sensors.items() if number in wanders or after.moves_inside(sensor)]
+    moving = {number for number, sensor in sensors.items() if number in wanders or model.moves_inside(sensor)}
+    moving |= {n for each in found.names if getattr(each.effect, "moves_inside", False) for n in each.terms or sensors}
     named = named_within(inside, SERIES_EFFECTS, found.alpha, moving)
     within = [effect for effect in named if not model.knows_inside(effect.id, effect.sensors)]
     after = findings.with_inside(after, within, found.campaign)
