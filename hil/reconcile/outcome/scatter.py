@@ -13,7 +13,6 @@ from hil.reconcile.result import Disagreement
 from hil.reconcile.search.fitted import Fitted, FittedBlock
 from hil.reconcile.search.likely_noise import DEPTH
 from hil.reconcile.search.points import Points
-from hil.reconcile.search.profiles import log_profile
 from hil.reconcile.search.set_in_block import SetInBlock
 from hil.reconcile.search.sets import SensorSearch
 from hil.solve.repeats import CONFIDENCE
@@ -85,7 +84,7 @@ def _finely(fit: Fitted, block: FittedBlock, likely: Points, kinds: BoolArray) -
     noise, profiles = block.search.noise, np.unique(likely.profile)
     grid = noise.grid
     grid = grid.take(np.flatnonzero(np.isin(grid.sort, likely.sort)))
-    prior = [log_profile(noise.profiles[p]) if noise.calibrated else 0.0 for p in profiles]
+    prior = [noise.log_profile(noise.profiles[p]) for p in profiles]
     every = grid.take(np.tile(np.arange(len(grid)), len(profiles)))
     every = replace(
         every,

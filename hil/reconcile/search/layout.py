@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import product
 from types import MappingProxyType
 
 import numpy as np
@@ -14,9 +13,9 @@ from hil.reconcile.search.block_search import BlockSearch
 from hil.reconcile.search.candidates import Candidate, effect_columns
 from hil.reconcile.search.mistakes import AsSolved, as_told, exchanges, may_be_wrong
 from hil.reconcile.search.noise import Noise
-from hil.reconcile.search.posterior import Found, Posterior
+from hil.reconcile.search.posterior import Found, Posterior, shared_evidence
 from hil.reconcile.search.problem import LEAST_FREEDOM, Problem, SensorProblem
-from hil.reconcile.search.sets import SensorSearch, Set
+from hil.reconcile.search.sets import SensorSearch
 from hil.reconcile.search.terms import terms
 from hil.solve.rows import Block
 
@@ -96,25 +95,16 @@ def values_follow(problem: Problem, posterior: Posterior, found: Found) -> bool:
     In ordinary noise, or with what was found to scatter: what else wanders may follow temperature itself.
     """
     effects = [effect for name, effect in posterior.scatter.items() if name in found.scatter]
+    sorts = [frozenset[str](), found.scatter]
     for number, search in posterior.searches.items():
         conditions = problem.sensors[number].collects.conditions
         stated = problem.model.stated_scatter(conditions)
         noises = [Noise(own.block, conditions, effects, stated).at_each_temperature() for own in search.blocks]
         other = SensorSearch([BlockSearch.of(noise.block, noise) for noise in noises], search.terms)
-        for chosen, scatter in product({(), found.terms[number]}, {frozenset[str](), found.scatter}):
-            if _log_evidence(other, chosen, scatter) > _log_evidence(search, chosen, scatter):
-                return True
+        follow, stand = (shared_evidence(of, [(), found.terms[number]], sorts) for of in (other, search))
+        if np.any(follow > stand):
+            return True
     return False
-
-
-def _log_evidence(search: SensorSearch, chosen: Set, scatter: frozenset[str]) -> float:
-    """Log evidence of a set with no more than some effects on the scatter, each block by itself."""
-    return float(
-        sum(
-            np.logaddexp.reduce(search.in_block(chosen, b).by_sort(len(sorts))[[sort <= scatter for sort in sorts]])
-            for b, sorts in enumerate(block.noise.sorts for block in search.blocks)
-        )
-    )
 
 
 def _between(sensor: SensorProblem, candidate: Candidate) -> Iterator[Candidate]:

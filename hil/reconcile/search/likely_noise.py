@@ -17,7 +17,7 @@ from hil.campaign import BoolArray, FloatArray, IntArray
 from hil.reconcile.search.evidence import LEAST, ROUNDING, SEEN, Scale, log_sum, student
 from hil.reconcile.search.noise import Noise
 from hil.reconcile.search.points import Points
-from hil.reconcile.search.profiles import FOLLOWS, Profile, log_profile
+from hil.reconcile.search.profiles import FOLLOWS, Profile
 from hil.solve.identifiability import independent_columns
 
 POINTS = 48
@@ -48,8 +48,7 @@ class _Rows:
         """Log evidence (v, k, f) of variants at some of the noises (k,) with profiles (f,), all priors included."""
         places = [self.noise.place(p) for p in profiles] if profiles else []
         rest, half_log_det = self._without_values(at, places)
-        prior = np.array([log_profile(p) if self.noise.calibrated else 0.0 for p in profiles])
-        own = self.log_prior[at][:, None] + prior
+        own = self.log_prior[at][:, None] + np.array([self.noise.log_profile(p) for p in profiles])
         return np.array(
             [self._alone(rest, half_log_det, v, y) + own for v, y in zip(self.variants, self.data, strict=True)]
         )
@@ -86,34 +85,24 @@ class _Rows:
         """
         stand = self.noise.profiles[0]
         if not self.noise.calibrated:
-            return [(stand, own[:, 0]) for own in self.heights(np.arange(len(self.grid)), [stand])]
+            return [(stand, self.everywhere(v, stand)) for v in range(len(self.variants))]
         ordinary = np.flatnonzero(self.grid.sort == 0)
         alike = [(way,) * len(stand) for way in FOLLOWS]
         starts = [np.unravel_index(np.argmax(own), own.shape) for own in self.heights(ordinary, alike)]
         return [self._climb(v, int(ordinary[k]), alike[f]) for v, (k, f) in enumerate(starts)]
 
-    def _everywhere(self, v: int, profile: Profile) -> FloatArray:
+    def everywhere(self, v: int, profile: Profile) -> FloatArray:
         """Return the heights (κ,) of one variant at every noise beside a profile: several climb to the same."""
         if profile not in self._known:
             self._known[profile] = self._without_values(np.arange(len(self.grid)), [self.noise.place(profile)])
         own = self._alone(*self._known[profile], self.variants[v], self.data[v])[:, 0]
-        return np.asarray(own + self.log_prior + log_profile(profile))
+        return np.asarray(own + self.log_prior + self.noise.log_profile(profile))
 
-    def grown(
-        self, found: Sequence[tuple[Profile, FloatArray]], columns: FloatArray
-    ) -> tuple[list[tuple[Profile, FloatArray]], _Rows]:
-        """Return the heights of all variants, each beside its profile, and the rows, where the grid has grown."""
-        first = len(self.grid)
-        new = zip((self.gram, self.half_log_det), self.noise.products(columns, first), strict=True)
+    def grown(self, columns: FloatArray) -> _Rows:
+        """Return the same where the grid has grown, of rows' columns (N, m) in the order of time."""
+        new = zip((self.gram, self.half_log_det), self.noise.products(columns, len(self.grid)), strict=True)
         gram, half_log_det = (np.concatenate(both) for both in new)
-        out = replace(self, grid=self.noise.grid, gram=gram, half_log_det=half_log_det)
-        more = np.arange(first, len(out.grid))
-        beside = {p: out._without_values(more, [self.noise.place(p)]) for p in dict.fromkeys(p for p, _ in found)}
-        prior = {p: out.log_prior[more] + (log_profile(p) if self.noise.calibrated else 0.0) for p in beside}
-        return [
-            (p, np.append(own, out._alone(*beside[p], v, y)[:, 0] + prior[p]))
-            for (p, own), v, y in zip(found, self.variants, self.data, strict=True)
-        ], out
+        return replace(self, grid=self.noise.grid, gram=gram, half_log_det=half_log_det)
 
     def _only(self, v: int) -> _Rows:
         """Return what is about one variant."""
@@ -130,7 +119,7 @@ class _Rows:
             for place in range(len(best)):
                 changed = [(*best[:place], way, *best[place + 1 :]) for way in FOLLOWS]
                 best = changed[int(np.argmax(only.heights(np.array([at]), changed)))]
-            beside[probable] = self._everywhere(v, best)[probable]
+            beside[probable] = self.everywhere(v, best)[probable]
             at = int(np.argmax(beside))
             probable, climbs = np.flatnonzero(beside > beside[at] - 2.0 * DEPTH), beside[at] > height
         return best, beside
@@ -155,7 +144,8 @@ def likely_points(
 
     found = rows.climb()
     while noise.grow(noise.grid.take(np.unique([np.argmax(own) for _, own in found]))):
-        found, rows = rows.grown(found, columns)
+        rows = rows.grown(columns)
+        found = [(best, rows.everywhere(v, best)) for v, (best, _) in enumerate(found)]
     grid = noise.grid
     profiles = list(dict.fromkeys(best for best, _ in found))
     near = np.flatnonzero(
@@ -166,7 +156,7 @@ def likely_points(
     at, which = (part.ravel() for part in np.indices(best.shape))
     every = grid.take(near[at])
     places = np.array([noise.place(p) for p in profiles])[which]
-    prior = np.array([log_profile(p) if noise.calibrated else 0.0 for p in profiles])[which]
+    prior = np.array([noise.log_profile(p) for p in profiles])[which]
     every = replace(every, profile=places, log_prior=every.log_prior + prior)
     return _kept(every, best.ravel())
 

@@ -24,7 +24,7 @@ from hil.model.effects.prior import scatter_log_odds
 from hil.reconcile.search.chains import PIECE, Chain, chain_of, grouped, in_time, joined
 from hil.reconcile.search.filters import Filter, filter_of
 from hil.reconcile.search.points import LEVELS, OFFSETS, Kind, Points, log_offset
-from hil.reconcile.search.profiles import FIXED, Profile, values_over_temperature
+from hil.reconcile.search.profiles import FIXED, Profile, log_profile, values_over_temperature
 from hil.solve.rows import Block
 
 TAKEN = 8.0
@@ -254,6 +254,10 @@ class Noise:
         if profile not in self.profiles:
             self.profiles.append(profile)
         return self.profiles.index(profile)
+
+    def log_profile(self, profile: Profile) -> float:
+        """Return the log prior of a profile, where values may follow temperature."""
+        return log_profile(profile) if self.calibrated else 0.0
 
     def covariance(self, point: Points, first: int) -> FloatArray:
         """Return V (n, n) of one point for the `first` n rows in the order of time, over the usual white variance."""

@@ -124,7 +124,8 @@ def _best(search: SensorSearch, scores: FloatArray, given: Set) -> Iterator[int]
 
 def _alone(search: SensorSearch, sets: Sequence[Set]) -> dict[Set, float]:
     """Log posterior weights of sets in one sensor by itself."""
-    by_sort = shared_evidence(search, sets, *_log_sorts([search]))
+    sorts, log_sort = _log_sorts([search])
+    by_sort = shared_evidence(search, sets, sorts) + log_sort
     odds = [sum(search.priced(chosen)) for chosen in sets]
     return dict(zip(sets, (np.logaddexp.reduce(by_sort, axis=1) + odds).tolist(), strict=True))
 
@@ -141,11 +142,9 @@ def _log_sorts(searches: Sequence[SensorSearch]) -> tuple[list[frozenset[str]], 
     return sorts, np.array([sum(odds[name] for name in sort) for sort in sorts]) + np.log(1.0 - SCATTER * bool(odds))
 
 
-def shared_evidence(
-    search: SensorSearch, sets: Sequence[Set], sorts: Sequence[frozenset[str]], log_prior: FloatArray
-) -> FloatArray:
+def shared_evidence(search: SensorSearch, sets: Sequence[Set], sorts: Sequence[frozenset[str]]) -> FloatArray:
     """Log evidence of sets (m,) with what scatters in the sensors, (m, n): each block may have any of it or not."""
-    out = np.repeat(log_prior[None], len(sets), axis=0)
+    out = np.zeros((len(sets), len(sorts)))
     for block, by_sort in zip(search.blocks, zip(*map(search.evidence, sets), strict=True), strict=True):
         has = {kind.effect.id: COMMON if kind.effect.common_to_sensors else SHARED for kind in block.noise.kinds}
         log_share = np.array(
@@ -172,7 +171,7 @@ def weigh(searches: Mapping[int, SensorSearch]) -> Posterior:
     nothing = np.ones((*sizes, 1), dtype=bool) & (np.arange(len(sorts)) == 0)
     for axis, (n, sets) in enumerate(lists.items()):
         along = [size if k == axis else 1 for k, size in enumerate(sizes)]
-        weights = weights + shared_evidence(searches[n], sets, sorts, np.zeros(len(sorts))).reshape(*along, -1)
+        weights = weights + shared_evidence(searches[n], sets, sorts).reshape(*along, -1)
         rows = [all(searches[n].terms[j].name == "row" for j in chosen) for chosen in sets]
         nothing = nothing & np.reshape(rows, (*along, 1))
     log_odds = float(np.logaddexp.reduce(weights[~nothing]) - np.logaddexp.reduce(weights[nothing]))
