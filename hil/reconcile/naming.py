@@ -118,7 +118,8 @@ def leading(every: Mapping[Names, float], alpha: float) -> frozenset[str]:
         weakest = max(left, key=lambda name: left[name], default="")
         if not weakest or left[weakest] <= alpha:
             return names | scatter
-        weights = {k: w for k, w in weights.items() if k[0] <= names - {weakest} and weakest not in k[1]}
+        others = names - {weakest}  # what moves averages may have the name of what scatters them, and only one goes
+        weights = {k: w for k, w in weights.items() if k[0] <= others and (weakest in names or weakest not in k[1])}
 
 
 def _mass_of(weights: Mapping[Names, float], names: frozenset[str], scatter: frozenset[str] | None = None) -> float:

@@ -44,6 +44,7 @@ def on_the_mean(result: Reconciliation) -> list[FoundEffect]:
         ({("k2", "rrw"): 0.4, ("k2", ""): 0.6}, "k2"),
         ({("hyst", "MU_rr"): 0.50, ("", "MU_rr rrw"): 0.48, ("", "MU_rr"): 0.02}, "MU_rr rrw"),
         ({("hyst", "MU_rr"): 0.50, ("", "MU_rr rrw"): 0.40, ("", "MU_rr"): 0.10}, "MU_rr"),
+        ({("turnon", ""): 0.55, ("", "turnon"): 0.44, ("", ""): 0.01}, "turnon"),  # either moves or scatters
         ({}, ""),
     ],
 )
