@@ -25,8 +25,8 @@ WANDERS = 2.0
 """How much likelier than nothing at all it may be that averages only scatter: Ville's bound is loose by more there."""
 LEAST = 0.01
 """Rivals less probable are not listed, unless they look the same, and shapes add nothing to an interval."""
-Names = tuple[frozenset[str], str]
-"""What moves averages in a set, and what scatters them ("": nothing but ordinary noise)."""
+Names = tuple[frozenset[str], frozenset[str]]
+"""What moves averages in a set, and what scatters them beyond ordinary noise."""
 _Weighed = tuple[frozenset[str], float, Found]
 """The names in a set, how probable it is, and the set."""
 
@@ -70,14 +70,14 @@ def read(posterior: Posterior, alpha: float) -> Reading:
     chance = float(1.0 / (1.0 + np.exp(min(posterior.log_odds, 700.0))))
     every: dict[Names, float] = {}
     for own, weight, f in sets:
-        every[own - {f.kind}, f.kind] = every.get((own - {f.kind}, f.kind), 0.0) + weight
+        every[own - f.scatter, f.scatter] = every.get((own - f.scatter, f.scatter), 0.0) + weight
     lead = leading(every, alpha)
     unnamed = [f for own, _, f in sets if not own]
     # Where something has to be missing, a row may only stand in its place: it is asked for whatever else is there.
     among, sure = (unnamed, LIKELY) if chance > alpha else (posterior.sets, CERTAIN)
     unnamed = _surely_wrong(posterior, unnamed, among, sure)
     right = [f for f in unnamed if all(term.name == "row" for term in posterior.members(f))]
-    as_filed = right[0] if right else Found(dict.fromkeys(posterior.searches, ()), "", -np.inf)
+    as_filed = right[0] if right else Found(dict.fromkeys(posterior.searches, ()), frozenset(), -np.inf)
     of_lead = [f for own, _, f in sets if own == lead]
     first = _surely_wrong(posterior, of_lead, among, sure) or of_lead  # where none leaves less out, the likeliest
     found = first[0] if first and (lead or chance <= alpha) else as_filed
@@ -110,21 +110,21 @@ def leading(every: Mapping[Names, float], alpha: float) -> frozenset[str]:
     """
     weights = every
     while True:
-        names, kind = max(weights, key=lambda key: weights[key], default=(frozenset[str](), ""))
-        left = {kind: _mass_of(every, names, ("",))} if kind else {}
+        names, scatter = max(weights, key=lambda key: weights[key], default=(frozenset[str](), frozenset[str]()))
+        left = {kind: _mass_of(every, names, scatter - {kind}) for kind in scatter}
         for name in names:
             others = names - {name}
-            left[name] = max(_mass_of(every, others, ("", kind)), _mass_of(every, others) / WANDERS)
+            left[name] = max(_mass_of(every, others, scatter), _mass_of(every, others) / WANDERS)
         weakest = max(left, key=lambda name: left[name], default="")
         if not weakest or left[weakest] <= alpha:
-            return names | ({kind} if kind else set())
-        others = names - {weakest}
-        weights = {k: w for k, w in weights.items() if k[0] <= others and (k[1] != weakest or weakest in names)}
+            return names | scatter
+        others = names - {weakest}  # what moves averages may have the name of what scatters them, and only one goes
+        weights = {k: w for k, w in weights.items() if k[0] <= others and (weakest in names or weakest not in k[1])}
 
 
-def _mass_of(weights: Mapping[Names, float], names: frozenset[str], kinds: Sequence[str] | None = None) -> float:
-    """How probable it is that nothing but `names` moves averages, with one of some kinds of scatter or with any."""
-    return sum(w for (own, kind), w in weights.items() if own <= names and (kinds is None or kind in kinds))
+def _mass_of(weights: Mapping[Names, float], names: frozenset[str], scatter: frozenset[str] | None = None) -> float:
+    """How probable it is that nothing but `names` moves averages, and only `scatter` scatters them, if given."""
+    return sum(w for (own, kinds), w in weights.items() if own <= names and (scatter is None or kinds <= scatter))
 
 
 def _named(fit: Fitted, sets: Sequence[_Weighed], name: str, lead: frozenset[str]) -> Named:
@@ -137,7 +137,7 @@ def _named(fit: Fitted, sets: Sequence[_Weighed], name: str, lead: frozenset[str
     for each in sets:
         names, _, f = each
         # What scatters stands in for what moves, and the reverse, only where nothing else of that sort is there.
-        sort = {f.kind} & names if not own else names - {f.kind}
+        sort = f.scatter if not own else names - f.scatter
         for rival in (sort or names) - lead if name not in names else ():
             instead.setdefault(rival, []).append(each)
     rivals = [_rival(fit, name, probability, rival, others, own) for rival, others in instead.items()]
@@ -145,7 +145,7 @@ def _named(fit: Fitted, sets: Sequence[_Weighed], name: str, lead: frozenset[str
     listed = sorted(told, key=lambda r: -r.probability)
     alike = [r for r in listed if r.alike and r.overlap > IDENTICAL]
     withheld = [r for r in alike if r.likely or r.probability > 1.0 - CERTAIN]
-    nothing_there = sum(weight for names, weight, f in sets if name not in names and names - {f.kind} <= lead)
+    nothing_there = sum(weight for names, weight, f in sets if name not in names and names - f.scatter <= lead)
     sure = probability >= CERTAIN and not (own and nothing_there > BY_CHANCE)
     kind = NO_NAME if name == NO_NAME else "named" if sure and not withheld else "ambiguous"
     first = next((posterior.term(n, places[0]) for n, places in own.items()), None)
@@ -188,7 +188,7 @@ def _follows(posterior: Posterior) -> list[tuple[str, float]]:
     any_of_them = 0.0
     for f in posterior.sets:  # what moves averages comes first
         drivers = dict.fromkeys(term.follows for term in posterior.members(f) if not term.is_mistake)
-        drivers |= dict.fromkeys(posterior.scatter[f.kind].follows for _ in f.kind[:1])
+        drivers |= dict.fromkeys(posterior.scatter[name].follows for name in sorted(f.scatter))
         weight = float(np.exp(f.log_weight))
         any_of_them += weight if drivers else 0.0
         for driver in drivers:

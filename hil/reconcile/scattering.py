@@ -123,8 +123,8 @@ def what_scatters(campaign: Campaign) -> Scattering:
     posterior, names = answer.posterior, answer.reading.names
     titles = {ORDINARY: "white noise, and an offset of each run"}
     titles |= {name: effect.title for name, effect in posterior.scatter.items()}
-    weights = {name: float(sum(np.exp(f.log_weight) for f in posterior.sets if f.kind == name)) for name in titles}
-    weights[ORDINARY] = 1.0 - sum(weights.values())
+    weights = {name: float(sum(np.exp(f.log_weight) for f in posterior.sets if name in f.scatter)) for name in titles}
+    weights[ORDINARY] = float(1.0 - sum(np.exp(f.log_weight) for f in posterior.sets if f.scatter))
     ranked = dict(sorted(weights.items(), key=lambda pair: -pair[1])) if posterior.scatter else {}
     moves = tuple(each.name for each in names if each.acts_on == "mean")
     named = tuple(each.name for each in names if each.acts_on == "scatter" and each.kind == "named")

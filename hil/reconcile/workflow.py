@@ -91,7 +91,7 @@ def _weighed(problem: Problem, scattering: Sequence[VarianceEffect], alpha: floa
     """
     plain = weigh(searches(problem, EFFECTS, scattering))
     reading = read(plain, alpha)
-    if not may_be_calibrated(problem) or not values_follow(problem, plain.searches, reading.found.terms):
+    if not may_be_calibrated(problem) or not values_follow(problem, plain, reading.found):
         return plain, reading
     calibrated = weigh(searches(problem, EFFECTS, scattering, plain.searches))
     stands = plain.log_evidence + np.log(PLAIN) >= calibrated.log_evidence

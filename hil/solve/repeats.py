@@ -345,10 +345,10 @@ def _changes(rows: Collects, runs: Set[int]) -> FloatArray:
     root = np.where(known, 1.0 / np.where(known, rows.rates_se_deg_per_hr, 1.0), 0.0)
     columns, white = form.columns(conditions) * root[..., None], np.where(known, seen, 0.0) * root
     of_run = np.array([name.startswith(("B", "MU")) for name in form.names])
-    groups, count = runs_by_temperature(conditions), known.shape[1]
+    groups, count, of_each = runs_by_temperature(conditions), known.shape[1], conditions.of_each_run
     alike: dict[tuple[int, bytes, bytes], list[IntArray]] = {}
     for k, (_, several) in enumerate(groups):
-        for rows_of in (conditions.of_each_run[run] for run in several if run in runs):
+        for rows_of in (of_each[run] for run in several if run in runs):
             what = conditions.position[rows_of].tobytes(), known[rows_of].tobytes()
             alike.setdefault((k, *what), []).append(rows_of)
     found = np.zeros((2, len(groups), count))

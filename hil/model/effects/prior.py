@@ -10,13 +10,15 @@ from functools import cache
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray
-from hil.model.effects.base import Effect, Parameter
+from hil.model.effects.base import Effect, Parameter, VarianceEffect
 from hil.model.effects.catalogue import named
 
 ALPHA = 0.05
 """Rate of false alarms where none is stated."""
 SECOND_TIER = 0.2
 """Prior of what no effect of the catalogue describes, given that something is missing."""
+SCATTER = 0.25
+"""Prior of an effect on the scatter, beyond the ordinary: correlated bias is in every gyro."""
 SHARED = 0.75
 """How probably an effect that one sensor (or channel) has is in another."""
 COMMON = 0.97
@@ -39,6 +41,12 @@ def name_odds(effects: Iterable[Effect], conditions: Conditions) -> dict[str, fl
     for effect in effects:
         odds[named(effect).id] = max(odds.get(named(effect).id, 0.0), effect.odds_for(conditions))
     return {name: (1.0 - SECOND_TIER) * own / sum(odds.values()) for name, own in odds.items()}
+
+
+def scatter_log_odds(effects: Iterable[VarianceEffect]) -> dict[str, float]:
+    """Share the odds (log) of an effect on the scatter out over these: one is no reason against another."""
+    odds = {effect.id: effect.odds for effect in effects}
+    return {name: float(np.log(SCATTER / (1.0 - SCATTER) * own / sum(odds.values()))) for name, own in odds.items()}
 
 
 def log_in_one(effect: Effect, sensors: int) -> float:

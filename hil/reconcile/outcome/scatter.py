@@ -7,13 +7,12 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtri
 
-from hil.campaign import FloatArray
+from hil.campaign import BoolArray, FloatArray
 from hil.model.effects.base import Parameter, VarianceEffect
 from hil.reconcile.result import Disagreement
 from hil.reconcile.search.fitted import Fitted, FittedBlock
 from hil.reconcile.search.likely_noise import DEPTH
-from hil.reconcile.search.noise import Points
-from hil.reconcile.search.profiles import log_profile
+from hil.reconcile.search.points import Points
 from hil.reconcile.search.set_in_block import SetInBlock
 from hil.reconcile.search.sets import SensorSearch
 from hil.solve.repeats import CONFIDENCE
@@ -54,17 +53,19 @@ def found_scatter(fit: Fitted, name: str) -> list[FoundScatter]:
     for block in fit.blocks:
         own, sensor = block.search, block.search.block.sensor
         total = block.weighed.terms_log + own.points.log_prior
-        kinds = [k for k, kind in enumerate(own.noise.kinds) if kind.effect.id == name]
-        here = np.isin(own.points.kind, kinds)
-        if not here.any() or np.logaddexp.reduce(total[here]) < np.logaddexp.reduce(total[own.points.kind < 0]):
+        kinds = np.array([kind.effect.id == name for kind in own.noise.kinds], dtype=bool)
+        here = np.any(own.points.amount[:, kinds], axis=1)
+        within = np.array([sort <= fit.found.scatter for sort in own.noise.sorts])[own.points.sort]
+        here, others = here & within, ~here & within
+        if not here.any() or np.logaddexp.reduce(total[here]) < np.logaddexp.reduce(total[others]):
             continue
         here &= total > total[here].max() - DEPTH
-        points, weighed = _finely(fit, block, own.points.take(np.flatnonzero(here)))
+        points, weighed = _finely(fit, block, own.points.take(np.flatnonzero(here)), kinds)
         total = weighed.terms_log + points.log_prior
         weight = np.exp(total - np.logaddexp.reduce(total))
         scales = np.array([weighed.left_at(t)[1] for t in range(len(points))])
-        sizes = points.amount * np.sqrt(scales) * own.unit
-        best = own.noise.kinds[int(points.kind[np.argmax(weight)])]
+        sizes = points.amount[:, kinds].max(axis=1) * np.sqrt(scales) * own.unit
+        best = own.noise.kinds[int(np.argmax(points.amount[np.argmax(weight)] * kinds))]
         log_mean = float(weight @ np.log(sizes))
         spread = float(np.sqrt(weight @ (np.log(sizes) - log_mean) ** 2))
         size = float(np.exp(log_mean))
@@ -74,16 +75,16 @@ def found_scatter(fit: Fitted, name: str) -> list[FoundScatter]:
     return out
 
 
-def _finely(fit: Fitted, block: FittedBlock, likely: Points) -> tuple[Points, SetInBlock]:
+def _finely(fit: Fitted, block: FittedBlock, likely: Points, kinds: BoolArray) -> tuple[Points, SetInBlock]:
     """Weigh the set in a block again, at amounts and offsets all over the factor of two that a point stands for.
 
-    At every point of the whole grid that is probable beside the set, of the kinds and profiles of some `likely` ones:
+    At every point of the whole grid that is probable beside the set, of the sorts and profiles of some `likely` ones:
     the search keeps what was so before there was a set, and its grid is coarser than what a night tells of a size.
     """
     noise, profiles = block.search.noise, np.unique(likely.profile)
     grid = noise.grid
-    grid = grid.take(np.flatnonzero(np.isin(grid.kind, likely.kind)))
-    prior = [log_profile(noise.profiles[p]) if noise.calibrated else 0.0 for p in profiles]
+    grid = grid.take(np.flatnonzero(np.isin(grid.sort, likely.sort)))
+    prior = [noise.log_profile(noise.profiles[p]) for p in profiles]
     every = grid.take(np.tile(np.arange(len(grid)), len(profiles)))
     every = replace(
         every,
@@ -96,7 +97,7 @@ def _finely(fit: Fitted, block: FittedBlock, likely: Points) -> tuple[Points, Se
     fine = coarse.take(np.repeat(np.arange(len(coarse)), len(amounts) * len(offsets)))
     fine = replace(
         fine,
-        amount=fine.amount * np.tile(np.repeat(amounts, len(offsets)), len(coarse)),
+        amount=fine.amount * np.where(kinds, np.tile(np.repeat(amounts, len(offsets)), len(coarse))[:, None], 1.0),
         offset=fine.offset * np.tile(offsets, len(coarse) * len(amounts)),
     )
     return fine, _at_points(fit, block, fine)
@@ -150,13 +151,13 @@ def _of_channels(block: FittedBlock, found: Sequence[FoundScatter], model: str) 
     it is certain that averages scatter by more, but not whether from run to run, each has what is probable of it.
     """
     own, rows_of, points = block.search, block.search.block, block.search.points
-    total = np.where(points.kind == points.kind[block.at], block.weighed.terms_log + points.log_prior, -np.inf)
+    total = np.where(points.sort == points.sort[block.at], block.weighed.terms_log + points.log_prior, -np.inf)
     scales = np.array([block.weighed.left_at(t)[1] for t in range(len(points))]) * own.unit**2
     weight = np.exp(total - np.logaddexp.reduce(total))
     runs, certain = len(np.unique(rows_of.run)), weight[points.offset == 0.0].sum() < _NO_OFFSET
     offsets = scales * points.offset**2
     variance = (weight * scales) @ own.noise.variance(points)
-    alone = replace(points, kind=np.full(len(points), -1), offset=np.zeros(len(points)))
+    alone = replace(points, amount=np.zeros(points.amount.shape), offset=np.zeros(len(points)))
     by_itself = scales[:, None] * own.noise.variance(alone)
     relative = float(np.sqrt(2.0 / own.beside.freedom)) if own.beside.freedom else np.inf  # nothing is left to know by
     repeated = any(len(of) > 1 for _, of in runs_by_temperature(own.noise.conditions))

@@ -84,8 +84,8 @@ class HeldOut:
         return float((1 + np.sum(flipped >= gains.sum())) / (1 + FLIPS))
 
 
-_Key = tuple[int, int, Set, str]
-"""Sensor, block, terms and kind of scatter."""
+_Key = tuple[int, int, Set, frozenset[str]]
+"""Sensor, block, terms and what scatters."""
 Proof = tuple[HeldOut, HeldOut]
 """What is predicted of rows that were held out: by run, and by contiguous block."""
 
@@ -100,7 +100,7 @@ def held_out(posterior: Posterior, before: Found, lead: Found) -> Proof | None:
     for number, b in ((n, b) for n, search in posterior.searches.items() for b in range(len(search.blocks))):
         search, wrong = posterior.searches[number], _wrong_rows(posterior, lead, number, b)
         beside = Rows(search.blocks[b], wrong)
-        for key in dict.fromkeys((number, b, found.terms[number], found.kind) for found in sets):
+        for key in dict.fromkeys((number, b, found.terms[number], found.scatter) for found in sets):
             block = fitted_block(search, *key[2:], b)
             known[0][key] = dict(beside.runs(block))
             known[1][key] = dict(beside.sixths(block))
@@ -116,7 +116,7 @@ def _together(
     rows = []
     errors = [np.full((2, len(posterior.searches[n].blocks[b].y)), np.nan) for n, b in blocks]
     for fold in sorted({fold for own in known.values() for fold in own}):
-        at = [[known[(n, b, f.terms[n], f.kind)].get(fold) for n, b in blocks] for f in sets]
+        at = [[known[(n, b, f.terms[n], f.scatter)].get(fold) for n, b in blocks] for f in sets]
         # A set beside which other rows are out of reach predicts something else: it cannot be compared.
         at = [
             [p if p and q and np.array_equal(p.rows, q.rows) else None for p, q in zip(a, at[1], strict=True)]

@@ -12,7 +12,8 @@ from hil.model.effects.prior import HOLDS
 from hil.reconcile.search.evidence import SEEN, Beside, Scale
 from hil.reconcile.search.filters import Filter
 from hil.reconcile.search.likely_noise import likely_points
-from hil.reconcile.search.noise import KEPT, Noise, Points
+from hil.reconcile.search.noise import KEPT, Noise
+from hil.reconcile.search.points import Points
 from hil.solve.identifiability import independent_columns
 from hil.solve.rows import Block
 

@@ -84,6 +84,7 @@ def catalogue_candidates(
 
     `base_beside` gives the base as it is if an effect of a shape acts beside it.
     """
+    centres = _setpoints_degC(conditions)
     for effect in catalogue:
         if not effect.searched or not effect.applies_to(conditions.sensor) or effect.missing(conditions):
             continue
@@ -92,11 +93,9 @@ def catalogue_candidates(
             columns = effect_columns(effect, conditions, base_beside(effect, shape), shape)
             parameters = effect.parameters_for(conditions)
             high = np.array([item.typical[1] if 0 < item.typical[1] < np.inf else 1.0 for item in parameters])
-            same = hash(
-                (columns.round(9) + 0.0).tobytes()
-            )  # as where nothing tells one room before the night from another
+            same = hash((columns.round(9) + 0.0).tobytes())
             if float(np.abs(columns * high).max(initial=0.0)) < _NOTHING or same in tried:
-                continue
+                continue  # as where nothing tells one room before the night from another
             tried.add(same)
             called = named(effect)
             plain = Candidate(
@@ -112,8 +111,8 @@ def catalogue_candidates(
             )
             if not effect.in_every_model:
                 yield plain
-            if effect.may_follow_temperature:
-                yield from _over_temperature(plain, conditions)
+            if effect.may_follow_temperature and len(centres) > 1:
+                yield from _over_temperature(plain, conditions, centres)
 
 
 def effect_columns(effect: Effect, conditions: Conditions, base: Base, shape: Mapping[str, float]) -> FloatArray:
@@ -121,20 +120,22 @@ def effect_columns(effect: Effect, conditions: Conditions, base: Base, shape: Ma
     return np.nan_to_num(np.asarray(effect.columns(conditions, base, shape), dtype=np.float64))
 
 
-def _over_temperature(plain: Candidate, conditions: Conditions) -> Iterator[Candidate]:
+def _setpoints_degC(conditions: Conditions) -> tuple[float, ...]:
+    """Return the mean temperature at each setpoint, none where a collect's is unknown."""
+    temperature = conditions.columns.get("temperature_degC", np.full(1, np.nan))
+    if not np.all(np.isfinite(temperature)):
+        return ()
+    numbers = same_temperature(conditions)
+    return tuple(float(np.mean(temperature[numbers == k])) for k in range(numbers.max() + 1))
+
+
+def _over_temperature(plain: Candidate, conditions: Conditions, centres: tuple[float, ...]) -> Iterator[Candidate]:
     """Yield the candidate with values that follow temperature: a straight line, and one value per setpoint."""
-    temperature = conditions.columns.get("temperature_degC")
-    if temperature is None or not np.all(np.isfinite(temperature)):
-        return
     kept = () if plain.effect is None else plain.effect.kept_over_temperature(plain.parameters, conditions.sensor)
     if 0 < len(kept) < len(plain.parameters):
         parameters = tuple(plain.parameters[k] for k in kept)
         plain = replace(plain, laid=plain.columns[:, :, list(kept)], parameters=parameters, kept=kept)
-    numbers = same_temperature(conditions)
-    centres = tuple(float(np.mean(temperature[numbers == k])) for k in range(numbers.max() + 1))
-    if len(centres) < 2:
-        return
-    reference = float(np.round(np.mean(temperature)))
+    reference = float(np.round(np.mean(conditions.columns["temperature_degC"])))
     cubic = plain.effect is not None and plain.effect.series_in_temperature
     forms: list[tuple[str, float | None, tuple[float, ...]]] = [
         (form, reference, ())
@@ -294,7 +295,5 @@ def _nameless(number: int, conditions: Conditions, target: _Target, driver: str,
 
 def _each_channel(values: FloatArray, channels: int) -> FloatArray:
     """Return values (n, c or 1, k) of every channel by itself, (n, c, c·k)."""
-    each = (
-        np.broadcast_to(values, (len(values), channels, values.shape[2]))[:, :, None, :] * np.eye(channels)[:, :, None]
-    )
-    return np.asarray(each.reshape(len(values), channels, -1))
+    each = np.broadcast_to(values, (len(values), channels, values.shape[2]))[:, :, None, :]
+    return np.asarray((each * np.eye(channels)[:, :, None]).reshape(len(values), channels, -1))

@@ -16,7 +16,8 @@ import numpy as np
 from scipy.special import gammaln
 
 from hil.campaign import FloatArray, IntArray
-from hil.reconcile.search.noise import Noise, Points
+from hil.reconcile.search.noise import Noise
+from hil.reconcile.search.points import Points
 
 Scale = tuple[float, float, float]
 SEEN = 1e-6

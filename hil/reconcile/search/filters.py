@@ -88,7 +88,7 @@ class Filter:
 
     def whiten(self, columns: FloatArray) -> FloatArray:
         """Return columns (N, k), in the order of time, with rows that are independent, (t, N, k)."""
-        given = np.pad(columns, ((0, 1), (0, 0)))
+        given = np.vstack([columns, np.zeros(columns.shape[1])])
         out = np.empty((len(self.half_log_det), *given.shape))
         for each in self.stretches:
             each.whiten(given, out)
@@ -96,7 +96,7 @@ class Filter:
 
     def back(self, white: FloatArray) -> FloatArray:
         """Return W'w (t, N, k) of rows w (t, N, k), W being what whitens: of whitened columns, V^-1 times them."""
-        given = np.pad(white, ((0, 0), (0, 1), (0, 0)))
+        given = np.concatenate([white, np.zeros_like(white[:, :1])], axis=1)
         out = np.empty(given.shape)
         for each in self.stretches:
             each.back(given, out)
@@ -115,7 +115,7 @@ def filter_of(
     names, nothing = ("columns", "keep", "kick"), (0.0, 1.0, 0.0)
     # One row more, which is none, fills up what a piece lacks.
     seen_by, keeps, kicks = (
-        np.array([np.pad(getattr(c, name), ((0, 1), (0, 0)), constant_values=empty) for c in chains])
+        np.array([np.vstack([own := getattr(c, name), np.full(own.shape[1], empty)]) for c in chains])
         for name, empty in zip(names, nothing, strict=True)
     )
     white = np.pad(white, ((0, 0), (0, 1)), constant_values=1.0)

@@ -142,16 +142,14 @@ class Fitted:
         out = []
         for block in self.blocks:
             noise, points = block.search.noise, block.search.points.take(np.array([block.at]))
-            rows, point = noise.order[:COMPARED], int(points.kind[0])
+            rows, there = noise.order[:COMPARED], points.amount[0] > 0.0
             white = np.linalg.inv(np.linalg.cholesky(noise.covariance(points, len(rows))))
             values = noise.by_station[: len(rows)] * block.calibrated
             base = orthonormal(white @ np.hstack([block.search.block.base[rows], values]), 1e-6)
-            fitted_kind = [noise.kinds[point]] if point >= 0 and noise.kinds[point].effect.id == name else []
+            named, others = ([kind.effect.id == own for kind in noise.kinds] for own in (name, rival))
             seen = []
-            for kinds in (
-                fitted_kind or [k for k in noise.kinds if k.effect.id == name],
-                [k for k in noise.kinds if k.effect.id == rival],
-            ):
+            for of in (there & named if any(there & named) else named, others):
+                kinds = [kind for kind, asked in zip(noise.kinds, of, strict=True) if asked]
                 states = [white @ k.chain.first(len(rows)).covariance @ white.T for k in kinds]
                 seen.append([project_out(base, project_out(base, each).T) for each in states])
             cosines = [np.sum(a * b) / np.sqrt(np.sum(a**2) * np.sum(b**2)) for a in seen[0] for b in seen[1]]
@@ -165,7 +163,7 @@ def fitted(posterior: Posterior, found: Found) -> Fitted:
     Values that these rows cannot tell apart are as typical as they may be, and no surer than that.
     """
     blocks = [
-        fitted_block(search, found.terms[number], found.kind, b)
+        fitted_block(search, found.terms[number], found.scatter, b)
         for number, search in posterior.searches.items()
         for b in range(len(search.blocks))
     ]
@@ -187,13 +185,13 @@ def fitted(posterior: Posterior, found: Found) -> Fitted:
     return Fitted(posterior, found, blocks, keys, covariance @ score, covariance, np.diag(gram) ** -0.5)
 
 
-def fitted_block(search: SensorSearch, chosen: Set, kind: str, b: int) -> FittedBlock:
-    """Return one block with one set, at its most probable point of the noise with a kind of scatter or without."""
+def fitted_block(search: SensorSearch, chosen: Set, scatter: frozenset[str], b: int) -> FittedBlock:
+    """Return one block with one set, at its most probable point of the noise with some of what scatters, or none."""
     own = search.blocks[b]
     weighed = search.in_block(chosen, b)
     total = weighed.terms_log + own.points.log_prior
-    names = np.array(["", *(k.effect.id for k in own.noise.kinds)])[own.points.kind + 1]
-    t = int(np.argmax(np.where((names == kind) | (names == ""), total, -np.inf)))
+    within = np.array([sort <= scatter for sort in own.noise.sorts])[own.points.sort]
+    t = int(np.argmax(np.where(within, total, -np.inf)))
     parts = [part.columns for j in chosen if (part := search.terms[j].parts[b]) is not None]
     columns = np.hstack([np.zeros((len(own.y), 0)), *parts])
     keys = [(own.block.sensor, *of) for of in weighed.owner]

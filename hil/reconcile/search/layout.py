@@ -13,8 +13,9 @@ from hil.reconcile.search.block_search import BlockSearch
 from hil.reconcile.search.candidates import Candidate, effect_columns
 from hil.reconcile.search.mistakes import AsSolved, as_told, exchanges, may_be_wrong
 from hil.reconcile.search.noise import Noise
+from hil.reconcile.search.posterior import Found, Posterior, shared_evidence
 from hil.reconcile.search.problem import LEAST_FREEDOM, Problem, SensorProblem
-from hil.reconcile.search.sets import SensorSearch, Set
+from hil.reconcile.search.sets import SensorSearch
 from hil.reconcile.search.terms import terms
 from hil.solve.rows import Block
 
@@ -88,18 +89,21 @@ def may_be_calibrated(problem: Problem) -> bool:
     return several and not says and not problem.model.terms
 
 
-def values_follow(problem: Problem, searched: Mapping[int, SensorSearch], found: Mapping[int, Set]) -> bool:
-    """Whether values that follow temperature make a sensor's rows likelier in ordinary noise, alone or beside a set."""
-    for number, search in searched.items():
+def values_follow(problem: Problem, posterior: Posterior, found: Found) -> bool:
+    """Whether values that follow temperature make a sensor's rows likelier, alone or beside a set that was found.
+
+    In ordinary noise, or with what was found to scatter: what else wanders may follow temperature itself.
+    """
+    effects = [effect for name, effect in posterior.scatter.items() if name in found.scatter]
+    sorts = [frozenset[str](), found.scatter]
+    for number, search in posterior.searches.items():
         conditions = problem.sensors[number].collects.conditions
         stated = problem.model.stated_scatter(conditions)
-        noises = [Noise(own.block, conditions, (), stated).at_each_temperature() for own in search.blocks]
+        noises = [Noise(own.block, conditions, effects, stated).at_each_temperature() for own in search.blocks]
         other = SensorSearch([BlockSearch.of(noise.block, noise) for noise in noises], search.terms)
-        every = range(len(search.blocks))
-        for chosen in {(), found[number]}:
-            ordinary = sum(search.in_block(chosen, b).by_kind(len(search.blocks[b].noise.kinds))[0] for b in every)
-            if sum(other.in_block(chosen, b).by_kind(0)[0] for b in every) > ordinary:
-                return True
+        follow, stand = (shared_evidence(of, [(), found.terms[number]], sorts) for of in (other, search))
+        if np.any(follow > stand):
+            return True
     return False
 
 

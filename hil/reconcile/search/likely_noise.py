@@ -8,14 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
 from hil.campaign import BoolArray, FloatArray, IntArray
 from hil.reconcile.search.evidence import LEAST, ROUNDING, SEEN, Scale, log_sum, student
-from hil.reconcile.search.noise import Noise, Points
-from hil.reconcile.search.profiles import FOLLOWS, Profile, log_profile
+from hil.reconcile.search.noise import Noise
+from hil.reconcile.search.points import Points
+from hil.reconcile.search.profiles import FOLLOWS, Profile
 from hil.solve.identifiability import independent_columns
 
 POINTS = 48
@@ -37,12 +39,16 @@ class _Rows:
     data: Sequence[int]
     _known: dict[Profile, tuple[FloatArray, FloatArray]] = field(default_factory=dict, init=False)
 
+    @cached_property
+    def log_prior(self) -> FloatArray:
+        """Log prior of every noise, (κ,), that of what scatters included."""
+        return np.asarray(self.grid.log_prior + self.noise.log_odds(self.grid))
+
     def heights(self, at: IntArray, profiles: Sequence[Profile]) -> FloatArray:
         """Log evidence (v, k, f) of variants at some of the noises (k,) with profiles (f,), all priors included."""
         places = [self.noise.place(p) for p in profiles] if profiles else []
         rest, half_log_det = self._without_values(at, places)
-        prior = np.array([log_profile(p) if self.noise.calibrated else 0.0 for p in profiles])
-        own = self.grid.log_prior[at][:, None] + prior
+        own = self.log_prior[at][:, None] + np.array([self.noise.log_profile(p) for p in profiles])
         return np.array(
             [self._alone(rest, half_log_det, v, y) + own for v, y in zip(self.variants, self.data, strict=True)]
         )
@@ -79,18 +85,24 @@ class _Rows:
         """
         stand = self.noise.profiles[0]
         if not self.noise.calibrated:
-            return [(stand, own[:, 0]) for own in self.heights(np.arange(len(self.grid)), [stand])]
-        ordinary = np.flatnonzero(self.grid.kind < 0)
+            return [(stand, self.everywhere(v, stand)) for v in range(len(self.variants))]
+        ordinary = np.flatnonzero(self.grid.sort == 0)
         alike = [(way,) * len(stand) for way in FOLLOWS]
         starts = [np.unravel_index(np.argmax(own), own.shape) for own in self.heights(ordinary, alike)]
         return [self._climb(v, int(ordinary[k]), alike[f]) for v, (k, f) in enumerate(starts)]
 
-    def _everywhere(self, v: int, profile: Profile) -> FloatArray:
+    def everywhere(self, v: int, profile: Profile) -> FloatArray:
         """Return the heights (κ,) of one variant at every noise beside a profile: several climb to the same."""
         if profile not in self._known:
             self._known[profile] = self._without_values(np.arange(len(self.grid)), [self.noise.place(profile)])
         own = self._alone(*self._known[profile], self.variants[v], self.data[v])[:, 0]
-        return np.asarray(own + self.grid.log_prior + log_profile(profile))
+        return np.asarray(own + self.log_prior + self.noise.log_profile(profile))
+
+    def grown(self, columns: FloatArray) -> _Rows:
+        """Return the same where the grid has grown, of rows' columns (N, m) in the order of time."""
+        new = zip((self.gram, self.half_log_det), self.noise.products(columns, len(self.grid)), strict=True)
+        gram, half_log_det = (np.concatenate(both) for both in new)
+        return replace(self, grid=self.noise.grid, gram=gram, half_log_det=half_log_det)
 
     def _only(self, v: int) -> _Rows:
         """Return what is about one variant."""
@@ -107,7 +119,7 @@ class _Rows:
             for place in range(len(best)):
                 changed = [(*best[:place], way, *best[place + 1 :]) for way in FOLLOWS]
                 best = changed[int(np.argmax(only.heights(np.array([at]), changed)))]
-            beside[probable] = self._everywhere(v, best)[probable]
+            beside[probable] = self.everywhere(v, best)[probable]
             at = int(np.argmax(beside))
             probable, climbs = np.flatnonzero(beside > beside[at] - 2.0 * DEPTH), beside[at] > height
         return best, beside
@@ -131,17 +143,21 @@ def likely_points(
     rows = _Rows(noise, grid, scales, gram, half_log_det, [v for v, _ in pairs], [y for _, y in pairs])
 
     found = rows.climb()
+    while noise.grow(noise.grid.take(np.unique([np.argmax(own) for _, own in found]))):
+        rows = rows.grown(columns)
+        found = [(best, rows.everywhere(v, best)) for v, (best, _) in enumerate(found)]
+    grid = noise.grid
     profiles = list(dict.fromkeys(best for best, _ in found))
     near = np.flatnonzero(
-        np.any([(b > b.max() - 2.0 * DEPTH) | _highest(b, grid.kind) for _, b in found], axis=0) | _quiet(grid)
+        np.any([(b > b.max() - 2.0 * DEPTH) | _highest(b, grid.sort) for _, b in found], axis=0) | _quiet(grid)
     )
     heights = rows.heights(near, profiles)
     best = np.max(heights - heights.max(axis=(1, 2), keepdims=True), axis=0)
     at, which = (part.ravel() for part in np.indices(best.shape))
     every = grid.take(near[at])
     places = np.array([noise.place(p) for p in profiles])[which]
-    prior = np.array([log_profile(p) if noise.calibrated else 0.0 for p in profiles])[which]
-    every = Points(every.kind, every.amount, every.offset, every.level, places, every.log_prior + prior)
+    prior = np.array([noise.log_profile(p) for p in profiles])[which]
+    every = replace(every, profile=places, log_prior=every.log_prior + prior)
     return _kept(every, best.ravel())
 
 
@@ -153,19 +169,19 @@ def _kept(every: Points, best: FloatArray) -> tuple[Points, FloatArray]:
     order = np.argsort(-best)
     kept = np.zeros(len(best), dtype=bool)
     kept[order[:POINTS]] = best[order[:POINTS]] > -DEPTH
-    kept |= _highest(best, every.kind) | (_quiet(every) & (every.profile == every.profile[order[0]]))
+    kept |= _highest(best, every.sort) | (_quiet(every) & (every.profile == every.profile[order[0]]))
     return every.take(np.flatnonzero(kept)), best[kept]
 
 
-def _highest(height: FloatArray, kind: IntArray) -> BoolArray:
-    """Tell which of points (t,) is the highest of its kind (t,)."""
+def _highest(height: FloatArray, sort: IntArray) -> BoolArray:
+    """Tell which of points (t,) is the highest of its sort (t,)."""
     out = np.zeros(len(height), dtype=bool)
-    for each in np.unique(kind):
-        own = np.flatnonzero(kind == each)
+    for each in np.unique(sort):
+        own = np.flatnonzero(sort == each)
         out[own[np.argmax(height[own])]] = True
     return out
 
 
 def _quiet(points: Points) -> BoolArray:
     """Tell which of the points are ordinary noise with next to no offset from run to run, (t,)."""
-    return np.asarray((points.kind < 0) & (points.level == points.level.max()) & (points.offset < 1.0))
+    return np.asarray((points.sort == 0) & (points.level == points.level.max()) & (points.offset < 1.0))

@@ -2,41 +2,37 @@
 
 The covariance of a block of rows is, up to one unknown scale s²,
 
-    V = D + o² O + a² C + Σ t² T
+    V = D + o² O + Σ a² C + Σ t² T
 
-with D the stated white noise, O an offset of each run, C one effect on the scatter, and T values of one of the base's
-parameters at each temperature. D with O is ordinary noise; C is a hypothesis with prior odds, as one on the mean is.
+with D the stated white noise, O an offset of each run, C effects on the scatter, and T values of one of the base's
+parameters at each temperature. D with O is ordinary noise; a C is a hypothesis with prior odds, as one on the mean is.
 All but T is handed on from row to row; T is as many columns as there are temperatures, with sizes that are known.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from copy import copy
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 
 import numpy as np
 
-from hil.campaign import Conditions, FloatArray, IntArray
-from hil.model.effects.base import Parameter, Scatter, VarianceEffect
+from hil.campaign import BoolArray, Conditions, FloatArray, IntArray
+from hil.model.effects.base import Scatter, VarianceEffect
+from hil.model.effects.prior import scatter_log_odds
 from hil.reconcile.search.chains import PIECE, Chain, chain_of, grouped, in_time, joined
 from hil.reconcile.search.filters import Filter, filter_of
-from hil.reconcile.search.profiles import FIXED, Profile, values_over_temperature
+from hil.reconcile.search.points import LEVELS, OFFSETS, Kind, Points, log_offset
+from hil.reconcile.search.profiles import FIXED, Profile, log_profile, values_over_temperature
 from hil.solve.rows import Block
 
-OFFSETS = (0.0, 0.7, 1.4, 2.8, 5.6, 11.0)
-"""Of an offset per run, and of an effect on the scatter, in white noises: 24 runs tell no less than a factor of two.
-
-What is typically larger is tried as far as that and `TAKEN` allow: a walk larger than all that is tried looks as if it
-came back."""
 TAKEN = 8.0
 """Times what the base leaves of the rates that an effect on the scatter is at most: a base takes most of a walk."""
-LEVELS = {0.15: 0.3, 1.0: 0.7}
-"""Share of the usual variance in every row's own, with its prior: standard errors leave out what differs by collect."""
 HUGE = 10.0
 """Times the usual variance, from which on that of a row says no more of the others'."""
+TOGETHER = 2
+"""Effects on the scatter that are weighed together: no night tells three from two."""
 FEWEST_RUNS = 4
 """Runs of which one can be held out, and that tell what changes from one to the next: of fewer, collects do."""
 ALIKE = 0.985
@@ -47,47 +43,6 @@ KEPT = 500_000
 """Rows times models of the noise up to which what whitens them is kept: some two hundred megabytes."""
 COMPARED = 256
 """Rows by which covariances are compared: what is the same in so many is the same in all."""
-
-
-@dataclass(frozen=True)
-class Kind:
-    """An effect on the scatter at one shape, as a block of rows shows it: states that make a mean variance of one.
-
-    `unit_deg_per_hr` is the deviation that they had at unit size.
-    """
-
-    effect: VarianceEffect
-    shape: Mapping[str, float]
-    chain: Chain
-    unit_deg_per_hr: float
-    parameter: Parameter
-
-
-@dataclass(frozen=True)
-class Points:
-    """Models of a block's noise, (t,) each: which kind (-1: ordinary), what of everything, and the log prior within it.
-
-    `profile` is a place in the noise's profiles.
-    """
-
-    kind: IntArray
-    amount: FloatArray
-    offset: FloatArray
-    level: FloatArray
-    profile: IntArray
-    log_prior: FloatArray
-
-    def __len__(self) -> int:
-        return len(self.kind)
-
-    @property
-    def keys(self) -> Iterator[tuple[float, ...]]:
-        """Yield of each what it is a model of, whatever the profile."""
-        return zip(*(own.tolist() for own in (self.kind, self.amount, self.offset, self.level)), strict=True)
-
-    def take(self, index: IntArray) -> Points:
-        """Return some of the points."""
-        return Points(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
 
 
 class Noise:
@@ -115,13 +70,17 @@ class Noise:
         runs = len(np.unique(run))
         self.has_offsets = runs > 1 and len(rows) / runs / apart.shape[1] > 1.5
         self.kinds = list(self._kinds(conditions, effects, rows, channel, by_station)) if self.has_offsets else []
-        ordinary = [self.stated, self.offset]
-        self._chains = {k: joined([*ordinary, kind.chain], len(rows)) for k, kind in enumerate(self.kinds)}
-        self._chains[-1] = joined(ordinary, len(rows))
+        self.sorts = [frozenset[str](), *dict.fromkeys(frozenset([kind.effect.id]) for kind in self.kinds)]
+        self._chains: dict[bytes, Chain] = {}
+        self._whitens: list[tuple[IntArray, Filter]] = []
+        *_, offsets, levels = self._tried
+        self.grid = self._at([[0.0] * len(self.kinds) + [*both] for both in product(offsets, levels)])
+        self.grow(self.grid.take(np.flatnonzero(self.grid.offset < OFFSETS[-1])))
 
     def at_each_temperature(self) -> Noise:
         """Return the same noise beside a base that has values at each temperature, where it was at several."""
         out = copy(self)
+        out.sorts, out._whitens = [*self.sorts], [*self._whitens]
         out._follow(calibrated=len(np.unique(self.block.station)) > 1 and bool(self.block.values.shape[1]))
         return out
 
@@ -163,54 +122,83 @@ class Noise:
                 yield Kind(effect, shape, chain.scaled(1.0 / np.sqrt(size)), float(np.sqrt(size)), parameter)
 
     @cached_property
-    def grid(self) -> Points:
-        """Return ordinary noise and every effect on the scatter beside it, with a base that stands."""
+    def _tried(self) -> list[dict[float, float]]:
+        """Sizes of every kind, of an offset, and levels that are tried, with the log prior of each."""
         offsets = OFFSETS if self.has_offsets else OFFSETS[:1]
         levels = LEVELS if np.ptp(self.white) > 1e-6 else {1.0: 1.0}
-        rows = [
-            (-1, 0.0, offset, level, 0, float(np.log(share / len(offsets))) - _log_offset(offset))
-            for offset, (level, share) in product(offsets, levels.items())
-        ]
         left = self.block.y - self.block.base @ np.linalg.lstsq(self.block.base, self.block.y)[0]
         most = TAKEN * float(np.sqrt(np.mean(left**2) / self.unit))
-        for kind, entry in enumerate(self.kinds):
-            of_one = [k for k in self.kinds if k.effect is entry.effect]
+        out = []
+        for entry in self.kinds:
+            share = np.log(2.0) / sum(k.effect is entry.effect for k in self.kinds)
             white = float(np.sqrt(self.unit)) / entry.unit_deg_per_hr
             largest = min(entry.parameter.bounds[1] / white, most)
             larger = np.ceil(np.log2(max(largest / OFFSETS[-1], 1.0)) - 0.5)
             amounts = (*OFFSETS[1:], *(OFFSETS[-1] * 2.0 ** (k + 1) for k in range(int(larger))))
-            for amount, offset, (level, share) in product(amounts, OFFSETS[:-1], levels.items()):
-                value = amount * white
-                log_prior = entry.parameter.log_density(value) + float(np.log(np.log(2.0) / len(of_one)))
-                log_prior += float(np.log(share / len(offsets))) - _log_offset(offset)
-                rows.append((kind, amount, offset, level, 0, log_prior))
-        kind_of, amount, offset, level, profile, log_prior = np.array(rows, dtype=np.float64).T
-        return Points(kind_of.astype(np.int64), amount, offset, level, profile.astype(np.int64), log_prior)
+            own = {size: entry.parameter.log_density(size * white) + float(np.log(share)) for size in amounts}
+            out.append({0.0: 0.0, **own})
+        out.append({size: -float(np.log(len(offsets))) - log_offset(size) for size in offsets})
+        return [*out, {level: float(np.log(share)) for level, share in levels.items()}]
 
-    def products(self, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return inner products (t, k, k) of columns (N, k) whitened all over the grid, half the log dets (t,)."""
-        gram, half_log_det = np.empty((len(self.grid), *[columns.shape[1]] * 2)), np.empty(len(self.grid))
+    def _at(self, sizes: Sequence[Sequence[float]]) -> Points:
+        """Return models of which each has sizes (v + 2,) of everything, and values that stand."""
+        of = [frozenset(k.effect.id for k, size in zip(self.kinds, own, strict=False) if size) for own in sizes]
+        self.sorts += [own for own in dict.fromkeys(of) if own not in self.sorts]
+        log_prior = [sum(known[size] for known, size in zip(self._tried, own, strict=True)) for own in sizes]
+        every = np.array(sizes)
+        amount, offset, level = every[:, :-2], every[:, -2], every[:, -1]
+        sort, stand = np.array([self.sorts.index(own) for own in of]), np.zeros(len(sizes), dtype=np.int64)
+        return Points(sort, amount, offset, level, stand, np.array(log_prior))
+
+    def grow(self, points: Points) -> bool:
+        """Add to the grid what differs in one thing from some points, and tell whether any is new.
+
+        That may be one more effect on the scatter, up to `TOGETHER`, each in one shape at a time.
+        """
+        known = {*self.grid.keys}
+        new: dict[bytes, FloatArray] = {}
+        for (own, sort), (place, tried) in product(zip(points.sizes, points.sort, strict=True), enumerate(self._tried)):
+            alike = [place]
+            if place < len(self.kinds):
+                effect = self.kinds[place].effect
+                alike = [k for k, kind in enumerate(self.kinds) if kind.effect is effect]
+                if len(self.sorts[sort] | {effect.id}) > TOGETHER:
+                    continue
+            for size in tried:
+                other = own.copy()
+                other[alike] = 0.0
+                other[place] = size
+                if other.tobytes() not in known:
+                    new[other.tobytes()] = other
+        if new:
+            self.grid = self.grid.beside(self._at([own.tolist() for own in new.values()]))
+        return bool(new)
+
+    def products(self, columns: FloatArray, first: int = 0) -> tuple[FloatArray, FloatArray]:
+        """Return inner products (t, k, k) of columns (N, k) whitened over the grid, half the log dets (t,).
+
+        From the `first` of its points on.
+        """
+        grid = self.grid.take(np.arange(first, len(self.grid)))
+        gram, half_log_det = np.empty((len(grid), *[columns.shape[1]] * 2)), np.empty(len(grid))
         most = max(1, LARGEST // max(columns.size, 1))
-        for at, own in self._of_grid or self.filters(self.grid):
+        for at, own in self.filters(grid):
             half_log_det[at] = own.half_log_det
             for few in (np.arange(first, min(first + most, len(at))) for first in range(0, len(at), most)):
                 white = own.take(few).whiten(columns)
                 gram[at[few]] = np.swapaxes(white, 1, 2) @ white
         return gram, half_log_det
 
-    @cached_property
-    def _of_grid(self) -> Sequence[tuple[IntArray, Filter]]:
-        """What whitens all over the grid, none where that is too much to be kept."""
-        return list(self._filters(self.grid)) if len(self.grid) * len(self.order) <= KEPT else []
-
     def filters(self, points: Points) -> Iterator[tuple[IntArray, Filter]]:
-        """Yield places (k,) among the points with what whitens there, the base's values apart; the grid's, if kept."""
-        place = {own: k for k, own in enumerate(self.grid.keys)}
-        of = np.array([place.get(own, -1) for own in points.keys])
-        if (len(points) and not (of >= 0).all()) or not self._of_grid:
+        """Yield places (k,) among the points with what whitens there, the base's values apart; the grid's are kept."""
+        place = {key: k for k, key in enumerate(self.grid.keys)}
+        of = np.array([place.get(key, -1) for key in points.keys], dtype=np.int64)
+        if len(self.grid) * len(self.order) > KEPT or (of < 0).any():
             yield from self._filters(points)
             return
-        for places, own in self._of_grid:
+        new = np.arange(sum(len(places) for places, _ in self._whitens), len(self.grid))
+        self._whitens += [(new[at], own) for at, own in self._filters(self.grid.take(new))]
+        for places, own in self._whitens:
             here = np.flatnonzero(np.isin(of, places))
             if len(here):
                 yield here, own.take(np.searchsorted(places, of[here]))
@@ -219,21 +207,36 @@ class Noise:
         """So many at once that no piece is larger than some tens of megabytes."""
         most = max(1, LARGEST // (len(self.order) * PIECE))
         alike: dict[tuple[int, bytes], list[int]] = {}
-        for kind in np.unique(points.kind).tolist():
-            alike.setdefault((len(self._chains[kind]), self._chains[kind].begins.tobytes()), []).append(kind)
-        for kinds in alike.values():
-            places = np.flatnonzero(np.isin(points.kind, kinds))
+        for t, there in enumerate(points.amount > 0.0):
+            chain = self._chain(there)
+            alike.setdefault((len(chain), chain.begins.tobytes()), []).append(t)
+        for places in map(np.array, alike.values()):
             for at in (places[first : first + most] for first in range(0, len(places), most)):
                 yield at, self.filter_at(points.take(at))
 
+    def _chain(self, there: BoolArray) -> Chain:
+        """Return what rows hand on beside some of the kinds, of which `there` (v,) tells."""
+        key = there.tobytes()
+        if key not in self._chains:
+            kinds = [kind.chain for kind, has in zip(self.kinds, there, strict=True) if has]
+            self._chains[key] = joined([self.stated, self.offset, *kinds], len(self.order))
+        return self._chains[key]
+
     def filter_at(self, points: Points, further: FloatArray | None = None, label: IntArray | None = None) -> Filter:
         """Return what whitens at points (t,) whose kinds hand on alike; with a `further` variance (t, N) of rows."""
-        kinds = np.unique(points.kind).tolist()
-        chains = [self._chains[kind] for kind in kinds]
-        each = [len(self.stated), len(self.offset), len(chains[0]) - len(self._chains[-1])]
-        sizes = np.repeat(np.stack([np.ones(len(points)), points.offset, points.amount], axis=1), each, axis=1)
+        there = points.amount > 0.0
+        kept, of = np.unique(there, axis=0, return_inverse=True)
+        many = [len(self.stated), len(self.offset), *(len(kind.chain) for kind in self.kinds)]
+        every = np.column_stack([np.ones(len(points)), points.offset, points.amount])
+        sizes = [np.repeat(own, many * np.append([True, True], has)) for own, has in zip(every, there, strict=True)]
         white = self._white(points.level) + (0.0 if further is None else further)
-        return filter_of(chains, np.searchsorted(kinds, points.kind), sizes, white, label)
+        return filter_of([self._chain(has) for has in kept], of.ravel(), np.array(sizes), white, label)
+
+    def log_odds(self, points: Points) -> FloatArray:
+        """Return the log odds of what scatters at every point beside the likeliest of it, (t,)."""
+        odds = scatter_log_odds(kind.effect for kind in self.kinds)
+        each = [[odds[name] for name in sort] for sort in self.sorts]
+        return np.array([sum(own) - max(own, default=0.0) for own in each])[points.sort]
 
     def factor(self, profile: int) -> FloatArray:
         """Return the factor (r, r) of what is known of the columns `by_station` (N, r) before the data."""
@@ -252,12 +255,18 @@ class Noise:
             self.profiles.append(profile)
         return self.profiles.index(profile)
 
+    def log_profile(self, profile: Profile) -> float:
+        """Return the log prior of a profile, where values may follow temperature."""
+        return log_profile(profile) if self.calibrated else 0.0
+
     def covariance(self, point: Points, first: int) -> FloatArray:
         """Return V (n, n) of one point for the `first` n rows in the order of time, over the usual white variance."""
-        kind, values = int(point.kind[0]), self.by_station[:first] @ self.factor(int(point.profile[0]))
+        values = self.by_station[:first] @ self.factor(int(point.profile[0]))
         out = np.diag(self._white(point.level)[0, :first]) + self.stated.first(first).covariance + values @ values.T
-        out += point.offset[0] ** 2 * self.offset.first(first).covariance
-        return out + (point.amount[0] ** 2 * self.kinds[kind].chain.first(first).covariance if kind >= 0 else 0.0)
+        sizes, chains = [*point.offset, *point.amount[0]], [self.offset, *(kind.chain for kind in self.kinds)]
+        for size, chain in zip(sizes, chains, strict=True):
+            out += size**2 * chain.first(first).covariance if size else 0.0
+        return np.asarray(out)
 
     def variance(self, points: Points) -> FloatArray:
         """Return the variance of every row at every point, (t, N), in units of the usual white variance.
@@ -265,10 +274,8 @@ class Noise:
         In the block's own order of rows, what base values do over temperature apart.
         """
         out = self._white(points.level) + self.stated.variance + points.offset[:, None] ** 2 * self.offset.variance
-        for kind in set(points.kind.tolist()) - {-1}:
-            out[points.kind == kind] += np.outer(
-                points.amount[points.kind == kind] ** 2, self.kinds[kind].chain.variance
-            )
+        for amount, kind in zip(points.amount.T, self.kinds, strict=True):
+            out = out + np.outer(amount**2, kind.chain.variance)
         return np.asarray(out[:, np.argsort(self.order)])
 
     def stated_variance(self) -> FloatArray:
@@ -282,11 +289,6 @@ class Noise:
     def _white(self, level: FloatArray) -> FloatArray:
         share = level[:, None]
         return np.asarray((1.0 - share) * self.white + share)
-
-
-def _log_offset(offset: float) -> float:
-    """How much less probable an offset is for its size (log)."""
-    return float(np.log1p((offset / 4.0) ** 2))
 
 
 def _unit(covariance: FloatArray) -> FloatArray:

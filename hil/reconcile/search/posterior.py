@@ -1,6 +1,6 @@
 """The posterior over sets of terms in all sensors: grown from the likeliest, weighed by one evidence.
 
-posterior = weigh(searches, kinds)
+posterior = weigh(searches)
 posterior.sets[0]                   # the most probable: terms by sensor, and its probability
 """
 
@@ -12,7 +12,8 @@ import numpy as np
 
 from hil.campaign import FloatArray
 from hil.model.effects.base import VarianceEffect
-from hil.model.effects.prior import COMMON, SHARED
+from hil.model.effects.prior import COMMON, SCATTER, SHARED, scatter_log_odds
+from hil.reconcile.search.evidence import log_sum
 from hil.reconcile.search.sets import SensorSearch, Set
 from hil.reconcile.search.terms import Term
 
@@ -24,16 +25,14 @@ PER_NAME = 3
 """Shapes of one name among these: what a name's best shapes cannot do its others cannot."""
 WORTH = 7.0
 """Sets this much (log) below the best of their sensor are not combined over sensors."""
-SCATTER = 0.25
-"""Prior of any scatter beyond the ordinary: correlated bias is in every gyro."""
 
 
 @dataclass(frozen=True)
 class Found:
-    """One set over all sensors: places of terms by sensor, its kind of scatter, and the log of its posterior weight."""
+    """One set over all sensors: places of terms by sensor, what scatters, and the log of its posterior weight."""
 
     terms: Mapping[int, Set]
-    kind: str
+    scatter: frozenset[str]
     log_weight: float
 
 
@@ -60,7 +59,7 @@ class Posterior:
 
     def names(self, found: Found) -> frozenset[str]:
         """Return the names in a set: of what moves averages, all without a name as one, and of what scatters them."""
-        return frozenset({found.kind, *(term.called for term in self.members(found))} - {""})
+        return found.scatter | {term.called for term in self.members(found)} - {""}
 
     @cached_property
     def scatter(self) -> Mapping[str, VarianceEffect]:
@@ -125,10 +124,10 @@ def _best(search: SensorSearch, scores: FloatArray, given: Set) -> Iterator[int]
 
 def _alone(search: SensorSearch, sets: Sequence[Set]) -> dict[Set, float]:
     """Log posterior weights of sets in one sensor by itself."""
-    names, log_kind = _log_kinds([search])
-    by_kind = shared_evidence(search, sets, names) + log_kind
+    sorts, log_sort = _log_sorts([search])
+    by_sort = shared_evidence(search, sets, sorts) + log_sort
     odds = [sum(search.priced(chosen)) for chosen in sets]
-    return dict(zip(sets, (np.logaddexp.reduce(by_kind, axis=1) + odds).tolist(), strict=True))
+    return dict(zip(sets, (np.logaddexp.reduce(by_sort, axis=1) + odds).tolist(), strict=True))
 
 
 def scatter_asked(searches: Iterable[SensorSearch]) -> Mapping[str, VarianceEffect]:
@@ -136,44 +135,43 @@ def scatter_asked(searches: Iterable[SensorSearch]) -> Mapping[str, VarianceEffe
     return {kind.effect.id: kind.effect for each in searches for block in each.blocks for kind in block.noise.kinds}
 
 
-def _log_kinds(searches: Sequence[SensorSearch]) -> tuple[list[str], FloatArray]:
-    """Return the effects on the scatter that may be asked about, (n,), and log priors, the first ordinary noise's."""
-    names, odds = scatter_odds(searches)
-    return names, np.log(np.array([1.0 - SCATTER, *(SCATTER * o for o in odds)]) if names else np.ones(1))
+def _log_sorts(searches: Sequence[SensorSearch]) -> tuple[list[frozenset[str]], FloatArray]:
+    """Return what may scatter, (n,), ordinary noise alone first, and log priors."""
+    odds = scatter_log_odds(scatter_asked(searches).values())
+    sorts = list(dict.fromkeys(sort for each in searches for block in each.blocks for sort in block.noise.sorts))
+    return sorts, np.array([sum(odds[name] for name in sort) for sort in sorts]) + np.log(1.0 - SCATTER * bool(odds))
 
 
-def scatter_odds(searches: Sequence[SensorSearch]) -> tuple[list[str], list[float]]:
-    """Return the effects on the scatter that may be asked about, and how they share their prior."""
-    effects = scatter_asked(searches)
-    total = sum(effect.odds for effect in effects.values())
-    return list(effects), [effect.odds / total for effect in effects.values()]
-
-
-def shared_evidence(search: SensorSearch, sets: Sequence[Set], names: Sequence[str]) -> FloatArray:
-    """Log evidence of sets (m,) by kind, ordinary noise first, (m, n + 1): each block may have a kind or not."""
-    out = np.zeros((len(sets), len(names) + 1))
-    for block, by_kind in zip(search.blocks, zip(*map(search.evidence, sets), strict=True), strict=True):
-        every = np.array(by_kind)
-        out += every[:, :1]
-        for v, name in enumerate(names, 1):
-            own = [k for k, kind in enumerate(block.noise.kinds, 1) if kind.effect.id == name]
-            if own:
-                rho = COMMON if block.noise.kinds[own[0] - 1].effect.common_to_sensors else SHARED
-                gained = np.logaddexp.reduce(every[:, own], axis=1) - every[:, 0]
-                out[:, v] += np.logaddexp(np.log(rho) + gained, np.log(1.0 - rho))
+def shared_evidence(search: SensorSearch, sets: Sequence[Set], sorts: Sequence[frozenset[str]]) -> FloatArray:
+    """Log evidence of sets (m,) with what scatters in the sensors, (m, n): each block may have any of it or not."""
+    out = np.zeros((len(sets), len(sorts)))
+    for block, by_sort in zip(search.blocks, zip(*map(search.evidence, sets), strict=True), strict=True):
+        has = {kind.effect.id: COMMON if kind.effect.common_to_sensors else SHARED for kind in block.noise.kinds}
+        log_share = np.array(
+            [
+                [_log_share(own & has.keys(), here, has) if here <= own else -np.inf for own in sorts]
+                for here in block.noise.sorts
+            ]
+        )
+        out += log_sum(np.array(by_sort).T[:, :, None] + log_share[:, None])
     return out
+
+
+def _log_share(of: frozenset[str], here: frozenset[str], has: Mapping[str, float]) -> float:
+    """How probable it is (log) that a block has just what is `here` of what its unit may scatter by."""
+    return float(sum(np.log(has[name] if name in here else 1.0 - has[name]) for name in of))
 
 
 def weigh(searches: Mapping[int, SensorSearch]) -> Posterior:
     """Weigh the likely sets of all sensors together: an effect that one has the others probably have too."""
-    names, log_kind = _log_kinds(list(searches.values()))
+    sorts, log_sort = _log_sorts(list(searches.values()))
     lists = {n: _with_the_others(n, searches) for n in searches}
     sizes = [len(sets) for sets in lists.values()]
-    weights = _log_prior(searches, lists)[..., None] + log_kind
-    nothing = np.ones((*sizes, 1), dtype=bool) & (np.arange(len(names) + 1) == 0)
+    weights = _log_prior(searches, lists)[..., None] + log_sort
+    nothing = np.ones((*sizes, 1), dtype=bool) & (np.arange(len(sorts)) == 0)
     for axis, (n, sets) in enumerate(lists.items()):
         along = [size if k == axis else 1 for k, size in enumerate(sizes)]
-        weights = weights + shared_evidence(searches[n], sets, names).reshape(*along, -1)
+        weights = weights + shared_evidence(searches[n], sets, sorts).reshape(*along, -1)
         rows = [all(searches[n].terms[j].name == "row" for j in chosen) for chosen in sets]
         nothing = nothing & np.reshape(rows, (*along, 1))
     log_odds = float(np.logaddexp.reduce(weights[~nothing]) - np.logaddexp.reduce(weights[nothing]))
@@ -181,9 +179,9 @@ def weigh(searches: Mapping[int, SensorSearch]) -> Posterior:
     order = np.argsort(-weights, axis=None, kind="stable")
     found = []
     for i in order[weights.ravel()[order] > total - 3.0 * WORTH].tolist():
-        *at, kind = np.unravel_index(i, weights.shape)
+        *at, sort = np.unravel_index(i, weights.shape)
         chosen = {n: sets[k] for (n, sets), k in zip(lists.items(), at, strict=True)}
-        found.append(Found(chosen, ["", *names][kind], float(weights.flat[i] - total)))
+        found.append(Found(chosen, sorts[sort], float(weights.flat[i] - total)))
     return Posterior(searches, found, log_odds, total)
 
 

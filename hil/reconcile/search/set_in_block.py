@@ -16,7 +16,8 @@ import numpy as np
 from hil.campaign import BoolArray, FloatArray, IntArray
 from hil.reconcile.search.evidence import LEAST, Beside, Options, log_sum, shrunk, student
 from hil.reconcile.search.likely_noise import DEPTH
-from hil.reconcile.search.noise import LARGEST, Points
+from hil.reconcile.search.noise import LARGEST
+from hil.reconcile.search.points import Points
 
 CLOSE = 0.01
 """What makes the rows less more probable than this (log) is not climbed to."""
@@ -61,11 +62,11 @@ class SetInBlock:
             none + [own.deviation[o] for own, o in at]
         )
 
-    def by_kind(self, kinds: int) -> FloatArray:
-        """Log evidence by kind of scatter, (v,), ordinary noise first."""
+    def by_sort(self, sorts: int) -> FloatArray:
+        """Log evidence by what scatters, (u,), ordinary noise first."""
         total = self.terms_log + self.points.log_prior
-        out = np.full(kinds + 1, -np.inf)
-        np.logaddexp.at(out, self.points.kind + 1, total)
+        out = np.full(sorts, -np.inf)
+        np.logaddexp.at(out, self.points.sort, total)
         return out
 
     def left_at(self, t: int) -> tuple[float, float]:
@@ -106,9 +107,9 @@ class Inner:
     @classmethod
     def of(cls, beside: Beside, terms: Mapping[int, Member]) -> Inner:
         """Multiply the columns of terms, by place, with each other and with what the base leaves of the data."""
-        laid = np.concatenate([np.zeros((*beside.residual.shape, 0)), *(own.columns for own in terms.values())], axis=2)
-        gram = np.pad(np.swapaxes(laid, 1, 2) @ laid, ((0, 0), (0, 1), (0, 1)))
-        score = np.pad((beside.residual[:, None, :] @ laid)[:, 0], ((0, 0), (0, 1)))
+        none = np.zeros_like(beside.residual[..., None])
+        laid = np.concatenate([*(own.columns for own in terms.values()), none], axis=2)
+        gram, score = np.swapaxes(laid, 1, 2) @ laid, (beside.residual[:, None, :] @ laid)[:, 0]
         ends = np.cumsum([0, *(len(own.parameters) for own in terms.values())])
         return cls(gram, score, {j: np.arange(a, b) for j, (a, b) in zip(terms, pairwise(ends), strict=True)})
 

@@ -1,7 +1,7 @@
 """The evidence of sets of terms in one sensor: the one function that everything else calls, and what it proposes.
 
 search = SensorSearch(blocks, noises, terms)
-search.evidence((3, 17))       # log evidence of terms 3 and 17 together, by kind of scatter and block
+search.evidence((3, 17))       # log evidence of terms 3 and 17 together, by what scatters and block
 search.likely_sets()           # the sets that are worth anything
 """
 
@@ -160,7 +160,7 @@ class SensorSearch:
         return np.asarray(log_sum(by_point) - log_sum(own.log_null() + log_prior)[:, None])
 
     def evidence(self, chosen: Set) -> list[FloatArray]:
-        """Log evidence of a set by block: (v,) each, ordinary noise first, without the kinds' own odds."""
+        """Log evidence of a set by block: (u,) each, of what scatters, without the odds of that."""
         if chosen not in self._known:
             self._known[chosen] = self._evidence(chosen)
         return self._known[chosen]
@@ -206,7 +206,7 @@ class SensorSearch:
 
     def _evidence(self, chosen: Set) -> list[FloatArray]:
         weighed = [self.in_block(chosen, b) for b in range(len(self.blocks))]
-        out = [own.by_kind(len(search.noise.kinds)) for own, search in zip(weighed, self.blocks, strict=True)]
+        out = [own.by_sort(len(search.noise.sorts)) for own, search in zip(weighed, self.blocks, strict=True)]
         if (others := self._untied(chosen)) != chosen:
             without = [self.in_block(others, b) for b in range(len(out))]
             out[0] = out[0] + tied_gain(weighed, without, [j for j in chosen if self.terms[j].ties])

@@ -7,7 +7,7 @@ terms like any other, and compete with them.
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -139,7 +139,7 @@ def terms(
     out = []
     for (candidate, scale, parts), odds in zip(seen, _prior_odds([c for c, _, _ in seen], conditions), strict=True):
         amplitudes = _amplitudes(candidate, scale, noise_deg_per_hr, known.get(candidate.name, ()))
-        own = tuple(() if p is None else tuple(_of_part(a, p, scale) for a in amplitudes) for p in parts)
+        own = tuple(() if p is None else tuple(_of_part(a, p) for a in amplitudes) for p in parts)
         acting = [set(part.parameters.tolist()) for part in parts if part is not None]
         ties = any(a & b for a, b in itertools.combinations(acting, 2)) and not _is_exact(candidate)
         log_odds = float(np.log(odds))
@@ -224,38 +224,34 @@ def _is_exact(candidate: Candidate) -> bool:
 def _amplitudes(
     candidate: Candidate, rms: FloatArray, noise: float, known: Sequence[tuple[float, FloatArray, FloatArray]]
 ) -> list[Amplitude]:
-    """Return the prior of all parameters of a candidate, of whose columns the root mean squares are `rms` (p,)."""
+    """Return the prior of all parameters of a candidate, times the root mean squares of its columns, `rms` (p,)."""
     count = len(candidate.parameters)
     if _is_exact(candidate):
         choices = [np.array(c) for c in itertools.product((0.0, 1.0), repeat=count) if any(c)]
         one, log_weight = np.ones(1), np.full(1, -np.log(len(choices)))
         right = EXACT if candidate.tier else noise / float(np.linalg.norm(candidate.columns))
-        return [Amplitude(np.full(count, right), one, log_weight, mean) for mean in choices]
+        return [Amplitude(right * rms, one, log_weight, mean * rms) for mean in choices]
     middle, sizes, log_weights = _sizes(candidate, rms, noise)
     free = 1.0 - sum(weight for weight, _, _ in known)
     return [
         Amplitude(middle, sizes, log_weights + np.log(free), np.zeros(count)),
-        *(Amplitude(deviation, np.ones(1), np.log([weight]), mean) for weight, mean, deviation in known),
+        *(Amplitude(deviation * rms, np.ones(1), np.log([weight]), mean * rms) for weight, mean, deviation in known),
     ]
 
 
 def _sizes(candidate: Candidate, rms: FloatArray, noise: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The middle of each parameter's typical range, and how many times that it may be, with log weights."""
+    """What each column is of a typical value, and how many times that it may be, with log weights."""
     if candidate.tier != 1:
         # Of what nobody has described, sizes from the noise up are as probable, order by order.
         typical = 0.5 * noise, 50.0 * noise
         # A curve of several columns is as large as one column would be.
-        centre = np.sqrt(0.5 * 50.0 / max(len(candidate.parameters), 1)) * noise / rms
+        centre = np.full(len(rms), np.sqrt(0.5 * 50.0 / max(len(rms), 1)) * noise)
     else:
         typical = candidate.parameters[0].typical
-        centre = np.array([middle(p) for p in candidate.parameters])
-        if candidate.form in POWERS:  # each power is as large as the value itself, over the campaign's range
-            own = len(candidate.parameters) // POWERS[candidate.form]
-            centre = centre * np.tile(rms[:own], POWERS[candidate.form]) / rms
-    sizes, log_weights = ladder(typical)
-    return np.asarray(centre, dtype=np.float64), sizes, log_weights
+        times = POWERS.get(candidate.form, 1)  # each power is as large as the value itself, over the campaign's range
+        centre = np.array([middle(p) for p in candidate.parameters]) * np.tile(rms[: len(rms) // times], times)
+    return centre, *ladder(typical)
 
 
-def _of_part(amplitude: Amplitude, part: Part, scale: FloatArray) -> Amplitude:
-    own = {name: (getattr(amplitude, name) * scale)[part.parameters] for name in ("mean", "deviation")}
-    return replace(amplitude, **own)
+def _of_part(of: Amplitude, part: Part) -> Amplitude:
+    return Amplitude(of.deviation[part.parameters], of.sizes, of.log_weights, of.mean[part.parameters])

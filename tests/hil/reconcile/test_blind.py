@@ -29,6 +29,13 @@ def test_what_wanders_from_run_to_run_is_no_sure_name_on_the_averages() -> None:
     assert not confidently_wrong(document, ())
 
 
+def test_offsets_that_wander_beside_an_unbalance_that_differs_from_run_to_run_are_no_effect_on_the_averages() -> None:
+    """Two kinds of scatter at once: with one alone the offsets were called ageing (.94)."""
+    effects = reconcile_job(Job("both", 1_110_017, noise=Noise(kind="run_mu")))["effects"]
+    assert {effect["acts_on"] for effect in effects} == {"scatter"}
+    assert effects[0]["id"] == "MU_rr"
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [*QUICK, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
 def test_a_sealed_effect_of_twelve_sigma_is_in_the_first_class(name: str) -> None:

@@ -145,7 +145,8 @@ def test_values_at_each_temperature_are_asked_for_where_they_explain_something()
     """Of values that turn from setpoint to setpoint, not of quadratics."""
     for one, expected in ((turning(), True), (hidden_campaign(7, noise_of_supply), False)):
         problem = pose(one, load_model("matrix-6-thermal"), ())
-        assert values_follow(problem, searches(problem, (), ()), {2: ()}) is expected
+        nothing = Found({2: ()}, frozenset(), 0.0)
+        assert values_follow(problem, weigh(searches(problem, (), ())), nothing) is expected
 
 
 def noise_of_supply(rows: Rows) -> np.ndarray:
@@ -169,7 +170,7 @@ def test_what_predicts_held_out_rows_no_better_is_taken_back(
     """By the log density of the rows, whatever the squares of errors; what is told to be wrong is what is fitted."""
     posterior, reading = supplied
     wrong = next(j for j, term in enumerate(posterior.searches[2].terms) if term.is_mistake)
-    reading = replace(reading, mended=Found({2: (wrong,)}, "", 0.0))
+    reading = replace(reading, mended=Found({2: (wrong,)}, frozenset(), 0.0))
     assert [named.name for named in reading.names] == ["supply"]
     flat = np.ones((2, 4))
     proof = HeldOut(flat, flat, np.full(4, 8), np.stack([np.zeros(4), np.full(4, better)]), [])
@@ -185,7 +186,7 @@ def test_of_drivers_as_sure_as_one_another_that_of_what_moves_averages_comes_fir
     """Whatever order a set of words has today."""
     moves, scatters = SimpleNamespace(follows="temperature", is_mistake=False), SimpleNamespace(follows="run")
     posterior = SimpleNamespace(
-        sets=[SimpleNamespace(kind="MU_rr", log_weight=-0.7)] * 2,
+        sets=[SimpleNamespace(scatter=frozenset({"MU_rr"}), log_weight=-0.7)] * 2,
         members=lambda _: [moves],
         scatter={"MU_rr": scatters},
     )
@@ -197,7 +198,7 @@ def test_a_tied_parameter_brings_its_gain_into_the_evidence(supplied: tuple[Post
     """Both channels' evidence together is that of each, and what it is worth that one number serves both."""
     search = supplied[0].searches[2]
     place = next(j for j, term in enumerate(search.terms) if term.ties)
-    apart = [search.in_block((place,), b).by_kind(len(search.blocks[b].noise.kinds)) for b in (0, 1)]
+    apart = [search.in_block((place,), b).by_sort(len(search.blocks[b].noise.sorts)) for b in (0, 1)]
     gain = tied_gain(*([search.in_block(own, b) for b in (0, 1)] for own in ((place,), ())), [place])
     assert abs(gain) > 1e-3
     together = search.evidence((place,))
@@ -209,7 +210,7 @@ def test_a_row_is_left_out_where_it_is_as_sure_as_is_asked(sure: float, left_out
     """Two thirds say that it is wrong: enough where nothing else may be missing, too little where something is."""
     row = SimpleNamespace(is_mistake=True, candidate=SimpleNamespace(effect=None))
     posterior = cast(Posterior, SimpleNamespace(members=lambda found: [row for _ in found.terms[2]]))
-    wrong, nothing = Found({2: (0,)}, "", float(np.log(0.66))), Found({2: ()}, "", float(np.log(0.34)))
+    wrong, nothing = (Found({2: of}, frozenset(), float(np.log(p))) for of, p in (((0,), 0.66), ((), 0.34)))
     kept = _surely_wrong(posterior, [wrong, nothing], [wrong, nothing], sure)
     assert [len(each.terms[2]) for each in kept] == left_out
 
@@ -221,9 +222,9 @@ def test_quiet_noise_and_every_scatter_are_asked_about_however_loud_a_night_is()
     loud = campaign_of(rows, base_rates(rows) + noise(rows, rng, run_bias=30.0))
     problem = pose(loud, load_model("matrix-6-thermal"), ())
     for block in searches(problem, (), VARIANCE_EFFECTS)[2].blocks:
-        quiet = (block.points.kind < 0) & (block.points.offset < 1.0)
+        quiet = (block.points.sort == 0) & (block.points.offset < 1.0)
         assert quiet.any()
-        assert set(block.points.kind.tolist()) == {-1, *range(len(block.noise.kinds))}
+        assert set(block.points.sort.tolist()) == {*range(len(block.noise.sorts))}
         assert not quiet[int(np.argmax(block.beside.log_null() + block.points.log_prior))]
 
 

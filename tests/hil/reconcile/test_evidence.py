@@ -18,15 +18,15 @@ from hil.model import load_model
 from hil.model.effects.base import Base, Effect, Parameter, per_channel
 from hil.model.effects.catalogue import effect_by_id, variance_effect_by_id
 from hil.model.effects.data import Mislabelled
-from hil.model.effects.prior import SECOND_TIER
+from hil.model.effects.prior import SCATTER, SECOND_TIER, scatter_log_odds
 from hil.reconcile.proof.held_out import Rows, by_run, in_blocks
 from hil.reconcile.search import set_in_block
 from hil.reconcile.search.block_search import BlockSearch
 from hil.reconcile.search.evidence import log_sum, shrunk
 from hil.reconcile.search.fitted import FittedBlock, fitted_block
 from hil.reconcile.search.layout import searches
-from hil.reconcile.search.noise import OFFSETS, Noise
-from hil.reconcile.search.posterior import scatter_odds
+from hil.reconcile.search.noise import Noise
+from hil.reconcile.search.points import OFFSETS
 from hil.reconcile.search.problem import pose
 from hil.reconcile.search.set_in_block import Sets
 from hil.reconcile.search.sets import SensorSearch
@@ -120,7 +120,7 @@ def brute_force(search: SensorSearch, chosen: tuple[int, ...], b: int, *, near: 
         ]
         options.append(tried[max(0, best[e] - 2) : best[e] + 3] if near else tried)
     stacked = beside.T @ np.hstack([np.zeros((len(own.y), 0)), *columns])
-    out = np.full(len(own.noise.kinds) + 1, -np.inf)
+    out = np.full(len(own.noise.sorts), -np.inf)
     for t in range(len(points)):
         noise = beside.T @ covariance_of(own, t) @ beside
         white = np.linalg.inv(np.linalg.cholesky(noise))
@@ -134,7 +134,7 @@ def brute_force(search: SensorSearch, chosen: tuple[int, ...], b: int, *, near: 
             covariance = noise + (stacked * deviation**2 / scale) @ stacked.T
             density = multivariate_t.logpdf(y, stacked @ mean, strength / a * covariance, df=2.0 * a)
             known = np.log(weight) + points.log_prior[t] + sum(p[0] for p in picked)
-            at = int(points.kind[t]) + 1
+            at = int(points.sort[t])
             out[at] = np.logaddexp(out[at], density + known + volume)
     return out
 
@@ -192,7 +192,7 @@ def test_the_sizes_of_a_set_are_found_from_wherever_the_climb_begins(
     again = SensorSearch(search.blocks, search.terms).in_block(chosen, 0)
     assert max(usual.best) > 2
     assert np.abs(np.subtract(again.best, usual.best)).max() <= 1
-    assert logsumexp(again.by_kind(2)) == pytest.approx(logsumexp(usual.by_kind(2)), abs=0.2)
+    assert logsumexp(again.by_sort(9)) == pytest.approx(logsumexp(usual.by_sort(9)), abs=0.2)
 
 
 def test_terms_that_come_later_are_scanned_as_if_they_had_been_there(search: SensorSearch) -> None:
@@ -238,11 +238,10 @@ def test_the_odds_before_the_data_are_the_classes(search: SensorSearch) -> None:
     assert odds["usual"] == pytest.approx(3.0 * odds["unusual"])
     assert odds["k2"] == pytest.approx(k2 * odds["unusual"])
     assert sum(odds.values()) == pytest.approx(1.0 - SECOND_TIER)
-    names, shares = scatter_odds([search])
-    expected = {e: variance_effect_by_id(e).odds for e in names}
-    assert dict(zip(names, shares, strict=True)) == pytest.approx(
-        {e: o / sum(expected.values()) for e, o in expected.items()}
-    )
+    effects = [kind.effect for kind in search.blocks[0].noise.kinds]
+    scatter = {name: np.exp(own) for name, own in scatter_log_odds(effects).items()}
+    assert scatter == pytest.approx({e.id: e.odds * scatter["rrw"] / effects[-1].odds for e in effects})
+    assert sum(scatter.values()) == pytest.approx(SCATTER / (1.0 - SCATTER))
 
 
 @pytest.mark.parametrize("quieter", [1.0, 8.0])
@@ -252,7 +251,7 @@ def test_what_scatters_is_tried_as_large_as_is_typical(search: SensorSearch, qui
     effects = [variance_effect_by_id(name) for name in ("MU_rr", "rrw")]
     noise = Noise(replace(block, sigma=block.sigma / quieter), conditions, effects)
     for k, kind in enumerate(noise.kinds):
-        largest = noise.grid.amount[noise.grid.kind == k].max() * np.sqrt(noise.unit) / kind.unit_deg_per_hr
+        largest = noise.grid.amount[:, k].max() * np.sqrt(noise.unit) / kind.unit_deg_per_hr
         assert np.sqrt(2.0) * largest > kind.parameter.typical[1]
     still = Noise(replace(block, y=block.base[:, 0], sigma=block.sigma / quieter), conditions, effects)
     assert still.grid.amount.max() == OFFSETS[-1]
@@ -334,13 +333,13 @@ def test_one_number_in_two_blocks_has_the_evidence_that_a_joint_density_says(
     assert found == pytest.approx(joint(search, chosen), abs=within)
 
 
-@pytest.mark.parametrize("kind", ["", "MU_rr", "markov"])
+@pytest.mark.parametrize("scatter", ["", "MU_rr", "markov"])
 @pytest.mark.parametrize("cut", [by_run, in_blocks])
 def test_what_is_held_out_is_predicted_as_by_a_refit_without_it(
-    search: SensorSearch, kind: str, cut: Callable[[FittedBlock], np.ndarray]
+    search: SensorSearch, scatter: str, cut: Callable[[FittedBlock], np.ndarray]
 ) -> None:
     """Each error and density, of runs and of sixths: base and effect refitted to the others by least squares."""
-    block = fitted_block(search, (term(search, "usual"),), kind, 0)
+    block = fitted_block(search, (term(search, "usual"),), frozenset(scatter.split()), 0)
     own, folds = block.search.block, cut(block)
     noise = block.scale * block.search.noise.unit * covariance_of(block.search, block.at)
     design = np.hstack([own.base, block.columns])

@@ -115,12 +115,13 @@ def test_sets_are_compared_where_they_foretell_the_same_rows() -> None:
         return Predicted(np.array(rows), -1.0 * len(rows), np.full(len(rows), 2.0), np.eye(len(rows)))
 
     posterior = SimpleNamespace(searches={2: SimpleNamespace(blocks=[SimpleNamespace(y=np.zeros(6))])})
-    sets = [Found({2: (term,)}, "", -1.0) for term in (0, 1)]
-    known = {(2, 0, (0,), ""): {0: told(0, 1, 2), 1: told(3, 4)}, (2, 0, (1,), ""): {0: told(0, 1, 2), 1: told(3)}}
+    sets = [Found({2: (term,)}, frozenset(), -1.0) for term in (0, 1)]
+    first, second = ((2, 0, (term,), frozenset[str]()) for term in (0, 1))
+    known = {first: {0: told(0, 1, 2), 1: told(3, 4)}, second: {0: told(0, 1, 2), 1: told(3)}}
     held = _together(cast("Posterior", posterior), sets, known)
     assert held is not None
     assert held.rows.tolist() == [3]
-    known[2, 0, (0,), ""] = {1: told(3, 4)}
+    known[first] = {1: told(3, 4)}
     assert _together(cast("Posterior", posterior), sets, known) is None
 
 

@@ -177,7 +177,7 @@ def test_every_set_climbs_by_its_own_heights(monkeypatch: pytest.MonkeyPatch) ->
         profile = (FOLLOWS[3],) * len(rows.noise.profiles[0])
         every = rows.heights(np.arange(len(rows.grid)), [profile])[:, :, 0]
         for v, heights in enumerate(every):
-            np.testing.assert_allclose(rows._everywhere(v, profile), heights)
+            np.testing.assert_allclose(rows.everywhere(v, profile), heights)
         checked.append(float(np.ptp(every, axis=0).max()))
         return climb(rows)
 
