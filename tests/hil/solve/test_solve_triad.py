@@ -53,7 +53,7 @@ def test_a_triad_in_three_poses_gets_the_bias_with_the_reason(tmp_path: Path) ->
     solution = only(triad(tmp_path, [triad_row(i, np.eye(3)[i]) for i in range(3)]))
     assert solution.model == "constant"
     assert list(solution.parameters) == ["BX", "BY", "BZ"]
-    assert "do not excite all three axes" in solution.reason
+    assert "cannot excite all three axes" in solution.reason
 
 
 def test_triad_12_by_name_on_poses_in_a_plane_refuses_the_columns_it_cannot_see(tmp_path: Path) -> None:
