@@ -181,19 +181,20 @@ def _parameters(
         months = np.array([began[each] for each in names])
         together = trend(months, shifts, errors)
         since = float(months[together.step]) if together.step else -np.inf
+        until = float(months[together.back]) if together.back else np.inf
         k = 2.0 if limits is None else limits.k
         asked = None if limits is None else limits.sensors.get(sensor, {}).get(name)
         told, of_each = False, []
         for at, of in stations.items():
             when = np.array([began[each.entry] for each in of])
             y, sd = np.array([values[at][each.entry] for each in of]).T
-            found = at_one_temperature(together, since, when, y, sd)
+            found = at_one_temperature(together, since, until, when, y, sd)
             told |= found.fit is not None
             of_each.append(
                 {
                     "temperature_degC": at,
                     **_trend(found, [days[each.entry] for each in of], unit),
-                    "control": _control(y, sd, when >= since),
+                    "control": _control(y, sd, (when < since) | (when >= until) if together.back else when >= since),
                     "due_in_months": _due(found, when, asked, k),
                     "values": [
                         {"entry": m.entry, "day": days[m.entry], "own_degC": m.own_degC, **m.value.document()}
@@ -235,6 +236,7 @@ def _trend(found: Trend, days: Sequence[str], unit: str) -> dict[str, Any]:
     slope, jump = found.per_month, found.jump
     drift = slope and {"value": finite(slope.value), **_ends(slope.value, slope.half_width), "unit": f"{unit}/month"}
     between = {"between": [days[found.step - 1], days[found.step]]} if found.step else {}
+    between |= {"back_between": [days[found.back - 1], days[found.back]]} if found.back else {}
     size = jump and {**between, "value": jump.value, **_ends(jump.value, jump.half_width), "unit": unit}
     return {"finding": found.word, "drift_per_month": drift, "jump": size}
 

@@ -61,8 +61,8 @@ def _picture(parameter: Mapping[str, Any]) -> str:
             "label": label,
         }
         axes.errorbar(days, [each["value"] for each in values], bars, **drawn)
-    if parameter["jump"] is not None:
-        jumped: Any = date.fromisoformat(parameter["jump"]["between"][1])
+    for key in {"between", "back_between"}.intersection(parameter["jump"] or {}):
+        jumped: Any = date.fromisoformat(parameter["jump"][key][1])
         axes.axvline(jumped, color="#D55E00", linestyle=":")
     axes.xaxis.set_major_locator(AutoDateLocator(minticks=2, maxticks=6))  # type: ignore[no-untyped-call]
     name, finding = parameter["parameter"], parameter["finding"]

@@ -14,9 +14,10 @@ def sentences(document: Mapping[str, Any]) -> Iterator[str]:
         if (jump := each["jump"]) is not None:
             alike = "alike at all temperatures"
             otherwise = "not the same at all temperatures: how it depends on temperature has changed"
+            back = f" and back between {' and '.join(jump['back_between'])}" if "back_between" in jump else ""
             yield (
                 f"sensor {each['sensor']}, {each['parameter']} jumped by {jump['value']:+.3g} {each['unit']} "
-                f"({jump['low']:+.3g} … {jump['high']:+.3g}) between {' and '.join(jump['between'])}, "
+                f"({jump['low']:+.3g} … {jump['high']:+.3g}) between {' and '.join(jump['between'])}{back}, "
                 f"{otherwise if each['differs_between_temperatures'] else alike}"
             )
     for campaign in document["campaigns"]:

@@ -1,14 +1,14 @@
 """What became of a parameter between calibrations: nothing, a drift, a jump; what cannot be told apart is not.
 
-    found = trend(months, values, sd)     # (n,) each, in the order of time
-    found.word                            # nothing shown, drift, jump, drift and jump, drift or jump, cannot tell
-    found.per_month                       # Uncertain: of the model that was chosen, or of a straight line
+    found = trend(months, values, sd)    # (n,) each, in the order of time
+    found.word    # nothing shown, drift, jump, jump and back, drift and jump, drift or jump, cannot tell
+    found.per_month    # Uncertain: of the model that was chosen, or of a straight line
 
-Four models are held against each other by the Bayesian information criterion: a constant, a straight line, a step
-between two calibrations (with two at least on either side), and both. Scatter between calibrations beyond the stated
-standard deviations widens every interval (Birge); less than stated narrows none. A step pays for the places where it
-might have been, and few values pay more (half the correction of Hurvich and Tsai). Nothing is named that is not better
-than its rivals by `MARGIN`, odds of twenty to one.
+Five models are held against each other by the Bayesian information criterion: a constant, a straight line, a step
+between two calibrations (with two at least on either side), one that comes back, and line and step. Scatter between
+calibrations beyond the stated standard deviations widens every interval (Birge); less than stated narrows none. A step
+pays for the places where it might have been, and few values pay more (half the correction of Hurvich and Tsai). Nothing
+is named that is not better than its rivals by `MARGIN`, odds of twenty to one.
 
 A parameter has a mean at several temperatures: which belong together, and what all of them have in common, comes first.
 
@@ -42,24 +42,33 @@ _OTHERWISE = 0.01  # as improbable as this a jump must be alike at all temperatu
 class Fit:
     """One model: values (p,) of its columns with covariance (p, p), where its step is, and what it costs (lower wins).
 
-    `step` is the place of the first calibration after it, 0 where there is none; `line` says that it has a slope.
+    `step` is the place of the first calibration after it, 0 where there is none, and `back` of that after it came back;
+    `line` says that it has a slope.
     """
 
     def __init__(
-        self, months: FloatArray, values: FloatArray, sd: FloatArray, *, line: bool, step: int = 0, places: int = 1
+        self,
+        months: FloatArray,
+        values: FloatArray,
+        sd: FloatArray,
+        *,
+        line: bool,
+        step: int = 0,
+        back: int = 0,
+        places: int = 1,
     ) -> None:
         """Fit a constant to values (n,), with a `line` and a `step` that might have been at so many `places`."""
-        columns = columns_of(months, months, line=line, step=step) / sd[:, None]
+        columns = columns_of(months, months, line=line, step=step, back=back) / sd[:, None]
         count, parameters = columns.shape
         inverse = np.linalg.pinv(columns.T @ columns)
         found = inverse @ (columns.T @ (values / sd))
         squares = float(np.sum((values / sd - columns @ found) ** 2))
         freedom = max(count - parameters, 1)
         scale = max(1.0, squares / freedom)
-        told = parameters + (step > 0)  # where a step is, is told by the values as well
+        told = parameters + (step > 0) + (back > 0)  # where a step is, is told by the values as well
         few = told * (told + 1.0) / max(count - told - 1, 0.5)
         cost = count * math.log(scale) + squares / scale + told * math.log(count) + 2.0 * math.log(places) * (step > 0)
-        self.line, self.step, self.values, self.covariance = line, step, found, inverse * scale
+        self.line, self.step, self.back, self.values, self.covariance = line, step, back, found, inverse * scale
         self.freedom, self.cost = freedom, cost + few
 
     def of(self, place: int) -> Uncertain:
@@ -82,6 +91,11 @@ class Trend:
         """The place of the first calibration after a jump; 0 where none was found."""
         return self.fit.step if self.fit is not None and self.jump is not None else 0
 
+    @property
+    def back(self) -> int:
+        """The place of the first calibration after it came back; 0 where it stayed."""
+        return self.fit.back if self.fit is not None and self.step else 0
+
 
 def trend(months: FloatArray, values: FloatArray, sd: FloatArray) -> Trend:
     """Say what n values (n,) with standard deviations (n,) did over `months` (n,), which rise."""
@@ -95,8 +109,10 @@ def trend(months: FloatArray, values: FloatArray, sd: FloatArray) -> Trend:
     steady, line = (Fit(months, values, sd, line=with_line) for with_line in (False, True))
     jumps = [Fit(months, values, sd, line=False, step=step, places=len(steps)) for step in steps]
     both = [Fit(months, values, sd, line=True, step=s, places=len(steps)) for s in steps if len(values) > LEAST]
+    pairs = [(step, back) for step in steps for back in steps if back >= step + _EACH_SIDE]
+    backs = [Fit(months, values, sd, line=False, step=s, back=b, places=len(pairs)) for s, b in pairs]
     best = {_NOTHING: steady, "drift": line}
-    for word, several in (("jump", jumps), ("drift and jump", both)):
+    for word, several in (("jump", jumps), ("jump and back", backs), ("drift and jump", both)):
         if several:
             best[word] = min(several, key=lambda each: each.cost)
     order = sorted(best, key=lambda word: best[word].cost)
@@ -112,30 +128,36 @@ def trend(months: FloatArray, values: FloatArray, sd: FloatArray) -> Trend:
     return Trend(word, found, slope, found.of(len(found.values) - 1) if found.step else None)
 
 
-def at_one_temperature(together: Trend, since: float, months: FloatArray, values: FloatArray, sd: FloatArray) -> Trend:
-    """Return the trend of values (n,) at one temperature by the model of `together`, with its step `since` a month."""
+def at_one_temperature(
+    together: Trend, since: float, until: float, months: FloatArray, values: FloatArray, sd: FloatArray
+) -> Trend:
+    """Return the trend of values (n,) at one temperature by the model of `together`, which stepped `since` a month.
+
+    And back `until` another, if it did; what was not measured here on either side is no step.
+    """
     if together.fit is None or len(values) < LEAST - 1:
         return Trend(_UNKNOWN, None)
     step = int(np.searchsorted(months, since)) if together.step else 0
-    step = step if step < len(values) else 0  # nothing was measured here after it
-    found = Fit(months, values, sd, line=together.fit.line, step=step)
+    back = int(np.searchsorted(months, until)) if together.back else 0
+    step = step if step < len(values) and step != back else 0  # nothing was measured here after it
+    found = Fit(months, values, sd, line=together.fit.line, step=step, back=back if step and back < len(values) else 0)
     slope = found.of(1) if found.line else None
     return Trend(together.word, found, slope, found.of(len(found.values) - 1) if step else None)
 
 
-def columns_of(at: FloatArray, months: FloatArray, *, line: bool, step: int) -> FloatArray:
+def columns_of(at: FloatArray, months: FloatArray, *, line: bool, step: int, back: int = 0) -> FloatArray:
     """Return a model's columns (k, p) at k instants, for calibrations at `months` (n,)."""
     columns = [np.ones_like(at)]
     if line:
         columns.append(at - months.mean())
     if step:
-        columns.append((at >= months[step]).astype(np.float64))
+        columns.append(((at >= months[step]) & (at < (months[back] if back else np.inf))).astype(np.float64))
     return np.stack(columns, axis=1)
 
 
 def predicted(fit: Fit, at: FloatArray, months: FloatArray, sigmas: float) -> tuple[FloatArray, FloatArray]:
     """Return the parameter at k instants by a fit, (k,), and the half width of its interval at so many sigmas."""
-    columns = columns_of(at, months, line=fit.line, step=fit.step)
+    columns = columns_of(at, months, line=fit.line, step=fit.step, back=fit.back)
     sd = np.sqrt(np.einsum("ij,jk,ik->i", columns, fit.covariance, columns))
     return columns @ fit.values, sd * Uncertain(0.0, 1.0, fit.freedom, fit.freedom, "").expanded(sigmas)
 
@@ -233,7 +255,7 @@ def differs(left: Values, names: Sequence[str], together: Trend) -> bool:
     """Whether what was found as a jump is not the same at all temperatures."""
     if not together.step or len(left) < 2:
         return False
-    after = set(names[together.step :])
+    after = set(names[together.step : together.back or None])
     jumps = []
     for of in left.values():
         sides = [np.array([of[name] for name in of if (name in after) is late]) for late in (False, True)]

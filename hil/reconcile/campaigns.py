@@ -216,13 +216,14 @@ def _screen(layout: _Layout) -> Screen:
 def _weigh(piece: tuple[_Layout, Sequence[_Unit]]) -> tuple[Asked, FloatArray, list[Sequence[Wrong]]]:
     """Weigh some units, in whichever process this is, which lays a layout out once.
 
-    Of those that something may be missing from it is asked what is filed elsewhere than it belongs, as of every
-    campaign that is solved; they are weighed again with that put right, and it is said of each.
+    Of those that something may be missing from, and of few units of all, it is asked what is filed elsewhere than it
+    belongs, as of every campaign that is solved; they are weighed again with that put right, and it is said of each.
     """
     (layout, units), screen = piece, _screen(piece[0])
     by_name = screen.weigh([screen.in_blocks(values, "") for values, _ in units])
     mended: list[Sequence[Wrong]] = [()] * len(units)
-    for i in np.flatnonzero(screen.asked.statistic(by_name) > CALLED).tolist():
+    asked = screen.asked.statistic(by_name) > (CALLED if screen.few is not None else -np.inf)
+    for i in np.flatnonzero(asked).tolist():
         right, mended[i] = put_right(_again(layout.units[0], units[i]))
         if mended[i]:
             by_name[:, i] = screen.weigh([screen.in_blocks(beside_the_earth(right), "")])[:, 0]

@@ -23,10 +23,10 @@ from hil.solve.precision import typical_scatter
 from hil.solve.temperatures import runs_by_temperature
 
 _CHANGES = 0.1  # of its size: so much what neither a bias nor MU moves is another at another temperature, or place
+# Where each temperature was met once, that follows a curve as bias and MU do, and is off it by so much of itself.
 _SHARE = 1.0 / 3.0  # of differences of two: what so many are below, a few that are wrong do not move
 _SIGMA = 1.64  # a normal distribution's sigma by that
-_CURVE = 3  # order of what bias and MU follow over temperature at most
-_LESS = 18.0 / 35.0  # of what as many repeats tell of scatter runs along a curve tell (Gasser, Biometrika 73, 1986)
+_CURVE = 3  # order of what parameters follow over temperature at most
 _FEW = 8.0  # runs that others tell of: of so many their scatter is known hardly better than by 2
 _LEAST = 2  # and of fewer not at all
 _LEVEL = 0.7  # of a channel's usual variance in every row's: standard errors leave out what differs by collect
@@ -82,7 +82,10 @@ class Whitened:
                 covariance += usual @ usual.T
             self._keeps[run], left[run] = keeps, keeps @ covariance @ keeps.T
         common = [steady, *([] if scatter is None else own * scatter[2][..., None, None])]
-        changes = [*self._places(), *(steady * at[..., None, None] if len(groups) > 1 else [])]
+        along = scatter is not None and len(scatter[2]) < len(groups)
+        curve = steady * scatter[2][:-1, ..., None, None] if scatter is not None and along else steady[:0, None]
+        steps = steady * at[..., None, None] if len(groups) > 1 else steady[:0, None]
+        changes = [*self._places(), *curve, *steps]
         white = self._white(np.concatenate([seen[..., None], steady, *common, *changes], axis=2))
         seen, excited = white[..., 0], white[..., 1 : 1 + steady.shape[2]]
         flat = white[..., 1 + steady.shape[2] :]
@@ -91,7 +94,9 @@ class Whitened:
             np.sum(seen[rows] ** 2) / max(float(np.sum(excited[rows] ** 2)), 1e-12) for rows in self._runs.values()
         ]
         loose = max(_CHANGES * float(np.sqrt(np.median(sizes))), 1e-9)  # of most: one may be wrong
-        prior = np.hstack([np.zeros((several, flat.shape[2] - several)), np.eye(several) / loose])
+        off_it = np.arange(several) >= several - steady.shape[2] * len(steps) * along
+        bounds = loose * np.where(off_it, _CHANGES, 1.0)
+        prior = np.hstack([np.zeros((several, flat.shape[2] - several)), np.diag(1.0 / bounds)])
         basis = _basis(np.vstack([_flat(flat), prior]))
         self._shown = basis[: seen.size].reshape(*seen.shape, -1)
         self._left = seen - self._shown @ np.einsum("ncq,nc->q", self._shown, seen)
@@ -203,7 +208,7 @@ def _scatter(
         if len(met) - 2 < _LEAST or not np.isfinite(degC).all():
             return None
         apart = _off_a_line([(degC[k], np.mean(repeated[k], axis=0)) for k in met])
-        order, degrees = min(_CURVE, (len(met) - _LEAST) // 2), (len(met) - 2) * _LESS
+        order, degrees = min(_CURVE, (len(met) - _LEAST) // 2), float(len(met) - 2)
         common = np.vander((degC - degC.mean()) / np.ptp(degC), order + 1).T @ common
         typical[:] = 0.0  # what is off a curve is also what the curve of a unit is off one of that order
     scatter = np.maximum(_SIGMA * np.quantile(np.abs(np.array(apart)), _SHARE, axis=0, method="lower"), 1.0)

@@ -8,13 +8,27 @@ import numpy as np
 import pytest
 
 from hil.archive.sentences import sentences
-from hil.archive.trend import Fit, Trend, control_half_width, control_limits, differs, predicted, trend
+from hil.archive.trend import (
+    Fit,
+    Trend,
+    at_one_temperature,
+    control_half_width,
+    control_limits,
+    differs,
+    predicted,
+    trend,
+)
 
 
 def found(count: int, what: str, size: float, scatter: float = 1.0, draws: int = 200) -> Counter[str]:
     """Count what is found in `draws` lives; `scatter` is the true one, 1 what is stated."""
     rng, months = np.random.default_rng(7), 3.0 * np.arange(count)
-    shape = {"drift": months / months[-1], "jump": months >= months[count // 2], "none": 0.0 * months}[what]
+    shape = {
+        "drift": months / months[-1],
+        "jump": months >= months[count // 2],
+        "back": abs(np.arange(count) - 5.5) < 2,
+        "none": 0.0 * months,
+    }[what]
     lives = size * shape + rng.normal(0.0, scatter, (draws, count))
     return Counter(trend(months, life, np.ones(count)).word for life in lives)
 
@@ -34,6 +48,7 @@ def test_what_is_there_is_named_and_its_rival_hardly_ever() -> None:
     assert drift["drift"] > 180
     assert jump["jump"] > 170
     assert drift["jump"] + jump["drift"] <= 2
+    assert found(12, "back", 8.0)["jump and back"] > 170
 
 
 def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
@@ -105,3 +120,24 @@ def test_few_calibrations_are_said_to_be_few(used: int, said: bool) -> None:
     calibration = {"used": True, "changed_since_the_last": [], "began_utc": "2026-03-01"}
     document = {"parameters": [], "campaigns": [calibration] * used, "next_calibration": {"due": None, "why": ""}}
     assert any("hil report --against" in line for line in sentences(document)) is said
+
+
+def test_a_jump_that_came_back_is_said_with_both_its_places() -> None:
+    """And at one temperature it is none where nothing was measured before it or after it."""
+    months, values = np.arange(12.0), 20.0 * (abs(np.arange(12) - 5.5) < 2)
+    values[::2] += 0.3
+    found = trend(months, values, np.ones(12))
+    assert (found.word, found.step, found.back) == ("jump and back", 4, 8)
+    assert [at_one_temperature(found, 4.0, 8.0, months[own], values[own], np.ones(12)[own]).step for own in (
+        np.s_[:], np.s_[:4], np.s_[2:])] == [4, 0, 2]  # fmt: skip
+    jump = {
+        "value": 20.0,
+        "low": 19.0,
+        "high": 21.0,
+        "unit": "deg/hr",
+        "between": ["a", "b"],
+        "back_between": ["c", "d"],
+    }
+    parameter = {"sensor": 2, "parameter": "BA", "unit": "deg/hr", "jump": jump, "differs_between_temperatures": False}
+    document = {"parameters": [parameter], "campaigns": [], "next_calibration": {"due": None, "why": ""}}
+    assert "between a and b and back between c and d, alike" in next(sentences(document))

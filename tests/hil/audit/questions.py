@@ -68,6 +68,10 @@ def rows(document: dict[str, Any]) -> Answer:
     return {(r["sensor"], r["run"], tuple(r["collects"]), tuple(r["channels"])): r["done"] for r in treated}
 
 
+def _mended(of: Answer) -> Answer:
+    return {row: done for row, done in of.items() if done == "mended"}
+
+
 def _soaks(runs: list[dict[str, Any]]) -> Answer:
     return {(each["sensor"], run): each["why"] for each in runs for run in each["runs"]}
 
@@ -157,6 +161,10 @@ def _scattering(document: dict[str, Any], named: list[str]) -> Answer:
 
 ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
     "which rows are wrong": dict.fromkeys(COMMANDS, rows),
+    "which rows are mended": {
+        "solve": lambda document: _mended(rows(document)),
+        "fleet": lambda document: _mended(rows({"rows": [], **document["units"][0]})),
+    },
     "which runs are in no mean": {
         **dict.fromkeys(COMMANDS, lambda document: document["runs_not_used"]),
         "fleet": lambda document: document["units"][0].get("runs_not_used", {}),

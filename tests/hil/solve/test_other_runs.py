@@ -99,6 +99,21 @@ def test_a_rate_that_is_off_is_left_out_where_each_temperature_was_met_once(seed
     assert [(row.run, row.collects, row.channels, row.done) for row in found] == [(5, (14,), ("RA",), LEFT_OUT)]
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_rate_that_is_off_is_no_pass_where_what_all_runs_share_follows_temperature(seed: int) -> None:
+    """Six temperatures, each met once, over which GS changes by a third: it follows a curve, and so hides no row."""
+    made = campaign(6, 1, seed, scatter=2.0)
+    rows = made.sensors[2]
+    steady = np.where([True, True, False], _K, 0.0)
+    warmer = rows.conditions.columns["temperature_degC"][:, None] / 300.0
+    follows = rows.rates_deg_per_hr + warmer * (rows.conditions.f_g @ steady.T)
+    assert wrong_rows(with_rates(made, follows))[2].rows == ()
+    row = (6, 7, 9, 10)[seed]  # no other row tells MU beside the third of a run
+    follows[row, 0] += 40.0
+    solved = {each.run: each.verdict for each in solve_campaign(with_rates(made, follows))}
+    assert solved[1 + row // 3] is not Verdict.PASS
+
+
 def test_one_collect_far_off_and_turned_signs_are_no_pass() -> None:
     """What has a cause FAILs; what has none is INCONCLUSIVE, with its size."""
     made = campaign()
