@@ -24,7 +24,7 @@ _HARDLY_ANY = 4.0  # logs: of many runs those are not asked about that the data 
 _FIRST = 3  # runs of which it is asked what else is wrong beside what is likeliest of them
 _LEAST_RUNS = 2  # of so few both are all
 _AT_ONCE = 4000  # ways of which it is asked how probable they are: of a life all of them would fill the memory
-_NEXT_TO_NONE = 1e-9  # of what the likeliest has: ways that are less probable do not even decide between two
+_NEXT_TO_NONE = 1e-20  # of what the likeliest has: ways that are less probable do not even decide between two
 _TIMES = np.geomspace(0.05, 500.0, 93)  # that standard errors are too small by
 _RIGHT, _NEARLY = 0.7, 0.15  # probability that they are as stated, within
 _OTHERWISE = 0.7  # and else the usual size of the logarithm of how many times they are not
@@ -88,10 +88,14 @@ class Asked:
         told = 1 + np.flatnonzero(weights[1:] > _NEXT_TO_NONE * weights[1:].max(initial=0.0))
         of = np.searchsorted(ends, told, side="right") - 1
         found = [(ways[w][2](k), float(weights[i])) for i, w, k in zip(told, of, told - ends[of], strict=True)]
-        return float(weights[0]), sorted(found, key=lambda each: -each[1])
+        once: dict[frozenset[Cause], tuple[tuple[Cause, ...], float]] = {}  # two are met from either
+        for causes, p in sorted(found, key=lambda each: -each[1]):
+            once.setdefault(frozenset(causes), (causes, p))
+        whole = float(weights[0]) + sum(p for _, p in once.values())
+        return float(weights[0]) / whole, [(causes, p / whole) for causes, p in once.values()]
 
     def _another(self, singly: Sequence[Tried]) -> Iterator[Ways]:
-        """Yield what leaves least of a run whose rates it tells, of a few, with all that is unlike it in others."""
+        """Yield what leaves least of a run whose rates it tells, of a few, with all that may be in others."""
         first: dict[int, tuple[Tried, int]] = {}
         telling = [each for each in singly if each.moved is not None]
         for _, k, i in sorted((left, k, i) for k, each in enumerate(telling) for i, left in enumerate(each.left)):
@@ -100,8 +104,7 @@ class Asked:
             known, moved = one.one(i), np.zeros(0) if one.moved is None else one.moved[i]
             rates = self.rates.moved(known.run, moved, float(one.left[i]))
             for other in Asked(rates, self._own_bias, self._beside)._tried():
-                if (other.what, other.channels) != (known.what, known.channels):
-                    yield some_of(other, other.runs != known.run).ways((known,), float(one.log_odds[i]))
+                yield some_of(other, other.runs != known.run).ways((known,), float(one.log_odds[i]))
 
     def _twice(self, singly: Sequence[Tried]) -> Iterator[Ways]:
         """Yield the same mistake in two of several runs, with its log odds and what it leaves: less than either alone.

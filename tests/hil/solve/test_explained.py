@@ -12,6 +12,7 @@ from hil.model.effects.prior import COMMON
 from hil.reconcile import reconcile
 from hil.solve import repeats, solve_campaign
 from hil.solve.asked import _in_common
+from hil.solve.explained import explanations
 from hil.solve.wrong_rows import MENDED, USED, treated, wrong_rows
 from procedures.verdict import Verdict
 from tests.hil.model.effect_conditions import TRIAD
@@ -42,6 +43,15 @@ def test_labels_exchanged_in_a_run_that_has_no_neighbours_show_in_its_residuals(
     assert (row.collects, row.done) == ((pair[0] + 1, pair[1] + 1), MENDED)
     solved = solve_campaign(with_rates(one, rates, 1))
     assert {s.runs[0] for s in solved if s.verdict is Verdict.FAIL} == {row.run}
+
+
+def test_labels_exchanged_in_two_runs_each_at_another_place_are_the_one_way_to_explain_them() -> None:
+    """The same sort of mistake may be made twice; met from either run it is still one way."""
+    one = triads(1).sensors[1]
+    rates = one.rates_deg_per_hr.copy()
+    rates[[8, 10, 27, 29]] = rates[[10, 8, 29, 27]]
+    (way,) = next(explanations(replace(one, rates_deg_per_hr=rates))).ways
+    assert sorted((cause.what, cause.rows) for cause in way) == [("exchanged", (8, 10)), ("exchanged", (27, 29))]
 
 
 @pytest.mark.slow
