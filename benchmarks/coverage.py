@@ -209,24 +209,25 @@ def promised(
 ) -> dict[str, Any]:
     """Return whether `hil visibility` promises that an effect (n, c, p) is found at values (p,), and by how much.
 
-    It promises of each parameter alone; several at once show as much as what they leave together beside the base.
+    It promises of each parameter alone; several at once show as much as what they leave together beside the base: `d`,
+    in standard errors.
     """
     asked = built_in_model(model)
     seen: Any = campaign_document(campaign, asked)["sensors"]
     told = {each["id"]: each for each in seen[str(number)]["effects"]}
-    if name not in told:
-        return {"promised": False, "class": []}
     collects = campaign.sensors[number]
     weight = 1.0 / collects.rates_se_deg_per_hr.ravel()
     form = named_form(asked.form, collects.conditions)
     base = weight[:, None] * flattened(form.columns(collects.conditions))
     own = weight[:, None] * flattened(columns)
     own -= base @ np.linalg.lstsq(base, own)[0]
+    d = float(np.linalg.norm(own @ np.asarray(values)))
+    if name not in told:
+        return {"d": d, "promised": False, "class": []}
     smallest = told[name]["smallest_visible"]
     parameters = [p.name for p in effect_by_id(name).parameters_for(collects.conditions)]
     least = np.linalg.norm(own[:, parameters.index(smallest["parameter"])]) * (smallest["value"] or np.inf)
-    share = float(np.linalg.norm(own @ np.asarray(values)) / least)
-    return {"promised": share >= 1.0, "beside_visible": share, "class": told[name]["class"]}
+    return {"d": d, "promised": d >= least, "beside_visible": d / float(least), "class": told[name]["class"]}
 
 
 def judged(result: Reconciliation, name: str, term: Mapping[str, Any]) -> dict[str, Any]:
@@ -260,9 +261,9 @@ def in_class(each: Mapping[str, Any]) -> bool:
 
 def table(found: list[dict[str, Any]]) -> Iterator[str]:
     """Yield the table, wrong names first."""
-    heads = ("sweep", "effect", "size", "rms, deg/hr", "off the column", "times visible", "found, probability")
+    heads = ("sweep", "effect", "size", "rms, deg/hr", "d", "off the column", "times visible", "found, probability")
     yield f"| {' | '.join((*heads, 'named', 'values covered', 'gap', 'twin'))} |"
-    yield "|---" * 11 + "|"
+    yield "|---" * 12 + "|"
 
     def wrong(each: Mapping[str, Any]) -> int:
         if "why_not" in each:
@@ -272,7 +273,7 @@ def table(found: list[dict[str, Any]]) -> Iterator[str]:
     for each in sorted(found, key=wrong):
         head = f"| {each['sweep']} | `{each['id']}` ({each['kind']}) | {each['size']} |"
         if "why_not" in each:
-            yield f"{head} – | – | – | not simulated: {each['why_not']} | – | – | – | – |"
+            yield f"{head} – | – | – | – | not simulated: {each['why_not']} | – | – | – | – |"
             continue
         names = ", ".join(f"{name} {p:.2f}" for name, p in each["found"].items()) or "nothing"
         said = "yes" if each["named"] else "class" if in_class(each) else "no"
@@ -287,7 +288,8 @@ def table(found: list[dict[str, Any]]) -> Iterator[str]:
             else "not promised"
         )
         near = f"{each['covered']} of {each['of']}"
-        yield f"{head} {each['rms']:.2f} | {off} | {seen} | {names} | {said} | {near} | {gap} | {twin} |"
+        d = f"{each['d']:.1f}" if "d" in each else "–"
+        yield f"{head} {each['rms']:.2f} | {d} | {off} | {seen} | {names} | {said} | {near} | {gap} | {twin} |"
 
 
 def options(run: argparse.ArgumentParser) -> None:
