@@ -43,14 +43,15 @@ class ParameterFit:
     temperatures by more than noise, for whatever form. `chance_constant` and `chance_form` are the
     chances of a misfit to noise as large as that of the constant and of the chosen form (None: nothing is left over).
     `largest_change` bounds the change over the range of a straight line, where no dependence was found; `hysteresis`
-    (1,) is the value reached from below less that reached from above.
+    (1,) is the value reached from below less that reached from above, whatever the form.
     """
 
     def __init__(self, seen: Visits, place: int, choice: Choice, values: Estimates, errors: FloatArray) -> None:
         layout, order = seen.layout, choice.form.order
         self.name, self.unit = layout.form.names[place], layout.form.units[place]
         self.choice, self.values = choice, values
-        coefficients, self.hysteresis = seen.along(place, order)
+        coefficients = seen.along(place, order)[0]
+        self.hysteresis = seen.along(place, None)[1]  # beside a form that does not describe it, it would take its place
         if order is not None:
             coefficients = coefficients.scaled(layout.half_degC ** -np.arange(order + 1.0))
         elif choice.form.name == MONOTONE:

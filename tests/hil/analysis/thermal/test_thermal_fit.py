@@ -185,6 +185,19 @@ def test_hysteresis_is_estimated_where_temperatures_were_reached_from_both_sides
     assert sensor.rate_noise_deg_per_hr < 0.85 * with_it  # which hysteresis is no part of
 
 
+def test_a_curve_that_no_form_describes_is_no_hysteresis() -> None:
+    """From below are the warm temperatures, from above the cold ones: beside a constant, the curve would stand there."""
+    curves = {"MUA": lambda t: np.interp(t, [-20.0, 5.0, 30.0, 55.0], [0.0, 24.0, 6.0, 40.0])}
+    visited, quiet = (-20.0, 5.0, 30.0, 55.0, 30.0, 5.0), {"BA": 0.1}
+    night = rotor_night(
+        np.random.default_rng(4), curves, temperatures_degC=visited, runs=2, run_to_run=quiet, white=0.2
+    )
+    fit = fit_thermal(night).sensors[2].parameters["MUA"]
+    assert (fit.finding, fit.hysteresis is None) == ("undescribed", False)
+    assert fit.hysteresis is not None
+    assert abs(fit.hysteresis.values[0]) < fit.hysteresis.half_width[0] < 1.0
+
+
 def test_one_direction_alone_gives_no_hysteresis_and_says_what_that_means(smooth: ThermalFit) -> None:
     """The curves then hold hysteresis and drift."""
     assert all(each.hysteresis is None for each in smooth.sensors[2].parameters.values())
