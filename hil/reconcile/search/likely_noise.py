@@ -143,7 +143,7 @@ def likely_points(
     rows = _Rows(noise, grid, scales, gram, half_log_det, [v for v, _ in pairs], [y for _, y in pairs])
 
     found = rows.climb()
-    while noise.grow(noise.grid.take(np.unique([np.argmax(own) for _, own in found]))):
+    if noise.grow(noise.grid.take(np.unique([np.argmax(own) for _, own in found]))):
         rows = rows.grown(columns)
         found = [(best, rows.everywhere(v, best)) for v, (best, _) in enumerate(found)]
     grid = noise.grid
@@ -162,14 +162,16 @@ def likely_points(
 
 
 def _kept(every: Points, best: FloatArray) -> tuple[Points, FloatArray]:
-    """Keep the best points; the best of every kind, for what one block speaks against another may ask for; the quiet.
+    """Keep the best points; the best of every effect, for what one block speaks against another may ask for; the quiet.
 
     The quiet are kept whatever the base alone says of them: a term may explain what it takes for noise.
     """
     order = np.argsort(-best)
     kept = np.zeros(len(best), dtype=bool)
     kept[order[:POINTS]] = best[order[:POINTS]] > -DEPTH
-    kept |= _highest(best, every.sort) | (_quiet(every) & (every.profile == every.profile[order[0]]))
+    kept |= (_highest(best, every.sort) & (np.count_nonzero(every.amount, axis=1) < 2)) | (
+        _quiet(every) & (every.profile == every.profile[order[0]])
+    )
     return every.take(np.flatnonzero(kept)), best[kept]
 
 

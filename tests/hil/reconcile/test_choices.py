@@ -224,7 +224,8 @@ def test_quiet_noise_and_every_scatter_are_asked_about_however_loud_a_night_is()
     for block in searches(problem, (), VARIANCE_EFFECTS)[2].blocks:
         quiet = (block.points.sort == 0) & (block.points.offset < 1.0)
         assert quiet.any()
-        assert set(block.points.sort.tolist()) == {*range(len(block.noise.sorts))}
+        single = {k for k, sort in enumerate(block.noise.sorts) if len(sort) < 2}
+        assert set(block.points.sort.tolist()) >= single
         assert not quiet[int(np.argmax(block.beside.log_null() + block.points.log_prior))]
 
 
