@@ -226,8 +226,8 @@ def promised(
         return {"d": d, "promised": False, "class": []}
     smallest = told[name]["smallest_visible"]
     parameters = [p.name for p in effect_by_id(name).parameters_for(collects.conditions)]
-    least = np.linalg.norm(own[:, parameters.index(smallest["parameter"])]) * (smallest["value"] or np.inf)
-    return {"d": d, "promised": d >= least, "beside_visible": d / float(least), "class": told[name]["class"]}
+    least = float(np.linalg.norm(own[:, parameters.index(smallest["parameter"])]) * (smallest["value"] or np.inf))
+    return {"d": d, "promised": d >= least, "beside_visible": d / least, "class": told[name]["class"]}
 
 
 def judged(result: Reconciliation, name: str, term: Mapping[str, Any]) -> dict[str, Any]:
