@@ -69,6 +69,19 @@ def test_what_is_asked_with_it_has_nothing_to_add(found: Reconciliation, tmp_pat
     assert all(each["observed_deg_per_hr"] < 1.3 * each["explained_deg_per_hr"] for each in again.noise)
 
 
+def test_offsets_however_large_are_offsets() -> None:
+    """Sixty times the noise of a collect, anew in every run: what was tried ended at eleven, and the rest was jumps."""
+    rng = np.random.default_rng(5)
+    rows = lay_out(rng, runs_each=3)
+    e = noise(rows, rng, sigma=STATED, run_bias=0.0) + 55.0 * rng.normal(size=(rows.run.max() + 1, 2))[rows.run]
+    result = reconcile(campaign_of(rows, base_rates(rows) + e, stated=STATED), "matrix-6-thermal")
+    assert result.effects == []
+    for curve in result.model_after.noise[2].run_to_run.values():
+        assert isinstance(curve, Constant)
+        assert curve.se is not None
+        assert abs(curve.value - 55.0) < 2.5 * curve.se < 40.0
+
+
 def test_standard_errors_that_are_right_need_no_more() -> None:
     """Where averages scatter as stated the model that is written is the one that was read."""
     rng = np.random.default_rng(3)
