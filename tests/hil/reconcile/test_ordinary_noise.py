@@ -54,7 +54,7 @@ def test_ordinary_noise_is_in_the_model_though_nothing_is_named(found: Reconcili
     assert "deg/hr from collect to collect" in said
     text = page(found)
     assert "only its noise says more" in text
-    assert "Repeat these collects" in text  # hil solve FAILs runs that scatter so
+    assert "State the standard errors that repeats" in text  # hil solve FAILs runs that scatter so
     assert "These collects, once more." in text
     assert "No further collect" not in text
 
