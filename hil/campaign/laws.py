@@ -303,7 +303,8 @@ def _from_run_to_run(collects: Collects) -> Iterator[Law]:
         if whole.sum() < _RUNS or not np.isfinite(errors).any():
             continue
         alike = changes @ changes[whole][0] / (size * size[whole][0])
-        alike = -alike if np.median(alike[whole]) < 0.0 else alike
+        most = np.sign(np.sign(alike[whole]).sum())  # 0: as many the one way as the other, and none is to be believed
+        alike = most * alike if most else -np.abs(alike)
         noise = _SIGN_SIGMAS * np.nanmax(errors)
         sure = size[whole].min() > max(0.5 * size[whole].max(), noise) and np.abs(alike[whole]).min() > _ALIKE
         says = (

@@ -163,7 +163,7 @@ class Solved:
     """The runs that `hil solve` does not pass, by verdict; whose residuals exceed their errors; and all reasons.
 
     `widens`: whether repeats or residuals tell it by how much its ± have to be wider than standard errors say; `errors`
-    is what they say of the standard errors of each sensor.
+    is what they say of the standard errors of each sensor, and `small` whether some are too small.
     """
 
     not_passed: Mapping[str, Sequence[int]] = field(default_factory=dict)
@@ -171,6 +171,7 @@ class Solved:
     reasons: Sequence[str] = ()
     widens: bool = False
     errors: Sequence[str] = ()
+    small: bool = False
 
     @classmethod
     def of(cls, campaign: Campaign) -> "Solved":
@@ -183,7 +184,8 @@ class Solved:
         shown = repeats(campaign, every)
         widens = any(np.any(each.spread.degrees) for each in shown.values()) or any(e.degrees_of_freedom for e in every)
         errors = [f"sensor {number}: {said}" for number, each in shown.items() for said in each.noise_in_words]
-        return cls(found, beyond, why, widens, errors)
+        small = any(times > 1.0 for each in shown.values() for times in each.times_of.values())
+        return cls(found, beyond, why, widens, errors, small)
 
 
 @dataclass(frozen=True)

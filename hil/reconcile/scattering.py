@@ -63,15 +63,16 @@ class Scattering:
         ranked = [f"{self.titles[name]} ({percent(probability)})" for name, probability in likely.items()]
         if self.named:
             values = [
-                f"sensor {s.sensor}: {s.value:.3g} {unit_in_words(s.parameter.unit)} "
+                f"{self.titles[s.effect.id]}, sensor {s.sensor}: {s.value:.3g} {unit_in_words(s.parameter.unit)} "
                 f"({s.interval['low']:.2g} … {s.interval['high']:.2g}), by all runs and what is typical"
                 for s in self.sizes
             ]
-            first = f"{self.titles[self.named[0]]} ({percent(self.probabilities[self.named[0]])}), "
-            first += f"about {', '.join(dict.fromkeys(n['under'] for n in self.noise))}: "
+            first = listed([f"{self.titles[name]} ({percent(self.probabilities[name])})" for name in self.named])
+            first += f", about {', '.join(dict.fromkeys(n['under'] for n in self.noise))}: "
             told = [first + "; ".join(values)]
         elif self.probabilities.get(ORDINARY, 0.0) >= CERTAIN:
-            told = [f"what scatters has no name: {ranked[0]}"]
+            more = scatter_in_words(self.noise) or self.errors
+            told = [f"{'what scatters has no name' if more else 'nothing certainly scatters'}: {ranked[0]}"]
         else:
             told = [f"these repeats cannot tell: {'; '.join(ranked)}" if ranked else "too few repeats to tell anything"]
         left = {of["sensor"] for of in self.noise if of["observed_deg_per_hr"] is not None}

@@ -98,7 +98,7 @@ CHANGES: tuple[Change, ...] = (
     Change("add collect 4 (spin axis down) to every run", "one more collect per run", with_collect_4),
     Change("take collect 3 before collect 2", "nothing", with_order_1_3_2),
     Change("repeat at a second heading, 90 deg away", "the sweep twice, and turning the bench", with_second_heading),
-    Change("visit the temperatures in both directions", "the sweep twice", with_both_directions),
+    Change("the sweep once more, its temperatures in reverse order", "the sweep twice", with_both_directions),
     Change("the same sweep twice", "the sweep twice", with_every_run_twice),
 )
 

@@ -120,10 +120,10 @@ _NO_OFFSET = 0.05  # and how probable it may be at most that runs have no offset
 
 
 def pooled(found: Sequence[FoundScatter]) -> list[FoundScatter]:
-    """Return one entry per sensor: the channels' values, weighed by their errors, both in the logarithm."""
+    """Return one entry per effect and sensor: the channels' values, weighed by their errors, both in the logarithm."""
     out = []
-    for sensor in dict.fromkeys(f.sensor for f in found):
-        own = [f for f in found if f.sensor == sensor]
+    for which in dict.fromkeys((f.effect.id, f.sensor) for f in found):
+        own = [f for f in found if (f.effect.id, f.sensor) == which]
         weight = np.array([f.relative**-2 for f in own])
         value = float(np.exp(weight @ np.log([f.value for f in own]) / weight.sum()))
         size = float(np.sqrt(np.mean([f.deg_per_hr**2 for f in own])))
@@ -205,7 +205,10 @@ def places(found: Sequence[FoundScatter], chance: float) -> list[Disagreement]:
     """Return the channels that an effect scatters, with by how much."""
     return [
         Disagreement(
-            {"sensor": f.sensor, "channel": f.channel, "of": "scatter"}, f.deg_per_hr, f.deg_per_hr * f.relative, chance
+            {"sensor": f.sensor, "channel": f.channel, "of": "scatter", "effect": f.effect.id},
+            f.deg_per_hr,
+            f.deg_per_hr * f.relative,
+            chance,
         )
         for f in found
     ]

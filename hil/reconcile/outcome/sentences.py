@@ -64,6 +64,7 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     first += [f"what is left out (below): {numbered('collect', spoiled)}"] if spoiled else []
     first += [f"{result.both.look_for} (notes)"] if result.both is not None and result.both.look_for else []
     act = "The model itself lacks nothing that can be told." if kind == "none" and first else _ACT[kind]
+    act = _ACT["errors"] if kind == "scatter" and result.left.small else act
     if kind == "scatter":
         runs = numbered("run", beyond)
         act = f"{act} No effect is named, but averages scatter more than their standard errors say ({runs}: FAIL)."

@@ -26,7 +26,7 @@ def shown(campaign: Campaign, found: Answer, inside: Sequence[dict[str, Any]], a
     fit, reading, asked = found.fit, found.reading, found.campaign
     wrong = mistakes.mistakes_found(reading.mistakes, fit, asked, reading.chance)
     sizes = scatter.pooled(found.scatter)
-    results = [findings.described(n, fit, sizes if n.acts_on == "scatter" else ()) for n in found.names]
+    results = [findings.described(n, fit, [size for size in sizes if size.effect.id == n.name]) for n in found.names]
     certain = bool(found.reverted) and reading.chance < _CERTAIN * found.alpha
     beside, both = without(campaign), common_and_differential(campaign)
     standing = findings.as_it_stands(found.problem.model, found.problem.campaign, reading.mistakes)

@@ -23,12 +23,14 @@ from hil.model.effects.base import Scatter, VarianceEffect
 from hil.model.effects.prior import scatter_log_odds
 from hil.reconcile.search.chains import PIECE, Chain, chain_of, grouped, in_time, joined
 from hil.reconcile.search.filters import Filter, filter_of
-from hil.reconcile.search.points import LEVELS, OFFSETS, Kind, Points, log_offset
+from hil.reconcile.search.points import LEVELS, OFFSETS, Kind, Points, log_offset, sizes_up_to
 from hil.reconcile.search.profiles import FIXED, Profile, log_profile, values_over_temperature
 from hil.solve.rows import Block
 
 TAKEN = 8.0
 """Times what the base leaves of the rates that an effect on the scatter is at most: a base takes most of a walk."""
+SHOWN = 2.0
+"""And that an offset from run to run is: a base takes next to nothing of those."""
 HUGE = 10.0
 """Times the usual variance, from which on that of a row says no more of the others'."""
 TOGETHER = 2
@@ -75,7 +77,7 @@ class Noise:
         self._whitens: list[tuple[IntArray, Filter]] = []
         *_, offsets, levels = self._tried
         self.grid = self._at([[0.0] * len(self.kinds) + [*both] for both in product(offsets, levels)])
-        self.grow(self.grid.take(np.flatnonzero(self.grid.offset < OFFSETS[-1])))
+        self.grow(self.grid.take(np.flatnonzero(self.grid.offset < max(offsets))))
 
     def at_each_temperature(self) -> Noise:
         """Return the same noise beside a base that has values at each temperature, where it was at several."""
@@ -124,17 +126,15 @@ class Noise:
     @cached_property
     def _tried(self) -> list[dict[float, float]]:
         """Sizes of every kind, of an offset, and levels that are tried, with the log prior of each."""
-        offsets = OFFSETS if self.has_offsets else OFFSETS[:1]
         levels = LEVELS if np.ptp(self.white) > 1e-6 else {1.0: 1.0}
         left = self.block.y - self.block.base @ np.linalg.lstsq(self.block.base, self.block.y)[0]
-        most = TAKEN * float(np.sqrt(np.mean(left**2) / self.unit))
+        seen = float(np.sqrt(np.mean(left**2) / self.unit))
+        offsets = (OFFSETS[0], *sizes_up_to(SHOWN * seen)) if self.has_offsets else OFFSETS[:1]
         out = []
         for entry in self.kinds:
             share = np.log(2.0) / sum(k.effect is entry.effect for k in self.kinds)
             white = float(np.sqrt(self.unit)) / entry.unit_deg_per_hr
-            largest = min(entry.parameter.bounds[1] / white, most)
-            larger = np.ceil(np.log2(max(largest / OFFSETS[-1], 1.0)) - 0.5)
-            amounts = (*OFFSETS[1:], *(OFFSETS[-1] * 2.0 ** (k + 1) for k in range(int(larger))))
+            amounts = sizes_up_to(min(entry.parameter.bounds[1] / white, TAKEN * seen))
             own = {size: entry.parameter.log_density(size * white) + float(np.log(share)) for size in amounts}
             out.append({0.0: 0.0, **own})
         out.append({size: -float(np.log(len(offsets))) - log_offset(size) for size in offsets})

@@ -194,9 +194,12 @@ def test_a_run_is_taken_in_one_go() -> None:
     assert "the number of parts of its run is 3, where at most 1 belongs" in judged.contradicted[1, 2].reason
 
 
-@pytest.mark.parametrize(("size", "turned"), [(50.0, [6, 7]), (50.0, [0, 1]), (5.0, [])])
+@pytest.mark.parametrize(("size", "turned"), [(50.0, [6, 7]), (50.0, [0, 1]), (50.0, [0, 1, 2, 3]), (5.0, [])])
 def test_a_sign_that_turns_for_good_is_contradicted_by_the_other_runs(size: float, turned: list[int]) -> None:
-    """Every run of that temperature agrees with its neighbours; where changes are of noise's size, nothing is said."""
+    """Every run of that temperature agrees with its neighbours; where changes are of noise's size, nothing is said.
+
+    Of four against four nobody can tell which are right.
+    """
     made, runs = campaign(), 8
     part = np.tile(np.arange(3), runs)
     one = made.sensors[2].rows(part)
@@ -206,7 +209,8 @@ def test_a_sign_that_turns_for_good_is_contradicted_by_the_other_runs(size: floa
     conditions = replace(one.conditions, run=run, start_s=start_s, collect=np.arange(24), columns={})
     rows = Collects(conditions, rates, one.rates_se_deg_per_hr)
     judged = judged_by_its_records(replace(made, sensors={2: rows}))
-    assert list(judged.contradicted) == [(each, 2) for each in turned]
+    doubted = range(runs) if len(turned) == runs / 2 else turned
+    assert list(judged.contradicted) == [(each, 2) for each in doubted]
     assert (
         "RA goes up from position to position where it goes down in the other runs" in str(judged.warnings)
     ) is bool(turned)

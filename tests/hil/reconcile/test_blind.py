@@ -31,9 +31,16 @@ def test_what_wanders_from_run_to_run_is_no_sure_name_on_the_averages() -> None:
 
 def test_offsets_that_wander_beside_an_unbalance_that_differs_from_run_to_run_are_no_effect_on_the_averages() -> None:
     """Two kinds of scatter at once: with one alone the offsets were called ageing (.94)."""
-    effects = reconcile_job(Job("both", 1_110_017, noise=Noise(kind="run_mu")))["effects"]
+    document = reconcile_job(Job("both", 1_110_017, noise=Noise(kind="run_mu")))
+    effects, places = document["effects"], [each["where"] for each in document["disagreements"]]
     assert {effect["acts_on"] for effect in effects} == {"scatter"}
-    assert effects[0]["id"] == "MU_rr"
+    of_each = {effect["id"]: [each["name"] for each in effect["parameters"]] for effect in effects}
+    assert of_each == {"MU_rr": ["s_mu"], "rrw": ["K"]}
+    assert [(where["channel"], where["effect"]) for where in places] == [
+        ("RA", "MU_rr"),
+        ("RB", "MU_rr"),
+        ("RB", "rrw"),
+    ]
 
 
 @pytest.mark.slow

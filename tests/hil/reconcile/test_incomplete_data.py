@@ -169,6 +169,8 @@ def test_nothing_that_could_be_tested_is_said_to_be_so() -> None:
     assert "what is missing of the measurement" in told
     assert "not measured well (hil report says why): run 1 (FAIL)" in told
     assert what_to_do(replace(result, tested=True, left=Solved({}, [1])))[0] == "scatter"
+    told = what_to_do(replace(result, tested=True, left=Solved({}, [1], small=True)))[1]
+    assert "State the standard errors that repeats" in told
     quiet = replace(result, tested=True, **dict.fromkeys(("solved", "left"), Solved({"INCONCLUSIVE": [1, 2]})))
     assert what_to_do(quiet)[1].startswith("First see to what hil solve does not pass (hil report says why): runs 1–2")
     assert "Nobody has to act" not in what_to_do(quiet)[1]

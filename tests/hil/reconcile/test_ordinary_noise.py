@@ -54,7 +54,7 @@ def test_ordinary_noise_is_in_the_model_though_nothing_is_named(found: Reconcili
     assert "deg/hr from collect to collect" in said
     text = page(found)
     assert "only its noise says more" in text
-    assert "Repeat these collects" in text  # hil solve FAILs runs that scatter so
+    assert "State the standard errors that repeats" in text  # hil solve FAILs runs that scatter so
     assert "These collects, once more." in text
     assert "No further collect" not in text
 
@@ -67,6 +67,19 @@ def test_what_is_asked_with_it_has_nothing_to_add(found: Reconciliation, tmp_pat
     assert again.model_after == again.input_model
     assert again.gap.after >= again.gap.noise_floor
     assert all(each["observed_deg_per_hr"] < 1.3 * each["explained_deg_per_hr"] for each in again.noise)
+
+
+def test_offsets_however_large_are_offsets() -> None:
+    """Sixty times the noise of a collect, anew in every run: what was tried ended at eleven, and the rest was jumps."""
+    rng = np.random.default_rng(5)
+    rows = lay_out(rng, runs_each=3)
+    e = noise(rows, rng, sigma=STATED, run_bias=0.0) + 55.0 * rng.normal(size=(rows.run.max() + 1, 2))[rows.run]
+    result = reconcile(campaign_of(rows, base_rates(rows) + e, stated=STATED), "matrix-6-thermal")
+    assert result.effects == []
+    for curve in result.model_after.noise[2].run_to_run.values():
+        assert isinstance(curve, Constant)
+        assert curve.se is not None
+        assert abs(curve.value - 55.0) < 2.5 * curve.se < 40.0
 
 
 def test_standard_errors_that_are_right_need_no_more() -> None:

@@ -124,8 +124,8 @@ def test_runs_are_said_in_stretches() -> None:
     """A reader is told runs 1–3, 7."""
     said = place_in_words({"sensor": 2, "channel": "RA", "runs": [1, 2, 3, 7]})
     assert said == "sensor 2, channel RA, runs 1–3, 7"
-    scatters = place_in_words({"sensor": 2, "channel": "RA", "of": "scatter"})
-    assert scatters == "sensor 2, channel RA, what its averages scatter by"
+    scatters = place_in_words({"sensor": 2, "channel": "RA", "of": "scatter", "effect": "MU_rr"})
+    assert scatters == "sensor 2, channel RA, what its averages scatter by (MU_rr)"
 
 
 @pytest.mark.slow

@@ -186,7 +186,7 @@ def test_hysteresis_is_estimated_where_temperatures_were_reached_from_both_sides
 
 
 def test_a_curve_that_no_form_describes_is_no_hysteresis() -> None:
-    """From below are the warm temperatures, from above the cold ones: beside a constant, the curve would stand there."""
+    """From below are the warm temperatures, from above the cold ones: beside a constant the curve would be in it."""
     curves = {"MUA": lambda t: np.interp(t, [-20.0, 5.0, 30.0, 55.0], [0.0, 24.0, 6.0, 40.0])}
     visited, quiet = (-20.0, 5.0, 30.0, 55.0, 30.0, 5.0), {"BA": 0.1}
     night = rotor_night(
