@@ -1,7 +1,7 @@
 """What became of a parameter between calibrations: nothing, a drift, a jump; what cannot be told apart is not.
 
     found = trend(months, values, sd)    # (n,) each, in the order of time
-    found.word    # nothing shown, drift, jump, jump and back, drift and jump, drift or jump, cannot tell
+    found.word    # nothing shown, scatters beyond its ±, drift, jump, jump and back, drift and jump, drift or jump …
     found.per_month    # Uncertain: of the model that was chosen, or of a straight line
 
 Five models are held against each other by the Bayesian information criterion: a constant, a straight line, a step
@@ -33,7 +33,8 @@ LEAST = 4
 """Calibrations that it takes to tell anything: a line has two left then."""
 
 _EACH_SIDE = 2
-_UNKNOWN, _NOTHING = "cannot tell", "nothing shown"
+_UNKNOWN, _NOTHING, _SCATTERS = "cannot tell", "nothing shown", "scatters beyond its ±"
+_BEYOND = 3.0  # times the stated deviations: few repeats, by which these are known, explain no more
 _OF_A_PAIR = math.sqrt(2.0 / math.pi)  # how far two values are apart on average, by that difference's own deviation
 _SIGMAS = 3.0
 _OTHERWISE = 0.01  # as improbable as this a jump must be alike at all temperatures, to be called a change with them
@@ -43,7 +44,7 @@ class Fit:
     """One model: values (p,) of its columns with covariance (p, p), where its step is, and what it costs (lower wins).
 
     `step` is the place of the first calibration after it, 0 where there is none, and `back` of that after it came back;
-    `line` says that it has a slope.
+    `line` says that it has a slope, `scatters` how many times the stated deviations values are off, 1 at least.
     """
 
     def __init__(
@@ -69,7 +70,7 @@ class Fit:
         few = told * (told + 1.0) / max(count - told - 1, 0.5)
         cost = count * math.log(scale) + squares / scale + told * math.log(count) + 2.0 * math.log(places) * (step > 0)
         self.line, self.step, self.back, self.values, self.covariance = line, step, back, found, inverse * scale
-        self.freedom, self.cost = freedom, cost + few
+        self.freedom, self.cost, self.scatters = freedom, cost + few, math.sqrt(scale)
 
     def of(self, place: int) -> Uncertain:
         """Return one of the values with its uncertainty."""
@@ -117,7 +118,7 @@ def trend(months: FloatArray, values: FloatArray, sd: FloatArray) -> Trend:
             best[word] = min(several, key=lambda each: each.cost)
     order = sorted(best, key=lambda word: best[word].cost)
     if best[_NOTHING].cost - best[order[0]].cost < MARGIN:
-        return Trend(_NOTHING, line, line.of(1))
+        return Trend(_SCATTERS if steady.scatters > _BEYOND else _NOTHING, line, line.of(1))
     word, rivals = order[0], [each for each in order[1:] if best[each].cost - best[order[0]].cost < MARGIN]
     if {"drift", "jump"} <= {word, *rivals}:
         return Trend("drift or jump", line, line.of(1))

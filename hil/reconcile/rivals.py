@@ -59,7 +59,7 @@ def rival_in_words(rival: Mapping[str, Any]) -> str:
     if data is None or before is None or not math.isfinite(data):
         return ""
     told = "cannot tell it apart" if _cannot_tell(data) else f"make it {in_times(data)} as probable as the first name"
-    return f"the data {told}; before them it was {in_times(before)} as probable"
+    return f"the data {told}; by how usual it is at this size, {in_times(before)} as probable"
 
 
 def _cannot_tell(bayes_factor: float) -> bool:

@@ -53,6 +53,8 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     first += [f"what was not measured well (hil report says why): {doubts}"] if doubts else []
     if result.contradicted:
         first.append(f"what its own records contradict (notes): {numbered('run', result.contradicted)}")
+    wrong = any(effect.mends_labels for effect in result.effects) and not only
+    first += ["what the record has wrong of labels and signs (below)"] if wrong else []
     omitted = [row for row in result.rows if row["done"] == OMITTED]
     said = {*result.contradicted, *(row["run"] for row in omitted), *(beyond if kind == "scatter" else ())}
     said |= {run for runs in result.doubtful.values() for run in runs}
@@ -65,6 +67,10 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     first += [f"{result.both.look_for} (notes)"] if result.both is not None and result.both.look_for else []
     act = "The model itself lacks nothing that can be told." if kind == "none" and first else _ACT[kind]
     act = _ACT["errors"] if kind == "scatter" and result.left.small else act
+    if useless := sorted(map(int, result.without.get("runs_used_though_failed", {}))):
+        found = {number for effect in result.effects for number in effect.sensors}
+        said_of = f"Use nothing of {numbered('sensor', useless)}: every run FAILed by what was recorded."
+        act = said_of if found <= {*useless} else f"{said_of} {act}"
     if kind == "scatter":
         runs = numbered("run", beyond)
         act = f"{act} No effect is named, but averages scatter more than their standard errors say ({runs}: FAIL)."
@@ -154,12 +160,12 @@ def _usual(result: Reconciliation, effect: FoundEffect, same: Sequence[Rival]) -
         return f"{effect.id} is the only one of them that has a name"
     odds = {each.id: each.prior_odds if each.prior_odds is not None else 1.0 for each in named}
     most = max(odds, key=lambda name: odds[name])
-    if odds[most] >= _EXPECTED:
-        return f"physics expects {titled(result, most)}, before these data {in_times(odds[most])} as probable"
-    if odds[most] * _EXPECTED > 1.0:
-        return f"before these data {effect.id} was not known to be much more usual"
-    of = " as any of those" if len(named) > 1 else ""
-    return f"physics expects {effect.id}, before these data {in_times(1.0 / odds[most])} as probable{of}"
+    expected, by, times, of = titled(result, most), "by how usual it is at this size", odds[most], ""
+    if odds[most] < _EXPECTED:
+        expected, times, of = effect.id, 1.0 / odds[most], " as any of those" if len(named) > 1 else ""
+    if times < _EXPECTED:
+        return f"{effect.id} is not known to be much more usual, at this size"
+    return f"physics expects {expected}: {by}, {in_times(times)} as probable{of}"
 
 
 def gap_in_words(result: Reconciliation) -> list[str]:

@@ -39,7 +39,15 @@ def found(count: int, what: str, size: float, scatter: float = 1.0, draws: int =
 )
 def test_hardly_anything_is_found_where_nothing_is(count: int, scatter: float) -> None:
     """At most three in a hundred, also where calibrations scatter three times as much as stated."""
-    assert found(count, "none", 0.0, scatter)["nothing shown"] >= 194
+    of_each = found(count, "none", 0.0, scatter)
+    assert of_each["nothing shown"] + of_each["scatters beyond its ±"] >= 194
+
+
+def test_one_calibration_far_off_is_not_nothing() -> None:
+    """No step, for the next is where it was, and no constant: that it scatters is said."""
+    off = np.where(np.arange(8) == 3, 20.0, np.random.default_rng(2).normal(size=8))
+    assert trend(np.arange(8.0), off, np.ones(8)).word == "scatters beyond its ±"
+    assert found(8, "none", 0.0)["scatters beyond its ±"] == 0
 
 
 def test_what_is_there_is_named_and_its_rival_hardly_ever() -> None:

@@ -19,7 +19,7 @@ from hil.reconcile.outcome.page import page
 from hil.reconcile.outcome.sentences import what_to_do
 from hil.reconcile.proof.experiment import repeated
 from hil.reconcile.proof.held_out import Predicted, _together
-from hil.reconcile.result import Solved
+from hil.reconcile.result import FoundEffect, Solved
 from hil.reconcile.scattering import what_scatters
 from hil.reconcile.search.layout import searches
 from hil.reconcile.search.posterior import Found, Posterior
@@ -171,6 +171,17 @@ def test_nothing_that_could_be_tested_is_said_to_be_so() -> None:
     assert what_to_do(replace(result, tested=True, left=Solved({}, [1])))[0] == "scatter"
     told = what_to_do(replace(result, tested=True, left=Solved({}, [1], small=True)))[1]
     assert "State the standard errors that repeats" in told
+    swap, drift = (
+        FoundEffect("swap", "", 1.0, "named", sensors=[2], mends_labels=True),
+        FoundEffect("drift", "", 1.0, "named", sensors=[2]),
+    )
+    found = replace(result, tested=True, verdict="named", effects=[swap, drift])
+    assert what_to_do(found)[1].startswith("First see to what the record has wrong of labels and signs (below).")
+    assert "First see to" not in what_to_do(replace(found, effects=[swap]))[1]
+    told = what_to_do(replace(found, effects=[drift], without={"runs_used_though_failed": {"2": [1]}}))[1]
+    assert told == "Use nothing of sensor 2: every run FAILed by what was recorded."
+    told = what_to_do(replace(found, effects=[drift], without={"runs_used_though_failed": {"1": [1]}}))[1]
+    assert told.startswith("Use nothing of sensor 1: every run FAILed by what was recorded. Use the improved model")
     quiet = replace(result, tested=True, **dict.fromkeys(("solved", "left"), Solved({"INCONCLUSIVE": [1, 2]})))
     assert what_to_do(quiet)[1].startswith("First see to what hil solve does not pass (hil report says why): runs 1–2")
     assert "Nobody has to act" not in what_to_do(quiet)[1]

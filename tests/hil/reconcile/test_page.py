@@ -154,9 +154,9 @@ def test_it_fits_a_phone_and_paper_and_is_dark_where_its_reader_is(
 @pytest.mark.parametrize(
     ("odds", "said"),
     [
-        ((0.1, 0.02), "physics expects a, before these data 10 times as probable as any of those"),
-        ((0.3, 0.02), "before these data a was not known to be much more usual"),
-        ((5.01, 0.02), "physics expects B's title (b), before these data 5 times as probable"),
+        ((0.1, 0.02), "physics expects a: by how usual it is at this size, 10 times as probable as any of those"),
+        ((0.3, 0.02), "a is not known to be much more usual, at this size"),
+        ((5.01, 0.02), "physics expects B's title (b): by how usual it is at this size, 5 times as probable"),
     ],
 )
 def test_physics_expects_a_name_only_where_it_favours_it_alone(
@@ -201,7 +201,7 @@ def test_physics_expects_no_curve(aged: Reconciliation) -> None:
     assert told.endswith("apart; a is the only one of them that has a name.")
     beside = replace(alone, confusable_with=[curve, Rival("b", 0.1, 0.99, "B's title", 1.0, 0.1)])
     told = summary(replace(aged, verdict="ambiguous", effects=[beside]))[0]
-    assert told.endswith("apart; physics expects a, before these data 10 times as probable.")
+    assert told.endswith("apart; physics expects a: by how usual it is at this size, 10 times as probable.")
 
 
 def test_a_title_beside_an_id_keeps_its_own_words(aged: Reconciliation) -> None:

@@ -61,6 +61,6 @@ def test_a_term_without_a_name_says_how_far_it_moves_the_rate() -> None:
 def test_what_the_data_say_of_a_rival_stands_apart_from_what_was_known_before() -> None:
     """1.00 and 0.00 beside "ambiguous" is no contradiction where physics alone ranks the two, and says so."""
     said = rival_in_words({"bayes_factor": 1.0, "prior_odds": 0.0004})
-    assert said == "the data cannot tell it apart; before them it was 0.0004 times as probable"
+    assert said == "the data cannot tell it apart; by how usual it is at this size, 0.0004 times as probable"
     assert "the data make it 0.13 times as probable" in rival_in_words({"bayes_factor": 0.13, "prior_odds": 0.05})
     assert rival_in_words({"id": "k2", "probability": 0.1}) == ""
