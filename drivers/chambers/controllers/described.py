@@ -102,15 +102,24 @@ class SetpointBox(Controller):
         self._do(self._box.end_program)
 
     def set_ramp_rate(self, degC_per_min: float) -> bool:
-        """Set the ramp, °C/min; False where there is none or it refuses; `ProtocolError` where it did not take."""
-        try:
-            for each in self._box.ramp_degC_per_min:
-                self._set(each, max(min(degC_per_min, each.most or degC_per_min), each.step))
-                for other in each.also:
-                    self._set(other, other.to)
-            return bool(self._box.ramp_degC_per_min)
-        except CommandRefused:
+        """Set the ramp, °C/min; False where there is none, where it is told no finer, or where it refuses.
+
+        Raises `ProtocolError` where it did not take, or where only a part of it was accepted.
+        """
+        ramps = self._box.ramp_degC_per_min
+        if any(degC_per_min < each.step for each in ramps):
             return False
+        settings: list[tuple[Quantity, float]] = []
+        for each in ramps:
+            settings += [(each, min(degC_per_min, each.most or degC_per_min)), *((own, own.to) for own in each.also)]
+        for done, (quantity, value) in enumerate(settings):
+            try:
+                self._set(quantity, value)
+            except CommandRefused as error:
+                if done:
+                    raise ProtocolError(f"{self.device} took a part of its ramp only: {error}; set it there") from error
+                return False
+        return bool(settings)
 
     def arm_dead_man(self, seconds: float) -> bool:
         """Set its own timer, s; False where the description has none. Raises `ProtocolError` where it did not take."""

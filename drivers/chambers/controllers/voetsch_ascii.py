@@ -111,8 +111,13 @@ class VoetschAscii(Controller):
         self._exchange.command(f"{self._address}P0000", _acknowledged)
 
     def set_ramp_rate(self, degC_per_min: float) -> bool:
-        """Bound the first channel's gradient, up and down, in tenths of °C/min; `ProtocolError` unacknowledged."""
-        rate = max(round(degC_per_min, 1), 0.1)
+        """Bound the first channel's gradient, up and down, in tenths of °C/min; `ProtocolError` unacknowledged.
+
+        False for less than a tenth.
+        """
+        rate = round(degC_per_min, 1)
+        if degC_per_min < 0.1:
+            return False
         numbers = [rate, rate] + [0.0] * (2 * (self._layout.written - 1))
         text = " ".join(f"{number:06.1f}" for number in numbers)
         if not self._exchange.command(f"{self._address}U {text}", _acknowledged):

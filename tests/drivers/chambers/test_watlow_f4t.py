@@ -69,6 +69,7 @@ ACTION = [("06 0A EA 00 55", "06 0A EA 00 55"), ("03 0A EA 00 01", "03 02 00 55"
         ([RATE[0], (RATE[1][0], "03 04 00 00 40 00")], "reads back 2 where 2.5 was set"),
         ([*RATE, SCALE[0], (SCALE[1][0], "03 02 00 27")], "reads back 39 where 57 was set"),
         ([*RATE, *SCALE, ACTION[0], (ACTION[1][0], "03 02 00 3E")], "reads back 62 where 85 was set"),
+        ([*RATE, (SCALE[0][0], "86 02")], "took a part of its ramp only"),
     ],
 )
 def test_the_ramp_is_a_rate_a_scale_and_an_action(exchanges: list[tuple[str, str]], message: str | None) -> None:
@@ -88,7 +89,10 @@ def test_an_f4t_that_refuses_a_ramp_has_none() -> None:
     """The host steps the setpoint then."""
     clock = VirtualClock()
     device = TranscriptDevice([(_sent(1, RATE[0][0]), _sent(1, "90 02"))])
-    assert watlow_f4t(MemoryTransport(device, clock, "sim://chamber"), clock).set_ramp_rate(2.5) is False
+    controller = watlow_f4t(MemoryTransport(device, clock, "sim://chamber"), clock)
+    assert controller.set_ramp_rate(0.04) is False  # finer than it is told: as good as none, and nothing is sent
+    assert controller.set_ramp_rate(2.5) is False
+    device.finish()
 
 
 def test_the_air_moves_no_faster_than_the_ramp() -> None:
