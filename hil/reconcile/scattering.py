@@ -89,7 +89,15 @@ class Scattering:
             *otherwise(self.campaign, self.rows),
         ]
         both = [] if self.both is None else self.both.sentences()
-        return [*alone, *told, *both, *self.errors, *scatter_in_words(self.noise), *beside, *rows]
+        return [
+            *alone,
+            *told,
+            *both,
+            *(() if self.named else self.errors),
+            *scatter_in_words(self.noise),
+            *beside,
+            *rows,
+        ]
 
     def document(self) -> dict[str, Any]:
         """Return what `hil scatter --json` prints."""
