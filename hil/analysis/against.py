@@ -128,7 +128,13 @@ class Comparison:
         """Say what was found, the first of it, and what contradicts that."""
         marked = self.sentence + "; the earlier campaign is SIMULATED" * self.simulated
         why = dict.fromkeys(filter(None, [*self.doubts, self.meaningless]))
-        return [marked, *(each.sentence for each in self.first), *why]
+        rest = len(self.flagged) - len(self.first)
+        return [
+            marked,
+            *(each.sentence for each in self.first),
+            *[f"and {rest} more: the page has all"] * (rest > 0),
+            *why,
+        ]
 
 
 _Place = tuple[str, tuple[int, ...]]  # a position, and the runs of one temperature

@@ -7,7 +7,7 @@ from typing import Any
 from hil.campaign import Campaign
 from hil.solve.temperatures import unsettled
 from hil.solve.wrong_rows import USED, Wrong, clipped_rows, failed, pooled, wrong_rows
-from procedures.words import numbered, significant
+from procedures.words import listed, numbered, significant
 
 
 def what_is_wrong(campaign: Campaign) -> dict[str, Any]:
@@ -128,10 +128,13 @@ def otherwise(campaign: Campaign, rows: Sequence[Mapping[str, Any]]) -> list[str
     doubted = [row for row in asked if row["done"] == USED and not rates([row]) & known]
     here = "by hil solve, report, budget, thermal and visibility, which look less closely"
     unsaid = "hil solve doubts, and no row is called wrong here"
-    differ = [
-        f"sensor {sensor}, {channel}: {numbered('collect', sorted(n for *of, n in odd if of == [sensor, channel]))}: "
-        f"{what} {here}"
-        for odd, what in ((search - quick, "used as measured"), (quick - search, "left out or mended"))
-        for sensor, channel in sorted({(s, c) for s, c, _ in odd})
+    differ: dict[tuple[str, int, tuple[int, ...]], list[str]] = {}
+    for odd, what in ((search - quick, "used as measured"), (quick - search, "left out or mended")):
+        for sensor, channel in sorted({(s, c) for s, c, _ in odd}):
+            collects = sorted(n for *of, n in odd if of == [sensor, channel])
+            differ.setdefault((what, sensor, tuple(collects)), []).append(channel)
+    told = [
+        f"sensor {sensor}, {listed(channels)}: {numbered('collect', collects)}: {what} {here}"
+        for (what, sensor, collects), channels in differ.items()
     ]
-    return differ + [f"{unsaid}: {each}" for each in in_words({"rows": doubted}, searched=True)]
+    return told + [f"{unsaid}: {each}" for each in in_words({"rows": doubted}, searched=True)]
