@@ -61,10 +61,10 @@ def may_be_wrong(number: int, blocks: Sequence[Block], conditions: Conditions, s
 
 
 def runs_to_ask(blocks: Sequence[Block], conditions: Conditions, solved: AsSolved, most: int) -> IntArray:
-    """Return the numbers of at most so many runs (k,): named ones, and those that differ most from neighbours."""
+    """Return the numbers of so many runs (k,): all that are named, and those that differ most from neighbours."""
     odd, runs = _odd(blocks, conditions, solved.named), np.array(solved.told, dtype=np.int64)
     of_run = np.array([odd[conditions.run == run].mean() for run in runs.tolist()])
-    return np.asarray(np.sort(runs[np.argsort(-of_run, kind="stable")[:most]]))
+    return np.asarray(np.sort(runs[np.argsort(-of_run, kind="stable")[: max(most, np.isinf(of_run).sum())]]))
 
 
 def _odd(blocks: Sequence[Block], conditions: Conditions, named: BoolArray) -> FloatArray:
