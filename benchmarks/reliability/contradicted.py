@@ -172,7 +172,7 @@ def _rates() -> Iterator[Case]:
     ):
         yield Case(f"{name}, the last campaign at hand", words, change, history=True)
     doubled = ("{at: 0 s, device: imu, kind: repeated_frames, size: 1.0}",)
-    yield Case("every frame twice", "frames came twice", None, doubled)
+    yield Case("every frame twice", "frames that came twice", None, doubled)
     exchanged = ("{at: T1/S1/C2/collect, device: imu, kind: exchanged}",)
     yield Case("another unit behind the port", "the unit says serial|is now .* S/N", None, exchanged)
     jump = ("{at: T1/S1/C2/collect, device: clock, kind: jump, size: 2 h}",)

@@ -44,6 +44,7 @@ from procedures.journal_protocol import StepResult
 from procedures.plan import Step, StepKind
 from procedures.progress import Progress
 from procedures.verdict import Verdict, self_calibration_verdict
+from tests.hil.twin.truth import truth_of
 
 SIGMAS = 5.0
 _LEFT_ALONE_S = 3600.0  # a chamber is judged so long after the end: its own timer may have had to stop it
@@ -214,8 +215,9 @@ class Witness(Progress):
         with self._file.open("a") as file:
             unit = step.unit or ""
             for sensor in self._live.bench.each[unit].sensors:
-                truth = self._live.simulators.units[unit].truth(step.self_calibration or 0, sensor)
-                line = {"unit": unit, "run": truth.run, "sensor": sensor, "parameters": dict(truth.parameters)}
+                run = step.self_calibration or 0
+                truth = truth_of(self._live.simulators.units[unit], run, sensor)
+                line = {"unit": unit, "run": run, "sensor": sensor, "parameters": dict(truth.parameters)}
                 file.write(json.dumps(line) + "\n")
 
     def tell(self, outcome: NightOutcome) -> dict[str, Any]:

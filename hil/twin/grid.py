@@ -140,7 +140,7 @@ class Supply:
 class SlowGrid:
     """The grid points up to now, of units of one kind in one air. Every table has one row for each; slopes are per s.
 
-    Temperatures are kept for as long as the unit lives, for `SimulatedUnit.truth`. What only samples are
+    Temperatures are kept for as long as the unit lives: tests ask what it really was. What only samples are
     made of is kept for an hour after each unit asked last: time never goes backwards.
     """
 
