@@ -19,17 +19,14 @@ import drivers
 from drivers.chambers import CHAMBER_DRIVERS, ChamberLimits, SafeState
 from drivers.chambers.controller import Controller
 from drivers.chambers.controllers.described import SetpointBox
-from drivers.chambers.controllers.description import (
+from drivers.chambers.controllers.description import BoxDescription, SimulatedSection, load_box, parse_box
+from drivers.chambers.controllers.questions import (
     AlarmQuestion,
-    BoxDescription,
     Command,
     Identity,
     Quantity,
     Requirement,
-    SimulatedSection,
     StateQuestion,
-    load_box,
-    parse_box,
 )
 from drivers.chambers.controllers.registers import ModbusSection
 from drivers.chambers.supervised import SupervisedChamber, Supervision

@@ -14,8 +14,9 @@ from functools import partial
 from typing import Any, Literal
 
 from drivers.chambers.controller import Controller, ControllerIdentity, ControllerState, Mode, Which
-from drivers.chambers.controllers.description import BoxDescription, Command, Identity, Messages, Quantity, Question
+from drivers.chambers.controllers.description import BoxDescription
 from drivers.chambers.controllers.media import RegisterMedium, TextMedium
+from drivers.chambers.controllers.questions import Command, Identity, Messages, Quantity, Question
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, ProtocolError, WrongDevice
 from drivers.transports import Transport

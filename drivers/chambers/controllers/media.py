@@ -7,7 +7,8 @@ questions, and is made again when an answer in it cannot be.
 from collections.abc import Callable, Iterable, Sequence
 from typing import TypeVar
 
-from drivers.chambers.controllers.description import BoxDescription, Command, Quantity, Question
+from drivers.chambers.controllers.description import BoxDescription
+from drivers.chambers.controllers.questions import Command, Quantity, Question
 from drivers.chambers.controllers.registers import ModbusSection
 from drivers.chambers.controllers.templates import agrees, filled, found_in
 from drivers.clock import Clock

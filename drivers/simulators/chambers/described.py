@@ -16,7 +16,8 @@ from itertools import zip_longest
 from typing import Any
 
 from drivers.chambers import ChamberLimits
-from drivers.chambers.controllers.description import AlarmQuestion, BoxDescription, Command, Quantity, Question, Setting
+from drivers.chambers.controllers.description import BoxDescription
+from drivers.chambers.controllers.questions import AlarmQuestion, Command, Quantity, Question, Setting
 from drivers.chambers.controllers.registers import ModbusSection
 from drivers.chambers.controllers.templates import filled, reply_with, taken_from
 from drivers.simulators.chambers.controller import Refusal, SimulatedController, SimulatedLines

@@ -10,7 +10,8 @@ import yaml
 
 from drivers.chambers import ChamberLimits, SafeState
 from drivers.chambers.controllers.described import SetpointBox
-from drivers.chambers.controllers.description import BoxDescription, Question, load_box, parse_box
+from drivers.chambers.controllers.description import BoxDescription, load_box, parse_box
+from drivers.chambers.controllers.questions import Question
 from drivers.chambers.controllers.templates import found_in
 from drivers.chambers.supervised import SupervisedChamber, Supervision
 from drivers.clock import VirtualClock

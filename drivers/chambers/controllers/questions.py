@@ -1,0 +1,208 @@
+"""What a box is asked and told, and what its words mean: a text, or a register whose number is a word as a reply is."""
+
+from fnmatch import fnmatchcase
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BeforeValidator, Field, PositiveFloat, PositiveInt, model_validator
+
+from drivers.chambers.controller import Mode
+from drivers.chambers.controllers.registers import Address, Entry, InRegister, Plain, Several, Word, off_is_a_word
+from drivers.chambers.controllers.templates import Order, Reply
+
+
+class Question(InRegister):
+    """Something that can be asked: by a text, or of a register. `length` is that of a reply that nothing ends."""
+
+    ask: Plain | None = None
+    reply: Reply = "{value}"
+    length: PositiveInt | None = None
+    hint: str = ""  # what to look at where it is not answered
+
+    @model_validator(mode="after")
+    def _asked_in_one_way(self) -> Self:
+        if (self.ask is None) == (self.address is None) and not (self.optional and self.ask is None):
+            raise ValueError("say how it is asked: ask and reply, or register")
+        return self
+
+    def meaning(self, word: str) -> Any:
+        """Return what a word means; raise `ValueError`, which says what the box does, where it can mean nothing."""
+        return word
+
+    def numbered(self, number: int) -> Self:
+        """Return the question about one of several, in whose text it is `{number}`."""
+        return self.model_copy(update={"ask": (self.ask or "").replace("{number}", str(number))})
+
+
+class Number(Question):
+    """A number that can be asked."""
+
+    numeric = True
+
+    def meaning(self, word: str) -> float:
+        """Return the number."""
+        try:
+            return float(word)
+        except ValueError:
+            raise ValueError(f"answered {self.ask!r} with {word!r}: no number") from None
+
+
+class Command(InRegister):
+    """Something that can be told: a text, or a value that is written to a register, a bit of it, or a coil."""
+
+    send: Plain | None = None
+    confirm: Several[str] = ()
+    value: int = 1
+
+    @model_validator(mode="after")
+    def _told_in_one_way(self) -> Self:
+        if (self.send is None) == (self.address is None):
+            raise ValueError("say how it is told: send, or register and value")
+        return self
+
+
+class Quantity(Number):
+    """A number that can be asked and set. `write` are the registers it is written to, if not the one that is read."""
+
+    send: Order | None = None
+    confirm: Several[str] = ()
+    then_start: bool = False  # takes effect when it is started, where it runs
+    step: PositiveFloat = 0.1  # in which it is held
+    write: Several[Address] = ()
+
+    @model_validator(mode="after")
+    def _can_be_set(self) -> Self:
+        if self.ask is not None and self.send is None:
+            raise ValueError("send: this key is missing")
+        return self
+
+    @property
+    def written_to(self) -> tuple[int, ...]:
+        """The registers it is written to."""
+        return self.write or (() if self.address is None else (self.address,))
+
+
+class Setting(Quantity):
+    """What is set `to` the same value whenever another quantity is."""
+
+    to: float
+
+
+class Ramp(Quantity):
+    """How fast the setpoint moves, °C/min: `most` is the fastest, `also` are the settings that make it count."""
+
+    most: PositiveFloat | None = None
+    also: Several[Setting] = ()
+
+
+class Requirement(Question):
+    """What must be so for anything to be believed; `otherwise` goes on where a message has named the box."""
+
+    one_of: Several[Word] = ()
+    none_of: Several[Word] = ()
+    otherwise: Plain
+
+    def meaning(self, word: str) -> str:
+        """Return the word."""
+        if (self.one_of and word not in self.one_of) or word in self.none_of:
+            raise ValueError(self.otherwise.replace("{value}", word))
+        return word
+
+
+class Identity(Question):
+    """Who answers: how that must begin, and the model (`{value}` is the answer), alone where it cannot be asked."""
+
+    optional = True
+    expect: Word = ""
+    model: Plain = "{value}"
+    otherwise: Plain | None = None
+    hottest: Number | None = None  # what it says it can be, by which a unit that it cannot tell is judged
+    requires: Several[Requirement] = ()
+
+    @property
+    def asks(self) -> bool:
+        """Whether it can be asked."""
+        return self.ask is not None or self.address is not None
+
+    @model_validator(mode="after")
+    def _says_something(self) -> Self:
+        if not self.asks and "{value}" in self.model:
+            raise ValueError("say how it is asked: ask and reply, or register; or give its model")
+        return self
+
+    def meaning(self, word: str) -> str:
+        """Return the word; a name that is asked by text has letters, a late reply to something else may have none."""
+        if self.ask is not None and not any(map(str.isalpha, word)):
+            raise ValueError(f"answered {self.ask!r} with {word!r}, which is no name")
+        return word
+
+
+class UnitQuestion(Question):
+    """The unit, with the words for °C and °F; `*` in them stands for anything."""
+
+    celsius: Several[Word]
+    fahrenheit: Several[Word]
+
+    @model_validator(mode="after")
+    def _differ(self) -> Self:
+        if both := {*self.celsius} & {*self.fahrenheit}:
+            raise ValueError(f"fahrenheit: {both.pop()} means °C too; one word cannot be both")
+        return self
+
+    def meaning(self, word: str) -> str:
+        """Return the unit."""
+        for unit, words in (("degC", self.celsius), ("degF", self.fahrenheit)):
+            if any(fnmatchcase(word, each) for each in words):
+                return unit
+        raise ValueError(f"says that its unit is {word!r}, which its description does not have")
+
+
+class StateQuestion(Question):
+    """What the box is doing: its word for each mode; `next` leaves it to the question that follows."""
+
+    modes: dict[Word, Annotated[Mode | Literal["next"], BeforeValidator(off_is_a_word)]]
+    otherwise: Mode | Literal["next"] | None = None
+
+    def meaning(self, word: str) -> str:
+        """Return the mode, or next."""
+        mode = self.modes.get(word, self.otherwise)
+        if mode is None:
+            raise ValueError(f"is in state {word!r}, which its description does not have")
+        return mode
+
+    def word_for(self, mode: str) -> str:
+        """Return the box's word for a mode; where another question tells that one, what it says beside it."""
+        words: dict[str, str] = {meant: word for word, meant in reversed(self.modes.items())}
+        return next((words[each] for each in (mode, "next", "CONSTANT") if each in words), "0")
+
+
+class AlarmQuestion(Question):
+    """Alarms: the words that mean that there is none, or the names of `bits`. `name` is how one is reported.
+
+    In words `*` stands for anything and `?` for one character. Where `some` are given no others can be.
+    """
+
+    none: Annotated[Several[Word], Field(min_length=1)] = ("0",)
+    some: Several[Word] = ("*",)
+    name: Plain = "alarm {value}"
+    bits: dict[Annotated[int, Field(ge=0, le=15)], Plain] | None = None
+
+    def meaning(self, word: str) -> tuple[str, ...]:
+        """Return the alarms that stand."""
+        if any(fnmatchcase(word, each) for each in self.none):
+            return ()
+        if not any(fnmatchcase(word, each) for each in self.some):
+            raise ValueError(f"answered {self.ask!r} with {word!r}, which is no alarm and not none")
+        if self.bits is None:
+            return (self.name.replace("{value}", word),)
+        if not word.isdecimal():
+            raise ValueError(f"answered {self.ask!r} with {word!r} where bits were asked for")
+        standing = [bit for bit in range(16) if int(word) & (1 << bit)]
+        return tuple(self.bits.get(bit, self.name.replace("{value}", f"bit {bit}")) for bit in standing)
+
+
+class Messages(Entry):
+    """Alarms as texts in a list: the `count`, and by `{number}` the `text` of each, if all of `only` are answered 1."""
+
+    count: Number
+    text: Question
+    only: Several[Number] = ()
