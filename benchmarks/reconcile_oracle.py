@@ -35,8 +35,8 @@ from hil.config import load_bench, load_sweep
 from hil.design.conditions import planned_conditions
 from hil.errors import InputError
 from hil.model import load_model
-from hil.model.effects.base import flattened
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS, variance_effect_by_id
+from hil.model.effects.columns import flattened
 from hil.model.forms import named_form
 from hil.reconcile import reconcile
 from hil.reconcile.search.problem import pose

@@ -24,9 +24,11 @@ from hil.errors import InputError
 from hil.files.durable import RealDisk, write_durably
 from hil.files.strict import Section, find_config, parse_yaml, read_text
 from hil.model.curve import Curve
-from hil.model.effects.base import Base, Described, Effect, Scatter, column
+from hil.model.effects.base import Base, Described, Effect
 from hil.model.effects.catalogue import SERIES_EFFECTS, effect_by_id, known_by, variance_effect_by_id
+from hil.model.effects.columns import column
 from hil.model.effects.history import joined
+from hil.model.effects.scatter import Scatter
 from hil.model.equation import pickoff_rates
 from hil.model.forms import MODEL_NAMES, PER_G, RATE, LinearForm, value_form
 from hil.model.stated_noise import ScatterTerm, SensorNoise

@@ -16,8 +16,9 @@ from hil.campaign import Conditions, FloatArray, Sensor
 from hil.errors import InputError
 from hil.files.strict import Section
 from hil.model.curve import Constant, Curve, Polynomial, Table
-from hil.model.effects.base import Scatter, VarianceEffect
+from hil.model.effects.base import VarianceEffect
 from hil.model.effects.catalogue import known_by, variance_effect_by_id
+from hil.model.effects.scatter import Scatter
 from hil.model.forms import LinearForm
 
 _OLDER = {

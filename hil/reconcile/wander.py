@@ -12,9 +12,10 @@ from functools import cache
 import numpy as np
 
 from hil.campaign import Campaign, Conditions, FloatArray
-from hil.model.effects.base import Scatter, middle_hr
+from hil.model.effects.columns import middle_hr
 from hil.model.effects.inside import FEWEST, FEWEST_BESIDE
 from hil.model.effects.noise import BiasInstability
+from hil.model.effects.scatter import Scatter
 from hil.model.effects.series import blocked
 
 _BEYOND = 3.0  # errors from which on what neighbours leave unexplained is not chance

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, IntArray
-from hil.model.effects.base import flattened
+from hil.model.effects.columns import flattened
 from hil.solve.observability import linked_groups
 
 RANK_TOLERANCE = 1e-8

@@ -12,7 +12,7 @@ import numpy as np
 
 from hil.campaign import FloatArray, IntArray
 from hil.model.curve import Curve
-from hil.model.effects.base import Scatter
+from hil.model.effects.scatter import Scatter
 from hil.model.stated_noise import SensorNoise
 from hil.twin.thermal import GRID_S
 

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from drivers.simulators.chambers.plant import ChamberPlant
 from hil.campaign import Conditions, FloatArray
-from hil.model.effects.base import Scatter, VarianceEffect
+from hil.model.effects.base import VarianceEffect
 from hil.model.effects.history import joined
+from hil.model.effects.scatter import Scatter
 from hil.twin.grid import CASE, ROTOR, SlowGrid, Supply
 from hil.twin.motion import Leg
 from hil.twin.scatter import NamedNoise

@@ -18,8 +18,9 @@ import numpy as np
 from hil.campaign import Conditions, FloatArray
 from hil.design.visibility.promise import Rows, Smallest, found_from
 from hil.model import Model
-from hil.model.effects.base import Base, Effect, flattened
+from hil.model.effects.base import Base, Effect
 from hil.model.effects.catalogue import askable, named
+from hil.model.effects.columns import flattened
 from hil.model.effects.prior import log_in_one, name_odds, shapes_tried
 from hil.model.equation import pickoff_rates
 from hil.model.forms import default_form, mu_columns, named_form

@@ -26,13 +26,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from hil.campaign import Conditions, FloatArray, IntArray, Sensor
+from hil.campaign import Conditions, FloatArray, Sensor
 from hil.errors import InputError
-from hil.model.forms import bias_names
-
-REFERENCE_DEGC = 25.0
-
-_HOUR_S = 3600.0
+from hil.model.effects.columns import channel_labels
+from hil.model.effects.scatter import Scatter
 
 OUTSIDE = 1.0 / 3.0
 """Odds of a cause outside the sensor element, which a bench is built to exclude."""
@@ -284,64 +281,6 @@ class Effect(Described):
         return self.kin
 
 
-@dataclass(frozen=True)
-class Scatter:
-    """Coefficients that scatter: of which rows they are the same, or how long they remember.
-
-    `columns` (n, c, p): what a coefficient of unit size does to each rate. Either `group` (n,), integer labels: they
-    are drawn anew for each label. Or `tau_s`, s: they wander with that correlation time (Gauss-Markov, unit variance);
-    infinite with `walk`: a random walk of unit variance per hour from the first row on. `of_angle`: what is white is
-    the angle, not the rate, so that in a series one sample loses what the one before has gained.
-    """
-
-    columns: FloatArray
-    group: IntArray | None = None
-    tau_s: float | None = None
-    walk: bool = False
-    of_angle: bool = False
-
-    @property
-    def is_white(self) -> bool:
-        """Whether every row has coefficients of its own (of two rows or more)."""
-        return self.group is not None and len(np.unique(self.group)) == len(self.group)
-
-    def covariance(self, conditions: Conditions) -> FloatArray:
-        """Return the covariance of the rates of n collects, shape (n·c, n·c), rows (n, c) flattened."""
-        seen, channels = flattened(self.columns), self.columns.shape[1]
-        return np.asarray((seen @ seen.T) * np.kron(self._between(conditions), np.ones((channels, channels))))
-
-    def draw(self, conditions: Conditions, rng: np.random.Generator) -> FloatArray:
-        """Return one draw of the rates, shape (n, c), of which `covariance` is the covariance."""
-        rows, _, count = self.columns.shape
-        if self.group is not None:
-            labels, of_row = np.unique(self.group, return_inverse=True)
-            values = rng.standard_normal((len(labels), count))[of_row]
-        else:
-            order = np.argsort(middle_hr(conditions), kind="stable")
-            steps, between = rng.standard_normal((rows, count)), np.diff(middle_hr(conditions)[order])
-            keep, kick = self.step(between)
-            walked = [np.zeros(count) if self.walk else steps[0]] if rows else []
-            for row in range(1, rows):
-                walked.append(keep[row - 1] * walked[-1] + kick[row - 1] * steps[row])
-            values = np.empty((rows, count))
-            values[order] = walked
-        return np.asarray(np.einsum("ncp,np->nc", self.columns, values))
-
-    def step(self, hours: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return what is kept of a coefficient after `hours` (m,), and the deviation of what is new, (m,) each."""
-        keep = np.ones_like(hours) if self.walk else np.exp(-hours * _HOUR_S / float(self.tau_s or np.nan))
-        return keep, np.sqrt(hours) if self.walk else np.sqrt(1.0 - keep**2)
-
-    def _between(self, conditions: Conditions) -> FloatArray:
-        if self.group is not None:
-            return np.equal.outer(self.group, self.group).astype(np.float64)
-        hours = middle_hr(conditions)
-        if self.walk:
-            since = hours - hours.min()
-            return np.asarray(np.minimum.outer(since, since))
-        return self.step(np.abs(np.subtract.outer(hours, hours)))[0]
-
-
 class VarianceEffect(Described):
     """An effect that only scatters averages, without moving their mean. It has one parameter, its size."""
 
@@ -354,52 +293,8 @@ class VarianceEffect(Described):
         return np.asarray(sum(part.covariance(conditions) for part in self.scatter(conditions, shape)))
 
 
-def channel_labels(sensor: Sensor) -> tuple[str, ...]:
-    """Name each channel by its axis, as in BA and BB (by itself where two channels share an axis)."""
-    return tuple(name[1:].lstrip("_") for name in bias_names(sensor))
-
-
-def per_channel(values: FloatArray, sensor: Sensor) -> FloatArray:
-    """Columns of one parameter per channel from what it multiplies, (n,) or (n, k): k per row; shape (n, c, k·c).
-
-    The channels of one parameter stand together, as in `parameters_for`. Unknown values (NaN) become zero.
-    """
-    multipliers = np.nan_to_num(values.reshape(len(values), -1))
-    channels = len(sensor.channels)
-    columns = np.einsum("nk,cd->nckd", multipliers, np.eye(channels))
-    return np.asarray(columns.reshape(len(values), channels, -1))
-
-
-def column(conditions: Conditions, names: str) -> FloatArray:
-    """Return a condition column, (n,), by its name or the first of "a|b" that the data has; NaN where it lacks it."""
-    present = [name for name in names.split("|") if name in conditions.columns]
-    return conditions.columns[present[0]] if present else np.full(len(conditions), np.nan)
-
-
-def median_of(conditions: Conditions, names: str) -> float:
-    """Return the median of a condition column over the rows that have it; NaN where none has."""
-    values = column(conditions, names)
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else math.nan
-
-
-def middle_hr(conditions: Conditions) -> FloatArray:
-    """Return the middle of each row, hours from the campaign's beginning, (n,)."""
-    return np.asarray((conditions.start_s + 0.5 * conditions.duration_s) / _HOUR_S)
-
-
-def above_reference(conditions: Conditions) -> FloatArray:
-    """Return temperature_degC less the 25 °C about which all temperature terms of the catalogue are expanded, (n,)."""
-    return column(conditions, "temperature_degC") - REFERENCE_DEGC
-
-
 def required_base(effect: Effect, base: Base | None) -> Base:
     """Return `base`, or raise `InputError` where an effect that acts on the existing terms was asked without them."""
     if base is None:
         raise InputError(f"effect {effect.id} acts on the terms of the base model, and no base model was given")
     return base
-
-
-def flattened(columns: FloatArray) -> FloatArray:
-    """Return columns of shape (n, c, p) as (n·c, p)."""
-    return columns.reshape(math.prod(columns.shape[:2]), columns.shape[2])

@@ -5,16 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray
-from hil.model.effects.base import (
-    Base,
-    Effect,
-    Parameter,
-    ShapeParameter,
-    column,
-    median_of,
-    per_channel,
-    required_base,
-)
+from hil.model.effects.base import Base, Effect, Parameter, ShapeParameter, required_base
+from hil.model.effects.columns import column, median_of, per_channel
 from hil.model.effects.history import averaged_decay, slew_since_previous
 from hil.model.effects.pickoff import turned_pair
 

@@ -5,18 +5,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray
-from hil.model.effects.base import (
-    OUTSIDE,
-    REFERENCE_DEGC,
-    Base,
-    Effect,
-    Parameter,
-    ShapeParameter,
-    channel_labels,
-    column,
-    median_of,
-    per_channel,
-)
+from hil.model.effects.base import OUTSIDE, Base, Effect, Parameter, ShapeParameter
+from hil.model.effects.columns import REFERENCE_DEGC, channel_labels, column, median_of, per_channel
 from hil.model.effects.geometry import local_frame
 
 EARTH_FIELD_G = 0.5

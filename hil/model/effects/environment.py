@@ -5,8 +5,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from hil.campaign import Conditions
-from hil.model.effects.base import Parameter, Scatter, VarianceEffect, column, per_channel
+from hil.model.effects.base import Parameter, VarianceEffect
+from hil.model.effects.columns import column, per_channel
 from hil.model.effects.geometry import local_frame
+from hil.model.effects.scatter import Scatter
 
 _TAU_S = 1800.0
 """Correlation time of pier and floor motion (heating, ventilation, people)."""

@@ -6,7 +6,9 @@ from typing import ClassVar
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, Sensor
-from hil.model.effects.base import Base, Effect, Parameter, Scatter, VarianceEffect, above_reference, channel_labels
+from hil.model.effects.base import Base, Effect, Parameter, VarianceEffect
+from hil.model.effects.columns import above_reference, channel_labels
+from hil.model.effects.scatter import Scatter
 from hil.model.forms import bias_columns, gs_columns, mu_columns, sensitivity_columns, sensitivity_names
 
 _MU_TYPICAL = {"DTG": (0.1, 5.0), "FOG": (0.0, 0.01), "MEMS": (3.0, 100.0)}

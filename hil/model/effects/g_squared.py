@@ -5,7 +5,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, Sensor
-from hil.model.effects.base import Base, Effect, Parameter, channel_labels, per_channel
+from hil.model.effects.base import Base, Effect, Parameter
+from hil.model.effects.columns import channel_labels, per_channel
 
 _OTHER = {"FOG": (0.0, 0.01), "DTG": (0.01, 0.1), "MEMS": (0.1, 1.0)}
 

@@ -6,19 +6,10 @@ from types import MappingProxyType
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray
-from hil.model.effects.base import (
-    Base,
-    Effect,
-    Parameter,
-    Scatter,
-    ShapeParameter,
-    VarianceEffect,
-    channel_labels,
-    column,
-    middle_hr,
-    per_channel,
-)
+from hil.model.effects.base import Base, Effect, Parameter, ShapeParameter, VarianceEffect
+from hil.model.effects.columns import channel_labels, column, middle_hr, per_channel
 from hil.model.effects.history import collect_interval_s, place_in_run
+from hil.model.effects.scatter import Scatter
 
 _HOUR_S = 3600.0
 _FEW_RUNS = 4  # beside so many others, a run that stands alone is not told from the others' scatter

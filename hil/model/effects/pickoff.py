@@ -5,7 +5,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, Sensor
-from hil.model.effects.base import OUTSIDE, Base, Effect, Parameter, above_reference, channel_labels, required_base
+from hil.model.effects.base import OUTSIDE, Base, Effect, Parameter, required_base
+from hil.model.effects.columns import above_reference, channel_labels
 
 MILLI = 1e-3
 PPM = 1e-6

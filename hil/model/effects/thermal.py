@@ -8,16 +8,8 @@ import numpy as np
 from hil.campaign import Conditions, FloatArray
 from hil.campaign.stand_ins import OWN, temperature_of
 from hil.errors import InputError
-from hil.model.effects.base import (
-    Base,
-    Effect,
-    Parameter,
-    ShapeParameter,
-    above_reference,
-    column,
-    per_channel,
-    required_base,
-)
+from hil.model.effects.base import Base, Effect, Parameter, ShapeParameter, required_base
+from hil.model.effects.columns import above_reference, column, per_channel
 from hil.model.effects.history import averaged_decay, loop_side, setpoint_step
 from hil.model.equation import pickoff_rates
 

@@ -3,7 +3,8 @@
 from collections.abc import Mapping
 
 from hil.campaign import Conditions, FloatArray
-from hil.model.effects.base import Base, Effect, Parameter, column, per_channel
+from hil.model.effects.base import Base, Effect, Parameter
+from hil.model.effects.columns import column, per_channel
 
 _RMS = "vibration_rms_g|vibration_g"
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import Campaign, Collects, FloatArray
-from hil.model.effects.base import Scatter
+from hil.model.effects.scatter import Scatter
 from hil.model.forms import default_form
 from hil.reconcile.outcome.scatter import FoundScatter
 from hil.reconcile.search.candidates import Candidate

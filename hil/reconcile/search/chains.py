@@ -14,7 +14,8 @@ from itertools import accumulate
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, IntArray
-from hil.model.effects.base import Scatter, middle_hr
+from hil.model.effects.columns import middle_hr
+from hil.model.effects.scatter import Scatter
 
 PIECE = 24
 """Rows at most that are whitened by one matrix; from piece to piece states are handed on."""

@@ -19,8 +19,9 @@ from itertools import product
 import numpy as np
 
 from hil.campaign import BoolArray, Conditions, FloatArray, IntArray
-from hil.model.effects.base import Scatter, VarianceEffect
+from hil.model.effects.base import VarianceEffect
 from hil.model.effects.prior import scatter_log_odds
+from hil.model.effects.scatter import Scatter
 from hil.reconcile.search.chains import PIECE, Chain, chain_of, grouped, in_time, joined
 from hil.reconcile.search.filters import Filter, filter_of
 from hil.reconcile.search.points import LEVELS, OFFSETS, Kind, Points, log_offset, sizes_up_to

@@ -10,8 +10,8 @@ from hil.campaign import Campaign, Collects
 from hil.design.visibility.map import NoiseLevel, base_values, visibility
 from hil.design.visibility.promise import Rows, Smallest, found_from, noise_unknown, thresholds
 from hil.model import built_in_model
-from hil.model.effects.base import flattened
 from hil.model.effects.catalogue import EFFECTS, effect_by_id
+from hil.model.effects.columns import flattened
 from hil.model.forms import named_form
 from hil.reconcile.search.candidates import effect_columns
 from hil.reconcile.search.layout import searches

@@ -13,7 +13,7 @@ import pytest
 
 from hil.campaign import Conditions, Sensor
 from hil.errors import InputError
-from hil.model.effects.base import Base, Described, Effect, VarianceEffect, flattened
+from hil.model.effects.base import Base, Described, Effect, VarianceEffect
 from hil.model.effects.catalogue import (
     BASE_EFFECTS,
     EFFECTS,
@@ -26,6 +26,7 @@ from hil.model.effects.catalogue import (
     named,
     why_not,
 )
+from hil.model.effects.columns import flattened
 from hil.model.effects.empirical import EmpiricalTerm
 from hil.model.forms import named_form
 from hil.solve.identifiability import orthonormal, project_out

@@ -12,8 +12,9 @@ import pytest
 
 from docs.effect_pages import family_pages, write_pages
 from hil.campaign import Conditions, FloatArray
-from hil.model.effects.base import Base, Effect, Parameter, column, per_channel
+from hil.model.effects.base import Base, Effect, Parameter
 from hil.model.effects.catalogue import EFFECTS, entries
+from hil.model.effects.columns import column, per_channel
 from hil.model.effects.document import effects_document
 from tests.hil.model.effect_conditions import one_run
 

@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hil.campaign import Conditions, FloatArray
-from hil.model.effects.base import Effect, flattened
+from hil.model.effects.base import Effect
 from hil.model.effects.catalogue import VARIANCE_EFFECTS, effect_by_id
+from hil.model.effects.columns import flattened
 from hil.model.effects.history import averaged_decay, joined, loop_side, play, setpoint_step
 from hil.model.forms import named_form
 from hil.solve.identifiability import orthonormal, project_out

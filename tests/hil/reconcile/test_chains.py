@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from hil.campaign import Conditions
-from hil.model.effects.base import Scatter, VarianceEffect
+from hil.model.effects.base import VarianceEffect
 from hil.model.effects.catalogue import VARIANCE_EFFECTS
+from hil.model.effects.scatter import Scatter
 from hil.reconcile.search import chains
 from hil.reconcile.search.chains import chain_of, in_time, joined
 from hil.reconcile.search.filters import filter_of

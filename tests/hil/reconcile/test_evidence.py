@@ -15,8 +15,9 @@ from scipy.stats import multivariate_normal, multivariate_t, norm
 
 from hil.campaign import Conditions, FloatArray
 from hil.model import load_model
-from hil.model.effects.base import Base, Effect, Parameter, per_channel
+from hil.model.effects.base import Base, Effect, Parameter
 from hil.model.effects.catalogue import effect_by_id, variance_effect_by_id
+from hil.model.effects.columns import per_channel
 from hil.model.effects.data import Mislabelled
 from hil.model.effects.prior import SCATTER, SECOND_TIER, scatter_log_odds
 from hil.reconcile.proof.held_out import Rows, by_run, in_blocks

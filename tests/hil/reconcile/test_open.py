@@ -13,8 +13,10 @@ import pytest
 import hil.reconcile
 from hil.campaign import Campaign, Collects, Conditions, FloatArray
 from hil.model import load_model
-from hil.model.effects.base import Base, Effect, Parameter, Scatter, VarianceEffect, per_channel
+from hil.model.effects.base import Base, Effect, Parameter, VarianceEffect
 from hil.model.effects.catalogue import effect_by_id, entries, variance_effect_by_id
+from hil.model.effects.columns import per_channel
+from hil.model.effects.scatter import Scatter
 from hil.reconcile import Reconciliation, reconcile, write_result
 from tests.hil.reconcile.hidden_effects import Rows, base_rates, campaign_of, hidden_campaign, lay_out, noise
 

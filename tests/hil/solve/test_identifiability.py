@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil.model.effects.base import flattened
+from hil.model.effects.columns import flattened
 from hil.model.forms import mu_columns
 from hil.solve.identifiability import (
     Visible,
