@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hil.campaign import Campaign, Collects, Conditions, Sensor
+from hil.campaign import Campaign, Collects, Conditions
 from hil.model import Model
 from hil.model.curve import Polynomial
 from hil.reconcile import Reconciliation, reconcile
@@ -186,24 +186,6 @@ def test_of_three_runs_at_one_temperature_either_one_or_the_other_two_are_exchan
         assert f"{one}, or both {two}, and {three}; these rates" in said.replace("; or", ", or")
 
 
-def test_a_run_with_the_other_sensors_rates_is_mended_for_both() -> None:
-    """As `hil solve` does: they are one mistake, in two sensors, and nothing of it is left out."""
-    one, other = (hidden_campaign(seed, temperatures=(-10.0, 23.0, 50.0)).sensors[2] for seed in (5, 6))
-    first = Sensor(1, ("A", "B", "S"), {"RA": "A", "RB": "B"})
-    filed = {2: one, 1: replace(other, conditions=replace(other.conditions, sensor=first))}
-    w = one.conditions.w_channels_deg_per_hr
-    filed[1] = replace(filed[1], rates_deg_per_hr=w - 0.5 * (filed[1].rates_deg_per_hr - w))
-    here = one.conditions.run == 3
-    rates = {
-        n: np.where(here[:, None], filed[3 - n].rates_deg_per_hr, rows.rates_deg_per_hr) for n, rows in filed.items()
-    }
-    torn = Campaign("t", "", {n: replace(rows, rates_deg_per_hr=rates[n]) for n, rows in filed.items()})
-    result = found(torn, prove=False)
-    assert sorted((row["sensor"], row["run"], row["done"]) for row in result.rows) == [(1, 3, MENDED), (2, 3, MENDED)]
-    assert all("the rates look like the other sensor's" in row["why"] for row in result.rows)
-    assert result.outliers == []
-
-
 @pytest.mark.slow
 def test_exchanges_in_two_runs_are_both_found(right_labels: Reconciliation) -> None:
     """Positions 1 and 2 in run 6, 3 and 4 in run 11: both, by run, and both notes."""
@@ -364,38 +346,3 @@ def test_what_solve_doubts_and_the_search_does_not_is_said_by_its_collects() -> 
     assert [row.run for row in doubted] == [2]
     assert any("hil solve doubts" in words and "collect 5" in words for words in otherwise(wrong, ()))
     assert not any("doubts" in words for words in otherwise(wrong, [row.document() for row in doubted]))
-
-
-@pytest.mark.parametrize(
-    ("wrong", "said", "channels"),
-    [
-        (lambda rates: rates * [1.0, -1.0], "the sign of RB looks turned", ["RB"]),
-        pytest.param(lambda rates: -rates, "the signs look turned", ["RA", "RB"], marks=pytest.mark.slow),
-        (lambda rates: rates[:, ::-1], "RA and RB look exchanged", ["RA", "RB"]),
-    ],
-)
-def test_what_is_wrong_with_a_whole_run_solve_and_the_search_say_and_mend_alike(wrong, said, channels) -> None:
-    """A sign, all of them, or the channels: what was filed less what would have been is one term."""
-    made = hidden_campaign(3, temperatures=(-10.0, 23.0, 50.0), positions=("1", "2", "3", "4"))
-    rates = made.sensors[2].rates_deg_per_hr.copy()
-    here = made.sensors[2].conditions.run == 2
-    rates[here] = wrong(rates[here])
-    torn = replace(made, sensors={2: replace(made.sensors[2], rates_deg_per_hr=rates)})
-    (quick,) = wrong_rows(torn)[2].rows
-    result = found(torn, prove=False)
-    (row,) = result.rows
-    assert (row["run"], row["done"], row["channels"]) == (quick.run, quick.done, channels) == (2, MENDED, channels)
-    assert said in row["why"]
-    assert said in quick.why
-    assert "labels or signs in the record are wrong" in page(result)
-
-
-def test_signs_turned_in_many_runs_are_all_put_right() -> None:
-    """Of long runs three were asked about, whatever `hil solve` named; the other turned ones were effects."""
-    made = hidden_campaign(3, temperatures=(-10.0, 23.0, 50.0), positions=tuple("1342431"), runs_each=4)
-    rates, run = made.sensors[2].rates_deg_per_hr.copy(), made.sensors[2].conditions.run
-    turned = sorted({*run.tolist()})[1::2][:5]
-    rates[np.isin(run, turned), 0] *= -1.0
-    result = found(replace(made, sensors={2: replace(made.sensors[2], rates_deg_per_hr=rates)}), prove=False)
-    assert {effect.id for effect in result.effects} == {"swap"}
-    assert [row["run"] for row in result.rows] == swaps(result) == turned
