@@ -39,7 +39,7 @@ _SHOWN = 60  # bytes of what arrived in a message
 def shown(data: bytes | bytearray) -> str:
     """Return bytes as a message shows them: noise without end must not fill it."""
     more = len(data) - _SHOWN
-    return repr(bytes(data)) if more <= 0 else f"{bytes(data[:_SHOWN])!r} , the first of {len(data)} bytes"
+    return repr(bytes(data)) if more <= 0 else f"{bytes(data[:_SHOWN])!r}, the first of {len(data)} bytes"
 
 
 class Transport(ABC):

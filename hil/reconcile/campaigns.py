@@ -32,7 +32,7 @@ from hil.reconcile.fleet import CALLED, NOISY_UNITS, Asked, Screen, SharedFindin
 from hil.reconcile.proof.places import false_discovery
 from hil.records.folders import PIECE, in_turn, pieces_in, some_at_once
 from hil.solve.omissions import by_records
-from hil.solve.wrong_rows import Wrong, failed, pooled, put_right
+from hil.solve.wrong_rows import Wrong, failed, laid_right, pooled
 
 LEVEL = 0.05
 """False discoveries among the units that are called, at most, on average."""
@@ -164,7 +164,7 @@ def screen_folders(
                 continue
             try:
                 # What its records contradict has been asked about already.
-                used, rows = put_right(pooled(campaign)) if campaign.contradicted else (pooled(campaign), [])
+                used, rows = laid_right(pooled(campaign)) if campaign.contradicted else (pooled(campaign), [])
                 read = with_stand_ins(usable(used))
             except InputError as error:
                 told[place] = str(error)
@@ -224,7 +224,7 @@ def _weigh(piece: tuple[_Layout, Sequence[_Unit]]) -> tuple[Asked, FloatArray, l
     mended: list[Sequence[Wrong]] = [()] * len(units)
     asked = screen.asked.statistic(by_name) > (CALLED if screen.few is not None else -np.inf)
     for i in np.flatnonzero(asked).tolist():
-        right, mended[i] = put_right(_again(layout.units[0], units[i]))
+        right, mended[i] = laid_right(_again(layout.units[0], units[i]))
         if mended[i]:
             by_name[:, i] = screen.weigh([screen.in_blocks(beside_the_earth(right), "")])[:, 0]
     return screen.asked, by_name, mended

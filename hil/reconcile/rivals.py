@@ -1,4 +1,4 @@
-"""Another name for the same data: what the data say of it, what was known before, and both in words."""
+"""Another name for the same data: what the data say of it, how usual it is, and both in words."""
 
 import math
 from collections.abc import Mapping
@@ -16,9 +16,10 @@ EXCLUDED = 0.001
 class Rival:
     """Another name for the same data: its probability, and how much of the added effect it can reproduce.
 
-    `bayes_factor` is what the data say of it against the name, `prior_odds` what was known before. `terms` are its
-    places by sensor in the likeliest set that has it. A `likely` cause is in the sensor itself and no accident of the
-    order or the heading: identical, it withholds the name. `remedy` is what would tell the two apart.
+    `bayes_factor` is what the data say of it against the name, `prior_odds` how much more usual it is at the size that
+    these data give it. `terms` are its places by sensor in the likeliest set that has it. A `likely` cause is in the
+    sensor itself and no accident of the order or the heading: identical, it withholds the name. `remedy` is what would
+    tell the two apart.
     """
 
     id: str
@@ -54,7 +55,7 @@ class Rival:
 
 
 def rival_in_words(rival: Mapping[str, Any]) -> str:
-    """Say what the data say of a rival, and apart from it what was known before; empty where nobody can."""
+    """Say what the data say of a rival, and apart from it how usual it is; empty where nobody can."""
     data, before = rival.get("bayes_factor"), rival.get("prior_odds")
     if data is None or before is None or not math.isfinite(data):
         return ""

@@ -270,7 +270,7 @@ def treated(campaign: Campaign) -> Campaign:
     return replace(used, sensors=sensors, exchanged={}, not_used=not_used)
 
 
-def put_right(campaign: Campaign) -> tuple[Campaign, list[Wrong]]:
+def laid_right(campaign: Campaign) -> tuple[Campaign, list[Wrong]]:
     """Return a campaign with rates where they belong that are certain to be filed elsewhere, and which those are."""
     found, sensors = wrong_rows(campaign), {}
     for number, rows in campaign.sensors.items():

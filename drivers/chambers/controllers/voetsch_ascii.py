@@ -115,9 +115,9 @@ class VoetschAscii(Controller):
 
         False for less than a tenth.
         """
-        rate = round(degC_per_min, 1)
         if degC_per_min < 0.1:
             return False
+        rate = round(degC_per_min, 1)
         numbers = [rate, rate] + [0.0] * (2 * (self._layout.written - 1))
         text = " ".join(f"{number:06.1f}" for number in numbers)
         if not self._exchange.command(f"{self._address}U {text}", _acknowledged):

@@ -22,7 +22,7 @@ LEAST = 1e-4  # p-values are said down to it
 _FALLS = 0.98  # of what it was: from there on a gap is said to fall
 _MORE_THAN_NOISE = 1.15  # times the noise: from there on it is not said that nothing else is left
 _EXCESS = 1.5  # times the noise, or what is explained of it, from which on it is said that something is more
-_EXPECTED = 5.0  # times as probable before the data, from which on physics is said to expect a name
+_EXPECTED = 5.0  # times as usual at its size, from which on physics is said to expect a name
 
 _ACT = packaged("hil.reconcile.outcome", "what_to_do.yaml")
 _MEASURED = " The model holds at temperatures that were measured: how far off it may be at others, hil thermal says."
@@ -151,7 +151,7 @@ def _or_else(result: Reconciliation, effect: FoundEffect) -> str:
 
 
 def _usual(result: Reconciliation, effect: FoundEffect, same: Sequence[Rival]) -> str:
-    """Say whether physics alone, before any data, favours an effect or another that looks the `same`.
+    """Say whether physics alone, by how usual a size is, favours an effect or another that looks the `same`.
 
     What follows a curve has no name, and nothing expects it.
     """

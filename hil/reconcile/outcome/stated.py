@@ -65,9 +65,9 @@ def beside(noise: Sequence[Mapping[str, Any]], wanders: Mapping[int, Wander]) ->
         own, left = None if named else wanders.get(each["sensor"]), dict(each)
         for called, known in (("run_offset", own.between), ("collect_to_collect", own.within)) if own else ():
             size, se = left[f"{called}_deg_per_hr"], left[f"{called}_se_deg_per_hr"]
-            more = 0.0 if size is None else float(np.sqrt(max(size**2 - known**2, 0.0)))
-            left[f"{called}_deg_per_hr"] = None if size is None else more
-            left[f"{called}_se_deg_per_hr"] = se * size / more if se is not None and size - known > se else None
+            if size is not None:
+                left[f"{called}_deg_per_hr"] = more = float(np.sqrt(max(size**2 - known**2, 0.0)))
+                left[f"{called}_se_deg_per_hr"] = se * size / more if se is not None and size - known > se else None
         out.append(left)
     return out
 
