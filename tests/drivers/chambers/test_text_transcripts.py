@@ -141,9 +141,10 @@ def test_ascii2_with_an_unexpected_layout_is_refused() -> None:
 
 
 def test_ascii2_has_a_ramp() -> None:
-    """Ten numbers: up and down of each channel."""
+    """Ten numbers: up and down of each channel. Less than a tenth would be written as none: the host steps it."""
     gradient = "$00U 0002.5 0002.5 0000.0 0000.0 0000.0 0000.0 0000.0 0000.0 0000.0 0000.0"
     chamber, device = _chamber(VoetschAscii, [_ascii2("0023.0", "0101000000000000"), (gradient, "0")], limits=LIMITS)
+    assert chamber.set_ramp_rate(0.04) is False
     assert chamber.set_ramp_rate(2.5) is True
     device.finish()
 
