@@ -24,7 +24,8 @@ _FACES = {
     "drivers.chambers.controllers.borrowed": "BorrowedController",
     "drivers.positioners.borrowed": "BorrowedPositioner",
     "drivers.chambers.catalogue": "ChamberDriver ChamberOptions supervised",
-    "hil.model.effects.base": "Effect VarianceEffect Parameter column per_channel",
+    "hil.model.effects.base": "Effect VarianceEffect Parameter",
+    "hil.model.effects.columns": "column per_channel",
     "hil.model.effects.inside": "SeriesEffect",
 }
 """The names that scripts and others' packages may use: the end of `hil docs python`."""
