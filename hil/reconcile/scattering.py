@@ -8,11 +8,9 @@ It is asked about the form of model that fits the sensor; what moves the mean, w
 compete there, so that nothing is called scatter which something else explains.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
-
-import numpy as np
 
 from hil.campaign import Campaign
 from hil.campaign.plausibility import usable
@@ -24,6 +22,7 @@ from hil.model.effects.prior import ALPHA
 from hil.model.forms import default_form
 from hil.reconcile.naming import CERTAIN
 from hil.reconcile.outcome import scatter
+from hil.reconcile.outcome.answer import Answer
 from hil.reconcile.outcome.sentences import scatter_in_words
 from hil.reconcile.result import Solved
 from hil.reconcile.workflow import searched
@@ -33,113 +32,101 @@ from hil.solve.temperatures import runs_by_temperature
 from hil.solve.wrong_rows import pooled
 from procedures.words import listed, percent, unit_in_words
 
-ORDINARY = "ordinary"
-"""White noise and an offset from run to run: what is called no effect."""
-
 
 @dataclass(frozen=True)
 class Scattering:
-    """Probabilities of what scatters, by id; what is `named` of it, what `moves` the mean, and what may `instead`.
+    """What the search came to, read for what scatters; `solved` is what repeats say of standard errors."""
 
-    `errors` is what repeats and residuals say of standard errors.
-    """
-
-    campaign: Campaign
-    probabilities: dict[str, float]
-    titles: dict[str, str]
-    named: tuple[str, ...]
-    moves: tuple[str, ...]
-    instead: tuple[str, ...]
-    sizes: tuple[scatter.FoundScatter, ...]
-    noise: Sequence[dict[str, Any]]
-    rows: Sequence[dict[str, Any]]
+    answer: Answer
     both: BothSensors | None
-    errors: Sequence[str]
+    solved: Solved
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """The effects, by id, that scatter."""
+        return tuple(n.name for n in self.answer.reading.names if n.acts_on == "scatter" and n.kind == "named")
+
+    @property
+    def moves(self) -> tuple[str, ...]:
+        """What moves the mean beside it."""
+        return tuple(n.name for n in self.answer.reading.names if n.acts_on == "mean")
+
+    @cached_property
+    def sizes(self) -> tuple[scatter.FoundScatter, ...]:
+        """How large what scatters is, by effect and sensor."""
+        return tuple(scatter.pooled(self.answer.scatter))
 
     def sentences(self) -> list[str]:
         """Say what scatters, by how much, and what is wrong with the rows."""
-        taken = {size.effect.id for size in self.sizes}  # `hil reconcile` reads the most probable set, which has them
-        likely = {n: p for n, p in self.probabilities.items() if p >= 1.0 - CERTAIN or n in taken}
-        ranked = [f"{self.titles[name]} ({percent(probability)})" for name, probability in likely.items()]
+        found, noise = self.answer, self.answer.noise
+        likely = {name: f"{title} ({percent(share)})" for name, (title, share) in found.scatters_by.items()}
         if self.named:
             values = [
-                f"{self.titles[s.effect.id]}, sensor {s.sensor}: {s.value:.3g} {unit_in_words(s.parameter.unit)} "
+                f"{s.effect.title}, sensor {s.sensor}: {s.value:.3g} {unit_in_words(s.parameter.unit)} "
                 f"({s.interval['low']:.2g} … {s.interval['high']:.2g}), by all runs and what is typical"
                 for s in self.sizes
             ]
-            first = listed([f"{self.titles[name]} ({percent(self.probabilities[name])})" for name in self.named])
-            first += f", about {', '.join(dict.fromkeys(n['under'] for n in self.noise))}: "
-            told = [first + "; ".join(values)]
-        elif self.probabilities.get(ORDINARY, 0.0) >= CERTAIN:
-            more = scatter_in_words(self.noise) or self.errors
-            told = [f"{'what scatters has no name' if more else 'nothing certainly scatters'}: {ranked[0]}"]
+            about = ", ".join(dict.fromkeys(n["under"] for n in noise))
+            told = [f"{listed([likely[name] for name in self.named])}, about {about}: {'; '.join(values)}"]
+        elif likely:
+            more = scatter_in_words(noise) or self.solved.small
+            nothing = "what scatters has no name" if more else "nothing certainly scatters"
+            told = [found.untold or f"{nothing}: {next(iter(likely.values()))}"]
         else:
-            told = [f"these repeats cannot tell: {'; '.join(ranked)}" if ranked else "too few repeats to tell anything"]
-        left = {of["sensor"] for of in self.noise if of["observed_deg_per_hr"] is not None}
+            told = ["too few repeats to tell anything"]
+        left = {of["sensor"] for of in noise if of["observed_deg_per_hr"] is not None}
         alone = [
             f"sensor {number}: nothing was repeated: what changes from run to run is not known"
             + "; what is observed is what a smooth model leaves of single runs" * (number in left)
-            for number, collects in self.campaign.sensors.items()
+            for number, collects in found.campaign.sensors.items()
             if not any(len(runs) > 1 for _, runs in runs_by_temperature(collects.conditions))
         ]
-        told += [f"or it is no scatter, and moves the mean: {listed(self.instead)}"] if self.instead else []
-        beside = [f"beside it something moves the mean: {listed(self.moves)}; see hil reconcile"] if self.moves else []
-        rows = [
-            *in_words({"rows": self.rows, **without(self.campaign)}, searched=True),
-            *otherwise(self.campaign, self.rows),
+        instead = [
+            f"{rival.title} ({percent(rival.probability)})"
+            for each in found.reading.names
+            for rival in each.rivals
+            if each.acts_on == "scatter" and rival.terms and rival.probability > 1.0 - CERTAIN
         ]
-        both = [] if self.both is None else self.both.sentences()
         return [
             *alone,
             *told,
-            *both,
-            *(() if self.named else self.errors),
-            *scatter_in_words(self.noise),
-            *beside,
-            *rows,
+            *([f"or it is no scatter, and moves the mean: {listed(instead)}"] if instead else []),
+            *([] if self.both is None else self.both.sentences()),
+            *(() if self.named else self.solved.errors),
+            *scatter_in_words(noise),
+            *([f"beside it something moves the mean: {listed(self.moves)}; see hil reconcile"] if self.moves else []),
+            *in_words({"rows": found.rows, **without(found.campaign)}, searched=True),
+            *otherwise(found.campaign, found.rows),
         ]
 
     def document(self) -> dict[str, Any]:
         """Return what `hil scatter --json` prints."""
+        noise = self.answer.noise
         return {
             "schema": "hil.scatter/2",
-            **picked(self.campaign, "title simulated warnings"),
+            **picked(self.answer.campaign, "title simulated warnings"),
             "named_from": CERTAIN,
             "named": list(self.named),
             "causes": [
-                {"id": name, "title": self.titles[name], "probability": probability}
-                for name, probability in self.probabilities.items()
+                {"id": name, "title": title, "probability": probability}
+                for name, (title, probability) in self.answer.scatters_by.items()
             ],
             "sizes": [
                 {"id": s.effect.id, "sensor": s.sensor, "value": s.value, "se": s.se, **s.interval}
-                | {"unit": s.parameter.unit, "under": next(n["under"] for n in self.noise if n["sensor"] == s.sensor)}
+                | {"unit": s.parameter.unit, "under": next(n["under"] for n in noise if n["sensor"] == s.sensor)}
                 for s in self.sizes
             ],
-            "noise": self.noise,
-            "rows": self.rows,
+            "noise": noise,
+            "rows": self.answer.rows,
             "both_sensors": None if self.both is None else self.both.document(),
-            **without(self.campaign),
+            **without(self.answer.campaign),
             "sentences": self.sentences(),
         }
 
 
 def what_scatters(campaign: Campaign) -> Scattering:
     """Weigh what may scatter in a campaign; raises `InputError` where no form fits a sensor."""
-    both, errors = common_and_differential(campaign), Solved.of(campaign).errors
-    campaign = with_stand_ins(pooled(campaign))
-    model = load_model(default_form(next(iter(usable(campaign).sensors.values())).conditions).name)
-    answer = searched(campaign, model, (*BASE_EFFECTS, *EFFECTS), VARIANCE_EFFECTS, ALPHA)
-    posterior, names = answer.posterior, answer.reading.names
-    titles = {ORDINARY: "white noise, and an offset of each run"}
-    titles |= {name: effect.title for name, effect in posterior.scatter.items()}
-    weights = {name: float(sum(np.exp(f.log_weight) for f in posterior.sets if name in f.scatter)) for name in titles}
-    weights[ORDINARY] = float(1.0 - sum(np.exp(f.log_weight) for f in posterior.sets if f.scatter))
-    ranked = dict(sorted(weights.items(), key=lambda pair: -pair[1])) if posterior.scatter else {}
-    moves = tuple(each.name for each in names if each.acts_on == "mean")
-    named = tuple(each.name for each in names if each.acts_on == "scatter" and each.kind == "named")
-    rivals = [rival for each in names if each.acts_on == "scatter" for rival in each.rivals if rival.terms]
-    instead = tuple(
-        f"{rival.title} ({percent(rival.probability)})" for rival in rivals if rival.probability > 1.0 - CERTAIN
-    )
-    sizes = tuple(scatter.pooled(answer.scatter))
-    return Scattering(campaign, ranked, titles, named, moves, instead, sizes, answer.noise, answer.rows, both, errors)
+    asked = with_stand_ins(pooled(campaign))
+    model = load_model(default_form(next(iter(usable(asked).sensors.values())).conditions).name)
+    answer = searched(asked, model, (*BASE_EFFECTS, *EFFECTS), VARIANCE_EFFECTS, ALPHA)
+    return Scattering(answer, common_and_differential(campaign), Solved.of(campaign))

@@ -99,7 +99,7 @@ class SensorRepeats:
     cannot be told of which channel, all have the same. `noise_times` (c,) is that, or what residuals exceed them by
     beyond chance where what differs neither shows nor contradicts it; `same_times` is how much those do that are no
     noise; `by_noise` is how parameters scatter beside errors as large as noise is. `left_deg_per_hr` is what residuals
-    make of the noise of rates without errors.
+    make of the noise of rates without errors, `stated` whether they have any.
     """
 
     names: tuple[str, ...]
@@ -114,6 +114,7 @@ class SensorRepeats:
     noise_times: FloatArray = field(default_factory=lambda: np.ones(1))
     same_times: float = 1.0
     left_deg_per_hr: float = 0.0
+    stated: bool = True
 
     def at(self, temperature_degC: float | None) -> MeanAt | None:
         """Return the mean at what is this temperature of another campaign, None where there is none."""
@@ -195,11 +196,14 @@ class SensorRepeats:
         least = f"{every.min()} to " * bool(every.min() < every.max())
         freedom = f"{least}{counted(int(every.max()), 'degree')} of freedom"
         unknown = "" if self.told_by else "; no temperature was recorded, so that every run counts as a repeat"
+        errors = "standard errors" if self.stated else "residuals"
         if told:
-            stated = "more than their standard errors say" if of.stated.any() else "and state no standard errors"
-            more = f"{stated} ({freedom}{unknown}): {'; '.join(told)}; each ± includes what noise does not explain"
+            than = (
+                f"more than their {errors} say" if of.stated.any() else "and have neither standard errors nor residuals"
+            )
+            more = f"{than} ({freedom}{unknown}): {'; '.join(told)}; each ± includes what noise does not explain"
         else:
-            more = f"as their standard errors say, as far as {freedom} can tell{unknown}"
+            more = f"as their {errors} say, as far as {freedom} can tell{unknown}"
         said = [f"repeats scatter {more}"] if told or not self.noise_in_words else []
         return [*said, *self.noise_in_words, *self._by_temperature()]
 
@@ -231,7 +235,8 @@ class SensorRepeats:
         """Say which parameters scatter more at some temperatures than at others: no one ± holds at each."""
         names = [name for name, odd in zip(self.names, self.spread.uneven, strict=True) if odd]
         how = "scatters" if len(names) == 1 else "scatter"
-        where = "more at some temperatures than at others: no one ± holds at each; hil scatter asks what it is"
+        where = "more at some temperatures than at others: no one ± holds at each"
+        where += "; hil scatter asks what it is" * self.stated  # where they are not, it may be noise
         return [f"{listed(names)} {how} {where}"] if names else []
 
 
@@ -330,6 +335,7 @@ def _of_sensor(own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, 
         noise_times=noise_times,
         same_times=float(np.max(residual_times, where=contradicted, initial=1.0)),
         by_noise=by_noise,
+        stated=stated,
         left_deg_per_hr=math.sqrt(left / max(sum(e.degrees_of_freedom for e in own), 1)),
     )
 

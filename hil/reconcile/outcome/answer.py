@@ -5,8 +5,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from hil.campaign import Campaign
-from hil.reconcile.naming import Named, Reading
+from hil.reconcile.naming import CERTAIN, Named, Reading
 from hil.reconcile.outcome.findings import gap_of
 from hil.reconcile.outcome.mistakes import mended, outliers_found, rows_found
 from hil.reconcile.outcome.scatter import FoundScatter, found_scatter, ordinary
@@ -17,6 +19,11 @@ from hil.reconcile.search.fitted import Fitted, Values, fitted
 from hil.reconcile.search.posterior import Posterior
 from hil.reconcile.search.problem import Problem, SensorProblem
 from hil.reconcile.unrecorded import beside_unasked
+from procedures.words import percent
+
+ORDINARY = "ordinary"
+"""White noise and an offset from run to run: what is called no effect."""
+WHITE = "white noise, and an offset of each run"
 
 
 @dataclass(frozen=True)
@@ -60,6 +67,31 @@ class Answer:
     def scatter(self) -> Sequence[FoundScatter]:
         """What the effect on the scatter is, if one was found, channel by channel."""
         return [each for n in self.names if n.acts_on == "scatter" for each in found_scatter(self.fit, n.name)]
+
+    @cached_property
+    def scatters_by(self) -> Mapping[str, tuple[str, float]]:
+        """What may scatter averages, by id: title and probability, most probable first; none where nothing can."""
+        posterior = self.posterior
+        titles = {name: effect.title for name, effect in posterior.scatter.items()}
+        likely = {n: float(sum(np.exp(f.log_weight) for f in posterior.sets if n in f.scatter)) for n in titles}
+        likely[ORDINARY] = float(1.0 - sum(np.exp(f.log_weight) for f in posterior.sets if f.scatter))
+        ranked = sorted(likely.items(), key=lambda pair: -pair[1])
+        return {name: (titles.get(name, WHITE), share) for name, share in ranked} if titles else {}
+
+    @property
+    def untold(self) -> str:
+        """Say between what these repeats cannot tell; empty where a name is settled, or that there is none."""
+        names = [each for each in self.names if each.acts_on == "scatter"]
+        ordinary = self.scatters_by.get(ORDINARY, ("", 1.0))[1]
+        if any(each.kind == "named" for each in names) or ordinary >= CERTAIN:
+            return ""
+        rivals = {each.name for each in names} | {rival.id for each in names for rival in each.rivals}
+        listed = [
+            f"{title} ({percent(share)})"
+            for name, (title, share) in self.scatters_by.items()
+            if share >= 1.0 - CERTAIN or name in rivals
+        ]
+        return f"these repeats cannot tell what scatters: {'; '.join(listed)}"
 
     @cached_property
     def noise(self) -> Sequence[dict[str, Any]]:

@@ -53,7 +53,7 @@ def found_scatter(fit: Fitted, name: str) -> list[FoundScatter]:
     for block in fit.blocks:
         own, sensor = block.search, block.search.block.sensor
         total = block.weighed.terms_log + own.points.log_prior
-        kinds = np.array([kind.effect.id == name for kind in own.noise.kinds], dtype=bool)
+        kinds = np.array([kind.name == name for kind in own.noise.kinds], dtype=bool)
         here = np.any(own.points.amount[:, kinds], axis=1)
         within = np.array([sort <= fit.found.scatter for sort in own.noise.sorts])[own.points.sort]
         here, others = here & within, ~here & within
@@ -157,7 +157,8 @@ def _of_channels(block: FittedBlock, found: Sequence[FoundScatter], model: str) 
     runs, certain = len(np.unique(rows_of.run)), weight[points.offset == 0.0].sum() < _NO_OFFSET
     offsets = scales * points.offset**2
     variance = (weight * scales) @ own.noise.variance(points)
-    alone = replace(points, amount=np.zeros(points.amount.shape), offset=np.zeros(len(points)))
+    ordinary = np.array([not kind.name for kind in own.noise.kinds], dtype=bool)
+    alone = replace(points, amount=points.amount * ordinary, offset=np.zeros(len(points)))
     by_itself = scales[:, None] * own.noise.variance(alone)
     relative = float(np.sqrt(2.0 / own.beside.freedom)) if own.beside.freedom else np.inf  # nothing is left to know by
     repeated = any(len(of) > 1 for _, of in runs_by_temperature(own.noise.conditions))

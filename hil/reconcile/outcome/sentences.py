@@ -248,7 +248,8 @@ def stated_in_words(noise: Sequence[Mapping[str, Any]], wanders: Mapping[int, Wa
         for each in noise
         for key, size, se in beyond_chance(each)
     )
-    said = "the noise of model.yaml states what averages scatter by beyond the standard errors and the model read"
+    errors = "the standard errors and " * any(each["stated_deg_per_hr"] is not None for each in noise)
+    said = f"the noise of model.yaml states what averages scatter by beyond {errors}the model read"
     inside = [
         f"the series of sensor {number} show flicker, which model.yaml states: a bias instability of "
         f"{rounded(own.size, own.se)} deg/hr"

@@ -115,7 +115,7 @@ def beyond_chance(channel: Mapping[str, Any]) -> Iterator[tuple[str, float, floa
     """Yield what a channel scatters by that no model stated: the key of a noise section, the size and its error."""
     for key, called in (("run_to_run", "run_offset"), ("collect_to_collect", "collect_to_collect")):
         size, se = channel[f"{called}_deg_per_hr"], channel[f"{called}_se_deg_per_hr"]
-        if se is not None:
+        if se is not None and size > se:
             yield key, size, se
 
 

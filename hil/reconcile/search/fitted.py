@@ -146,7 +146,7 @@ class Fitted:
             white = np.linalg.inv(np.linalg.cholesky(noise.covariance(points, len(rows))))
             values = noise.by_station[: len(rows)] * block.calibrated
             base = orthonormal(white @ np.hstack([block.search.block.base[rows], values]), 1e-6)
-            named, others = ([kind.effect.id == own for kind in noise.kinds] for own in (name, rival))
+            named, others = ([kind.name == own for kind in noise.kinds] for own in (name, rival))
             seen = []
             for of in (there & named if any(there & named) else named, others):
                 kinds = [kind for kind, asked in zip(noise.kinds, of, strict=True) if asked]

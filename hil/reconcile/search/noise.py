@@ -73,7 +73,7 @@ class Noise:
         runs = len(np.unique(run))
         self.has_offsets = runs > 1 and len(rows) / runs / apart.shape[1] > 1.5
         self.kinds = list(self._kinds(conditions, effects, rows, channel, by_station)) if self.has_offsets else []
-        self.sorts = [frozenset[str](), *dict.fromkeys(frozenset([kind.effect.id]) for kind in self.kinds)]
+        self.sorts = list(dict.fromkeys(frozenset({name} - {""}) for name in ("", *(k.name for k in self.kinds))))
         self._chains: dict[bytes, Chain] = {}
         self._whitens: list[tuple[IntArray, Filter]] = []
         *_, offsets, levels = self._tried
@@ -122,7 +122,8 @@ class Noise:
                     continue
                 known.append(own)
                 (parameter,) = effect.parameters_for(conditions)[:1]
-                yield Kind(effect, shape, chain.scaled(1.0 / np.sqrt(size)), float(np.sqrt(size)), parameter)
+                name = effect.id if self.block.sigma_stated or np.triu(own, 1).any() else ""
+                yield Kind(name, effect, shape, chain.scaled(1.0 / np.sqrt(size)), float(np.sqrt(size)), parameter)
 
     @cached_property
     def _tried(self) -> list[dict[float, float]]:
@@ -143,7 +144,7 @@ class Noise:
 
     def _at(self, sizes: Sequence[Sequence[float]]) -> Points:
         """Return models of which each has sizes (v + 2,) of everything, and values that stand."""
-        of = [frozenset(k.effect.id for k, size in zip(self.kinds, own, strict=False) if size) for own in sizes]
+        of = [frozenset(k.name for k, size in zip(self.kinds, own, strict=False) if k.name and size) for own in sizes]
         self.sorts += [own for own in dict.fromkeys(of) if own not in self.sorts]
         log_prior = [sum(known[size] for known, size in zip(self._tried, own, strict=True)) for own in sizes]
         every = np.array(sizes)
@@ -161,9 +162,9 @@ class Noise:
         for (own, sort), (place, tried) in product(zip(points.sizes, points.sort, strict=True), enumerate(self._tried)):
             alike = [place]
             if place < len(self.kinds):
-                effect = self.kinds[place].effect
+                effect, name = self.kinds[place].effect, self.kinds[place].name
                 alike = [k for k, kind in enumerate(self.kinds) if kind.effect is effect]
-                if len(self.sorts[sort] | {effect.id}) > TOGETHER:
+                if len(self.sorts[sort] | {name} - {""}) > TOGETHER:
                     continue
             for size in tried:
                 other = own.copy()
@@ -235,7 +236,7 @@ class Noise:
 
     def log_odds(self, points: Points) -> FloatArray:
         """Return the log odds of what scatters at every point beside the likeliest of it, (t,)."""
-        odds = scatter_log_odds(kind.effect for kind in self.kinds)
+        odds = scatter_log_odds(kind.effect for kind in self.kinds if kind.name)
         each = [[odds[name] for name in sort] for sort in self.sorts]
         return np.array([sum(own) - max(own, default=0.0) for own in each])[points.sort]
 

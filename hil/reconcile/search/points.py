@@ -26,9 +26,11 @@ LEVELS = {0.15: 0.3, 1.0: 0.7}
 class Kind:
     """An effect on the scatter at one shape, as a block of rows shows it: states that make a mean variance of one.
 
-    `unit_deg_per_hr` is the deviation that they had at unit size.
+    `unit_deg_per_hr` is the deviation that they had at unit size. It has no `name` where it is more white noise and no
+    standard errors state any: that is ordinary noise.
     """
 
+    name: str
     effect: VarianceEffect
     shape: Mapping[str, float]
     chain: Chain

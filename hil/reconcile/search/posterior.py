@@ -132,7 +132,8 @@ def _alone(search: SensorSearch, sets: Sequence[Set]) -> dict[Set, float]:
 
 def scatter_asked(searches: Iterable[SensorSearch]) -> Mapping[str, VarianceEffect]:
     """Return the effects on the scatter that may be asked about, by id."""
-    return {kind.effect.id: kind.effect for each in searches for block in each.blocks for kind in block.noise.kinds}
+    kinds = (kind for each in searches for block in each.blocks for kind in block.noise.kinds)
+    return {kind.name: kind.effect for kind in kinds if kind.name}
 
 
 def _log_sorts(searches: Sequence[SensorSearch]) -> tuple[list[frozenset[str]], FloatArray]:
@@ -146,7 +147,7 @@ def shared_evidence(search: SensorSearch, sets: Sequence[Set], sorts: Sequence[f
     """Log evidence of sets (m,) with what scatters in the sensors, (m, n): each block may have any of it or not."""
     out = np.zeros((len(sets), len(sorts)))
     for block, by_sort in zip(search.blocks, zip(*map(search.evidence, sets), strict=True), strict=True):
-        has = {kind.effect.id: COMMON if kind.effect.common_to_sensors else SHARED for kind in block.noise.kinds}
+        has = {kind.name: COMMON if kind.effect.common_to_sensors else SHARED for kind in block.noise.kinds}
         log_share = np.array(
             [
                 [_log_share(own & has.keys(), here, has) if here <= own else -np.inf for own in sorts]

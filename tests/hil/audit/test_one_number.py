@@ -41,7 +41,7 @@ def test_the_channel_whose_standard_errors_do_not_hold_is_named() -> None:
     weighed = what_scatters(one)
     assert f"sensor 2: {said}" in weighed.sentences()
     assert f"sensor 2: {said}" in reconcile(one, "matrix-6").notes
-    (noisy,) = scatter_in_words(weighed.noise)
+    (noisy,) = scatter_in_words(weighed.answer.noise)
     assert noisy.startswith("sensor 2, RB: ")
     by_search = re.search(r"scatter ([\d.]+) times", noisy)
     assert by_search is not None
@@ -63,7 +63,7 @@ def test_each_sensor_of_a_unit_is_compared_in_its_own_form() -> None:
     """What a rotor sensor does is no finding beside the form of a triad; a model of one kind screens neither."""
     one = FOLDERS["a rotor sensor and a triad"]()
     found = what_scatters(one)
-    assert {each["sensor"]: each["under"] for each in found.noise} == {1: "triad-12", 2: "matrix-6"}
+    assert {each["sensor"]: each["under"] for each in found.answer.noise} == {1: "triad-12", 2: "matrix-6"}
     assert found.moves == ()
     for ask in (reconcile, Screen.of):
         with pytest.raises(InputError, match="sensor 1: it is not a two-channel rotor sensor"):
@@ -106,7 +106,7 @@ def test_a_run_that_is_hardly_known_moves_no_mean() -> None:
 
 
 def _of_a_collect(one: Campaign) -> list[float]:
-    noise, seen = what_scatters(one).noise, campaign_document(one)["noise_level"]
+    noise, seen = what_scatters(one).answer.noise, campaign_document(one)["noise_level"]
     assert isinstance(seen, dict)
     by_search = [each[key] for each in noise for key in ("stated_deg_per_hr", "observed_deg_per_hr")]
     return [*by_search, seen["collect_deg_per_hr"], fit_thermal(one).sensors[2].rate_noise_deg_per_hr]
@@ -126,7 +126,7 @@ def test_one_huge_standard_error_says_nothing_of_what_the_others_scatter_by() ->
 def test_a_collect_scatters_by_as_much_for_thermal_as_for_the_search(name: str) -> None:
     """Also where residuals are many times their errors, and repeats show that this is no noise."""
     one = FOLDERS[name]()
-    by_search = [each["observed_deg_per_hr"] for each in what_scatters(one).noise]
+    by_search = [each["observed_deg_per_hr"] for each in what_scatters(one).answer.noise]
     assert fit_thermal(one).sensors[2].rate_noise_deg_per_hr == pytest.approx(np.mean(by_search), rel=0.4)
 
 
@@ -163,8 +163,8 @@ def test_what_changes_from_run_to_run_is_not_known_where_nothing_was_repeated(ru
     found = what_scatters(one)
     assert "what changes from run to run is not known" in repeats(one, solve_campaign(one))[2].sentences()[0]
     assert "nothing was repeated: what changes from run to run is not known" in found.sentences()[0]
-    assert {of["run_offset_deg_per_hr"] for of in found.noise} == {None}
-    assert {of["observed_deg_per_hr"] is not None for of in found.noise} == {left}
+    assert {of["run_offset_deg_per_hr"] for of in found.answer.noise} == {None}
+    assert {of["observed_deg_per_hr"] is not None for of in found.answer.noise} == {left}
     assert ("what is observed is" in found.sentences()[0]) is left
 
 
@@ -173,7 +173,7 @@ def test_an_offset_of_runs_is_as_large_for_the_search_as_for_repeats(seed: int) 
     """Within what eight degrees of freedom tell, and not one of the few sizes that the search's grid has."""
     night = campaign(12, 3, seed=seed, scatter=2.0)
     told = repeats(night, solve_campaign(night))[2].spread.beyond[:2]
-    found = [channel["run_offset_deg_per_hr"] for channel in what_scatters(night).noise]
+    found = [channel["run_offset_deg_per_hr"] for channel in what_scatters(night).answer.noise]
     assert found == pytest.approx(told.tolist(), rel=0.45)
 
 

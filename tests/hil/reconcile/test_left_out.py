@@ -133,7 +133,7 @@ def test_a_sensor_of_which_every_run_fails_says_nothing_of_another() -> None:
     columns = {**columns, "temperature_degC": np.full_like(columns["temperature_degC"], 21.3)}
     stuck = replace(both.sensors[1], conditions=replace(both.sensors[1].conditions, columns=columns))
     found = what_scatters(judged_by_its_records(replace(both, sensors={1: stuck, 2: both.sensors[2]})))
-    assert {each["sensor"] for each in found.noise} == {2}
+    assert {each["sensor"] for each in found.answer.noise} == {2}
     assert found.moves == ("bias_T",)
     assert "sensor 1: every run FAILed by what was recorded: no number of it is to be used" in found.sentences()
 
@@ -144,7 +144,7 @@ def test_nothing_that_could_be_tested_is_said_to_be_so() -> None:
     alone = only(full, full.sensors[2].conditions.run == 1)
     result = reconcile(replace(alone, verdicts={1: NOT_GOOD, 2: NOT_GOOD}, missing=["run 2"]), "matrix-6")
     assert (result.doubtful, result.without["missing"]) == ({"INCONCLUSIVE": [1]}, ["run 2"])
-    assert {each["observed_deg_per_hr"] for each in what_scatters(FOLDERS["one run"]()).noise} == {None}
+    assert {each["observed_deg_per_hr"] for each in what_scatters(FOLDERS["one run"]()).answer.noise} == {None}
     result = replace(result, doubtful={}, without={}, left=Solved())
     assert result.verdict == "none"
     assert not result.tested

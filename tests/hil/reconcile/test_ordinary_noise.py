@@ -14,6 +14,7 @@ from hil.model.stated_noise import SensorNoise
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.page import page
 from hil.reconcile.outcome.stated import with_ordinary
+from hil.reconcile.scattering import what_scatters
 from tests.hil.reconcile.hidden_effects import Rows, base_rates, campaign_of, hidden_campaign, lay_out, noise
 from tests.hil.solve.test_other_runs import campaign, with_rates
 
@@ -133,3 +134,28 @@ def test_what_was_stated_grows_in_square(curve: Curve | None) -> None:
     if there:
         own = grown.run_to_run["BA"]
         assert np.max(own.table.se or () if isinstance(own, Table) else own.se) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("stated", [STATED, None])
+def test_noise_that_rises_in_the_cold_is_a_finding_only_beside_standard_errors(stated: float | None) -> None:
+    """Where none are stated nobody said what it is there: it had been named, by one command and not by another."""
+    rng = np.random.default_rng(4)
+    rows = lay_out(rng)
+    e = noise(rows, rng, sigma=STATED, run_bias=0.0) * np.where(rows.temperature < 0.0, 2.0, 1.0)[:, None]
+    one = campaign_of(rows, base_rates(rows, thermal=False) + e, stated=stated)
+    found, result = what_scatters(one), reconcile(one, "matrix-6", prove=False)
+    assert found.named == (() if stated is None else ("hash",))
+    assert [effect.id for effect in result.effects] == [*found.named]
+    assert ("hash" in found.answer.scatters_by) is (stated is not None)
+
+
+def test_what_these_repeats_cannot_tell_is_said_by_both_in_one_sentence() -> None:
+    """A walk as probable as none: `hil scatter` had said so of runs that `hil reconcile` had done with."""
+    rng = np.random.default_rng(0)
+    rows = lay_out(rng)
+    e = noise(rows, rng, sigma=STATED, run_bias=2.0, rho=0.5)
+    one = campaign_of(rows, base_rates(rows, thermal=False) + e, stated=STATED)
+    untold, result = what_scatters(one).answer.untold, reconcile(one, "matrix-6", prove=False)
+    assert untold.startswith("these repeats cannot tell what scatters: Rate random walk (")
+    assert result.verdict == "none"
+    assert untold in result.notes

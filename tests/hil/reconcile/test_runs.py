@@ -238,7 +238,7 @@ def test_what_the_model_explains_is_no_surprise() -> None:
     assert scatter_in_words([{**channel, "explained_deg_per_hr": 4.0}]) == []
     assert scatter_in_words([{**channel, "explained_deg_per_hr": 1.0, "run_offset_se_deg_per_hr": None}]) == []
     for seed in range(3):  # of two sound runs, which tell next to nothing of what runs scatter by
-        few = what_scatters(campaign(2, 2, seed, scatter=0.0)).noise
+        few = what_scatters(campaign(2, 2, seed, scatter=0.0)).answer.noise
         assert scatter_in_words(few) == []
         assert all(each["observed_deg_per_hr"] < 1.4 * each["stated_deg_per_hr"] for each in few)
 
@@ -250,7 +250,7 @@ def test_of_two_rows_that_differ_nobody_says_which_is_wrong() -> None:
     for wrong, partner in ((5, 2), (1, 4)):
         rates = one.sensors[2].rates_deg_per_hr.copy()
         rates[wrong, 0] += 80.0
-        (row,) = what_scatters(with_rates(one, rates)).rows
+        (row,) = what_scatters(with_rates(one, rates)).answer.rows
         both = {wrong + 1, partner + 1}
         (left_out,) = row["collects"]
         (other,) = both - {left_out}
@@ -258,7 +258,7 @@ def test_of_two_rows_that_differ_nobody_says_which_is_wrong() -> None:
     three = campaign(12, 3, seed=11, scatter=2.0)
     rates = three.sensors[2].rates_deg_per_hr.copy()
     rates[5, 0] += 80.0
-    (row,) = what_scatters(with_rates(three, rates)).rows
+    (row,) = what_scatters(with_rates(three, rates)).answer.rows
     assert row["collects"] == [6]
     assert "in its place" not in row["why"]
 

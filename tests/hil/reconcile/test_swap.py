@@ -252,7 +252,7 @@ def test_labels_are_put_right_where_values_follow_temperature() -> None:
     """Each of the two has what the other measured, whatever the base is at that temperature: nothing is left out."""
     curves = {"GSA": lambda at: 58.0 + 0.0 * at, "MUA": lambda at: 0.8 * at, "MUB": lambda at: -0.6 * at}
     night = rotor_night(np.random.default_rng(3), curves, run_to_run={"MUA": 4.0, "MUB": 4.0})
-    assert [row["done"] for row in what_scatters(exchanged(night, (1, 3))).rows] == ["mended"]
+    assert [row["done"] for row in what_scatters(exchanged(night, (1, 3))).answer.rows] == ["mended"]
 
 
 @pytest.mark.slow

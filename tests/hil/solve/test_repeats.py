@@ -210,6 +210,26 @@ def test_residuals_that_repeats_do_not_share_are_no_noise() -> None:
     assert "the same in every run, and no noise" in shown.sentences()[-1]
 
 
+@pytest.mark.parametrize(("positions", "told"), [((0, 1, 2), False), ((0, 1, 2, 0, 1, 2), True)])
+def test_of_rates_without_standard_errors_it_is_said_what_tells_their_noise(
+    positions: tuple[int, ...], told: bool
+) -> None:
+    """Residuals, where there are any; nothing is as standard errors say that nobody stated."""
+    one = runs_at_their_temperatures(6, 3, seed=2, scatter=0.0).sensors[2]
+    rng = np.random.default_rng(3)
+    rows = one.rows(np.concatenate([[3 * run + k for k in positions] for run in range(6)]))
+    rows = replace(
+        rows,
+        conditions=replace(rows.conditions, collect=np.arange(1, len(rows.conditions) + 1)),
+        rates_deg_per_hr=rows.conditions.w_channels_deg_per_hr + rng.normal(0.0, 0.5, rows.rates_deg_per_hr.shape),
+        rates_se_deg_per_hr=np.full(rows.rates_deg_per_hr.shape, np.nan),
+    )
+    made = Campaign("t", "", {2: rows})
+    (said,) = repeats(made, solve_campaign(made))[2].sentences()
+    assert said.startswith("repeats scatter as their residuals say" if told else "repeats scatter and have neither")
+    assert "standard errors say" not in said
+
+
 @pytest.mark.parametrize(("drift", "times"), [(2.0, 1.0), (0.0, 1.0), (0.0, 0.2), (2.0, 0.2)])
 def test_standard_errors_are_too_small_only_where_what_is_left_differs_from_run_to_run(
     drift: float, times: float
