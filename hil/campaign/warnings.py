@@ -81,6 +81,8 @@ def _of_sensor(where: str, collects: Collects, rows: np.ndarray, centrifuge: boo
             found.append(f"{at(odd)}, column {name}: {worst:.4g} °C; is that column in °C?")
     if other := instead_of_temperature(conditions):
         found.append(not_recorded(conditions, OWN, other[0]))
+    elif (lacking := np.isnan(conditions.columns.get(OWN, np.zeros(len(conditions))))).any() and not lacking.all():
+        found.append(f"{at(lacking)}: no {OWN}, and nothing that stands in for it: nothing there is asked to follow it")
     if not conditions.w_deg_per_hr.any() and not centrifuge:
         found.append(f"{where}: w is 0 in every row: what there is of the earth rate (15 deg/hr) is in the parameters")
     elif not centrifuge and (across := _across(conditions)) > _LEVEL_DEG_PER_HR:

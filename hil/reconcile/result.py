@@ -163,7 +163,7 @@ class Solved:
     """The runs that `hil solve` does not pass, by verdict; whose residuals exceed their errors; and all reasons.
 
     `widens`: whether repeats or residuals tell it by how much its ± have to be wider than standard errors say; `errors`
-    is what they say of the standard errors of each sensor, and `small` whether some are too small.
+    is what they say of the standard errors of each sensor, `times` how many times as large these should be, by channel.
     """
 
     not_passed: Mapping[str, Sequence[int]] = field(default_factory=dict)
@@ -171,7 +171,12 @@ class Solved:
     reasons: Sequence[str] = ()
     widens: bool = False
     errors: Sequence[str] = ()
-    small: bool = False
+    times: Sequence[float] = ()
+
+    @property
+    def small(self) -> bool:
+        """Whether some standard errors are too small."""
+        return max(self.times, default=1.0) > 1.0
 
     @classmethod
     def of(cls, campaign: Campaign) -> "Solved":
@@ -184,8 +189,7 @@ class Solved:
         shown = repeats(campaign, every)
         widens = any(np.any(each.spread.degrees) for each in shown.values()) or any(e.degrees_of_freedom for e in every)
         errors = [f"sensor {number}: {said}" for number, each in shown.items() for said in each.noise_in_words]
-        small = any(times > 1.0 for each in shown.values() for times in each.times_of.values())
-        return cls(found, beyond, why, widens, errors, small)
+        return cls(found, beyond, why, widens, errors, [of for each in shown.values() for of in each.times_of.values()])
 
 
 @dataclass(frozen=True)
@@ -224,6 +228,7 @@ class Reconciliation:
     solved: Solved = field(default_factory=Solved)  # what `hil solve` says of these collects
     left: Solved = field(default_factory=Solved)  # and would say without what was found
     both: BothSensors | None = None
+    to_record: Sequence[str] = ()  # what nobody recorded that changes from run to run may follow
 
     def document(self) -> dict[str, Any]:
         """Return the JSON document of formats/reconciliation.md; keys beyond the contract are additions."""
@@ -236,6 +241,7 @@ class Reconciliation:
             "runs_beyond_errors": self.solved.beyond_errors,
             "runs_not_solved": self.solved.not_passed,
             "runs_not_solved_after": self.left.not_passed,
+            "to_record": list(self.to_record),
             **self.without,
             "both_sensors": None if self.both is None else self.both.document(),
             **picked(self, "p_value calibration"),

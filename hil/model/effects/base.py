@@ -150,6 +150,9 @@ class Described(ABC):
     without sensitivity to acceleration.
     """
 
+    kin: ClassVar[Mapping[str, float]] = MappingProxyType({})
+    """Names of the same history in time, that only a further condition tells apart, with their weight against its 1."""
+
     incidental: ClassVar[bool] = False
     """Whether it imitates others only by the order, the timing or the one heading of collects.
 
@@ -252,9 +255,6 @@ class Effect(Described):
 
     recurring: ClassVar[bool] = False
     """Whether it may be there more than once, each time in a shape of its own."""
-
-    kin: ClassVar[Mapping[str, float]] = MappingProxyType({})
-    """Names of the same history in time, that only a further condition tells apart, with their weight against its 1."""
 
     @abstractmethod
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:

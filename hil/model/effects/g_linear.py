@@ -1,6 +1,7 @@
 """Effects linear in acceleration: GS, MU, their temperature dependence, anisotropy, and a triad's full matrix."""
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
@@ -141,6 +142,7 @@ class AxialDriftScatter(VarianceEffect):
     parameters = (Parameter("s_mu", "deg/hr/g", (0.8, 6.0), {"DTG": (0.05, 1.0)}),)
     signature = "MU and a bias solved without it scatter equally, one beside it is quiet: sigmas 1 : 0 : 1."
     confusable_with = ("index", "settle", "jump", "drift")
+    kin = MappingProxyType({"MU_T": 1.0})
     experiment = "Repeat collect 3 three times without indexing between, then with."
 
     def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:

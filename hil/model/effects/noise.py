@@ -14,6 +14,7 @@ from hil.model.effects.scatter import Scatter
 _HOUR_S = 3600.0
 _FEW_RUNS = 4  # beside so many others, a run that stands alone is not told from the others' scatter
 _FEWEST_CYCLES = 3
+_WITH_TEMPERATURE = MappingProxyType({"bias_T": 1.0})
 
 
 class Drift(Effect):
@@ -60,7 +61,7 @@ class Ageing(Effect):
     signature = "A straight line against time, blind to temperature, position and order."
     confusable_with = ("rrw", "jump", "bias_T", "warmup", "supply")
     odds = 1.0 / 1.5  # the published list of effects lacks it: it leads where nothing of that explains as much
-    kin = MappingProxyType({"bias_T": 1.0})
+    kin = _WITH_TEMPERATURE
     experiment = "Return to the first temperature at the end of the night; a second night."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
@@ -83,7 +84,7 @@ class Jump(Effect):
     parameters = (Parameter("J", "deg/hr", (5.0, 15.0), {"DTG": (0.1, 1.0), "MEMS": (1.0, 50.0)}),)
     signature = "A step between two runs, at no particular temperature; two states if it comes back."
     confusable_with = ("ageing", "rrw", "swap", "hyst", "MU_rr")
-    kin = MappingProxyType({"bias_T": 1.0})
+    kin = _WITH_TEMPERATURE
     experiment = "Changepoint inside the collects; many repeats at one temperature."
 
     def kin_for(self, conditions: Conditions, shape: Mapping[str, float]) -> Mapping[str, float]:
@@ -196,6 +197,7 @@ class BiasInstability(VarianceEffect):
     )
     signature = "As slow drift of either sign; longer collects do not help."
     confusable_with = ("drift", "rrw")
+    kin = _WITH_TEMPERATURE
     experiment = "Allan variance of one to three hours at rest, at each temperature."
 
     def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
@@ -220,6 +222,7 @@ class RateRandomWalk(VarianceEffect):
     parameters = (Parameter("K", "deg/hr/sqrt(hr)", (0.5, 5.0), {"FOG": (0.01, 0.1), "MEMS": (0.5, 10.0)}),)
     signature = "Differences between runs grow with the root of the time between them."
     confusable_with = ("ageing", "turnon", "jump", "flicker")
+    kin = _WITH_TEMPERATURE
     experiment = "Allan variance; structure function against the distance of runs."
 
     def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
@@ -249,6 +252,7 @@ class GaussMarkovBias(VarianceEffect):
     shapes = (ShapeParameter("tau_hr", "hr", (0.5, 2.0, 8.0, 40.0), continuous=True),)
     signature = "Neighbours in time are alike, and the likeness fades; the whole does not grow, as a walk's does."
     confusable_with = ("turnon", "rrw", "flicker", "ageing")
+    kin = _WITH_TEMPERATURE
     experiment = "Hours at rest at one temperature: the autocorrelation of the averages; a second night."
 
     def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
@@ -274,6 +278,7 @@ class TurnOnBias(VarianceEffect):
     )
     signature = "Contractor's and matrix bias scatter together, MU not at all: sigmas 1 : 1 : 0."
     confusable_with = ("bias_T", "rrw", "jump")
+    kin = _WITH_TEMPERATURE
     experiment = "Several power cycles at one temperature."
 
     def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:

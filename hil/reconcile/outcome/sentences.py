@@ -65,6 +65,11 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     spoiled = sorted({collect for row in omitted for collect in row["collects"]})
     first += [f"what is left out (below): {numbered('collect', spoiled)}"] if spoiled else []
     first += [f"{result.both.look_for} (notes)"] if result.both is not None and result.both.look_for else []
+    if kind != "scatter" and any(max(times, 1.0 / times) > _EXCESS for times in result.left.times):
+        first.append("standard errors: repeats and residuals show others (notes)")
+    if result.to_record:
+        may_follow = "which what changes from run to run may follow"
+        first.append(f"a record of {listed(result.to_record)} in every collect, {may_follow}")
     act = "The model itself lacks nothing that can be told." if kind == "none" and first else _ACT[kind]
     act = _ACT["errors"] if kind == "scatter" and result.left.small else act
     if useless := sorted(map(int, result.without.get("runs_used_though_failed", {}))):

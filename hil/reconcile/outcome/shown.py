@@ -10,9 +10,11 @@ from hil.reconcile.outcome import findings, mistakes, scatter
 from hil.reconcile.outcome.added import Added
 from hil.reconcile.outcome.answer import Answer
 from hil.reconcile.outcome.sentences import scatter_in_words, stated_in_words, values_off
+from hil.reconcile.outcome.stated import changes
 from hil.reconcile.proof.experiment import next_experiment
 from hil.reconcile.proof.places import channels_touched, places
 from hil.reconcile.result import Disagreement, FoundEffect, Reconciliation, without_collects
+from hil.reconcile.unrecorded import to_record
 from hil.solve.both_sensors import common_and_differential
 from hil.solve.omissions import in_words, otherwise, without
 from procedures.verdict import NOT_GOOD
@@ -67,6 +69,9 @@ def shown(campaign: Campaign, found: Answer, inside: Sequence[dict[str, Any]], a
         solved=added.solved,
         left=added.left,
         both=both,
+        to_record=sorted(
+            {need for of in added.noise for need in to_record(campaign.sensors[of["sensor"]].conditions, changes(of))}
+        ),
         values=added.values,
     )
 

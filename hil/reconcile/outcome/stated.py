@@ -9,8 +9,10 @@ import numpy as np
 from hil.campaign import Campaign, Conditions
 from hil.model import Model
 from hil.model.curve import Constant, Curve, Table
+from hil.model.effects.base import VarianceEffect
+from hil.model.effects.catalogue import variance_effect_by_id
 from hil.model.effects.inside import OF_NORMAL
-from hil.model.effects.noise import BiasInstability
+from hil.model.effects.noise import BiasInstability, TurnOnBias
 from hil.model.forms import bias_names
 from hil.model.stated_noise import ScatterTerm, SensorNoise
 from hil.reconcile.wander import Wander, wandering
@@ -117,6 +119,12 @@ def beyond_chance(channel: Mapping[str, Any]) -> Iterator[tuple[str, float, floa
         size, se = channel[f"{called}_deg_per_hr"], channel[f"{called}_se_deg_per_hr"]
         if se is not None and size > se:
             yield key, size, se
+
+
+def changes(channel: Mapping[str, Any]) -> Iterator[VarianceEffect]:
+    """Yield what a channel's averages change by from run to run: what was found, and an offset like a turn-on bias."""
+    yield from (variance_effect_by_id(each["id"]) for each in channel["scatter"])
+    yield from (TurnOnBias() for key, *_ in beyond_chance(channel) if key == "run_to_run")
 
 
 def _grown(stated: Curve | None, size: float, se: float, conditions: Conditions) -> Curve:

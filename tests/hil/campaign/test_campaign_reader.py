@@ -360,6 +360,10 @@ WARNED_TABLES = {
         ),
         "sensor 2: temperature_degC is not recorded in run 2; setpoint_degC stands in for it",
     ),
+    "temperature of one row missing": (
+        cell(2, "temperature_degC", ""),
+        "sensor 2, row 2: no temperature_degC, and nothing that stands in for it: nothing there is asked to follow it",
+    ),
     "undeclared column": (
         table(*ROWS, header=HEADER.replace("supply_V", "fan_rpm")),
         "column fan_rpm: campaign.yaml does not say",

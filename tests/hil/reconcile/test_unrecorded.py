@@ -12,8 +12,10 @@ from hil.campaign.stand_ins import with_stand_ins
 from hil.model.effects.series import JumpInCollect, SettlingInCollect
 from hil.model.effects.thermal import InsufficientSoak, WarmUp
 from hil.reconcile import Reconciliation, reconcile
+from hil.reconcile.outcome.sentences import what_to_do
+from hil.reconcile.scattering import what_scatters
 from tests.hil.model.effect_conditions import ROTOR
-from tests.hil.reconcile.hidden_effects import Rows, both, hidden_campaign
+from tests.hil.reconcile.hidden_effects import Rows, base_rates, both, campaign_of, hidden_campaign, lay_out, noise
 from tests.hil.solve.test_other_runs import campaign as runs_at_their_temperatures
 
 
@@ -277,3 +279,45 @@ def test_a_remainder_follows_temperature_where_the_bias_is_no_straight_line(seed
     alone = with_columns(campaign, temperature_degC=None, dTdt_degC_per_min=None)
     found = reconcile(alone, "matrix-6", prove=False).effects
     assert {effect.id for effect in found} == {"bias_T", "soak_insufficient"}
+
+
+@pytest.mark.parametrize(
+    ("columns", "lacks"),
+    [
+        ((), True),
+        (("setpoint_degC",), True),
+        (("a copy of it", "setpoint_degC"), True),
+        (("one number",), True),
+        (("temperature_degC", "setpoint_degC"), False),
+    ],
+)
+def test_what_changes_from_run_to_run_may_follow_a_temperature_that_nobody_recorded(
+    columns: tuple[str, ...], lacks: bool
+) -> None:
+    """Then somebody has to act: a bias anew in every run is no noise before the unit's thermometer was looked at."""
+    rng = np.random.default_rng(3)
+    rows = lay_out(rng)
+    offsets = 4.0 * rng.normal(size=(rows.run.max() + 1, 2))[rows.run]
+    one = campaign_of(rows, base_rates(rows, thermal=False) + noise(rows, rng, run_bias=0.0) + offsets)
+    known = {
+        "temperature_degC": rows.temperature,
+        "setpoint_degC": rows.setpoint,
+        "a copy of it": rows.setpoint,
+        "one number": np.full(len(rows), 23.0),
+    }
+    there = {name if name in one.sensors[2].conditions.columns else "temperature_degC": known[name] for name in columns}
+    plain = with_columns(one, **dict.fromkeys(one.sensors[2].conditions.columns))
+    result = reconcile(with_columns(plain, **there), "matrix-6", prove=False)
+    assert result.verdict == "none"
+    assert result.to_record == ["temperature_degC"] * lacks
+    assert ("a record of temperature_degC in every collect" in what_to_do(result)[1]) is lacks
+
+
+def test_standard_errors_that_are_too_large_are_to_be_seen_to() -> None:
+    """Nobody had to act where they were ten times what repeats and residuals show; and nothing scatters."""
+    rng = np.random.default_rng(3)
+    rows = lay_out(rng)
+    one = campaign_of(rows, base_rates(rows, thermal=False) + noise(rows, rng, run_bias=0.0), stated=9.0)
+    result, found = reconcile(one, "matrix-6", prove=False), what_scatters(one)
+    assert "standard errors: repeats and residuals show others (notes)" in what_to_do(result)[1]
+    assert "nothing certainly scatters: " in " ".join(found.sentences())
