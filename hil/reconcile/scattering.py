@@ -22,6 +22,7 @@ from hil.model.effects.prior import ALPHA
 from hil.model.forms import default_form
 from hil.reconcile.naming import CERTAIN
 from hil.reconcile.outcome import scatter
+from hil.reconcile.outcome.added import left_of
 from hil.reconcile.outcome.answer import Answer
 from hil.reconcile.outcome.sentences import scatter_in_words
 from hil.reconcile.result import Solved
@@ -35,11 +36,11 @@ from procedures.words import listed, percent, unit_in_words
 
 @dataclass(frozen=True)
 class Scattering:
-    """What the search came to, read for what scatters; `solved` is what repeats say of standard errors."""
+    """What the search came to, read for what scatters; `left` is what repeats say of standard errors beside it."""
 
     answer: Answer
     both: BothSensors | None
-    solved: Solved
+    left: Solved
 
     @property
     def named(self) -> tuple[str, ...]:
@@ -69,7 +70,7 @@ class Scattering:
             about = ", ".join(dict.fromkeys(n["under"] for n in noise))
             told = [f"{listed([likely[name] for name in self.named])}, about {about}: {'; '.join(values)}"]
         elif likely:
-            more = scatter_in_words(noise) or self.solved.small
+            more = scatter_in_words(noise) or self.left.small
             nothing = "what scatters has no name" if more else "nothing certainly scatters"
             told = [found.untold or f"{nothing}: {next(iter(likely.values()))}"]
         else:
@@ -92,7 +93,7 @@ class Scattering:
             *told,
             *([f"or it is no scatter, and moves the mean: {listed(instead)}"] if instead else []),
             *([] if self.both is None else self.both.sentences()),
-            *(() if self.named else self.solved.errors),
+            *self.left.errors,
             *scatter_in_words(noise),
             *([f"beside it something moves the mean: {listed(self.moves)}; see hil reconcile"] if self.moves else []),
             *in_words({"rows": found.rows, **without(found.campaign)}, searched=True),
@@ -129,4 +130,4 @@ def what_scatters(campaign: Campaign) -> Scattering:
     asked = with_stand_ins(pooled(campaign))
     model = load_model(default_form(next(iter(usable(asked).sensors.values())).conditions).name)
     answer = searched(asked, model, (*BASE_EFFECTS, *EFFECTS), VARIANCE_EFFECTS, ALPHA)
-    return Scattering(answer, common_and_differential(campaign), Solved.of(campaign))
+    return Scattering(answer, common_and_differential(campaign), left_of(answer))

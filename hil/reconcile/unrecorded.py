@@ -4,7 +4,7 @@ A name is only as sure as its rivals could be tried. A bias that rises through t
 temperature; where no temperature was recorded, both explain it equally.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -46,8 +46,8 @@ def beside_unasked(named: Named, fit: Fitted) -> Named:
     return replace(named, probability=named.probability * share, rivals=rivals, kind="ambiguous")
 
 
-def to_record(conditions: Conditions, effects: Iterable[VarianceEffect]) -> Iterator[str]:
-    """Yield the columns that nobody recorded and that what scatters by some effects may follow instead.
+def to_record(conditions: Conditions, effect: VarianceEffect) -> Iterator[str]:
+    """Yield the columns that nobody recorded and that what scatters by an effect may follow instead.
 
     `conditions` are a sensor's rows as they were filed. A column that shows one number throughout is no record, nor is
     what stands in for the unit's own temperature under its name.
@@ -56,6 +56,6 @@ def to_record(conditions: Conditions, effects: Iterable[VarianceEffect]) -> Iter
     shows = {
         n: of for n, of in conditions.columns.items() if n not in copied and np.unique(of[np.isfinite(of)]).size > 1
     }
-    for name in dict.fromkeys(name for effect in effects for name in effect.kin):
+    for name in effect.kin:
         for need in effect_by_id(name).missing(replace(conditions, columns=shows)):
             yield need.replace("|", " or ")

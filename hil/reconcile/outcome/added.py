@@ -36,7 +36,7 @@ class Added:
 
 def added(found: Answer, inside: Sequence[dict[str, Any]]) -> Added:
     """Add to the model what was found in averages, and what was found `inside` the collects."""
-    model, wrong, sizes = found.problem.model, found.reading.mistakes, scatter.pooled(found.scatter)
+    model, sizes = found.problem.model, scatter.pooled(found.scatter)
     after, values = model, []
     if found.names:
         record = {each.name: findings.origin(found.campaign, each, found.gap_of_names) for each in found.names}
@@ -55,8 +55,13 @@ def added(found: Answer, inside: Sequence[dict[str, Any]]) -> Added:
     if after != model or wanders:
         after = stated.with_white_noise(after, found.campaign, wanders=wanders)
         after = after.model_copy(update={"version": model.version + 1})
-    left = solved = Solved.of(found.campaign)
-    if found.names or wrong or model.terms or model.noise:
-        sure = mistakes.mended(found.problem.sensors, mistakes.certain(wrong, found.fit, found.campaign))
-        left = Solved.of(taken_out(found.problem, sure, found.terms, sizes))
-    return Added(after, within, values, solved, left, noise, wanders)
+    return Added(after, within, values, Solved.of(found.campaign), left_of(found), noise, wanders)
+
+
+def left_of(found: Answer) -> Solved:
+    """Return what `hil solve` would say of the campaign with what is known, and what was found, taken off."""
+    model, wrong = found.problem.model, found.reading.mistakes
+    if not (found.names or wrong or model.terms or model.noise):
+        return Solved.of(found.campaign)
+    sure = mistakes.mended(found.problem.sensors, mistakes.certain(wrong, found.fit, found.campaign))
+    return Solved.of(taken_out(found.problem, sure, found.terms, scatter.pooled(found.scatter)))

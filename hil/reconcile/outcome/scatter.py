@@ -152,7 +152,10 @@ def _of_channels(block: FittedBlock, found: Sequence[FoundScatter], model: str) 
     """
     own, rows_of, points = block.search, block.search.block, block.search.points
     total = np.where(points.sort == points.sort[block.at], block.weighed.terms_log + points.log_prior, -np.inf)
-    scales = np.array([block.weighed.left_at(t)[1] for t in range(len(points))]) * own.unit**2
+    left, scales = np.array([block.weighed.left_at(t) for t in range(len(points))]).T
+    (a, b, _), freedom = own.scales[-1], max(own.beside.freedom, 1)
+    # Errors that these rows contradict are no part of what is seen, however much larger they are.
+    scales = np.where(np.isclose(scales, (b + 0.5 * left) / (a + 0.5 * freedom)), left / freedom, scales) * own.unit**2
     weight = np.exp(total - np.logaddexp.reduce(total))
     runs, certain = len(np.unique(rows_of.run)), weight[points.offset == 0.0].sum() < _NO_OFFSET
     offsets = scales * points.offset**2

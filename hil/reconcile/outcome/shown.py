@@ -10,7 +10,7 @@ from hil.reconcile.outcome import findings, mistakes, scatter
 from hil.reconcile.outcome.added import Added
 from hil.reconcile.outcome.answer import Answer
 from hil.reconcile.outcome.sentences import scatter_in_words, stated_in_words, values_off
-from hil.reconcile.outcome.stated import changes
+from hil.reconcile.outcome.stated import offsets
 from hil.reconcile.proof.experiment import next_experiment
 from hil.reconcile.proof.places import channels_touched, places
 from hil.reconcile.result import Disagreement, FoundEffect, Reconciliation, without_collects
@@ -40,6 +40,7 @@ def shown(campaign: Campaign, found: Answer, inside: Sequence[dict[str, Any]], a
     notes += [found.untold] if found.untold and not found.names else []
     notes += [*added.left.errors, *scatter_in_words(found.noise), *stated_in_words(added.noise, added.wanders)]
     notes += otherwise(asked, found.rows)
+    changing = [*((size.sensor, size.effect) for size in sizes), *offsets(added.noise)]
     return Reconciliation(
         campaign=asked.title,
         model_before=found.problem.model.title,
@@ -69,9 +70,7 @@ def shown(campaign: Campaign, found: Answer, inside: Sequence[dict[str, Any]], a
         solved=added.solved,
         left=added.left,
         both=both,
-        to_record=sorted(
-            {need for of in added.noise for need in to_record(campaign.sensors[of["sensor"]].conditions, changes(of))}
-        ),
+        to_record=sorted({need for n, of in changing for need in to_record(campaign.sensors[n].conditions, of)}),
         values=added.values,
     )
 

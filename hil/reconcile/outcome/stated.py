@@ -1,6 +1,6 @@
 """What the written model states of noise: what is ordinary, white noise, and the flicker that series show."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
@@ -10,7 +10,6 @@ from hil.campaign import Campaign, Conditions
 from hil.model import Model
 from hil.model.curve import Constant, Curve, Table
 from hil.model.effects.base import VarianceEffect
-from hil.model.effects.catalogue import variance_effect_by_id
 from hil.model.effects.inside import OF_NORMAL
 from hil.model.effects.noise import BiasInstability, TurnOnBias
 from hil.model.forms import bias_names
@@ -121,10 +120,10 @@ def beyond_chance(channel: Mapping[str, Any]) -> Iterator[tuple[str, float, floa
             yield key, size, se
 
 
-def changes(channel: Mapping[str, Any]) -> Iterator[VarianceEffect]:
-    """Yield what a channel's averages change by from run to run: what was found, and an offset like a turn-on bias."""
-    yield from (variance_effect_by_id(each["id"]) for each in channel["scatter"])
-    yield from (TurnOnBias() for key, *_ in beyond_chance(channel) if key == "run_to_run")
+def offsets(noise: Iterable[Mapping[str, Any]]) -> Iterator[tuple[int, VarianceEffect]]:
+    """Yield the sensors whose averages have an offset of each run, with what that is like: a turn-on bias."""
+    for each in noise:
+        yield from ((each["sensor"], TurnOnBias()) for key, *_ in beyond_chance(each) if key == "run_to_run")
 
 
 def _grown(stated: Curve | None, size: float, se: float, conditions: Conditions) -> Curve:

@@ -189,3 +189,27 @@ def test_what_few_repeats_scatter_by_is_within_what_the_search_says_of_its_size(
     assert (
         f"{size.value:.3g} deg/hr/g ({size.interval['low']:.2g} … {size.interval['high']:.2g})" in found.sentences()[0]
     )
+
+
+def test_what_averages_scatter_by_is_the_same_whatever_standard_errors_say_of_it() -> None:
+    """Right, ten times too large or too small, or none: of the first it had been a fifth more, the next further off."""
+    one = campaign(12, 3, seed=3, scatter=0.0)
+    rows, seen = one.sensors[2], {}
+    for times in (1.0, 10.0, 0.1, np.nan):
+        errors = times * rows.rates_se_deg_per_hr
+        found = what_scatters(replace(one, sensors={2: replace(rows, rates_se_deg_per_hr=errors)}))
+        seen[times] = [channel["observed_deg_per_hr"] for channel in found.answer.noise]
+    right = seen.pop(1.0)
+    assert all(of == pytest.approx(right, rel=0.1) for of in seen.values())
+
+
+def test_that_standard_errors_are_too_large_is_said_beside_what_scatters() -> None:
+    """By both, in one sentence: `hil scatter` had said nothing of them where an effect has a name."""
+    one = FOLDERS["MU of each run"]()
+    large = replace(one.sensors[2], rates_se_deg_per_hr=10.0 * one.sensors[2].rates_se_deg_per_hr)
+    one = replace(one, sensors={2: large})
+    found, noted = what_scatters(one), reconcile(one, "matrix-6", prove=False).notes
+    said = [sentence for sentence in found.sentences() if "times too large" in sentence]
+    assert found.named == ("MU_rr",)
+    assert said
+    assert set(said) <= {*noted}
