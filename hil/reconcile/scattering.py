@@ -64,7 +64,7 @@ class Scattering:
         if self.named:
             values = [
                 f"{s.effect.title}, sensor {s.sensor}: {s.value:.3g} {unit_in_words(s.parameter.unit)} "
-                f"({s.interval['low']:.2g} … {s.interval['high']:.2g}), by all runs and what is typical"
+                f"({s.interval['low']:.2g} … {s.interval['high']:.2g}), by all runs and channels and what is typical"
                 for s in self.sizes
             ]
             about = ", ".join(dict.fromkeys(n["under"] for n in noise))

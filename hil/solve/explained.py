@@ -12,7 +12,7 @@ which nothing holds. What is certain is done, and what is left is asked again
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Set
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -193,14 +193,16 @@ def _by_place(found: Iterable[tuple[tuple[Cause, ...], float]]) -> dict[tuple[ob
     return out
 
 
-def beyond_others(collects: Collects, distrusted: Collection[int]) -> tuple[Set[int], float | None]:
-    """Return the runs of which no other tells, and how far off a rate must be to be doubted, deg/hr.
+def beyond_others(
+    collects: Collects, distrusted: Collection[int]
+) -> tuple[Mapping[int, tuple[str, ...]], float | None]:
+    """Return the runs of which no other tells, or not of all, and how far off a rate must be to be doubted, deg/hr.
 
     None unless so few runs are there that it is far.
     """
     used = collects.rows(~np.isin(collects.conditions.run, list(distrusted)))
     if not len(used):
-        return set(), None
+        return {}, None
     rates = Whitened(used)
     alone = rates.alone
     if len(used.conditions.of_each_run) > _MANY or rates.freedom < 1.0:

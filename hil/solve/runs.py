@@ -168,7 +168,7 @@ class _Beside:
     """
 
     judged: Sequence[Mapping[int, Judgement]]
-    not_compared: Sequence[int]
+    not_compared: Mapping[int, tuple[str, ...]]
     doubted: Set[int]
     moving: Set[int]
     lacking: Mapping[int, list[int]]
@@ -184,7 +184,7 @@ class _Beside:
         for row in np.flatnonzero(unstated(rows).any(axis=1)):
             lacking.setdefault(int(rows.conditions.run[row]), []).append(int(rows.conditions.collect[row]))
         judged = (campaign.verdicts, here, wrong.judged, soak)
-        return cls(judged, sorted(wrong.not_compared), wrong.judged.keys(), soak.keys(), lacking, campaign.largest_se)
+        return cls(judged, wrong.not_compared, wrong.judged.keys(), soak.keys(), lacking, campaign.largest_se)
 
 
 def _judged(solution: RunSolution, rows: Collects, beside: _Beside) -> RunSolution:
@@ -194,12 +194,12 @@ def _judged(solution: RunSolution, rows: Collects, beside: _Beside) -> RunSoluti
     """
     settled = beside.moving.isdisjoint(solution.runs)
     solution = replace(solution, doubted=not (settled and beside.doubted.isdisjoint(solution.runs)), settled=settled)
-    if not set(beside.not_compared).isdisjoint(solution.runs):
+    if there := [beside.not_compared[run] for run in solution.runs if run in beside.not_compared]:
+        alike = numbered("run", sorted(run for run, of in beside.not_compared.items() if of == there[0]))
         alone = (
-            f"{numbered('run', beside.not_compared)} cannot be compared with others (it takes runs that repeat "
-            "others, three of them at a temperature, or four temperatures): that each collect is what it says"
-            + ", as far as residuals do not show it"
-            * bool(solution.degrees_of_freedom)
+            f"{f'{listed(there[0])} of {alike}' if there[0] else alike} cannot be compared with others (it takes "
+            "runs that repeat others, three of them at a temperature, or four temperatures): that each collect is what "
+            "it says" + ", as far as residuals do not show it" * bool(solution.degrees_of_freedom)
         )
         solution = replace(solution, assumed=(*solution.assumed, alone), compared=False)
     if lacking := [collect for run in solution.runs for collect in beside.lacking.get(run, ())]:

@@ -9,8 +9,9 @@ its rates show the others show too, at another temperature by a little more or l
 the same place in them, whatever the form says of it.
 """
 
-from collections.abc import Collection, Sequence, Set
+from collections.abc import Collection, Mapping, Sequence
 from copy import copy
+from itertools import compress
 from typing import Self
 
 import numpy as np
@@ -62,6 +63,7 @@ class Whitened:
         columns = form.columns(conditions) * self.weight[..., None]
         of_run = np.array([name.startswith(("B", "MU")) for name in form.names])
         bias = np.array([name.startswith("B") for name in form.names])[of_run]
+        self._names = [*compress(form.names, of_run)]
         own, steady = columns[..., of_run], columns[..., ~of_run]
         seen = np.where(self.known, rates - conditions.w_channels_deg_per_hr, 0.0) * self.weight
         groups = runs_by_temperature(conditions)
@@ -137,13 +139,15 @@ class Whitened:
         return np.asarray(_flat(self._shown[self._runs[run]]).T @ self._keeps[run])
 
     @property
-    def alone(self) -> Set[int]:
-        """The runs of whose bias, or of whose MU, no other tells anything."""
-        out = set()
+    def alone(self) -> Mapping[int, tuple[str, ...]]:
+        """The runs of whose bias, or of whose MU, no other tells anything, with of which; none where of the whole."""
+        out = {}
         for run, own in self._own.items():
             size, kept, shown = (np.sum(of**2, axis=0) for of in (own, self._keeps[run] @ own, self.shown(run) @ own))
-            if np.any((size > 0.0) & (kept - shown <= _TOLD * kept + _APART * size)):
-                out.add(run)
+            lacks = (size > 0.0) & (kept - shown <= _TOLD * kept + _APART * size)
+            if lacks.any():
+                every = np.array_equal(lacks, size > 0.0)
+                out[run] = () if every else tuple(compress(self._names, lacks))
         return out
 
     def _white(self, columns: FloatArray) -> FloatArray:

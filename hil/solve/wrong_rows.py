@@ -68,16 +68,16 @@ class Wrong:
 class WrongRows:
     """What is wrong with one sensor's rows; `collects` are those to solve, `not_compared` runs that stand alone.
 
-    `apart` are runs of which it is certain that nothing holds: they are solved, and are in no mean.
-    `sees_from`, deg/hr: among so few runs what is off by less does not show; None among more. `may_be` are two that
-    explain best what is not certain, and `likeliest` the collects without that, too: nothing is solved by them, a
-    search starts there.
+    With each, the parameters of which no other tells; none where that is the whole. `apart` are runs of which it is
+    certain that nothing holds: they are solved, and are in no mean. `sees_from`, deg/hr: among so few runs what is off
+    by less does not show; None among more. `may_be` are two that explain best what is not certain, and `likeliest` the
+    collects without that, too: nothing is solved by them, a search starts there.
     """
 
     collects: Collects
     rows: tuple[Wrong, ...]
     judged: Mapping[int, Judgement]
-    not_compared: Set[int]
+    not_compared: Mapping[int, tuple[str, ...]]
     apart: Set[int]
     sees_from: float | None
     may_be: tuple[Wrong, ...]

@@ -245,6 +245,15 @@ def test_runs_that_cannot_be_compared_say_so(runs: int, per_temperature: int, al
     assert sum("cannot be compared" in text for text in told.values()) == len(alone)
 
 
+def test_of_a_run_of_which_only_a_part_cannot_be_compared_it_is_said_which() -> None:
+    """Channel B of the only run that repeats it was not measured: channel A is compared."""
+    one = campaign(8, 3)
+    rates = one.sensors[2].rates_deg_per_hr.copy()
+    rates[21:, 1] = np.nan
+    said = [text for each in solve_campaign(with_rates(one, rates)) for text in each.assumed if "compared" in text]
+    assert [text.partition(" cannot be compared")[0] for text in said] == ["BB and MUA of run 7"]
+
+
 def test_one_rate_that_fits_with_minus_by_chance_is_no_turned_sign() -> None:
     """A sign is that of a whole run; what stands out is the rate."""
     one = campaign(6, 2, seed=11, scatter=2.0)
