@@ -24,6 +24,7 @@ from hil.reconcile.naming import CERTAIN
 from hil.reconcile.outcome import scatter
 from hil.reconcile.outcome.added import left_of
 from hil.reconcile.outcome.answer import Answer
+from hil.reconcile.outcome.findings import id_of
 from hil.reconcile.outcome.sentences import scatter_in_words
 from hil.reconcile.result import Solved
 from hil.reconcile.workflow import searched
@@ -49,8 +50,8 @@ class Scattering:
 
     @property
     def moves(self) -> tuple[str, ...]:
-        """What moves the mean beside it."""
-        return tuple(n.name for n in self.answer.reading.names if n.acts_on == "mean")
+        """What moves the mean beside it, by id."""
+        return tuple(id_of(n, self.answer.fit) for n in self.answer.reading.names if n.acts_on == "mean")
 
     @cached_property
     def sizes(self) -> tuple[scatter.FoundScatter, ...]:

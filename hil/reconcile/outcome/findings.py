@@ -19,10 +19,12 @@ from hil.reconcile.outcome.improve import described_parameters
 from hil.reconcile.outcome.scatter import FoundScatter
 from hil.reconcile.proof.held_out import Proof
 from hil.reconcile.result import FoundEffect, Gap, Shape
+from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.fitted import Fitted, Values, fitted
 from hil.reconcile.search.noise import FEWEST_RUNS
 from hil.reconcile.search.problem import SensorProblem
 from hil.reconcile.search.terms import NO_NAME, Term
+from procedures.words import listed
 
 NOT_HELD_OUT = (
     "no run could be held out: each temperature has one, and its values belong to it alone; the gap is that of the fit"
@@ -107,16 +109,17 @@ def described(named: Named, fit: Fitted, scatter: Sequence[FoundScatter]) -> Fou
         picked(f.parameter, "name unit typical") | picked(f, "value se") | {**f.interval, "at": "", "sensor": f.sensor}
         for f in scatter
     ]
-    first = fit.posterior.term(*pairs[0]).candidate if pairs else None
     shapes = {f.sensor: Shape(dict(f.shape)) for f in reversed(scatter)}
     for n, j in reversed(pairs):
         ends = _shape_range(fit, n, over_shapes[n, j])
         shapes[n] = Shape(dict(fit.posterior.term(n, j).candidate.shape), ends)
-    told = first if first is not None else named.effect
+    first = fit.posterior.term(*pairs[0]).candidate if pairs else named.effect
+    nameless = nameless_of(named, fit)
+    told: Sequence[object] = nameless if nameless else [first]
     return FoundEffect(
-        id=named.name if first is None or first.tier == 1 else f"empirical: {first.name}",
-        title=getattr(told, "title", named.name),
-        equation=getattr(told, "equation", ""),
+        id=id_of(named, fit),
+        title=listed([getattr(each, "title", named.name) for each in told]),
+        equation="; ".join(getattr(each, "equation", "") for each in told),
         parameters=parameters,
         probability=named.probability,
         confusable_with=named.rivals,
@@ -127,6 +130,18 @@ def described(named: Named, fit: Fitted, scatter: Sequence[FoundScatter]) -> Fou
         experiment=getattr(named.effect, "experiment", "") or "Vary the driver alone.",
         acts_on=named.acts_on,
     )
+
+
+def nameless_of(named: Named, fit: Fitted) -> list[Candidate]:
+    """Return what it is that has no name: one or more, of which each follows something; none of what has one."""
+    every = [fit.posterior.term(n, j).candidate for n, places in named.terms.items() for j in places]
+    return list({each.name: each for each in every if each.tier != 1}.values())
+
+
+def id_of(named: Named, fit: Fitted) -> str:
+    """Return the id of what was found: its name, or whatever without one follows what."""
+    nameless = [each.name for each in nameless_of(named, fit)]
+    return f"{NO_NAME}: {', '.join(nameless)}" if nameless else named.name
 
 
 def _over_shapes(fit: Fitted, number: int, place: int) -> list[tuple[float, int, Values]]:

@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.naming import leading
 from hil.reconcile.result import FoundEffect
-from tests.hil.reconcile.hidden_effects import Hidden, Rows, both, hidden_campaign
+from hil.reconcile.scattering import what_scatters
+from tests.hil.reconcile.hidden_effects import (
+    Hidden,
+    Rows,
+    base_rates,
+    both,
+    campaign_of,
+    hidden_campaign,
+    lay_out,
+    noise,
+)
 
 
 def ids(result: Reconciliation) -> list[str]:
@@ -150,6 +162,25 @@ def test_what_the_catalogue_does_not_know_is_empirical(words: str, hidden: Hidde
     assert result.verdict == "empirical"
     assert ids(result)[0].startswith(f"empirical: {words}")
     assert result.gap.after < result.gap.before
+
+
+def test_of_several_terms_without_a_name_each_is_said() -> None:
+    """The bias follows one number and MU another: the first had been said, beside the values of both."""
+    rng = np.random.default_rng(1)
+    rows = lay_out(rng, runs_each=3)
+    fan, oil = rng.normal(size=(2, rows.run.max() + 1))[:, rows.run]
+    hidden = both(fan, 6.0, 5.0) + both(oil * rows.f[:, 2], 5.0, 4.0)
+    one = campaign_of(rows, base_rates(rows, thermal=False) + noise(rows, rng, run_bias=0.0) + hidden)
+    own = one.sensors[2]
+    columns = {**own.conditions.columns, "fan_rpm": 1000.0 + 50.0 * fan, "oil_bar": 1.0 + 0.1 * oil}
+    one = replace(one, sensors={2: replace(own, conditions=replace(own.conditions, columns=columns))})
+    (found,) = reconcile(one, "matrix-6", prove=False).effects
+    assert found.id == "empirical: B × fan_rpm, MU × oil_bar"
+    assert found.title == "B follows fan_rpm and MU follows oil_bar"
+    assert {str(each["name"]) for each in found.parameters} == {f"{n} × fan_rpm" for n in ("BA", "BB")} | {
+        f"{n} × oil_bar" for n in ("MUA", "MUB")
+    }
+    assert what_scatters(one).moves == (found.id,)
 
 
 @pytest.mark.slow
