@@ -13,9 +13,10 @@ from hil.model import Model
 from hil.model.effects.document import shape_in_words
 from hil.reconcile.rivals import Rival
 from hil.solve.both_sensors import BothSensors
-from hil.solve.document import not_passed, reasons
+from hil.solve.document import not_passed_of, reasons
 from hil.solve.repeats import repeats
 from hil.solve.runs import solve_campaign
+from procedures.verdict import Verdict
 from procedures.words import listed, numbered, unit_in_words
 
 LEFT_OUT = "runs_left_out"
@@ -46,7 +47,7 @@ def stated(parameters: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, str, 
         if moves is not None:
             value, se, unit = moves, each["moves_se_deg_per_hr"], "deg/hr from one end of these collects to the other"
         yield (
-            f"{each['name']}{sensor}, {unit_in_words(unit)}",
+            f"{each['name']}{', ' * ('when' in each)}{each.get('when', '')}{sensor}, {unit_in_words(unit)}",
             unit_in_words(str(each.get("at") or "")),
             rounded(value, se),
         )
@@ -76,15 +77,20 @@ def runs_in_words(runs: Iterable[int]) -> str:
 
 @dataclass(frozen=True)
 class Shape:
-    """What shape of an effect fits one sensor best, and from where to where each part of it may be."""
+    """What shape of an effect fits one sensor best, and from where to where each part of it may be; `more` has others.
+
+    Those are of what is there more than once: steps at several runs.
+    """
 
     values: Mapping[str, float] = field(default_factory=dict)
     may_be: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    more: tuple["Shape", ...] = ()
 
     @property
     def in_words(self) -> str:
         """From which run a step holds, or what time constant or width fits best; empty where there is none."""
-        return shape_in_words(self.values, self.may_be)
+        every = [shape_in_words(each.values, each.may_be) for each in (self, *self.more)]
+        return listed(every) if all(every) else ""
 
 
 @dataclass(frozen=True)
@@ -160,18 +166,24 @@ class Gap:
 
 @dataclass(frozen=True)
 class Solved:
-    """The runs that `hil solve` does not pass, by verdict; whose residuals exceed their errors; and all reasons.
+    """The runs that `hil solve` does not pass, `of_sensors`; whose residuals exceed their errors; and all reasons.
 
     `widens`: whether repeats or residuals tell it by how much its ± have to be wider than standard errors say; `errors`
     is what they say of the standard errors of each sensor, `times` how many times as large these should be, by channel.
+    The runs are by verdict and sensor; `not_passed` by verdict alone.
     """
 
-    not_passed: Mapping[str, Sequence[int]] = field(default_factory=dict)
+    of_sensors: Mapping[str, Mapping[str, Sequence[int]]] = field(default_factory=dict)
     beyond_errors: Sequence[int] = ()
     reasons: Sequence[str] = ()
     widens: bool = False
     errors: Sequence[str] = ()
     times: Sequence[float] = ()
+
+    @property
+    def not_passed(self) -> dict[str, list[int]]:
+        """The runs that some sensor does not pass, by verdict."""
+        return {verdict: sorted({run for own in of.values() for run in own}) for verdict, of in self.of_sensors.items()}
 
     @property
     def small(self) -> bool:
@@ -183,13 +195,13 @@ class Solved:
         """Solve a campaign."""
         every = solve_campaign(campaign)
         beyond = sorted({run for each in every if each.exceeds_errors for run in each.runs})
-        found = {str(verdict): runs for verdict, runs in not_passed(every).items()}
-        odd = [each for each in every if not {*each.runs}.isdisjoint(found.get(str(each.verdict), ()))]
+        odd = [each for each in every if each.verdict is not Verdict.PASS]
         why = [f"{verdict}, {where}: {each}" for verdict, where, each in reasons(odd)]
         shown = repeats(campaign, every)
         widens = any(np.any(each.spread.degrees) for each in shown.values()) or any(e.degrees_of_freedom for e in every)
         errors = [f"sensor {number}: {said}" for number, each in shown.items() for said in each.noise_in_words]
-        return cls(found, beyond, why, widens, errors, [of for each in shown.values() for of in each.times_of.values()])
+        times = [of for each in shown.values() for of in each.times_of.values()]
+        return cls(not_passed_of(every), beyond, why, widens, errors, times)
 
 
 @dataclass(frozen=True)
@@ -241,6 +253,7 @@ class Reconciliation:
             "runs_beyond_errors": self.solved.beyond_errors,
             "runs_not_solved": self.solved.not_passed,
             "runs_not_solved_after": self.left.not_passed,
+            "runs_not_solved_after_by_sensor": self.left.of_sensors,
             "to_record": list(self.to_record),
             **self.without,
             "both_sensors": None if self.both is None else self.both.document(),

@@ -70,7 +70,8 @@ def _cannot_tell(bayes_factor: float) -> bool:
 def in_times(ratio: float) -> str:
     """Write a ratio of probabilities, no finer than anybody believes one.
 
-    >>> in_times(0.00002), in_times(5.013)
-    ('less than 0.0001 times', '5 times')
+    >>> in_times(0.00002), in_times(5.013), in_times(0.998)
+    ('less than 0.0001 times', '5 times', 'just')
     """
-    return "less than 0.0001 times" if ratio < 1e-4 else f"{ratio:.2g} times" if ratio < 100 else "over 100 times"
+    said = "less than 0.0001" if ratio < 1e-4 else f"{ratio:.2g}" if ratio < 100 else "over 100"
+    return "just" if said == "1" else f"{said} times"

@@ -1,7 +1,7 @@
 """What is told of a campaign's solutions: the JSON document hil.solution/1, and to which runs to see, and why."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -60,6 +60,27 @@ def not_passed(solutions: Sequence[RunSolution]) -> dict[Verdict, list[int]]:
     return {verdict: sorted(found[verdict]) for verdict in reversed(Verdict) if verdict in found}
 
 
+def not_passed_of(solutions: Sequence[RunSolution]) -> dict[str, dict[str, list[int]]]:
+    """Return the same of each sensor, by verdict and sensor; of one that passes no run."""
+    own = {number: [each for each in solutions if each.sensor == number] for number in {s.sensor for s in solutions}}
+    every = {number: not_passed(of) for number, of in sorted(own.items())}
+    verdicts = [verdict for verdict in reversed(Verdict) if any(verdict in of for of in every.values())]
+    return {str(v): {str(number): of.get(v, []) for number, of in every.items()} for v in verdicts}
+
+
+def of_sensors_in_words(found: Mapping[str, Mapping[str, Sequence[int]]], but: Collection[int] = ()) -> str:
+    """Say which runs have which verdict, `but` some, and in which sensors where it is not in all."""
+    said = []
+    for verdict, of in found.items():
+        alike: dict[tuple[int, ...], list[int]] = {}
+        for number, runs in of.items():
+            alike.setdefault(tuple(run for run in runs if run not in but), []).append(int(number))
+        for runs, sensors in ((runs, sensors) for runs, sensors in alike.items() if runs):
+            where = f" of {numbered('sensor', sensors)}" if len(alike) > 1 else ""
+            said.append(f"{numbered('run', runs)}{where} ({verdict})")
+    return ", ".join(said)
+
+
 def runs_in_words(by_verdict: Mapping[str, Sequence[int]]) -> str:
     """Say which runs have which verdict, "run 5 (FAIL), runs 7–9 (MARGINAL)"; nothing of none."""
     return ", ".join(f"{numbered('run', runs)} ({verdict})" for verdict, runs in by_verdict.items() if runs)
@@ -95,4 +116,5 @@ def _of_all(excess: Mapping[str, float]) -> str:
     """Say of runs by how many times their residuals exceed what is allowed; the sentence of one as it is."""
     first, *more = excess
     meaning = "".join(first.partition(": ")[1:])
-    return EXCESS.format(f"{min(excess.values()):g} to {max(excess.values()):g}") + meaning if more else first
+    ends = " to ".join(dict.fromkeys(f"{end(excess.values()):g}" for end in (min, max)))
+    return EXCESS.format(ends) + meaning if more else first

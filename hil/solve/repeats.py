@@ -97,9 +97,9 @@ class SensorRepeats:
     how much more or less than their standard errors averages scatter, by channel, 1 where chance explains it: what
     differs from run to run, and neither the bias nor MU moves, shows it, in runs that nothing is said against; where it
     cannot be told of which channel, all have the same. `noise_times` (c,) is that, or what residuals exceed them by
-    beyond chance where what differs neither shows nor contradicts it; `same_times` is how much those do that are no
-    noise; `by_noise` is how parameters scatter beside errors as large as noise is. `left_deg_per_hr` is what residuals
-    make of the noise of rates without errors, `stated` whether they have any.
+    beyond chance where what differs neither shows nor contradicts it; `same_times` is how much those of channels do
+    that are no noise; `by_noise` is how parameters scatter beside errors as large as noise is. `left_deg_per_hr` is
+    what residuals make of the noise of rates without errors, `stated` whether they have any.
     """
 
     names: tuple[str, ...]
@@ -112,7 +112,7 @@ class SensorRepeats:
     of_each: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
     times_of: Mapping[str, float] = field(default_factory=dict)
     noise_times: FloatArray = field(default_factory=lambda: np.ones(1))
-    same_times: float = 1.0
+    same_times: Mapping[str, float] = field(default_factory=dict)
     left_deg_per_hr: float = 0.0
     stated: bool = True
 
@@ -225,8 +225,9 @@ class SensorRepeats:
             f"{'small' if times > 1.0 else 'large'}, as what nothing but noise moves shows"
             for of, times in ({"all channels together": max(odd.values())} if together else odd).items()
         ]
-        if self.same_times > 1.0:
-            allowed = f"residuals are {significant(self.same_times)} times what standard errors allow"
+        if self.same_times:
+            each = listed(f"{channel} {significant(times)} times" for channel, times in self.same_times.items())
+            allowed = f"over all runs together residuals are in {each} what standard errors allow"
             left = "what is left is the same in every run, and no noise"
             by_noise.append(f"{allowed}, and do not differ as much from run to run: {left}")
         return by_noise
@@ -333,7 +334,7 @@ def _of_sensor(own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, 
         of_each={e.runs[0]: {n: u.sd for n, u in shown.of_run(e).items()} for e in own},
         times_of=dict(zip(channels, times.tolist(), strict=True)),
         noise_times=noise_times,
-        same_times=float(np.max(residual_times, where=contradicted, initial=1.0)),
+        same_times={c: float(of) for c, of, is_so in zip(channels, residual_times, contradicted, strict=True) if is_so},
         by_noise=by_noise,
         stated=stated,
         left_deg_per_hr=math.sqrt(left / max(sum(e.degrees_of_freedom for e in own), 1)),

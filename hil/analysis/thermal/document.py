@@ -8,7 +8,7 @@ from hil.analysis.thermal.estimate import Estimates
 from hil.analysis.thermal.fit import DESCRIBES, ParameterFit, SensorFit, ThermalFit
 from hil.campaign.stand_ins import temperature_of
 from hil.files.document import picked, plain
-from hil.solve.document import not_passed, runs_in_words
+from hil.solve.document import not_passed, not_passed_of, of_sensors_in_words
 from hil.solve.omissions import what_is_wrong
 from hil.solve.repeats import CONFIDENCE
 from hil.solve.runs import solve_campaign
@@ -21,11 +21,13 @@ _OTHERWISE = "; hil reconcile asks runs that are left out, at temperatures that 
 
 def thermal_document(result: ThermalFit) -> dict[str, Any]:
     """Return what `hil thermal --json` prints: finite numbers, null where a thing is not known."""
+    solved = solve_campaign(result.campaign)
     return {
         "schema": SCHEMA,
         **picked(result.campaign, "campaign=title simulated warnings"),
         **what_is_wrong(result.campaign),
-        "runs_not_solved": {str(v): runs for v, runs in not_passed(solve_campaign(result.campaign)).items()},
+        "runs_not_solved": {str(v): runs for v, runs in not_passed(solved).items()},
+        "runs_not_solved_by_sensor": not_passed_of(solved),
         "method": (
             "form chosen by leave-one-temperature-out, from every self-calibration with what repeats show in its "
             "uncertainty"
@@ -39,7 +41,7 @@ def thermal_document(result: ThermalFit) -> dict[str, Any]:
 
 def first_in_words(document: Mapping[str, Any]) -> list[str]:
     """Say what has to be seen to before any curve is used: which of the runs it goes through do not pass."""
-    runs = runs_in_words(document["runs_not_solved"])
+    runs = of_sensors_in_words(document["runs_not_solved_by_sensor"])
     first = "before a curve is used, see to what hil solve does not pass (hil report says why)"
     return [f"{first}: {runs}"] if runs else []
 

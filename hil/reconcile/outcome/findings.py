@@ -13,6 +13,7 @@ from hil.files.document import picked
 from hil.model import Model
 from hil.model.effects.base import Described, Effect
 from hil.model.effects.catalogue import named as known_as
+from hil.model.effects.document import shape_in_words
 from hil.model.model_file import InsideCollects
 from hil.reconcile.naming import LEAST, Named
 from hil.reconcile.outcome.improve import described_parameters
@@ -95,8 +96,9 @@ def described(named: Named, fit: Fitted, scatter: Sequence[FoundScatter]) -> Fou
     """Return one found effect for the result."""
     pairs = [(n, j) for n, places in named.terms.items() for j in places]
     over_shapes = {(n, j): _over_shapes(fit, n, j) for n, j in pairs}
+    several = {n for n, places in named.terms.items() if len(places) > 1}
     parameters = [
-        p
+        {**p, "when": when} if n in several and (when := shape_in_words(_shape(fit, n, j), {})) else p
         for n, j in pairs
         for p in described_parameters(
             fit.posterior.term(n, j).candidate,
@@ -112,7 +114,7 @@ def described(named: Named, fit: Fitted, scatter: Sequence[FoundScatter]) -> Fou
     shapes = {f.sensor: Shape(dict(f.shape)) for f in reversed(scatter)}
     for n, j in reversed(pairs):
         ends = _shape_range(fit, n, over_shapes[n, j])
-        shapes[n] = Shape(dict(fit.posterior.term(n, j).candidate.shape), ends)
+        shapes[n] = Shape(_shape(fit, n, j), ends, (of, *of.more) if (of := shapes.get(n)) else ())
     first = fit.posterior.term(*pairs[0]).candidate if pairs else named.effect
     nameless = nameless_of(named, fit)
     told: Sequence[object] = nameless if nameless else [first]
@@ -130,6 +132,10 @@ def described(named: Named, fit: Fitted, scatter: Sequence[FoundScatter]) -> Fou
         experiment=getattr(named.effect, "experiment", "") or "Vary the driver alone.",
         acts_on=named.acts_on,
     )
+
+
+def _shape(fit: Fitted, number: int, place: int) -> dict[str, float]:
+    return dict(fit.posterior.term(number, place).candidate.shape)
 
 
 def nameless_of(named: Named, fit: Fitted) -> list[Candidate]:

@@ -14,7 +14,7 @@ from hil.reconcile.result import LEFT_OUT, FoundEffect, Gap, Reconciliation
 from hil.reconcile.rivals import Rival, in_times
 from hil.reconcile.search.terms import NO_NAME
 from hil.reconcile.wander import Wander
-from hil.solve.document import runs_in_words
+from hil.solve.document import of_sensors_in_words, runs_in_words
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED
 from procedures.words import listed, numbered, percent, significant
 
@@ -58,8 +58,7 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     omitted = [row for row in result.rows if row["done"] == OMITTED]
     said = {*result.contradicted, *(row["run"] for row in omitted), *(beyond if kind == "scatter" else ())}
     said |= {run for runs in result.doubtful.values() for run in runs}
-    left = result.left.not_passed.items()
-    doubts = runs_in_words({verdict: [run for run in runs if run not in said] for verdict, runs in left})
+    doubts = of_sensors_in_words(result.left.of_sensors, said)
     why = " (hil report says" if result.left == result.solved else ", even with what is known taken off (notes say"
     first += [f"what hil solve does not pass{why} why): {doubts}"] if doubts else []
     spoiled = sorted({collect for row in omitted for collect in row["collects"]})
@@ -196,7 +195,7 @@ def gap_in_words(result: Reconciliation) -> list[str]:
         return [f"With {listed(mended)} {falls}; {noise}."]
     better = float(np.exp(score["after"] - score["before"]))  # what only scatters moves no average
     return [
-        f"With {listed(mended)} every rate {how} is {number(better)} times as probable as before.",
+        f"With {listed(mended)} every rate {how} is {in_times(better)} as probable as before.",
         f"It scatters and moves no average: the mean gap stays, {number(gap.after)} deg/hr; {noise}.",
     ]
 

@@ -169,7 +169,7 @@ def test_nothing_that_could_be_tested_is_said_to_be_so() -> None:
     assert told == "Use nothing of sensor 2: every run FAILed by what was recorded."
     told = what_to_do(replace(found, effects=[drift], without={"runs_used_though_failed": {"1": [1]}}))[1]
     assert told.startswith("Use nothing of sensor 1: every run FAILed by what was recorded. Use the improved model")
-    quiet = replace(result, tested=True, **dict.fromkeys(("solved", "left"), Solved({"INCONCLUSIVE": [1, 2]})))
+    quiet = replace(result, tested=True, **dict.fromkeys(("solved", "left"), Solved({"INCONCLUSIVE": {"2": [1, 2]}})))
     assert what_to_do(quiet)[1].startswith("First see to what hil solve does not pass (hil report says why): runs 1–2")
     assert "Nobody has to act" not in what_to_do(quiet)[1]
     assert what_to_do(replace(quiet, doubtful={"FAIL": [1, 2]}))[1].count("runs 1–2") == 1

@@ -9,7 +9,7 @@ import pytest
 
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.naming import leading
-from hil.reconcile.result import FoundEffect
+from hil.reconcile.result import FoundEffect, stated
 from hil.reconcile.scattering import what_scatters
 from tests.hil.reconcile.hidden_effects import (
     Hidden,
@@ -162,6 +162,18 @@ def test_what_the_catalogue_does_not_know_is_empirical(words: str, hidden: Hidde
     assert result.verdict == "empirical"
     assert ids(result)[0].startswith(f"empirical: {words}")
     assert result.gap.after < result.gap.before
+
+
+def test_of_several_steps_each_has_its_run() -> None:
+    """Two jumps: the first had been said, and J_A twice without a word of which it is."""
+    rng = np.random.default_rng(1)
+    rows = lay_out(rng, runs_each=3)
+    hidden = both(rows.run > 8, 9.0, -8.0) + both(rows.run > 17, -7.0, 9.0)
+    one = campaign_of(rows, base_rates(rows, thermal=False) + noise(rows, rng, run_bias=0.0) + hidden)
+    (found,) = reconcile(one, "matrix-6", prove=False).effects
+    assert found.shape_in_words == "from run 9 on and from run 18 on"
+    told = [name.partition(" (")[0] for name, *_ in stated(found.parameters)]
+    assert told == [f"{name}, from run {run} on" for run in (9, 18) for name in ("J_A", "J_B")]
 
 
 def test_of_several_terms_without_a_name_each_is_said() -> None:

@@ -48,7 +48,7 @@ def test_a_run_that_fails_by_what_was_found_is_not_held_against_the_model(found:
 def test_a_run_that_fails_even_so_is_named_whatever_the_verdict(found: Reconciliation) -> None:
     """In the first sentence of terminal and page, before the improved model is recommended."""
     for verdict in ("named", "ambiguous"):
-        odd = replace(found, verdict=verdict, left=Solved({"FAIL": [6]}))
+        odd = replace(found, verdict=verdict, left=Solved({"FAIL": {"2": [6]}}))
         told = "First see to what hil solve does not pass, even with what is known taken off (notes say why): run 6"
         assert what_to_do(odd)[1].startswith(told)
         assert told in page(odd)

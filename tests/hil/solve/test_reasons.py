@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from hil.solve import RunSolution, solve_campaign
-from hil.solve.document import not_passed, reasons
+from hil.solve.document import not_passed, not_passed_of, of_sensors_in_words, reasons
 from hil.solve.runs import judge
 from procedures.verdict import Verdict
 from tests.hil.solve.test_other_runs import campaign
@@ -51,3 +51,20 @@ def test_runs_whose_residuals_are_too_large_share_a_line() -> None:
         (Verdict.MARGINAL, "sensor 2, run 6", alone.reason),
     ]
     assert [each[2] for each in reasons(many[:1])] == [many[0].reason]
+
+
+def test_a_range_of_which_both_ends_are_alike_is_one_number() -> None:
+    """The residuals of two runs are 2.2 times what is allowed, not 2.2 to 2.2 times."""
+    two = [_solved(Verdict.FAIL, judge(chi, 8, 14, True).reason, run) for run, chi in ((4, 40.0), (5, 40.1))]
+    ((_, _, said),) = reasons(two)
+    assert said.startswith("the residuals are 2.2 times what the standard errors allow")
+
+
+def test_where_a_verdict_is_not_every_sensor_s_it_is_said_whose() -> None:
+    """Of run 3 that FAILs in one sensor and is MARGINAL in the other both are said; nothing of what both have."""
+    first = [_solved(Verdict.FAIL, "clipped", 3), _solved(Verdict.FAIL, "clipped", 4)]
+    second = [replace(_solved(Verdict.MARGINAL, "late", 3), sensor=1), replace(first[1], sensor=1)]
+    assert of_sensors_in_words(not_passed_of(first)) == "runs 3–4 (FAIL)"
+    said = of_sensors_in_words(not_passed_of([*first, *second]))
+    assert said == "run 4 of sensor 1 (FAIL), runs 3–4 of sensor 2 (FAIL), run 3 of sensor 1 (MARGINAL)"
+    assert of_sensors_in_words(not_passed_of([*first, *second]), [3]) == "run 4 (FAIL)"

@@ -249,11 +249,12 @@ def test_the_parameter_files_say_what_stands_on_weak_feet(triad: SensorFit) -> N
 
 def test_before_a_curve_is_used_the_runs_are_named_that_do_not_pass() -> None:
     """That modelling improves a unit stands beside no run that says nothing without saying so."""
-    words = first_in_words({"runs_not_solved": {"FAIL": [3], "INCONCLUSIVE": [1, 2]}})
+    found = {"FAIL": {"1": [3], "2": [3]}, "INCONCLUSIVE": {"1": [], "2": [1, 2]}}
+    words = first_in_words({"runs_not_solved_by_sensor": found})
     assert words == [
         (
             "before a curve is used, see to what hil solve does not pass (hil report says why): "
-            "run 3 (FAIL), runs 1–2 (INCONCLUSIVE)"
+            "run 3 (FAIL), runs 1–2 of sensor 2 (INCONCLUSIVE)"
         )
     ]
-    assert first_in_words({"runs_not_solved": {}}) == []
+    assert first_in_words({"runs_not_solved_by_sensor": {}}) == []
