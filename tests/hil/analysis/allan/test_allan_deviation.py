@@ -72,6 +72,28 @@ def test_flicker_and_random_walk_are_told_apart() -> None:
     assert not fit.terms["Q"].seen
 
 
+@pytest.mark.parametrize("slow", [{"b": 1.0}, {"k": 1.0}, {"b": 1.0, "k": 0.01}], ids=["flicker", "walk", "both"])
+def test_slow_noise_sampled_at_instants_shows_no_white_noise(slow: dict[str, float]) -> None:
+    """Values at an instant differ more from the next than averages do, by what neither Q nor N is to be seen in."""
+    for seed in range(4):
+        fit = NoiseFit(octaves([rates(np.random.default_rng(seed), 1 << 16, n=0.0, **slow)], 1.0))
+        assert fit.describes
+        assert not fit.terms["N"].seen
+        assert not fit.terms["Q"].seen
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("truth", [(1.0, 0.3, 0.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.01), (0.0, 1.0, 0.01)])
+def test_the_intervals_of_mixtures_that_octaves_hardly_part_cover(truth: tuple[float, float, float]) -> None:
+    """Of 100 records of white, flicker and random walk, alone or two together, 93 and more hold each of N, B, K."""
+    held = np.zeros(3)
+    for seed in range(100):
+        n, b, k = truth
+        fit = NoiseFit(octaves([rates(np.random.default_rng(seed), 1 << 13, n=n, b=b, k=k)], 1.0))
+        held += [fit.terms[name].low <= of <= fit.terms[name].high for name, of in zip("NBK", truth, strict=True)]
+    assert np.all(held >= 93), held
+
+
 @pytest.mark.slow
 def test_the_intervals_of_n_b_and_k_cover() -> None:
     """95 % intervals from 30 records of 4096 samples hold the truth at least 26 times."""
