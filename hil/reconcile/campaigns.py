@@ -32,7 +32,7 @@ from hil.reconcile.fleet import CALLED, NOISY_UNITS, Asked, Screen, SharedFindin
 from hil.reconcile.proof.places import false_discovery
 from hil.records.folders import PIECE, in_turn, pieces_in, some_at_once
 from hil.solve.omissions import by_records
-from hil.solve.wrong_rows import Wrong, failed, laid_right, pooled
+from hil.solve.wrong_rows import MENDED, Wrong, failed, laid_right, pooled
 
 LEVEL = 0.05
 """False discoveries among the units that are called, at most, on average."""
@@ -67,8 +67,8 @@ class Facts:
         known = (campaign.title, serial, day.isoformat() if day else "", campaign.simulated)
         return cls(folder, *known, bad, by_records(campaign))
 
-    def mended(self, rows: Sequence[Wrong]) -> Self:
-        """Return the same with rows that are put right."""
+    def beside(self, rows: Sequence[Wrong]) -> Self:
+        """Return the same with what is wrong with rows."""
         found = [*self.wrong.get("rows", ()), *(row.document() for row in rows)]
         return replace(self, wrong={**self.wrong, "rows": found}) if rows else self
 
@@ -165,6 +165,7 @@ def screen_folders(
             try:
                 # What its records contradict has been asked about already.
                 used, rows = laid_right(pooled(campaign)) if campaign.contradicted else (pooled(campaign), [])
+                rows = [row for row in rows if row.done == MENDED]  # of all else the screen asks again
                 read = with_stand_ins(usable(used))
             except InputError as error:
                 told[place] = str(error)
@@ -176,7 +177,7 @@ def screen_folders(
                 continue
             if (group := next((each for each in groups if each.has_like(read, values)), None)) is None:
                 groups.append(group := _Group(read, Stood({n: rows.conditions for n, rows in read.sensors.items()})))
-            group.facts.append(Facts.of(place, campaign).mended(rows))
+            group.facts.append(Facts.of(place, campaign).beside(rows))
             group.units.append((values, {n: of.rates_se_deg_per_hr for n, of in read.sensors.items()}))
         for number, group in enumerate(groups, 1):
             try:
@@ -198,13 +199,13 @@ def _weighed(group: _Group, model: Model, mapped: Map) -> tuple[list[tuple[Facts
     layout = group.layout(model)
     pieces = [(layout, group.units[first : first + PIECE]) for first in range(0, len(group.units), PIECE)]
     findings: list[UnitFinding] = []
-    mended: list[Sequence[Wrong]] = []
+    wrong: list[Sequence[Wrong]] = []
     mixed: FloatArray = np.zeros(())
     for asked, by_name, rows in some_at_once(mapped, _weigh, pieces, _WEIGHED):
         findings += asked.findings(by_name)
-        mended += rows
+        wrong += rows
         mixed = mixed + asked.mixed(by_name)
-    facts = [each.mended(rows) for each, rows in zip(group.facts, mended, strict=True)]
+    facts = [each.beside(rows) for each, rows in zip(group.facts, wrong, strict=True)]
     return list(zip(facts, findings, strict=True)), asked.in_common(mixed)
 
 
@@ -216,18 +217,18 @@ def _screen(layout: _Layout) -> Screen:
 def _weigh(piece: tuple[_Layout, Sequence[_Unit]]) -> tuple[Asked, FloatArray, list[Sequence[Wrong]]]:
     """Weigh some units, in whichever process this is, which lays a layout out once.
 
-    Of those that something may be missing from, and of few units of all, it is asked what is filed elsewhere than it
-    belongs, as of every campaign that is solved; they are weighed again with that put right, and it is said of each.
+    Of those that something may be missing from, and of few units of all, it is asked what is wrong with rows, as of
+    every campaign that is solved, and said of each; what is filed elsewhere than it belongs is weighed again there.
     """
     (layout, units), screen = piece, _screen(piece[0])
     by_name = screen.weigh([screen.in_blocks(values, "") for values, _ in units])
-    mended: list[Sequence[Wrong]] = [()] * len(units)
+    wrong: list[Sequence[Wrong]] = [()] * len(units)
     asked = screen.asked.statistic(by_name) > (CALLED if screen.few is not None else -np.inf)
     for i in np.flatnonzero(asked).tolist():
-        right, mended[i] = laid_right(_again(layout.units[0], units[i]))
-        if mended[i]:
+        right, wrong[i] = laid_right(_again(layout.units[0], units[i]))
+        if any(row.done == MENDED for row in wrong[i]):
             by_name[:, i] = screen.weigh([screen.in_blocks(beside_the_earth(right), "")])[:, 0]
-    return screen.asked, by_name, mended
+    return screen.asked, by_name, wrong
 
 
 @contextmanager

@@ -12,7 +12,7 @@ rates best, with the search's own odds of a mistake (`hil.solve.explained`).
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -62,6 +62,10 @@ class Wrong:
     def document(self) -> dict[str, Any]:
         """Return the entry of key `rows`."""
         return {**vars(self), "collects": list(self.collects), "channels": list(self.channels)}
+
+    def used_here(self) -> Self:
+        """Return the same where what numbers are made without is used."""
+        return replace(self, done=USED, why=f"by hil solve alone: {self.why}") if self.done == LEFT_OUT else self
 
 
 @dataclass(frozen=True)
@@ -271,12 +275,15 @@ def treated(campaign: Campaign) -> Campaign:
 
 
 def laid_right(campaign: Campaign) -> tuple[Campaign, list[Wrong]]:
-    """Return a campaign with rates where they belong that are certain to be filed elsewhere, and which those are."""
+    """Return a campaign with rates where they belong that are certain to be filed elsewhere, and what is wrong with it.
+
+    What `treated` leaves out is used there.
+    """
     found, sensors = wrong_rows(campaign), {}
     for number, rows in campaign.sensors.items():
         laid = found[number].collects.rates_deg_per_hr  # what is left out there is not mended
         sensors[number] = replace(rows, rates_deg_per_hr=np.where(np.isfinite(laid), laid, rows.rates_deg_per_hr))
-    return replace(campaign, sensors=sensors), [r for of in found.values() for r in of.rows if r.done == MENDED]
+    return replace(campaign, sensors=sensors), [row.used_here() for of in found.values() for row in of.rows]
 
 
 def sound(campaign: Campaign) -> Campaign:

@@ -84,15 +84,15 @@ def fleet_sentences(found: Screened) -> Iterator[str]:
             f"layout {number}: its {_counted(own)} together seem to lack {each.name} (p = {each.p_value:.1g}), most "
             f"probably {each.fraction:.0%} of them; a few of them deserve a full hil reconcile"
         )
-    if bad := [f"{each.title} ({numbered('run', runs)})" for each in found.units if (runs := each.runs_in_use)]:
+    if bad := [f"{each.folder} ({numbered('run', runs)})" for each in found.units if (runs := each.runs_in_use)]:
         yield f"FAIL by what was recorded, and screened all the same: {listed(bad)}; hil solve says why"
-    wrong = [(each.title, in_words(each.wrong)) for each in found.units if each.wrong]
-    yield from (f"{title}: {line}" for title, lines in wrong[:_MOST_WRONG] for line in lines)
+    wrong = [(each.folder, in_words(each.wrong)) for each in found.units if each.wrong]
+    yield from (f"{folder}: {line}" for folder, lines in wrong[:_MOST_WRONG] for line in lines)
     if (more := len(wrong) - _MOST_WRONG) > 0:
         yield f"and of {counted(more, 'calibration')} more: --json has all"
     yield (
         "a screen asks for one thing that moves averages, by noise as it is without that; a full hil reconcile looks "
-        "at the noise anew beside it, and asks what only scatters averages; hil solve whether runs are good"
+        "at the noise anew beside it, and asks what only scatters averages; hil solve whether rows and runs are good"
     )
     if any(each.follows for _, each in found.shared):
         yield (

@@ -102,7 +102,9 @@ def test_a_screen_says_which_runs_fail(tmp_path: Path, capsys: pytest.CaptureFix
     """It is not green where a run FAILs, whether or not the model lacks anything."""
     folder, page = written("labels exchanged", tmp_path / "campaign"), tmp_path / "fleet.html"
     assert run(["fleet", str(folder), "--model", "matrix-6", "--out", str(page)]) == 0
-    assert "FAIL by what was recorded, and screened all the same: made (run 5); hil solve" in capsys.readouterr().out
+    assert (
+        f"FAIL by what was recorded, and screened all the same: {folder} (run 5); hil solve" in capsys.readouterr().out
+    )
     assert '<section class="verdict FAIL"' in page.read_text()
 
 

@@ -97,7 +97,7 @@ def test_what_the_records_say_is_wrong_is_in_no_screen(tmp_path: Path) -> None:
     assert {(*of["channels"], of["done"]) for of in told["clipped"]["rows"]} == {("RA", "left out")}
     said = "\n".join(fleet_sentences(found))
     for words in (
-        "screened all the same: clipped (runs 1–12)",
+        f"screened all the same: {tmp_path}/clipped (runs 1–12)",
         "broken: missing: run 99\n",
         "broken: sensor 2: run 4 FAILed by what was recorded",
         "clipped: left out: sensor 2, runs 1–12: RA goes no further",
@@ -127,6 +127,26 @@ def test_what_is_mended_where_it_is_solved_is_screened_as_it_is_mended(tmp_path:
         solved = what_is_wrong(read_campaign(tmp_path / name))
         assert each.get("rows", []) == [row for row in solved["rows"] if row["done"] == "mended"]
     assert [name for name, each in sorted(units.items()) if "rows" in each] == ["u1", "u2"]
+
+
+def test_what_is_solved_without_is_said_of_a_screen_that_uses_it(tmp_path: Path) -> None:
+    """By the folder, for titles may be alike; the same collects and words as where the unit is solved."""
+    for i in range(3):
+        made = campaign_of(SHORT, base_rates(SHORT) + noise(SHORT, np.random.default_rng(i)))
+        made.sensors[2].rates_deg_per_hr[7, 1] += 300.0 * (i == 1)
+        write_campaign(made, tmp_path / f"u{i}")
+    screened = screen_folders([tmp_path], "matrix-6-thermal")
+    units = {each["folder"][-2:]: each.get("rows", []) for each in fleet_document(screened)["units"]}
+    (solved,) = what_is_wrong(read_campaign(tmp_path / "u1"))["rows"]
+    assert solved["done"] == "left out"
+    assert units == {
+        "u0": [],
+        "u1": [{**solved, "done": "used", "why": f"by hil solve alone: {solved['why']}"}],
+        "u2": [],
+    }
+    assert f"{tmp_path}/u1: used: sensor 2, run {solved['run']}: by hil solve alone: collect 8: RB is +2" in "\n".join(
+        fleet_sentences(screened)
+    )
 
 
 @pytest.mark.slow
