@@ -46,7 +46,7 @@ def described_parameters(
         power, at = _place(candidate, number)
         place = at or _range(conditions)
         entry: dict[str, Any] = {
-            "name": parameter.name,
+            "name": _coefficient(candidate, parameter.name, power),
             "value": value,
             "se": error,
             "low": low,
@@ -67,6 +67,16 @@ def described_parameters(
             entry["moves_se_deg_per_hr"] = abs(error / value) * float(np.ptp(whole)) if len(own) == 1 else None
         out.append(entry)
     return out
+
+
+def _coefficient(candidate: Candidate, name: str, power: int) -> str:
+    """Return what the coefficient of a power of temperature is called, as in the catalogue: GSA1, b1_A, G1_XY."""
+    if power == 0:
+        return name
+    head, *label = name.split("_", 1)
+    own = f"{head}{power}"
+    known = () if candidate.effect is None else known_as(candidate.effect).parameters
+    return "_".join([next((each.name for each in known if each.name.casefold() == own.casefold()), own), *label])
 
 
 def _within(shapes: Sequence[tuple[float, Values]], number: int, freedom: int, share: float) -> tuple[float, float]:

@@ -110,6 +110,17 @@ def test_columns_that_are_the_same_in_this_design_are_ambiguous(truth: str, hidd
     assert result.next_experiment is not None
 
 
+def test_a_slope_has_the_name_that_the_catalogue_gives_it() -> None:
+    """A bias of 0.5 deg/hr/°C is b1_A of the equation, not B_A, which is a rate; GS and MU have theirs."""
+    campaign = hidden_campaign(3, lambda rows: both(rows.temperature, 0.5, 0.5), thermal=False, mu=False)
+    (effect,) = on_the_mean(reconcile(campaign, "matrix-6", prove=False))
+    assert (effect.id, "b1 (T - 25 degC)" in effect.equation) == ("bias_T", True)
+    named = {each["unit"]: each["name"] for each in effect.parameters if each["name"].endswith("_A")}
+    assert named.pop("deg/hr", "B_A") == "B_A"
+    assert named.pop("deg/hr/degC") == "b1_A"
+    assert named.pop("deg/hr/degC^2", "b2_A") == "b2_A"
+
+
 @pytest.mark.slow
 def test_three_collects_cannot_tell_mass_unbalance_from_g_squared_and_ask_for_the_fourth() -> None:
     """The contractor's model, collects 1-2-3: ambiguous, led by MU_real, k2 among the rivals, Collect 4 next."""
