@@ -12,7 +12,7 @@ from hil.solve.document import not_passed, not_passed_of, of_sensors_in_words
 from hil.solve.omissions import what_is_wrong
 from hil.solve.repeats import CONFIDENCE
 from hil.solve.runs import solve_campaign
-from procedures.words import listed, percent, significant
+from procedures.words import counted, listed, percent, significant
 
 SCHEMA = "hil.thermal/1"
 _NOT_SHOWN = "modelling against temperature is not shown to predict a temperature that was left out"
@@ -96,7 +96,9 @@ def _parameter(each: ParameterFit, fit: SensorFit) -> dict[str, Any]:
         "leave_one_out_error_constant": choice.errors["constant"],
         "leave_one_out_errors": dict(choice.errors),
         "steps": list(choice.steps),
-        **picked(each, "repeatability changes chance_constant chance_form", "largest_linear_change=largest_change"),
+        **picked(
+            each, "repeatability changes p_value chance_constant chance_form", "largest_linear_change=largest_change"
+        ),
         "hysteresis": hysteresis and _hysteresis(hysteresis, each.unit),
         "improvement": _improvement(each.improvement),
         **picked(each, "finding confirmed=is_confirmed"),
@@ -125,12 +127,17 @@ def parameter_in_words(each: ParameterFit) -> str:
     errors, unit = each.choice.errors, each.unit
     if each.finding == "constant":
         largest = f"{significant(each.largest_change)} {unit}"
-        return f"not shown by its repeats to depend on temperature: a straight line changes less than {largest}"
+        return (
+            f"not shown by its repeats to depend on temperature (p = {each.p_value:.2g}, "
+            f"{counted(each.together, 'parameter')} asked together): a straight line changes less than {largest}"
+        )
     if each.finding == "undescribed":
         cubic = f"; a cubic {errors['cubic']:.3g}" if "cubic" in errors else ""
+        chance = each.choice.chance_of_constant
+        alone = f" (p = {chance:.2g} of this parameter alone)" if chance > FALSE_ALARM else ""
         return (
-            "differs between temperatures beyond its noise, but no curve is shown to predict one left out (p = "
-            f"{each.choice.chance_of_constant:.2g}): a constant misses it by {errors['constant']:.3g} {unit}{cubic}"
+            "differs between temperatures beyond its noise, but no curve is shown to predict one left out better"
+            f"{alone}: a constant misses it by {errors['constant']:.3g} {unit}{cubic}"
         )
     words = (
         f"{each.form}: it misses a temperature that was left out by {errors[each.form]:.3g} {unit}, a constant by "

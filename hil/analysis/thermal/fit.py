@@ -39,8 +39,9 @@ class ParameterFit:
     """One parameter against temperature.
 
     `values` are the free estimates at each temperature; `coefficients` those of the chosen form (powers of T - T0, the
-    lowest first, for a polynomial; values at the temperatures for a table). `changes` says that they differ between
-    temperatures by more than noise, for whatever form. `chance_constant` and `chance_form` are the
+    lowest first, for a polynomial; values at the temperatures for a table). `p_value` is the chance that of as many
+    parameters as the sensor has (`together`) noise alone would make one as unlike a constant, by its values or by what
+    predicts them; `changes` says that it is less than `FALSE_ALARM`. `chance_constant` and `chance_form` are the
     chances of a misfit to noise as large as that of the constant and of the chosen form (None: nothing is left over).
     `largest_change` bounds the change over the range of a straight line, where no dependence was found; `hysteresis`
     (1,) is the value reached from below less that reached from above, whatever the form.
@@ -63,7 +64,10 @@ class ParameterFit:
             coefficients = replace(coefficients, covariance=coefficients.covariance * ratio)
         self.coefficients, self.curve = coefficients, _curve(layout, self.unit, order, coefficients)
         self.repeatability = float(np.nanmedian(seen.sd[:, place]))  # one that is huge says nothing of the others
-        self.changes = seen.known and _changes(layout, values)
+        of_values = _chance_of_values(layout, values) / _CHANGED if seen.known else 1.0
+        self.together = len(layout.form.names)
+        self.p_value = min(self.together * min(of_values, choice.chance_of_constant / _RARE), 1.0)
+        self.changes = self.p_value < FALSE_ALARM
         self.chance_constant = _misfit(layout, values, 0)[1]
         line = _line(layout, values)
         self.largest_change = 2.0 * float(abs(line.values[1]) + line.half_width[1])
@@ -191,7 +195,7 @@ def _choices(layout: Layout, values: Sequence[Estimates], noise_known: bool, hig
     Values that stay within their noise need a rare win to be more than a constant: over all parameters of the sensor
     both ways to be wrong come to `FALSE_ALARM`.
     """
-    rare = _RARE * FALSE_ALARM / len(values)
+    share = FALSE_ALARM / len(values)
     return [
         Choice(
             layout.stations.centre_degC,
@@ -199,20 +203,19 @@ def _choices(layout: Layout, values: Sequence[Estimates], noise_known: bool, hig
             each.covariance,
             highest_order=highest_order,
             seed=place,
-            first_alarm=FALSE_ALARM if noise_known and _changes(layout, each) else rare,
+            first_alarm=FALSE_ALARM
+            if noise_known and _chance_of_values(layout, each) < _CHANGED * share
+            else _RARE * share,
         )
         for place, each in enumerate(values)
     ]
 
 
-def _changes(layout: Layout, values: Estimates) -> bool:
-    """Tell whether the free values, or their straight line, change with temperature more than their noise allows.
-
-    Of a sensor without any dependence it is said for some parameter in half of `FALSE_ALARM` of campaigns.
-    """
+def _chance_of_values(layout: Layout, values: Estimates) -> float:
+    """Return how often noise alone would change the free values, or their straight line, by as much."""
     line = _line(layout, values)
     slope = 2.0 * float(stdtr(line.freedom, -abs(line.values[1]) / line.se[1]))
-    return min(_misfit(layout, values, 0)[1], slope) < _CHANGED * FALSE_ALARM / len(layout.form.names)
+    return min(_misfit(layout, values, 0)[1], slope)
 
 
 def _misfit(layout: Layout, values: Estimates, order: int) -> tuple[float, float]:

@@ -128,6 +128,18 @@ def test_without_temperature_dependence_it_says_so() -> None:
     assert 0.5 < document["parameters"]["GSA"]["largest_linear_change"] < 5.0
 
 
+def test_what_is_not_shown_has_the_chance_of_all_that_was_asked() -> None:
+    """MUB alone would be so uneven in 2 of 1000 campaigns, one of six in 218; above 5 % there is no finding."""
+    flat = {name: (lambda t, v=value: v + 0.0 * t) for name, value in {"BA": 20.0, "GSA": 50.0, "MUA": -9.0}.items()}
+    for seed in (16, 29):
+        fit = fit_thermal(rotor_night(np.random.default_rng(seed), flat))
+        for name, each in thermal_document(fit)["sensors"][0]["parameters"].items():
+            assert (each["finding"] == "constant") == (each["p_value"] >= 0.05), name
+            if (seed, name) == (16, "MUB"):
+                assert each["chance_constant"] < 0.002
+                assert "(p = 0.22, 6 parameters asked together)" in each["words"]
+
+
 @pytest.mark.parametrize(
     "curve",
     [
