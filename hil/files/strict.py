@@ -124,8 +124,8 @@ def find_config(kind: str, name: str | Path, beside: Path | None = None) -> Path
         raise InputError(f"{name}: this is a folder, not the file of {'an' if what[0] in 'AEIOU' else 'a'} {what}")
     shipped = sorted({file.stem for folder in config_folders(kind) for file in folder.glob(f"*{ending}")})
     if path.is_absolute() or "/" in str(name):
-        raise InputError(f"{name}: there is no such {what} file")
-    raise InputError(f"{name}: there is no {what} of this name{near(path.stem, shipped)}")
+        raise InputError(f"{name}: there is no such file or folder")
+    raise InputError(f"{name}: there is no {what} of this name, nor such a file or folder{near(path.stem, shipped)}")
 
 
 def _is(what: Callable[[Path], bool], path: Path) -> bool:

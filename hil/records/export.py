@@ -38,7 +38,7 @@ from hil.records.units import place_of, unit_folder
 from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Step, StepKind
 from procedures.verdict import Judgement, Verdict, combine, self_calibration_verdict
-from procedures.words import numbered
+from procedures.words import listed, numbered
 
 _MEANINGS = {
     "supply_V": "supply voltage at the unit's terminals, volt",
@@ -49,6 +49,7 @@ _STEP_COLUMNS += ("time_since_index_s", "n_samples")
 _CHAMBERS_DIGIT_DEGC = 0.051  # half of the tenth to which chambers keep a setpoint
 _SITE = ("latitude_deg", "heading_deg", "axis_2_elevation_deg", "axis_3_elevation_deg")
 _SENSOR_COLUMNS = ("temperature_degC", "dTdt_degC_per_min")
+_NAMED = 4  # folders inside one that is none of these
 
 
 @dataclass(frozen=True)
@@ -174,7 +175,10 @@ def open_source(folder: Path | str) -> Campaign:
         return read_campaign(folder)
     neither = f"neither a campaign folder (no {HEADER_FILE}) nor a night (no {JOURNAL_NAME})"
     check_folder(folder)
-    raise InputError(f"{folder}: {neither}")
+    inside = sorted(each.name for each in folder.iterdir() if (each / HEADER_FILE).is_file() or is_night(each))
+    more = [f"{len(inside) - _NAMED} more"] if len(inside) > _NAMED else []
+    holds = f"; name one that it holds: {listed(inside[:_NAMED] + more)}" if inside else ""
+    raise InputError(f"{folder}: {neither}{holds}")
 
 
 def _campaign(journal: JournalReader) -> Campaign:

@@ -20,6 +20,7 @@ from hil.errors import InputError
 from hil.files.document import picked, plain
 from hil.solve.repeats import SensorRepeats
 from hil.solve.runs import finite
+from procedures.words import numbered
 
 SCHEMA = "hil.budget/1"
 
@@ -49,13 +50,17 @@ def budget_document(
 
     Raises `InputError` for a run that is not there, or where no sensor has one.
     """
-    without = [f"sensor {number}: no collect has every rate: no budget" for number, runs in scenes.items() if not runs]
+    without = [
+        f"sensor {number}: {why}"
+        for number, runs in scenes.items()
+        if (why := _why_none([each.run for each in runs], asked.run, (observed or {}).get(number)))
+    ]
     if len(without) == len(scenes):
         raise InputError("; ".join(without) or "no collect was measured")
     sensors = {
-        str(number): _sensor(number, runs, asked, (observed or {}).get(number))
+        str(number): _sensor(runs, asked, (observed or {}).get(number))
         for number, runs in scenes.items()
-        if runs
+        if runs and asked.run in (None, *(each.run for each in runs))
     }
     return {
         "schema": SCHEMA,
@@ -68,14 +73,23 @@ def budget_document(
     }
 
 
-def _sensor(number: int, runs: Sequence[RunScene], asked: Asked, observed: SensorRepeats | None) -> dict[str, Any]:
+def _why_none(runs: Sequence[int], asked: int | None, observed: SensorRepeats | None) -> str:
+    """Say why a sensor has no budget of the run that is asked for; empty where it has."""
+    if not runs:
+        return "no collect has every rate: no budget"
+    if asked is None or asked in runs:
+        return ""
+    if observed is not None and asked in observed.not_used:
+        return (
+            f"run {asked} FAILed by what was recorded, and has no budget; choose of {numbered('run', runs)} with --run"
+        )
+    return f"there is no run {asked}; choose of {numbered('run', runs)} with --run"
+
+
+def _sensor(runs: Sequence[RunScene], asked: Asked, observed: SensorRepeats | None) -> dict[str, Any]:
     alone = {each.run: Budget(each.scene, each.sources, each.form, draws=0) for each in runs}
     totals = {run: each.total() for run, each in alone.items()}
     whole = {run: mean_of_repeats(each, 1, as_solved(each, run, observed), None) for run, each in alone.items()}
-    if asked.run is not None and asked.run not in totals:
-        raise InputError(
-            f"sensor {number}: there is no run {asked.run}, or it FAILed; there are {', '.join(map(str, totals))}"
-        )
     chosen = max(runs, key=lambda each: (each.run == asked.run, float(np.nansum(whole[each.run] ** 2))))
     budget = Budget(chosen.scene, chosen.sources, chosen.form, asked.draws, asked.seed)
     one = as_solved(budget, chosen.run, observed)

@@ -102,5 +102,7 @@ def test_those_that_ship_fit_the_simulated_bench() -> None:
     """Every sensor and parameter of the example is there."""
     bench = load_bench("simulated")
     load_limits("rd-gc-86-1").check({number: bench.sensor(number) for number in bench.sensors}, bench.unit.model)
-    with pytest.raises(InputError, match="there is no set of limits of this name; did you mean 'rd-gc-86-1'"):
+    with pytest.raises(
+        InputError, match="there is no set of limits of this name, nor such a file or folder; did you mean 'rd-gc-86-1'"
+    ):
         load_limits("rd-gc-86")

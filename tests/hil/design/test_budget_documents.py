@@ -25,6 +25,7 @@ from hil.design.budget.document import Asked, budget_document
 from hil.design.budget.scenes import measured_scenes, planned_scenes
 from hil.errors import InputError
 from hil.solve import repeats, solve_campaign
+from tests.hil.audit.folders import written
 from tests.hil.solve.test_other_runs import repeated
 
 FEW = Asked(draws=2000)
@@ -123,6 +124,26 @@ def test_of_a_collect_with_one_rate_left_out_the_other_counts_as_in_solve(campai
     for name, each in solved.parameters.items():
         noise = sensor["sources"][0]["parameters"][name]["analytic"]
         assert noise == (None if each.se is None else pytest.approx(each.se)), name
+
+
+def test_what_has_no_budget_is_said_with_what_to_do(tmp_path: Path) -> None:
+    """A run that is not there or FAILed, another of two sensors, a parameter that a run does not tell, a folder."""
+    for name in ("one rate far off", "clipped", "two plans"):
+        written(name, tmp_path / name.replace(" ", "-"))
+    told = {
+        words: "".join(cli("budget", tmp_path / words.split()[0], *words.split()[1:], "--draws", 100)[1:])
+        for words in ("one-rate-far-off --run 5", "one-rate-far-off --run 99", "clipped --run 9", "two-plans --run 9")
+    }
+    assert (
+        "–: what these collects do not tell alone: MUA (hil solve says why, of run 5)"
+        in told["one-rate-far-off --run 5"]
+    )
+    assert "sensor 2: there is no run 99; choose of runs 1–12 with --run" in told["one-rate-far-off --run 99"]
+    assert "run 9 FAILed by what was recorded, and has no budget; choose of runs 1–7" in told["clipped --run 9"]
+    assert "sensor 1: there is no run 9; choose of runs 1–6" in told["two-plans --run 9"]
+    assert "\nsensor 2, run 9 at" in told["two-plans --run 9"]
+    assert "name one that it holds: clipped, one-rate-far-off and two-plans" in cli("budget", tmp_path)[2]
+    assert "there is no such file or folder" in cli("budget", tmp_path / "mistyped")[2]
 
 
 def test_the_worst_run_is_the_one_that_solve_knows_worst() -> None:

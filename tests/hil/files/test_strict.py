@@ -43,11 +43,19 @@ def test_a_file_beside_the_one_that_names_it_is_found(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("kind", "name", "message"),
     [
-        ("benches", "simulatd", "simulatd: there is no bench of this name; did you mean 'simulated'?"),
-        ("sweeps", "rd-gc-86", "rd-gc-86: there is no sweep of this name; did you mean 'rd-gc-86-1'?"),
-        ("benches", "zzz", "zzz: there is no bench of this name; allowed: "),
-        ("sweeps", "./nothing.yaml", "./nothing.yaml: there is no such sweep file"),
-        ("sweeps", "/nothing/here.yaml", "/nothing/here.yaml: there is no such sweep file"),
+        (
+            "benches",
+            "simulatd",
+            "simulatd: there is no bench of this name, nor such a file or folder; did you mean 'simulated'?",
+        ),
+        (
+            "sweeps",
+            "rd-gc-86",
+            "rd-gc-86: there is no sweep of this name, nor such a file or folder; did you mean 'rd-gc-86-1'?",
+        ),
+        ("benches", "zzz", "zzz: there is no bench of this name, nor such a file or folder; allowed: "),
+        ("sweeps", "./nothing.yaml", "./nothing.yaml: there is no such file or folder"),
+        ("sweeps", "/nothing/here.yaml", "/nothing/here.yaml: there is no such file or folder"),
         ("sweeps", "", "the name of the sweep is empty"),
         ("imus", "/", "/: this is a folder, not the file of an IMU description"),
     ],
