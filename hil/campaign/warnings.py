@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hil.campaign.data import EARTH_RATE_DEG_PER_HR, TELL_TEMPERATURE, Collects, Conditions
+from hil.campaign.data import EARTH_RATE_DEG_PER_HR, TELL_TEMPERATURE, BoolArray, Collects, Conditions
 from hil.campaign.header import OF_A_SENSOR, Header
 from hil.campaign.stand_ins import OWN, instead_of_temperature, not_recorded
 from hil.campaign.table import Table, rows_in_words
@@ -63,11 +63,8 @@ def _of_sensor(where: str, collects: Collects, rows: np.ndarray, centrifuge: boo
     zeros = np.any(measured, axis=-1) & np.all(np.where(measured, rates == 0.0, True), axis=-1)
     if np.any(zeros):
         found.append(f"{at(zeros)}: every rate is exactly 0; a missing collect is an empty cell")
-    size = np.linalg.norm(conditions.f_g, axis=-1)
-    off = np.abs(size - 1.0) > F_SUSPICIOUS
-    if np.any(off) and not centrifuge:
-        worst = size[np.argmax(np.abs(size - 1.0))]
-        found.append(f"{at(off)}: |f| is off 1 g by more than 2 % (the worst is {worst:.3f} g)")
+    if np.any(off := off_gravity(conditions)) and not centrifuge:
+        found.append(f"{at(off)}: {off_in_words(conditions)}")
     runs, told = len(np.unique(conditions.run)), {*TELL_TEMPERATURE} & {*conditions.columns}
     if runs > 1 and not any(np.isfinite(conditions.columns[name]).any() for name in told):
         found.append(
@@ -91,6 +88,17 @@ def _of_sensor(where: str, collects: Collects, rows: np.ndarray, centrifuge: boo
             "any channel, is in the rates, and in no standard error"
         )
     return found
+
+
+def off_gravity(conditions: Conditions) -> BoolArray:
+    """Return the rows (n,) whose |f| is no gravity's, which is what a unit at rest feels."""
+    return np.asarray(np.abs(np.linalg.norm(conditions.f_g, axis=-1) - 1.0) > F_SUSPICIOUS)
+
+
+def off_in_words(conditions: Conditions) -> str:
+    """Say by how much |f| is off in the worst row."""
+    size = np.linalg.norm(conditions.f_g, axis=-1)
+    return f"|f| is off 1 g by more than 2 % (the worst is {size[np.argmax(np.abs(size - 1.0))]:.3f} g)"
 
 
 def _across(conditions: Conditions) -> float:

@@ -18,8 +18,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc
 
-from hil.campaign import Campaign, Collects, FloatArray
+from hil.campaign import Campaign, Collects, Conditions, FloatArray
 from hil.campaign.plausibility import accelerations_g
+from hil.campaign.warnings import off_gravity, off_in_words
 from hil.model.forms import LinearForm, default_form, named_form
 from hil.solve.contractor import METHOD, can_follow, solve_as_contractor
 from hil.solve.identifiability import orthonormal
@@ -180,11 +181,23 @@ class _Beside:
         rows = campaign.sensors[sensor]
         here = {run: of for (run, number), of in campaign.contradicted.items() if number == sensor}
         soak = {run: Judgement(Verdict.MARGINAL, of) for run, of in not_settled(campaign)[sensor].items()}
+        weight = {} if campaign.centrifuge else _off_gravity(rows.conditions)
         lacking: dict[int, list[int]] = {}
         for row in np.flatnonzero(unstated(rows).any(axis=1)):
             lacking.setdefault(int(rows.conditions.run[row]), []).append(int(rows.conditions.collect[row]))
-        judged = (campaign.verdicts, here, wrong.judged, soak)
+        judged = (campaign.verdicts, here, wrong.judged, soak, weight)
         return cls(judged, wrong.not_compared, wrong.judged.keys(), soak.keys(), lacking, campaign.largest_se)
+
+
+def _off_gravity(conditions: Conditions) -> dict[int, Judgement]:
+    """Return the runs with a collect in which f is not what a unit at rest feels: nobody knows what is per g there."""
+    off, found = off_gravity(conditions), {}
+    for run, rows in conditions.of_each_run.items():
+        if len(own := rows[off[rows]]):
+            which = "" if len(own) == len(rows) else f"{numbered('collect', conditions.collect[own].tolist())}: "
+            words = f"{which}{off_in_words(conditions.rows(own))}: f is wrong, and every parameter per g with it"
+            found[run] = Judgement(Verdict.INCONCLUSIVE, words)
+    return found
 
 
 def _judged(solution: RunSolution, rows: Collects, beside: _Beside) -> RunSolution:

@@ -69,6 +69,14 @@ def _exchanged_twice() -> Campaign:
     return _changed(one, [25, 26], one.sensors[2].rates_deg_per_hr[[26, 25]])
 
 
+def _heavy() -> Campaign:
+    """In run 5 f is 1.03 g."""
+    one = _good()
+    conditions = one.sensors[2].conditions
+    f_g = conditions.f_g * np.where(conditions.run == 5, 1.03, 1.0)[:, None]
+    return replace(one, sensors={2: replace(one.sensors[2], conditions=replace(conditions, f_g=f_g))})
+
+
 def _far_off() -> Campaign:
     one = _good()
     return _changed(one, [14], one.sensors[2].rates_deg_per_hr[[14]] + [[0.0, 300.0]])
@@ -298,6 +306,7 @@ FOLDERS: dict[str, Callable[[], Campaign]] = {
     "position missing at one temperature": lambda: _changed(_good(), [2, 5, 8], np.full((3, 2), np.nan)),
     "standard errors too small": _errors_too_small,
     "one rate far off": _far_off,
+    "f of another size": _heavy,
     "after a pause": _after_a_pause,
     "one collect missing": _one_missing,
     "one standard error missing": _one_silent,

@@ -68,3 +68,15 @@ def test_where_a_verdict_is_not_every_sensor_s_it_is_said_whose() -> None:
     said = of_sensors_in_words(not_passed_of([*first, *second]))
     assert said == "run 4 of sensor 1 (FAIL), runs 3–4 of sensor 2 (FAIL), run 3 of sensor 1 (MARGINAL)"
     assert of_sensors_in_words(not_passed_of([*first, *second]), [3]) == "run 4 (FAIL)"
+
+
+def test_no_run_passes_whose_f_is_none_of_gravity() -> None:
+    """Values per g are as wrong as f is, unless it was a centrifuge; one collect is named, of a whole run none."""
+    made = campaign(9, 3, seed=1)
+    rows, f = made.sensors[2], made.sensors[2].conditions.f_g.copy()
+    f[[4, 9, 10, 11]] *= 1.03
+    heavy = replace(made, sensors={2: replace(rows, conditions=replace(rows.conditions, f_g=f))})
+    said = {each.run: each.reason for each in solve_campaign(heavy) if each.verdict is Verdict.INCONCLUSIVE}
+    why = "|f| is off 1 g by more than 2 % (the worst is 1.030 g): f is wrong, and every parameter per g with it"
+    assert {run: reason.partition("; ")[0] for run, reason in said.items()} == {2: f"collect 5: {why}", 4: why}
+    assert not any(why in each.reason for each in solve_campaign(replace(heavy, centrifuge=True)))
