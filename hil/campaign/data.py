@@ -121,6 +121,8 @@ class Collects:
 
     def rows(self, index: RowIndex) -> Collects:
         """Return the chosen rows: a mask or an array of indices, shape (n,) or (k,)."""
+        if isinstance(index, np.ndarray) and index.dtype == bool and index.all():
+            return self  # what is known of these is known
         return Collects(self.conditions.rows(index), self.rates_deg_per_hr[index], self.rates_se_deg_per_hr[index])
 
 

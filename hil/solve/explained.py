@@ -22,7 +22,7 @@ from hil.campaign import Collects, FloatArray
 from hil.model.effects.data import put_right
 from hil.solve.asked import DOUBTED, Asked, OtherSensor
 from hil.solve.causes import Cause
-from hil.solve.whitened import Whitened
+from hil.solve.whitened import Whitened, whitened
 
 SURE, CERTAIN = 0.99, 0.95
 """Probability from which what is the likeliest is done: at once, and where nothing else need be."""
@@ -141,14 +141,14 @@ class _Left:
         if not told.any():
             return None
         rows = np.flatnonzero(told)
-        left, own_bias = self.collects.rows(rows), self.own_bias
-        asked = Asked(Whitened(left, own_bias), own_bias, self.beside and self.beside.rows(rows))
+        left, own_bias = self.collects.rows(told), self.own_bias
+        asked = Asked(whitened(left, own_bias), own_bias, self.beside and self.beside.rows(rows))
         nothing, found = asked.weighed(run)
         no_error = asked.rates.stated and asked.times > _NO_ERROR
         for cause in found[0][0] if found and no_error else ():
             left = mended(left, cause)
         # Nor is what the likeliest leaves as far from any error explained by it.
-        if nothing > DOUBTED or (nothing > HARDLY and no_error and Asked(Whitened(left, own_bias)).times > _NO_ERROR):
+        if nothing > DOUBTED or (nothing > HARDLY and no_error and Asked(whitened(left, own_bias)).times > _NO_ERROR):
             return Explained(None, (), asked.times, 0.0) if no_error else None
         every = _by_place(found)
         likeliest = max(every, key=lambda each: every[each], default=())
@@ -203,7 +203,7 @@ def beyond_others(
     used = collects.rows(~np.isin(collects.conditions.run, list(distrusted)))
     if not len(used):
         return {}, None
-    rates = Whitened(used)
+    rates = whitened(used)
     alone = rates.alone
     if len(used.conditions.of_each_run) > _MANY or rates.freedom < 1.0:
         return alone, None

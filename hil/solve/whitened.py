@@ -11,6 +11,7 @@ the same place in them, whatever the form says of it.
 
 from collections.abc import Collection, Mapping, Sequence
 from copy import copy
+from functools import lru_cache
 from itertools import compress
 from typing import Self
 
@@ -167,6 +168,10 @@ class Whitened:
         numbers, count = np.unique(place, return_counts=True)
         channels = np.eye(self.known.shape[1]) * self.weight[..., None]
         return [(place == each)[:, None, None] * channels for each in numbers[(count >= _REPEATED) & (numbers >= 0)]]
+
+
+whitened = lru_cache(maxsize=4)(Whitened)
+"""The rates of collects, whitened once: asked of by the sensor itself, by the other one, and for what nobody sees."""
 
 
 def place_in_each_run(conditions: Conditions) -> IntArray:

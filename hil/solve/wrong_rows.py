@@ -22,7 +22,7 @@ from hil.solve.asked import Asked, OtherSensor
 from hil.solve.causes import AS_IT_LAY, Cause, all_of
 from hil.solve.explained import HARDLY, Explained, beyond_others, explanations, mended
 from hil.solve.precision import with_every_error
-from hil.solve.whitened import Whitened
+from hil.solve.whitened import whitened
 from procedures.verdict import Judgement, Verdict, combine
 from procedures.words import listed, numbered, significant
 
@@ -128,7 +128,7 @@ def _other_sensor(collects: Collects, other: Collects | None) -> OtherSensor | N
     """Return what another sensor shows in the same collects, and says of their labels."""
     if other is None:
         return None
-    shown, asked = beside(collects, other), Asked(Whitened(with_every_error(unclipped(other))))
+    shown, asked = beside(collects, other), Asked(whitened(with_every_error(unclipped(other))))
     same = {run for run, rows in collects.conditions.of_each_run.items() if np.isfinite(shown[rows]).any()}
     own, theirs = beside(other, collects), other.conditions.of_each_run
     return OtherSensor(
@@ -185,7 +185,7 @@ def _as_the_unit_lay(collects: Collects, exchanged: Sequence[tuple[int, int]]) -
         i, j = np.flatnonzero(np.isin(collects.conditions.collect, pair)).tolist()
         cause = Cause("exchanged", int(collects.conditions.run[i]), (i, j))
         laid = mended(collects, cause)
-        if Asked(Whitened(laid)).as_filed - Asked(Whitened(collects)).as_filed > -AS_IT_LAY:
+        if Asked(whitened(laid)).as_filed - Asked(whitened(collects)).as_filed > -AS_IT_LAY:
             collects = laid
             out.append(_of(laid, cause, MENDED, f"{cause_in_words(laid, cause)}: {_LIES}"))
     return collects, out

@@ -9,10 +9,11 @@ import pytest
 
 from hil.analysis.thermal.document import thermal_document
 from hil.analysis.thermal.fit import fit_thermal
-from hil.campaign import Campaign
+from hil.campaign import Campaign, Collects
 from hil.campaign.plausibility import judged_by_its_records
 from hil.solve import repeats, solve_campaign
 from hil.solve.omissions import in_words, otherwise, what_is_wrong
+from hil.solve.whitened import Whitened
 from hil.solve.wrong_rows import LEFT_OUT, MENDED, pooled, treated, wrong_rows
 from procedures.verdict import Judgement, Verdict
 from tests.hil.audit.folders import FOLDERS
@@ -342,3 +343,19 @@ def test_what_is_the_same_of_many_runs_is_said_once() -> None:
         in_words(what_is_wrong(dead))[0]
         == "left out: sensor 2, runs 1–12: RB: every rate is exactly 0: nothing was measured"
     )
+
+
+def test_the_rates_of_each_of_two_sensors_are_whitened_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For itself, for the other one, and for what nobody would see: it had been done thrice."""
+    one, other = (campaign(6, 3, seed=seed).sensors[2] for seed in (1, 2))
+    layout = replace(other.conditions.sensor, number=1)
+    first = replace(other, conditions=replace(other.conditions, sensor=layout))
+    laid, lay = [], Whitened.__init__
+
+    def counted(self: Whitened, collects: Collects, own_bias: frozenset[int] = frozenset()) -> None:
+        laid.append(collects)
+        lay(self, collects, own_bias)
+
+    monkeypatch.setattr(Whitened, "__init__", counted)
+    assert not any(found.rows for found in wrong_rows(Campaign("made", "", {1: first, 2: one})).values())
+    assert [laid.count(each) for each in dict.fromkeys(laid)] == [1, 1]
