@@ -170,8 +170,12 @@ class Whitened:
         return [(place == each)[:, None, None] * channels for each in numbers[(count >= _REPEATED) & (numbers >= 0)]]
 
 
-whitened = lru_cache(maxsize=4)(Whitened)
-"""The rates of collects, whitened once: asked of by the sensor itself, by the other one, and for what nobody sees."""
+_once = lru_cache(maxsize=4)(Whitened)
+
+
+def whitened(collects: Collects, own_bias: frozenset[int] = frozenset()) -> Whitened:
+    """Return them of collects, once for whoever asks: the sensor itself, the other one, and for what nobody sees."""
+    return _once(collects, own_bias)
 
 
 def place_in_each_run(conditions: Conditions) -> IntArray:

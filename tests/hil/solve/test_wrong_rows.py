@@ -347,7 +347,7 @@ def test_what_is_the_same_of_many_runs_is_said_once() -> None:
 
 def test_the_rates_of_each_of_two_sensors_are_whitened_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """For itself, for the other one, and for what nobody would see: it had been done thrice."""
-    one, other = (campaign(6, 3, seed=seed).sensors[2] for seed in (1, 2))
+    one, other = (campaign(24, 3, seed=seed).sensors[2] for seed in (1, 2))
     layout = replace(other.conditions.sensor, number=1)
     first = replace(other, conditions=replace(other.conditions, sensor=layout))
     laid, lay = [], Whitened.__init__
@@ -358,4 +358,4 @@ def test_the_rates_of_each_of_two_sensors_are_whitened_once(monkeypatch: pytest.
 
     monkeypatch.setattr(Whitened, "__init__", counted)
     assert not any(found.rows for found in wrong_rows(Campaign("made", "", {1: first, 2: one})).values())
-    assert [laid.count(each) for each in dict.fromkeys(laid)] == [1, 1]
+    assert len(laid) == 2
