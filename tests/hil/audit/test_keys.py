@@ -12,12 +12,24 @@ from typing import Any
 import pytest
 
 from hil.cli.app import run
+from hil.model.effects.document import effects_document
 from hil.records.export import campaign_of_night
 from tests.hil.audit.folders import written
 
 REFERENCE = Path(__file__).parents[3] / "docs" / "reference" / "commands.md"
-NAMES = re.compile(r"\d+|B[ABXYZ]|GS[AB]?|MU[AB]?|G[XYZ]{2}")
-"""Keys that are data: numbers of sensors and runs, names of parameters."""
+NAMES = re.compile(r"\d+|(B[ABXYZ]|GS[AB]?|MU[AB]?|G[XYZ]{2})(_per_degC2?)?|R[AB]|A-\d\d|unit_\d_degC")
+"""Keys that are data: numbers of sensors and runs, names of parameters, channels, equations and thermometers."""
+IDS = {
+    name
+    for each in effects_document()["effects"]
+    for name in (
+        each["id"],
+        each["family"],
+        *(shape["name"] for shape in each["shape_parameters"]),
+        *(technology for of in each["parameters"] for technology in of.get("typical_other", ())),
+    )
+}
+"""And of effects, their families and shapes, and technologies."""
 
 IN_PLACE = ("judgement", "words", "improves", "noise_level", "noise_kinds", "forms")
 QUICK = {
@@ -88,6 +100,16 @@ def table() -> dict[str, str]:
     return {key: meaning for keys, meaning in rows for key in re.findall(r"`(\w+)`", keys)}
 
 
+def listed_keys() -> set[str]:
+    """Return every word that the reference has as code; of the result of reconcile its own page."""
+    pages = (REFERENCE, REFERENCE.with_name("reconciliation-result.md"))
+    return {word for page in pages for code in re.findall(r"`+([^`]+)`+", page.read_text()) for word in _words(code)}
+
+
+def _words(code: str) -> list[str]:
+    return re.findall(r"[\w-]+", code)
+
+
 def documents(commands: dict[str, list[str]], folder: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
     """Return the JSON of each command over a campaign and a small night in `folder`."""
     night, campaign = folder / "night", written("good", folder / "campaign")
@@ -109,6 +131,7 @@ def check(found: dict[str, Any]) -> None:
     """Hold documents against the table; what stands in the place of what is to be removed is there, of one type."""
     told, present = table(), {key for document in found.values() for key, _ in keys(document)}
     two = ambiguous(found)
+    assert sorted(present - listed_keys() - IDS) == []
     assert {key: names for key, names in two.items() if key not in told} == {}
     assert set(IN_PLACE) <= present & set(told)
     assert not set(IN_PLACE) & set(two)
