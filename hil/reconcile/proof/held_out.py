@@ -237,7 +237,9 @@ class Rows:
         """Yield of each fold its rows (k,) that are not wrong, and P of noise alone among them, (k, k)."""
         parts: dict[int, list[tuple[IntArray, FloatArray]]] = {}
         for each in by.stretches:
-            for rows, inner in zip(each.rows.reshape(-1, each.rows.shape[2]), np.vstack(each.inner()[0]), strict=True):
+            for rows, inner in zip(
+                each.rows.reshape(-1, each.rows.shape[2]), np.concatenate(each.inner()[:, :, 0]), strict=True
+            ):
                 there = np.flatnonzero(np.append(self.right, False)[rows])
                 for fold in np.unique(label[rows[there]]).tolist():
                     own = there[label[rows[there]] == fold]

@@ -19,6 +19,8 @@ from hil.model.effects.scatter import Scatter
 
 PIECE = 24
 """Rows at most that are whitened by one matrix; from piece to piece states are handed on."""
+COMPARED = 256
+"""Rows by which covariances are compared: what is the same in so many is the same in all."""
 
 
 @dataclass(frozen=True)
@@ -71,10 +73,6 @@ class Chain:
         """Return the same states, each row moved by `factor` times as much."""
         return replace(self, columns=factor * self.columns)
 
-    def first(self, rows: int) -> Chain:
-        """Return the chain of the first rows only."""
-        return Chain(self.columns[:rows], self.keep[:rows], self.kick[:rows])
-
     @cached_property
     def sizes(self) -> FloatArray:
         """The variance of every state at every row, (N, s)."""
@@ -91,9 +89,10 @@ class Chain:
 
     @cached_property
     def covariance(self) -> FloatArray:
-        """The covariance of the rows, (N, N), in the order of time."""
-        across, out = self.columns * self.sizes, np.diag(0.5 * self.variance)
-        for i, (seen, keep) in enumerate(zip(self.columns, self.keep, strict=True)):
+        """The covariance of the first `COMPARED` rows, (n, n), in the order of time."""
+        few = slice(COMPARED)
+        across, out = self.columns[few] * self.sizes[few], np.diag(0.5 * self.variance[few])
+        for i, (seen, keep) in enumerate(zip(self.columns[few], self.keep[few], strict=True)):
             across[:i] *= keep
             out[i, :i] = across[:i] @ seen
         return out + out.T

@@ -19,9 +19,9 @@ from hil.reconcile.search.chains import Chain
 class Stretches:
     """Stretches that are cut alike, and what whitens each piece at t models of the noise.
 
-    `rows` (p, m, n) are places in columns (N + 1, k), the last of zeros. `own` (t, p, m, n, n) whitens a piece by
-    itself, `entering` (t, p, m, n, s) what states are on entering takes from its rows; a piece hands on `learned`
-    (t, p, m, s, n) of its rows and `kept` (t, p, m, s, s) of the states.
+    `rows` (p, m, n) are places in columns (N + 1, k), the last of zeros. `own` (p, m, t, n, n) whitens a piece by
+    itself, `entering` (p, m, t, n, s) what states are on entering takes from its rows; a piece hands on `learned`
+    (p, m, t, s, n) of its rows and `kept` (p, m, t, s, s) of the states.
     """
 
     rows: IntArray
@@ -32,7 +32,7 @@ class Stretches:
 
     def take(self, index: IntArray) -> Stretches:
         """Return some of the models."""
-        return Stretches(self.rows, *(own[index] for own in self._parts))
+        return Stretches(self.rows, *(own[:, :, index] for own in self._parts))
 
     @property
     def _parts(self) -> tuple[FloatArray, ...]:
@@ -40,34 +40,40 @@ class Stretches:
 
     def whiten(self, columns: FloatArray, out: FloatArray) -> None:
         """Write rows of columns (N + 1, k) into `out` (t, N + 1, k), independent of each other."""
-        states = np.zeros((*self.kept.shape[:1], *self.kept.shape[2:4], columns.shape[1]))
+        states = np.zeros((*self.kept.shape[1:4], columns.shape[1]))
         for piece, rows in enumerate(self.rows):
             given = columns[rows]
-            white = self.own[:, piece] @ given
+            white = _of_every_model(self.own[piece], given)
             if piece:
-                white -= self.entering[:, piece] @ states
-            out[:, rows] = white
+                white -= self.entering[piece] @ states
+            out[:, rows] = np.swapaxes(white, 0, 1)
             if piece + 1 < len(self.rows):
-                states = self.learned[:, piece] @ given + self.kept[:, piece] @ states
+                states = _of_every_model(self.learned[piece], given) + self.kept[piece] @ states
 
     def back(self, white: FloatArray, out: FloatArray) -> None:
         """Write into `out` (t, N + 1, k) what the transpose of whitening makes of rows (t, N + 1, k)."""
-        later = np.zeros((*self.kept.shape[:1], *self.kept.shape[2:4], white.shape[2]))
+        later = np.zeros((*self.kept.shape[1:4], white.shape[2]))
         own, entering, learned, kept = (np.swapaxes(of, 3, 4) for of in self._parts)
         for piece, rows in reversed([*enumerate(self.rows)]):
-            given = white[:, rows]
-            out[:, rows] = own[:, piece] @ given + learned[:, piece] @ later
-            later = kept[:, piece] @ later - entering[:, piece] @ given
+            given = np.swapaxes(white[:, rows], 0, 1)
+            out[:, rows] = np.swapaxes(own[piece] @ given + learned[piece] @ later, 0, 1)
+            later = kept[piece] @ later - entering[piece] @ given
 
     def inner(self) -> FloatArray:
-        """Return W'W of the rows of each piece, (t, p, m, n, n), W being what whitens all rows."""
+        """Return W'W of the rows of each piece, (p, m, t, n, n), W being what whitens all rows."""
         out = np.swapaxes(self.own, 3, 4) @ self.own
-        later = np.zeros_like(self.kept[:, 0])
+        later = np.zeros_like(self.kept[0])
         for piece in reversed(range(1, len(self.rows))):
-            entering, kept, learned = self.entering[:, piece], self.kept[:, piece], self.learned[:, piece - 1]
+            entering, kept, learned = self.entering[piece], self.kept[piece], self.learned[piece - 1]
             later = np.swapaxes(entering, 2, 3) @ entering + np.swapaxes(kept, 2, 3) @ later @ kept
-            out[:, piece - 1] += np.swapaxes(learned, 2, 3) @ later @ learned
+            out[piece - 1] += np.swapaxes(learned, 2, 3) @ later @ learned
         return out
+
+
+def _of_every_model(parts: FloatArray, given: FloatArray) -> FloatArray:
+    """Return what parts (m, t, a, n) of every model make of the same rows (m, n, k), (m, t, a, k), in one product."""
+    many, models, size, rows = parts.shape
+    return (parts.reshape(many, models * size, rows) @ given).reshape(many, models, size, -1)
 
 
 @dataclass(frozen=True)
@@ -186,7 +192,7 @@ def _pieces(
     found, handed = _of_basis(parts[0], parts[1], gain, scale, rows=True)
     states = len(handed)
     for own in (found[:, states:], -found[:, :states], handed[:, states:], handed[:, :states]):
-        yield np.ascontiguousarray(np.moveaxis(own, (0, 1), (-2, -1)).reshape(own.shape[2], *cut, *own.shape[:2]))
+        yield np.ascontiguousarray(np.transpose(own, (3, 2, 0, 1)).reshape(*cut, own.shape[2], *own.shape[:2]))
 
 
 def _of_basis(

@@ -1,14 +1,14 @@
 """A set as numbers: values with errors, the noise beside them, and what each term makes of every row."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray
 from hil.reconcile.search.block_search import BlockSearch
-from hil.reconcile.search.noise import COMPARED
+from hil.reconcile.search.chains import COMPARED
 from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.set_in_block import SetInBlock
 from hil.reconcile.search.sets import SensorSearch, Set
@@ -33,6 +33,7 @@ class FittedBlock:
     scale: float
     columns: FloatArray
     keys: Sequence[Key]
+    _beside_base: dict[int, FloatArray] = field(default_factory=dict)
 
     @property
     def calibrated(self) -> bool:
@@ -48,6 +49,24 @@ class FittedBlock:
         """The variance of the rows' noise, (N,), deg²/hr², without values that follow temperature, which are none."""
         noise = self.search.noise
         return np.asarray(noise.variance(self.search.points.take(np.array([self.at])))[0] * noise.unit * self.scale)
+
+    @cached_property
+    def _precision(self) -> FloatArray:
+        """What weighs the first `COMPARED` rows in time by what the base leaves of them, (n, n)."""
+        noise, points = self.search.noise, self.search.points.take(np.array([self.at]))
+        white = np.linalg.inv(np.linalg.cholesky(noise.covariance(points)))
+        rows, values = noise.order[:COMPARED], noise.by_station[:COMPARED] * self.calibrated
+        left = project_out(orthonormal(white @ np.hstack([self.search.block.base[rows], values]), 1e-6), white)
+        return np.asarray(left.T @ left)
+
+    def beside_base(self, kind: int) -> FloatArray:
+        """Return what a kind of scatter makes of the rows that the base leaves, times their precision, (n, n).
+
+        The trace of the product of two such is the inner product of the whitened covariances.
+        """
+        if kind not in self._beside_base:
+            self._beside_base[kind] = self.search.noise.kinds[kind].chain.covariance @ self._precision
+        return self._beside_base[kind]
 
     def beside_values(self, left: FloatArray) -> FloatArray:
         """Return what values of the base that follow temperature leave of a residual, (N,)."""
@@ -141,18 +160,16 @@ class Fitted:
         """
         out = []
         for block in self.blocks:
-            noise, points = block.search.noise, block.search.points.take(np.array([block.at]))
-            rows, there = noise.order[:COMPARED], points.amount[0] > 0.0
-            white = np.linalg.inv(np.linalg.cholesky(noise.covariance(points, len(rows))))
-            values = noise.by_station[: len(rows)] * block.calibrated
-            base = orthonormal(white @ np.hstack([block.search.block.base[rows], values]), 1e-6)
-            named, others = ([kind.name == own for kind in noise.kinds] for own in (name, rival))
-            seen = []
-            for of in (there & named if any(there & named) else named, others):
-                kinds = [kind for kind, asked in zip(noise.kinds, of, strict=True) if asked]
-                states = [white @ k.chain.first(len(rows)).covariance @ white.T for k in kinds]
-                seen.append([project_out(base, project_out(base, each).T) for each in states])
-            cosines = [np.sum(a * b) / np.sqrt(np.sum(a**2) * np.sum(b**2)) for a in seen[0] for b in seen[1]]
+            there = block.search.points.amount[block.at] > 0.0
+            named, others = ([kind.name == own for kind in block.search.noise.kinds] for own in (name, rival))
+            both = there & named if any(there & named) else named, others
+            seen = [[block.beside_base(int(kind)) for kind in np.flatnonzero(of)] for of in both]
+            norms = [[np.sqrt(np.sum(own * own.T)) for own in of] for of in seen]
+            cosines = [
+                np.sum(a * b.T) / (c * d)
+                for a, c in zip(seen[0], norms[0], strict=True)
+                for b, d in zip(seen[1], norms[1], strict=True)
+            ]
             out.append(float(max(cosines, default=0.0)))
         return min(out, default=0.0)
 

@@ -22,7 +22,7 @@ from hil.campaign import BoolArray, Conditions, FloatArray, IntArray
 from hil.model.effects.base import VarianceEffect
 from hil.model.effects.prior import scatter_log_odds
 from hil.model.effects.scatter import Scatter
-from hil.reconcile.search.chains import PIECE, Chain, chain_of, grouped, in_time, joined
+from hil.reconcile.search.chains import COMPARED, PIECE, Chain, chain_of, grouped, in_time, joined
 from hil.reconcile.search.filters import Filter, filter_of
 from hil.reconcile.search.points import LEVELS, OFFSETS, Kind, Points, log_offset, sizes_up_to
 from hil.reconcile.search.profiles import FIXED, Profile, log_profile, values_over_temperature
@@ -44,8 +44,6 @@ LARGEST = 2_500_000
 """Numbers that are whitened at once: twenty megabytes, and still in step with the processor's cache."""
 KEPT = 500_000
 """Rows times models of the noise up to which what whitens them is kept: some two hundred megabytes."""
-COMPARED = 256
-"""Rows by which covariances are compared: what is the same in so many is the same in all."""
 
 
 class Noise:
@@ -104,11 +102,10 @@ class Noise:
         by_station: FloatArray,
     ) -> Iterator[Kind]:
         """Yield what these rows can tell from ordinary noise and from each other."""
-        few = min(len(rows), COMPARED)
-        known = [np.eye(few), np.diag(self.white[:few]), self.offset.first(few).covariance]
+        known = [np.eye(len(self.offset.covariance)), np.diag(self.white[:COMPARED]), self.offset.covariance]
         # Where nothing was repeated a value that is another in each run is one that is another at each temperature.
-        of_values = by_station[:few].reshape(few, self.block.values.shape[1], -1)
-        known += [own @ own.T for own in np.moveaxis(of_values, 1, 0) if own.shape[1] > 1]
+        of_values = np.split(by_station[:COMPARED], max(self.block.values.shape[1], 1), axis=1)
+        known += [own @ own.T for own in of_values if own.shape[1] > 1]
         known = [_unit(own) for own in known]
         for effect in effects:
             if not effect.applies_to(conditions.sensor) or effect.missing(conditions):
@@ -117,13 +114,16 @@ class Noise:
                 parts = [chain_of(part, conditions, rows, channel) for part in effect.scatter(conditions, shape)]
                 chain = joined(parts, len(rows))
                 size = float(np.mean(chain.variance))
-                own = _unit(chain.first(few).covariance)
-                if size <= 0.0 or any(np.vdot(own, other) > ALIKE for other in known):
+                if size <= 0.0:
+                    continue
+                chain = chain.scaled(1.0 / np.sqrt(size))
+                own = _unit(chain.covariance)
+                if any(np.vdot(own, other) > ALIKE for other in known):
                     continue
                 known.append(own)
                 (parameter,) = effect.parameters_for(conditions)[:1]
                 name = effect.id if self.block.sigma_stated or np.triu(own, 1).any() else ""
-                yield Kind(name, effect, shape, chain.scaled(1.0 / np.sqrt(size)), float(np.sqrt(size)), parameter)
+                yield Kind(name, effect, shape, chain, float(np.sqrt(size)), parameter)
 
     @cached_property
     def _tried(self) -> list[dict[float, float]]:
@@ -261,13 +261,13 @@ class Noise:
         """Return the log prior of a profile, where values may follow temperature."""
         return log_profile(profile) if self.calibrated else 0.0
 
-    def covariance(self, point: Points, first: int) -> FloatArray:
-        """Return V (n, n) of one point for the `first` n rows in the order of time, over the usual white variance."""
-        values = self.by_station[:first] @ self.factor(int(point.profile[0]))
-        out = np.diag(self._white(point.level)[0, :first]) + self.stated.first(first).covariance + values @ values.T
+    def covariance(self, point: Points) -> FloatArray:
+        """Return V (n, n) of one point for the first `COMPARED` rows in time, over the usual white variance."""
+        values = self.by_station[:COMPARED] @ self.factor(int(point.profile[0]))
+        out = np.diag(self._white(point.level)[0, :COMPARED]) + self.stated.covariance + values @ values.T
         sizes, chains = [*point.offset, *point.amount[0]], [self.offset, *(kind.chain for kind in self.kinds)]
         for size, chain in zip(sizes, chains, strict=True):
-            out += size**2 * chain.first(first).covariance if size else 0.0
+            out += size**2 * chain.covariance if size else 0.0
         return np.asarray(out)
 
     def variance(self, points: Points) -> FloatArray:

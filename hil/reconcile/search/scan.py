@@ -9,8 +9,10 @@ import numpy as np
 from scipy.sparse import csc_array, hstack
 
 from hil.campaign import FloatArray, IntArray
-from hil.reconcile.search.evidence import LEAST, Amplitude, Beside, log_sum
+from hil.reconcile.search.evidence import LEAST, Amplitude, Beside, log_sum, student
 from hil.reconcile.search.terms import Part
+
+_AT_ONCE = 100_000  # numbers: a megabyte, which stays in the processor's cache
 
 
 @dataclass(frozen=True)
@@ -116,13 +118,17 @@ def _weighed(beside: Beside, gram: FloatArray, score: FloatArray, group: Group) 
         values, axes = np.linalg.eigh(gram)
         values, z = np.maximum(values, 0.0), np.einsum("...qk,...q->...k", axes, z)
     # Axes first: a sum over few numbers that lie side by side takes many times as long as one of whole arrays.
-    values, squares = (np.ascontiguousarray(np.moveaxis(own, -1, 0))[:, None] for own in (values, z**2))
+    values, squares = (np.ascontiguousarray(np.moveaxis(own, -1, 0)) for own in (values, z**2))
     usable = values > 1e-10 * np.maximum(values.max(axis=0), 1e-300)
-    explained = np.sum(np.where(usable, squares / np.where(usable, values, 1.0), 0.0), axis=0)[0]
+    explained = np.sum(np.where(usable, squares / np.where(usable, values, 1.0), 0.0), axis=0)
     variance, terms = beside.scale_left(np.maximum(rss - explained, LEAST)), []
-    for size, log_weight in zip(group.sizes.T, group.log_weights.T, strict=True):
-        ratio = size**2 / variance
-        shrunk = 1.0 + values * ratio
-        left = np.maximum(rss - np.sum(squares / shrunk, axis=0) * ratio, LEAST)
-        terms.append(log_weight + beside.student(left, 0.5 * np.sum(np.log(shrunk), axis=0)))
+    step = max(1, _AT_ONCE // variance.size)
+    for first in range(0, group.sizes.shape[1], step):
+        size, log_weight = (own.T[first : first + step, None, None] for own in (group.sizes, group.log_weights))
+        ratio, left, log_base = size**2 / variance[:, None], rss, beside.log_base[:, None, None] + log_weight
+        for value, square in zip(values, squares, strict=True):  # (s, u, t, m, p) from now on
+            shrunk = 1.0 + value * ratio
+            left, log_base = left - square * ratio / shrunk, log_base - 0.5 * np.log(shrunk)
+        by_size = student(np.maximum(left, LEAST), log_base, beside.scales, beside.freedom)
+        terms.append(by_size.reshape(-1, *rss.shape))
     return log_sum(np.concatenate(terms))

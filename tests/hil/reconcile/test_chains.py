@@ -89,5 +89,5 @@ def test_filtered_rows_are_independent_and_keep_the_determinant(
         np.testing.assert_allclose(pulled[t], np.linalg.solve(covariance, columns), rtol=1e-9, atol=1e-12)
         places, by_themselves = several[0]
         within = np.linalg.inv(covariance)[places[..., None], places[..., None, :]]
-        np.testing.assert_allclose(by_themselves[t], within, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(by_themselves[:, :, t], within, rtol=1e-9, atol=1e-12)
         assert found.half_log_det[t] == pytest.approx(0.5 * np.linalg.slogdet(covariance)[1], rel=1e-10)

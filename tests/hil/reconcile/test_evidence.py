@@ -95,7 +95,7 @@ def term(search: SensorSearch, name: str) -> int:
 def covariance_of(own: BlockSearch, t: int) -> FloatArray:
     """The covariance of a block's rows at one point, in the block's own order."""
     back = np.argsort(own.noise.order)
-    return own.noise.covariance(own.points.take(np.array([t])), len(own.y))[np.ix_(back, back)]
+    return own.noise.covariance(own.points.take(np.array([t])))[np.ix_(back, back)]
 
 
 def brute_force(search: SensorSearch, chosen: tuple[int, ...], b: int, *, near: bool = True) -> FloatArray:
