@@ -42,7 +42,8 @@ class SensorSearch:
     _laid: list[list[Group]] = field(default_factory=list)
     _scannable: int = 0
     _members: dict[tuple[int, int], Member] = field(default_factory=dict)
-    _shown: dict[tuple[int, int], tuple[FloatArray, list[FloatArray]]] = field(default_factory=dict)
+    _shown: dict[tuple[int | None, int], list[FloatArray]] = field(default_factory=dict)
+    _scanned: dict[Set, FloatArray] = field(default_factory=dict)
 
     def leading(self, given: Set = ()) -> list[int]:
         """Return the places of the terms that explain most beside a set, one of each name."""
@@ -66,7 +67,8 @@ class SensorSearch:
 
     def forget(self) -> None:
         """Compute everything anew from now on: the terms, the data or the points of the noise are others."""
-        self._laid, self._scannable, self._known, self._weighed, self._members, self._shown = [], 0, {}, {}, {}, {}
+        self._laid, self._scannable, self._known, self._weighed = [], 0, {}, {}
+        self._members, self._shown, self._scanned = {}, {}, {}
 
     @property
     def log_odds(self) -> FloatArray:
@@ -100,35 +102,42 @@ class SensorSearch:
             project = partial(search.projected, at=search.scanned)
             at_once = LARGEST // max(len(search.scanned) * len(search.y), 1)
             self._laid[b] += Group.several(parts, amplitudes, first, project, at_once)
-            self._shown = {}
         return self._laid
 
     def _products(self, b: int, j: int | None) -> list[FloatArray]:
         """Return what a term (or the data) has in common with what is scanned in a block, by group, (t, q, j·q)."""
-        search, key = self.blocks[b], (-1 if j is None else j, b)
-        if key not in self._shown or self._shown[key][0] is not search.y:  # other data may have been measured since
+        search, known = self.blocks[b], self._shown.setdefault((j, b), [])
+        if new := self._laid[b][len(known) :]:
             at = search.scanned
             own = search.beside.residual[at][:, None] if j is None else np.swapaxes(self.member(j, b).columns[at], 1, 2)
             pulled = search.pulled(own, at)
-            self._shown[key] = search.y, [group.products(pulled) for group in self._laid[b]]
-        return self._shown[key][1]
+            known += [group.products(pulled) for group in new]
+        return known
 
     def scan(self, given: Set) -> FloatArray:
         """Log Bayes factor of every further term beside a set, whose own amplitudes are then free, (j,)."""
+        known = self._scanned.get(given, np.zeros(0))
+        if len(known) < len(self.terms):
+            self._scanned[given] = np.append(known, self._scan(given, len(known)))
+        return self._scanned[given]
+
+    def _scan(self, given: Set, first: int) -> FloatArray:
+        """Scan the terms from the `first` on."""
         total = np.zeros(len(self.terms))
         for b, (search, groups) in enumerate(zip(self.blocks, self._groups(), strict=True)):
             base, here = search.beside.at(search.scanned), [j for j in given if self.terms[j].parts[b]]
-            products = [(score, score[:, :0]) for score in self._products(b, None)]
+            new = slice(sum(group.places[0] < first for group in groups), None)
+            products = [(score, score[:, :0]) for score in self._products(b, None)[new]]
             beside = base
             if here:
                 beside = base.beside(np.concatenate([self.member(j, b).columns[search.scanned] for j in here], axis=2))
                 added = beside.basis[:, :, base.basis.shape[2] :]
                 taken = base.residual[:, None] @ added
-                of_members = zip(*(self._products(b, j) for j in here), strict=True)
+                of_members = zip(*(self._products(b, j)[new] for j in here), strict=True)
                 shared = [np.swapaxes(beside.turn, 1, 2) @ np.concatenate(own, axis=1) for own in of_members]
                 products = [(score - taken @ own, own) for (score, _), own in zip(products, shared, strict=True)]
-            total += self._factors(search, groups, beside, beside.rss[:, None], products)[0]
-        return total
+            total += self._factors(search, groups[new], beside, beside.rss[:, None], products)[0]
+        return total[first:]
 
     def scan_many(self, data: Sequence[FloatArray], most: int | None = None) -> FloatArray:
         """Log Bayes factor of every term beside the base in other data: (j, m) of rates (N, m), deg/hr, by block.

@@ -52,6 +52,11 @@ class Part:
         out[self.rows] = self.values
         return out
 
+    @property
+    def by_column(self) -> tuple[FloatArray, IntArray]:
+        """The values column by column, and the rows that they stand in, (k·q,) each."""
+        return self.values.T.ravel(), np.tile(self.rows, self.values.shape[1])
+
 
 @dataclass(frozen=True)
 class Term:

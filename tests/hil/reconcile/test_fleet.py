@@ -196,6 +196,7 @@ def test_many_at_once_is_one_after_the_other() -> None:
     for i, own in enumerate(rates):
         for block, values in zip(search.blocks, own, strict=True):
             block.measure(values / block.unit)
+        search.forget()
         assert many[:, i] == pytest.approx(search.scan(()), abs=1e-9)
         assert screen.weigh(rates)[:, i] == pytest.approx(screen.weigh([own])[:, 0], abs=1e-9)
 
