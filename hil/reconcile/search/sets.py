@@ -118,8 +118,8 @@ class SensorSearch:
         """Log Bayes factor of every further term beside a set, whose own amplitudes are then free, (j,)."""
         known = self._scanned.get(given, np.zeros(0))
         if len(known) < len(self.terms):
-            self._scanned[given] = np.append(known, self._scan(given, len(known)))
-        return self._scanned[given]
+            known = self._scanned[given] = np.append(known, self._scan(given, len(known)))
+        return known
 
     def _scan(self, given: Set, first: int) -> FloatArray:
         """Scan the terms from the `first` on."""
