@@ -169,8 +169,8 @@ class Solved:
     """The runs that `hil solve` does not pass, `of_sensors`; whose residuals exceed their errors; and all reasons.
 
     `widens`: whether repeats or residuals tell it by how much its ± have to be wider than standard errors say; `errors`
-    is what they say of the standard errors of each sensor, `times` how many times as large these should be, by channel.
-    The runs are by verdict and sensor; `not_passed` by verdict alone.
+    is what they say of the standard errors of each sensor, `small` whether some are too small, `misstated` whether some
+    are so far off that others have to be stated. The runs are by verdict and sensor; `not_passed` by verdict alone.
     """
 
     of_sensors: Mapping[str, Mapping[str, Sequence[int]]] = field(default_factory=dict)
@@ -178,17 +178,13 @@ class Solved:
     reasons: Sequence[str] = ()
     widens: bool = False
     errors: Sequence[str] = ()
-    times: Sequence[float] = ()
+    small: bool = False
+    misstated: bool = False
 
     @property
     def not_passed(self) -> dict[str, list[int]]:
         """The runs that some sensor does not pass, by verdict."""
         return {verdict: sorted({run for own in of.values() for run in own}) for verdict, of in self.of_sensors.items()}
-
-    @property
-    def small(self) -> bool:
-        """Whether some standard errors are too small."""
-        return max(self.times, default=1.0) > 1.0
 
     @classmethod
     def of(cls, campaign: Campaign) -> "Solved":
@@ -200,8 +196,9 @@ class Solved:
         shown = repeats(campaign, every)
         widens = any(np.any(each.spread.degrees) for each in shown.values()) or any(e.degrees_of_freedom for e in every)
         errors = [f"sensor {number}: {said}" for number, each in shown.items() for said in each.noise_in_words]
-        times = [of for each in shown.values() for of in each.times_of.values()]
-        return cls(not_passed_of(every), beyond, why, widens, errors, times)
+        small = any(times > 1.0 for each in shown.values() for times in each.times_of.values())
+        misstated = any(each.misstated for each in shown.values())
+        return cls(not_passed_of(every), beyond, why, widens, errors, small, misstated)
 
 
 @dataclass(frozen=True)

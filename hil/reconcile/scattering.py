@@ -8,6 +8,7 @@ It is asked about the form of model that fits the sensor; what moves the mean, w
 compete there, so that nothing is called scatter which something else explains.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -26,6 +27,7 @@ from hil.reconcile.outcome.added import left_of
 from hil.reconcile.outcome.answer import Answer
 from hil.reconcile.outcome.findings import id_of
 from hil.reconcile.outcome.sentences import scatter_in_words
+from hil.reconcile.outcome.stated import lacking
 from hil.reconcile.result import Solved
 from hil.reconcile.workflow import searched
 from hil.solve.both_sensors import BothSensors, common_and_differential
@@ -37,11 +39,12 @@ from procedures.words import listed, percent, unit_in_words
 
 @dataclass(frozen=True)
 class Scattering:
-    """What the search came to, read for what scatters; `left` is what repeats say of standard errors beside it."""
+    """What the search came to, read for what scatters; `left`: what repeats say of errors beside it."""
 
     answer: Answer
     both: BothSensors | None
     left: Solved
+    to_record: Sequence[str]
 
     @property
     def named(self) -> tuple[str, ...]:
@@ -93,6 +96,7 @@ class Scattering:
             *alone,
             *told,
             *([f"or it is no scatter, and moves the mean: {listed(instead)}"] if instead else []),
+            *([f"it may follow {listed(self.to_record)}, which nobody recorded"] if self.to_record else []),
             *([] if self.both is None else self.both.sentences()),
             *self.left.errors,
             *scatter_in_words(noise),
@@ -120,6 +124,7 @@ class Scattering:
             ],
             "noise": noise,
             "rows": self.answer.rows,
+            "to_record": self.to_record,
             "both_sensors": None if self.both is None else self.both.document(),
             **without(self.answer.campaign),
             "sentences": self.sentences(),
@@ -131,4 +136,5 @@ def what_scatters(campaign: Campaign) -> Scattering:
     asked = with_stand_ins(pooled(campaign))
     model = load_model(default_form(next(iter(usable(asked).sensors.values())).conditions).name)
     answer = searched(asked, model, (*BASE_EFFECTS, *EFFECTS), VARIANCE_EFFECTS, ALPHA)
-    return Scattering(answer, common_and_differential(campaign), left_of(answer))
+    to_record = lacking(campaign, answer.scatter, answer.noise)
+    return Scattering(answer, common_and_differential(campaign), left_of(answer), to_record)

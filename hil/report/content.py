@@ -183,6 +183,8 @@ def to_do(content: ReportContent) -> Iterator[str]:
             yield f"{do} {runs} of {numbered('sensor', sensors)} ({verdict})."
     if set(NOT_GOOD) & set(content.verdict_counts()):
         yield "Mend what is said under Why; then measure again."
+    if misstated := [sensor.number for sensor in content.sensors if sensor.shown.misstated]:
+        yield f"State the standard errors of {numbered('sensor', misstated)} that repeats and residuals show; below."
     if content.both is not None and content.both.look_for:
         yield f"Look for {content.both.look_for}; below."
     compared = content.comparison

@@ -36,6 +36,7 @@ from procedures.words import counted, listed, significant
 
 CONFIDENCE = 0.95
 """Of every interval that is stated."""
+_MISSTATED = 1.5  # times: noise is known hardly better from unit to unit, and from it on `hil reconcile` speaks of more
 
 
 @dataclass(frozen=True)
@@ -206,6 +207,11 @@ class SensorRepeats:
             more = f"as their {errors} say, as far as {freedom} can tell{unknown}"
         said = [f"repeats scatter {more}"] if told or not self.noise_in_words else []
         return [*said, *self.noise_in_words, *self._by_temperature()]
+
+    @property
+    def misstated(self) -> bool:
+        """Whether standard errors are so far off, by half of themselves or more, that somebody has to state others."""
+        return any(max(times, 1.0 / times) > _MISSTATED for times in self.times_of.values())
 
     def noise_by(self, errors: str) -> str:
         """Say what tells the noise of a collect: `errors`, and how many times as large it is where they do not."""

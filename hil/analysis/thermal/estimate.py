@@ -165,7 +165,9 @@ def find_stations(conditions: Conditions, apart_degC: float | None = None) -> St
     temperature = conditions.columns.get("temperature_degC")
     if temperature is None or not np.all(np.isfinite(temperature)):
         what = "lacks the column temperature_degC" if temperature is None else "has rows without temperature_degC"
-        raise InputError(f"sensor {conditions.sensor.number}: the campaign {what}; nothing can be said against it")
+        raise InputError(
+            f"sensor {conditions.sensor.number}: the campaign {what}: record it, there is nothing to fit against"
+        )
     number = same_temperature(conditions, apart_degC)
     centre = np.array([np.mean(temperature[number == place]) for place in range(number.max() + 1)])
     rising = np.argsort(centre, kind="stable")
@@ -214,7 +216,7 @@ def layout_of(
     middle, half = 0.5 * float(own.min() + own.max()), 0.5 * float(np.ptp(own))
     if half < _MOVES_DEGC:
         shown = f"temperature_degC is {own.mean():z.1f} °C at every setpoint"
-        raise InputError(f"sensor {number}: {shown}; nothing can be said against it: look at that column")
+        raise InputError(f"sensor {number}: {shown}: look at that column, there is nothing to fit against")
     both = len(stations.both_directions) > 0
     if both:
         middles = "values are the middle between both directions; without their difference, which the means and ± of"

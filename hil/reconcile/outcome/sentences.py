@@ -64,7 +64,7 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     spoiled = sorted({collect for row in omitted for collect in row["collects"]})
     first += [f"what is left out (below): {numbered('collect', spoiled)}"] if spoiled else []
     first += [f"{result.both.look_for} (notes)"] if result.both is not None and result.both.look_for else []
-    if kind != "scatter" and any(max(times, 1.0 / times) > _EXCESS for times in result.left.times):
+    if kind != "scatter" and result.left.misstated:
         first.append("standard errors: repeats and residuals show others (notes)")
     if result.to_record:
         may_follow = "which what changes from run to run may follow"

@@ -10,11 +10,10 @@ from hil.reconcile.outcome import findings, mistakes, scatter
 from hil.reconcile.outcome.added import Added
 from hil.reconcile.outcome.answer import Answer
 from hil.reconcile.outcome.sentences import scatter_in_words, stated_in_words, values_off
-from hil.reconcile.outcome.stated import offsets
+from hil.reconcile.outcome.stated import lacking
 from hil.reconcile.proof.experiment import next_experiment
 from hil.reconcile.proof.places import channels_touched, places
 from hil.reconcile.result import Disagreement, FoundEffect, Reconciliation, without_collects
-from hil.reconcile.unrecorded import to_record
 from hil.solve.both_sensors import common_and_differential
 from hil.solve.omissions import in_words, otherwise, without
 from procedures.verdict import NOT_GOOD
@@ -40,7 +39,6 @@ def shown(campaign: Campaign, found: Answer, inside: Sequence[dict[str, Any]], a
     notes += [found.untold] if found.untold and not found.names else []
     notes += [*added.left.errors, *scatter_in_words(found.noise), *stated_in_words(added.noise, added.wanders)]
     notes += otherwise(asked, found.rows)
-    changing = [*((size.sensor, size.effect) for size in sizes), *offsets(added.noise)]
     return Reconciliation(
         campaign=asked.title,
         model_before=found.problem.model.title,
@@ -70,7 +68,7 @@ def shown(campaign: Campaign, found: Answer, inside: Sequence[dict[str, Any]], a
         solved=added.solved,
         left=added.left,
         both=both,
-        to_record=sorted({need for n, of in changing for need in to_record(campaign.sensors[n].conditions, of)}),
+        to_record=lacking(campaign, found.scatter, added.noise),
         values=added.values,
     )
 

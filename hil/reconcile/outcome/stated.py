@@ -14,6 +14,8 @@ from hil.model.effects.inside import OF_NORMAL
 from hil.model.effects.noise import BiasInstability, TurnOnBias
 from hil.model.forms import bias_names
 from hil.model.stated_noise import ScatterTerm, SensorNoise
+from hil.reconcile.outcome.scatter import FoundScatter
+from hil.reconcile.unrecorded import to_record
 from hil.reconcile.wander import Wander, wandering
 from hil.solve.temperatures import level_degC, same_temperature
 
@@ -120,10 +122,14 @@ def beyond_chance(channel: Mapping[str, Any]) -> Iterator[tuple[str, float, floa
             yield key, size, se
 
 
-def offsets(noise: Iterable[Mapping[str, Any]]) -> Iterator[tuple[int, VarianceEffect]]:
-    """Yield the sensors whose averages have an offset of each run, with what that is like: a turn-on bias."""
-    for each in noise:
-        yield from ((each["sensor"], TurnOnBias()) for key, *_ in beyond_chance(each) if key == "run_to_run")
+def lacking(filed: Campaign, scatter: Iterable[FoundScatter], noise: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Return what nobody recorded and what changes from run to run may follow: what was found, or an offset.
+
+    An offset of each run is like a turn-on bias.
+    """
+    changing: list[tuple[int, VarianceEffect]] = [(size.sensor, size.effect) for size in scatter]
+    changing += [(of["sensor"], TurnOnBias()) for of in noise for key, *_ in beyond_chance(of) if key == "run_to_run"]
+    return sorted({need for n, effect in changing for need in to_record(filed.sensors[n].conditions, effect)})
 
 
 def _grown(stated: Curve | None, size: float, se: float, conditions: Conditions) -> Curve:

@@ -156,7 +156,7 @@ def test_nothing_that_could_be_tested_is_said_to_be_so() -> None:
     assert "what is missing of the measurement" in told
     assert "not measured well (hil report says why): run 1 (FAIL)" in told
     assert what_to_do(replace(result, tested=True, left=Solved({}, [1])))[0] == "scatter"
-    told = what_to_do(replace(result, tested=True, left=Solved({}, [1], times=[2.0])))[1]
+    told = what_to_do(replace(result, tested=True, left=Solved({}, [1], small=True)))[1]
     assert "State the standard errors that repeats" in told
     swap, drift = (
         FoundEffect("swap", "", 1.0, "named", sensors=[2], mends_labels=True),

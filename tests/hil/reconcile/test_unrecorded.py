@@ -14,6 +14,7 @@ from hil.model.effects.thermal import InsufficientSoak, WarmUp
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.sentences import what_to_do
 from hil.reconcile.scattering import what_scatters
+from hil.report.content import gather, to_do
 from tests.hil.model.effect_conditions import ROTOR
 from tests.hil.reconcile.hidden_effects import Rows, base_rates, both, campaign_of, hidden_campaign, lay_out, noise
 from tests.hil.solve.test_other_runs import campaign as runs_at_their_temperatures
@@ -309,7 +310,7 @@ def test_what_changes_from_run_to_run_may_follow_a_temperature_that_nobody_recor
     plain = with_columns(one, **dict.fromkeys(one.sensors[2].conditions.columns))
     result = reconcile(with_columns(plain, **there), "matrix-6", prove=False)
     assert result.verdict == "none"
-    assert result.to_record == ["temperature_degC"] * lacks
+    assert result.to_record == what_scatters(with_columns(plain, **there)).to_record == ["temperature_degC"] * lacks
     assert ("a record of temperature_degC in every collect" in what_to_do(result)[1]) is lacks
 
 
@@ -321,3 +322,4 @@ def test_standard_errors_that_are_too_large_are_to_be_seen_to() -> None:
     result, found = reconcile(one, "matrix-6", prove=False), what_scatters(one)
     assert "standard errors: repeats and residuals show others (notes)" in what_to_do(result)[1]
     assert "nothing certainly scatters: " in " ".join(found.sentences())
+    assert "State the standard errors of sensor 2" in " ".join(to_do(gather(one)))

@@ -290,7 +290,7 @@ def test_what_cannot_be_fitted_is_refused() -> None:
     with pytest.raises(InputError, match="2 temperatures with every parameter; at least three"):
         fit_thermal(refused(night, {"temperature_degC": np.repeat([0.0, 20.0], 36)}))
     stuck = {"temperature_degC": np.full(72, 20.0), "setpoint_degC": np.repeat([0.0, 20.0, 40.0], 24)}
-    with pytest.raises(InputError, match="°C at every setpoint; nothing can be said"):
+    with pytest.raises(InputError, match="°C at every setpoint: look at that column"):
         fit_thermal(refused(night, stuck))
     with pytest.raises(InputError, match="finds the dependence itself"):
         fit_thermal(night, "matrix-6-thermal")
