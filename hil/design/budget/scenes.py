@@ -35,6 +35,7 @@ _SAME_G = 0.05
 """g: an orientation of the bench file is a collect's where gravity lies along the same axes to this."""
 
 MEASURED = "measured standard errors"
+_EXACT = 1e-9  # deg/hr: residuals of rates that a model made are rounding
 _LARGEST_NOISE = 1e9
 """deg/hr: an average with more is none."""
 
@@ -110,21 +111,25 @@ def _measured_runs(
         conditions = rows.conditions
         form = default_form(conditions)
         stated = stated_noise(rows)
-        walk = bench.uncertainties.angle_random_walk
-        assumed = bench.uncertainties.of_collects(conditions)
+        sigma, told = bench.uncertainties.of_collects(conditions), bench.uncertainties.angle_random_walk
+        noise_by = f"angle_random_walk {told:g} deg/√hr over the collect"
+        if stated is not None:
+            sigma, noise_by = stated, measured_by
+        elif shown is not None and shown.left_deg_per_hr > _EXACT:
+            sigma, noise_by = np.full(sigma.shape, shown.left_deg_per_hr), "residuals of all runs; no errors are stated"
         slope, slope_origin = _slope(conditions)
         given = sources(
             bench.uncertainties,
             bench.name,
             slope,
             slope_origin,
-            measured_by if stated is not None else f"angle_random_walk {walk:g} deg/√hr over the collect",
+            noise_by,
         )
         base, origin = _base(conditions, model) if model is not None else _solved(rows, form)
         axes = _axes(conditions, bench)
         usable = tuple(each for each in given if axes is not None or not each.needs_axes)
         lying = np.broadcast_to(np.eye(3), (len(conditions), 3, 3)) if axes is None else axes
-        sigma = np.where(np.isnan(rows.rates_deg_per_hr), np.nan, assumed if stated is None else stated)
+        sigma = np.where(np.isnan(rows.rates_deg_per_hr), np.nan, sigma)
         scene = Scene(conditions, lying, base, sigma, 1.0 if stated is None else times)
         left_out = tuple(each.title for each in given if each not in usable)
         yield RunScene(
