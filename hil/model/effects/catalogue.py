@@ -124,6 +124,12 @@ def named(effect: Effect) -> Effect:
     return effect_by_id(effect.known_as) if effect.known_as else effect
 
 
+def over_temperature(effect: Effect) -> Effect:
+    """Return the entry that describes how values of an effect follow temperature, MU_T of MU_real; else its name's."""
+    of = (each for each in EFFECTS if each.known_as == effect.id and each.follows == "temperature")
+    return next(of, named(effect))
+
+
 def why_not(effect: Effect, conditions: Conditions, base: Base | None) -> str:
     """Say why this data cannot be asked about an effect; empty where it can."""
     if not effect.applies_to(conditions.sensor):

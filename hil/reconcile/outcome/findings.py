@@ -13,6 +13,7 @@ from hil.files.document import picked
 from hil.model import Model
 from hil.model.effects.base import Described, Effect
 from hil.model.effects.catalogue import named as known_as
+from hil.model.effects.catalogue import over_temperature
 from hil.model.effects.document import shape_in_words
 from hil.model.model_file import InsideCollects
 from hil.reconcile.naming import LEAST, Named
@@ -118,6 +119,9 @@ def described(named: Named, fit: Fitted, scatter: Sequence[FoundScatter]) -> Fou
     first = fit.posterior.term(*pairs[0]).candidate if pairs else named.effect
     nameless = nameless_of(named, fit)
     told: Sequence[object] = nameless if nameless else [first]
+    effect = getattr(first, "effect", None)
+    if effect is not None and {"degC" in each["unit"] for each in parameters} == {True}:
+        told = [over_temperature(effect)]  # the model has the values, and lacks that they follow temperature
     return FoundEffect(
         id=id_of(named, fit),
         title=listed([getattr(each, "title", named.name) for each in told]),

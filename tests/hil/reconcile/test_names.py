@@ -121,6 +121,18 @@ def test_a_slope_has_the_name_that_the_catalogue_gives_it() -> None:
     assert named.pop("deg/hr/degC^2", "b2_A") == "b2_A"
 
 
+def test_values_that_the_model_has_are_not_what_is_missing_where_they_follow_temperature() -> None:
+    """MU of matrix-6 that has a slope: its dependence is missing, by title, equation and names, not MU."""
+    campaign = hidden_campaign(
+        3, lambda rows: mass_unbalance(rows) * rows.temperature[:, None] / 40.0, thermal=False, mu=False
+    )
+    (effect,) = on_the_mean(reconcile(campaign, "matrix-6", prove=False))
+    assert (effect.id, effect.title) == ("MU_real", "MUA, MUB temperature dependence")
+    assert "MU1 (T - 25 degC)" in effect.equation
+    assert {each["name"] for each in effect.parameters} >= {"MUA1", "MUB1"}
+    assert not {"MUA", "MUB"} & {each["name"] for each in effect.parameters}
+
+
 @pytest.mark.slow
 def test_three_collects_cannot_tell_mass_unbalance_from_g_squared_and_ask_for_the_fourth() -> None:
     """The contractor's model, collects 1-2-3: ambiguous, led by MU_real, k2 among the rivals, Collect 4 next."""
