@@ -66,15 +66,21 @@ class Spread:
         explained, degrees = total(own) * (1.0 - 1.0 / count), count - 1.0
         # What is beyond shows in runs of small standard errors: one that is large hides nothing. Where none is, alike.
         weight = np.where(known, np.where(np.any(known & (own <= 0.0), axis=0), 1.0, 1.0 / np.maximum(own, _TINY)), 0.0)
-        share = weight / np.maximum(total(weight), _TINY)[at]
-        weighed = np.sum(weight * (rows - total(share * rows)[at]) ** 2, axis=0)
-        shows = weight * (1.0 - share)
         freedom = degrees.sum(axis=0)
         enough = np.maximum(freedom, 1.0)
         observed = np.where(freedom > 0, np.sqrt(squares.sum(axis=0) / enough), np.nan)
-        more = weighed - np.sum(shows * own, axis=0)
-        beyond = np.sqrt(np.maximum(more, 0.0) / np.maximum(shows.sum(axis=0), _TINY)) * (freedom > 0)
-        beyond = np.fmin(beyond, observed)  # no part of it is more than the whole
+
+        def by(weight: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+            share = weight / np.maximum(total(weight), _TINY)[at]
+            weighed = np.sum(weight * (rows - total(share * rows)[at]) ** 2, axis=0)
+            shows = weight * (1.0 - share)
+            more = weighed - np.sum(shows * own, axis=0)
+            beyond = np.sqrt(np.maximum(more, 0.0) / np.maximum(shows.sum(axis=0), _TINY)) * (freedom > 0)
+            return share, shows, weighed, np.fmin(beyond, observed)  # no part of it is more than the whole
+
+        share, shows, weighed, beyond = by(weight)
+        # The larger that is, the more alike runs show it (DerSimonian and Kacker's two steps).
+        *_, beyond = by(weight / (1.0 + weight * beyond**2))
         expected = explained + degrees * beyond**2
         odd = uneven(squares / np.where(expected > 0.0, expected, np.inf), degrees)
         stated = np.sqrt(explained.sum(axis=0) / enough)

@@ -138,7 +138,9 @@ def test_a_spread_is_pooled_over_temperatures_and_never_less_than_standard_error
     loud = Spread.of(values, np.array([0.6, 0.6, 0.6, 0.5, 0.5, 0.5])[:, None], group)
     assert loud.beyond[0] < loud.observed[0]
     unsure = Spread.of(values, np.array([0.6, 0.6, 0.6, 0.3, 0.3, 0.3])[:, None], group)
-    assert unsure.beyond[0] == unsure.observed[0]  # those of small errors scatter more than all do
+    assert unsure.beyond[0] < unsure.observed[0]  # though those of small errors scatter more than all do
+    known = np.array([[0.1], [0.1], [0.1], [0.2], [0.2], [0.2]])  # far less than they scatter by: all tell alike
+    assert Spread.of(values, known, group).beyond[0] == pytest.approx(np.sqrt(2.0 - 0.025), rel=0.01)
 
 
 def test_what_scatters_in_the_cold_only_is_said_and_judged_by_no_limit() -> None:
