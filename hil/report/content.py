@@ -23,6 +23,7 @@ from hil.report.night import NightContent
 from hil.solve import RunSolution, repeats, solve_campaign
 from hil.solve.both_sensors import BothSensors, common_and_differential
 from hil.solve.contractor import METHOD
+from hil.solve.document import not_passed_of, of_sensors_in_words
 from hil.solve.repeats import MeanAt, SensorRepeats
 from hil.solve.site import smallest_seen_deg
 from hil.solve.temperatures import how_many
@@ -174,13 +175,8 @@ def to_do(content: ReportContent) -> Iterator[str]:
     night = content.night
     if night is not None and night.to_do:
         yield f"{night.to_do}; what is missing is listed below."
-    for verdict, do in _DO.items():
-        alike: dict[str, list[int]] = {}
-        for sensor in content.sensors:
-            if found := [run for e in sensor.solutions if e.verdict is verdict for run in e.runs]:
-                alike.setdefault(numbered("run", found), []).append(sensor.number)
-        for runs, sensors in alike.items():
-            yield f"{do} {runs} of {numbered('sensor', sensors)} ({verdict})."
+    solved = [each for sensor in content.sensors for each in sensor.solutions]
+    yield from (f"{_DO[Verdict(verdict)]} {runs}." for verdict, runs in of_sensors_in_words(not_passed_of(solved)))
     if set(NOT_GOOD) & set(content.verdict_counts()):
         yield "Mend what is said under Why; then measure again."
     if misstated := [sensor.number for sensor in content.sensors if sensor.shown.misstated]:

@@ -68,17 +68,17 @@ def not_passed_of(solutions: Sequence[RunSolution]) -> dict[str, dict[str, list[
     return {str(v): {str(number): of.get(v, []) for number, of in every.items()} for v in verdicts}
 
 
-def of_sensors_in_words(found: Mapping[str, Mapping[str, Sequence[int]]], but: Collection[int] = ()) -> str:
-    """Say which runs have which verdict, `but` some, and in which sensors where it is not in all."""
-    said = []
+def of_sensors_in_words(
+    found: Mapping[str, Mapping[str, Sequence[int]]], but: Collection[int] = ()
+) -> Iterator[tuple[str, str]]:
+    """Yield verdicts with the runs that have them, `but` some, and in which sensors where it is not in all."""
     for verdict, of in found.items():
         alike: dict[tuple[int, ...], list[int]] = {}
         for number, runs in of.items():
             alike.setdefault(tuple(run for run in runs if run not in but), []).append(int(number))
         for runs, sensors in ((runs, sensors) for runs, sensors in alike.items() if runs):
             where = f" of {numbered('sensor', sensors)}" if len(alike) > 1 else ""
-            said.append(f"{numbered('run', runs)}{where} ({verdict})")
-    return ", ".join(said)
+            yield verdict, f"{numbered('run', runs)}{where} ({verdict})"
 
 
 def runs_in_words(by_verdict: Mapping[str, Sequence[int]]) -> str:

@@ -41,7 +41,7 @@ def thermal_document(result: ThermalFit) -> dict[str, Any]:
 
 def first_in_words(document: Mapping[str, Any]) -> list[str]:
     """Say what has to be seen to before any curve is used: which of the runs it goes through do not pass."""
-    runs = of_sensors_in_words(document["runs_not_solved_by_sensor"])
+    runs = ", ".join(said for _, said in of_sensors_in_words(document["runs_not_solved_by_sensor"]))
     first = "before a curve is used, see to what hil solve does not pass (hil report says why)"
     return [f"{first}: {runs}"] if runs else []
 

@@ -58,7 +58,7 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     omitted = [row for row in result.rows if row["done"] == OMITTED]
     said = {*result.contradicted, *(row["run"] for row in omitted), *(beyond if kind == "scatter" else ())}
     said |= {run for runs in result.doubtful.values() for run in runs}
-    doubts = of_sensors_in_words(result.left.of_sensors, said)
+    doubts = ", ".join(told for _, told in of_sensors_in_words(result.left.of_sensors, said))
     why = " (hil report says" if result.left == result.solved else ", even with what is known taken off (notes say"
     first += [f"what hil solve does not pass{why} why): {doubts}"] if doubts else []
     spoiled = sorted({collect for row in omitted for collect in row["collects"]})

@@ -64,10 +64,10 @@ def test_where_a_verdict_is_not_every_sensor_s_it_is_said_whose() -> None:
     """Of run 3 that FAILs in one sensor and is MARGINAL in the other both are said; nothing of what both have."""
     first = [_solved(Verdict.FAIL, "clipped", 3), _solved(Verdict.FAIL, "clipped", 4)]
     second = [replace(_solved(Verdict.MARGINAL, "late", 3), sensor=1), replace(first[1], sensor=1)]
-    assert of_sensors_in_words(not_passed_of(first)) == "runs 3–4 (FAIL)"
-    said = of_sensors_in_words(not_passed_of([*first, *second]))
-    assert said == "run 4 of sensor 1 (FAIL), runs 3–4 of sensor 2 (FAIL), run 3 of sensor 1 (MARGINAL)"
-    assert of_sensors_in_words(not_passed_of([*first, *second]), [3]) == "run 4 (FAIL)"
+    assert [*of_sensors_in_words(not_passed_of(first))] == [("FAIL", "runs 3–4 (FAIL)")]
+    said = [each for _, each in of_sensors_in_words(not_passed_of([*first, *second]))]
+    assert said == ["run 4 of sensor 1 (FAIL)", "runs 3–4 of sensor 2 (FAIL)", "run 3 of sensor 1 (MARGINAL)"]
+    assert [*of_sensors_in_words(not_passed_of([*first, *second]), [3])] == [("FAIL", "run 4 (FAIL)")]
 
 
 def test_no_run_passes_whose_f_is_none_of_gravity() -> None:
