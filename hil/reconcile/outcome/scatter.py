@@ -63,8 +63,7 @@ def found_scatter(fit: Fitted, name: str) -> list[FoundScatter]:
         points, weighed = _finely(fit, block, own.points.take(np.flatnonzero(here)), kinds)
         total = weighed.terms_log + points.log_prior
         weight = np.exp(total - np.logaddexp.reduce(total))
-        scales = np.array([weighed.left_at(t)[1] for t in range(len(points))])
-        sizes = points.amount[:, kinds].max(axis=1) * np.sqrt(scales) * own.unit
+        sizes = points.amount[:, kinds].max(axis=1) * np.sqrt(weighed.scales_left) * own.unit
         best = own.noise.kinds[int(np.argmax(points.amount[np.argmax(weight)] * kinds))]
         log_mean = float(weight @ np.log(sizes))
         spread = float(np.sqrt(weight @ (np.log(sizes) - log_mean) ** 2))
@@ -152,7 +151,7 @@ def _of_channels(block: FittedBlock, found: Sequence[FoundScatter], model: str) 
     """
     own, rows_of, points = block.search, block.search.block, block.search.points
     total = np.where(points.sort == points.sort[block.at], block.weighed.terms_log + points.log_prior, -np.inf)
-    left, scales = np.array([block.weighed.left_at(t) for t in range(len(points))]).T
+    left, scales = block.weighed.left_free(), block.weighed.scales_left
     (a, b, _), freedom = own.scales[-1], max(own.beside.freedom, 1)
     # Errors that these rows contradict are no part of what is seen, however much larger they are.
     scales = np.where(np.isclose(scales, (b + 0.5 * left) / (a + 0.5 * freedom)), left / freedom, scales) * own.unit**2

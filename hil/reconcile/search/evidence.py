@@ -135,10 +135,10 @@ class Beside:
         """Return whitened columns (t, N, k) less what the base can do."""
         return _less(self.basis, white)
 
-    def student(self, left: FloatArray, half_log_det: FloatArray) -> FloatArray:
-        """Log evidence (s, t, …) of quadratic forms `left` (s, t, …) under every scale, prior of the point apart."""
+    def student(self, left: FloatArray) -> FloatArray:
+        """Log evidence (s, t, …) of quadratic forms `left` (1, t, …) under every scale, prior of the point apart."""
         shape = (len(self.rss),) + (1,) * (left.ndim - 2)
-        return student(left, self.log_base.reshape(shape), self.scales, self.freedom) - half_log_det
+        return student(left, self.log_base.reshape(shape), self.scales, self.freedom)
 
     def scale_left(self, left: FloatArray) -> FloatArray:
         """Return what s² most probably is under every scale where a fit leaves `left` (…), (s, …)."""
@@ -147,7 +147,7 @@ class Beside:
 
     def log_null(self) -> FloatArray:
         """Log evidence of the base alone at every point, (t,), the point's prior apart."""
-        return log_sum(self.student(self.rss[None], np.zeros(1)))
+        return log_sum(self.student(self.rss[None]))
 
 
 def student(left: FloatArray, log_base: FloatArray, scales: Sequence[Scale], freedom: int) -> FloatArray:

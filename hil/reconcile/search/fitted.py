@@ -212,4 +212,4 @@ def fitted_block(search: SensorSearch, chosen: Set, scatter: frozenset[str], b: 
     parts = [part.columns for j in chosen if (part := search.terms[j].parts[b]) is not None]
     columns = np.hstack([np.zeros((len(own.y), 0)), *parts])
     keys = [(own.block.sensor, *of) for of in weighed.owner]
-    return FittedBlock(own, weighed, t, weighed.left_at(t)[1], columns, keys)
+    return FittedBlock(own, weighed, t, float(weighed.scales_left[t]), columns, keys)

@@ -28,13 +28,17 @@ DEPTH = 9.0
 
 @dataclass(frozen=True)
 class _Rows:
-    """Inner products (κ, m, m) of columns by temperature (r), base, further columns and data, at every noise."""
+    """Inner products (κ, m, m) of columns by temperature (r), `base`, further columns and data, at every noise.
+
+    `variants` are some of the further columns each, `data` the places of the data among these.
+    """
 
     noise: Noise
     grid: Points
     scales: Sequence[Scale]
     gram: FloatArray
     half_log_det: FloatArray
+    base: int
     variants: Sequence[IntArray]
     data: Sequence[int]
     _known: dict[Profile, tuple[FloatArray, FloatArray]] = field(default_factory=dict, init=False)
@@ -47,14 +51,14 @@ class _Rows:
     def heights(self, at: IntArray, profiles: Sequence[Profile]) -> FloatArray:
         """Log evidence (v, k, f) of variants at some of the noises (k,) with profiles (f,), all priors included."""
         places = [self.noise.place(p) for p in profiles] if profiles else []
-        rest, half_log_det = self._without_values(at, places)
+        rest, half_log_det = self._beside_base(at, places)
         own = self.log_prior[at][:, None] + np.array([self.noise.log_profile(p) for p in profiles])
         return np.array(
             [self._alone(rest, half_log_det, v, y) + own for v, y in zip(self.variants, self.data, strict=True)]
         )
 
-    def _without_values(self, at: IntArray, places: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-        """Integrate the values at each temperature out: inner products (k, f, m', m') and half log dets (k, f)."""
+    def _beside_base(self, at: IntArray, places: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+        """Integrate values at each temperature and base out: inner products (k, f, m', m') and half log dets (k, f)."""
         values = self.noise.by_station.shape[1]
         gram, half_log_det = self.gram[at][:, None], self.half_log_det[at][:, None]
         factors = np.array([self.noise.factor(place) for place in places])
@@ -64,18 +68,23 @@ class _Rows:
         seen = np.linalg.solve(triangle, own[..., values:])
         rest = gram[:, :, values:, values:] - np.swapaxes(seen, 2, 3) @ seen
         # Where values explain all but a part in 10^13, what is left is rounding, and may be less than nothing.
-        np.einsum("kfii->kfi", rest)[:] += ROUNDING * np.einsum("kfii->kfi", gram[:, :, values:, values:])
-        return rest, half_log_det + np.sum(np.log(np.diagonal(triangle, axis1=2, axis2=3)), axis=2)
+        diagonal = np.einsum("kfii->kfi", rest)
+        diagonal += ROUNDING * np.einsum("kfii->kfi", gram[:, :, values:, values:])
+        diagonal *= 1.0 + SEEN**2
+        base = np.linalg.cholesky(rest[:, :, : self.base, : self.base])
+        seen = np.linalg.solve(base, rest[:, :, : self.base, self.base :])
+        rest = rest[:, :, self.base :, self.base :] - np.swapaxes(seen, 2, 3) @ seen
+        for each in (triangle, base):
+            half_log_det = half_log_det + np.sum(np.log(np.diagonal(each, axis1=2, axis2=3)), axis=2)
+        return rest, half_log_det
 
     def _alone(self, rest: FloatArray, half_log_det: FloatArray, columns: IntArray, data: int) -> FloatArray:
         """Log evidence (k, f) of the data beside some columns that are free."""
         index = np.append(columns, data)
-        own = rest[:, :, index[:, None], index]
-        ridge = SEEN**2 * np.einsum("...ii->...i", own)
-        triangle = np.diagonal(np.linalg.cholesky(own + ridge[..., None] * np.eye(len(index))), axis1=2, axis2=3)
+        triangle = np.diagonal(np.linalg.cholesky(rest[:, :, index[:, None], index]), axis1=2, axis2=3)
         log_base = -np.sum(np.log(triangle[..., :-1]), axis=-1) - half_log_det
         rss = np.maximum(triangle[..., -1] ** 2, LEAST)
-        freedom = len(self.noise.order) - len(columns)
+        freedom = len(self.noise.order) - self.base - len(columns)
         return log_sum(student(rss[None], log_base, self.scales, freedom))
 
     def climb(self) -> list[tuple[Profile, FloatArray]]:
@@ -94,7 +103,7 @@ class _Rows:
     def everywhere(self, v: int, profile: Profile) -> FloatArray:
         """Return the heights (κ,) of one variant at every noise beside a profile: several climb to the same."""
         if profile not in self._known:
-            self._known[profile] = self._without_values(np.arange(len(self.grid)), [self.noise.place(profile)])
+            self._known[profile] = self._beside_base(np.arange(len(self.grid)), [self.noise.place(profile)])
         own = self._alone(*self._known[profile], self.variants[v], self.data[v])[:, 0]
         return np.asarray(own + self.log_prior + self.noise.log_profile(profile))
 
@@ -106,8 +115,8 @@ class _Rows:
 
     def _only(self, v: int) -> _Rows:
         """Return what is about one variant."""
-        values, own = self.noise.by_station.shape[1], len(self.variants[v])
-        index = np.append(np.arange(values), values + np.append(self.variants[v], self.data[v]))
+        first, own = self.noise.by_station.shape[1] + self.base, len(self.variants[v])
+        index = np.append(np.arange(first), first + np.append(self.variants[v], self.data[v]))
         return replace(self, gram=self.gram[:, index[:, None], index], variants=[np.arange(own)], data=[own])
 
     def _climb(self, v: int, at: int, best: Profile) -> tuple[Profile, FloatArray]:
@@ -135,12 +144,12 @@ def likely_points(
     base = independent_columns(base, SEEN)
     free = [independent_columns(np.hstack([base, extra]), SEEN)[:, base.shape[1] :] for extra in extras]
     columns = np.column_stack([noise.by_station, *(own[noise.order] for own in (base, *free, *data))])
-    first, ends = base.shape[1], np.cumsum([base.shape[1], *(own.shape[1] for own in free)])
-    variants = [np.append(np.arange(first), np.arange(a, b)) for a, b in pairwise(ends)]
+    ends = np.cumsum([0, *(own.shape[1] for own in free)])
+    variants = [np.arange(a, b) for a, b in pairwise(ends)]
     grid = noise.grid
     gram, half_log_det = noise.products(columns)
     pairs = [(v, int(ends[-1]) + y) for v in variants for y in range(len(data))]
-    rows = _Rows(noise, grid, scales, gram, half_log_det, [v for v, _ in pairs], [y for _, y in pairs])
+    rows = _Rows(noise, grid, scales, gram, half_log_det, base.shape[1], *map(list, zip(*pairs, strict=True)))
 
     found = rows.climb()
     if noise.grow(noise.grid.take(np.unique([np.argmax(own) for _, own in found]))):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import groupby, pairwise
 from types import MappingProxyType
 
@@ -69,12 +70,12 @@ class SetInBlock:
         np.logaddexp.at(out, self.points.sort, total)
         return out
 
-    def left_at(self, t: int) -> tuple[float, float]:
-        """Return what a free fit leaves at one point, and the scale s² that it most probably means."""
-        left = float(_left(self.beside.rss[t], self.score[t], self.inverse[t]))
-        own = self.beside.at(slice(t, t + 1))
-        best = int(np.argmax(own.student(np.array([[left]]), np.zeros(1))))
-        return left, float(own.scale_left(np.array(left))[best])
+    @cached_property
+    def scales_left(self) -> FloatArray:
+        """The scale s² that what a free fit leaves most probably means, at every point, (t,)."""
+        left = self.left_free()
+        likeliest = np.argmax(self.beside.student(left[None]), axis=0)
+        return np.asarray(np.take_along_axis(self.beside.scale_left(left), likeliest[None], axis=0)[0])
 
     def left_free(self) -> FloatArray:
         """Return what a free fit leaves at every point, (t,)."""
@@ -85,7 +86,7 @@ class SetInBlock:
 
         That is how probable the point then is, over the scale s² that it then has.
         """
-        log = self.beside.student(left[None], np.zeros(1)) + self.points.log_prior
+        log = self.beside.student(left[None]) + self.points.log_prior
         whole = log_sum(log.reshape(-1))
         return float(whole), np.sum(np.exp(log - whole) / self.beside.scale_left(left), axis=0)
 
