@@ -32,7 +32,7 @@ class Stretches:
 
     def take(self, index: IntArray) -> Stretches:
         """Return some of the models."""
-        return Stretches(self.rows, *(own[:, :, index] for own in self._parts))
+        return Stretches(self.rows, *(np.take(own, index, axis=2) for own in self._parts))
 
     @property
     def _parts(self) -> tuple[FloatArray, ...]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csc_array
+from scipy.sparse import csc_array, hstack
 
 from hil.campaign import FloatArray, IntArray
 from hil.reconcile.search.evidence import LEAST, Amplitude, Beside, log_sum, student
@@ -58,14 +58,17 @@ class Group:
             tried, weights = np.zeros((len(priors), most)), np.full((len(priors), most), -np.inf)
             for i, (_, prior) in enumerate(priors):
                 tried[i, : len(prior.sizes)], weights[i, : len(prior.sizes)] = prior.sizes, prior.log_weights
-            own = [part for place in places.tolist() if (part := parts[place]) is not None]
-            values, rows = (np.concatenate(of) for of in zip(*(part.by_column for part in own), strict=True))
-            ends = np.cumsum([0, *(len(part.rows) for part in own for _ in range(q))])
-            laid, step = csc_array((values, rows, ends), (own[0].many, len(ends) - 1)), max(1, at_once // q) * q
-            grams = [_grams(project(laid[:, k : k + step].toarray()), q) for k in range(0, len(ends) - 1, step)]
+            laid, grams, step = [], [], max(1, at_once // q)
+            for few in (places[k : k + step] for k in range(0, len(places), step)):
+                own = [part for place in few.tolist() if (part := parts[place]) is not None]
+                values, rows = (np.concatenate(of) for of in zip(*(part.by_column for part in own), strict=True))
+                ends = np.cumsum([0, *(len(part.rows) for part in own for _ in range(q))], dtype=np.int32)
+                laid.append(csc_array((values, rows.astype(np.int32), ends), (own[0].many, len(ends) - 1)))
+                laid[-1].eliminate_zeros()
+                grams.append(_grams(project(laid[-1].toarray()), q))
             yield cls(
                 places + first,
-                laid,
+                hstack(laid, format="csc"),
                 np.concatenate(grams, axis=1),
                 np.array([j for j, _ in priors]),
                 np.array([prior.mean for _, prior in priors]),
