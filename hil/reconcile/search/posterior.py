@@ -99,7 +99,13 @@ def _grown(search: SensorSearch, layer: Sequence[Set]) -> dict[Set, float]:
             break
         search.weigh(grown)
         known |= _alone(search, list(grown))
-        layer = list(grown)
+        # What came first may be what a later one does better: of the likeliest each member is tried without.
+        likely = sorted(grown, key=lambda s: -known[s])[:width]
+        fewer = {s[:k] + s[k + 1 :] for s in likely for k in range(len(s))} - known.keys()
+        if fewer:
+            search.weigh(fewer)
+            known |= _alone(search, list(fewer))
+        layer = [*grown, *fewer]
         if max(known[s] for s in layer) < max(known.values()) - WORTH:
             break
     return known

@@ -17,7 +17,7 @@ from hil.reconcile import naming, reconcile, workflow
 from hil.reconcile.naming import Reading, _surely_wrong, read
 from hil.reconcile.proof.held_out import HeldOut, likeliest_without
 from hil.reconcile.search.layout import searches, values_follow
-from hil.reconcile.search.posterior import Found, Posterior, weigh
+from hil.reconcile.search.posterior import Found, Posterior, _alone, weigh
 from hil.reconcile.search.problem import Problem, pose
 from hil.reconcile.search.set_in_block import CLOSE, Inner, Sets, instead
 from hil.reconcile.search.tied import tied_gain
@@ -48,6 +48,23 @@ def turning(seed: int = 3, runs_each: int = 2) -> Campaign:
 def weighed(campaign: Campaign, model: str) -> Posterior:
     """The posterior beside one set of values of the base."""
     return weigh(searches(pose(campaign, load_model(model), (*BASE_EFFECTS, *EFFECTS)), EFFECTS, VARIANCE_EFFECTS))
+
+
+def reseating(seed: int) -> Campaign:
+    """Eight runs of a unit whose values follow temperature, the model has none of it, and whose MU is another each."""
+    made, rng = hidden_campaign(seed, runs_each=1), np.random.default_rng(seed + 100)
+    rows = made.sensors[2]
+    of = rows.conditions
+    temperature = of.columns["temperature_degC"]
+    more = {
+        "case_degC": temperature - 0.3 + rng.normal(0.0, 0.02, len(of)),
+        "chamber_degC": of.columns["setpoint_degC"] + rng.normal(0.0, 0.02, len(of)),
+        "spin_period_us": 10000.0 + rng.normal(0.0, 1.0, len(of)),
+    }
+    u, mu = (temperature - 20.0) / 40.0, rng.normal(0.0, 4.0, (of.run.max() + 1, 2))[of.run]
+    own = np.stack([8.0 * (u**2 + u) + mu[:, 1] * of.f_g[:, 2], 30.0 * u - 8.0 * u**2 - mu[:, 0] * of.f_g[:, 2]], 1)
+    laid = replace(of, columns={**of.columns, **more})
+    return replace(made, sensors={2: replace(rows, rates_deg_per_hr=rows.rates_deg_per_hr + own, conditions=laid)})
 
 
 @pytest.fixture(scope="module")
@@ -242,3 +259,15 @@ def test_a_form_in_which_values_stand_is_five_times_as_probable_before_the_data(
         monkeypatch.setattr(workflow, asked, lambda *_: True)
     posterior, _ = workflow._weighed(cast(Problem, None), (), 0.05)
     assert (posterior.log_evidence > 0.0) == follows
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_what_was_found_first_goes_where_what_was_found_later_does_it_too(seed: int) -> None:
+    """Of the likeliest set nothing can be taken out by which the data become more probable."""
+    posterior = weighed(reseating(seed), "matrix-6")
+    search, lead = posterior.searches[2], posterior.sets[0].terms[2]
+    fewer = [lead[:k] + lead[k + 1 :] for k in range(len(lead))]
+    search.weigh(fewer)
+    alone = _alone(search, [lead, *fewer])
+    assert len(lead) > 2
+    assert max(alone, key=lambda chosen: alone[chosen]) == lead
