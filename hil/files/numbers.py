@@ -38,13 +38,15 @@ WHOSE = {
 def degrees(
     temperature_degC: float | None, temperature_of: str | None = None, unit_degC: tuple[float, float] | None = None
 ) -> str:
-    """Write a temperature in °C, or that there is none; whose it is, and what the unit's own thermometer showed.
+    """Write a temperature in °C, or that it is not known; whose it is, and what the unit's own thermometer showed.
 
-    >>> degrees(-0.04)
-    '0.0 °C'
+    Where nobody recorded whose it would be, all runs are of one.
+
+    >>> degrees(-0.04), degrees(None, "case_degC")
+    ('0.0 °C', 'no known temperature')
     """
     if temperature_degC is None:
-        return "all runs"
+        return "no known temperature" if temperature_of else "all runs"
     about = [WHOSE[temperature_of]] if temperature_of in WHOSE else []
     if unit_degC and temperature_of != "temperature_degC":
         about.append(f"unit {unit_degC[0]:z.1f} … {unit_degC[1]:z.1f} °C")

@@ -1,5 +1,6 @@
 """One sensor's chapter of the report: its pictures, its means by temperature, every self-calibration, the scatter."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 from typing import Any
@@ -99,7 +100,12 @@ def key_numbers(sensors: Sequence[SensorContent]) -> dict[str, Any]:
 
 
 def _from_room(mean: MeanAt) -> float:
-    return 0.0 if mean.temperature_degC is None else abs(mean.temperature_degC - _ROOM_DEGC)
+    return math.inf if mean.temperature_degC is None else abs(mean.temperature_degC - _ROOM_DEGC)
+
+
+def _at(sensor: SensorContent, mean: MeanAt) -> str:
+    """Say at which temperature a mean is; whose it is stands above them all."""
+    return degrees(mean.temperature_degC, sensor.shown.told_by if mean.temperature_degC is None else None)
 
 
 def _by_temperature(sensor: SensorContent) -> dict[str, Any]:
@@ -111,7 +117,7 @@ def _by_temperature(sensor: SensorContent) -> dict[str, Any]:
     for repeat in sensor.shown.means:
         at = repeat.temperature_degC
         fahrenheit = f"{at * 1.8 + 32.0:.1f} °F" if at is not None and sensor.has_contractor else ""
-        heads.append((degrees(at), list(filter(None, [fahrenheit, _unit(repeat)]))))
+        heads.append((_at(sensor, repeat), list(filter(None, [fahrenheit, _unit(repeat)]))))
     return {
         "heads": heads,
         "runs": [(len(repeat.runs), _doubtful(sensor, repeat)) for repeat in sensor.shown.means],
@@ -200,7 +206,7 @@ def _line(label: str, sensor: SensorContent, name: str, model: str, style: str) 
 
 def _runs(sensor: SensorContent) -> dict[str, Any]:
     """Every self-calibration: each parameter of the matrix solution, then of the contractor's, with its uncertainty."""
-    temperature = {run: degrees(repeat.temperature_degC) for repeat in sensor.shown.means for run in repeat.runs}
+    temperature = {run: _at(sensor, repeat) for repeat in sensor.shown.means for run in repeat.runs}
     heads = [(name, "", unit) for name, unit in _units(sensor.solutions).items()]
     digits = {
         name: decimals_for(each.parameters[name].se for each in sensor.solutions if name in each.parameters)

@@ -13,7 +13,7 @@ import numpy as np
 from hil.campaign import Conditions, FloatArray, IntArray
 from hil.campaign.data import TELL_TEMPERATURE
 from hil.campaign.laws import to_come_degC
-from hil.campaign.stand_ins import OWN, temperature_of
+from hil.campaign.stand_ins import OWN, temperature_of, told
 from procedures.words import counted
 
 WIDEST_DEGC = 4.0
@@ -34,7 +34,8 @@ def same_temperature(conditions: Conditions, apart_degC: float | None = None) ->
     """Number the temperatures of n collects, coldest first, shape (n,); -1 where a collect's is unknown.
 
     The setpoint tells, if there is one and the unit followed it (setpoints explain most of what its thermometer showed,
-    or most of it lies within `WIDEST_DEGC` of the middle at each); else the unit's own thermometer, else the chamber's.
+    or most of it lies within `WIDEST_DEGC` of the middle at each); else the unit's own thermometer, or, where some lack
+    it, what stands in for it in all; else the chamber's.
     Without any temperature all collects are of one. Given `apart_degC`, steps of more than that part two temperatures,
     and nothing else does.
     """
@@ -101,8 +102,11 @@ def told_by(conditions: Conditions, apart_degC: float | None = None) -> str | No
     """Return the column that tells temperatures from each other: setpoint, unit's own or chamber's; None for none."""
     columns = conditions.columns
     said = [name for name in TELL_TEMPERATURE if name in columns and np.any(np.isfinite(columns[name]))]
+    if said[:1] == [OWN]:
+        name, _ = told(conditions)
+        return temperature_of(conditions) if name == OWN else name
     if len(said) < 2 or said[0] != _SETPOINT:
-        return temperature_of(conditions) if said[:1] == [OWN] else said[0] if said else None
+        return said[0] if said else None
     setpoint, own = (columns[name] for name in said[:2])
     here = np.isfinite(own)
     if not np.all(np.isfinite(setpoint[here])):

@@ -12,7 +12,7 @@ from hil.campaign.reader import read_campaign
 from hil.config.sweep import PUBLISHED
 from hil.report.content import ReportContent, gather, largest
 from hil.report.page import render
-from hil.report.sensor_view import sensor_view
+from hil.report.sensor_view import key_numbers, sensor_view
 from tests.hil.report.report_pages import Tables
 
 
@@ -72,3 +72,20 @@ def test_where_nothing_tells_it_that_is_said(folder: Path) -> None:
     rows = {label: cells for label, _, cells in sensor_view(content.sensors[0])["table"]["rows"]}
     assert {error for _, error, _ in rows["BA, matrix"]} == {"± not known"}
     assert not any("±" in said for said in largest(content))
+
+
+def test_a_run_without_a_temperature_is_not_all_runs(folder: Path) -> None:
+    """It stands by itself, and never in the place of the values nearest to room temperature."""
+    path = folder / "collects.csv"
+    rows = [line.split(",") for line in path.read_text().splitlines()]
+    run, told = rows[0].index("run"), [k for k, name in enumerate(rows[0]) if name.endswith("_degC")]
+    for row in rows[1:]:
+        for column in told if row[run] == "14" else ():
+            row[column] = ""
+    path.write_text("\n".join(map(",".join, rows)) + "\n")
+    sensors = gather(read_campaign(folder)).sensors
+    heads = [at for at, _ in sensor_view(sensors[0])["table"]["heads"]]
+    assert heads.count("no known temperature") == 1
+    assert "all runs" not in heads
+    ((_, nearest, *_),) = key_numbers(sensors)["heads"]
+    assert "no known temperature" not in nearest

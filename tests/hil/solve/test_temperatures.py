@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hil.campaign import Conditions, Sensor
-from hil.solve.temperatures import WIDEST_DEGC, nearest, runs_by_temperature, same_temperature, unsettled
+from hil.solve.temperatures import WIDEST_DEGC, nearest, runs_by_temperature, same_temperature, told_by, unsettled
 
 SENSOR = Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"})
 
@@ -40,6 +40,13 @@ def test_a_run_of_unknown_temperature_repeats_no_other() -> None:
     found = runs_by_temperature(conditions({"temperature_degC": [20.0, np.nan, 20.2, np.nan]}))
     assert [runs for _, runs in found] == [(1, 3), (2,), (4,)]
     assert [at for at, _ in found][1:] == [None, None]
+
+
+def test_what_stands_in_for_a_thermometer_that_some_runs_lack_tells_them_all() -> None:
+    """The unit's in two runs and the case's in the third are not one temperature's column: it is the case's in all."""
+    laid = conditions({"temperature_degC": [20.0, np.nan, 40.0], "case_degC": [20.3, 20.5, 40.2]})
+    assert told_by(laid) == "case_degC"
+    assert runs_by_temperature(laid) == [(pytest.approx(20.4), (1, 2)), (pytest.approx(40.2), (3,))]
 
 
 def test_without_any_temperature_all_runs_are_repeats() -> None:
