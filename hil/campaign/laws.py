@@ -169,7 +169,7 @@ def digit(values: FloatArray) -> float:
     known, digits = values[np.isfinite(values)], _DIGITS
     while digits:
         finer = known * 10.0 ** (digits - 1)
-        if np.any(np.abs(finer - np.rint(finer)) > _ULPS * np.spacing(finer)):
+        if np.any(np.abs(finer - np.rint(finer)) > _ULPS * np.spacing(np.abs(finer))):
             break
         digits -= 1
     return float(10.0**-digits)

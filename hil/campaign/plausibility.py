@@ -31,6 +31,7 @@ _DIGITS, _ROUNDING = 300.0, 1e-6
 _AT_REST_DEG_PER_HR = 360_000.0  # a hundred degrees a second: many times what the poorest gyro is off by
 _STILL = 0.05  # of what the earth rate alone moves a channel by
 _FINE = 0.03  # of a standard error: in steps as fine as that hardly one in a thousand runs shows one value three times
+_BY_CHANCE = 1e-3  # so rare it is that some collect of a campaign shows 0 in all channels, in steps as they are written
 _PILED, _PILED_RATIO = 3, 2.0  # averages on one value, and times as many as on any between
 
 _Found = tuple[Sequence[Collects], BoolArray, str]  # of sensors that were collected together, in which rows, what
@@ -205,11 +206,24 @@ def _written_finely(rates: FloatArray, errors: FloatArray) -> BoolArray:
 
 
 def unclipped(collects: Collects) -> Collects:
-    """Return the collects without the averages that stand at a channel's limit: the rate lies beyond."""
-    beyond, rates = [*clipped(collects)], collects.rates_deg_per_hr.copy()
+    """Return the collects without the averages that stand at a channel's limit (the rate lies beyond), or were none."""
+    beyond, empty, rates = [*clipped(collects)], _empty(collects), collects.rates_deg_per_hr.copy()
     for channel, rows, _ in beyond:
         rates[rows, channel] = np.nan
-    return replace(collects, rates_deg_per_hr=rates) if beyond else collects
+    rates[empty] = np.nan
+    return replace(collects, rates_deg_per_hr=rates) if beyond or empty.any() else collects
+
+
+def _empty(collects: Collects) -> BoolArray:
+    """Return the collects (n,) in which every channel shows exactly 0, as channels hardly do together by chance."""
+    rates = collects.rates_deg_per_hr
+    empty, chance = np.ones(len(rates), bool), np.full(len(rates), float(len(rates)))
+    for own in rates.T:
+        measured = np.isfinite(own)
+        step, span = digit(own), float(np.ptp(own[measured])) if measured.any() else 0.0
+        chance[measured] *= step / (step + span)
+        empty &= (own == 0.0) | ~measured
+    return np.asarray(empty & (chance < _BY_CHANCE))
 
 
 def usable(campaign: Campaign) -> Campaign:
@@ -223,7 +237,13 @@ def usable(campaign: Campaign) -> Campaign:
 
 def _limits(campaign: Campaign) -> Iterator[_Found]:
     for number, collects in campaign.sensors.items():
-        yield from (([collects], rows, words) for _, rows, words in clipped(collects))
+        empty = _empty(collects)
+        for _, rows, words in clipped(collects):
+            yield [collects], rows, words
+            empty &= ~rows  # of which it is said already
+        if empty.any():
+            words = f"sensor {number}: every rate is exactly 0: nothing was measured"
+            yield [collects], empty, f"{words}; a missing collect is an empty cell"
         size = np.nan_to_num(np.abs(collects.rates_deg_per_hr - collects.conditions.w_channels_deg_per_hr)).max(axis=1)
         if np.any(beyond := size > _AT_REST_DEG_PER_HR):
             words = f"sensor {number}: rates up to {size.max():.3g} deg/hr: no gyro shows as much of what it is held in"

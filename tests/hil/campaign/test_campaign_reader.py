@@ -329,7 +329,7 @@ def test_a_centrifuge_may_exceed_the_limits(folder: Path) -> None:
 WARNED_TABLES = {
     "row of zeros": (
         table(*ROWS[:3], ROWS[3].replace("-30.4,-46.8", "0,0"), *ROWS[4:]),
-        "row 5: every rate is exactly 0",
+        "collect 4: sensor 2: every rate is exactly 0: nothing was measured; a missing collect is an empty cell",
     ),
     "f off by more than 2 %": (cell(4, "f_S_g", "1.03"), r"row 4: \|f\| is off 1 g by more than 2 %"),
     "label and f disagree": (

@@ -14,6 +14,7 @@ from benchmarks.blind.cases import make_case, write_case
 from benchmarks.blind.night import Design
 from benchmarks.blind.physics import CATALOGUE
 from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor
+from hil.campaign.laws import digit
 from hil.campaign.plausibility import clipped, judged_by_its_records, unclipped
 from hil.campaign.reader import read_campaign
 from hil.campaign.writer import write_campaign
@@ -263,6 +264,27 @@ def test_averages_that_pile_up_on_the_last_value_are_clipped(digits: int, side: 
         left = unclipped(judged.sensors[2]).rates_deg_per_hr
         assert np.isnan(left[[2, 5, 8], 0]).all()
         assert np.isnan(left).sum() == 3
+
+
+@pytest.mark.parametrize(("digits", "said"), [(4, True), (-1, False)])
+def test_a_collect_that_is_exactly_0_in_all_channels_was_not_measured(digits: int, said: bool) -> None:
+    """Its run fails, and the zeros are no rates. Written in steps of ten, small rates are 0 together by chance."""
+    rates = np.random.default_rng(5).normal(0.0, 20.0, (9, 2)).round(digits)
+    rates[4] = 0.0
+    judged = judged_by_its_records(campaign(rates=rates))
+    words = "sensor 2: every rate is exactly 0: nothing was measured; a missing collect is an empty cell"
+    assert [each.partition(": ")[2] for each in judged.warnings if "exactly 0" in each] == [words] * said
+    assert [run for run, _ in judged.contradicted] == [2] * said
+    assert np.isnan(unclipped(judged.sensors[2]).rates_deg_per_hr).all(axis=1).tolist() == [
+        said and k == 4 for k in range(9)
+    ]
+
+
+@pytest.mark.parametrize("scale", [1.0, -1.0])
+def test_the_last_digit_of_a_number_is_that_of_its_negative(scale: float) -> None:
+    """Whole numbers are written in ones, whatever their sign."""
+    assert digit(scale * np.array([0.0, 10.0, 40.0])) == 1.0
+    assert digit(scale * np.array([0.25, 7.5])) == 0.01
 
 
 @pytest.mark.parametrize(("low", "found"), [([-9.0, -9.0, -8.0], [4]), ([-9.0, -9.0, -9.0], [3, 4])])
