@@ -22,7 +22,7 @@ from scipy.special import ndtri, stdtr
 
 from hil.campaign import Campaign, FloatArray
 from hil.model.forms import MATRIX_6, PER_G, RATE
-from hil.solve.repeats import CONFIDENCE, SensorRepeats, means_of
+from hil.solve.repeats import CONFIDENCE, SensorRepeats, means_of, noise_left
 from hil.solve.runs import solve_campaign
 from hil.solve.temperatures import runs_by_temperature
 from hil.solve.wrong_rows import treated
@@ -107,8 +107,10 @@ def common_and_differential(campaign: Campaign) -> BothSensors | None:
     chosen = treated(campaign)
     chosen = replace(chosen, sensors={number: rows for number, rows in chosen.sensors.items() if number in rotors})
     solved: dict[int, dict[int, FloatArray]] = {}
-    for each in solve_campaign(chosen, "matrix-6"):
-        pairs = [(e.value, math.nan if e.se is None else e.se) for e in each.parameters.values()]
+    solutions = solve_campaign(chosen, "matrix-6")
+    noise = {number: noise_left([e for e in solutions if e.sensor == number]) for number in rotors}
+    for each in solutions:
+        pairs = [(e.value, math.nan if e.se is None else e.se) for e in each.by_noise(noise[each.sensor][0]).values()]
         if all(value is not None for value, _ in pairs):
             solved.setdefault(each.runs[0], {})[each.sensor] = np.array(pairs, dtype=np.float64)
     both = {run: np.stack([of[n] for n in rotors]) for run, of in solved.items() if len(of) == 2}
@@ -121,9 +123,10 @@ def common_and_differential(campaign: Campaign) -> BothSensors | None:
         return None
     group = np.repeat(np.arange(len(at)), [len(runs) for _, runs in at])
     values, errors = np.moveaxis(np.array([both[run] for _, runs in at for run in runs]), -1, 0)  # (runs, 2, 6)
-    noise = np.sqrt(np.sum(errors**2, axis=1))  # the sensors' noise is independent
-    common = means_of(UNITS, values.mean(axis=1), 0.5 * noise, group, at)
-    differential = means_of(UNITS, values[:, 1] - values[:, 0], noise, group, at)
+    white = np.sqrt(np.sum(errors**2, axis=1))  # the sensors' noise is independent
+    known = min(by for _, by in noise.values())
+    common = means_of(UNITS, values.mean(axis=1), 0.5 * white, group, at, residuals=known)
+    differential = means_of(UNITS, values[:, 1] - values[:, 0], white, group, at, residuals=known)
     away = values - np.array([values[group == k].mean(axis=0) for k in range(len(at))])[group]
     degrees = len(group) - len(at)
     correlation = _correlations(away[:, 0], away[:, 1])

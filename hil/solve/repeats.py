@@ -6,12 +6,14 @@
 
 A run's standard error knows what goes on within its collects. Whatever changes from run to run shows when the same
 temperature is measured again, and in residuals where there are any; standard errors do not know it. So a run's variance
-is se² F + b², where F is how much larger than allowed the squared residuals are (1 at least) in the channels that tell
-the parameter, and b² what the variance of repeats at one temperature, pooled over the temperatures, has beyond that. A
-mean weighs runs by it: n that are alike divide it by √n, and one that is hardly known moves nothing. Intervals are
-Student's, on as many degrees of freedom as runs were repeated, and on more where standard errors, which are known
-better, explain what repeats show. So 93 to 97 % of them hold the truth in a sweep of a dozen repeats and more, whatever
-b is; of fewer up to all do, where standard errors explain them.
+is se² F + b². F is how much larger than allowed squares are (1 at least) in the channels that tell the parameter: of
+residuals, or of what differs from run to run and neither bias nor MU moves. b² is what the variance of repeats at one
+temperature, pooled over the temperatures, has beyond that. Of rates without standard errors se is by the residuals of
+all runs together: of its own few, small by chance, a run would seem known best. A mean weighs runs by their variance: n
+that are alike divide it by √n, and one that is hardly known moves nothing. Intervals are Student's, on as many degrees
+of freedom as runs were repeated, and on more where standard errors, which are known better, explain what repeats show.
+So 93 to 97 % of them hold the truth in a sweep of a dozen repeats and more, whatever b is; of fewer up to all do, where
+standard errors explain them.
 Every command that states an uncertainty asks here.
 """
 
@@ -26,13 +28,14 @@ import numpy as np
 from scipy.special import chdtr, chdtrc, ndtr, stdtrit
 
 from hil.campaign import Campaign, Collects, FloatArray, IntArray
+from hil.files.numbers import degrees
 from hil.model.forms import default_form
 from hil.solve.identifiability import orthonormal
 from hil.solve.runs import Estimate, RunSolution, stated_noise
 from hil.solve.spread import RARE, Spread, uneven
 from hil.solve.temperatures import nearest, runs_by_temperature, told_by, unit_range_degC
 from hil.solve.wrong_rows import treated
-from procedures.words import counted, listed, significant
+from procedures.words import counted, listed, numbered, significant
 
 CONFIDENCE = 0.95
 """Of every interval that is stated."""
@@ -134,9 +137,9 @@ class SensorRepeats:
 
     def of_run(self, solution: RunSolution) -> dict[str, Uncertain]:
         """Return one run's values with what repeats show in their uncertainty; those that it could not tell lack."""
-        found = {}
+        found, told = {}, solution.by_noise(self.left_deg_per_hr)
         for place, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
-            each = solution.parameters.get(name)
+            each = told.get(name)
             if each is not None and each.value is not None:
                 sd = float(self.spread.sd(np.full(len(self.names), math.nan if each.se is None else each.se))[place])
                 found[name] = Uncertain(each.value, sd, float(self.spread.freedom[place]), 1, unit)
@@ -153,19 +156,13 @@ class SensorRepeats:
 
     def document(self) -> dict[str, Any]:
         """Return the JSON of it: `run_to_run` by parameter, `means` by temperature, and runs that are in neither."""
-        beyond = zip(
-            self.names,
-            self.units,
-            self.spread.observed.tolist(),
-            self.spread.beyond.tolist(),
-            self.spread.degrees.tolist(),
-            strict=True,
-        )
+        of = self.spread
+        told = (of.observed.tolist(), of.beyond.tolist(), of.degrees.tolist())
         return {
             "run_to_run": {
-                name: {"sd": sd, "beyond_standard_errors": more, "degrees_of_freedom": degrees, "unit": unit}
-                for name, unit, sd, more, degrees in beyond
-                if degrees
+                name: {"sd": sd, "beyond_standard_errors": more, "degrees_of_freedom": free, "unit": unit}
+                for name, unit, sd, more, free in zip(self.names, self.units, *told, strict=True)
+                if free
             },
             "means": [
                 {
@@ -197,7 +194,7 @@ class SensorRepeats:
         least = f"{every.min()} to " * bool(every.min() < every.max())
         freedom = f"{least}{counted(int(every.max()), 'degree')} of freedom"
         unknown = "" if self.told_by else "; no temperature was recorded, so that every run counts as a repeat"
-        errors = "standard errors" if self.stated else "residuals"
+        errors = self.noise_by("standard errors" if self.stated else "residuals")
         if told:
             than = (
                 f"more than their {errors} say" if of.stated.any() else "and have neither standard errors nor residuals"
@@ -215,11 +212,11 @@ class SensorRepeats:
 
     def noise_by(self, errors: str) -> str:
         """Say what tells the noise of a collect: `errors`, and how many times as large it is where they do not."""
-        times = dict(zip(self.times_of, self.noise_times.tolist(), strict=True))
-        if {*times.values()} == {1.0}:
+        if np.all(self.noise_times == 1.0):
             return errors
-        each = listed(f"{channel} {significant(of)}" for channel, of in times.items())
-        return f"{errors}, times what residuals and repeats show ({each})"
+        of_each = zip(self.times_of, self.noise_times.tolist(), strict=True)
+        each = listed(f"{channel} {significant(times)}" for channel, times in of_each)
+        return f"{errors} times what residuals and repeats show ({each})"
 
     @property
     def noise_in_words(self) -> list[str]:
@@ -240,11 +237,12 @@ class SensorRepeats:
 
     def _by_temperature(self) -> list[str]:
         """Say which parameters scatter more at some temperatures than at others: no one ± holds at each."""
-        names = [name for name, odd in zip(self.names, self.spread.uneven, strict=True) if odd]
-        how = "scatters" if len(names) == 1 else "scatter"
-        where = "more at some temperatures than at others: no one ± holds at each"
-        where += "; hil scatter asks what it is" * self.stated  # where they are not, it may be noise
-        return [f"{listed(names)} {how} {where}"] if names else []
+        told = []
+        for name in (name for name, odd in zip(self.names, self.spread.uneven, strict=True) if odd):
+            most = max(self.means, key=lambda mean: np.nan_to_num(mean.scatter.get(name, 0.0)))
+            told.append(f"{name} (most at {degrees(most.temperature_degC)}, {numbered('run', most.runs)})")
+        how = f"{'scatters' if len(told) == 1 else 'scatter'} more at some temperatures than at others"
+        return [f"{listed(told)} {how}: no one ± holds at each"] if told else []
 
 
 def repeats(campaign: Campaign, solutions: Sequence[RunSolution]) -> dict[int, SensorRepeats]:
@@ -300,42 +298,48 @@ def _shares(collects: Collects) -> dict[str, FloatArray]:
     return dict(zip(form.names, of_each / np.maximum(of_each.sum(axis=1, keepdims=True), 1e-300), strict=True))
 
 
+def noise_left(own: Sequence[RunSolution]) -> tuple[float, float]:
+    """Return what residuals of all of a sensor's runs make of noise that is not stated, deg/hr, and how well known.
+
+    Those are degrees of freedom. 0, and infinitely many, where there is no residual or standard errors are stated.
+    """
+    told = [each.of_channels[0].sum() for each in own if each.of_channels and each.per_noise is not None]
+    free = sum(each.degrees_of_freedom for each in own if each.per_noise is not None)
+    return math.sqrt(sum(told) / max(free, 1)), free or math.inf
+
+
 def _of_sensor(own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, ...]) -> SensorRepeats:
-    at = runs_by_temperature(rows.conditions)
+    at, stated = runs_by_temperature(rows.conditions), stated_noise(rows) is not None
+    noise, known_by = noise_left(own)
     units = {name: each.unit for solution in own for name, each in solution.parameters.items()}
     group = np.array([next((k for k, (_, runs) in enumerate(at) if each.runs[0] in runs), -1) for each in own])
-    of_each = [[each.parameters.get(name, Estimate(None, None, "")) for name in units] for each in own]
+    of_each = [[of.get(name, Estimate(None, None, "")) for name in units] for of in (e.by_noise(noise) for e in own)]
     values, errors = (np.array([[getattr(e, a) for e in of] for of in of_each], np.float64) for a in ("value", "se"))
     told = {e.runs[0] for e, known in zip(own, np.isfinite(values), strict=True) if known.any()}
     at = [(temperature, tuple(run for run in runs if run in told)) for temperature, runs in at]
     channels, known_shares = list(rows.conditions.sensor.channels), _shares(rows)
     shares = np.array([known_shares.get(name, np.full(len(channels), 1.0 / len(channels))) for name in units])
-    of_channels = [np.array(each.of_channels) for each in own if each.of_channels is not None]
+    of_channels = [np.array(each.of_channels) for each in own if each.chi_square is not None]
     squares, freedom = sum(of_channels, np.zeros((2, len(channels))))
     residual_times = np.sqrt(np.maximum(squares / np.maximum(freedom, 1.0), 1.0))
-    variance = shares * residual_times**2
-    factor = np.sqrt(variance.sum(axis=1))
-    unstated = [e.degrees_of_freedom for e in own if e.chi_square is None and e.degrees_of_freedom > 0]
-    residuals = np.full(len(factor), min(unstated, default=math.inf))
-    if freedom.sum() > 0.5 and chdtrc(freedom.sum(), squares.sum()) < RARE:  # then by Welch and Satterthwaite
-        residuals = np.minimum(residuals, factor**4 / np.sum(variance**2 / np.maximum(freedom, 1.0), axis=1))
-    shown = means_of(units, values, errors, group, at, factor, residuals)
-    if not (stated := stated_noise(rows) is not None):  # a run's own few residuals tell little: of all those of all do
-        squared = np.nansum(errors**2, axis=0) / np.maximum(np.isfinite(errors).sum(axis=0), 1)
-        errors, residuals = np.tile(np.sqrt(squared), (len(errors), 1)), np.full(len(factor), sum(unstated))
     changes = _changes(rows, {run for each in own if not each.doubted for run in each.runs} if stated else set())
     times = _times(*changes)
     odd = chdtrc(np.maximum(freedom, 0.5), squares) < RARE
     contradicted = odd & (_times(changes[0] / residual_times**2, changes[1]) < 1.0)
     noise_times = np.where(odd & ~contradicted & (times == 1.0), residual_times, times)
+    # Of a ± errors are as large as anything shows, and as well known as what shows it (Welch and Satterthwaite).
+    variance = shares * np.maximum(residual_times, times) ** 2
+    behind = np.where(times > residual_times, changes[1], np.where(odd, freedom, math.inf))
+    with np.errstate(divide="ignore"):
+        known = variance.sum(axis=1) ** 2 / np.sum(variance**2 / np.maximum(behind, 1.0), axis=1)
+    residuals = np.minimum(known, known_by)
+    shown = means_of(units, values, errors, group, at, np.sqrt(variance.sum(axis=1)), residuals)
     by_noise = Spread.of(values, errors, group, np.sqrt(shares @ noise_times**2), residuals)
-    many = {run: int(np.isfinite(rows.rates_deg_per_hr[at]).sum()) for run, at in rows.conditions.of_each_run.items()}
-    left = sum(many.get(e.runs[0], 0) * (e.residual_rms_deg_per_hr or 0.0) ** 2 for e in own)
-    conditions = rows.conditions
+    shown = replace(shown, left_deg_per_hr=noise)
     return replace(
         shown,
-        means=[replace(m, unit_degC=unit_range_degC(conditions, m.runs)) for m in shown.means if m.runs],
-        told_by=told_by(conditions),
+        means=[replace(m, unit_degC=unit_range_degC(rows.conditions, m.runs)) for m in shown.means if m.runs],
+        told_by=told_by(rows.conditions),
         not_used=not_used,
         of_each={e.runs[0]: {n: u.sd for n, u in shown.of_run(e).items()} for e in own},
         times_of=dict(zip(channels, times.tolist(), strict=True)),
@@ -343,7 +347,6 @@ def _of_sensor(own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, 
         same_times={c: float(of) for c, of, is_so in zip(channels, residual_times, contradicted, strict=True) if is_so},
         by_noise=by_noise,
         stated=stated,
-        left_deg_per_hr=math.sqrt(left / max(sum(e.degrees_of_freedom for e in own), 1)),
     )
 
 

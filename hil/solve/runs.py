@@ -61,9 +61,11 @@ class RunSolution:
     `covariance` (p, p) in the order of `parameters`, NaN where unknown; `condition_number` None where infinite;
     `residual_rms_deg_per_hr` None without degrees of freedom; `combinations` are seen mixtures of parameters that are
     not known singly. `chi_square` is that of the residuals, None without stated standard errors, and `of_channels` what
-    each channel has of it and of its degrees of freedom, (c,) each. `compared`: whether other runs say what this one's
-    collects should show; `doubted`: whether it tells nothing of noise, for something is said against a row of it, or it
-    had not `settled`. `among`: of how many judgements it may be the one that differs most by chance.
+    each channel has of it, of squares in deg/hr without them, and of its degrees of freedom, (c,) each. `compared`:
+    whether other runs say what this one's collects should show; `doubted`: whether it tells nothing of noise, for
+    something is said against a row of it, or it had not `settled`. `among`: of how many judgements it may be the one
+    that differs most by chance. `per_noise` (p,) are the standard errors of rates whose noise is 1 deg/hr, None where
+    standard errors are stated.
     """
 
     run: int | None
@@ -87,6 +89,14 @@ class RunSolution:
     doubted: bool = False
     settled: bool = True
     among: int = 1
+    per_noise: FloatArray | None = None
+
+    def by_noise(self, deg_per_hr: float) -> Mapping[str, Estimate]:
+        """Return the parameters with the standard errors of rates of this noise (0: unknown), where none is stated."""
+        if self.per_noise is None:
+            return self.parameters
+        errors = (finite(float((deg_per_hr or np.nan) * of)) for of in self.per_noise)
+        return {name: replace(each, se=se) for (name, each), se in zip(self.parameters.items(), errors, strict=True)}
 
     @property
     def exceeds_errors(self) -> bool:
@@ -266,9 +276,16 @@ def _described(sensor: int, solved: _Solved, among: int) -> RunSolution:
         reason="; ".join(filter(None, [solved_how, judged.reason])),
         assumed=_assumptions(form, collects, noise_stated),
         chi_square=float(solution.chi_square) if solved.tells else None,
-        of_channels=of_channels if solved.tells else None,
+        of_channels=of_channels if degrees else None,
         among=among,
+        per_noise=None if noise_stated else _per_noise(solution),
     )
+
+
+def _per_noise(solution: Solution) -> FloatArray:
+    """Return the parameters' standard errors where every rate has a noise of 1, (p,)."""
+    response = np.linalg.pinv(solution.design[solution.measured])
+    return np.asarray(np.linalg.norm(response, axis=1)[: len(solution.names)])
 
 
 def stated_noise(collects: Collects) -> FloatArray | None:

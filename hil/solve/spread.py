@@ -26,8 +26,8 @@ class Spread:
     freedom of what a run's noise is known by, infinite where it is stated. Both are of each parameter, or of all.
 
     `freedom` are those behind a standard deviation: of `residuals` where nothing was repeated, else as many as runs
-    with equal errors would have (Welch and Satterthwaite), and more where errors explain what they scatter by: that is
-    known better the more repeats agree (`benchmarks/intervals.py` measures the coverage).
+    with equal errors would have (Welch and Satterthwaite), and more, up to those of `residuals`, where errors explain
+    what they scatter by: that is known better the more repeats agree (`benchmarks/intervals.py` measures the coverage).
     """
 
     observed: FloatArray
@@ -91,7 +91,7 @@ class Spread:
         same = np.sum(size**2 * (1.0 - 2.0 * share), axis=0) + np.sum(total(size * share) ** 2, axis=0)
         tell = np.sum(size * (1.0 - share), axis=0) ** 2 / np.maximum(same, _TINY)
         by_errors = np.sum(shows * weight * own, axis=0) / np.maximum(np.sum(shows * size, axis=0), _TINY)
-        behind = np.where(freedom > 0, tell * (1.0 + 0.5 * tell * by_errors**2), residuals)
+        behind = np.where(freedom > 0, tell + np.minimum(0.5 * (tell * by_errors) ** 2, residuals), residuals)
         return cls(observed, beyond, stated, times, freedom.astype(np.int64), behind, odd, of_each, residuals)
 
     def sd(self, errors: FloatArray) -> FloatArray:

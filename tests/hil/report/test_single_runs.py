@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks.blind.cases import make_case, write_case
 from hil.campaign.reader import read_campaign
+from hil.cli.app import run
 from hil.config.sweep import PUBLISHED
 from hil.report.content import ReportContent, gather, largest
 from hil.report.page import render
@@ -89,3 +90,15 @@ def test_a_run_without_a_temperature_is_not_all_runs(folder: Path) -> None:
     assert "all runs" not in heads
     ((_, nearest, *_),) = key_numbers(sensors)["heads"]
     assert "no known temperature" not in nearest
+
+
+@pytest.mark.parametrize("left_out", [set[str](), REPEATED])
+def test_the_heading_of_hil_solve_claims_no_repeats_where_there_are_none(
+    folder: Path, left_out: set[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One run at each temperature: its ± has nothing of them."""
+    _without(folder, left_out)
+    run(["solve", str(folder)])
+    said = capsys.readouterr().out
+    assert ("± one standard deviation, what repeats show included" in " ".join(said.split())) is not bool(left_out)
+    assert ("in no ±" in said) is bool(left_out)

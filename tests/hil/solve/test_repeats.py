@@ -150,7 +150,9 @@ def test_what_scatters_in_the_cold_only_is_said_and_judged_by_no_limit() -> None
     rates[:12] += np.random.default_rng(127).normal(0.0, 6.0, (12, 2))
     for one, cold in ((even, False), (with_rates(even, rates), True)):
         shown = repeats(one, solve_campaign(one))[2]
-        assert any("more at some temperatures than at others" in said for said in shown.sentences()) is cold
+        where = [said for said in shown.sentences() if "more at some temperatures than at others" in said]
+        assert bool(where) is cold
+        assert all("(most at -20.0 °C, runs 1–4)" in said and "hil scatter" not in said for said in where)
         assert not any("too small" in said for said in shown.sentences())  # standard errors hold elsewhere
         assert bool(shown.spread.uneven[shown.names.index("MUA")]) is cold
 
@@ -346,3 +348,71 @@ def test_one_large_standard_error_makes_no_other_too_large(times: float) -> None
     errors[21:24] *= 300.0
     made = replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=errors)})
     assert [*repeats(made, solve_campaign(made))[2].times_of.values()] == pytest.approx([1.0 / times] * 2, rel=0.5)
+
+
+def without_errors(seed: int, runs: int, noise: float, scatter: float) -> Campaign:
+    """Return runs of positions 1-2-3-1, three at a temperature, of a unit that does not follow it, without errors."""
+    rows, rng = repeated(runs, 3, (0, 1, 2, 0)).sensors[2], np.random.default_rng(seed)
+    k = np.array([[58.0, -20.0, 5.0], [20.0, 58.0, 9.0]])
+    own = np.repeat(rng.normal(0.0, scatter, (runs, 2)), 4, axis=0)
+    rates = rows.conditions.f_g @ k.T + rows.conditions.w_channels_deg_per_hr + own + rng.normal(0.0, noise, own.shape)
+    return Campaign("bare", "", {2: Collects(rows.conditions, rates, np.full(rates.shape, np.nan))})
+
+
+def test_of_rates_without_errors_each_run_is_known_by_the_residuals_of_all() -> None:
+    """Runs that are alike weigh alike, however small their own residuals; one that has none is known, and less."""
+    made = without_errors(4, 3, 1.0, 0.0)
+    rates = made.sensors[2].rates_deg_per_hr.copy()
+    rates[11] = np.nan
+    solutions = solve_campaign(with_rates(made, rates))
+    small, large = sorted(each.residual_rms_deg_per_hr for each in solutions[:2] if each.residual_rms_deg_per_hr)
+    assert large > 1.5 * small
+    shown = repeats(with_rates(made, rates), solutions)[2]
+    assert shown.of_each[1] == pytest.approx(shown.of_each[2])
+    assert all(shown.of_each[3][name] > 1.02 * shown.of_each[1][name] for name in ("BA", "GSA", "MUB"))
+    assert {*np.asarray(shown.spread.residuals)} == {4.0}
+    few, many = (next(each.by_noise(2.0)["BA"].se for each in solutions[run:]) for run in (2, 0))
+    assert few == pytest.approx(2.0 * np.sqrt(1.0 / 2.0))  # by two collects, one with A down and one with A up
+    assert many == pytest.approx(2.0 * np.sqrt((1.0 + 0.5) / 4.0))  # one of them twice
+
+
+@pytest.mark.parametrize(
+    ("seeds", "low", "high"), [(12, 0.9, 0.99), pytest.param(200, 0.93, 0.97, marks=pytest.mark.slow)]
+)
+@pytest.mark.parametrize("scatter", [0.0, 2.0])
+def test_intervals_of_means_of_rates_without_errors_hold_the_units_model(
+    scatter: float, seeds: int, low: float, high: float
+) -> None:
+    """Three runs at each of four temperatures: of means weighed by each run's own two residuals 85 % did."""
+    truth = {"BA": 0.0, "BB": 0.0, "GSA": 58.0, "GSB": -20.0, "MUA": -9.0, "MUB": 5.0}
+    inside = []
+    for seed in range(seeds):
+        made = without_errors(seed, 12, 1.0, scatter)
+        for mean in repeats(made, solve_campaign(made))[2].means:
+            inside += [abs(of.value - truth[name]) <= of.half_width for name, of in mean.values.items()]
+    assert low <= np.mean(inside) <= high
+
+
+def test_no_noise_is_larger_than_the_uncertainty_that_holds_it() -> None:
+    """Of a run that is known less than others, where what differs from run to run shows errors that are too small."""
+    one = runs_at_their_temperatures(24, 3, seed=5, scatter=0.0)
+    errors = 0.2 * one.sensors[2].rates_se_deg_per_hr
+    errors[12:15] *= 1.6
+    made = replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=errors)})
+    solutions = solve_campaign(made)
+    shown = repeats(made, solutions)[2]
+    assert shown.noise_times == pytest.approx([5.0] * 2, rel=0.3)
+    for each in solutions:
+        noise = shown.by_noise.factor * [of.se for of in each.parameters.values()]
+        assert np.all([*shown.of_each[each.runs[0]].values()] >= noise * (1.0 - 1e-9))
+
+
+def test_it_is_said_that_errors_are_taken_as_large_as_residuals_show_them() -> None:
+    """Two runs at each of two temperatures tell by nothing else how large noise is: not as standard errors say."""
+    one = repeated(4, 2, (0, 1, 2, 0), seed=1)
+    made = replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=np.full((16, 2), 0.4))})
+    shown = repeats(made, solve_campaign(made))[2]
+    assert {*shown.times_of.values()} == {1.0}
+    said = shown.sentences()[0]
+    assert said.startswith("repeats scatter as their standard errors times what residuals and repeats show (RA ")
+    assert ") say, as far as 2 degrees of freedom can tell" in said
