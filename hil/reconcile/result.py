@@ -16,6 +16,7 @@ from hil.solve.both_sensors import BothSensors
 from hil.solve.document import not_passed_of, reasons
 from hil.solve.repeats import repeats
 from hil.solve.runs import solve_campaign
+from hil.solve.temperatures import runs_by_temperature
 from procedures.verdict import Verdict
 from procedures.words import listed, numbered, unit_in_words
 
@@ -171,6 +172,7 @@ class Solved:
     `widens`: whether repeats or residuals tell it by how much its ± have to be wider than standard errors say; `errors`
     is what they say of the standard errors of each sensor, `small` whether some are too small, `misstated` whether some
     are so far off that others have to be stated. The runs are by verdict and sensor; `not_passed` by verdict alone.
+    `temperatures` are those at which some run tells every parameter, of the sensor that has most.
     """
 
     of_sensors: Mapping[str, Mapping[str, Sequence[int]]] = field(default_factory=dict)
@@ -180,6 +182,7 @@ class Solved:
     errors: Sequence[str] = ()
     small: bool = False
     misstated: bool = False
+    temperatures: int = 0
 
     @property
     def not_passed(self) -> dict[str, list[int]]:
@@ -198,7 +201,13 @@ class Solved:
         errors = [f"sensor {number}: {said}" for number, each in shown.items() for said in each.noise_in_words]
         small = any(times > 1.0 for each in shown.values() for times in each.times_of.values())
         misstated = any(each.misstated for each in shown.values())
-        return cls(not_passed_of(every), beyond, why, widens, errors, small, misstated)
+        whole = {(each.sensor, run) for each in every if not each.unobservable for run in each.runs}
+        made = {n: runs_by_temperature(rows.conditions) for n, rows in campaign.sensors.items()}
+        at = [
+            sum(any((n, run) in whole for run in runs) for degC, runs in of if degC is not None)
+            for n, of in made.items()
+        ]
+        return cls(not_passed_of(every), beyond, why, widens, errors, small, misstated, max(at, default=0))
 
 
 @dataclass(frozen=True)

@@ -21,12 +21,14 @@ from scipy.special import chdtrc
 from hil.campaign import Campaign, Collects, Conditions, FloatArray
 from hil.campaign.plausibility import accelerations_g
 from hil.campaign.warnings import off_gravity, off_in_words
+from hil.errors import InputError
 from hil.model.forms import LinearForm, default_form, named_form
 from hil.solve.contractor import METHOD, can_follow, solve_as_contractor
 from hil.solve.identifiability import orthonormal
 from hil.solve.least_squares import Solution, solve
 from hil.solve.omissions import not_settled
 from hil.solve.precision import measured_well_enough, unstated
+from hil.solve.temperatures import law_not_told
 from hil.solve.wrong_rows import WrongRows, wrong_rows
 from procedures.verdict import Judgement, Verdict, combine
 from procedures.words import counted, listed, numbered, plural, significant, spelled
@@ -110,7 +112,8 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None, sensor: in
     """Solve every run of every sensor, or of one, in the order of runs, then sensors.
 
     `model_name` None takes each run's default: matrix-6 for rotor sensors, triad-12 for triads whose positions allow
-    it, constant otherwise with the reason. Raises InputError for a model that does not fit the sensor.
+    it, constant otherwise with the reason. Raises InputError for a model that does not fit the sensor, or
+    says how values follow temperature where these collects were made at too few to tell.
     """
     every = wrong_rows(campaign)
     found, rows = [], every if sensor is None else {sensor: every[sensor]}
@@ -145,6 +148,8 @@ def _solved(collects: Collects, model_name: str | None) -> Iterator[_Solved]:
     for run, chosen in {None: collects}.items() if together else runs.items():
         conditions, sigma = chosen.conditions, stated_noise(chosen)
         form = default_form(conditions) if model_name is None else named_form(model_name, conditions)
+        if untold := law_not_told(form, conditions):
+            raise InputError(untold)
         if form.name == "collins-4" and can_follow(chosen):
             yield _Solved(run, form, chosen, sigma, solve_as_contractor(chosen, sigma), True)
             continue

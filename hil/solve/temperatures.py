@@ -14,7 +14,8 @@ from hil.campaign import Conditions, FloatArray, IntArray
 from hil.campaign.data import TELL_TEMPERATURE
 from hil.campaign.laws import to_come_degC
 from hil.campaign.stand_ins import OWN, temperature_of, told
-from procedures.words import counted
+from hil.model.forms import LinearForm
+from procedures.words import counted, spelled
 
 WIDEST_DEGC = 4.0
 """Values that belong to one temperature lie within this; two further apart never do."""
@@ -25,6 +26,9 @@ NARROWEST_DEGC = 1.0
 _SETPOINT = "setpoint_degC"
 
 NOT_SETTLED = "the soak had not ended"
+
+OF_A_LAW = 3
+"""Temperatures from which on it can be told how values follow temperature: of two, what lies between is anyone's."""
 
 ELSEWHERE_DEGC = 2.0
 """Another campaign's temperature, or a printed one, is the same where it is this close: chambers differ."""
@@ -75,6 +79,23 @@ def how_many(conditions: Conditions) -> str:
     known = sum(temperature is not None for temperature, _ in made)
     at = f" at {counted(known, 'temperature')}" if known else ""
     return f"{counted(sum(len(runs) for _, runs in made), 'self-calibration')}{at}"
+
+
+def too_few(temperatures: int) -> str:
+    """Say that so many temperatures do not tell how values follow temperature; empty where they do."""
+    if temperatures >= OF_A_LAW:
+        return ""
+    return f"{counted(temperatures, 'temperature')}; at least {spelled(OF_A_LAW)} are needed"
+
+
+def law_not_told(form: LinearForm, conditions: Conditions) -> str:
+    """Say that collects do not tell how the values of a form follow temperature; empty where they do, or stand.
+
+    What the thermometer shows inside one temperature is its scatter, and a law through it a law of that.
+    """
+    few = "" if form.reference_degC is None else too_few(int(same_temperature(conditions).max()) + 1)
+    where = f"sensor {conditions.sensor.number}: {form.name}"
+    return few and f"{where}: {few} to tell how values follow it; choose --model matrix-6"
 
 
 def nearest(temperature_degC: float | None, others_degC: Sequence[float]) -> float | None:

@@ -23,7 +23,7 @@ from hil.solve import solve
 from hil.solve.repeats import CONFIDENCE
 from hil.solve.runs import OBSERVABLE, stated_noise
 from hil.solve.spread import Spread
-from hil.solve.temperatures import same_temperature
+from hil.solve.temperatures import same_temperature, too_few
 from procedures.words import counted
 
 _MOVES_DEGC = 0.1  # half the range of a thermometer that tells anything
@@ -206,10 +206,9 @@ def layout_of(
         collects = collects.rows(keep)
         number_of = np.cumsum(whole) - 1
         stations = Stations(number_of[stations.number[keep]], stations.centre_degC[whole], stations.direction[keep])
-    if len(stations) < 3:
+    if few := too_few(len(stations)):
         raise InputError(
-            f"sensor {number}: {counted(len(stations), 'temperature')} with every parameter; at "
-            "least three are needed (--apart says how far apart two temperatures are)"
+            f"sensor {number}: {few}, with every parameter (--apart says how far apart two temperatures are)"
             + "".join(f"; {note.removeprefix(f'sensor {number}: ')}" for note in notes)
         )
     own = collects.conditions.columns["temperature_degC"]

@@ -15,6 +15,7 @@ from hil.reconcile.rivals import Rival, in_times
 from hil.reconcile.search.terms import NO_NAME
 from hil.reconcile.wander import Wander
 from hil.solve.document import of_sensors_in_words, runs_in_words
+from hil.solve.temperatures import too_few
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED
 from procedures.words import listed, numbered, percent, significant
 
@@ -25,7 +26,7 @@ _EXCESS = 1.5  # times the noise, or what is explained of it, from which on it i
 _EXPECTED = 5.0  # times as usual at its size, from which on physics is said to expect a name
 
 _ACT = packaged("hil.reconcile.outcome", "what_to_do.yaml")
-_MEASURED = " The model holds at temperatures that were measured: how far off it may be at others, hil thermal says."
+_MEASURED = " The model holds at temperatures that were measured: how far off it may be at others,"
 _MOST = 3  # other names in one sentence
 _APART = 0.05  # p-value below which nights simulated after are told from the measured one
 _BY = {
@@ -82,7 +83,8 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
         known = ["the ± of hil solve"] * result.solved.widens + ["the noise of model.yaml"]
         act += f" Averages scatter {more}; {listed(known)} {'have' if len(known) > 1 else 'has'} it."
     if kind in {"none", "named", "ambiguous"} and _follows_temperature(result):
-        act += _MEASURED
+        few = too_few(result.solved.temperatures)
+        act += f"{_MEASURED} {f'these cannot tell ({few})' if few else 'hil thermal says'}."
     if apart:
         part = min(_BY, key=lambda each: 1.0 if after["parts"].get(each) is None else after["parts"][each])
         act += f" Nights simulated with the model as it is now can be told from the measured one by {_BY[part]}."

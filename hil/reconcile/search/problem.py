@@ -25,7 +25,7 @@ from hil.reconcile.search.candidates import Candidate, catalogue_candidates, eff
 from hil.solve.identifiability import kept_shares, orthonormal, smallest_fit
 from hil.solve.precision import with_every_error
 from hil.solve.rows import Block, sensor_blocks
-from hil.solve.temperatures import same_temperature
+from hil.solve.temperatures import law_not_told, same_temperature
 from procedures.words import counted
 
 LEAST_FREEDOM = 3  # rows of a block beyond the values of its base, from which on anything can be tested
@@ -99,7 +99,8 @@ class Problem:
 def pose(campaign: Campaign, model: Model, catalogue: Sequence[Effect]) -> Problem:
     """Fit the model's form to every sensor, cut the rows into blocks, and list the candidates.
 
-    Raises `InputError` where the form does not fit a sensor or needs a column that the campaign lacks.
+    Raises `InputError` where the form does not fit a sensor, needs a column that the campaign lacks, or values that
+    follow temperature in a way that these temperatures do not tell.
     """
     blocks: list[Block] = []
     candidates: list[Candidate] = []
@@ -154,12 +155,20 @@ def _starved(block: Block, collects: Collects) -> str:
 
 
 def _form(model: Model, conditions: Conditions) -> LinearForm:
-    """Return the form to fit to a sensor: the model's own, or the sensor's where it is of another kind."""
+    """Return the form to fit to a sensor: the model's own, or the sensor's where it is of another kind.
+
+    Where too few temperatures tell how values follow it, those that the model has stand, and one set corrects them.
+    """
     try:
-        value_form(model.form, conditions.sensor)
+        one_set = value_form(model.form, conditions.sensor)
     except InputError:
         return default_form(conditions)
-    return named_form(model.form, conditions)
+    form = named_form(model.form, conditions)
+    if untold := law_not_told(form, conditions):
+        if conditions.sensor.number not in model.sensors:
+            raise InputError(untold)
+        return one_set
+    return form
 
 
 def _sensor(number: int, collects: Collects, model: Model, form: LinearForm) -> SensorProblem:

@@ -90,7 +90,7 @@ def test_pictures_run_over_what_most_of_it_follows_and_show_where_something_is(
 
 def test_whether_the_twin_is_told_apart_stands_on_the_first_line() -> None:
     """Nobody has to act is said of no model whose simulated nights are unlike the measured one; by what is said."""
-    result = reconcile(hidden_campaign(7, temperatures=(20.0, 40.0)), "matrix-6-thermal", prove=False)
+    result = reconcile(hidden_campaign(7, temperatures=(0.0, 20.0, 40.0)), "matrix-6-thermal", prove=False)
     assert result.verdict == "none"
     parts = {"averages": 0.6, "run_scatter": 1e-5, "series": None, "conditions": 1.0}
     for p_value, kind, first in ((0.3, "none", "Nobody has to act."), (1e-5, "apart", "Do not rely on nights")):
