@@ -29,22 +29,24 @@ from procedures.words import listed, numbered, significant
 LEFT_OUT, MENDED, USED = "left out", "mended", "used"
 _LIES = "in each the unit lies, by its accelerometers, as in the other's position"
 _FROM = " from what all others show"
-_AS_FILED = MENDED, Verdict.FAIL, ": so all rates agree with each other, and not as they are filed"
+_AS_FILED = MENDED, Verdict.FAIL, ": so all rates agree with each other, and not as they are filed", ""
 _DONE = {
-    "rate": (LEFT_OUT, Verdict.MARGINAL, ", and is left out"),
-    "collect": (LEFT_OUT, Verdict.MARGINAL, ", and is left out"),
+    "rate": (LEFT_OUT, Verdict.MARGINAL, "", ", and is left out"),
+    "collect": (LEFT_OUT, Verdict.MARGINAL, "", ", and is left out"),
     "bias": (
         USED,
         Verdict.MARGINAL,
         "; the whole run is off by the same: its bias was another, as means and ± of the bias include",
+        "",
     ),
     "run": (
         LEFT_OUT,
         Verdict.INCONCLUSIVE,
-        " in what neither a bias nor MU moves, and the run is in no mean and in no other run's ±",
+        " in what neither a bias nor MU moves",
+        ", and the run is in no mean and in no other run's ±",
     ),
 }
-"""What is done about a cause, the verdict that its run has at best, and what is said of that; of others `_AS_FILED`."""
+"""What is done about a cause, the verdict of its run at best, what is said of it and of what is done; `_AS_FILED`."""
 _FEW = 4  # things that may be wrong are named
 
 
@@ -65,7 +67,7 @@ class Wrong:
 
     def used_here(self) -> Self:
         """Return the same where what numbers are made without is used."""
-        return replace(self, done=USED, why=f"by hil solve alone: {self.why}") if self.done == LEFT_OUT else self
+        return replace(self, done=USED, why=f"{self.why}; hil solve leaves it out") if self.done == LEFT_OUT else self
 
 
 @dataclass(frozen=True)
@@ -162,8 +164,8 @@ def _wrong_rows(
     found = [each for each in found if (c := each.likeliest) is None or c.what == "run" or c.run not in lost]
     filed = collects
     for each in found:
-        for run, wrong, verdict in _said(filed, each):
-            judged.setdefault(run, []).append(Judgement(verdict, wrong.why))
+        for run, wrong, judgement in _said(filed, each):
+            judged.setdefault(run, []).append(judgement)
             rows.append(wrong)
         collects = mended(collects, each.likeliest) if each.likeliest is not None else collects
     every = {run: combine(several) for run, several in judged.items()}
@@ -191,14 +193,14 @@ def _as_the_unit_lay(collects: Collects, exchanged: Sequence[tuple[int, int]]) -
     return collects, out
 
 
-def _said(filed: Collects, found: Explained) -> Iterator[tuple[int, Wrong, Verdict]]:
-    """Yield the runs that something found is about, what is done, and the verdict that they can have at best."""
+def _said(filed: Collects, found: Explained) -> Iterator[tuple[int, Wrong, Judgement]]:
+    """Yield the runs that something found is about, what is done, and the judgement that they have at best."""
     conditions, cause = filed.conditions, found.likeliest
     if cause is not None:
-        others = [cause_in_words(filed, other) for other, _ in found.rivals[1:]]
-        done, verdict, because = _DONE.get(cause.what, _AS_FILED)
-        said = f"{cause_in_words(filed, cause)}{because}{'; or '.join(['', *others])}"
-        yield cause.run, _of(filed, cause, done, said), verdict
+        others = "; or ".join(["", *(cause_in_words(filed, other) for other, _ in found.rivals[1:])])
+        done, verdict, because, hence = _DONE.get(cause.what, _AS_FILED)
+        why = f"{cause_in_words(filed, cause)}{because}"
+        yield cause.run, _of(filed, cause, done, f"{why}{others}"), Judgement(verdict, f"{why}{hence}{others}")
         return
     runs = sorted(found.runs or set(conditions.run.tolist()))
     may_be = dict.fromkeys(all_of([cause_in_words(filed, each) for each in way]) for way in found.ways[:_FEW])
@@ -217,7 +219,8 @@ def _said(filed: Collects, found: Explained) -> Iterator[tuple[int, Wrong, Verdi
         why += "their standard errors say; several collects are wrong, or what is stated is no error of theirs"
     for run in runs:
         own = Cause("run", run, tuple(np.flatnonzero(conditions.run == run).tolist()))
-        yield run, _of(filed, own, USED, why), Verdict.INCONCLUSIVE if found.nothing < HARDLY else Verdict.MARGINAL
+        at_best = Verdict.INCONCLUSIVE if found.nothing < HARDLY else Verdict.MARGINAL
+        yield run, _of(filed, own, USED, why), Judgement(at_best, why)
 
 
 def cause_in_words(collects: Collects, cause: Cause) -> str:

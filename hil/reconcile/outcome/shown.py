@@ -19,7 +19,6 @@ from hil.solve.omissions import in_words, otherwise, without
 from procedures.verdict import NOT_GOOD
 
 _CERTAIN = 0.1  # of alpha: a chance below it is a disagreement, whatever is not predicted
-_FEW = 4  # runs are told why they do not agree even with what is known taken off
 
 
 def shown(campaign: Campaign, found: Answer, inside: Sequence[dict[str, Any]], added: Added) -> Reconciliation:
@@ -82,12 +81,9 @@ def _where(found: Answer) -> list[Disagreement]:
     return [*spoiled, *moved, *scatter.places(found.scatter, chance)]
 
 
-def _why_left(added: Added) -> Iterator[str]:
-    """Say why runs do not agree even with what is known taken off, of a few."""
-    why = [f"what is known taken off: {each}" for each in added.left.reasons if each not in added.solved.reasons]
-    yield from why[:_FEW]
-    if len(why) > _FEW:
-        yield f"what is known taken off: {len(why) - _FEW} more such runs"
+def _why_left(added: Added) -> list[str]:
+    """Say why runs do not agree even with what is known taken off; nothing where that takes nothing off."""
+    return [] if added.left == added.solved else [f"what is known taken off: {each}" for each in added.left.reasons]
 
 
 def _not_proved(found: Answer) -> Iterator[str]:

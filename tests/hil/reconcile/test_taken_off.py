@@ -55,6 +55,15 @@ def test_a_run_that_fails_even_so_is_named_whatever_the_verdict(found: Reconcili
     assert "First see" not in what_to_do(replace(found, left=Solved()))[1]
 
 
+def test_whoever_is_sent_to_the_notes_finds_the_reason_there(night: Campaign) -> None:
+    """Also of a run that does not pass for the same reason with what is known taken off and without."""
+    rows = night.sensors[2]
+    kept = (rows.conditions.run != 6) | np.isin(rows.conditions.position, ["1", "4"])
+    result = reconcile(replace(night, sensors={2: rows.rows(kept)}), "matrix-6", prove=False)
+    assert "(notes say why): run 6 (INCONCLUSIVE)" in what_to_do(result)[1]
+    assert any("INCONCLUSIVE, sensor 2, run 6: measured are" in note for note in result.notes)
+
+
 def test_what_the_model_knows_already_is_taken_off_too(found: Reconciliation, night: Campaign) -> None:
     """Asked again with the improved model, no run is left that somebody has to see to; its scatter is in the errors."""
     again = reconcile(night, found.model_after, prove=False)
