@@ -87,26 +87,28 @@ def runs_in_words(by_verdict: Mapping[str, Sequence[int]]) -> str:
 
 
 def reasons(solutions: Sequence[RunSolution]) -> Iterator[tuple[Verdict, str, str]]:
-    """Yield each reason once, the worst first: verdict, the sensors and runs that it holds for, and its sentences.
+    """Yield each reason once, the worst first: the verdict that it gives, for which sensors and runs, and itself.
 
     Of several runs whose residuals exceed what is allowed it is said from how much to how much.
     """
-    said: dict[tuple[Verdict, str], dict[int, list[int]]] = {}
+    said_of: dict[tuple[Verdict, str], dict[int, list[int]]] = {}
     excess: dict[Verdict, dict[str, float]] = {}
     for each in solutions:
-        for sentence in dict.fromkeys(each.reason.split("; ")):
+        for verdict, sentence in dict.fromkeys(
+            (of.verdict, said) for of in each.causes for said in of.reason.split("; ")
+        ):
             times = _EXCEEDS.match(sentence)
             if times is not None:
-                excess.setdefault(each.verdict, {})[sentence] = float(times[1])
-            of = said.setdefault((each.verdict, sentence if times is None else EXCESS), {})
-            of.setdefault(each.sensor, []).extend(each.runs)
+                excess.setdefault(verdict, {})[sentence] = float(times[1])
+            by_sensor = said_of.setdefault((verdict, sentence if times is None else EXCESS), {})
+            by_sensor.setdefault(each.sensor, []).extend(each.runs)
     for verdict, sentences in excess.items():
-        said[verdict, _of_all(sentences)] = said.pop((verdict, EXCESS))
+        said_of[verdict, _of_all(sentences)] = said_of.pop((verdict, EXCESS))
     together: dict[tuple[Verdict, str], list[str]] = {}
-    for (verdict, sentence), of in said.items():
-        where = "; ".join(f"sensor {number}, {numbered('run', runs)}" for number, runs in of.items())
+    for (verdict, sentence), by_sensor in said_of.items():
+        where = "; ".join(f"sensor {number}, {numbered('run', runs)}" for number, runs in by_sensor.items())
         together.setdefault((verdict, where), []).append(
-            sentence.removeprefix(f"{numbered('run', next(iter(of.values())))} ")
+            sentence.removeprefix(f"{numbered('run', next(iter(by_sensor.values())))} ")
         )
     for (verdict, where), several in sorted(together.items(), key=lambda each: -Judgement(each[0][0], "").severity):
         yield verdict, where, "; ".join(several)

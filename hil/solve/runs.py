@@ -30,7 +30,7 @@ from hil.solve.omissions import not_settled
 from hil.solve.precision import measured_well_enough, unstated
 from hil.solve.temperatures import law_not_told
 from hil.solve.wrong_rows import WrongRows, wrong_rows
-from procedures.verdict import Judgement, Verdict, combine
+from procedures.verdict import Judgement, Verdict
 from procedures.words import counted, listed, numbered, plural, significant, spelled
 
 PASS_PROBABILITY = 0.05
@@ -67,7 +67,8 @@ class RunSolution:
     whether other runs say what this one's collects should show; `doubted`: whether it tells nothing of noise, for
     something is said against a row of it, or it had not `settled`. `among`: of how many judgements it may be the one
     that differs most by chance. `per_noise` (p,) are the standard errors of rates whose noise is 1 deg/hr, None where
-    standard errors are stated.
+    standard errors are stated. It is `judged` by its residuals, and `beside` that by how it was measured; `form_reason`
+    says why no fuller form was taken.
     """
 
     run: int | None
@@ -82,9 +83,10 @@ class RunSolution:
     residual_rms_deg_per_hr: float | None
     degrees_of_freedom: int
     unobservable: tuple[str, ...]
-    verdict: Verdict
-    reason: str
+    judged: Judgement
     assumed: tuple[str, ...]
+    form_reason: str = ""
+    beside: tuple[Judgement, ...] = ()
     chi_square: float | None = None
     of_channels: tuple[FloatArray, FloatArray] | None = None
     compared: bool = True
@@ -99,6 +101,23 @@ class RunSolution:
             return self.parameters
         errors = (finite(float((deg_per_hr or np.nan) * of)) for of in self.per_noise)
         return {name: replace(each, se=se) for (name, each), se in zip(self.parameters.items(), errors, strict=True)}
+
+    @property
+    def causes(self) -> list[Judgement]:
+        """What gives the verdict, then what gives a lesser one; of a PASS why it is one, and of which form."""
+        worrying = [each for each in (*self.beside, self.judged) if each.verdict is not Verdict.PASS]
+        passed = [replace(self.judged, reason=each) for each in (self.form_reason, self.judged.reason) if each]
+        return sorted(worrying, key=lambda each: -each.severity) or passed
+
+    @property
+    def verdict(self) -> Verdict:
+        """The worst of its causes."""
+        return self.causes[0].verdict
+
+    @property
+    def reason(self) -> str:
+        """All causes, the worst first; and why of its form, where it has a reason."""
+        return "; ".join(filter(None, dict.fromkeys([*(each.reason for each in self.causes), self.form_reason])))
 
     @property
     def exceeds_errors(self) -> bool:
@@ -236,10 +255,7 @@ def _judged(solution: RunSolution, rows: Collects, beside: _Beside) -> RunSoluti
     found = [of[run] for run in solution.runs for of in beside.judged if run in of]
     errors = {name: (each.se, each.unit) for name, each in solution.parameters.items()}
     found.append(measured_well_enough(errors, rows.conditions.sensor, beside.largest_se))
-    judged = combine([*found, Judgement(solution.verdict, solution.reason)], passed=solution.reason)
-    if judged.verdict is solution.verdict and not any(each.verdict is not Verdict.PASS for each in found):
-        return solution
-    return replace(solution, verdict=judged.verdict, reason=judged.reason)
+    return replace(solution, beside=tuple(found))
 
 
 def _described(sensor: int, solved: _Solved, among: int) -> RunSolution:
@@ -252,12 +268,9 @@ def _described(sensor: int, solved: _Solved, among: int) -> RunSolution:
     if unobservable:
         judged = Judgement(Verdict.INCONCLUSIVE, _too_few(collects, unobservable))
     else:
-        judged = judge(float(solution.chi_square), degrees, equations, noise_stated, among)
-        if judged.verdict is not Verdict.PASS:
-            where = _where(list(conditions.sensor.channels), of_channels, among)
-            judged = judge(float(solution.chi_square), degrees, equations, noise_stated, among, where)
+        where = _where(list(conditions.sensor.channels), of_channels, among)
+        judged = judge(float(solution.chi_square), degrees, equations, noise_stated, among, where)
     unit = dict(zip(form.names, form.units, strict=True))
-    solved_how = f"the contractor's solution: {METHOD}" if solved.as_contractor else form.reason
     return RunSolution(
         run=solved.run,
         runs=tuple(int(run) for run in np.unique(conditions.run)),
@@ -277,8 +290,8 @@ def _described(sensor: int, solved: _Solved, among: int) -> RunSolution:
         residual_rms_deg_per_hr=finite(float(solution.residual_rms)),
         degrees_of_freedom=degrees,
         unobservable=unobservable,
-        verdict=judged.verdict,
-        reason="; ".join(filter(None, [solved_how, judged.reason])),
+        judged=judged,
+        form_reason=f"the contractor's solution: {METHOD}" if solved.as_contractor else form.reason,
         assumed=_assumptions(form, collects, noise_stated),
         chi_square=float(solution.chi_square) if solved.tells else None,
         of_channels=of_channels if degrees else None,

@@ -7,13 +7,13 @@ from dataclasses import replace
 from hil.solve import RunSolution, solve_campaign
 from hil.solve.document import not_passed, not_passed_of, of_sensors_in_words, reasons
 from hil.solve.runs import judge
-from procedures.verdict import Verdict
+from procedures.verdict import Judgement, Verdict
 from tests.hil.solve.test_other_runs import campaign
 
 
 def _solved(verdict: Verdict, reason: str, run: int) -> RunSolution:
     (one, *_) = solve_campaign(campaign(runs=3, per_temperature=3))
-    return replace(one, run=run, runs=(run,), verdict=verdict, reason=reason)
+    return replace(one, run=run, runs=(run,), judged=Judgement(verdict, reason), beside=())
 
 
 def test_somebody_has_to_see_to_runs_that_do_not_pass() -> None:
@@ -35,6 +35,18 @@ def test_a_reason_is_said_once_with_the_runs_that_it_holds_for() -> None:
         (Verdict.MARGINAL, "sensor 2, runs 1–2", "the soak had not ended"),
         (Verdict.MARGINAL, "sensor 2, run 1", "p = 0.01"),
         (Verdict.MARGINAL, "sensor 2, run 2", "p = 0.02"),
+    ]
+
+
+def test_each_cause_stands_under_the_verdict_that_it_gives() -> None:
+    """A soak that had not ended makes no run FAIL, not beside residuals that do; these come first."""
+    moved = Judgement(Verdict.MARGINAL, "the soak had not ended")
+    both = replace(_solved(Verdict.FAIL, "clipped", 3), beside=(moved,), form_reason="bias only")
+    one = replace(_solved(Verdict.PASS, "agree", 4), beside=(moved,))
+    assert (both.verdict, both.reason) == (Verdict.FAIL, "clipped; the soak had not ended; bias only")
+    assert list(reasons([one, both])) == [
+        (Verdict.FAIL, "sensor 2, run 3", "clipped"),
+        (Verdict.MARGINAL, "sensor 2, runs 3–4", "the soak had not ended"),
     ]
 
 
