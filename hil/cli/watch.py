@@ -67,9 +67,9 @@ def say(folder: Path, status: dict[str, Any], now: Snapshot | None, console: Con
     mark = "  SIMULATED" if status["simulated"] else ""
     working, judged = status["state"] in _WORKING, f", {verdict['verdict']}" if verdict else ""
 
-    def alarm(word: str, text: str) -> None:
+    def alarm(word: str, text: str, short: Callable[[str], str] = _cut) -> None:
         if text:
-            console.print(_cut(f"{word}: {_without(said, text)}"), style="bold red")
+            console.print(short(f"{word}: {_without(said, text)}"), style="bold red")
             said.extend(text.split("; "))
 
     danger = [line for line in status["problems"] if "THE CHAMBER" in line]
@@ -86,9 +86,9 @@ def say(folder: Path, status: dict[str, Any], now: Snapshot | None, console: Con
     alarm(status["state"], "" if working or status["state"] == "complete" else status["reason"])
     # Why a night is not judged that is not whole, its state has said.
     if verdict and verdict["verdict"] != "PASS" and (status["state"] == "complete" or verdict["verdict"] == "ERROR"):
-        alarm(verdict["verdict"], verdict["reason"])
+        alarm(verdict["verdict"], verdict["reason"], _first)
     if unit := status["in_spec"]:
-        console.print(_cut(f"{unit['verdict'].upper()}: {unit['reason']}"), style="bold")
+        console.print(_first(f"{unit['verdict'].upper()}: {unit['reason']}"), style="bold")
     for line in (*_asked(status), *(f"over: {line}" for line in status["over"])):
         console.print(line)
     done, total = status["self_calibrations_done"], status["self_calibrations_total"]
@@ -178,6 +178,14 @@ def _cut(line: str) -> str:
     if len(line) <= _HEAD + _TAIL:
         return line
     return re.sub(r"\s\S{0,15}$", "", line[:_HEAD]) + " … " + re.sub(r"^\S{0,15}\s", "", line[-_TAIL:])
+
+
+def _first(line: str) -> str:
+    """Return the first causes of a line, each whole, and how many more there are."""
+    first, *more = line.split("; ")
+    while more and len(first) < _HEAD:
+        first += f"; {more.pop(0)}"
+    return first + f"; and {len(more)} more (hil report says all)" * bool(more)
 
 
 def _asked(status: dict[str, Any]) -> list[str]:

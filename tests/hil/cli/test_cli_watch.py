@@ -201,3 +201,15 @@ def test_damaged_samples_leave_no_night_complete(tmp_path: Path) -> None:
     block.write_bytes(block.read_bytes()[:-1] + b"x")
     status = look_at(tmp_path / "n")[0]
     assert (status["state"], status["verdict"]["verdict"]) == ("incomplete", "ERROR")
+
+
+def test_a_cause_of_the_verdict_is_said_whole_or_counted(journal: SqliteJournal) -> None:
+    """Nobody can act on a sentence without its middle; those that are not said are counted."""
+    cause = f"the residuals are 5.6 times what the standard errors allow ({'p, ' * 80})"
+    judged = {"verdict": "FAIL", "reason": f"2 of 8 solutions; the first is {cause}; moved; late"}
+    status = look_at(journal.folder)[0] | {"state": "complete", "verdict": judged, "to_do": "look"}
+    console = _console(terminal=False)
+    console.width = 1000
+    say(journal.folder, status, None, console)
+    (said,) = [line for line in console.file.getvalue().splitlines() if line.startswith("FAIL: ")]
+    assert said == f"FAIL: 2 of 8 solutions; the first is {cause}; and 2 more (hil report says all)"
