@@ -36,7 +36,7 @@ def reconcile(
     from hil.reconcile import reconcile as search
     from hil.reconcile import write_result
     from hil.reconcile.outcome.page import place_in_words
-    from hil.reconcile.outcome.sentences import summary, what_to_do
+    from hil.reconcile.outcome.sentences import errors_in_words, summary, what_to_do
     from hil.reconcile.result import before_and_after_in_words
     from hil.reconcile.rivals import rival_in_words
     from procedures.words import percent
@@ -65,8 +65,8 @@ def reconcile(
         write_result(result, out)
     document, stated_by = result.document(), {"values_of": _values, "before_and_after": before_and_after_in_words}
     words = {"place_in_words": place_in_words, "rival_in_words": rival_in_words, "percent": percent, **stated_by}
-    beside = {"result": result, "act": what_to_do(result)[1], "summary": summary(result), "out": out}
-    return Answer(document, told(document, warnings=data.warnings, **beside, **words))
+    said = {"act": what_to_do(result)[1], "summary": summary(result), "errors": errors_in_words(result)}
+    return Answer(document, told(document, warnings=data.warnings, result=result, out=out, **said, **words))
 
 
 def fleet(

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.special import stdtr, stdtrit
 
-from hil.campaign import Conditions, FloatArray
+from hil.campaign import BoolArray, Conditions, FloatArray
 from hil.campaign.stand_ins import temperature_of
 from hil.files.numbers import WHOSE
 from hil.model import Model, Term
@@ -44,7 +44,7 @@ def described_parameters(
             error = 0.5 * float(np.ptp(_within(shapes, number, len(conditions), _ONE_SE)))
         parameter = candidate.parameters[number]
         power, at = _place(candidate, number)
-        place = at or _range(conditions)
+        place = at or _range(conditions, np.any(candidate.columns[:, :, number], axis=1))
         entry: dict[str, Any] = {
             "name": _coefficient(candidate, parameter.name, power),
             "value": value,
@@ -105,9 +105,10 @@ def _place(candidate: Candidate, number: int) -> tuple[int, str]:
     return part, f"about {candidate.reference_degC:g} degC"
 
 
-def _range(conditions: Conditions) -> str:
-    temperature = conditions.columns.get("temperature_degC")
-    if temperature is None or not np.any(np.isfinite(temperature)):
+def _range(conditions: Conditions, acts: BoolArray) -> str:
+    """Return the temperatures of the collects in which something acts, (n,)."""
+    temperature = conditions.columns.get("temperature_degC", np.full(len(conditions), np.nan))[acts]
+    if not np.any(np.isfinite(temperature)):
         return "the campaign's temperature (not recorded)"
     low, high = float(np.nanmin(temperature)), float(np.nanmax(temperature))
     return f"{low:z.1f} degC" if high - low < 1.0 else f"{low:z.1f} to {high:z.1f} degC"

@@ -202,6 +202,15 @@ def gap_in_words(result: Reconciliation) -> list[str]:
     ]
 
 
+def errors_in_words(result: Reconciliation) -> str:
+    """Say what every ± is: two things, of one number, where a shape is not settled."""
+    unsettled = any(
+        of.may_be for effect in result.effects for each in effect.shapes.values() for of in (each, *each.more)
+    )
+    more = "of a place with every shape as it fits best, of a parameter over all shapes that there may be"
+    return f"every ± is one standard error{f': {more}' if unsettled else ''}"
+
+
 def titled(result: Reconciliation, said: str) -> str:
     """Put its title beside every id of an effect or of a rival that stands alone: a title may have an id in it."""
     titles = {effect.id: effect.title for effect in result.effects}

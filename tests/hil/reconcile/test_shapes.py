@@ -10,13 +10,14 @@ import pytest
 
 from benchmarks.blind.cases import Design, make_case, write_case
 from hil.campaign.reader import read_campaign
+from hil.campaign.stand_ins import OWN
 from hil.model.effects.dynamics import IndexSettling
 from hil.model.effects.empirical import EmpiricalTerm
 from hil.model.effects.followed import driver_reference
 from hil.model.effects.g_squared import SquaredAcceleration
 from hil.reconcile import reconcile
-from hil.reconcile.outcome.sentences import summary
-from hil.reconcile.result import FoundEffect
+from hil.reconcile.outcome.sentences import errors_in_words, summary
+from hil.reconcile.result import FoundEffect, Shape
 from hil.reconcile.search.candidates import drivers, second_tier
 from tests.hil.reconcile.hidden_effects import both, hidden_campaign
 
@@ -111,3 +112,16 @@ def test_what_turns_or_delays_the_base_is_measured_by_the_base_that_is_beside_it
     result = reconcile(read_campaign(write_case(case, tmp_path / "c")), "matrix-6-thermal", prove=False)
     (lag,) = (each for effect in result.effects if effect.id == "T_lag" for each in effect.parameters)
     assert abs(lag["value"] - late_min) < 2.0 * lag["se"]
+
+
+def test_a_step_has_the_temperatures_of_the_runs_in_which_it_is() -> None:
+    """Of the collects before it nothing is known of it; and whose ± a shape is in that is not settled is said."""
+    plain = hidden_campaign(7, lambda rows: both(rows.run > 7, 12.0, -11.0))
+    result = reconcile(plain, "matrix-6-thermal", prove=False)
+    (jump,) = (effect for effect in result.effects if effect.id == "jump")
+    rows = plain.sensors[2].conditions
+    own = rows.columns[OWN][rows.run > 7]
+    assert {each["at"] for each in jump.parameters} == {f"{own.min():.1f} to {own.max():.1f} degC (the unit's own)"}
+    settled, open_ = (replace(jump, shapes={2: Shape({"run": 8.0}, may_be)}) for may_be in ({}, {"run": [8, 9]}))
+    assert errors_in_words(replace(result, effects=[settled])) == "every ± is one standard error"
+    assert "of a parameter over all shapes" in errors_in_words(replace(result, effects=[open_]))
