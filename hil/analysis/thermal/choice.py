@@ -152,7 +152,8 @@ class Choice:
         # Rounding is no dependence: an error this far below the noise counts as none.
         dust = _DUST * float(np.sqrt(np.mean(np.diagonal(covariance))))
         rng = np.random.default_rng(seed)
-        noise = rng.standard_normal((draws, len(values))) @ _root(covariance).T
+        # By eigenvalues, as some combination may be known exactly.
+        noise = rng.multivariate_normal(np.zeros(len(values)), covariance, draws, method="eigh", check_valid="ignore")
         steps: list[dict[str, Any]] = []
         chosen = forms[0]
         for place, form in enumerate(forms):
@@ -203,12 +204,6 @@ def _chance(
     best = np.min([score(each, drawn, weight) for each in richer], axis=0)
     wins = np.count_nonzero(np.log(own) - np.log(best) >= win)
     return float((1 + wins) / (1 + len(noise)))
-
-
-def _root(covariance: FloatArray) -> FloatArray:
-    """Return a square root, also where some combination is known exactly."""
-    values, vectors = np.linalg.eigh(covariance)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 class Improvement:
