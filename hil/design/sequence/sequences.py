@@ -101,9 +101,8 @@ def scene_of(
         **bench.along_axes(sensor, positions),
         columns={"temperature_degC": np.full(n, temperature_degC)},
     )
-    values = model if model is not None and model.has_values(conditions.sensor) else None
     axes = np.array([table[label].axes for label in positions])
-    return Scene(conditions, axes, base_values(conditions, values), bench.uncertainties.of_collects(conditions))
+    return Scene(conditions, axes, base_values(conditions, model), bench.uncertainties.of_collects(conditions))
 
 
 def sequence_worth(scene: Scene, form: LinearForm) -> Worth | None:

@@ -21,6 +21,7 @@ from hil.config.sweep import Sweep, check_sweep_against_bench
 from hil.design.conditions import planned_conditions
 from hil.design.visibility.map import NoiseLevel, Sight, Sights, visibility
 from hil.design.visibility.promise import PROBABILITY
+from hil.files.document import picked
 from hil.files.text import filled
 from hil.model import Model, built_in_model
 from hil.model.effects.catalogue import FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS
@@ -31,7 +32,6 @@ from hil.solve.changes import CHANGES
 from hil.solve.omissions import in_words, what_is_wrong
 from hil.solve.precision import with_every_error
 from hil.solve.repeats import SensorRepeats
-from hil.solve.runs import finite
 from hil.solve.wrong_rows import treated
 from procedures.plan import make_plan
 from procedures.words import unit_in_words
@@ -106,20 +106,16 @@ def _effect_document(sight: Sight, sights: Sights) -> dict[str, object]:
         reverse=True,
     )
     return {
-        "id": sight.effect.id,
-        "title": sight.effect.title,
+        **picked(sight.effect, "id title"),
         "kept": round(sight.kept, 6),
         "visible": sight.visible,
         "in_model": sight.effect.id in FORM_EFFECTS.get(sights.form, ()),
         "class": list(sight.members),
         "smallest_visible": {
-            "value": finite(best.value),
-            "unit": best.parameter.unit,
+            **picked(best, "value shape"),
+            **picked(best.parameter, "unit parameter=name typical"),
             "probability": PROBABILITY,
-            "parameter": best.parameter.name,
-            "typical": list(best.parameter.typical),
-            "shape": dict(best.shape),
-            "easiest": {"value": finite(best.easiest), "shape": dict(best.easiest_shape)},
+            "easiest": picked(best, "value=easiest shape=easiest_shape"),
         },
         "leaks": {name: round(leak, 3) for name, leak in sight.leaks.items() if leak > 1.0},
         "nearest": [{"id": rival, "overlap": round(value, 4)} for value, rival in rivals[:3] if value > 0.3],
