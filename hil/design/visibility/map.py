@@ -80,7 +80,6 @@ class Sight:
 class Sights:
     """The map of one sensor. `overlaps` (k, k) is in the order of `effects`; `reasons` says what cannot be asked."""
 
-    sensor: int
     form: str
     effects: tuple[Sight, ...]
     overlaps: FloatArray
@@ -134,7 +133,7 @@ def visibility(
         log_prior = math.log(odds[named(effect).id] / len(tried[effect.id])) + log_in_one(effect, sensors)
         smallest = found_from(effect, conditions, shapes[effect.id], seen[index], log_prior, rows)
         sights.append(Sight(effect, kept[index], members[index], smallest, leaks[index]))
-    return Sights(conditions.sensor.number, form, tuple(sights), overlaps, reasons, noise)
+    return Sights(form, tuple(sights), overlaps, reasons, noise)
 
 
 def default_model_name(conditions: Conditions) -> str:
