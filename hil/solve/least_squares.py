@@ -101,16 +101,6 @@ class Solution:
         return tuple(zip(found.seen_text, values.tolist(), errors.tolist(), strict=True))
 
 
-class _Whitened(NamedTuple):
-    """Rows scaled to unit noise, missing rows zero; leading dimensions broadcast. `rows` are those without weights."""
-
-    rows: FloatArray
-    design: FloatArray
-    observed: FloatArray
-    lowest_weight: FloatArray
-    highest_weight: FloatArray
-
-
 class _Inverse(NamedTuple):
     """values = operator · observed, their covariance, the rank, and which parameters are known."""
 
@@ -125,15 +115,15 @@ def solve(
     observed: ArrayLike,
     sigma: ArrayLike | None = None,
     *,
-    covariance: ArrayLike | None = None,
     names: Sequence[str] | None = None,
     rank_tolerance: float = RANK_TOLERANCE,
 ) -> Solution:
     """Solve design · values = observed by weighted least squares.
 
     `design` (..., m, p) in the parameters' units, `observed` (..., m), NaN where missing; the noise is stated as
-    `sigma` (..., m) or a scalar, or as a full `covariance` (..., m, m), or not at all. Leading dimensions broadcast.
-    Without stated noise the rows weigh alike and the covariance comes from the residuals: NaN where there are none.
+    `sigma` (..., m) or a scalar, or not at all; rows whose noise is correlated are whitened before. Leading dimensions
+    broadcast. Without stated noise the rows weigh alike and the covariance comes from the residuals: NaN where there
+    are none.
     Raises ValueError for shapes that do not fit, a non-finite design, or noise that is not positive.
     """
     rows, data = np.asarray(design, dtype=np.float64), np.asarray(observed, dtype=np.float64)
@@ -141,16 +131,17 @@ def solve(
     measured = ~np.isnan(data)
     # With nothing missing the mask is shared by the batch, and so is the factorisation of a shared design.
     mask = np.ones(data.shape[-1:], dtype=bool) if measured.all() else measured
-    white = _whiten(rows, data, mask, sigma, covariance)
-    inverse = _invert(white, mask, _scale(rows, mask), rank_tolerance)
-    values = _apply(inverse.operator, white.observed)
-    values = values + _apply(inverse.operator, white.observed - _apply(white.design, values))
-    remainder = white.observed - _apply(white.design, values)
+    weight = _weights(mask, sigma)
+    white, seen = rows * weight[..., None], np.where(mask, data, 0.0) * weight
+    inverse = _invert(rows, white, weight, _scale(rows, mask), rank_tolerance)
+    values = _apply(inverse.operator, seen)
+    values = values + _apply(inverse.operator, seen - _apply(white, values))
+    remainder = seen - _apply(white, values)
     batch = values.shape[:-1]
     chi_square = np.einsum("...m,...m->...", remainder, remainder)
     degrees = np.broadcast_to(mask.sum(axis=-1) - inverse.rank, batch)
     spread = inverse.covariance
-    if sigma is None and covariance is None:
+    if sigma is None:
         with np.errstate(invalid="ignore", divide="ignore"):
             spread = spread * np.where(degrees > 0, chi_square / degrees, np.nan)[..., None, None]
     known = inverse.known
@@ -190,36 +181,12 @@ def _check(rows: FloatArray, data: FloatArray, names: Sequence[str] | None) -> N
         raise ValueError(f"{len(names)} names for {rows.shape[-1]} parameters")
 
 
-def _whiten(
-    rows: FloatArray, data: FloatArray, mask: NDArray[np.bool_], sigma: ArrayLike | None, covariance: ArrayLike | None
-) -> _Whitened:
-    """Scale or decorrelate the rows to unit noise; missing rows become zero, which leaves them out of every sum."""
-    filled = np.where(mask, data, 0.0)
-    if covariance is not None:
-        if sigma is not None:
-            raise ValueError("state the noise once: sigma or covariance, not both")
-        return _decorrelate(rows, filled, mask, np.asarray(covariance, dtype=np.float64))
-    noise = np.ones(1) if sigma is None else np.asarray(sigma, dtype=np.float64)
-    used = np.where(mask, noise, 1.0)
+def _weights(mask: NDArray[np.bool_], sigma: ArrayLike | None) -> FloatArray:
+    """Return what scales rows to unit noise, (..., m): zero for missing ones, which leaves them out of every sum."""
+    used = np.where(mask, 1.0 if sigma is None else np.asarray(sigma, dtype=np.float64), 1.0)
     if not np.all(np.isfinite(used) & (used > 0.0)):
         raise ValueError("sigma must be positive and finite in every measured row")
-    weight = mask / used
-    lowest = np.where(mask, weight, np.inf).min(axis=-1)
-    return _Whitened(rows, rows * weight[..., None], filled * weight, lowest, weight.max(axis=-1))
-
-
-def _decorrelate(rows: FloatArray, filled: FloatArray, mask: NDArray[np.bool_], covariance: FloatArray) -> _Whitened:
-    """Whiten by the Cholesky factor; a missing row keeps unit noise of its own, so that it touches no other."""
-    both = mask[..., :, None] & mask[..., None, :]
-    try:
-        factor = np.linalg.cholesky(np.where(both, covariance, np.eye(mask.shape[-1])))
-    except np.linalg.LinAlgError as error:
-        raise ValueError("the noise covariance must be symmetric and positive definite") from error
-    unmix = np.asarray(np.linalg.inv(factor), dtype=np.float64)
-    spread = np.asarray(np.linalg.svd(factor, compute_uv=False), dtype=np.float64)
-    return _Whitened(
-        rows, unmix @ (rows * mask[..., None]), _apply(unmix, filled), 1.0 / spread[..., 0], 1.0 / spread[..., -1]
-    )
+    return np.asarray(mask / used)
 
 
 def _scale(rows: FloatArray, mask: NDArray[np.bool_]) -> FloatArray:
@@ -232,22 +199,22 @@ def _scale(rows: FloatArray, mask: NDArray[np.bool_]) -> FloatArray:
     return np.asarray(np.maximum(rms, 1.0))
 
 
-def _invert(white: _Whitened, mask: NDArray[np.bool_], scale: FloatArray, tolerance: float) -> _Inverse:
-    """Invert the whitened rows (..., m, p): directly where that is certainly safe, else over what is seen only."""
-    scaled = white.design / scale[..., None, :]
+def _invert(rows: FloatArray, white: FloatArray, weight: FloatArray, scale: FloatArray, tolerance: float) -> _Inverse:
+    """Invert the rows as they are weighed, `white` (..., m, p): directly where that is safe, else over what is seen."""
+    scaled, mask = white / scale[..., None, :], weight > 0.0
     turned = np.swapaxes(scaled, -1, -2)
     normal = turned @ scaled
     batch, parameters = normal.shape[:-2], normal.shape[-1]
-    spread = np.broadcast_to(white.highest_weight / white.lowest_weight, batch)
+    spread = np.broadcast_to(weight.max(axis=-1) / np.where(mask, weight, np.inf).min(axis=-1), batch)
     short = np.broadcast_to(mask.sum(axis=-1) < parameters, batch)
     inverse, slow = _fast_inverse(normal, spread, short, tolerance)
     operator = inverse @ turned
     rank = np.full(batch, parameters, dtype=np.int64)
     known = np.ones((*batch, parameters), dtype=bool)
     if np.any(slow):
-        rows = np.broadcast_to(white.rows * mask[..., None], scaled.shape)[slow]
+        measured = np.broadcast_to(rows * mask[..., None], scaled.shape)[slow]
         widths = np.broadcast_to(scale, (*batch, parameters))[slow]
-        directions, seen, known[slow] = directions_seen(rows, widths, tolerance)
+        directions, seen, known[slow] = directions_seen(measured, widths, tolerance)
         # In the coordinates of the seen combinations the problem has full rank; unseen columns are exactly zero.
         kept = directions * seen[..., None]
         back = np.linalg.pinv(scaled[slow] @ np.swapaxes(kept, -1, -2), rcond=1e-14)

@@ -19,7 +19,7 @@ from hil.model import Model
 from hil.model.curve import Constant, Curve, Polynomial, Table, TableRows
 from hil.model.forms import MODEL_NAMES
 from hil.model.model_file import SCHEMA as MODEL_SCHEMA
-from hil.solve import repeats, solve, solve_campaign
+from hil.solve import Solution, repeats, solve, solve_campaign
 from hil.solve.repeats import SensorRepeats
 from hil.solve.wrong_rows import treated
 
@@ -220,8 +220,7 @@ def _chance_of_values(layout: Layout, values: Estimates) -> float:
 
 def _misfit(layout: Layout, values: Estimates, order: int) -> tuple[float, float]:
     """Return how far a polynomial is from the free values: chi-square per degree of freedom, and the chance of more."""
-    basis = layout.powers(layout.stations.centre_degC, order)
-    found = solve(basis, values.values, covariance=values.covariance)
+    found = _polynomial(layout, values, order)
     left = int(found.degrees_of_freedom)
     if left == 0:
         return 1.0, 1.0
@@ -229,10 +228,15 @@ def _misfit(layout: Layout, values: Estimates, order: int) -> tuple[float, float
     return ratio, float(fdtrc(left, min(values.freedom, 1e6), ratio))
 
 
+def _polynomial(layout: Layout, values: Estimates, order: int) -> Solution:
+    """Return powers of the scaled temperature through the free values, which share what they have in common."""
+    whiten = np.linalg.inv(np.linalg.cholesky(values.covariance))
+    return solve(whiten @ layout.powers(layout.stations.centre_degC, order), whiten @ values.values, 1.0)
+
+
 def _line(layout: Layout, values: Estimates) -> Estimates:
     """Return level and slope of a straight line through the free values, per half range."""
-    basis = layout.powers(layout.stations.centre_degC, 1)
-    found = solve(basis, values.values, covariance=values.covariance)
+    found = _polynomial(layout, values, 1)
     return Estimates(found.values, found.covariance, values.freedom)
 
 
