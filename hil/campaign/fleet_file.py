@@ -36,6 +36,7 @@ PIECE = 256
 """Campaigns in a row group, which is what is read at once."""
 ABOUT = {"folder": "", "title": "", "source": "", "serial": "", "simulated": False, "layout": ""}
 """What stands in every row of a campaign, with a value of its type."""
+_SEE = "(the layout is in the documentation: Files and formats)"
 _TEXTS = tuple(name for name, value in ABOUT.items() if value == "")
 
 
@@ -101,15 +102,11 @@ def pieces_of(path: Path) -> int:
         schema = file.schema_arrow
         for name in (*ABOUT, *IDENTITY):
             if name not in schema.names:
-                raise InputError(
-                    f"{path}: column {name} is missing (the layout is in the documentation: Files and formats)"
-                )
+                raise InputError(f"{path}: column {name} is missing {_SEE}")
         for name, kind in zip(schema.names, schema.types, strict=True):
             texts = name in _TEXTS or name == "position"
             if texts != _is_text(kind) or (name == "simulated") != pa.types.is_boolean(kind):
-                raise InputError(
-                    f"{path}, column {name}: it is {kind} (the layout is in the documentation: Files and formats)"
-                )
+                raise InputError(f"{path}, column {name}: it is {kind} {_SEE}")
         return int(file.num_row_groups)
 
 
