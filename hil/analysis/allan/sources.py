@@ -62,13 +62,14 @@ def _of_folder(folder: Path, channel: str | None, sensor: int | None, collect: i
         raise InputError(f"{folder}: no series of sensor {number} was kept")
     if collect is not None and collect not in own:
         raise InputError(f"{folder}: sensor {number} has no series of collect {collect}; there are {choice(own)}")
+    place = list(campaign.sensors[number].conditions.sensor.channels).index(name)
     pieces: list[FloatArray] = []
     interval_s = 0.0
     for each in own if collect is None else [collect]:
         if (series := campaign.samples(each)) is not None:
             title = f"{folder}, collect {each}"
             interval_s = interval_s or series.block_s or sampling_interval(title, series.t_s)
-            rates = series.rates_deg_per_hr[:, _channels(campaign, number).index(name)]
+            rates = series.rates_deg_per_hr[:, place]
             pieces += cut(title, rates, interval_s, series.t_s)
     which = "all collects" if collect is None else f"collect {collect}"
     together = "collects at different temperatures are taken together"
@@ -84,21 +85,12 @@ def _choose_channel(folder: Path, campaign: Campaign, channel: str | None, senso
     if sensor is not None and sensor not in campaign.sensors:
         raise InputError(f"{folder}: there is no sensor {sensor}; there are {choice(campaign.sensors)}")
     numbers = [sensor] if sensor is not None else list(campaign.sensors)
-    found = [
-        (number, name)
-        for number in numbers
-        for name in campaign.sensors[number].conditions.sensor.channels
-        if channel in (None, name)
-    ]
+    every = [(number, name) for number in numbers for name in campaign.sensors[number].conditions.sensor.channels]
+    found = [each for each in every if channel in (None, each[1])]
     if len(found) == 1:
         return found[0]
-    every = [f"{name} of sensor {number}" for number in numbers for name in _channels(campaign, number)]
     what = "there is no such channel" if not found else "choose one with --channel and --sensor"
-    raise InputError(f"{folder}: {what}; there are {', '.join(every)}")
-
-
-def _channels(campaign: Campaign, number: int) -> Sequence[str]:
-    return list(campaign.sensors[number].conditions.sensor.channels)
+    raise InputError(f"{folder}: {what}; there are {', '.join(f'{name} of sensor {n}' for n, name in every)}")
 
 
 def _of_table(table: Columns, channel: str | None, rate_hz: float | None, unit: str | None) -> Recording:
