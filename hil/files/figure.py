@@ -41,6 +41,11 @@ def blank(width_in: float, height_in: float) -> tuple[Figure, Axes]:
     return figure, axes
 
 
+def marked(title: str, *, simulated: bool) -> str:
+    """Return a title, marked where it must be. It is drawn as it is: a dollar sign in a name begins no formula."""
+    return f"SIMULATED  {title}" if simulated else title
+
+
 def check_name(path: Path) -> None:
     """Raise `InputError` where a plot's name ends in neither .svg nor .png, or its folder is not there."""
     if path.suffix.lower() not in {".svg", ".png"}:

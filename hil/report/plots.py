@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from hil.campaign import Campaign, FloatArray, Series
 from hil.errors import InputError
-from hil.files.figure import LOOKS, blank
+from hil.files.figure import LOOKS, blank, marked
 from hil.model.effects.series import blocked
 from hil.records.export import open_source
 from hil.records.reader import JOURNAL_NAME, is_night
@@ -134,7 +134,7 @@ def draw_series(collect: CollectSeries) -> Figure:
         every[-1].plot(series.t_s, series.temperature_degC, color="black", linewidth=1.0)
         every[-1].set_ylabel("unit, °C")
     every[-1].set_xlabel("time since the collect began, s")
-    every[0].set_title(_title(collect.title, simulated=collect.simulated), loc="left", fontsize=10, parse_math=False)
+    every[0].set_title(marked(collect.title, simulated=collect.simulated), loc="left", fontsize=10, parse_math=False)
     for axes in every:
         axes.grid(visible=True, color="0.92")
     return figure
@@ -153,7 +153,7 @@ def draw_temperatures(folder: Path) -> Figure:
     figure = draw_night(night)
     figure.subplots_adjust(top=0.84)
     figure.suptitle(
-        _title(folder.resolve().name, simulated=night.simulated), x=0.01, ha="left", fontsize=10, parse_math=False
+        marked(folder.resolve().name, simulated=night.simulated), x=0.01, ha="left", fontsize=10, parse_math=False
     )
     return figure
 
@@ -169,11 +169,6 @@ def draw_parameters(folder: Path, campaign: Campaign, sensor: int | None) -> Fig
     number = which_sensor(folder, campaign, sensor)
     one = replace(campaign, sensors={number: campaign.sensors[number]})
     return draw_fit(fit_thermal(one).sensors[number], one)
-
-
-def _title(text: str, *, simulated: bool) -> str:
-    """Return a title, marked where it must be. It is drawn as it is: a dollar sign in a name begins no formula."""
-    return f"SIMULATED  {text}" if simulated else text
 
 
 @dataclass(frozen=True)

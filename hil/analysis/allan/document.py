@@ -10,6 +10,7 @@ from hil.analysis.allan.deviation import CONFIDENCE, NoiseKind, octaves
 from hil.analysis.allan.fit import SLOPES, NoiseFit, Term
 from hil.analysis.allan.sources import Recording
 from hil.files.document import picked
+from hil.files.figure import marked
 from procedures.words import duration
 
 SCHEMA = "hil.allan/1"
@@ -200,8 +201,8 @@ def draw(result: AllanResult) -> Figure:
     axes.set_ylim(0.5 * float(np.min(found.low)), 2.0 * float(np.max(found.high)))
     axes.set_xlabel("averaging time, s")
     axes.set_ylabel("overlapping Allan deviation, deg/hr")
-    mark = "SIMULATED  " if result.recording.simulated else ""
-    axes.set_title(f"{mark}{result.recording.name}", loc="left", fontsize=10, parse_math=False)
+    title = marked(result.recording.name, simulated=result.recording.simulated)
+    axes.set_title(title, loc="left", fontsize=10, parse_math=False)
     axes.grid(visible=True, which="both", color="0.92")
     axes.legend(frameon=False, fontsize=8)
     return figure

@@ -19,7 +19,7 @@ from hil.analysis.thermal.fit import ParameterFit, SensorFit, ThermalFit
 from hil.campaign import Campaign, FloatArray
 from hil.errors import InputError
 from hil.files.durable import write_result
-from hil.files.figure import drawn
+from hil.files.figure import drawn, marked
 from hil.files.text import filled
 from hil.model import save_model
 from hil.model.forms import bias_names
@@ -73,9 +73,8 @@ def draw_fit(fit: SensorFit, campaign: Campaign) -> Figure:
         axes.set_xlabel("unit temperature, °C")
         axes.grid(visible=True, color="0.92")
         axes.legend(frameon=False, fontsize=8)
-    mark = "SIMULATED  " if campaign.simulated else ""
-    title = f"{mark}{campaign.title}, sensor {fit.number}: free values (95 %) and chosen curves"
-    figure.suptitle(title, x=0.01, ha="left", fontsize=10, parse_math=False)
+    title = f"{campaign.title}, sensor {fit.number}: free values (95 %) and chosen curves"
+    figure.suptitle(marked(title, simulated=campaign.simulated), x=0.01, ha="left", fontsize=10, parse_math=False)
     return figure
 
 
