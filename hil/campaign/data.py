@@ -35,6 +35,12 @@ Technology = Literal["", "rotor", "DTG", "RLG", "FOG", "MEMS", "gas"]
 """What a gyro may be, as far as typical sizes of effects differ by it; empty where nobody stated it."""
 
 
+def known_mean(values: FloatArray) -> float:
+    """Return the mean of those of values, (n,), that are known; NaN where none is."""
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if len(known) else np.nan
+
+
 @dataclass(frozen=True)
 class Sensor:
     """A sensor's layout: its three axes, and which axis each channel measures rate about (in column order).

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import Campaign, Conditions, FloatArray
+from hil.campaign.data import known_mean
 from hil.model import Model
 from hil.model.effects.history import collect_interval_s, place_in_run
 from hil.model.effects.series import blocked
@@ -64,7 +65,7 @@ def features(
         for at, quantities in asked:
             for part, name, values, how in quantities:
                 for where, here in places[how]:
-                    mean = _mean(values[here])
+                    mean = known_mean(values[here])
                     if np.isfinite(mean):
                         out[json.dumps([part, {**at, **where}, name])] = mean
     return out
@@ -124,7 +125,7 @@ def _along(rows: Conditions, left: FloatArray) -> Iterator[_Quantity]:
 def _of_channel(rows: Conditions, left: FloatArray, errors: FloatArray) -> Iterator[_Quantity]:
     """Yield what is compared of a channel's rates: what is left of them, (n,), and their errors."""
     yield "averages", "mean", left, "everywhere"
-    scale = max(float(np.sqrt(_mean(left**2))), 1e-9)
+    scale = max(float(np.sqrt(known_mean(left**2))), 1e-9)
     _, run = np.unique(rows.run, return_inverse=True)
     of_run = (np.bincount(run, np.nan_to_num(left)) / np.maximum(np.bincount(run, np.isfinite(left)), 1))[run]
     yield "run_scatter", "size", np.abs(left) ** NORMAL, "everywhere"
@@ -151,8 +152,3 @@ def _inside(campaign: Campaign, rows: Conditions, channel: int) -> Iterator[_Qua
             table[row] = slope, abs(slope), head, np.log(steps + 1e-12), lag, kurtosis
     for name, values in zip(_INSIDE, table.T, strict=True):
         yield "series", name, values, "once"
-
-
-def _mean(values: FloatArray) -> float:
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if len(known) else np.nan

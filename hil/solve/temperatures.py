@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, IntArray
-from hil.campaign.data import TELL_TEMPERATURE
+from hil.campaign.data import TELL_TEMPERATURE, known_mean
 from hil.campaign.laws import to_come_degC
 from hil.campaign.stand_ins import OWN, temperature_of, told
 from hil.model.forms import LinearForm
@@ -68,9 +68,9 @@ def runs_by_temperature(conditions: Conditions) -> list[tuple[float | None, tupl
     for run in runs:
         here = number[(conditions.run == run) & (number >= 0)]
         groups.setdefault(int(np.argmax(np.bincount(here))) if len(here) else -int(run) - 1, []).append(int(run))
-    means = {int(run): _mean(level[conditions.run == run]) for run in runs}
+    means = {int(run): known_mean(level[conditions.run == run]) for run in runs}
     told = sorted(groups.items(), key=lambda group: (group[0] < 0, abs(group[0])))
-    return [(None if at < 0 else _mean(np.array([means[run] for run in group])), tuple(group)) for at, group in told]
+    return [(None if at < 0 else known_mean(np.array([means[run] for run in of])), tuple(of)) for at, of in told]
 
 
 def how_many(conditions: Conditions) -> str:
@@ -192,9 +192,3 @@ def _numbered(values: FloatArray, apart_degC: float | None) -> IntArray:
             edges += np.linspace(part[0], part[-1], pieces + 1)[1:-1].tolist()
     number = np.searchsorted(np.sort(np.array(edges)), values, side="right")
     return np.unique(number, return_inverse=True)[1].astype(np.int64)
-
-
-def _mean(temperatures: FloatArray) -> float:
-    """Return the mean of what is known, NaN where nothing is."""
-    known = temperatures[np.isfinite(temperatures)]
-    return float(known.mean()) if len(known) else float("nan")

@@ -25,7 +25,7 @@ from hil.analysis.log.reading import AXES, CHANNELS, Log
 from hil.analysis.log.static import StaticTest, Stretch, static_stretches
 from hil.analysis.log.turns import fit_turns
 from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor, Series
-from hil.campaign.data import EARTH_RATE_DEG_PER_HR
+from hil.campaign.data import EARTH_RATE_DEG_PER_HR, known_mean
 from hil.campaign.warnings import F_LIMITS_G, F_SUSPICIOUS
 from hil.campaign.writer import write_campaign
 from hil.errors import InputError
@@ -67,7 +67,7 @@ def campaign_of_log(log: Log, test: StaticTest, *, latitude_deg: float | None = 
     columns = {"n_samples": np.array([each.n for each in averages], dtype=np.float64)}
     columns |= {f"accelerometer_{axis}_g": calibrated[:, j] for j, axis in enumerate(AXES)}
     if log.temperature_degC is not None:
-        columns["temperature_degC"] = np.array([_mean(log.temperature_degC[each.rows]) for each in stretches])
+        columns["temperature_degC"] = np.array([known_mean(log.temperature_degC[each.rows]) for each in stretches])
     conditions = Conditions(
         sensor=layout,
         collect=np.arange(1, n + 1),
@@ -142,11 +142,6 @@ def write_log_campaign(made: LogCampaign, out: Path) -> Path:
     """Write the campaign with its series and, beside them, what was found of the accelerometers."""
     accelerometer = json.dumps(made.document["accelerometer"], indent=1, allow_nan=False)
     return write_campaign(made.campaign, out, {ACCELEROMETER_FILE: accelerometer.encode()})
-
-
-def _mean(temperature_degC: FloatArray) -> float:
-    known = temperature_degC[np.isfinite(temperature_degC)]
-    return float(known.mean()) if len(known) else np.nan
 
 
 def _series(log: Log, stretch: Stretch) -> Series:
