@@ -172,11 +172,21 @@ def _solved(collects: Collects, model_name: str | None) -> Iterator[_Solved]:
         if form.name == "collins-4" and can_follow(chosen):
             yield _Solved(run, form, chosen, sigma, solve_as_contractor(chosen, sigma), True)
             continue
-        observed = (chosen.rates_deg_per_hr - conditions.w_channels_deg_per_hr).reshape(-1)
-        design = form.columns(conditions).reshape(len(observed), -1)
-        noise = None if sigma is None else sigma.reshape(-1)
-        solution = solve(design, observed, noise, names=form.names, rank_tolerance=OBSERVABLE)
+        rates = chosen.rates_deg_per_hr - conditions.w_channels_deg_per_hr
+        solution = solve_rates(form.columns(conditions), rates, sigma, form.names)
         yield _Solved(run, form, chosen, sigma, solution, False)
+
+
+def solve_rates(
+    columns: FloatArray, rates: FloatArray, sigma: FloatArray | float | None, names: Sequence[str] | None = None
+) -> Solution:
+    """Solve rates (..., n, c) of n collects for what has these columns (n, c, p), as far as the collects excite it.
+
+    `sigma`, (n, c) or of all, are their standard errors, deg/hr; None where they are not stated.
+    """
+    design = columns.reshape(-1, columns.shape[-1])
+    noise = None if sigma is None else np.broadcast_to(sigma, columns.shape[:-1]).reshape(-1)
+    return solve(design, rates.reshape(*rates.shape[:-2], -1), noise, names=names, rank_tolerance=OBSERVABLE)
 
 
 def _of_as_many(solved: Sequence[_Solved]) -> int:

@@ -21,7 +21,7 @@ from hil.errors import InputError
 from hil.model.forms import LinearForm, default_form, named_form
 from hil.solve import solve
 from hil.solve.repeats import CONFIDENCE
-from hil.solve.runs import OBSERVABLE, stated_noise
+from hil.solve.runs import solve_rates, stated_noise
 from hil.solve.spread import Spread
 from hil.solve.temperatures import same_temperature, too_few
 from procedures.words import counted
@@ -102,11 +102,9 @@ class Visits:
         conditions, sigma = layout.collects.conditions, stated_noise(layout.collects)
         label = np.unique(conditions.run, return_inverse=True)[1]
         rates = layout.collects.rates_deg_per_hr - conditions.w_channels_deg_per_hr
-        rows, found = [np.flatnonzero(label == k) for k in range(label.max() + 1)], []
-        for here in rows:
-            design = layout.columns[here].reshape(-1, len(layout.form.names))
-            noise = None if sigma is None else sigma[here].reshape(-1)
-            found.append(solve(design, rates[here].reshape(-1), noise, rank_tolerance=OBSERVABLE))
+        rows = [np.flatnonzero(label == k) for k in range(label.max() + 1)]
+        errors = [None if sigma is None else sigma[here] for here in rows]
+        found = [solve_rates(layout.columns[here], rates[here], e) for here, e in zip(rows, errors, strict=True)]
         self.layout = layout
         self.values, stated = np.array([each.values for each in found]), np.array([each.se for each in found])
         first = [here[0] for here in rows]
@@ -235,9 +233,5 @@ def _at_known_temperatures(number: int, collects: Collects) -> tuple[Collects, l
 
 
 def _tells_all(form: LinearForm, collects: Collects) -> bool:
-    columns = form.columns(collects.conditions)
-    rates = collects.rates_deg_per_hr.reshape(-1)
-    found = solve(
-        columns.reshape(len(rates), -1), np.where(np.isnan(rates), np.nan, 0.0), 1.0, rank_tolerance=OBSERVABLE
-    )
-    return int(found.rank) == len(form.names)
+    any_rates = np.where(np.isnan(collects.rates_deg_per_hr), np.nan, 0.0)
+    return int(solve_rates(form.columns(collects.conditions), any_rates, 1.0).rank) == len(form.names)

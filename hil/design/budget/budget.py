@@ -24,9 +24,8 @@ from hil.campaign import FloatArray
 from hil.design.budget.scenes import RunScene
 from hil.design.budget.sources import Scene, Source
 from hil.model.forms import LinearForm
-from hil.solve import solve
 from hil.solve.repeats import MeanAt, SensorRepeats, Uncertain
-from hil.solve.runs import OBSERVABLE
+from hil.solve.runs import solve_rates
 
 DRAWS = 100_000
 
@@ -136,10 +135,9 @@ def _simulate(
 
 def _solved(scene: Scene, form: LinearForm, observed: FloatArray) -> FloatArray:
     """Solve rates (..., n, c), where the scene has any; (..., p)."""
-    columns, there = form.columns(scene.conditions), np.isfinite(scene.sigma).ravel()
-    rates = np.where(there, observed.reshape(*observed.shape[:-2], -1), np.nan)
-    sigma = np.where(there, scene.sigma.ravel(), 1.0)
-    return np.asarray(solve(columns.reshape(there.size, -1), rates, sigma, rank_tolerance=OBSERVABLE).values)
+    there = np.isfinite(scene.sigma)
+    rates, sigma = np.where(there, observed, np.nan), np.where(there, scene.sigma, 1.0)
+    return solve_rates(form.columns(scene.conditions), rates, sigma).values
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil.campaign import BoolArray, Campaign, Collects, Conditions, FloatArray
+from hil.campaign.data import known_mean
 from hil.config.bench import Bench
 from hil.config.sweep import Sweep, check_sweep_against_bench
 from hil.design.budget.sources import Scene, Source, sources
@@ -23,9 +24,8 @@ from hil.model import Model, load_model
 from hil.model.effects.base import Base
 from hil.model.effects.geometry import local_frame
 from hil.model.forms import LinearForm, default_form
-from hil.solve import solve
 from hil.solve.repeats import SensorRepeats
-from hil.solve.runs import OBSERVABLE, stated_noise
+from hil.solve.runs import finite, solve_rates, stated_noise
 from hil.solve.temperatures import level_degC, told_by
 from hil.solve.wrong_rows import treated
 from procedures.plan import make_plan
@@ -140,8 +140,7 @@ def _measured_runs(
 def _at(conditions: Conditions, here: BoolArray) -> tuple[float | None, str | None]:
     """Return the mean temperature of some of a sensor's collects, (n,), None where unknown, and whose it is."""
     level = level_degC(conditions)
-    known = np.zeros(0) if level is None else level[here & np.isfinite(level)]
-    return float(known.mean()) if len(known) else None, told_by(conditions)
+    return None if level is None else finite(known_mean(level[here])), told_by(conditions)
 
 
 def _of(scene: Scene, chosen: np.ndarray) -> Scene:
@@ -158,9 +157,8 @@ def _base(conditions: Conditions, model: Model | None) -> tuple[Base, str]:
 def _solved(rows: Collects, form: LinearForm) -> tuple[Base, str]:
     """Return the base that this run was solved for, else a typical one."""
     conditions = rows.conditions
-    design = form.columns(conditions)
-    observed = (rows.rates_deg_per_hr - conditions.w_channels_deg_per_hr).reshape(-1)
-    values = solve(design.reshape(len(observed), -1), observed, 1.0, rank_tolerance=OBSERVABLE).values
+    rates = rows.rates_deg_per_hr - conditions.w_channels_deg_per_hr
+    values = solve_rates(form.columns(conditions), rates, 1.0).values
     if np.any(np.isnan(values)):
         return _base(conditions, None)
     bias, k = form.terms(conditions, values)

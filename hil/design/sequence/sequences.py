@@ -23,8 +23,7 @@ from hil.design.budget.sources import Scene
 from hil.design.visibility.map import base_values
 from hil.model import Model
 from hil.model.forms import LinearForm
-from hil.solve import solve
-from hil.solve.runs import OBSERVABLE
+from hil.solve.runs import OBSERVABLE, solve_rates
 from procedures.settings import CollectSettings
 
 IMMUNE = 0.05
@@ -109,10 +108,9 @@ def sequence_worth(scene: Scene, form: LinearForm) -> Worth | None:
     """Return what a sequence is worth for the parameters of `form`; None where it cannot know them all."""
     conditions = scene.conditions
     design = form.columns(conditions)
-    flat = design.reshape(-1, design.shape[-1])
     order = np.arange(len(conditions)) - 0.5 * (len(conditions) - 1)
-    ramp = np.repeat(order, scene.channels)
-    solution = solve(flat, ramp, 1.0, names=form.names, rank_tolerance=OBSERVABLE)
+    ramp = np.repeat(order[:, None], scene.channels, axis=1)
+    solution = solve_rates(design, ramp, 1.0, form.names)
     if np.any(np.isnan(solution.values)):
         return None
     return Worth(
@@ -144,7 +142,6 @@ def _tells_even_terms(conditions: Conditions, design: FloatArray) -> bool:
     """Whether every parameter stays known beside a term in fS² of each channel."""
     even = conditions.f_g[:, 2, None, None] ** 2 * np.eye(design.shape[1])
     both = np.concatenate([design, even], axis=-1)
-    flat = both.reshape(-1, both.shape[-1])
-    values = solve(flat, np.zeros(len(flat)), 1.0, rank_tolerance=OBSERVABLE).values
+    values = solve_rates(both, np.zeros(both.shape[:2]), 1.0).values
     # The bias may stay entangled with a constant square; what matters are the sensitivities.
     return bool(np.all(np.isfinite(values[design.shape[1] : design.shape[-1]])))
