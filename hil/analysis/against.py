@@ -226,10 +226,7 @@ def _same_place(now: Collects, before: Collects) -> Iterator[tuple[_Place, Float
     """Yield the mean rates, (2, c), of both campaigns at each position and temperature that they have in common."""
     for temperature, runs in runs_by_temperature(now.conditions):
         groups = dict(runs_by_temperature(before.conditions))
-        match = (
-            temperature if temperature is None else nearest(temperature, [each for each in groups if each is not None])
-        )
-        if match not in groups:
+        if (match := nearest(temperature, groups)) not in groups:
             continue
         for label in np.unique(now.conditions.position):
             here = (now.conditions.position == label) & np.isin(now.conditions.run, runs)

@@ -198,8 +198,7 @@ def stations_of(own: Sequence[ArchivedMean]) -> dict[float | None, list[Archived
     """Group a parameter's means by temperature, coldest first; how far the unit was off it comes after."""
     found: dict[float | None, list[ArchivedMean]] = {}
     for each in own:
-        known = [at for at in found if at is not None]
-        at = nearest(each.temperature_degC, known)
+        at = nearest(each.temperature_degC, found)
         found.setdefault(each.temperature_degC if at is None else at, []).append(each)
     return dict(sorted(found.items(), key=lambda of: (of[0] is None, of[0] or 0.0)))
 

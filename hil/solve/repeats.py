@@ -123,9 +123,7 @@ class SensorRepeats:
     def at(self, temperature_degC: float | None) -> MeanAt | None:
         """Return the mean at what is this temperature of another campaign, None where there is none."""
         known = {each.temperature_degC: each for each in self.means}
-        if temperature_degC is None or not math.isfinite(temperature_degC):
-            return known.get(None)
-        return known.get(nearest(temperature_degC, [each for each in known if each is not None]))
+        return known.get(nearest(temperature_degC, known))
 
     def where(self, mean: MeanAt) -> dict[str, Any]:
         """Return of which temperature a mean is, whose that is, and what the unit's own thermometer showed."""

@@ -6,7 +6,7 @@
 Repeats, noise, a calibration per temperature, parameters against temperature, the report and reconcile ask here.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -59,16 +59,15 @@ def runs_by_temperature(conditions: Conditions) -> list[tuple[float | None, tupl
     A run stands at the temperature at which most of its collects do. Without any temperature all runs are one group. A
     run whose own is not known is a group by itself (None): nobody can say that it repeats another.
     """
-    runs = np.unique(conditions.run)
-    level = level_degC(conditions)
+    every, level = conditions.of_each_run, level_degC(conditions)
     if level is None:
-        return [(None, tuple(int(run) for run in runs))]
+        return [(None, tuple(every))]
     number = same_temperature(conditions)
     groups: dict[int, list[int]] = {}
-    for run in runs:
-        here = number[(conditions.run == run) & (number >= 0)]
-        groups.setdefault(int(np.argmax(np.bincount(here))) if len(here) else -int(run) - 1, []).append(int(run))
-    means = {int(run): known_mean(level[conditions.run == run]) for run in runs}
+    for run, rows in every.items():
+        here = number[rows][number[rows] >= 0]
+        groups.setdefault(int(np.argmax(np.bincount(here))) if len(here) else -run - 1, []).append(run)
+    means = {run: known_mean(level[rows]) for run, rows in every.items()}
     told = sorted(groups.items(), key=lambda group: (group[0] < 0, abs(group[0])))
     return [(None if at < 0 else known_mean(np.array([means[run] for run in of])), tuple(of)) for at, of in told]
 
@@ -98,11 +97,11 @@ def law_not_told(form: LinearForm, conditions: Conditions) -> str:
     return few and f"{where}: {few} to tell how values follow it; choose --model matrix-6"
 
 
-def nearest(temperature_degC: float | None, others_degC: Sequence[float]) -> float | None:
+def nearest(temperature_degC: float | None, others_degC: Iterable[float | None]) -> float | None:
     """Return the one of `others_degC` that is the same temperature in another campaign, None where none is."""
     if temperature_degC is None or not np.isfinite(temperature_degC):
         return None
-    close = [other for other in others_degC if abs(other - temperature_degC) <= ELSEWHERE_DEGC]
+    close = [other for other in others_degC if other is not None and abs(other - temperature_degC) <= ELSEWHERE_DEGC]
     return min(close, key=lambda other: abs(other - temperature_degC), default=None)
 
 

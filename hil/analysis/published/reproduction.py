@@ -156,7 +156,7 @@ def _cell(runs: Sequence[_Run], name: str, printed: dict[str, Any] | None) -> di
 def _printed_temperature(audit: Audit, temperature_degC: float | None) -> str | None:
     """Return the printed temperature that this one is, as it is printed."""
     printed = {to_number(row.group, TEMPERATURE): row.group for row in audit.table.rows}
-    match = nearest(temperature_degC, list(printed))
+    match = nearest(temperature_degC, printed)
     return None if match is None else printed[match]
 
 
