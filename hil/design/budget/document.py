@@ -108,7 +108,13 @@ def _sensor(runs: Sequence[RunScene], asked: Asked, observed: SensorRepeats | No
         "acting_on": chosen.base_origin,
         "noise_deg_per_hr": float(np.sqrt(np.nanmean(chosen.scene.noise**2))),
         "parameters": dict(zip(budget.names, budget.units, strict=True)),
-        "sources": [_share(budget, index) for index in range(len(budget.shares))],
+        "sources": [
+            {
+                **picked(each.source, "id title size unit origin varies"),
+                "parameters": _both(budget, each.analytic, each.simulated),
+            }
+            for each in budget.shares
+        ],
         "total": _both(budget, budget.total(), budget.everything),
         "mean_of_repeats": _named(budget, mean_of_repeats(of_mean, repeats, one, mean)),
         "run_to_run": _named(budget, budget.from_run_to_run),
@@ -124,15 +130,6 @@ def _sensor(runs: Sequence[RunScene], asked: Asked, observed: SensorRepeats | No
             {"run": each.run, "temperature_degC": each.at[0], "total": _named(budget, totals[each.run])}
             for each in runs
         ],
-    }
-
-
-def _share(budget: Budget, index: int) -> dict[str, Any]:
-    share = budget.shares[index]
-    source = share.source
-    return {
-        **picked(source, "id title size unit origin varies"),
-        "parameters": _both(budget, share.analytic, share.simulated),
     }
 
 
