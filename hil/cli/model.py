@@ -157,11 +157,10 @@ def visibility(
     from hil.model import load_model
 
     chosen = None if model is None else load_model(model)
-    if not Path(source).is_dir():
+    if Path(source).is_dir():
+        document = campaign_document(read_source(Path(source)), chosen)
+    else:
         document = sweep_document(load_sweep(source), load_bench(bench), chosen)
-        return Answer(document, lambda: [visibility_text(document)])
-    campaign = read_source(Path(source))
-    document = campaign_document(campaign, chosen)
     return Answer(document, lambda: [visibility_text(document)])
 
 
