@@ -76,7 +76,7 @@ def accelerometer_columns(sensor: Sensor) -> list[str]:
 
 def _poses(campaign: Campaign) -> Iterator[_Lies]:
     """Compare measured accelerations with f, over all sensors that were collected together: they are one body."""
-    for group in _together(campaign, campaign.sensors.values()):
+    for group in _together(campaign):
         measured = np.stack([accelerations_g(each) for each in group], axis=1)
         if not np.isfinite(measured).any():
             continue
@@ -106,17 +106,17 @@ def _exchanged(poses: Iterable[_Lies]) -> dict[int, list[tuple[int, int]]]:
     return out
 
 
-def _together(campaign: Campaign, sensors: Iterable[Collects]) -> Collection[Sequence[Collects]]:
-    """Return those of the sensors that were collected together, at rest."""
+def _together(campaign: Campaign) -> Collection[Sequence[Collects]]:
+    """Return the sensors in groups, each of those that were collected together, at rest."""
     groups: dict[tuple[float, ...], list[Collects]] = {}
-    for each in () if campaign.centrifuge else sensors:
+    for each in () if campaign.centrifuge else campaign.sensors.values():
         groups.setdefault(tuple(each.conditions.start_s.tolist()), []).append(each)
     return groups.values()
 
 
 def _tables(campaign: Campaign) -> Iterator[_Found]:
     """Compare the angles by which f turns from position to position: for the sensors of one body they are the same."""
-    for first, *others in _together(campaign, campaign.sensors.values()):
+    for first, *others in _together(campaign):
         position = first.conditions.position
         labels = list(dict.fromkeys(position.tolist()))
         for other in others:
@@ -137,7 +137,7 @@ def _tables(campaign: Campaign) -> Iterator[_Found]:
 
 def _copies(campaign: Campaign) -> Iterator[_Found]:
     """Look for rates that stand in two places: one channel's in another, or one collect's in another."""
-    for group in _together(campaign, campaign.sensors.values()):
+    for group in _together(campaign):
         alike: dict[tuple[float, ...], dict[str, Collects]] = {}
         for each in group:
             for name, rates in zip(each.conditions.sensor.channels, each.rates_deg_per_hr.T, strict=True):
@@ -266,7 +266,7 @@ def _laws(campaign: Campaign, series: Mapping[int, FloatArray]) -> Iterator[_Fou
 
     What two sensors contradict of each other is no fault of the one where other laws tell that it is the other's.
     """
-    for group in _together(campaign, campaign.sensors.values()):
+    for group in _together(campaign):
         pairs = [
             (each, beside if beside is not each else None)
             for each, beside in zip(group, [*group[1:], group[0]], strict=True)
