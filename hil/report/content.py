@@ -175,8 +175,8 @@ def to_do(content: ReportContent) -> Iterator[str]:
     night = content.night
     if night is not None and night.to_do:
         yield f"{night.to_do}; what is missing is listed below."
-    solved = [each for sensor in content.sensors for each in sensor.solutions]
-    yield from (f"{_DO[Verdict(verdict)]} {runs}." for verdict, runs in of_sensors_in_words(not_passed_of(solved)))
+    wrong = of_sensors_in_words(not_passed_of(content.solutions))
+    yield from (f"{_DO[Verdict(verdict)]} {runs}." for verdict, runs in wrong)
     if set(NOT_GOOD) & set(content.verdict_counts()):
         yield "Mend what is said under Why; then measure again."
     if misstated := [sensor.number for sensor in content.sensors if sensor.shown.misstated]:
@@ -209,7 +209,7 @@ def largest(content: ReportContent) -> Iterator[str]:
 
 def assumed(content: ReportContent) -> list[str]:
     """Return what every number rests upon."""
-    found = [text for sensor in content.sensors for each in sensor.solutions for text in each.assumed]
+    found = [text for each in content.solutions for text in each.assumed]
     if not found:
         return ["nothing: no collect was solved"]
     site = content.campaign.site
@@ -225,7 +225,7 @@ def _with_unit(name: str, value: float) -> str:
 
 def cannot_tell(content: ReportContent) -> list[str]:
     """Return what these collects leave open, each thing once."""
-    solutions = [each for sensor in content.sensors for each in sensor.solutions]
+    solutions = content.solutions
     open_things: dict[tuple[int, str], list[int]] = {}
     for each in solutions:
         for text in each.unobservable:
