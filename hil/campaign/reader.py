@@ -185,8 +185,7 @@ def _used_sensors(table: Table, header: Header) -> dict[int, Sensor]:
         if int(number) not in header.sensors:
             known = ", ".join(str(key) for key in sorted(header.sensors))
             raise table.complaint(i, "sensor", f"sensor {number} is not described in {HEADER_FILE} (it has {known})")
-    present = {int(number) for number in numbers}
-    return {number: sensor for number, sensor in header.sensors.items() if number in present}
+    return {number: sensor for number, sensor in header.sensors.items() if number in numbers}
 
 
 def _check_identity(table: Table) -> None:

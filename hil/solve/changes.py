@@ -55,12 +55,11 @@ def with_order_1_3_2(conditions: Conditions) -> Conditions | None:
     if not {"1", "2", "3"} <= set(conditions.position.tolist()):
         return None
     rows = np.arange(len(conditions))
-    for run in np.unique(conditions.run):
-        second = rows[(conditions.run == run) & (conditions.position == "2")]
-        third = rows[(conditions.run == run) & (conditions.position == "3")]
+    for own in conditions.of_each_run.values():
+        second, third = (own[conditions.position[own] == label] for label in ("2", "3"))
         if len(second) != 1 or len(third) != 1 or conditions.start_s[second[0]] > conditions.start_s[third[0]]:
             return None
-        rows[second[0]], rows[third[0]] = third[0], second[0]
+        rows[second], rows[third] = third, second
     return replace(
         conditions,
         position=conditions.position[rows],
