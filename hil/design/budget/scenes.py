@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.campaign import BoolArray, Campaign, Collects, Conditions, FloatArray
+from hil.campaign import Campaign, Collects, Conditions, FloatArray, IntArray
 from hil.campaign.data import known_mean
 from hil.config.bench import Bench
 from hil.config.sweep import Sweep, check_sweep_against_bench
@@ -84,8 +84,7 @@ def planned_scenes(sweep: Sweep, bench: Bench, model: Model | None = None) -> di
         form = default_form(conditions.rows(conditions.run == conditions.run[0]))
         found[number] = [
             RunScene(run, _of(Scene(conditions, axes, base, sigma), here), given, form, origin, _at(conditions, here))
-            for run in np.unique(conditions.run).tolist()
-            for here in [conditions.run == run]
+            for run, here in conditions.of_each_run.items()
         ]
     return found
 
@@ -106,8 +105,8 @@ def _measured_runs(
 ) -> Iterator[RunScene]:
     times, measured_by = (1.0, MEASURED) if shown is None else (shown.noise_times, shown.noise_by(MEASURED))
     measured = collects.rows(~np.all(np.isnan(collects.rates_deg_per_hr), axis=1))
-    for run in np.unique(measured.conditions.run).tolist():
-        rows = measured.rows(measured.conditions.run == run)
+    for run, here in measured.conditions.of_each_run.items():
+        rows = measured.rows(here)
         conditions = rows.conditions
         form = default_form(conditions)
         stated = stated_noise(rows)
@@ -132,18 +131,16 @@ def _measured_runs(
         sigma = np.where(np.isnan(rows.rates_deg_per_hr), np.nan, sigma)
         scene = Scene(conditions, lying, base, sigma, 1.0 if stated is None else times)
         left_out = tuple(each.title for each in given if each not in usable)
-        yield RunScene(
-            run, scene, usable, form, origin, _at(measured.conditions, measured.conditions.run == run), left_out
-        )
+        yield RunScene(run, scene, usable, form, origin, _at(measured.conditions, here), left_out)
 
 
-def _at(conditions: Conditions, here: BoolArray) -> tuple[float | None, str | None]:
-    """Return the mean temperature of some of a sensor's collects, (n,), None where unknown, and whose it is."""
+def _at(conditions: Conditions, here: IntArray) -> tuple[float | None, str | None]:
+    """Return the mean temperature of some of a sensor's collects, (k,), None where unknown, and whose it is."""
     level = level_degC(conditions)
     return None if level is None else finite(known_mean(level[here])), told_by(conditions)
 
 
-def _of(scene: Scene, chosen: np.ndarray) -> Scene:
+def _of(scene: Scene, chosen: IntArray) -> Scene:
     base = Base(scene.base.bias[chosen], scene.base.k[chosen], scene.base.rates[chosen])
     return Scene(scene.conditions.rows(chosen), scene.axes[chosen], base, scene.sigma[chosen])
 
