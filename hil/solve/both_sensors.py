@@ -21,6 +21,7 @@ import numpy as np
 from scipy.special import ndtri, stdtr
 
 from hil.campaign import Campaign, FloatArray
+from hil.files.document import picked
 from hil.model.forms import MATRIX_6, PER_G, RATE
 from hil.solve.repeats import CONFIDENCE, SensorRepeats, means_of, noise_left
 from hil.solve.runs import solve_campaign
@@ -87,8 +88,7 @@ class BothSensors:
     def document(self) -> dict[str, Any]:
         """Return what `hil solve --json` prints of it."""
         return {
-            "sensors": list(self.sensors),
-            "degrees_of_freedom": self.degrees_of_freedom,
+            **picked(self, "sensors degrees_of_freedom"),
             "common": self.common.document(),
             "differential": self.differential.document(),
             "correlations": {

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import Campaign
-from hil.files.document import picked
+from hil.files.document import picked, plain
 from hil.solve.omissions import what_is_wrong
 from hil.solve.repeats import SensorRepeats, repeats
-from hil.solve.runs import EXCESS, RunSolution, finite
+from hil.solve.runs import EXCESS, RunSolution
 from procedures.verdict import Judgement, Verdict
 from procedures.words import numbered
 
@@ -35,19 +35,15 @@ def solution_document(campaign: Campaign, solutions: Sequence[RunSolution]) -> d
 def _solution_entry(each: RunSolution, shown: SensorRepeats) -> dict[str, Any]:
     uncertain = {name: value.document() for name, value in shown.of_run(each).items()}
     beside = {name: {key: found[key] for key in ("sd", "low", "high")} for name, found in uncertain.items()}
-    covariance: list[list[float | None]] | None = [[finite(value) for value in row] for row in each.covariance]
-    if np.all(np.isnan(each.covariance)):
-        covariance = None
     return {
         **picked(each, "run runs sensor model method"),
         "parameters": {name: vars(e) | beside.get(name, _UNKNOWN) for name, e in each.parameters.items()},
         "combinations": {name: vars(estimate) for name, estimate in each.combinations.items()},
-        "covariance": covariance,
+        "covariance": None if np.all(np.isnan(each.covariance)) else plain(each.covariance),
         "covariance_order": list(each.parameters),
         **picked(each, "condition_number residual_rms_deg_per_hr degrees_of_freedom unobservable"),
         "verdict": str(each.verdict),
-        "reason": each.reason,
-        "assumed": list(each.assumed),
+        **picked(each, "reason assumed"),
     }
 
 

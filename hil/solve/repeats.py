@@ -31,7 +31,7 @@ from hil.campaign import Campaign, Collects, FloatArray, IntArray
 from hil.files.numbers import degrees
 from hil.model.forms import default_form
 from hil.solve.identifiability import orthonormal
-from hil.solve.runs import Estimate, RunSolution, stated_noise
+from hil.solve.runs import Estimate, RunSolution, finite, stated_noise
 from hil.solve.spread import RARE, Spread, uneven
 from hil.solve.temperatures import nearest, runs_by_temperature, told_by, unit_range_degC
 from hil.solve.wrong_rows import treated
@@ -66,12 +66,11 @@ class Uncertain:
 
     def document(self) -> dict[str, Any]:
         """Return the JSON of it: null where a thing is not known."""
-        known = math.isfinite(self.sd)
         return {
             "value": self.value,
-            "sd": self.sd if known else None,
-            "low": self.value - self.half_width if known else None,
-            "high": self.value + self.half_width if known else None,
+            "sd": finite(self.sd),
+            "low": finite(self.value - self.half_width),
+            "high": finite(self.value + self.half_width),
             "runs": self.runs,
             "unit": self.unit,
         }

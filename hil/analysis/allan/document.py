@@ -47,13 +47,11 @@ class AllanResult:
         slope = np.gradient(*logs) if len(deviation.tau_s) > 1 else np.zeros(1)  # in a log-log plot, from neighbours
         return {
             "schema": SCHEMA,
-            "source": found.name,
-            "simulated": found.simulated,
+            **picked(found, "source=name simulated"),
             "unit": "deg/hr",
             "rate_hz": 1.0 / found.interval_s,
-            "samples": found.samples,
+            **picked(found, "samples longest_stretch_s=longest_s"),
             "stretches": len(found.stretches),
-            "longest_stretch_s": found.longest_s,
             "method": "overlapping Allan deviation, octaves; stretches pooled, gaps never bridged",
             "confidence": CONFIDENCE,
             **picked(deviation, "tau_s deviation low high edf"),

@@ -94,8 +94,7 @@ def _parameter(each: ParameterFit, fit: SensorFit) -> dict[str, Any]:
         ],
         "leave_one_out_error": choice.errors[each.form],
         "leave_one_out_error_constant": choice.errors["constant"],
-        "leave_one_out_errors": dict(choice.errors),
-        "steps": list(choice.steps),
+        **picked(choice, "leave_one_out_errors=errors steps"),
         **picked(
             each, "repeatability changes p_value chance_constant chance_form", "largest_linear_change=largest_change"
         ),
