@@ -153,8 +153,7 @@ class SensorRepeats:
 
     def document(self) -> dict[str, Any]:
         """Return the JSON of it: `run_to_run` by parameter, `means` by temperature, and runs that are in neither."""
-        of = self.spread
-        told = (of.observed.tolist(), of.beyond.tolist(), of.degrees.tolist())
+        told = (of.tolist() for of in (self.spread.observed, self.spread.beyond, self.spread.degrees))
         return {
             "run_to_run": {
                 name: {"sd": sd, "beyond_standard_errors": more, "degrees_of_freedom": free, "unit": unit}
@@ -328,7 +327,8 @@ def _of_sensor(own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, 
     variance = shares * np.maximum(residual_times, times) ** 2
     behind = np.where(times > residual_times, changes[1], np.where(odd, freedom, math.inf))
     with np.errstate(divide="ignore"):
-        known = variance.sum(axis=1) ** 2 / np.sum(variance**2 / np.maximum(behind, 1.0), axis=1)
+        part = variance / np.maximum(variance.sum(axis=1, keepdims=True), 1e-300)
+        known = 1.0 / np.sum(part**2 / np.maximum(behind, 1.0), axis=1)
     residuals = np.minimum(known, known_by)
     shown = means_of(units, values, errors, group, at, np.sqrt(variance.sum(axis=1)), residuals)
     by_noise = Spread.of(values, errors, group, np.sqrt(shares @ noise_times**2), residuals)

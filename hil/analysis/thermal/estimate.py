@@ -8,7 +8,8 @@ left of the scatter is without it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -62,8 +63,9 @@ class Layout:
     """The rows of one sensor with its columns: `columns` (n, c, p) of the form, and how temperature enters.
 
     `middle_degC` and `half_degC` scale temperature to -1 … 1 for polynomials. `hysteresis` says that half the
-    difference between the two directions is estimated. `factor` (p,) is what standard errors are times where residuals
-    exceed them, and `spread` that of all runs, where temperatures are left out.
+    difference between the two directions is estimated. `factor` (p,) is what standard errors are times and
+    `residuals` (p,) the degrees of freedom of that, as `hil solve` has them; `spread` is that of all runs, where
+    temperatures are left out.
     """
 
     collects: Collects
@@ -74,6 +76,7 @@ class Layout:
     half_degC: float
     hysteresis: bool
     factor: FloatArray | float = 1.0
+    residuals: FloatArray | float = math.inf
     spread: Spread | None = None
 
     @property
@@ -111,7 +114,9 @@ class Visits:
         self.station, self.direction = layout.stations.number[first], layout.stations.direction[first]
         self.temperature_degC = np.array([layout.temperature_degC[here].mean() for here in rows])
         place = np.unique(np.stack([self.station, self.direction.astype(np.int64)]), axis=1, return_inverse=True)[1]
-        self.spread = layout.spread or Spread.of(self.values, stated, place.reshape(-1), layout.factor)
+        self.spread = layout.spread or Spread.of(
+            self.values, stated, place.reshape(-1), layout.factor, layout.residuals
+        )
         sd = self.spread.sd(stated)
         told = sd[np.isfinite(self.values)]
         self.known = bool(np.isfinite(told).all() and np.all(told > 0.0))
@@ -179,10 +184,15 @@ def find_stations(conditions: Conditions, apart_degC: float | None = None) -> St
 
 
 def layout_of(
-    number: int, collects: Collects, model_name: str | None, apart_degC: float | None, factor_of: Mapping[str, float]
+    number: int,
+    collects: Collects,
+    model_name: str | None,
+    apart_degC: float | None,
+    factor_of: Mapping[str, Sequence[float]],
 ) -> tuple[Layout, list[str]]:
     """Choose the form and the rows: temperatures at which no run tells every parameter are left out.
 
+    `factor_of` has by parameter what its standard errors are times, and the degrees of freedom of that.
     Raises `InputError` where fewer than three temperatures are left.
     """
     collects, notes = _at_known_temperatures(number, collects)
@@ -190,7 +200,7 @@ def layout_of(
     form = named_form(model_name, collects.conditions) if model_name else default_form(collects.conditions)
     if form.reason:
         notes.append(f"sensor {number}: {form.reason}")
-    factor = np.array([factor_of.get(name, 1.0) for name in form.names])
+    factor, residuals = np.array([factor_of.get(name, (1.0, math.inf)) for name in form.names]).T
     run = collects.conditions.run
     tell = {each for each in np.unique(run).tolist() if _tells_all(form, collects.rows(run == each))}
     whole = np.array([not tell.isdisjoint(run[stations.number == place].tolist()) for place in range(len(stations))])
@@ -199,7 +209,7 @@ def layout_of(
         left = ", ".join(f"{each:z.1f} °C" for each in stations.centre_degC[~whole])
         notes.append(f"sensor {number}: no run tells every parameter at {left}; left out")
         columns = form.columns(collects.conditions)
-        spread = Visits(Layout(collects, form, columns, stations, 0.0, 1.0, False, factor)).spread
+        spread = Visits(Layout(collects, form, columns, stations, 0.0, 1.0, False, factor, residuals)).spread
         keep = whole[stations.number]
         collects = collects.rows(keep)
         number_of = np.cumsum(whole) - 1
@@ -219,7 +229,7 @@ def layout_of(
         middles = "values are the middle between both directions; without their difference, which the means and ± of"
         notes.append(f"sensor {number}: {middles} hil solve hold")
     columns = form.columns(collects.conditions)
-    layout = Layout(collects, form, columns, stations, float(np.round(middle)), half, both, factor, spread)
+    layout = Layout(collects, form, columns, stations, float(np.round(middle)), half, both, factor, residuals, spread)
     return layout, notes
 
 
