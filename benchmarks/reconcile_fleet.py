@@ -48,7 +48,7 @@ def fleet_rates(screen: Screen, seed: int, size: float, fleets: int, units: int)
         wrong = sum(size == 0.0 or i % EVERY != 0 for i in found)
         false.append(wrong / max(len(found), 1))
         right.append((len(found) - wrong) / (units // EVERY))
-        together = screen.asked.in_common(screen.asked.mixed(weighed))
+        together = screen.asked.in_common(screen.asked.mixed(weighed)[None], units)
         shared.append(together.p_value < LEVEL and (size == 0.0 or together.name == "supply"))
     power = "" if size == 0.0 else f", faulty units found {np.mean(right):.3f}"
     return f"false discoveries {np.mean(false):.3f}{power}, shared effect found {np.mean(shared):.3f}"

@@ -200,13 +200,13 @@ def _weighed(group: _Group, model: Model, mapped: Map) -> tuple[list[tuple[Facts
     pieces = [(layout, group.units[first : first + PIECE]) for first in range(0, len(group.units), PIECE)]
     findings: list[UnitFinding] = []
     wrong: list[Sequence[Wrong]] = []
-    mixed: FloatArray = np.zeros(())
+    mixed: list[FloatArray] = []
     for asked, by_name, rows in some_at_once(mapped, _weigh, pieces, _WEIGHED):
         findings += asked.findings(by_name)
         wrong += rows
-        mixed = mixed + asked.mixed(by_name)
+        mixed.append(asked.mixed(by_name))
     facts = [each.beside(rows) for each, rows in zip(group.facts, wrong, strict=True)]
-    return list(zip(facts, findings, strict=True)), asked.in_common(mixed)
+    return list(zip(facts, findings, strict=True)), asked.in_common(np.array(mixed), len(findings))
 
 
 @lru_cache(maxsize=2)

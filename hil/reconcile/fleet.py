@@ -63,7 +63,7 @@ class UnitFinding:
 
 @dataclass(frozen=True)
 class SharedFinding:
-    """What a `fraction` of a fleet lacks: the leading name, its share, and the p-value of any name.
+    """What a `fraction` of a fleet lacks: the leading name, its share, and the p-value of any, in more than one unit.
 
     `follows`: beside values of the base that follow temperature, so that none of these can be missing for that.
     """
@@ -99,19 +99,21 @@ class Asked:
         return list(map(UnitFinding, *numbers, [self.names[each] for each in leaders], share.tolist()))
 
     def mixed(self, by_name: FloatArray) -> FloatArray:
-        """Return the log evidence that some fraction lacks a name and the others nothing, (k, n); `weigh` says (n, u).
+        """Return log evidence that some fraction lacks a name, and that some unit does alone, (k + 1, n).
 
-        Each unit has an amplitude of its own, so that this of a whole fleet is the sum over its pieces.
+        `weigh` says (n, u). Each unit has an amplitude of its own: a whole fleet's is the sum over its pieces.
         """
-        of_others = ((p, np.log1p(-p) if p < 1.0 else -np.inf) for p in FRACTIONS)
-        return np.array([np.logaddexp(none, np.log(p) + by_name).sum(axis=1) for p, none in of_others])
+        rest = ((p, np.log1p(-p) if p < 1.0 else -np.inf) for p in FRACTIONS)
+        some = [np.logaddexp(none, np.log(p) + by_name).sum(axis=1) for p, none in rest]
+        return np.array([*some, log_sum(by_name.T)])
 
-    def in_common(self, mixed: FloatArray) -> SharedFinding:
-        """Return the effect that many units lack, by what `mixed` says of them all, (k, n)."""
-        posterior = mixed + self.log_odds - np.log(len(FRACTIONS))
+    def in_common(self, mixed: FloatArray, units: int) -> SharedFinding:
+        """Return the effect that not one alone of so many units lacks: `mixed` says of m pieces, (m, k + 1, n)."""
+        posterior = mixed[:, :-1].sum(axis=0) + self.log_odds - np.log(len(FRACTIONS))
         statistic = float(log_sum(posterior.reshape(-1, 1))[0])
+        alone = float(log_sum((mixed[:, -1] + self.log_odds).reshape(-1, 1))[0]) - np.log(units)
         share = np.exp(posterior - statistic)
-        leader, p_value = int(np.argmax(share.sum(axis=0))), float(_ville(np.array([statistic]))[0])
+        leader, p_value = int(np.argmax(share.sum(axis=0))), float(_ville(np.array([statistic - max(alone, 0.0)]))[0])
         fraction = FRACTIONS[int(np.argmax(share[:, leader]))]
         return SharedFinding(self.names[leader], float(share[:, leader].sum()), p_value, fraction, self.follows)
 
@@ -144,9 +146,8 @@ class Screen:
             raise InputError(
                 f"{fleet[0].title}: too few rows to test anything by; a screen needs several runs of each unit"
             )
-        some = [
-            laid[0].rates(fleet[i]) for i in np.unique(np.linspace(0, len(fleet) - 1, NOISY_UNITS).astype(np.int64))
-        ]
+        evenly = np.unique(np.linspace(0, len(fleet) - 1, NOISY_UNITS).astype(np.int64))
+        some = [laid[0].rates(fleet[i]) for i in evenly]
         likelier = max(laid, key=lambda each: each._log_evidence(some[:: NOISY_UNITS // ASKED_UNITS]))
         likelier._adapt(some)
         return likelier

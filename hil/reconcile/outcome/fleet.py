@@ -73,7 +73,7 @@ def fleet_sentences(found: Screened) -> Iterator[str]:
     """Yield what was found in a screenful: how many units, which effects, what many have in common."""
     worth = [each for each in found.units if each.worth]
     yield (
-        f"{len(worth)} of {_counted(found.units)} deserve{'s' * (len(found.units) == 1)} a full "
+        f"{len(worth)} of {_counted(found.units)} deserve{'s' * (len(worth) == 1)} a full "
         f"hil reconcile: of those called, at most {LEVEL:.0%} on average lack nothing"
     )
     for name, _, _ in _by_effect(worth):

@@ -59,6 +59,10 @@ def test_the_faulty_units_are_called_and_the_others_go_on(folder: Path) -> None:
         "Log odds that anything is missing from each unit, by serial number",
     ]
     assert "x-broken" in page
+    one = Screened(
+        "", [replace(each, layout=1) for each in found.units if "u03" in each.folder or not each.worth], [], {}
+    )
+    assert next(fleet_sentences(one)).startswith("1 of 15 units deserves a full hil reconcile")
 
 
 def test_one_unit_with_a_noisy_channel_is_asked_at_every_noise() -> None:
@@ -214,7 +218,7 @@ def test_false_discoveries_are_what_they_are_said_to_be() -> None:
     assert (
         np.mean(
             [
-                screen.asked.in_common(screen.asked.mixed(weighed[:, k : k + 20])).p_value < 0.05
+                screen.asked.in_common(screen.asked.mixed(weighed[:, k : k + 20])[None], 20).p_value < 0.05
                 for k in range(0, 600, 20)
             ]
         )

@@ -15,7 +15,7 @@ from hil.campaign.reader import read_campaign
 from hil.errors import InputError
 from hil.model import load_model
 from hil.reconcile import Reconciliation, reconcile, write_result
-from hil.reconcile.fleet import Screen
+from hil.reconcile.fleet import Screen, SharedFinding
 from hil.reconcile.scattering import what_scatters
 from tests.hil.reconcile.hidden_effects import TRIAD, base_rates, both, campaign_of, hidden_campaign, lay_out, noise
 from tests.hil.solve.test_other_runs import campaign as ordinary
@@ -262,9 +262,23 @@ def test_units_without_a_fault_are_left_alone_one_by_one_and_together() -> None:
     assert np.mean(p_values < 0.2) < 0.26
     assert np.mean(p_values < 0.05) < 0.09
     assert min(finding.q_value for finding in findings) > 0.05
-    assert (
-        screen.asked.in_common(screen.asked.mixed(screen.weigh([screen.rates(each) for each in units]))).p_value > 0.05
-    )
+    assert together(screen, units).p_value > 0.05
+
+
+def together(screen: Screen, units: list[Campaign]) -> SharedFinding:
+    """What units share."""
+    weighed = screen.weigh([screen.rates(each) for each in units])
+    return screen.asked.in_common(screen.asked.mixed(weighed)[None], len(units))
+
+
+def test_one_odd_unit_is_no_fault_of_a_fleet() -> None:
+    """It is called by itself; of two it may be."""
+    units = fleet(12, 0.0, 1)
+    screen = Screen.of(units, "matrix-6-thermal")
+    odd = fleet(2, 40.0, 1, seed=100)
+    assert [each.q_value < 0.05 for each in screen.units([*units[:10], *odd])] == [False] * 10 + [True] * 2
+    assert together(screen, [*units[:11], odd[0]]).p_value > 0.05
+    assert together(screen, [*units[:10], *odd]).p_value < 0.001
 
 
 @pytest.mark.slow
@@ -273,7 +287,7 @@ def test_what_no_unit_shows_alone_the_fleet_shows_together() -> None:
     units = fleet(40, 5.0, 1)
     screen = Screen.of(units, "matrix-6-thermal")
     assert sum(finding.q_value < 0.05 for finding in screen.units(units)) < 10
-    shared = screen.asked.in_common(screen.asked.mixed(screen.weigh([screen.rates(each) for each in units])))
+    shared = together(screen, units)
     assert shared.name == "supply"
     assert shared.p_value < 0.001
 
