@@ -19,6 +19,7 @@ from benchmarks.blind.night import Design
 from hil.campaign import Campaign
 from hil.campaign.reader import read_campaign
 from hil.cli.app import run
+from hil.cli.told import lines_of
 from hil.config import load_bench, load_sweep, parse_bench
 from hil.config.sweep import parse_sweep
 from hil.design.budget.document import Asked, budget_document
@@ -202,3 +203,15 @@ def test_from_the_command_line_for_programs_and_for_people(tmp_path: Path) -> No
     assert (status, out) == (2, "")
     assert "there is no run 9" in err
     assert os.listdir(tmp_path) == []
+
+
+def test_what_is_too_large_for_a_calculation_is_told_with_what_the_draws_have(tmp_path: Path) -> None:
+    """Of a triad, whose draws no table has, too: every number that holds instead stands in the text."""
+    folder = written("poses", tmp_path / "campaign")
+    document: dict[str, Any] = json.loads(cli("budget", folder, "--json")[1])
+    (sensor,) = document["sensors"].values()
+    source = sensor["sources"][2]
+    sensor |= {"agrees": False, "too_large": {source["id"]: ["GXY", "GZX"]}}
+    drawn = ", ".join(f"{name} {source['parameters'][name]['monte_carlo']:.2g}" for name in ("GXY", "GZX"))
+    told = [line for line in lines_of(document, {}) if isinstance(line, str)]
+    assert f"too large for a linear calculation: {source['title']}; Monte Carlo has {drawn}" in told
