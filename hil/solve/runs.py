@@ -139,7 +139,10 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None, sensor: in
     for number, wrong in rows.items():
         solved = [*_solved(wrong.collects, model_name)]
         among, beside = _of_as_many(solved), _Beside.of(campaign, number, wrong)
-        found += [_judged(_described(number, each, among), campaign.sensors[number], beside) for each in solved]
+        found += [
+            _judged(_described(number, each, among, wrong.collects), campaign.sensors[number], beside)
+            for each in solved
+        ]
     return sorted(found, key=lambda each: (each.runs[0], each.sensor))
 
 
@@ -268,7 +271,7 @@ def _judged(solution: RunSolution, rows: Collects, beside: _Beside) -> RunSoluti
     return replace(solution, beside=tuple(found))
 
 
-def _described(sensor: int, solved: _Solved, among: int) -> RunSolution:
+def _described(sensor: int, solved: _Solved, among: int, every: Collects) -> RunSolution:
     form, collects, solution = solved.form, solved.collects, solved.solution
     conditions, noise_stated = collects.conditions, solved.sigma is not None
     degrees = int(solution.degrees_of_freedom)
@@ -276,7 +279,7 @@ def _described(sensor: int, solved: _Solved, among: int) -> RunSolution:
     equations = int(np.count_nonzero(~np.isnan(solution.residuals)))
     of_channels = _by_channel(solved)
     if unobservable:
-        judged = Judgement(Verdict.INCONCLUSIVE, _too_few(collects, unobservable))
+        judged = Judgement(Verdict.INCONCLUSIVE, _too_few(collects, every, unobservable))
     else:
         where = _where(list(conditions.sensor.channels), of_channels, among)
         judged = judge(float(solution.chi_square), degrees, equations, noise_stated, among, where)
@@ -382,14 +385,24 @@ def judge(
     )
 
 
-def _too_few(collects: Collects, unobservable: Sequence[str]) -> str:
+def _positions(collects: Collects) -> set[str]:
+    """Return the positions at which every channel was measured."""
+    return set(collects.conditions.position[np.isfinite(collects.rates_deg_per_hr).all(axis=1)].tolist())
+
+
+def _too_few(collects: Collects, every: Collects, unobservable: Sequence[str]) -> str:
+    """Say what was measured, and what lacks: positions that other runs of `every` have, else what is not seen."""
     channels: dict[str, list[str]] = {}
     for name, known in zip(collects.conditions.sensor.channels, np.isfinite(collects.rates_deg_per_hr).T, strict=True):
         count, places = int(known.sum()), len(set(collects.conditions.position[known].tolist()))
         at = f" at {spelled(places)} {plural('position', places)}" if count else ""
         channels.setdefault(f"{spelled(count)} {plural('collect', count)}{at}", []).append(name)
     measured = listed(f"{listed(names)} in {where}" for where, names in channels.items())
-    return f"measured are {measured}: these cannot support every parameter: {'; '.join(unobservable)}"
+    few = f"measured are {measured}: these cannot support every parameter"
+    if lacks := sorted(_positions(every) - _positions(collects)):
+        gone = "is missing or left out: collect it" if len(lacks) == 1 else "are missing or left out: collect them"
+        return f"{plural('position', len(lacks))} {listed(lacks)}, which other runs have, {gone} again; {few}"
+    return f"{few}: {'; '.join(unobservable)}"
 
 
 def _assumptions(form: LinearForm, collects: Collects, noise_stated: bool) -> tuple[str, ...]:

@@ -144,6 +144,16 @@ def test_the_fourth_collect_exposes_what_the_model_lacks(tmp_path: Path, even_de
     assert only(rotor(tmp_path / "three", rows[:3])).verdict is Verdict.PASS
 
 
+def test_positions_that_a_run_lacks_and_others_have_are_to_be_collected_again(tmp_path: Path) -> None:
+    """That is what to do; which combinations are seen without them is no more to the point, and stands by itself."""
+    rows = [rotor_row(run, label) for run in (1, 2, 3) for label in ("13" if run == 2 else "1234")]
+    solution = solve_campaign(rotor(tmp_path, rows))[1]
+    lacks = "positions 2 and 4, which other runs have, are missing or left out: collect them again; measured"
+    assert lacks in solution.reason
+    assert "is seen" not in solution.reason
+    assert solution.unobservable
+
+
 @pytest.mark.parametrize(
     ("labels", "known", "unknown"),
     [("12", ["BA", "BB"], ["MUA", "MUB"]), ("13", [], ["BA", "MUB", "GSA"]), ("3", [], NAMES)],
