@@ -42,10 +42,10 @@ class Rest:
 
 
 def at_rest(live: LiveBench, samples: SampleBlock) -> Iterator[Finding]:
-    """Yield what is seen of every sensor in `samples` of a unit that lies still, and what contradicts that."""
+    """Yield what is seen of the bench's sensors in `samples` of a unit that lies still, and what contradicts it."""
     imu = live.devices.imu
     everything: dict[str, FloatArray] = {}
-    for number, channels in imu.sensors.items():
+    for number, channels in ((n, imu.sensors[n]) for n in sorted(imu.sensors.keys() & live.bench.sensors.keys())):
         values = {name: samples.fields[field] for name, field in channels.rates.items() if field in samples.fields}
         values = {name: rates[np.isfinite(rates)] for name, rates in values.items()}
         if any(len(rates) < _LEAST_SAMPLES for rates in values.values()):

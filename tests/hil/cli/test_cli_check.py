@@ -73,6 +73,15 @@ def test_both_orders_look_at_the_same(hil: Any, short_sweep: Path) -> None:
     assert told(bench_first)["wear"]["message"].startswith("at most 2 setpoint writes")
 
 
+def test_a_sensor_that_the_bench_does_not_list_is_not_judged(hil: Any, tmp_path: Path) -> None:
+    """The frames have both sensors; the bench was left one of them, and the other was judged all the same."""
+    document = yaml.safe_load(bench_file(tmp_path).read_text())
+    del document["sensors"][1]
+    bench_file(tmp_path).write_text(yaml.safe_dump(document, sort_keys=False, allow_unicode=True))
+    found = told(hil("check", tmp_path / "my-bench.yaml", "--json"))
+    assert [subject for subject in found if subject.endswith("at rest")] == ["sensor 2 at rest"]
+
+
 def test_a_bench_alone_is_enough(hil: Any) -> None:
     """What depends on a sweep is left out, and how to have it is said."""
     ended = hil("check", "simulated", "--json")
