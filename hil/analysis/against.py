@@ -22,7 +22,7 @@ from hil.solve import repeats, solve_campaign
 from hil.solve.repeats import MeanAt, Uncertain
 from hil.solve.temperatures import NOT_SETTLED, apart, nearest, runs_by_temperature
 from procedures.verdict import NOT_GOOD
-from procedures.words import numbered
+from procedures.words import listed, numbered
 
 SIGMAS = 3.0
 _BY_CHANCE = 0.00135  # of a normal distribution, beyond three sigma on one side
@@ -111,13 +111,22 @@ class Comparison:
     def sentence(self) -> str:
         """What was found, in one sentence."""
         if not self.differences:
-            return f"nothing can be compared with “{self.earlier}”"
+            return f"nothing can be compared with “{self.earlier}”: {self._why_nothing}"
         found, all_of = len(self.flagged), len(self.differences)
         chance = all_of * 2.0 * _BY_CHANCE
         return (
             f"{found} of {all_of} differences from “{self.earlier}” {'is' if found == 1 else 'are'} beyond 3 sigma; "
             f"chance alone gives {chance:.1g}"
         )
+
+    @property
+    def _why_nothing(self) -> str:
+        """Why there is no difference, with the temperatures for which that holds."""
+        levels: dict[str, list[str]] = {}
+        for (_, degC), why in self.without.items():
+            levels.setdefault(why, []).append("no recorded temperature" if degC is None else f"{degC:z.0f} °C")
+        told = [f"at {listed(list(dict.fromkeys(at)))} {why}" for why, at in levels.items()]
+        return "; ".join(told) or "no sensor has a parameter in both"
 
     @property
     def first(self) -> Sequence[Difference]:

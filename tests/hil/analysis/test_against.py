@@ -97,6 +97,7 @@ def test_what_cannot_be_compared_is_said(first: Campaign) -> None:
     found = compare(replace(moved, identity=one), replace(first, identity=other))
     assert not found.differences
     assert found.sentence.startswith("nothing can be compared")
+    assert re.search("”: at .* °C the earlier campaign has no such temperature$", found.sentence)
     assert sum("has no such temperature" in each for each in found.remarks) == 8
     assert any("two units, MFS 1 now and MFS 2 before" in each for each in found.remarks)
     other = replace(first, sensors={5: first.sensors[2]})
