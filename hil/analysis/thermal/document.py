@@ -12,6 +12,7 @@ from hil.solve.document import not_passed, not_passed_of, of_sensors_in_words
 from hil.solve.omissions import what_is_wrong
 from hil.solve.repeats import CONFIDENCE
 from hil.solve.runs import solve_campaign
+from hil.solve.wrong_rows import pooled
 from procedures.words import counted, listed, percent, significant
 
 SCHEMA = "hil.thermal/1"
@@ -21,7 +22,7 @@ _OTHERWISE = "; hil reconcile asks runs that are left out, at temperatures that 
 
 def thermal_document(result: ThermalFit) -> dict[str, Any]:
     """Return what `hil thermal --json` prints: finite numbers, null where a thing is not known."""
-    solved = solve_campaign(result.campaign)
+    solved = solve_campaign(pooled(result.campaign))
     return {
         "schema": SCHEMA,
         **picked(result.campaign, "campaign=title simulated warnings"),
@@ -155,8 +156,8 @@ def verdict_in_words(fit: SensorFit) -> str:
     found, scatter = fit.improvement, fit.rate_noise_deg_per_hr
     numbers = (
         f"rates at a temperature that was left out are wrong by {found.constant:.3g} deg/hr with constants and by "
-        f"{found.modelled:.3g} deg/hr with the curves ({percent(found.share)} less; {percent(found.low)} to "
-        f"{percent(found.high)} with the temperatures drawn again); one collect scatters by {scatter:.3g} deg/hr"
+        f"{found.modelled:.3g} deg/hr with the curves ({_less(found.share)}; {_less(found.low)} to "
+        f"{_less(found.high)} with the temperatures drawn again); one collect scatters by {scatter:.3g} deg/hr"
         f"{_confirmed(fit)}"
     )
     if all(each.choice.form.order == 0 for each in fit.parameters.values()):
@@ -172,6 +173,11 @@ def verdict_in_words(fit: SensorFit) -> str:
     if found.is_certain:
         return f"modelling against temperature improves this unit: {numbers}"
     return f"{_NOT_SHOWN}: {numbers}{_OTHERWISE}"
+
+
+def _less(share: float) -> str:
+    """Say by how much less, or more, rates are wrong with curves than with constants."""
+    return f"{percent(abs(share))} {'less' if share >= 0.0 else 'more'}"
 
 
 def _confirmed(fit: SensorFit) -> str:

@@ -118,10 +118,9 @@ def _solved_at(document: dict[str, Any], key: str) -> Answer:
     }
 
 
-def _with_those_that_nobody_uses(document: dict[str, Any]) -> dict[str, list[int]]:
-    unused = {run for runs in document["runs_not_used"].values() for run in runs}
-    failed = sorted({*document["runs_not_solved"].get("FAIL", ()), *unused})
-    return {**document["runs_not_solved"], "FAIL": failed}
+def _in_means(document: dict[str, Any]) -> list[dict[str, Any]]:
+    unused = document["runs_not_used"]
+    return [each for each in document["solutions"] if each["run"] not in unused.get(str(each["sensor"]), ())]
 
 
 def _no_pass(runs: Mapping[str, list[int]]) -> Answer:
@@ -277,11 +276,11 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
     "which runs do not pass, and how bad they are": {
         "solve": lambda document: _no_pass(
             {
-                verdict: sorted({s["run"] for s in document["solutions"] if s["verdict"] == verdict})
+                verdict: sorted({s["run"] for s in _in_means(document) if s["verdict"] == verdict})
                 for verdict in ("FAIL", "INCONCLUSIVE")
             }
         ),
-        "reconcile": lambda document: _no_pass(_with_those_that_nobody_uses(document)),
+        "reconcile": lambda document: _no_pass(document["runs_not_solved"]),
         "thermal": lambda document: _no_pass(document["runs_not_solved"]),
     },
     "which runs FAIL by what was recorded": {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 from hil.analysis.published.table import read_published_table
-from hil.analysis.thermal.document import first_in_words, parameter_in_words, thermal_document
+from hil.analysis.thermal.document import first_in_words, parameter_in_words, thermal_document, verdict_in_words
 from hil.analysis.thermal.files import ardupilot_parameters, px4_parameters
 from hil.analysis.thermal.fit import SensorFit, fit_thermal
 from hil.campaign import Campaign
@@ -19,6 +20,7 @@ from hil.campaign.writer import write_campaign
 from hil.cli.app import run
 from hil.model import Model, load_model, save_model
 from hil.reconcile import reconcile
+from procedures.verdict import Judgement, Verdict
 from tests.hil.analysis.thermal.nights import PUBLISHED_DEGC, Curve, rotor_night, scaled, triad_night
 
 ROTOR: dict[str, Curve] = {
@@ -245,6 +247,23 @@ def test_the_parameter_files_say_what_stands_on_weak_feet(triad: SensorFit) -> N
     assert "# BY: temperatures that did not choose its form do not confirm it" in ardupilot_parameters(
         fit_thermal(few).sensors[1]
     )
+
+
+def test_a_run_that_no_curve_goes_through_is_none_to_see_to_before_it_is_used() -> None:
+    """One that FAILed by what was recorded is in `runs_not_used`: thermal had said FAIL, and reconcile nothing."""
+    night = rotor_night(np.random.default_rng(5), ROTOR)
+    document = thermal_document(fit_thermal(replace(night, verdicts={3: Judgement(Verdict.FAIL, "the door was open")})))
+    assert document["runs_not_used"] == {"2": [3]}
+    assert document["runs_not_solved"] == {}
+
+
+@pytest.mark.parametrize(("share", "said"), [(-0.22, "(22 % more; 93 % more to 63 % less "), (0.4, "(40 % less; ")])
+def test_curves_that_are_worse_than_constants_are_wrong_by_more(triad: SensorFit, share: float, said: str) -> None:
+    """Minus 22 % less is 22 % more."""
+    fit = copy(triad)
+    fit.improvement = copy(triad.improvement)
+    fit.improvement.share, fit.improvement.low, fit.improvement.high = share, -0.93, 0.63
+    assert said in verdict_in_words(fit)
 
 
 def test_before_a_curve_is_used_the_runs_are_named_that_do_not_pass() -> None:
