@@ -81,7 +81,7 @@ class Scattering:
             told = ["too few repeats to tell anything"]
         left = {of["sensor"] for of in noise if of["observed_deg_per_hr"] is not None}
         alone = [
-            f"sensor {number}: nothing was repeated: what changes from run to run is not known"
+            f"sensor {number}: no run was repeated: what changes from run to run is not known"
             + "; what is observed is what a smooth model leaves of single runs" * (number in left)
             for number, collects in found.campaign.sensors.items()
             if not any(len(runs) > 1 for _, runs in runs_by_temperature(collects.conditions))

@@ -23,7 +23,7 @@ from procedures.words import percent
 
 ORDINARY = "ordinary"
 """White noise and an offset from run to run: what is called no effect."""
-WHITE = "white noise, and an offset of each run"
+WHITE = "white noise"
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,8 @@ class Answer:
         likely = {n: float(sum(np.exp(f.log_weight) for f in posterior.sets if n in f.scatter)) for n in titles}
         likely[ORDINARY] = float(1.0 - sum(np.exp(f.log_weight) for f in posterior.sets if f.scatter))
         ranked = sorted(likely.items(), key=lambda pair: -pair[1])
-        return {name: (titles.get(name, WHITE), share) for name, share in ranked} if titles else {}
+        white = WHITE + " and an offset of each run" * any(each["run_offset_deg_per_hr"] for each in self.noise)
+        return {name: (titles.get(name, white), share) for name, share in ranked} if titles else {}
 
     @property
     def untold(self) -> str:

@@ -162,7 +162,7 @@ def test_what_changes_from_run_to_run_is_not_known_where_nothing_was_repeated(ru
     one = campaign(runs, 1, seed=3, scatter=0.5)
     found = what_scatters(one)
     assert "what changes from run to run is not known" in repeats(one, solve_campaign(one))[2].sentences()[0]
-    assert "nothing was repeated: what changes from run to run is not known" in found.sentences()[0]
+    assert "no run was repeated: what changes from run to run is not known" in found.sentences()[0]
     assert {of["run_offset_deg_per_hr"] for of in found.answer.noise} == {None}
     assert {of["observed_deg_per_hr"] is not None for of in found.answer.noise} == {left}
     assert ("what is observed is" in found.sentences()[0]) is left
@@ -173,7 +173,9 @@ def test_an_offset_of_runs_is_as_large_for_the_search_as_for_repeats(seed: int) 
     """Within what eight degrees of freedom tell, and not one of the few sizes that the search's grid has."""
     night = campaign(12, 3, seed=seed, scatter=2.0)
     told = repeats(night, solve_campaign(night))[2].spread.beyond[:2]
-    found = [channel["run_offset_deg_per_hr"] for channel in what_scatters(night).answer.noise]
+    answer = what_scatters(night).answer
+    found = [channel["run_offset_deg_per_hr"] for channel in answer.noise]
+    assert answer.scatters_by["ordinary"][0] == "white noise and an offset of each run"
     assert found == pytest.approx(told.tolist(), rel=0.45)
 
 

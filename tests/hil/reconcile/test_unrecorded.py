@@ -321,5 +321,5 @@ def test_standard_errors_that_are_too_large_are_to_be_seen_to() -> None:
     one = campaign_of(rows, base_rates(rows, thermal=False) + noise(rows, rng, run_bias=0.0), stated=9.0)
     result, found = reconcile(one, "matrix-6", prove=False), what_scatters(one)
     assert "standard errors: repeats and residuals show others (notes)" in what_to_do(result)[1]
-    assert "nothing certainly scatters: " in " ".join(found.sentences())
+    assert "nothing certainly scatters: white noise (" in " ".join(found.sentences())  # and of no run an offset
     assert "State the standard errors of sensor 2" in " ".join(to_do(gather(one)))
