@@ -33,6 +33,7 @@ def shown(campaign: Campaign, found: Answer, inside: Sequence[dict[str, Any]], a
     notes = [*asked.warnings, *in_words(beside), *found.problem.notes]
     notes += in_words({"rows": found.rows}, searched=True)
     notes += findings.laws_that_fail(fit, found.problem.sensors)
+    notes += _only_together(found)
     notes += [] if both is None else both.together
     notes += [*_why_left(added), *_not_proved(found), *values_off(standing, found.gap)]
     notes += [found.untold] if found.untold and not found.names else []
@@ -79,6 +80,15 @@ def _where(found: Answer) -> list[Disagreement]:
     moved = (places(fit, terms, chance, found.alpha) or channels_touched(fit, chance)) if terms else []
     spoiled = mistakes.mistake_places(found.reading.mistakes, fit, chance)
     return [*spoiled, *moved, *scatter.places(found.scatter, chance)]
+
+
+def _only_together(found: Answer) -> Iterator[str]:
+    """Say of which parameters that were found the collects tell only a combination: each is as usual by itself."""
+    for named in found.names:
+        for number, own in named.terms.items():
+            for said in dict.fromkeys(said for j in own for said in found.fit.only_together(number, j)):
+                which = f"{findings.id_of(named, found.fit)}, sensor {number}: {said}"
+                yield f"{which}: by itself each is only as these collects and what is usual leave it, and so is its ±"
 
 
 def _why_left(added: Added) -> list[str]:

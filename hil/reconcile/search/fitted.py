@@ -13,6 +13,8 @@ from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.set_in_block import SetInBlock
 from hil.reconcile.search.sets import SensorSearch, Set
 from hil.solve.identifiability import orthonormal, project_out
+from hil.solve.observability import describe
+from hil.solve.runs import OBSERVABLE
 
 Key = tuple[int, int, int]
 """Sensor, term, parameter."""
@@ -100,6 +102,20 @@ class Fitted:
         scale, errors = self.posterior.term(number, place).scale, np.sqrt(np.diag(self.covariance))
         every = zip(self.keys, self.values.tolist(), (self.alone if alone else errors).tolist(), strict=True)
         return {k: (v / float(scale[k]), e / float(scale[k])) for (*of, k), v, e in every if of == [number, place]}
+
+    def only_together(self, number: int, place: int) -> tuple[str, ...]:
+        """Say which of a term's parameters these rows tell in combination only; nothing where there are none."""
+        own = [at for at, key in enumerate(self.keys) if key[:2] == (number, place)]
+        whole, left = [], []
+        for block in self.blocks:
+            parts = np.hstack([block.search.block.base, self.design(block, {(number, place)})[:, own]])
+            base, columns = np.split(block.white(parts), [parts.shape[1] - len(own)], axis=1)
+            whole.append(columns)
+            left.append(project_out(orthonormal(base), columns))
+        term, each = self.posterior.term(number, place), [self.keys[at][2] for at in own]
+        names, scale = [term.candidate.parameters[k].name for k in each], term.scale[each]
+        size = np.linalg.norm(np.concatenate(whole), axis=0)
+        return describe(names, np.concatenate(left) * scale, size * scale, OBSERVABLE).sentences
 
     def effect(self, block: FittedBlock) -> FloatArray:
         """Return what all terms make of a block's rates, (N,), deg/hr."""

@@ -110,6 +110,16 @@ def test_columns_that_are_the_same_in_this_design_are_ambiguous(truth: str, hidd
     assert result.next_experiment is not None
 
 
+def test_what_collects_tell_of_parameters_only_together_is_said() -> None:
+    """At 1 g kAA + kSS is a bias: both had stood there with a ± each that did not hold, and not a word of it."""
+    night = {"temperatures": (-25.0, 25.0), "runs_each": 2, "positions": tuple("123413")}
+    hidden = hidden_campaign(7, lambda r: both(6.0 * r.f[:, 2] ** 2, 4.0, -3.0), thermal=False, **night)
+    result = reconcile(hidden, "matrix-6", prove=False)
+    assert "k2" in ids(result)
+    (said,) = [note for note in result.notes if note.startswith("k2, sensor 2: kAA_A - kSS_A")]
+    assert "kAA_A + kSS_A are not: by itself each is only as" in said
+
+
 def test_a_slope_has_the_name_that_the_catalogue_gives_it() -> None:
     """A bias of 0.5 deg/hr/°C is b1_A of the equation, not B_A, which is a rate; GS and MU have theirs."""
     campaign = hidden_campaign(3, lambda rows: both(rows.temperature, 0.5, 0.5), thermal=False, mu=False)
