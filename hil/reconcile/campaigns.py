@@ -65,7 +65,9 @@ class Facts:
         day, serial = day_of(campaign.source), campaign.identity.get("serial", "")
         bad = sorted(set().union(*(failed(campaign, number) for number in campaign.sensors)))
         known = (campaign.title, serial, day.isoformat() if day else "", campaign.simulated)
-        return cls(folder, *known, bad, by_records(campaign))
+        reasons = "; ".join(each.reason for each in campaign.contradicted.values())  # which FAIL says already
+        warned = [each for each in campaign.warnings if each not in reasons]
+        return cls(folder, *known, bad, by_records(campaign) | ({"warnings": warned} if warned else {}))
 
     def beside(self, rows: Sequence[Wrong]) -> Self:
         """Return the same with what is wrong with rows."""

@@ -86,10 +86,11 @@ def fleet_sentences(found: Screened) -> Iterator[str]:
         )
     if bad := [f"{each.folder} ({numbered('run', runs)})" for each in found.units if (runs := each.runs_in_use)]:
         yield f"FAIL by what was recorded, and screened all the same: {listed(bad)}; hil solve says why"
-    wrong = [(each.folder, in_words(each.wrong)) for each in found.units if each.wrong]
+    wrong = [(each.folder, lines) for each in found.units if (lines := in_words(each.wrong))]
     yield from (f"{folder}: {line}" for folder, lines in wrong[:_MOST_WRONG] for line in lines)
     if (more := len(wrong) - _MOST_WRONG) > 0:
         yield f"and of {counted(more, 'calibration')} more: --json has all"
+    yield from _warnings(found.units)
     yield (
         "a screen asks for one thing that moves averages, by noise as it is without that; a full hil reconcile looks "
         "at the noise anew beside it, and asks what only scatters averages; hil solve whether rows and runs are good"
@@ -101,6 +102,18 @@ def fleet_sentences(found: Screened) -> Iterator[str]:
         )
     if found.not_screened:
         yield f"{counted(len(found.not_screened), 'campaign')} could not be screened"
+
+
+def _warnings(units: Sequence[ScreenedUnit]) -> Iterator[str]:
+    """Yield what reading the folders warned of, once of all that it was said of."""
+    said: dict[str, list[str]] = {}
+    for each in units:
+        for warning in each.wrong.get("warnings", ()):
+            said.setdefault(warning.removeprefix(f"{each.folder}/"), []).append(each.folder)
+    for warning, (folder, *others) in list(said.items())[:_MOST_WRONG]:
+        yield f"{folder}{f' and {len(others)} more' * bool(others)}: warning: {warning}"
+    if (more := len(said) - _MOST_WRONG) > 0:
+        yield f"and {counted(more, 'more warning')}: --json has all"
 
 
 def _counted(units: Sequence[ScreenedUnit]) -> str:

@@ -288,6 +288,25 @@ def test_values_that_follow_temperature_are_no_finding_by_a_model_of_constants()
     assert screen.asked.follows
 
 
+def test_what_reading_folders_warned_of_is_said_once_of_all(tmp_path: Path) -> None:
+    """That there is no earth rate, as every other command says it; what a run FAILs by is said of the run."""
+    for i in range(2):
+        made = campaign_of(SHORT, base_rates(SHORT) + noise(SHORT, np.random.default_rng(i)))
+        conditions = made.sensors[2].conditions
+        still = replace(conditions, w_deg_per_hr=np.zeros_like(conditions.w_deg_per_hr))
+        if i:
+            still = replace(still, f_g=np.where(np.arange(len(still))[:, None] == 2, 1.1, 1.0) * still.f_g)
+        write_campaign(replace(made, sensors={2: replace(made.sensors[2], conditions=still)}), tmp_path / f"u{i}")
+    found = screen_folders([tmp_path], "matrix-6-thermal")
+    told = {each["folder"][-2:]: each for each in fleet_document(found)["units"]}
+    *warned, fails = read_campaign(tmp_path / "u1").warnings
+    assert fails.startswith("collect 3: ")
+    assert told["u1"]["warnings"] == warned
+    said = "\n".join(fleet_sentences(found))
+    assert said.count(" and 1 more: warning: collects.csv, sensor 2: w is 0 in every row") == 1
+    assert "u1: warning: collects.csv, sensor 2, row 4: |f| is off 1 g" in said
+
+
 @pytest.mark.parametrize("follows", [True, False])
 def test_a_screen_says_beside_which_values_it_asked(follows: bool) -> None:
     """Beside values that follow temperature it finds no law of temperature, and says that a reconcile may."""
