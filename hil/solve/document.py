@@ -8,9 +8,10 @@ import numpy as np
 
 from hil.campaign import Campaign
 from hil.files.document import picked, plain
+from hil.solve.judged import EXCESS
 from hil.solve.omissions import what_is_wrong
 from hil.solve.repeats import SensorRepeats, repeats
-from hil.solve.runs import EXCESS, RunSolution
+from hil.solve.runs import RunSolution
 from procedures.verdict import Judgement, Verdict
 from procedures.words import numbered
 

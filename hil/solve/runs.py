@@ -16,7 +16,6 @@ from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtrc
 
 from hil.campaign import Campaign, Collects, Conditions, FloatArray
 from hil.campaign.plausibility import accelerations_g
@@ -25,16 +24,14 @@ from hil.errors import InputError
 from hil.model.forms import LinearForm, default_form, named_form
 from hil.solve.contractor import METHOD, can_follow, solve_as_contractor
 from hil.solve.identifiability import orthonormal
+from hil.solve.judged import beyond_errors, judge, too_few
 from hil.solve.least_squares import Solution, solve
 from hil.solve.omissions import not_settled
 from hil.solve.precision import measured_well_enough, unstated
 from hil.solve.temperatures import law_not_told
 from hil.solve.wrong_rows import WrongRows, wrong_rows
 from procedures.verdict import Judgement, Verdict
-from procedures.words import counted, listed, numbered, plural, significant, spelled
-
-PASS_PROBABILITY = 0.05
-FAIL_PROBABILITY = 0.001
+from procedures.words import listed, numbered
 
 OBSERVABLE = 1e-3
 """A combination counts as seen where the collects excite it by more than a thousandth of what they excite best.
@@ -44,7 +41,6 @@ A thousandth of 1 g is a milliradian: less than that, and the error of the attit
 
 LEAST_SQUARES = "weighted least squares"
 UNSTATED = "every rate of a run has the same, unstated noise"
-EXCESS = "the residuals are {} times what the standard errors allow"
 
 
 @dataclass(frozen=True)
@@ -279,9 +275,9 @@ def _described(sensor: int, solved: _Solved, among: int, every: Collects) -> Run
     equations = int(np.count_nonzero(~np.isnan(solution.residuals)))
     of_channels = _by_channel(solved)
     if unobservable:
-        judged = Judgement(Verdict.INCONCLUSIVE, _too_few(collects, every, unobservable))
+        judged = Judgement(Verdict.INCONCLUSIVE, too_few(collects, every, unobservable))
     else:
-        where = _where(list(conditions.sensor.channels), of_channels, among)
+        where = beyond_errors(list(conditions.sensor.channels), of_channels, among)
         judged = judge(float(solution.chi_square), degrees, equations, noise_stated, among, where)
     unit = dict(zip(form.names, form.units, strict=True))
     return RunSolution(
@@ -340,69 +336,6 @@ def _by_channel(solved: _Solved) -> tuple[FloatArray, FloatArray]:
     squares[known] = (solution.residuals[known] / sigma[known]) ** 2
     freedom[known] = 1.0 - np.sum(basis**2, axis=1)
     return squares.reshape(-1, count).sum(axis=0), freedom.reshape(-1, count).sum(axis=0)
-
-
-def _where(names: Sequence[str], of_channels: tuple[FloatArray, FloatArray], among: int) -> str:
-    """Say by how much the residuals of a channel exceed its standard errors, where those of another do not."""
-    each = [*zip(names, *of_channels, strict=True)]
-    odd = [name for name, chi, nu in each if nu > 0.5 and chdtrc(nu, chi) < PASS_PROBABILITY / among]
-    told = [f"{name} {significant(np.sqrt(chi / nu))} times" for name, chi, nu in each if name in odd]
-    return f", in {listed(told)}" if 0 < len(odd) < len(names) else ""
-
-
-def judge(
-    chi_square: float, degrees: int, equations: int, noise_stated: bool, among: int = 1, where: str = ""
-) -> Judgement:
-    """Judge the residuals of `equations` rates: chi-square on `degrees` degrees of freedom against stated noise.
-
-    Of so many judgements, `among`, one is further off by chance than a single is. `where` says in which channels.
-    """
-    if degrees == 0:
-        known, unknown = (f"{spelled(equations)} {plural(noun, equations)}" for noun in ("equation", "unknown"))
-        reason = f"no residual: {known}, {unknown}; these collects cannot contradict the model"
-        if not noise_stated:
-            reason += "; with neither a residual nor stated standard errors a run alone tells no uncertainty"
-        return Judgement(Verdict.PASS, reason)
-    freedom = f"{counted(degrees, 'degree')} of freedom"
-    if not noise_stated:
-        return Judgement(
-            Verdict.PASS,
-            f"the rates have no (or not all) standard errors: the residuals, on {freedom}, are taken as the noise and "
-            "cannot contradict the model",
-        )
-    probability = float(chdtrc(degrees, chi_square))
-    found = f"chi-square {significant(chi_square, 3)} on {freedom}, p = {probability:.2g}"
-    if probability >= PASS_PROBABILITY / among:
-        chance = "; of so many runs one is so by chance" if probability < PASS_PROBABILITY else ""
-        return Judgement(Verdict.PASS, f"the residuals agree with the stated standard errors ({found}{chance})")
-    factor = np.sqrt(chi_square / degrees)
-    excess = f"{EXCESS.format(significant(factor))}{where} ({found})"
-    if probability >= FAIL_PROBABILITY / among:
-        return Judgement(Verdict.MARGINAL, excess)
-    return Judgement(
-        Verdict.FAIL,
-        f"{excess}: the model lacks something, or they are too small, and with them the ± of its parameters",
-    )
-
-
-def _positions(collects: Collects) -> set[str]:
-    """Return the positions at which every channel was measured."""
-    return set(collects.conditions.position[np.isfinite(collects.rates_deg_per_hr).all(axis=1)].tolist())
-
-
-def _too_few(collects: Collects, every: Collects, unobservable: Sequence[str]) -> str:
-    """Say what was measured, and what lacks: positions that other runs of `every` have, else what is not seen."""
-    channels: dict[str, list[str]] = {}
-    for name, known in zip(collects.conditions.sensor.channels, np.isfinite(collects.rates_deg_per_hr).T, strict=True):
-        count, places = int(known.sum()), len(set(collects.conditions.position[known].tolist()))
-        at = f" at {spelled(places)} {plural('position', places)}" if count else ""
-        channels.setdefault(f"{spelled(count)} {plural('collect', count)}{at}", []).append(name)
-    measured = listed(f"{listed(names)} in {where}" for where, names in channels.items())
-    few = f"measured are {measured}: these cannot support every parameter"
-    if lacks := sorted(_positions(every) - _positions(collects)):
-        gone = "is missing or left out: collect it" if len(lacks) == 1 else "are missing or left out: collect them"
-        return f"{plural('position', len(lacks))} {listed(lacks)}, which other runs have, {gone} again; {few}"
-    return f"{few}: {'; '.join(unobservable)}"
 
 
 def _assumptions(form: LinearForm, collects: Collects, noise_stated: bool) -> tuple[str, ...]:

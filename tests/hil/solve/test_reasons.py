@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from hil.solve import RunSolution, solve_campaign
 from hil.solve.document import not_passed, not_passed_of, of_sensors_in_words, reasons
-from hil.solve.runs import judge
+from hil.solve.judged import judge
 from procedures.verdict import Judgement, Verdict
 from tests.hil.solve.test_other_runs import campaign
 

@@ -1,0 +1,82 @@
+"""What a run's residuals say of it, and what its collects lack where they cannot support every parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.special import chdtrc
+
+from hil.campaign import Collects, FloatArray
+from procedures.verdict import Judgement, Verdict
+from procedures.words import counted, listed, plural, significant, spelled
+
+PASS_PROBABILITY = 0.05
+FAIL_PROBABILITY = 0.001
+EXCESS = "the residuals are {} times what the standard errors allow"
+
+
+def beyond_errors(names: Sequence[str], of_channels: tuple[FloatArray, FloatArray], among: int) -> str:
+    """Say by how much the residuals of a channel exceed its standard errors, where those of another do not.
+
+    `of_channels` are the squares of residuals in standard errors, and degrees of freedom, of each channel, (c,) each.
+    """
+    each = [*zip(names, *of_channels, strict=True)]
+    odd = [name for name, chi, nu in each if nu > 0.5 and chdtrc(nu, chi) < PASS_PROBABILITY / among]
+    told = [f"{name} {significant(np.sqrt(chi / nu))} times" for name, chi, nu in each if name in odd]
+    return f", in {listed(told)}" if 0 < len(odd) < len(names) else ""
+
+
+def judge(
+    chi_square: float, degrees: int, equations: int, noise_stated: bool, among: int = 1, where: str = ""
+) -> Judgement:
+    """Judge the residuals of `equations` rates: chi-square on `degrees` degrees of freedom against stated noise.
+
+    Of so many judgements, `among`, one is further off by chance than a single is. `where` says in which channels.
+    """
+    if degrees == 0:
+        known, unknown = (f"{spelled(equations)} {plural(noun, equations)}" for noun in ("equation", "unknown"))
+        reason = f"no residual: {known}, {unknown}; these collects cannot contradict the model"
+        if not noise_stated:
+            reason += "; with neither a residual nor stated standard errors a run alone tells no uncertainty"
+        return Judgement(Verdict.PASS, reason)
+    freedom = f"{counted(degrees, 'degree')} of freedom"
+    if not noise_stated:
+        return Judgement(
+            Verdict.PASS,
+            f"the rates have no (or not all) standard errors: the residuals, on {freedom}, are taken as the noise and "
+            "cannot contradict the model",
+        )
+    probability = float(chdtrc(degrees, chi_square))
+    found = f"chi-square {significant(chi_square, 3)} on {freedom}, p = {probability:.2g}"
+    if probability >= PASS_PROBABILITY / among:
+        chance = "; of so many runs one is so by chance" if probability < PASS_PROBABILITY else ""
+        return Judgement(Verdict.PASS, f"the residuals agree with the stated standard errors ({found}{chance})")
+    factor = np.sqrt(chi_square / degrees)
+    excess = f"{EXCESS.format(significant(factor))}{where} ({found})"
+    if probability >= FAIL_PROBABILITY / among:
+        return Judgement(Verdict.MARGINAL, excess)
+    return Judgement(
+        Verdict.FAIL,
+        f"{excess}: the model lacks something, or they are too small, and with them the ± of its parameters",
+    )
+
+
+def _positions(collects: Collects) -> set[str]:
+    """Return the positions at which every channel was measured."""
+    return set(collects.conditions.position[np.isfinite(collects.rates_deg_per_hr).all(axis=1)].tolist())
+
+
+def too_few(collects: Collects, every: Collects, unobservable: Sequence[str]) -> str:
+    """Say what was measured, and what lacks: positions that other runs of `every` have, else what is not seen."""
+    channels: dict[str, list[str]] = {}
+    for name, known in zip(collects.conditions.sensor.channels, np.isfinite(collects.rates_deg_per_hr).T, strict=True):
+        count, places = int(known.sum()), len(set(collects.conditions.position[known].tolist()))
+        at = f" at {spelled(places)} {plural('position', places)}" if count else ""
+        channels.setdefault(f"{spelled(count)} {plural('collect', count)}{at}", []).append(name)
+    measured = listed(f"{listed(names)} in {where}" for where, names in channels.items())
+    few = f"measured are {measured}: these cannot support every parameter"
+    if lacks := sorted(_positions(every) - _positions(collects)):
+        gone = "is missing or left out: collect it" if len(lacks) == 1 else "are missing or left out: collect them"
+        return f"{plural('position', len(lacks))} {listed(lacks)}, which other runs have, {gone} again; {few}"
+    return f"{few}: {'; '.join(unobservable)}"
