@@ -46,6 +46,12 @@ class FittedBlock:
         """Return columns (N, k), deg/hr, with rows that are independent and of variance one."""
         return np.asarray(self.search.whitened(columns, np.array([self.at]))[0] / np.sqrt(self.scale))
 
+    def beside(self, columns: FloatArray) -> FloatArray:
+        """Return what the base leaves of columns (N, k) that are whitened with it."""
+        base = self.search.block.base
+        base, white = np.split(self.white(np.column_stack([base, columns])), [base.shape[1]], axis=1)
+        return project_out(orthonormal(base), white)
+
     @property
     def variance(self) -> FloatArray:
         """The variance of the rows' noise, (N,), deg²/hr², without values that follow temperature, which are none."""
@@ -108,10 +114,9 @@ class Fitted:
         own = [at for at, key in enumerate(self.keys) if key[:2] == (number, place)]
         whole, left = [], []
         for block in self.blocks:
-            parts = np.hstack([block.search.block.base, self.design(block, {(number, place)})[:, own]])
-            base, columns = np.split(block.white(parts), [parts.shape[1] - len(own)], axis=1)
-            whole.append(columns)
-            left.append(project_out(orthonormal(base), columns))
+            columns = self.design(block, {(number, place)})[:, own]
+            whole.append(block.white(columns))
+            left.append(block.beside(columns))
         term, each = self.posterior.term(number, place), [self.keys[at][2] for at in own]
         names, scale = [term.candidate.parameters[k].name for k in each], term.scale[each]
         size = np.linalg.norm(np.concatenate(whole), axis=0)
@@ -142,9 +147,7 @@ class Fitted:
         total, rows = 0.0, 0
         for block in self.blocks:
             own = block.search
-            left = own.block.y - self.effect(block)
-            white = block.white(np.column_stack([own.block.base, left]))
-            left = project_out(orthonormal(white[:, :-1]), white[:, -1])
+            left = block.beside(own.block.y - self.effect(block))[:, 0]
             rows += len(left)
             total += float(own.beside.log_noise[block.at]) - 0.5 * float(left @ left)
             total -= 0.5 * len(left) * float(np.log(own.noise.unit * block.scale))
@@ -206,9 +209,8 @@ def fitted(posterior: Posterior, found: Found) -> Fitted:
     for block in blocks:
         if not block.keys:
             continue
-        index, base = np.array([keys.index(key) for key in block.keys]), block.search.block.base
-        white = block.white(np.column_stack([base, block.search.block.y, block.columns]))
-        own = project_out(orthonormal(white[:, : base.shape[1]]), white[:, base.shape[1] :])
+        index = np.array([keys.index(key) for key in block.keys])
+        own = block.beside(np.column_stack([block.search.block.y, block.columns]))
         gram[np.ix_(index, index)] += own[:, 1:].T @ own[:, 1:]
         score[index] += own[:, 1:].T @ own[:, 0]
         mean[index], largest = block.weighed.prior()
