@@ -61,7 +61,9 @@ def test_whoever_is_sent_to_the_notes_finds_the_reason_there(night: Campaign) ->
     kept = (rows.conditions.run != 6) | np.isin(rows.conditions.position, ["1", "4"])
     result = reconcile(replace(night, sensors={2: rows.rows(kept)}), "matrix-6", prove=False)
     assert "(notes say why): run 6 (INCONCLUSIVE)" in what_to_do(result)[1]
-    assert any("INCONCLUSIVE, sensor 2, run 6: measured are" in note for note in result.notes)
+    assert any(
+        "INCONCLUSIVE, sensor 2, run 6: positions 2 and 3, which other runs have" in note for note in result.notes
+    )
 
 
 def test_what_the_model_knows_already_is_taken_off_too(found: Reconciliation, night: Campaign) -> None:
