@@ -121,12 +121,13 @@ class Comparison:
 
     @property
     def _why_nothing(self) -> str:
-        """Why there is no difference, with the temperatures for which that holds."""
+        """Why there is no difference: the first cause, with the temperatures for which it holds, and how many more."""
         levels: dict[str, list[str]] = {}
         for (_, degC), why in self.without.items():
             levels.setdefault(why, []).append("no recorded temperature" if degC is None else f"{degC:z.0f} °C")
         told = [f"at {listed(list(dict.fromkeys(at)))} {why}" for why, at in levels.items()]
-        return "; ".join(told) or "no sensor has a parameter in both"
+        more = f"; and {len(told) - 1} more (below)" if len(told) > 1 else ""
+        return "".join(told[:1]) + more or "no sensor has a parameter in both"
 
     @property
     def first(self) -> Sequence[Difference]:

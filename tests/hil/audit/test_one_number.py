@@ -193,6 +193,7 @@ def test_what_few_repeats_scatter_by_is_within_what_the_search_says_of_its_size(
     )
 
 
+@pytest.mark.slow
 def test_what_averages_scatter_by_is_the_same_whatever_standard_errors_say_of_it() -> None:
     """Right, ten times too large or too small, or none: of the first it had been a fifth more, the next further off."""
     one = campaign(12, 3, seed=3, scatter=0.0)

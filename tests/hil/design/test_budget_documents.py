@@ -205,6 +205,7 @@ def test_from_the_command_line_for_programs_and_for_people(tmp_path: Path) -> No
     assert os.listdir(tmp_path) == []
 
 
+@pytest.mark.slow
 def test_what_is_too_large_for_a_calculation_is_told_with_what_the_draws_have(tmp_path: Path) -> None:
     """Of a triad, whose draws no table has, too: every number that holds instead stands in the text."""
     folder = written("poses", tmp_path / "campaign")

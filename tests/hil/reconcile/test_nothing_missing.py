@@ -271,6 +271,7 @@ def together(screen: Screen, units: list[Campaign]) -> SharedFinding:
     return screen.asked.in_common(screen.asked.mixed(weighed)[None], len(units))
 
 
+@pytest.mark.slow
 def test_one_odd_unit_is_no_fault_of_a_fleet() -> None:
     """It is called by itself; of two it may be."""
     units = fleet(12, 0.0, 1)
