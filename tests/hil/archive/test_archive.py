@@ -304,6 +304,7 @@ def test_nobody_begins_a_night_whose_archive_takes_nothing(
     assert not (tmp_path / "night").exists()
 
 
+@pytest.mark.slow
 def test_a_file_that_cannot_be_written_is_told_by_its_name(
     archive: Path,
     night: Path,

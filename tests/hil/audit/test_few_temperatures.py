@@ -65,6 +65,7 @@ def test_values_that_a_model_has_stand_where_too_few_temperatures_were_measured(
 
 
 @pytest.mark.parametrize(("temperatures_degC", "answers"), [((0.0, 30.0), False), ((0.0, 20.0, 40.0), True)])
+@pytest.mark.slow
 def test_nobody_is_sent_to_a_command_that_refuses(temperatures_degC: tuple[float, ...], *, answers: bool) -> None:
     """How far off a model may be at other temperatures is asked of hil thermal where that answers."""
     result = reconcile(at(*temperatures_degC), "matrix-6", prove=False)

@@ -87,6 +87,7 @@ def test_all_commands_agree(ask: Ask) -> None:
     assert list(disagreements(ask, (*COMMANDS, *BESIDE))) == []
 
 
+@pytest.mark.slow
 def test_what_is_suspicious_is_said_to_people_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Beside the result, or instead of one, by every command that reads the folder."""
     for name, refuses in (("labels exchanged", ()), ("poses, one wrong", ("thermal",))):

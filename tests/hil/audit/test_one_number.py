@@ -31,6 +31,7 @@ from tests.hil.audit.folders import FOLDERS, _changed
 from tests.hil.solve.test_other_runs import campaign
 
 
+@pytest.mark.slow
 def test_the_channel_whose_standard_errors_do_not_hold_is_named() -> None:
     """By repeats as by the search, and about as much; the other is not blamed."""
     one = FOLDERS["one channel noisy"]()
@@ -206,6 +207,7 @@ def test_what_averages_scatter_by_is_the_same_whatever_standard_errors_say_of_it
     assert all(of == pytest.approx(right, rel=0.1) for of in seen.values())
 
 
+@pytest.mark.slow
 def test_that_standard_errors_are_too_large_is_said_beside_what_scatters() -> None:
     """By both, in one sentence: `hil scatter` had said nothing of them where an effect has a name."""
     one = FOLDERS["MU of each run"]()

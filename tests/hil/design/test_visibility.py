@@ -293,6 +293,7 @@ def test_sensor_layouts_take_the_form_that_is_meant_for_them() -> None:
     assert (ROTOR.is_rotor, TRIAD.is_triad) == (True, True)
 
 
+@pytest.mark.slow
 def test_text_says_what_is_seen_alike_absorbed_and_what_would_help() -> None:
     """The screenful for the contractor's form on the published sweep, and for a campaign marked as simulated."""
     document = sweep_document(load_sweep("rd-gc-86-1"), load_bench("simulated"), built_in_model("collins-4"))

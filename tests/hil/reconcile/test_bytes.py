@@ -76,6 +76,7 @@ def test_a_twin_driven_by_the_improved_model_shows_the_effect_and_lacks_nothing_
     assert reconcile(again, load_model(improved)).verdict == "none"
 
 
+@pytest.mark.slow
 def test_a_night_answers_as_its_export_does(tmp_path: Path) -> None:
     """What shows inside its collects is asked of its samples, in the means over a second that an export keeps."""
     longer = {"self_calibrations_per_temperature": 2, "collect": {"settle": "5 s", "duration": "40 s"}}

@@ -111,6 +111,7 @@ def test_a_name_is_sure_only_where_nothing_is_ruled_out_as_well(size: float, kin
     assert result.effects[0].probability > 0.9
 
 
+@pytest.mark.slow
 def test_a_wrong_rate_gives_nothing_else_a_name() -> None:
     """Where a row and a missing term hide the noise together, it is chosen beside both: else steps stand in for it."""
     rng = np.random.default_rng(0)

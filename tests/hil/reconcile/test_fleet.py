@@ -33,6 +33,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return written_fleet(tmp_path_factory.mktemp("fleet"))
 
 
+@pytest.mark.slow
 def test_the_faulty_units_are_called_and_the_others_go_on(folder: Path) -> None:
     """By name; what cannot be screened is told with its reason; another layout is a group of its own."""
     found = screen_folders([folder], "matrix-6-thermal")
@@ -288,6 +289,7 @@ def test_values_that_follow_temperature_are_no_finding_by_a_model_of_constants()
     assert screen.asked.follows
 
 
+@pytest.mark.slow
 def test_what_reading_folders_warned_of_is_said_once_of_all(tmp_path: Path) -> None:
     """That there is no earth rate, as every other command says it; what a run FAILs by is said of the run."""
     for i in range(2):
@@ -336,6 +338,7 @@ def test_calibrations_of_one_unit_are_counted_as_what_they_are(serials: str, sai
     assert f"{said} screened" in fleet_page(Screened("matrix-6", units, [], {}, ()))
 
 
+@pytest.mark.slow
 def test_units_without_a_thermometer_are_told_apart_by_what_stands_in_for_it(tmp_path: Path) -> None:
     """Measured at other temperatures of the chamber they have another layout."""
     for number, warmer in enumerate((0.0, 0.0, 20.0)):

@@ -109,6 +109,7 @@ def test_noise_that_wanders_where_no_run_was_repeated_leaves_open_what_runs_scat
     assert any("show flicker" in note for note in alone.notes)
 
 
+@pytest.mark.slow
 def test_noise_that_wanders_inside_the_collects_is_written_as_white_noise_and_flicker(tmp_path: Path) -> None:
     """Each of its size, though standard errors hold both; what it scatters averages by is stated once; and that is all.
 

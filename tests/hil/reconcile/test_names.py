@@ -120,6 +120,7 @@ def test_what_collects_tell_of_parameters_only_together_is_said() -> None:
     assert "kAA_A + kSS_A are not: by itself each is only as" in said
 
 
+@pytest.mark.slow
 def test_a_slope_has_the_name_that_the_catalogue_gives_it() -> None:
     """A bias of 0.5 deg/hr/°C is b1_A of the equation, not B_A, which is a rate; GS and MU have theirs."""
     campaign = hidden_campaign(3, lambda rows: both(rows.temperature, 0.5, 0.5), thermal=False, mu=False)
@@ -131,6 +132,7 @@ def test_a_slope_has_the_name_that_the_catalogue_gives_it() -> None:
     assert named.pop("deg/hr/degC^2", "b2_A") == "b2_A"
 
 
+@pytest.mark.slow
 def test_values_that_the_model_has_are_not_what_is_missing_where_they_follow_temperature() -> None:
     """MU of matrix-6 that has a slope: its dependence is missing, by title, equation and names, not MU."""
     campaign = hidden_campaign(
@@ -209,6 +211,7 @@ def test_of_several_steps_each_has_its_run() -> None:
     assert told == [f"{name}, from run {run} on" for run in (9, 18) for name in ("J_A", "J_B")]
 
 
+@pytest.mark.slow
 def test_of_several_terms_without_a_name_each_is_said() -> None:
     """The bias follows one number and MU another: the first had been said, beside the values of both."""
     rng = np.random.default_rng(1)

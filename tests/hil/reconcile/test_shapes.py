@@ -105,6 +105,7 @@ def test_each_sensor_has_a_shape_of_its_own() -> None:
     )
 
 
+@pytest.mark.slow
 def test_what_turns_or_delays_the_base_is_measured_by_the_base_that_is_beside_it(tmp_path: Path) -> None:
     """Of a base that was fitted without a late thermometer slopes are flatter, and the lag by so much longer."""
     case = make_case(7003, ("T_lag",), d=15.0, design=Design(positions=("1", "3", "4", "2")))

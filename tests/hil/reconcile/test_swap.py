@@ -248,6 +248,7 @@ def known_unit() -> Model:
     return Model(schema="hil.model/1", title="known", form="matrix-6", sensors={2: curves})
 
 
+@pytest.mark.slow
 def test_labels_are_put_right_where_values_follow_temperature() -> None:
     """Each of the two has what the other measured, whatever the base is at that temperature: nothing is left out."""
     curves = {"GSA": lambda at: 58.0 + 0.0 * at, "MUA": lambda at: 0.8 * at, "MUB": lambda at: -0.6 * at}

@@ -248,6 +248,7 @@ def test_a_first_plateau_may_have_been_reached_from_any_laboratory() -> None:
         assert min(abs(step / (room_degC - first) - 1.0) for step in steps) < 0.035
 
 
+@pytest.mark.slow
 def test_the_written_term_has_the_room_that_it_was_found_for() -> None:
     """Cold rows that stand as far from the setpoint as the laboratory was: the model that is written has them."""
     plain = hidden_campaign(7, quiet=0.3)

@@ -14,6 +14,7 @@ from tests.hil.reconcile.hidden_effects import hidden_campaign
 from tests.hil.reconcile.test_swap import found, swaps
 
 
+@pytest.mark.slow
 def test_a_run_with_the_other_sensors_rates_is_mended_for_both() -> None:
     """As `hil solve` does: they are one mistake, in two sensors, and nothing of it is left out."""
     one, other = (hidden_campaign(seed, temperatures=(-10.0, 23.0, 50.0)).sensors[2] for seed in (5, 6))

@@ -161,6 +161,7 @@ def test_in_a_log_of_many_poses_the_one_that_all_others_contradict_is_left_out()
     assert "collect 17" in mended.reason
 
 
+@pytest.mark.slow
 def test_sound_logs_lose_a_row_in_one_of_a_hundred() -> None:
     """Of normal noise, whatever its size, hardly any pose is left out."""
     poses = made("poses")
