@@ -120,7 +120,8 @@ class Fitted:
         term, each = self.posterior.term(number, place), [self.keys[at][2] for at in own]
         names, scale = [term.candidate.parameters[k].name for k in each], term.scale[each]
         size = np.linalg.norm(np.concatenate(whole), axis=0)
-        return describe(names, np.concatenate(left) * scale, size * scale, OBSERVABLE).sentences
+        rows = np.linalg.qr(np.concatenate(left) * scale).R  # of which the directions are the same
+        return describe(names, rows, size * scale, OBSERVABLE).sentences
 
     def effect(self, block: FittedBlock) -> FloatArray:
         """Return what all terms make of a block's rates, (N,), deg/hr."""
