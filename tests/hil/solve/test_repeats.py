@@ -214,26 +214,6 @@ def test_residuals_that_repeats_do_not_share_are_no_noise() -> None:
     assert "the same in every run, and no noise" in shown.sentences()[-1]
 
 
-@pytest.mark.parametrize(("positions", "told"), [((0, 1, 2), False), ((0, 1, 2, 0, 1, 2), True)])
-def test_of_rates_without_standard_errors_it_is_said_what_tells_their_noise(
-    positions: tuple[int, ...], told: bool
-) -> None:
-    """Residuals, where there are any; nothing is as standard errors say that nobody stated."""
-    one = runs_at_their_temperatures(6, 3, seed=2, scatter=0.0).sensors[2]
-    rng = np.random.default_rng(3)
-    rows = one.rows(np.concatenate([[3 * run + k for k in positions] for run in range(6)]))
-    rows = replace(
-        rows,
-        conditions=replace(rows.conditions, collect=np.arange(1, len(rows.conditions) + 1)),
-        rates_deg_per_hr=rows.conditions.w_channels_deg_per_hr + rng.normal(0.0, 0.5, rows.rates_deg_per_hr.shape),
-        rates_se_deg_per_hr=np.full(rows.rates_deg_per_hr.shape, np.nan),
-    )
-    made = Campaign("t", "", {2: rows})
-    (said,) = repeats(made, solve_campaign(made))[2].sentences()
-    assert said.startswith("repeats scatter as their residuals say" if told else "repeats scatter and have neither")
-    assert "standard errors say" not in said
-
-
 @pytest.mark.parametrize(("drift", "times"), [(2.0, 1.0), (0.0, 1.0), (0.0, 0.2), (2.0, 0.2)])
 def test_standard_errors_are_too_small_only_where_what_is_left_differs_from_run_to_run(
     drift: float, times: float
@@ -310,36 +290,6 @@ def test_each_parameter_is_known_by_the_runs_that_tell_it() -> None:
     assert shown.sentences()[0].endswith("; each ± includes what noise does not explain")
 
 
-def test_one_run_whose_noise_its_residuals_tell_has_an_interval_of_students() -> None:
-    """Two degrees of freedom: the normal's 1.96 held the truth in 79 %."""
-    one = campaign_of_four_collects()
-    inside = []
-    for seed in range(60):
-        rows, rng = one.sensors[2], np.random.default_rng(seed)
-        rates = rows.rates_deg_per_hr + rng.normal(0.0, 1.0, rows.rates_deg_per_hr.shape)
-        made = Campaign("one", "", {2: replace(rows, rates_deg_per_hr=rates)})
-        (solved,) = solve_campaign(made)
-        (exact,) = solve_campaign(Campaign("one", "", {2: rows}))
-        found = repeats(made, [solved])[2]
-        assert {each.freedom for each in found.means[0].values.values()} == {2.0}
-        for name, each in found.of_run(solved).items():
-            truth = exact.parameters[name].value
-            assert truth is not None
-            inside.append(abs(each.value - truth) <= each.half_width)
-    assert 0.89 < np.mean(inside) < 0.99
-
-
-def campaign_of_four_collects() -> Campaign:
-    """Return rates that the model makes exactly, without standard errors: two of eight are left over."""
-    rows = runs_at_their_temperatures(2, 2, scatter=0.0).sensors[2].rows(np.array([0, 1, 2, 5]))
-    f = rows.conditions.f_g.copy()
-    f[3] *= -1.0
-    label = np.array(["1", "2", "3", "4"])
-    conditions = replace(rows.conditions, f_g=f, run=np.ones(4, dtype=np.int64), position=label, columns={})
-    rates = f @ np.array([[58.0, -20.0, 5.0], [20.0, 58.0, 9.0]]).T + conditions.w_channels_deg_per_hr
-    return Campaign("four", "", {2: Collects(conditions, rates, np.full((4, 2), np.nan))})
-
-
 @pytest.mark.parametrize("times", [1.0, 0.1, 10.0])
 def test_one_large_standard_error_makes_no_other_too_large(times: float) -> None:
     """Twelve runs at four temperatures, right to one: what they differ by is asked in each run's own error."""
@@ -348,49 +298,6 @@ def test_one_large_standard_error_makes_no_other_too_large(times: float) -> None
     errors[21:24] *= 300.0
     made = replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=errors)})
     assert [*repeats(made, solve_campaign(made))[2].times_of.values()] == pytest.approx([1.0 / times] * 2, rel=0.5)
-
-
-def without_errors(seed: int, runs: int, noise: float, scatter: float) -> Campaign:
-    """Return runs of positions 1-2-3-1, three at a temperature, of a unit that does not follow it, without errors."""
-    rows, rng = repeated(runs, 3, (0, 1, 2, 0)).sensors[2], np.random.default_rng(seed)
-    k = np.array([[58.0, -20.0, 5.0], [20.0, 58.0, 9.0]])
-    own = np.repeat(rng.normal(0.0, scatter, (runs, 2)), 4, axis=0)
-    rates = rows.conditions.f_g @ k.T + rows.conditions.w_channels_deg_per_hr + own + rng.normal(0.0, noise, own.shape)
-    return Campaign("bare", "", {2: Collects(rows.conditions, rates, np.full(rates.shape, np.nan))})
-
-
-def test_of_rates_without_errors_each_run_is_known_by_the_residuals_of_all() -> None:
-    """Runs that are alike weigh alike, however small their own residuals; one that has none is known, and less."""
-    made = without_errors(4, 3, 1.0, 0.0)
-    rates = made.sensors[2].rates_deg_per_hr.copy()
-    rates[11] = np.nan
-    solutions = solve_campaign(with_rates(made, rates))
-    small, large = sorted(each.residual_rms_deg_per_hr for each in solutions[:2] if each.residual_rms_deg_per_hr)
-    assert large > 1.5 * small
-    shown = repeats(with_rates(made, rates), solutions)[2]
-    assert shown.of_each[1] == pytest.approx(shown.of_each[2])
-    assert all(shown.of_each[3][name] > 1.02 * shown.of_each[1][name] for name in ("BA", "GSA", "MUB"))
-    assert {*np.asarray(shown.spread.residuals)} == {4.0}
-    few, many = (next(each.by_noise(2.0)["BA"].se for each in solutions[run:]) for run in (2, 0))
-    assert few == pytest.approx(2.0 * np.sqrt(1.0 / 2.0))  # by two collects, one with A down and one with A up
-    assert many == pytest.approx(2.0 * np.sqrt((1.0 + 0.5) / 4.0))  # one of them twice
-
-
-@pytest.mark.parametrize(
-    ("seeds", "low", "high"), [(12, 0.9, 0.99), pytest.param(200, 0.93, 0.97, marks=pytest.mark.slow)]
-)
-@pytest.mark.parametrize("scatter", [0.0, 2.0])
-def test_intervals_of_means_of_rates_without_errors_hold_the_units_model(
-    scatter: float, seeds: int, low: float, high: float
-) -> None:
-    """Three runs at each of four temperatures: of means weighed by each run's own two residuals 85 % did."""
-    truth = {"BA": 0.0, "BB": 0.0, "GSA": 58.0, "GSB": -20.0, "MUA": -9.0, "MUB": 5.0}
-    inside = []
-    for seed in range(seeds):
-        made = without_errors(seed, 12, 1.0, scatter)
-        for mean in repeats(made, solve_campaign(made))[2].means:
-            inside += [abs(of.value - truth[name]) <= of.half_width for name, of in mean.values.items()]
-    assert low <= np.mean(inside) <= high
 
 
 def test_no_noise_is_larger_than_the_uncertainty_that_holds_it() -> None:
