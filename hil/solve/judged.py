@@ -67,7 +67,7 @@ def _positions(collects: Collects) -> set[str]:
     return set(collects.conditions.position[np.isfinite(collects.rates_deg_per_hr).all(axis=1)].tolist())
 
 
-def too_few(collects: Collects, every: Collects, unobservable: Sequence[str]) -> str:
+def what_lacks(collects: Collects, every: Collects, unobservable: Sequence[str]) -> str:
     """Say what was measured, and what lacks: positions that other runs of `every` have, else what is not seen."""
     channels: dict[str, list[str]] = {}
     for name, known in zip(collects.conditions.sensor.channels, np.isfinite(collects.rates_deg_per_hr).T, strict=True):

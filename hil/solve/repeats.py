@@ -39,7 +39,8 @@ from procedures.words import counted, listed, numbered, significant
 
 CONFIDENCE = 0.95
 """Of every interval that is stated."""
-_MISSTATED = 1.5  # times: noise is known hardly better from unit to unit, and from it on `hil reconcile` speaks of more
+MISSTATED = 1.5
+"""How many times as large noise has to be for anybody to see to it: it is known hardly better from unit to unit."""
 
 
 @dataclass(frozen=True)
@@ -204,7 +205,7 @@ class SensorRepeats:
     @property
     def misstated(self) -> bool:
         """Whether standard errors are so far off, by half of themselves or more, that somebody has to state others."""
-        return any(max(times, 1.0 / times) > _MISSTATED for times in self.times_of.values())
+        return any(max(times, 1.0 / times) > MISSTATED for times in self.times_of.values())
 
     def noise_by(self, errors: str) -> str:
         """Say what tells the noise of a collect: `errors`, and how many times as large it is where they do not."""

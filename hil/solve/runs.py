@@ -24,7 +24,7 @@ from hil.errors import InputError
 from hil.model.forms import LinearForm, default_form, named_form
 from hil.solve.contractor import METHOD, can_follow, solve_as_contractor
 from hil.solve.identifiability import orthonormal
-from hil.solve.judged import beyond_errors, judge, too_few
+from hil.solve.judged import beyond_errors, judge, what_lacks
 from hil.solve.least_squares import Solution, solve
 from hil.solve.omissions import not_settled
 from hil.solve.precision import measured_well_enough, unstated
@@ -275,7 +275,7 @@ def _described(sensor: int, solved: _Solved, among: int, every: Collects) -> Run
     equations = int(np.count_nonzero(~np.isnan(solution.residuals)))
     of_channels = _by_channel(solved)
     if unobservable:
-        judged = Judgement(Verdict.INCONCLUSIVE, too_few(collects, every, unobservable))
+        judged = Judgement(Verdict.INCONCLUSIVE, what_lacks(collects, every, unobservable))
     else:
         where = beyond_errors(list(conditions.sensor.channels), of_channels, among)
         judged = judge(float(solution.chi_square), degrees, equations, noise_stated, among, where)

@@ -68,8 +68,8 @@ def runs_by_temperature(conditions: Conditions) -> list[tuple[float | None, tupl
         here = number[rows][number[rows] >= 0]
         groups.setdefault(int(np.argmax(np.bincount(here))) if len(here) else -run - 1, []).append(run)
     means = {run: known_mean(level[rows]) for run, rows in every.items()}
-    told = sorted(groups.items(), key=lambda group: (group[0] < 0, abs(group[0])))
-    return [(None if at < 0 else known_mean(np.array([means[run] for run in of])), tuple(of)) for at, of in told]
+    ordered = sorted(groups.items(), key=lambda group: (group[0] < 0, abs(group[0])))
+    return [(None if at < 0 else known_mean(np.array([means[run] for run in of])), tuple(of)) for at, of in ordered]
 
 
 def how_many(conditions: Conditions) -> str:

@@ -55,13 +55,13 @@ def added(found: Answer, inside: Sequence[dict[str, Any]]) -> Added:
     if after != model or wanders:
         after = stated.with_white_noise(after, found.campaign, wanders=wanders)
         after = after.model_copy(update={"version": model.version + 1})
-    return Added(after, within, values, Solved.of(found.campaign), left_of(found), noise, wanders)
+    return Added(after, within, values, found.solved, left_of(found), noise, wanders)
 
 
 def left_of(found: Answer) -> Solved:
     """Return what `hil solve` would say of the campaign with what is known, and what was found, taken off."""
     model, wrong = found.problem.model, found.reading.mistakes
     if not (found.names or wrong or model.terms or model.noise):
-        return Solved.of(found.campaign)
+        return found.solved
     sure = mistakes.mended(found.problem.sensors, mistakes.certain(wrong, found.fit, found.campaign))
     return Solved.of(taken_out(found.problem, sure, found.terms, scatter.pooled(found.scatter)))

@@ -13,7 +13,7 @@ from hil.reconcile.outcome.findings import gap_of
 from hil.reconcile.outcome.mistakes import mended, outliers_found, rows_found
 from hil.reconcile.outcome.scatter import FoundScatter, found_scatter, ordinary
 from hil.reconcile.proof.held_out import Proof, held_out
-from hil.reconcile.result import Gap
+from hil.reconcile.result import Gap, Solved
 from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.fitted import Fitted, Values, fitted
 from hil.reconcile.search.posterior import Posterior
@@ -93,6 +93,11 @@ class Answer:
             if share >= 1.0 - CERTAIN or name in rivals
         ]
         return f"these repeats cannot tell what scatters: {'; '.join(listed)}"
+
+    @cached_property
+    def solved(self) -> Solved:
+        """What `hil solve` says of the campaign."""
+        return Solved.of(self.campaign)
 
     @cached_property
     def noise(self) -> Sequence[dict[str, Any]]:

@@ -15,6 +15,7 @@ from hil.reconcile.rivals import Rival, in_times
 from hil.reconcile.search.terms import NO_NAME
 from hil.reconcile.wander import Wander
 from hil.solve.document import of_sensors_in_words, runs_in_words
+from hil.solve.repeats import MISSTATED
 from hil.solve.temperatures import too_few
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED
 from procedures.words import listed, numbered, percent, significant
@@ -22,7 +23,6 @@ from procedures.words import listed, numbered, percent, significant
 LEAST = 1e-4  # p-values are said down to it
 _FALLS = 0.98  # of what it was: from there on a gap is said to fall
 _MORE_THAN_NOISE = 1.15  # times the noise: from there on it is not said that nothing else is left
-_EXCESS = 1.5  # times the noise, or what is explained of it, from which on it is said that something is more
 _EXPECTED = 5.0  # times as usual at its size, from which on physics is said to expect a name
 
 _ACT = packaged("hil.reconcile.outcome", "what_to_do.yaml")
@@ -235,14 +235,14 @@ def scatter_in_words(noise: Sequence[Mapping[str, Any]]) -> list[str]:
         f"sensor {n['sensor']}, {n['channel']}: about {n['under']}, the averages scatter {_more(n)}, by "
         f"{n['observed_deg_per_hr']:.3g} deg/hr"
         for n in noise
-        if _times(n) > _EXCESS
+        if _times(n) > MISSTATED
     ]
 
 
 def at_most(noise: Sequence[Mapping[str, Any]]) -> str:
     """Say by how much more than is explained the channel scatters that does so most; empty where none does."""
     most = max(noise, key=_times, default=None)
-    return _more(most) if most and _times(most) > _EXCESS else ""
+    return _more(most) if most and _times(most) > MISSTATED else ""
 
 
 def _more(channel: Mapping[str, Any]) -> str:
@@ -275,7 +275,7 @@ def stated_in_words(noise: Sequence[Mapping[str, Any]], wanders: Mapping[int, Wa
 
 def values_off(standing: Mapping[str, Any] | None, gap: Gap) -> list[str]:
     """Say where a model's values do not describe the data though its form, fitted anew, may: nothing for a built-in."""
-    if standing is None or not standing["rms_deg_per_hr"] > _EXCESS * gap.noise_floor:
+    if standing is None or not standing["rms_deg_per_hr"] > MISSTATED * gap.noise_floor:
         return []
     off = (
         f"the model's values as they stand are off by {standing['rms_deg_per_hr']:.3g} deg/hr rms, where noise leaves "
