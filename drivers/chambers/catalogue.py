@@ -106,11 +106,6 @@ def _described(path: Path) -> ChamberDriver:
 _BOXES = Path(__file__).parent / "boxes"
 
 
-def _brought(entry: ChamberDriver | str | Path) -> ChamberDriver:
-    """Return the driver that a distribution brings: itself, or the file that describes it."""
-    return entry if isinstance(entry, ChamberDriver) else _described(Path(entry))
-
-
 SHIPPED: Mapping[str, ChamberDriver] = {
     "espec": ChamberDriver(
         "ESPEC P-300, P-200, SCP-220, GL", SerialLine(19200), _built(Espec, "address", "terminator"), dead_man=True
@@ -127,4 +122,7 @@ SHIPPED: Mapping[str, ChamberDriver] = {
     "box": ChamberDriver("Any chamber that a file describes", SerialLine(9600), _speaks(None), dead_man=True),
 }
 
-CHAMBER_DRIVERS: Mapping[str, ChamberDriver] = Catalogue("hil.chambers", SHIPPED, _brought)
+# What a distribution brings is a driver, or the file that describes one.
+CHAMBER_DRIVERS: Mapping[str, ChamberDriver] = Catalogue(
+    "hil.chambers", SHIPPED, lambda entry: entry if isinstance(entry, ChamberDriver) else _described(Path(entry))
+)

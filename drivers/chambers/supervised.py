@@ -15,7 +15,7 @@ cannot be true are a `SensorFault`. The safe state is confirmed by reading it.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeVar
 
 from drivers.chambers.chamber import ChamberIdentity, ChamberLimits, ChamberReading, SafeState
 from drivers.chambers.controller import Controller, ControllerState, Which
@@ -46,6 +46,7 @@ from drivers.transports.transport import ATTEMPTS
 _OPERATION_S = 90.0  # of looking, one look more at most
 _SAFE_STATE_S = 90.0  # after which the safe state is not tried anew: whoever called must hear of it
 _MODE_CHANGE_S = 1.0  # between two looks at a mode that has not changed yet
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -305,20 +306,15 @@ class SupervisedChamber:
 
     def _reach_safe_state(self) -> None:
         """Write whatever is missing to the safe state, then insist on reading it."""
-        problem = self._unsafe(looks=1)
+        problem = _tried(lambda: self._insist_on_safe(looks=1))
         if problem is None:
             return
         # A chamber that does not answer may still hear: everything is sent, and nothing more asked until the end.
         silent = isinstance(problem, DeviceTimeout)
-        refused: list[DeviceError] = []
-        for action in self._safe_actions(None if silent else self._state_or_none(), silent=silent):
-            try:
-                action()
-            except TransportError:
-                raise
-            except DeviceError as error:
-                refused.append(error)
-        problem = self._unsafe(looks=ATTEMPTS)
+        seen = None if silent else _tried(self._look)
+        actions = self._safe_actions(seen if isinstance(seen, ControllerState) else None, silent=silent)
+        refused = [error for action in actions if (error := _tried(action))]
+        problem = _tried(lambda: self._insist_on_safe(looks=ATTEMPTS))
         if problem is not None:
             raise (refused or [problem])[0]
 
@@ -341,16 +337,9 @@ class SupervisedChamber:
 
     def _set_safe_temperature(self, *, silent: bool) -> None:
         setpoint = self._safe_setpoint()
-        if not silent:
-            try:
-                self._settle_on(setpoint, looks=1)  # on a line where every look is slow, what counts is the last
-                return
-            except TransportError:
-                raise
-            except DeviceError:
-                # The native limits could not be had: the setpoint alone matters now.
-                pass
-        self._write("setpoint", setpoint)
+        # On a line where every look is slow, what counts is the last; where native limits cannot be had, the setpoint.
+        if silent or isinstance(_tried(lambda: self._settle_on(setpoint, looks=1)), DeviceError):
+            self._write("setpoint", setpoint)
 
     def _safe_setpoint(self) -> float:
         if self._asks.safe.temperature_degC is None:
@@ -360,28 +349,21 @@ class SupervisedChamber:
     def _representable(self, setpoint_degC: float) -> float:
         return representable_setpoint(setpoint_degC, self.limits, self._controller.resolution_degC)
 
-    def _unsafe(self, *, looks: int) -> DeviceError | None:
-        """Return why the chamber is not in its safe state, or None where it is."""
-        try:
-            if self._asks.safe.action == "hold":
-                setpoint = self._state().setpoint
-                if not agrees(setpoint, self._safe_setpoint(), self._controller.resolution_degC):
-                    return ProtocolError(f"{self._device} has setpoint {setpoint:g} °C")
-                self._confirm_mode("CONSTANT", looks=looks)
-            elif self._asks.safe.action == "standby":
-                self._confirm_mode("STANDBY", "OFF", looks=looks)
-            else:
-                self._confirm_mode("OFF", looks=looks)
-        except TransportError:
-            raise
-        except DeviceError as error:
-            return error
-        return None
+    def _insist_on_safe(self, *, looks: int) -> None:
+        """Raise `DeviceError` saying why the chamber is not in its safe state."""
+        if self._asks.safe.action == "hold":
+            setpoint = self._state().setpoint
+            if not agrees(setpoint, self._safe_setpoint(), self._controller.resolution_degC):
+                raise ProtocolError(f"{self._device} has setpoint {setpoint:g} °C")
+        modes = {"hold": ["CONSTANT"], "standby": ["STANDBY", "OFF"], "off": ["OFF"]}[self._asks.safe.action]
+        self._confirm_mode(*modes, looks=looks)
 
-    def _state_or_none(self) -> ControllerState | None:
-        try:
-            return self._look()
-        except TransportError:
-            raise
-        except DeviceError:
-            return None
+
+def _tried(action: Callable[[], Result]) -> Result | DeviceError:
+    """Return what an action does, or the error that it ends with; a line that is gone is for whoever asked."""
+    try:
+        return action()
+    except TransportError:
+        raise
+    except DeviceError as error:
+        return error

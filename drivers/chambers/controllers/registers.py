@@ -14,23 +14,15 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PositiveFloa
 from drivers.transports.modbus import Framing, NumberType, Table, decoded, encoded, width
 
 
-def _as_word(given: object) -> object:
-    return str(given) if isinstance(given, int) and not isinstance(given, bool) else given
-
-
 def off_is_a_word(given: object) -> object:
     """Return what is meant by an unquoted OFF."""
     return "OFF" if given is False else given  # YAML reads an unquoted off as false
 
 
-def _as_list(given: object) -> object:
-    return given if isinstance(given, list | tuple) else [given]
-
-
 Item = TypeVar("Item")
 Plain = Annotated[str, Field(min_length=1)]
-Word = Annotated[str, BeforeValidator(_as_word)]
-Several = Annotated[tuple[Item, ...], BeforeValidator(_as_list)]
+Word = Annotated[str, BeforeValidator(lambda it: str(it) if isinstance(it, int) and not isinstance(it, bool) else it)]
+Several = Annotated[tuple[Item, ...], BeforeValidator(lambda it: it if isinstance(it, list | tuple) else [it])]
 
 
 def _registers(given: object) -> object:
