@@ -115,7 +115,7 @@ def _autoregressive(noise: FloatArray) -> FloatArray:
     """Return V by an autoregression whose order each column chooses for itself, up to about the cube root of n."""
     n, c = noise.shape
     highest = min(round(n ** (1.0 / 3.0)) + 2, n // 5)
-    covariance = _autocovariance(noise, highest)
+    covariance = np.array([np.sum(noise[lag:] * noise[: n - lag], axis=0) / n for lag in range(highest + 1)])  # biased
     power = covariance[0]
     freedom = n / max(n - 2, 1)  # of the line that was removed
     chosen = power * freedom
@@ -141,9 +141,3 @@ def _autoregressive(noise: FloatArray) -> FloatArray:
         least = np.where(better, criterion, least)
     result: FloatArray = np.where(coloured, chosen, power * freedom)
     return result
-
-
-def _autocovariance(noise: FloatArray, highest: int) -> FloatArray:
-    """Return the biased autocovariances at lags 0 to `highest`, shape (highest + 1, c)."""
-    n = len(noise)
-    return np.array([np.sum(noise[lag:] * noise[: n - lag], axis=0) / n for lag in range(highest + 1)])

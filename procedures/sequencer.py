@@ -139,7 +139,9 @@ class Sequencer:
 
     def _leave(self, cause: BaseException | None) -> Left:
         """Reach the safe state, then close the journal's open step and record why. Return how the chamber is left."""
-        left = self._make_safe(cause)
+        left = Left(reason="the air has shown that it is in its safe state")
+        if self._touched and (StepKind.SAFE_STATE, None) not in self._in_effect:
+            left = self._actions.make_safe(cause)
         reason = why(cause)
         try:
             outcome = Outcome.ABORTED if isinstance(cause, StopRequested) else Outcome.ERROR
@@ -155,12 +157,6 @@ class Sequencer:
             if cause is not None:
                 cause.add_note(f"and the journal could not record it: {failure}")
         return left
-
-    def _make_safe(self, cause: BaseException | None) -> Left:
-        """Command the safe state and look at what the air does, unless that is done; return how the chamber is left."""
-        if not self._touched or (StepKind.SAFE_STATE, None) in self._in_effect:
-            return Left(reason="the air has shown that it is in its safe state")
-        return self._actions.make_safe(cause)
 
     # One stage: a step of the chamber, or one of each unit
 

@@ -11,7 +11,7 @@ from drivers.errors import CommandRefused, DeviceError, SetpointOutOfLimits, Wro
 from procedures.journal_protocol import Outcome, StepResult
 from procedures.plan import Step, StepKind
 from procedures.settings import CollectSettings
-from procedures.verdict import NOT_GOOD, Verdict
+from procedures.verdict import NOT_GOOD
 
 _NEVER_RETRIED = (WrongDevice, SetpointOutOfLimits, CommandRefused)
 
@@ -44,13 +44,10 @@ class Tries:
                     again[step.key] = f"{step.key}: {result}; {tries} more tries"
             else:
                 self._collects[step.key] -= 1
-                if step.kind is StepKind.COLLECT and self._collects[step.key] > 0 and _not_good(result):
+                # A collect's own samples are asked: a soak that was not good is no reason to take it again.
+                good = result.outcome is Outcome.DONE and result.data.get("samples_verdict") not in NOT_GOOD
+                if step.kind is StepKind.COLLECT and self._collects[step.key] > 0 and not good:
                     result = replace(result, outcome=Outcome.FAILED)
                     again[step.key] = f"{step.key} is taken again: {result.reason}"
                 ended.append((step, result))
         return ended, given_up, again
-
-
-def _not_good(result: StepResult) -> bool:
-    """Tell a collect whose own samples are not good; a soak that was not is no reason to take it again."""
-    return result.outcome is not Outcome.DONE or Verdict(result.data["samples_verdict"]) in NOT_GOOD

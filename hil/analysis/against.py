@@ -45,29 +45,9 @@ class Difference:
     unit_degC: tuple[float, float] | None
 
     @property
-    def now(self) -> float:
-        """This campaign's mean."""
-        return self.means[0].value
-
-    @property
-    def earlier(self) -> float:
-        """The earlier campaign's mean."""
-        return self.means[1].value
-
-    @property
-    def unit(self) -> str:
-        """The unit of both."""
-        return self.means[0].unit
-
-    @property
-    def runs(self) -> tuple[int, int]:
-        """Of how many runs the means are."""
-        return self.means[0].runs, self.means[1].runs
-
-    @property
     def difference(self) -> float:
         """This campaign's mean less the earlier one's."""
-        return self.now - self.earlier
+        return self.means[0].value - self.means[1].value
 
     @property
     def sigma(self) -> float | None:
@@ -84,8 +64,9 @@ class Difference:
     def sentence(self) -> str:
         """Both means and their difference in words."""
         digits, at = decimals_for([self.sigma]), degrees(self.temperature_degC, self.temperature_of, self.unit_degC)
-        apart = f"a difference of {self.difference:.{digits}f} ±{self.sigma:.{digits}f} {self.unit}"
-        was = f"{self.parameter} is {self.now:.{digits}f} now and was {self.earlier:.{digits}f}"
+        now, earlier = self.means
+        apart = f"a difference of {self.difference:.{digits}f} ±{self.sigma:.{digits}f} {now.unit}"
+        was = f"{self.parameter} is {now.value:.{digits}f} now and was {earlier.value:.{digits}f}"
         return f"sensor {self.sensor}, {at}: {was}, {apart}"
 
 

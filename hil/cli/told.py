@@ -56,16 +56,10 @@ def _environment() -> Environment:
     environment = templates(
         "hil.cli", "answers", finalize=lambda value: value if isinstance(value, _Marked) else harmless(str(value))
     )
-    environment.filters |= {"written": _written, "chance": _chance}
+    environment.filters |= {
+        "written": lambda value, form: "–" if value is None else format(value, form),
+        "chance": lambda p: "not asked" if p is None else "below 0.0001" if p < 1e-4 else f"{p:.2g}",
+    }
     known = (counted, in_words, rounded, sentences, some, zip)
     environment.globals |= {each.__name__: each for each in known} | {"whose": WHOSE}
     return environment
-
-
-def _chance(p_value: float | None) -> str:
-    return "not asked" if p_value is None else "below 0.0001" if p_value < 1e-4 else f"{p_value:.2g}"
-
-
-def _written(value: float | None, form: str) -> str:
-    """Write a number, or a dash where it is not known."""
-    return "–" if value is None else format(value, form)

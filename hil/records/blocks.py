@@ -13,7 +13,7 @@ import hashlib
 import os
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -129,9 +129,10 @@ class BlockWriter:
     def _encode(self, step: Step, attempt: int, samples: SampleBlock) -> bytes:
         columns = {"time_s": samples.time_s, **samples.fields}
         meanings = {"time_s": FieldMeaning("s"), **self.meanings.get(step.unit or "", {})}
+        labels = {name: vars(meanings.get(name, FieldMeaning())).items() for name in columns}
         fields = [
-            pa.field(name, pa.float64(), nullable=False, metadata=_labels(meanings.get(name, FieldMeaning())))
-            for name in columns
+            pa.field(name, pa.float64(), nullable=False, metadata={label: str(value) for label, value in of if value})
+            for name, of in labels.items()
         ]
         facts = {
             "schema": SAMPLES_SCHEMA,
@@ -152,10 +153,6 @@ class BlockWriter:
 def stem_of(number: int, key: str, attempt: int) -> str:
     """Return how the names of an attempt's blocks begin, by the step's index and key."""
     return f"{number:05d}-{re.sub(r'[^A-Za-z0-9.-]+', '_', key)}-{attempt}"
-
-
-def _labels(meaning: FieldMeaning) -> dict[str, str]:
-    return {label: str(value) for label, value in asdict(meaning).items() if value}
 
 
 def _meaning(labels: Mapping[bytes, bytes]) -> FieldMeaning:

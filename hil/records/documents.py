@@ -8,7 +8,6 @@ is not known is null; times are seconds since 1970. The same journal gives the s
 """
 
 import json
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import count
@@ -19,6 +18,7 @@ from uuid import NAMESPACE_OID, uuid5
 from hil.campaign.formats import unit_of
 from hil.campaign.writer import columns_of
 from hil.errors import InputError
+from hil.files.document import plain
 from hil.files.durable import check_new, write_result
 from hil.records.export import Export, campaign_of_night
 from hil.records.reader import JournalReader, is_night, reading
@@ -58,10 +58,11 @@ def documents_of(journal: JournalReader) -> Iterator[Document]:
     run = uid()
     facts = {"plan_name": "hil", "title": night.title, "simulated": night.simulated, "operator": night.who}
     yield "start", {"uid": run, "time": began, **facts, **campaign.identity, "source": campaign.source}
-    streams: dict[str, _Rows] = {
-        f"sensor_{number}": _collects(columns_of(replace(campaign, sensors={number: rows})))
-        for number, rows in campaign.sensors.items()
-    }
+    streams: dict[str, _Rows] = {}
+    for number, collects in campaign.sensors.items():
+        columns = columns_of(replace(campaign, sensors={number: collects}))
+        lines = [dict(zip(columns, plain(line), strict=True)) for line in zip(*columns.values(), strict=True)]
+        streams[f"sensor_{number}"] = [(float(line["start_s"]), line) for line in lines]
     streams["steps"] = [
         (
             each.began_s,
@@ -75,7 +76,10 @@ def documents_of(journal: JournalReader) -> Iterator[Document]:
     last_s = 0.0
     for name, rows in ((name, rows) for name, rows in streams.items() if rows):
         descriptor = uid()
-        keys = {key: _data_key(key, [data[key] for _, data in rows], campaign.source) for key in rows[0][1]}
+        keys: dict[str, dict[str, Any]] = {}
+        for key in rows[0][1]:
+            kind = next((_DTYPES[type(data[key])] for _, data in rows if data[key] is not None), "number")
+            keys[key] = {"dtype": kind, "shape": [], "source": campaign.source, "units": unit_of(key) or None}
         yield "descriptor", {"uid": descriptor, "run_start": run, "time": began, "name": name, "data_keys": keys}
         for number, (at_s, data) in enumerate(rows, start=1):
             stamps = dict.fromkeys(data, began + at_s)
@@ -88,19 +92,3 @@ def documents_of(journal: JournalReader) -> Iterator[Document]:
     sizes = {name: len(rows) for name, rows in streams.items() if rows}
     status = {"exit_status": "abort" if lacking else "success", "reason": "; ".join(lacking), "num_events": sizes}
     yield "stop", {"uid": uid(), "run_start": run, "time": began + last_s, **status}
-
-
-def _collects(columns: Mapping[str, list[Any]]) -> _Rows:
-    """Return when each row of collects.csv begins, and its cells; None where one is not known."""
-    rows = zip(*columns.values(), strict=True)
-    known = [{name: _known(cell) for name, cell in zip(columns, row, strict=True)} for row in rows]
-    return [(float(cells["start_s"]), cells) for cells in known]
-
-
-def _known(cell: Any) -> Any:
-    return None if isinstance(cell, float) and not math.isfinite(cell) else cell
-
-
-def _data_key(name: str, values: Sequence[Any], source: str) -> dict[str, Any]:
-    kind = next((_DTYPES[type(value)] for value in values if value is not None), "number")
-    return {"dtype": kind, "shape": [], "source": source, "units": unit_of(name) or None}

@@ -134,11 +134,6 @@ def _export_unit(folder: Path, target: Path, form: Format | None) -> Export:
     return Export(target, rows, (*campaign.notes.splitlines(), *([missing] if campaign.missing else ())))
 
 
-def _bench(journal: JournalReader) -> Bench:
-    """Return the bench as the unit has it; raise `InputError` where it is not said of which of several."""
-    return bench_of_record(journal.night.configuration).each[journal.one_unit]
-
-
 def campaign_of_night(folder: Path | str) -> Campaign:
     """Return the collects of a night as a campaign in memory.
 
@@ -182,7 +177,7 @@ def open_source(folder: Path | str) -> Campaign:
 
 
 def _campaign(journal: JournalReader) -> Campaign:
-    bench = _bench(journal)
+    bench = bench_of_record(journal.night.configuration).each[journal.one_unit]
     refuse_damaged_samples(journal)
     done, attempts = journal.completed(), journal.attempts()
     taken = {each.step_key: each for each in attempts if each.outcome is Outcome.DONE}
@@ -203,11 +198,13 @@ def _campaign(journal: JournalReader) -> Campaign:
     night = journal.night
     tables = {number: _of_sensor([row for row in rows if row.sensor == number], bench, number) for number in sensors}
     columns = {name for table in tables.values() for name in table.conditions.columns}
+    axes = dict.fromkeys(axis for number in bench.sensors for axis in bench.sensor(number).axes)
+    shown = {f"accelerometer_{axis}_g": f"mean of the unit's own accelerometer along {axis}, g" for axis in axes}
     campaign = Campaign(
         title=night.title,
         source=f"recorded by hil on bench {bench.name} from {night.began_utc:%Y-%m-%d %H:%M} UTC, by {night.who}",
         sensors=tables,
-        condition_units={name: meaning for name, meaning in _meanings(bench).items() if name in columns},
+        condition_units={name: meaning for name, meaning in (_MEANINGS | shown).items() if name in columns},
         simulated=night.simulated,
         site={name: getattr(bench.site, name) for name in _SITE},
         notes="\n".join(_notes(journal, bench, rows, done, verdicts)),
@@ -281,12 +278,6 @@ def _columns(rows: Sequence[_Row], sensor: Sensor) -> dict[str, FloatArray]:
 
 def _number(value: object) -> float:
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else float("nan")
-
-
-def _meanings(bench: Bench) -> dict[str, str]:
-    axes = dict.fromkeys(axis for number in bench.sensors for axis in bench.sensor(number).axes)
-    measured = {f"accelerometer_{axis}_g": f"mean of the unit's own accelerometer along {axis}, g" for axis in axes}
-    return {**_MEANINGS, **measured}
 
 
 def _notes(

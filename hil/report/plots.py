@@ -201,7 +201,8 @@ def draw_against_temperature(title: str, unit: str, lines: Sequence[Line], *, fa
     axes.set_ylabel(unit)
     axes.set_title(title, loc="left", fontsize=10, pad=8)
     if fahrenheit:
-        above = axes.secondary_xaxis("top", functions=(_fahrenheit, _celsius))
+        both: Any = (lambda celsius: celsius * 1.8 + 32.0, lambda fahrenheit: (fahrenheit - 32.0) / 1.8)
+        above = axes.secondary_xaxis("top", functions=both)
         above.set_xlabel("temperature, °F", labelpad=3, fontsize=8)
         above.tick_params(labelsize=8)
     else:
@@ -243,11 +244,3 @@ def draw_night(night: NightContent) -> Figure:
     figure.subplots_adjust(bottom=0.22, top=0.89)
     figure.legend(frameon=False, fontsize=8, ncols=7, loc="lower center")
     return figure
-
-
-def _fahrenheit(celsius: Any) -> Any:
-    return celsius * 1.8 + 32.0
-
-
-def _celsius(fahrenheit: Any) -> Any:
-    return (fahrenheit - 32.0) / 1.8

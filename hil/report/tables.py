@@ -36,13 +36,18 @@ def tables_of(content: ReportContent) -> Mapping[str, pa.Table]:
         "soaks": list(night.soaks if night else ()),
         "differences": [
             {
-                **picked(each, "sensor temperature_degC temperature_of parameter unit now earlier sigma"),
-                "runs_now": each.runs[0],
-                "runs_earlier": each.runs[1],
+                **picked(each, "sensor temperature_degC temperature_of parameter"),
+                "unit": now.unit,
+                "now": now.value,
+                "earlier": earlier.value,
+                "sigma": each.sigma,
+                "runs_now": now.runs,
+                "runs_earlier": earlier.runs,
                 "difference": each.difference,
                 "beyond_3_sigma": each.flagged,
             }
             for each in (compared.differences if compared else ())
+            for now, earlier in [each.means]
         ],
     }
     tables = {name: pa.Table.from_pylist(found) for name, found in rows.items() if found}

@@ -103,7 +103,9 @@ class SimulatedUnit:
         if ends_s <= begins_s:
             self._timeline.place(position)
             return
-        rotor_degC = self._rotor_at(begins_s)
+        self._grid.advance(begins_s, self)
+        node = min(int(self._grid.nodes(np.array([begins_s]))[0]), len(self._grid.state) - 1)
+        rotor_degC = float(self._grid.state[node, ROTOR])
         settling = self._settling
         time_constant_s = settling.time_constant_cold if rotor_degC < _COLD_DEGC else settling.time_constant
         leg = self._timeline.add(position, begins_s, ends_s, time_constant_s)
@@ -130,11 +132,6 @@ class SimulatedUnit:
                 for number in self._sensors:
                     (self._turn if moving else self._stay)(number, here)
         return {name: readings[:, column] for column, name in enumerate(self._columns.names)}
-
-    def _rotor_at(self, time_s: float) -> float:
-        self._grid.advance(time_s, self)
-        node = min(int(self._grid.nodes(np.array([time_s]))[0]), len(self._grid.state) - 1)
-        return float(self._grid.state[node, ROTOR])
 
     def _rest(self, number: int, leg: Leg) -> Rest:
         axes = leg.stop[number]

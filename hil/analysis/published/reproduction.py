@@ -67,7 +67,8 @@ def reproduce(campaign: Campaign, sensor: int = 2) -> dict[str, Any]:
         for temperature, runs in runs_by_temperature(rows.conditions)
         if (own := [solved[run] for run in runs if run in solved])
     }
-    labels = [_printed_temperature(audit, temperature) for temperature in groups]
+    as_printed: dict[float | None, str] = {to_number(row.group, TEMPERATURE): row.group for row in audit.table.rows}
+    labels = [as_printed.get(nearest(temperature, as_printed)) for temperature in groups]
     table = [
         {
             "label": label,
@@ -151,13 +152,6 @@ def _cell(runs: Sequence[_Run], name: str, printed: dict[str, Any] | None) -> di
     values = np.array([run.parameters[name] for run in runs])
     sigma = float(values.std(ddof=1)) if len(values) > 1 else None
     return {"mean": float(values.mean()), "sigma": sigma, "runs": len(values), "printed": printed}
-
-
-def _printed_temperature(audit: Audit, temperature_degC: float | None) -> str | None:
-    """Return the printed temperature that this one is, as it is printed."""
-    printed = {to_number(row.group, TEMPERATURE): row.group for row in audit.table.rows}
-    match = nearest(temperature_degC, printed)
-    return None if match is None else printed[match]
 
 
 def _printed(audit: Audit, group: str | None, axis: str, role: str) -> dict[str, Any] | None:

@@ -50,7 +50,10 @@ class Form:
 def polynomial(temperature_degC: FloatArray, weight: FloatArray, order: int) -> Form:
     """Return the form of a polynomial, by least squares with `weight` (S,) (inverse variances)."""
     root = np.sqrt(weight)
-    span = np.linalg.qr(root[:, None] * _scaled_powers(temperature_degC, order))[0]
+    middle = 0.5 * (temperature_degC.min() + temperature_degC.max())
+    half = max(0.5 * float(np.ptp(temperature_degC)), _LOWEST_STEP_DEGC)
+    scaled = (temperature_degC - middle) / half  # to -1 … 1, which keeps high orders apart
+    span = np.linalg.qr(root[:, None] * np.polynomial.polynomial.polyvander(scaled, order))[0]
     hat = (span @ span.T) * root[None, :] / root[:, None]
     # Held-out errors are residuals over one less the leverage.
     left_out = (np.eye(len(weight)) - hat) / (1.0 - np.diagonal(hat))[:, None]
@@ -104,13 +107,6 @@ def _rising(values: FloatArray, weight: FloatArray) -> FloatArray:
     means = np.where(end > start, means, np.inf)
     least = np.minimum.accumulate(means[..., ::-1], axis=-1)[..., ::-1]  # over ends at or after each place
     return np.asarray(np.where(end > start, least, -np.inf).max(axis=-2))
-
-
-def _scaled_powers(temperature_degC: FloatArray, order: int) -> FloatArray:
-    """Powers of the temperature scaled to -1 … 1, which keeps high orders apart, (S, order + 1)."""
-    middle = 0.5 * (temperature_degC.min() + temperature_degC.max())
-    half = max(0.5 * float(np.ptp(temperature_degC)), _LOWEST_STEP_DEGC)
-    return np.asarray(np.polynomial.polynomial.polyvander((temperature_degC - middle) / half, order))
 
 
 def candidate_forms(temperature_degC: FloatArray, weight: FloatArray, highest_order: int) -> list[Form]:
