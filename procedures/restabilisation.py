@@ -82,7 +82,11 @@ class RestabilisationGate:
         self._last_s = time_s
         # Written so that a reading which is not a number lies outside.
         if abs(air_degC - setpoint_degC) <= self.settings.band_degC:
-            self._inside(time_s)
+            if time_s - self._left_s > self.settings.excursion_s and self._soak_s < math.inf:
+                self._soak_s = math.inf
+                self.soak_restarts += 1
+            self._left_s = math.inf
+            self._soak_s, self._band_s = min(self._soak_s, time_s), min(self._band_s, time_s)
             self._air.append((time_s, air_degC))
         elif self._left_s == math.inf:
             self._leave(time_s)
@@ -95,14 +99,6 @@ class RestabilisationGate:
         """Forget what leaving the band makes worthless."""
         self.window_restarts += self._band_s < math.inf
         self._left_s, self._band_s = time_s, math.inf
-
-    def _inside(self, time_s: float) -> None:
-        """Begin, or go on with, a stay in the band."""
-        if time_s - self._left_s > self.settings.excursion_s and self._soak_s < math.inf:
-            self._soak_s = math.inf
-            self.soak_restarts += 1
-        self._left_s = math.inf
-        self._soak_s, self._band_s = min(self._soak_s, time_s), min(self._band_s, time_s)
 
     def _judge(self, time_s: float) -> None:
         """Judge the criteria: a few times per window, when the schedule is up, and at once where the band was left."""

@@ -122,20 +122,15 @@ class Sequencer:
                 self.watch.event("skipped", f"{step.key} cannot be done: {blocked} was not", step=step.key)
             if not blocked:
                 self._do(self._going_on(steps))
-        if (StepKind.SAFE_STATE, None) not in self._in_effect:
-            self._end_again()
+        if (StepKind.SAFE_STATE, None) not in self._in_effect:  # nothing is measured from its last setpoint on
+            final = self._before(self.plan.steps[-1], StepKind.SETPOINT)
+            after = self.plan.steps[final[0].index :] if final else ()
+            if final and not any(step.kind is StepKind.COLLECT for step in after):
+                self._restore(final)  # although that step was DONE in an earlier run
 
     def _going_on(self, steps: Sequence[Step]) -> Sequence[Step]:
         """Return those of the chamber, and of units that are not set aside."""
         return [step for step in steps if step.unit is None or step.unit in self.watch.units]
-
-    def _end_again(self) -> None:
-        """Bring the chamber to its final temperature although that step was DONE in an earlier run."""
-        final = self._before(self.plan.steps[-1], StepKind.SETPOINT)
-        if final and not any(
-            step.kind is StepKind.COLLECT for step in self.plan.steps[final[0].index :]
-        ):  # nothing is measured there
-            self._restore(final)
 
     def _leave(self, cause: BaseException | None) -> Left:
         """Reach the safe state, then close the journal's open step and record why. Return how the chamber is left."""

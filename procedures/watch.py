@@ -311,10 +311,7 @@ class Watch:
         if look.chamber is not None and look.time_s - self._answered_s <= self.polling.heartbeat_s:
             readings |= {"chamber_degC": look.chamber.temperature_degC, "setpoint_degC": look.chamber.setpoint_degC}
         self.journal.heartbeat(self._position.step, readings)
-        self._compare_clocks()
-
-    def _compare_clocks(self) -> None:
-        """Record each time that somebody set the wall clock; campaign time goes on by the monotonic one."""
+        # Each time that somebody set the wall clock is recorded; campaign time goes on by the monotonic one.
         off_s = (self.devices.clock.utc() - self.began).total_seconds() - self.campaign_s()
         if abs(off_s - self._wall_off_s) > _WALL_JUMP_S:
             self.event("wall-clock-jump", f"the wall clock is off by {off_s:+.0f} s since the start")

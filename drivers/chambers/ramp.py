@@ -74,7 +74,12 @@ class RampedChamber:
             return reading
         if abs(reading.setpoint_degC - self._step) > _SAME_DEGC:
             return reading  # not ours any more: nothing is written over somebody else's setpoint
-        self._advance(self._target)
+        now_s = self.clock.now()
+        if self._step != self._target and now_s - self._stepped_s >= _LEAST_INTERVAL_S:
+            # Counted from the ramp's beginning, so that what a write takes is not lost each time.
+            step = _towards(self._begins_degC, self._target, self.degC_per_min / 60.0 * (now_s - self._began_s))
+            if abs(step - self._step) >= _LEAST_STEP_DEGC or step == self._target:
+                self._write(step)
         return replace(reading, setpoint_degC=self._target)
 
     def set_temperature(self, setpoint_degC: float) -> None:
@@ -96,16 +101,6 @@ class RampedChamber:
     def close(self) -> None:
         """Release the port; the chamber goes on as it is."""
         self.chamber.close()
-
-    def _advance(self, target_degC: float) -> None:
-        """Write the next step where it is far enough from the last one, in °C and in time."""
-        now_s = self.clock.now()
-        if self._step == target_degC or now_s - self._stepped_s < _LEAST_INTERVAL_S:
-            return
-        # Counted from the ramp's beginning, so that what a write takes is not lost each time.
-        step = _towards(self._begins_degC, target_degC, self.degC_per_min / 60.0 * (now_s - self._began_s))
-        if abs(step - self._step) >= _LEAST_STEP_DEGC or step == target_degC:
-            self._write(step)
 
     def _write(self, step_degC: float) -> None:
         self._stepped_s = self.clock.now()

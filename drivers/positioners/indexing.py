@@ -77,7 +77,11 @@ class IndexingPositioner:
                 self.imu.command_index(code)
                 valid_s, tries = self.clock.now() + self.reaction_s, 2
                 continue
-            self._refuse(status, position)
+            if status.rejected:
+                raise CommandRefused(f"{self.imu.port}: the unit does not understand the index command")
+            if status.fault:
+                at_fault = f"the unit reports an index fault on the way to position {position!r}; look at it"
+                raise CommandRefused(f"{self.imu.port}: {at_fault}")
             if status.place == (code, False, True):
                 reached_s = max(status.since_s, valid_s)
                 if status.time_s - reached_s >= self.confirm_s:
@@ -95,14 +99,6 @@ class IndexingPositioner:
         if arrives_s > _CONFIRMED_LATE_S:
             return min(arrives_s + self.poll_s, _DRAINED_S)
         return min(max(self.poll_s, elapsed_s / 4.0), _CONFIRMED_LATE_S)
-
-    def _refuse(self, status: IndexStatus, position: str) -> None:
-        if status.rejected:
-            raise CommandRefused(f"{self.imu.port}: the unit does not understand the index command")
-        if status.fault:
-            raise CommandRefused(
-                f"{self.imu.port}: the unit reports an index fault on the way to position {position!r}; look at it"
-            )
 
     def _said(self, status: IndexStatus | None) -> str:
         if status is None:

@@ -118,7 +118,11 @@ def build_bench(
         faults = FaultInjector(bench.faults, clock, resumed)
         imus = {name: _imu(name, own, ports, simulators, clock) for name, own in bench.each.items()}
         chamber = _chamber(bench, ports, clock, simulators, night=True)
-        turned = _positioners(bench, imus, clock, faults, ask)
+        fixture, turned = _fixture(bench, clock, faults, ask), dict[str, Positioner]()
+        for name, own in bench.each.items():  # its own index turns each unit, or one operator or fixture all of them
+            if fixture is None:
+                _refuse_an_index_that_cannot_be_told(own)
+            turned[name] = fixture or IndexingPositioner(imus[name], clock, own.position_codes)
         units = {
             name: BenchDevices(clock, imus[name], chamber, turned[name], bench.simulated, own.poses)
             for name, own in bench.each.items()
@@ -284,22 +288,6 @@ def _imu(name: str, bench: Bench, ports: _Ports, simulated: Callable[[], Simulat
     serial = bench.unit.serial if bench.frames.tells_serial and bench.unit.serial != ASK else ""
     port = ports.open_stream(unit_port(name), bench.imu.port, line, lambda: simulated().imus[name])
     return StreamImu(port, bench.frames, clock, expected=ImuIdentity(bench.unit.model, serial))
-
-
-def _positioners(
-    bench: Bench,
-    imus: Mapping[str, StreamImu],
-    clock: Clock,
-    faults: FaultInjector,
-    ask: AskOperator | None,
-) -> Mapping[str, Positioner]:
-    """Return who turns each unit: its own index, or one operator or fixture that turns them all."""
-    fixture = _fixture(bench, clock, faults, ask)
-    if fixture is not None:
-        return dict.fromkeys(imus, fixture)
-    for own in bench.each.values():
-        _refuse_an_index_that_cannot_be_told(own)
-    return {name: IndexingPositioner(imus[name], clock, own.position_codes) for name, own in bench.each.items()}
 
 
 def _fixture(bench: Bench, clock: Clock, faults: FaultInjector, ask: AskOperator | None) -> Positioner | None:

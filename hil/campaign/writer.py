@@ -36,7 +36,13 @@ def write_campaign(campaign: Campaign, folder: Path | str, beside: Mapping[str, 
         disk.write(partial / COLLECTS_FILE, _csv(columns_of(campaign)))
         for name, data in (beside or {}).items():
             disk.write(partial / name, data)
-        written = _write_series(disk, campaign, partial / SERIES_FOLDER)
+        written, series = 0, partial / SERIES_FOLDER
+        for collect, columns in columns_of_series(campaign):
+            series.mkdir(exist_ok=True)
+            disk.write(series / f"{collect:04d}.csv", _csv(columns))
+            written += 1
+        if written:
+            disk.synchronise_folder(series)
         disk.write(partial / HEADER_FILE, header_of(campaign, written).encode())
     return target
 
@@ -104,16 +110,6 @@ def _cell(value: float | int | str | None) -> str:
     if isinstance(value, float):
         return repr(value).removesuffix(".0")
     return str(value)
-
-
-def _write_series(disk: RealDisk, campaign: Campaign, folder: Path) -> int:
-    """Write the series of collects; return of how many."""
-    for collect, columns in columns_of_series(campaign):
-        folder.mkdir(exist_ok=True)
-        disk.write(folder / f"{collect:04d}.csv", _csv(columns))
-    if folder.is_dir():
-        disk.synchronise_folder(folder)
-    return len(list(folder.glob("*.csv")))
 
 
 def columns_of_series(campaign: Campaign) -> Iterator[tuple[int, dict[str, list[float]]]]:

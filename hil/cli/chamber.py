@@ -5,7 +5,6 @@ Only the chamber's port is opened. A night that runs on the bench holds that por
 
 from __future__ import annotations
 
-import math
 import sys
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,6 +13,7 @@ from typer import Argument, Option
 
 from hil.cli.answer import Answer, told
 from hil.cli.ask import must_agree
+from hil.cli.coefficients import quantity
 from hil.cli.output import JsonFlag, messages, warn
 from hil.errors import InputError
 from hil.files.document import picked
@@ -78,30 +78,16 @@ def chamber(
 
 def _target(given: str | None, bench: Bench) -> float:
     """Return the temperature in °C; raise `InputError` where it is none, or outside the limits."""
-    from hil.files.units import TEMPERATURE, to_number
+    from hil.files.columns import is_number
+    from hil.files.units import TEMPERATURE
 
     if given is None:
         raise InputError("set needs a temperature, such as: hil chamber BENCH set '-20 degC'")
-    try:
-        value = _bare(given)
-        value = to_number(given, TEMPERATURE) if value is None else to_number(f"{value} degC", TEMPERATURE)
-    except ValueError as error:
-        raise InputError(str(error)) from error
-    limits = bench.chamber.limits
-    if not limits.low_degC <= value <= limits.high_degC:
-        raise InputError(
-            f"{value:.4g} °C lies outside the limits of bench {bench.name}'s chamber, {limits.low_degC:.4g} … "
-            f"{limits.high_degC:.4g} °C; nothing was sent"
-        )
+    plain = given.replace("−", "-")
+    value = quantity("set", f"{plain} degC" if is_number(plain) else plain, TEMPERATURE)
+    if outside := bench.outside(value):
+        raise InputError(f"{outside}; nothing was sent")
     return value
-
-
-def _bare(given: str) -> float | None:
-    try:
-        value = float(given.replace("−", "-"))
-    except ValueError:
-        return None
-    return value if math.isfinite(value) else None
 
 
 def _ask(bench: Bench, target_degC: float, *, yes: bool) -> None:

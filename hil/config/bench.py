@@ -376,6 +376,12 @@ class Bench(WholeFile):
             return None
         return self._named_file("chambers", "chamber.description", self.chamber.description)
 
+    def outside(self, degC: float) -> str:
+        """Say that the chamber may not be set to a temperature; empty where it may."""
+        low, high = self.chamber.limits.low_degC, self.chamber.limits.high_degC
+        said = f"{degC:.4g} °C lies outside the limits of bench {self.name}'s chamber, {low:.4g} … {high:.4g} °C"
+        return "" if low <= degC <= high else said
+
     def _named_file(self, kind: str, key: str, name: str) -> Path:
         beside = Path(self._source).parent if self._source else None
         try:

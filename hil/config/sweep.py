@@ -100,17 +100,19 @@ def check_sweep_against_bench(sweep: Sweep, bench: Bench) -> None:
     """Raise `InputError` where the sweep asks for what cannot be: of the bench, of the equations, or in one life."""
     _refuse_endless(sweep)
     limits_of(sweep, bench)
-    for each in bench.each.values():
-        _refuse_one_position_repeated(sweep, each)
-    limits = bench.chamber.limits
+    count = len(sweep.positions)
+    for each in bench.each.values() if count > 1 and len(set(sweep.positions)) == 1 else ():
+        for rotor in [number for number in each.sensors if each.sensor(number).is_rotor]:
+            raise InputError(
+                f"{sweep.source}: positions: {', '.join(sweep.positions)} is one position {count} times; one equation "
+                f"written {count} times solves nothing for sensor {rotor}; name other positions too, or this one once "
+                "and a longer collect"
+            )
     wanted = [(f"temperatures.{index}", value) for index, value in enumerate(sweep.temperatures)]
     wanted += [("final", sweep.final)] if sweep.final is not None else []
     for key, value in wanted:
-        if not limits.low_degC <= value <= limits.high_degC:
-            raise InputError(
-                f"{sweep.source}: {key}: {value:.4g} °C lies outside the limits of bench {bench.name}'s chamber, "
-                f"{limits.low_degC:.4g} … {limits.high_degC:.4g} °C"
-            )
+        if outside := bench.outside(value):
+            raise InputError(f"{sweep.source}: {key}: {outside}")
     for each in bench.each.values():
         if each.simulation is not None and each.simulation_model is not None:
             levels = each.simulation.start.temperature, *(value for _, value in wanted)
@@ -145,16 +147,6 @@ def _refuse_endless(sweep: Sweep) -> None:
         raise InputError(
             f"{sweep.source}: it would take {total_s / 86400.0:.0f} days, more than {_LONGEST_DAYS}; look at "
             "temperatures, self_calibrations_per_temperature, restabilisation.at_least and collect.duration"
-        )
-
-
-def _refuse_one_position_repeated(sweep: Sweep, bench: Bench) -> None:
-    count, rotors = len(sweep.positions), [n for n in bench.sensors if bench.sensor(n).is_rotor]
-    if rotors and count > 1 and len(set(sweep.positions)) == 1:
-        raise InputError(
-            f"{sweep.source}: positions: {', '.join(sweep.positions)} is one position {count} times; one equation "
-            f"written {count} times solves nothing for sensor {rotors[0]}; name other positions too, or this one once "
-            "and a longer collect"
         )
 
 

@@ -177,8 +177,18 @@ def load_model(path_or_name: str | Path) -> Model:
     name = str(path_or_name)
     if name in MODEL_NAMES:
         return built_in_model(name)
-    path = _find(name)
-    return _parse(path, parse_yaml(read_text(path), str(path)))
+    try:
+        path = find_config("models", name)
+    except InputError as error:
+        raise InputError(f"model {error}; built in are {', '.join(MODEL_NAMES)}") from error
+    document = parse_yaml(read_text(path), str(path))
+    check_schema(document, SCHEMA, str(path))
+    try:
+        model = Model.model_validate(document, context=str(path))
+    except ValidationError as error:
+        raise InputError(f"{path}: {first_mistake(error, document)}") from error
+    _check(path, model)
+    return model
 
 
 def fitting(model: Model | str | Path, sensors: Sequence[Sensor], temperatures_degC: Iterable[float] = ()) -> Model:
@@ -189,7 +199,8 @@ def fitting(model: Model | str | Path, sensors: Sequence[Sensor], temperatures_d
     several sensors has the values of those that are not here.)
     """
     chosen = model if isinstance(model, Model) else load_model(model)
-    where = f"model {chosen.title}" if isinstance(model, Model) or str(model) in MODEL_NAMES else str(_find(str(model)))
+    built = isinstance(model, Model) or str(model) in MODEL_NAMES
+    where = f"model {chosen.title}" if built else str(find_config("models", str(model)))
     of = {f"terms.{k}.sensor": term.sensor for k, term in enumerate(chosen.terms) if term.sensor is not None}
     there = [sensor.number for sensor in sensors]
     for key, number in (of | {f"noise.{number}": number for number in chosen.noise}).items():
@@ -223,16 +234,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {key: _plain(item) for key, item in value.items()}
     return [_plain(item) for item in value] if isinstance(value, tuple | list) else value
-
-
-def _parse(path: Path, document: dict[str, Any]) -> Model:
-    check_schema(document, SCHEMA, str(path))
-    try:
-        model = Model.model_validate(document, context=str(path))
-    except ValidationError as error:
-        raise InputError(f"{path}: {first_mistake(error, document)}") from error
-    _check(path, model)
-    return model
 
 
 def _check(path: Path, model: Model) -> None:
@@ -360,10 +361,3 @@ def _contribution(title: str, term: Term, effect: Effect, rows: Conditions, base
         if parameter.name in term.parameters:
             values[:, index] = term.parameters[parameter.name].at(temperatures)
     return np.asarray(np.einsum("ncp,np->nc", columns, values))
-
-
-def _find(name: str) -> Path:
-    try:
-        return find_config("models", name)
-    except InputError as error:
-        raise InputError(f"model {error}; built in are {', '.join(MODEL_NAMES)}") from error

@@ -24,7 +24,6 @@ from drivers.frames.roles import Roles
 from drivers.simulators.chambers.plant import ChamberPlant
 from hil.campaign import FloatArray
 from hil.config.bench import Bench
-from hil.config.simulation import SimulationSection
 from hil.errors import InputError
 from hil.model import Model
 from hil.twin.grid import ROTOR, FieldColumns, SlowGrid, Supply, field_columns
@@ -70,7 +69,13 @@ class SimulatedUnit:
         self._gravity, self._earth_rate = bench.site.gravity_g(), bench.site.earth_rate_deg_per_hr()
         self._sensors = {n: SimulatedSensor(bench, n, roles.sensors[n], model) for n in sorted(bench.sensors)}
         self._columns: FieldColumns = field_columns(self._sensors, roles)
-        self._grid: SlowGrid = alike._grid if alike else self._slow_grid(settings, plant, begins_s, sample_rate_hz)
+        if alike:
+            self._grid: SlowGrid = alike._grid
+        else:
+            begins = {"start_degC": settings.start.temperature, "powered_for_s": settings.start.powered_for}
+            thermal = ThermalUnit(settings.thermal, plant, begins_s=begins_s, **begins)
+            timing = {"begins_s": begins_s, "sample_rate_hz": sample_rate_hz}
+            self._grid = SlowGrid(self._sensors, self._columns, settings, thermal, **timing)
         self._supply = None if self._columns.supply is None else Supply(settings, session)
         self._rests: dict[tuple[int, int], tuple[Rest, FloatArray]] = {}  # until the next move
         self._timeline = Timeline(
@@ -89,14 +94,6 @@ class SimulatedUnit:
         self._grid.advance(begins_s, self)
         for number in self._terms:  # or the night would end at its first sample
             model.rates(self._rows[number].at(self._rest(number, self._timeline.legs[0]), np.zeros(1, dtype=np.int64)))
-
-    def _slow_grid(
-        self, settings: SimulationSection, plant: ChamberPlant, begins_s: float, sample_rate_hz: float
-    ) -> SlowGrid:
-        begins = {"start_degC": settings.start.temperature, "powered_for_s": settings.start.powered_for}
-        thermal = ThermalUnit(settings.thermal, plant, begins_s=begins_s, **begins)
-        timing = {"begins_s": begins_s, "sample_rate_hz": sample_rate_hz}
-        return SlowGrid(self._sensors, self._columns, settings, thermal, **timing)
 
     def start_move(self, position: str, begins_s: float, ends_s: float) -> None:
         """Turn to `position` from `begins_s` to `ends_s`; a move that takes no time says where the unit is at first."""

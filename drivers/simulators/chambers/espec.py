@@ -66,9 +66,12 @@ class SimulatedEspec(SimulatedLines):
         super().__init__(plant, lines(terminator), **{"limits": ChamberLimits(-75.0, 105.0), **settings})
 
     def receive(self, data: bytes, now_s: float) -> None:
-        """Take bytes from the host; every complete line is a request."""
+        """Take bytes from the host; every complete line is a request. An air beyond its limits is seen then."""
         self._suffer(now_s)
-        self._watch_limits(now_s)
+        watches = self.mode in ("CONSTANT", "RUN") and _LIMIT_ALARM not in self.alarms
+        if watches and not self.limits.low_degC <= self.plant.advance(now_s) <= self.limits.high_degC:
+            self.alarms, self.mode = (*self.alarms, _LIMIT_ALARM), self._stopped
+            self._condition(now_s)
         super().receive(data, now_s)
 
     # What arrives.
@@ -117,15 +120,6 @@ class SimulatedEspec(SimulatedLines):
                 self.mode = self._timer[0]
             self._condition(self.timer_ends_s)
             self.timer_ends_s = None
-
-    def _watch_limits(self, now_s: float) -> None:
-        """Raise the alarm of an air beyond the alarm limits, as seen whenever the host speaks."""
-        if self.mode in ("CONSTANT", "RUN") and _LIMIT_ALARM not in self.alarms:
-            air = self.plant.advance(now_s)
-            if not self.limits.low_degC <= air <= self.limits.high_degC:
-                self.alarms = (*self.alarms, _LIMIT_ALARM)
-                self.mode = self._stopped
-                self._condition(now_s)
 
     def _power_up(self) -> None:
         self.timer_ends_s = None

@@ -76,16 +76,13 @@ class SimulatedVoetschAscii(SimulatedLines):
         actual = f"{max(-999.9, min(9999.9, self._air(now_s))):06.1f}"
         nominal = [f"{self._shown(self.setpoint_degC):06.1f}"] + ["0000.0"] * (self._layout.pairs - 1)
         pairs = (f"{value} {actual}" if self._layout.nominal_first else f"{actual} {value}" for value in nominal)
-        return " ".join([*pairs, self._digital()])
-
-    def _digital(self) -> str:
         layout, runs = self._layout, self.mode in ("CONSTANT", "RUN")
         on = {
             layout.start_bit: runs,
             layout.channel_bit: runs or self._temper,
             layout.error_bit: bool(self.alarms),
         }
-        return "".join("1" if on.get(place) else bit for place, bit in enumerate(self._others))
+        return " ".join([*pairs, "".join("1" if on.get(place) else bit for place, bit in enumerate(self._others))])
 
     def _write(self, nominal: list[float], bits: str) -> None:
         self.setpoint_degC = self._taken(nominal[0])

@@ -86,7 +86,13 @@ def campaign_of_log(log: Log, test: StaticTest, *, latitude_deg: float | None = 
         *told,
         *(turns.sentences if turns else ["gyros: too few turns for their scale factors: five, of a minute at most"]),
         *contradicted,
-        _earth_rate_in_words(latitude_deg),
+        (
+            "w is given as 0: neither latitude (--latitude) nor heading is known; the earth rate is in the parameters, "
+            "its vertical part (15 deg/hr times the sine of the latitude) as a sensitivity to f along a channel's axis"
+            if latitude_deg is None
+            else f"w is the vertical part at latitude {latitude_deg:g} deg; which way north lay is not known: the "
+            "horizontal part is in the rates"
+        ),
     ]
     campaign = Campaign(
         title=f"{log.path.stem}, {counted(n, 'pose')} by hand",
@@ -227,13 +233,3 @@ def _calibration_in_words(fitted: Accelerometers, n: int) -> list[str]:
         numbers = (np.flatnonzero(off > F_SUSPICIOUS) + 1).tolist()
         said.append(f"{numbered('collect', numbers)}: |f| is off 1 g by up to {off.max():.3f} g: not at rest?")
     return said
-
-
-def _earth_rate_in_words(latitude_deg: float | None) -> str:
-    if latitude_deg is None:
-        return (
-            "w is given as 0: neither latitude (--latitude) nor heading is known; the earth rate is in the parameters, "
-            "its vertical part (15 deg/hr times the sine of the latitude) as a sensitivity to f along a channel's axis"
-        )
-    part = "w is the vertical part at latitude"
-    return f"{part} {latitude_deg:g} deg; which way north lay is not known: the horizontal part is in the rates"

@@ -10,7 +10,7 @@ sensor: `first_alarm` is smaller, so that a sensor without temperature dependenc
 What the choice is worth is judged in the same way: an `Improvement` compares what was left out with a constant.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -159,7 +159,11 @@ class Choice:
                 break
             best = min(errors[each.name] for each in richer)
             win = float(np.log(np.hypot(errors[form.name], dust)) - np.log(np.hypot(best, dust)))
-            chance = _chance(form, richer, form.fitted(values), noise, weight, win)
+            # How often the richer ones win by as much where this form is true, and what was measured is noise.
+            drawn = form.fitted(values) + noise
+            least = np.min([score(each, drawn, weight) for each in richer], axis=0)
+            wins = np.count_nonzero(np.log(score(form, drawn, weight)) - np.log(least) >= win)
+            chance = float((1 + wins) / (1 + len(noise)))
             steps.append({"form": form.name, "error": errors[form.name], "best_richer": best, "chance": chance})
             if chance > (FALSE_ALARM if steps[1:] else first_alarm):
                 break
@@ -189,17 +193,6 @@ def levelled_weights(covariance: FloatArray) -> FloatArray:
 def score(form: Form, values: FloatArray, weight: FloatArray) -> FloatArray:
     """Return the weighted rms held-out error, shape (...) from (..., S)."""
     return np.asarray(np.sqrt(form.held_out(values) ** 2 @ weight))
-
-
-def _chance(
-    form: Form, richer: Sequence[Form], truth: FloatArray, noise: FloatArray, weight: FloatArray, win: float
-) -> float:
-    """Return how often the richer forms win by at least `win` where `truth` (S,) with `noise` (d, S) was measured."""
-    drawn = truth + noise
-    own = score(form, drawn, weight)
-    best = np.min([score(each, drawn, weight) for each in richer], axis=0)
-    wins = np.count_nonzero(np.log(own) - np.log(best) >= win)
-    return float((1 + wins) / (1 + len(noise)))
 
 
 class Improvement:

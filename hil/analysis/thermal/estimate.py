@@ -195,7 +195,11 @@ def layout_of(
     `factor_of` has by parameter what its standard errors are times, and the degrees of freedom of that.
     Raises `InputError` where fewer than three temperatures are left.
     """
-    collects, notes = _at_known_temperatures(number, collects)
+    notes: list[str] = []
+    left = np.isnan(collects.conditions.columns.get(OWN, np.zeros(0)))
+    if left.any() and not left.all():
+        collects = collects.rows(~left)
+        notes.append(f"sensor {number}: {counted(int(left.sum()), 'row')} without temperature: left out")
     stations = find_stations(collects.conditions, apart_degC)
     form = named_form(model_name, collects.conditions) if model_name else default_form(collects.conditions)
     if form.reason:
@@ -206,8 +210,8 @@ def layout_of(
     whole = np.array([not tell.isdisjoint(run[stations.number == place].tolist()) for place in range(len(stations))])
     spread = None
     if not np.all(whole):
-        left = ", ".join(f"{each:z.1f} °C" for each in stations.centre_degC[~whole])
-        notes.append(f"sensor {number}: no run tells every parameter at {left}; left out")
+        without = ", ".join(f"{each:z.1f} °C" for each in stations.centre_degC[~whole])
+        notes.append(f"sensor {number}: no run tells every parameter at {without}; left out")
         columns = form.columns(collects.conditions)
         spread = Visits(Layout(collects, form, columns, stations, 0.0, 1.0, False, factor, residuals)).spread
         keep = whole[stations.number]
@@ -231,15 +235,6 @@ def layout_of(
     columns = form.columns(collects.conditions)
     layout = Layout(collects, form, columns, stations, float(np.round(middle)), half, both, factor, residuals, spread)
     return layout, notes
-
-
-def _at_known_temperatures(number: int, collects: Collects) -> tuple[Collects, list[str]]:
-    """Leave rows without a temperature out where others have one, and say so."""
-    left = np.isnan(collects.conditions.columns.get(OWN, np.zeros(0)))
-    if left.all() or not left.any():
-        return collects, []
-    said = f"sensor {number}: {counted(int(left.sum()), 'row')} without temperature: left out"
-    return collects.rows(~left), [said]
 
 
 def _tells_all(form: LinearForm, collects: Collects) -> bool:
