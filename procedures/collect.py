@@ -337,17 +337,14 @@ class _Running:
         """Take a block in and return the means so far, and their standard errors from the third batch on."""
         for label, mean, n in means(block, self._fields):
             self._sums[label] += (1, n, n * mean, n * n, n * n * mean, n * n * mean * mean)
-        return self._results()
-
-    def _results(self) -> tuple[Mapping[str, float], Mapping[str, float]]:
-        means, errors = {}, {}
-        for label, (batches, n, first, squares, cross, second) in self._sums.items():
+        so_far, errors = dict[str, float](), dict[str, float]()
+        for label, (batches, count, first, squares, cross, second) in self._sums.items():
             if batches:
-                means[label] = float(first / n)
+                so_far[label] = float(first / count)
             if batches >= _LEAST_BATCHES:
-                scatter = second - 2.0 * means[label] * cross + means[label] ** 2 * squares
-                errors[label] = float(np.sqrt(max(scatter, 0.0) * batches / (batches - 1)) / n)
-        return means, errors
+                scatter = second - 2.0 * so_far[label] * cross + so_far[label] ** 2 * squares
+                errors[label] = float(np.sqrt(max(scatter, 0.0) * batches / (batches - 1)) / count)
+        return so_far, errors
 
 
 def _confirmed(position: str, before: str | None, after: str | None) -> Iterable[Judgement]:

@@ -146,10 +146,6 @@ def _fletcher(rows: Rows) -> NDArray[Any]:
     return both
 
 
-def _xor(rows: Rows) -> NDArray[Any]:
-    return np.asarray(np.bitwise_xor.reduce(rows, axis=1))
-
-
 class FrameChecksum:
     """The checksum of frames of one type and length, whose delimiter, if there is one, begins at `body_end`."""
 
@@ -169,7 +165,7 @@ class FrameChecksum:
         elif isinstance(kind, SumKind):
             self._of_rows = partial(_sum, kind)
         else:
-            self._of_rows = _fletcher if isinstance(kind, FletcherKind) else _xor
+            self._of_rows = _fletcher if isinstance(kind, FletcherKind) else partial(np.bitwise_xor.reduce, axis=1)
 
     def _joined(self, frame: bytes) -> bytes:
         return b"".join([frame[part] if isinstance(part, slice) else part for part in self._parts])

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import cache
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 from drivers.chambers import CHAMBER_DRIVERS, Chamber, ChamberOptions
 from drivers.chambers.catalogue import SerialLine
@@ -101,10 +101,9 @@ def build_bench(
     """
     for own in bench.each.values():
         _ = own.frames  # what cannot be used is said before anything is opened
+    where = bench.source or bench.name
     if bench.imu.positioner == "operator" and ask is None:
-        raise InputError(
-            f"{bench.source or bench.name}: imu.positioner: an operator moves the unit, and none is there to ask"
-        )
+        raise InputError(f"{where}: imu.positioner: an operator moves the unit, and none is there to ask")
     if unopened is None:
         check_ports(bench)
     clock = clock_of(bench, start_utc, speed)
@@ -227,15 +226,9 @@ class _Ports:
     def _real(self, key: str, url: str, line: SerialLine) -> Transport:
         try:
             release = port_lock(url)
+            form: dict[str, Any] = {"baudrate": line.baud, "bytesize": line.data_bits, "parity": line.parity}
             try:
-                return open_port(
-                    url,
-                    clock=self._clock,
-                    baudrate=line.baud,
-                    bytesize=line.data_bits,
-                    parity=line.parity,
-                    on_close=release,
-                )
+                return open_port(url, clock=self._clock, **form, on_close=release)
             except BaseException:
                 release()
                 raise

@@ -36,10 +36,6 @@ class Rest:
     mean: float
     sd: float
 
-    def times(self, factor: float) -> Rest:
-        """Return what it would be in another unit."""
-        return Rest(self.mean * factor, self.sd * factor)
-
 
 def at_rest(live: LiveBench, samples: SampleBlock) -> Iterator[Finding]:
     """Yield what is seen of the bench's sensors in `samples` of a unit that lies still, and what contradicts it."""
@@ -85,7 +81,11 @@ def _contradiction(rest: Rest, stated: AtRest, sample_rate_hz: float) -> str:
     noise = None if walk is None else 60.0 * walk * np.sqrt(sample_rate_hz)
     if _possible(rest, bias, noise):
         return ""
-    slips = [slip for slip in _slips(sample_rate_hz) if _possible(rest.times(1.0 / slip[0]), bias, noise)]
+    slips = [
+        (factor, unit)
+        for factor, unit in _slips(sample_rate_hz)
+        if _possible(Rest(rest.mean / factor, rest.sd / factor), bias, noise)
+    ]
     if noise is not None:
         off, unit = min(((abs(np.log(rest.sd / factor / noise)), unit) for factor, unit in slips), default=(np.inf, ""))
         if off < _NEAREST:
@@ -126,9 +126,8 @@ def _pose(live: LiveBench, samples: SampleBlock) -> Iterator[Finding]:
     told = devices.positioner.position() if live.bench.imu.positioner == "indexing" else None
     fits = [label for label in devices.poses.poses if not devices.poses.contradiction(label, shown)]
     if told is not None and told in devices.poses.poses and told not in fits:
-        yield Finding(
-            "pose", False, devices.poses.contradiction(told, shown), "see how the unit is mounted and indexed"
-        )
+        contradicted = devices.poses.contradiction(told, shown)
+        yield Finding("pose", False, contradicted, "see how the unit is mounted and indexed")
     elif fits:
         yield Finding("pose", True, f"the unit lies as in position {' or '.join(fits)}")
     else:

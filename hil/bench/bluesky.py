@@ -78,9 +78,6 @@ class _Device(ABC):
             for key, (_, unit) in self._values().items()
         }
 
-    def _begun(self, work: Callable[[], None]) -> DeviceStatus:
-        return DeviceStatus(self._threads.submit(work))
-
 
 class MovableChamber(_Device):
     """The chamber: set to a temperature in °C, there when the air has been `within_degC` of it for `held_s`.
@@ -119,7 +116,7 @@ class MovableChamber(_Device):
     def set(self, value: float) -> DeviceStatus:
         """Begin to go to a temperature, °C, staged if it is not; a setpoint that is refused fails the status."""
         self._stopped = stopped = Event()
-        return self._begun(lambda: self._go(float(value), stopped))
+        return DeviceStatus(self._threads.submit(self._go, float(value), stopped))
 
     def stop(self, success: bool = False) -> None:
         """Wait for the temperature no longer; unless that is a success, bring the chamber to its safe state."""
@@ -179,7 +176,7 @@ class ReadableImu(_Device):
 
     def trigger(self) -> DeviceStatus:
         """Begin to average; a stream that gives nothing fails the status."""
-        return self._begun(self._average)
+        return DeviceStatus(self._threads.submit(self._average))
 
     def _values(self) -> Values:
         return self._found

@@ -113,10 +113,8 @@ def _frames(data: Bytes) -> dict[str, Any]:
 def _beginning(data: Bytes, starts: NDArray[np.int64], length: int) -> NDArray[np.int64]:
     """Return where frames begin of which `starts`, (n,), are the places of two bytes that all have."""
     starts = starts[(starts > 8) & (starts + length + 2 <= len(data))]
-    for step, line_end in (
-        (1, True),
-        (-1, False),
-    ):  # not with the end of the line before; with the first that they share
+    # Not with the end of the line before; with the first that they share.
+    for step, line_end in ((1, True), (-1, False)):
         while len(starts):
             byte = data[starts - (step < 0)]
             if np.ptp(byte) or (int(byte[0]) in b"\r\n") != line_end or not byte[0] or starts[0] < 2:

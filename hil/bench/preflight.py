@@ -182,18 +182,11 @@ def _chamber(live: LiveBench) -> Iterator[Finding]:
     identity, reading = chamber.identify(), chamber.read()
     live.devices.refuse_undeclared_simulation(identity.model)
     inside, why = _air(live, reading)
-    yield Finding(
-        "chamber",
-        inside,
-        f"{identity.model}, speaks {identity.unit}, {reading.mode}, now {reading.temperature_degC:.1f} °C",
-        why,
-    )
+    told = f"{identity.model}, speaks {identity.unit}, {reading.mode}, now {reading.temperature_degC:.1f} °C"
+    yield Finding("chamber", inside, told, why)
     yield _mode(live, reading)
-    if reading.alarms:
-        advice = "clear the cause, then acknowledge it at the chamber's panel; nothing here acknowledges an alarm"
-        yield Finding("alarms", False, ", ".join(reading.alarms), advice)
-    else:
-        yield Finding("alarms", True, "none")
+    advice = "clear the cause, then acknowledge it at the chamber's panel; nothing here acknowledges an alarm"
+    yield Finding("alarms", not reading.alarms, ", ".join(reading.alarms) or "none", advice if reading.alarms else "")
     yield _native_limits(reading)
     yield _left_alone(live.bench)
 

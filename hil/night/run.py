@@ -16,6 +16,7 @@ that is in it. The chamber is in its safe state at every way out.
 """
 
 import contextlib
+import math
 import platform
 import shutil
 import sqlite3
@@ -23,7 +24,7 @@ import threading
 from collections.abc import Callable, Collection
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from datetime import datetime, timedelta
+from datetime import timedelta
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -228,9 +229,11 @@ def _carry_out(
     heartbeat = HeartbeatFile(journal.folder)
     notifier = notifier_of(live.bench, journal)
     polling = _polling(live)
-    every_s, announced_s = _looked_at_every_s(live, polling), polling.read_interval_s
+    announced_s = polling.read_interval_s
+    # Of real time: next to none on a clock that jumps.
+    speed = clock.speed if isinstance(clock, PacedClock) else math.inf if isinstance(clock, VirtualClock) else 1.0
     shown = [
-        LiveFiles(journal.folder, devices.imu.sensors, every_s=every_s, announced_s=announced_s, unit=name)
+        LiveFiles(journal.folder, devices.imu.sensors, every_s=announced_s / speed, announced_s=announced_s, unit=name)
         for name, devices in live.devices.units.items()
     ]
     try:
@@ -256,7 +259,11 @@ def _carry_out(
             vital=heartbeat.alive,
             disk_free_mb=lambda: shutil.disk_usage(journal.folder).free / 1e6,
         )
-        first, on = partial(ask_serial, journal, live, attendant), _powered_on(live)
+        simulated = (
+            live.bench.simulation if live.simulators else None
+        )  # of others nobody knows when they were switched on
+        on = clock.utc() - timedelta(seconds=simulated.start.powered_for) if simulated else None
+        first = partial(ask_serial, journal, live, attendant)
         sequencer = Sequencer(journal.plan, watch, powered_on=on, attendant=attendant, first=first)
         with stop.on_signals() if threading.current_thread() is threading.main_thread() else contextlib.nullcontext():
             ended = sequencer.run()
@@ -352,14 +359,6 @@ def _polling(live: LiveBench) -> Polling:
     )
 
 
-def _looked_at_every_s(live: LiveBench, polling: Polling) -> float:
-    """Return how many seconds of real time lie between two polls: next to none on a clock that jumps."""
-    clock = live.devices.clock
-    if isinstance(clock, VirtualClock):
-        return polling.read_interval_s / clock.speed if isinstance(clock, PacedClock) else 0.0
-    return polling.read_interval_s
-
-
 def _outcome(folder: Path, ended: SweepOutcome) -> NightOutcome:
     state = "failed" if ended.state is SweepState.ERROR else ended.state.value
     reason = ended.reason if ended.left.safe else f"{ended.reason}; {ended.left}"
@@ -367,13 +366,6 @@ def _outcome(folder: Path, ended: SweepOutcome) -> NightOutcome:
         {SweepState.COMPLETE: 0, SweepState.FAILED: 3}.get(ended.state, 9 if ended.partly else 1)
     )
     return NightOutcome(folder, state, reason, status)
-
-
-def _powered_on(live: LiveBench) -> datetime | None:
-    """When the unit was switched on: known of a simulated one only."""
-    if live.simulators is None or live.bench.simulation is None:
-        return None
-    return live.devices.clock.utc() - timedelta(seconds=live.bench.simulation.start.powered_for)
 
 
 def field_meanings(live: LiveBench) -> dict[str, FieldMeaning]:

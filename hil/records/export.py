@@ -62,9 +62,11 @@ class Export:
 
 
 @dataclass(frozen=True)
-class _Collect:
-    """One collect of the night: its step, what was recorded, and its samples."""
+class _Row:
+    """One row of collects.csv: a collect of the night seen by one sensor, what was recorded of it, and its samples."""
 
+    number: int
+    sensor: int
     step: Step
     data: Mapping[str, Any]
     samples: Block | None
@@ -73,18 +75,9 @@ class _Collect:
     def start_s(self) -> float:
         return float(self.data["start_s"])
 
-
-@dataclass(frozen=True)
-class _Row:
-    """One row of collects.csv: the collect seen by one sensor."""
-
-    number: int
-    sensor: int
-    collect: _Collect
-
     @property
     def record(self) -> Mapping[str, Any]:
-        found: Mapping[str, Any] = self.collect.data["sensors"][str(self.sensor)]
+        found: Mapping[str, Any] = self.data["sensors"][str(self.sensor)]
         return found
 
 
@@ -181,22 +174,22 @@ def _campaign(journal: JournalReader) -> Campaign:
     refuse_damaged_samples(journal)
     done, attempts = journal.completed(), journal.attempts()
     taken = {each.step_key: each for each in attempts if each.outcome is Outcome.DONE}
-    collects, verdicts = _collects(journal, taken), _verdicts(journal, done, taken)
+    collects = [(step, taken[step.key]) for step in journal.plan.of_kind(StepKind.COLLECT) if step.key in taken]
+    collects.sort(key=lambda each: float(each[1].data["start_s"]))
+    verdicts = _verdicts(journal, done, taken)
     if not collects:
         raise InputError(
             f"{journal.folder}: no collect of this night was completed, so there is nothing to export or to analyse"
         )
     # A unit may stream sensors that the bench file does not orient: their rates mean nothing without f and w.
-    sensors = [
-        number for number in sorted(bench.sensors) if any(str(number) in each.data["sensors"] for each in collects)
+    seen = [(n, *each) for each in collects for n in sorted(bench.sensors) if str(n) in each[1].data["sensors"]]
+    samples = {(row.step_key, row.attempt): row.block for row in journal.blocks() if row.block.kind == SAMPLES}
+    rows = [
+        _Row(number, sensor, step, of.data, samples.get((step.key, of.attempt)))
+        for number, (sensor, step, of) in enumerate(seen, start=1)
     ]
-    rows: list[_Row] = []
-    for collect in collects:
-        for number in sensors:
-            if str(number) in collect.data["sensors"]:
-                rows.append(_Row(len(rows) + 1, number, collect))
     night = journal.night
-    tables = {number: _of_sensor([row for row in rows if row.sensor == number], bench, number) for number in sensors}
+    tables = {n: _of_sensor([row for row in rows if row.sensor == n], bench, n) for n in sorted({n for n, *_ in seen})}
     columns = {name for table in tables.values() for name in table.conditions.columns}
     axes = dict.fromkeys(axis for number in bench.sensors for axis in bench.sensor(number).axes)
     shown = {f"accelerometer_{axis}_g": f"mean of the unit's own accelerometer along {axis}, g" for axis in axes}
@@ -209,9 +202,9 @@ def _campaign(journal: JournalReader) -> Campaign:
         site={name: getattr(bench.site, name) for name in _SITE},
         notes="\n".join(_notes(journal, bench, rows, done, verdicts)),
         recorded={
-            row.number: partial(_samples, journal.folder, block, bench.sensor(row.sensor), row.collect.start_s)
+            row.number: partial(_samples, journal.folder, row.samples, bench.sensor(row.sensor), row.start_s)
             for row in rows
-            if (block := row.collect.samples)
+            if row.samples
         },
         series_block_s=bench.record.series_block,
         verdicts=verdicts,
@@ -228,23 +221,16 @@ def _campaign(journal: JournalReader) -> Campaign:
     return judged_by_its_records(campaign)
 
 
-def _collects(journal: JournalReader, taken: Mapping[str, Attempt]) -> list[_Collect]:
-    samples = {(row.step_key, row.attempt): row.block for row in journal.blocks() if row.block.kind == SAMPLES}
-    of_steps = [(step, taken[step.key]) for step in journal.plan.of_kind(StepKind.COLLECT) if step.key in taken]
-    collects = [_Collect(step, each.data, samples.get((step.key, each.attempt))) for step, each in of_steps]
-    return sorted(collects, key=lambda collect: collect.start_s)
-
-
 def _of_sensor(rows: Sequence[_Row], bench: Bench, number: int) -> Collects:
     sensor = bench.sensor(number)
-    positions = [str(row.collect.data["position"]) for row in rows]
+    positions = [str(row.data["position"]) for row in rows]
     conditions = Conditions(
         sensor=sensor,
         collect=np.array([row.number for row in rows], dtype=np.int64),
-        run=np.array([row.collect.step.self_calibration or 0 for row in rows], dtype=np.int64),
+        run=np.array([row.step.self_calibration or 0 for row in rows], dtype=np.int64),
         position=np.array(positions, dtype=np.str_),
-        start_s=np.array([row.collect.start_s for row in rows]),
-        duration_s=np.array([float(row.collect.data["duration_s"]) for row in rows]),
+        start_s=np.array([row.start_s for row in rows]),
+        duration_s=np.array([float(row.data["duration_s"]) for row in rows]),
         **bench.along_axes(number, positions),
         columns=_columns(rows, sensor),
     )
@@ -261,9 +247,9 @@ def _columns(rows: Sequence[_Row], sensor: Sensor) -> dict[str, FloatArray]:
     """Return every condition that the bench knows; a column that is empty from top to bottom is left out."""
     known: list[dict[str, Any]] = []
     for row in rows:
-        data, record = row.collect.data, row.record
+        data, record = row.data, row.record
         cells = {name: data.get(name) for name in _STEP_COLUMNS}
-        asked, held = row.collect.step.temperature_degC, cells["setpoint_degC"]
+        asked, held = row.step.temperature_degC, cells["setpoint_degC"]
         if asked is not None and held is not None and abs(asked - held) <= _CHAMBERS_DIGIT_DEGC:
             cells["setpoint_degC"] = asked  # 19.7 °F, which the chamber calls -6.8 °C
         cells |= {name: record.get(name) for name in _SENSOR_COLUMNS}
@@ -287,7 +273,7 @@ def _notes(
     if journal.night.simulated:
         yield "SIMULATED: these are no measurements."
     runs = journal.plan.self_calibrations
-    judged = [("Collect", r.number, r.collect.data.get("verdict"), r.collect.data.get("reason", "")) for r in rows]
+    judged = [("Collect", r.number, r.data.get("verdict"), r.data.get("reason", "")) for r in rows]
     judged += [
         ("Self-calibration", number, str(each.verdict), each.reason)
         for number, each in verdicts.items()

@@ -116,15 +116,19 @@ class FaultInjector(Progress):
         ends_s = begins_s + (math.inf if fault.duration_s is None else fault.duration_s)
         if (ends_s if fault.meaning.lasts else begins_s) < self._clock.now() or self._devices is None:
             return
-        tell: Mapping[str, Callable[[Fault, float, float], None]] = {
-            "imu": self._to_the_unit,
-            "chamber": self._to_the_chamber,
-            "disk": lambda _fault, begins_s, ends_s: self.disk.full_between.append((begins_s, ends_s)),
-            "clock": self._to_the_clock,
-            "operator": lambda fault, begins_s, ends_s: self._operator.append((fault.kind, begins_s, ends_s)),
-            "controller": self._to_the_controller,
-        }
-        tell[fault.device](fault, begins_s, ends_s)
+        match fault.device:
+            case "imu":
+                self._to_the_unit(fault, begins_s, ends_s)
+            case "chamber":
+                self._to_the_chamber(fault, begins_s, ends_s)
+            case "disk":
+                self.disk.full_between.append((begins_s, ends_s))
+            case "operator":
+                self._operator.append((fault.kind, begins_s, ends_s))
+            case "controller":
+                self._kill_s = min(self._kill_s, begins_s)
+            case "clock" if isinstance(self._clock, VirtualClock):
+                self._clock.set_wall_clock(begins_s, fault.amount)
 
     def _to_the_unit(self, fault: Fault, begins_s: float, ends_s: float) -> None:
         if self._unplugged(fault, begins_s, ends_s) or self._devices is None:
@@ -157,10 +161,3 @@ class FaultInjector(Progress):
             if key in self._ports:
                 self._ports[key].unplug_between(begins_s, ends_s)
         return True
-
-    def _to_the_clock(self, fault: Fault, begins_s: float, _ends_s: float) -> None:
-        if isinstance(self._clock, VirtualClock):
-            self._clock.set_wall_clock(begins_s, fault.amount)
-
-    def _to_the_controller(self, _fault: Fault, begins_s: float, _ends_s: float) -> None:
-        self._kill_s = min(self._kill_s, begins_s)

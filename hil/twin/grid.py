@@ -106,11 +106,10 @@ def field_columns(sensors: Mapping[int, SimulatedSensor], roles: Roles) -> Field
         raise InputError(
             f"the simulated unit has no {', '.join(sorted(unknown))}; take it out of the description's roles"
         )
+    accelerations = {n: one.acceleration_fields.values() for n, one in sensors.items()}
     return FieldColumns(
         rates={n: _together([place(field) for field in one.rate_fields]) for n, one in sensors.items()},
-        accelerations={
-            n: _together([place(field) for field in one.acceleration_fields.values()]) for n, one in sensors.items()
-        },
+        accelerations={n: _together([place(field) for field in fields]) for n, fields in accelerations.items()},
         rotors={n: place(one.temperature_field) for n, one in sensors.items() if one.temperature_field},
         spins={n: place(one.spin_field) for n, one in sensors.items() if one.spin_field},
         case=place(roles.conditions["case_degC"]) if "case_degC" in roles.conditions else None,
@@ -235,11 +234,8 @@ class SlowGrid:
         thermometers = [(column, ROTOR) for column in columns.rotors.values()]
         thermometers += [(columns.case, CASE)] if columns.case is not None else []
         for column, node in thermometers:
-            level[:, column], slope[:, column], sigma[:, column] = (
-                state[:, node],
-                slopes[:, node - 1],
-                noise.thermometers,
-            )
+            level[:, column], slope[:, column] = state[:, node], slopes[:, node - 1]
+            sigma[:, column] = noise.thermometers
         for place, column in enumerate(columns.spins.values()):
             period = _SPIN_US + place * _SPIN_STEP_US
             level[:, column] = period * (1.0 + _SPIN_PER_DEGC * (state[:, ROTOR] - _REFERENCE_DEGC))

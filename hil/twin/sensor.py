@@ -39,16 +39,20 @@ class SimulatedSensor:
         settings = simulation_of(bench)
         self.sensor = bench.sensor(number)
         self.model = model
-        self.rate_fields = tuple(_field(bench, number, "channel", role.rates, name) for name in self.sensor.channels)
+        for name in self.sensor.channels:
+            if name not in role.rates:
+                raise InputError(
+                    f"{bench.source or bench.name}: sensors.{number}: the IMU description {bench.imu.description} has "
+                    f"no channel {name}; it has {', '.join(role.rates)}"
+                )
+        self.rate_fields = tuple(role.rates[name] for name in self.sensor.channels)
         self.acceleration_fields = dict(role.accelerations)
         self.temperature_field = role.temperature
         self.spin_field = role.conditions.get("spin_period_us")
         for axis in self.acceleration_fields:
             if axis not in self.sensor.axes:
                 raise InputError(f"{bench.imu.description}: sensor {number} has no axis {axis} on bench {bench.name}")
-        self.acceleration_axes = np.array(
-            [self.sensor.axes.index(axis) for axis in self.acceleration_fields], dtype=int
-        )
+        self.acceleration_axes = np.array([self.sensor.axes.index(axis) for axis in self.acceleration_fields], int)
         self.noise = _noise(model, number, settings.noise.angle_random_walk)
         self._seed, self._scatters = settings.seed, settings.noise.run_to_run
         self.scattering = self.noise.scatter_for(self.sensor, slow=settings.noise.slow)
@@ -106,21 +110,11 @@ class SimulatedSensor:
         # Dense enough that a straight line between two rows is the curve: evaluating the curves costs too much a poll.
         temperatures = np.arange(_COLDEST_DEGC, _HOTTEST_DEGC + _STEP_DEGC / 2, _STEP_DEGC)
         # A fitted model knows nothing outside its range; the simulated unit then keeps what it has at the edge.
-        ranges = [
-            c.valid_degC for c in self.model.sensors.get(self.sensor.number, {}).values() if c.valid_degC is not None
-        ]
+        curves = self.model.sensors.get(self.sensor.number, {}).values()
+        ranges = [curve.valid_degC for curve in curves if curve.valid_degC is not None]
         low, high = max((r[0] for r in ranges), default=-np.inf), min((r[1] for r in ranges), default=np.inf)
         base = self.model.base_at(self.sensor, np.clip(temperatures, low, high))
         return np.concatenate([base.bias, base.k.reshape(len(temperatures), -1)], axis=1)
-
-
-def _field(bench: Bench, number: int, what: str, given: Mapping[str, str], name: str) -> str:
-    if name not in given:
-        raise InputError(
-            f"{bench.source or bench.name}: sensors.{number}: the IMU description {bench.imu.description} has no "
-            f"{what} {name}; it has {', '.join(given)}"
-        )
-    return given[name]
 
 
 def _noise(model: Model, number: int, angle_random_walk: float) -> SensorNoise:

@@ -27,11 +27,8 @@ from hil.twin.devices import SimulatedBench, simulate_devices
 from hil.twin.faults import FaultInjector
 
 SCHEMA = "hil.simulate/1"
-_SIGNALS = (
-    signal.SIGINT,
-    signal.SIGTERM,
-    getattr(signal, "SIGHUP", signal.SIGTERM),
-)  # Windows has no terminals to close
+# Windows has no terminals to close.
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM))
 _HOST = "127.0.0.1"
 
 
@@ -111,16 +108,10 @@ def _tcp_ports(bench: Bench, wanted: Mapping[str, tuple[str, str]], *, tcp: bool
     return (hosts.pop() if hosts else _HOST), numbers
 
 
-def _is_stale(path: Path) -> bool:
-    """Tell a link that a killed server left behind: its terminal is gone, or its number has a new owner since."""
-    if not path.is_symlink():
-        return False
-    return not path.exists() or path.stat().st_ctime_ns > path.lstat().st_ctime_ns
-
-
 def _link(bench: Bench, key: str, path: Path, terminal: Path) -> Callable[[], None]:
     """Let `path` lead to the terminal; return what undoes it."""
-    if _is_stale(path):
+    # A link that a killed server left behind: its terminal is gone, or its number has a new owner since.
+    if path.is_symlink() and (not path.exists() or path.stat().st_ctime_ns > path.lstat().st_ctime_ns):
         path.unlink()
     try:
         path.symlink_to(terminal)

@@ -60,8 +60,13 @@ class ThermalUnit:
             lagged[row] = air_degC, self._case, self._rotor
             self._last_air = air_degC
         self._nodes += len(times_s)
-        temperatures, slopes = self._with_self_heating(times_s, lagged)
-        return times_s, temperatures, slopes
+        settings = self._settings
+        lacking = settings.self_heating * np.exp(-(times_s - self._spin_on_s) / settings.self_heating_lag)
+        slopes = np.empty((len(times_s), 2))
+        slopes[:, 0] = (lagged[:, 0] - lagged[:, 1]) / settings.case_lag
+        slopes[:, 1] = (lagged[:, 1] - lagged[:, 2]) / settings.rotor_lag + lacking / settings.self_heating_lag
+        lagged[:, 2] -= lacking
+        return times_s, lagged, slopes
 
     def _step(self, air_degC: float) -> None:
         # Exact for an input that moves in a straight line between grid points.
@@ -70,15 +75,6 @@ class ThermalUnit:
         keep, old, new = self._rotor_gain
         self._rotor = keep * self._rotor + old * self._case + new * case
         self._case = case
-
-    def _with_self_heating(self, times_s: FloatArray, lagged: FloatArray) -> tuple[FloatArray, FloatArray]:
-        settings = self._settings
-        lacking = settings.self_heating * np.exp(-(times_s - self._spin_on_s) / settings.self_heating_lag)
-        slopes = np.empty((len(times_s), 2))
-        slopes[:, 0] = (lagged[:, 0] - lagged[:, 1]) / settings.case_lag
-        slopes[:, 1] = (lagged[:, 1] - lagged[:, 2]) / settings.rotor_lag + lacking / settings.self_heating_lag
-        lagged[:, 2] -= lacking
-        return lagged, slopes
 
 
 def _ramp_response(lag_s: float) -> tuple[float, float, float]:
