@@ -78,7 +78,10 @@ class LiveReader(Transport):
             try:
                 data = self._port.read_available() if self._port.wait(_LOOK_S) else b""
             except TransportError as failure:
-                self._note(failure)
+                with self._lock:
+                    if self._down is None:  # the first of this outage
+                        self._queue.append(failure)
+                    self._down = failure
                 self._ending.wait(_REOPEN_S)
                 continue
             with self._lock:
@@ -100,9 +103,3 @@ class LiveReader(Transport):
                 self._queued -= len(first)
                 self._overflow += len(first)
         self._queue.extendleft(failures)
-
-    def _note(self, failure: TransportError) -> None:
-        with self._lock:
-            if self._down is None:  # the first of this outage
-                self._queue.append(failure)
-            self._down = failure

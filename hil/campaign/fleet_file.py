@@ -148,12 +148,8 @@ def _campaign(path: Path, what: Mapping[str, Any], numbers: Mapping[str, FloatAr
         if number not in header.sensors:
             raise InputError(f"{path}, {what['folder']}: sensor {number} is not described in its layout")
         mine = numbers["sensor"] == number
-        sensors[number] = _collects(
-            f"{path}, {what['folder']}",
-            header.sensors[number],
-            {name: values[mine] for name, values in numbers.items()},
-            position[mine],
-        )
+        own = {name: values[mine] for name, values in numbers.items()}
+        sensors[number] = _collects(f"{path}, {what['folder']}", header.sensors[number], own, position[mine])
     named = {"serial": what["serial"]} if what["serial"] else {}
     said = {name: what[name] for name in ("title", "source", "simulated")}
     return replace(header.campaign, **said, identity=named, sensors=sensors)

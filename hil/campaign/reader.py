@@ -83,12 +83,8 @@ def read_campaign(folder: Path | str) -> Campaign:
         raise InputError(f"{table.path}, row 2: there is no collect; at least one row is needed")
     used = _used_sensors(table, header)
     own = {name for sensor in header.sensors.values() for name in _own_columns(sensor)}
-    table.require(
-        [
-            *IDENTITY,
-            *(name for sensor in used.values() for kind in ("f", "w", "rate") for name in columns_for(sensor)[kind]),
-        ]
-    )
+    needed = [columns_for(sensor)[kind] for sensor in used.values() for kind in ("f", "w", "rate")]
+    table.require([*IDENTITY, *chain.from_iterable(needed)])
     collects = table.integers("collect")
     _check_identity(table)
     shown = {name for sensor in header.sensors.values() for name in accelerometer_columns(sensor)}
@@ -156,13 +152,8 @@ def _read_series(path: Path, rates: Sequence[str], block_s: float | None) -> Ser
     if np.any(np.isnan(times)) or np.any(np.diff(times) <= 0.0):
         bad = int(np.flatnonzero(np.isnan(times) | (np.diff(times, prepend=-np.inf) <= 0.0))[0])
         raise InputError(f"{path}, row {bad + 2}, column t_s: times must be filled and increase from row to row")
-    return Series(
-        times,
-        np.stack([columns[name] for name in rates], -1),
-        columns.get("temperature_degC"),
-        block_s,
-        columns.get("n_samples"),
-    )
+    measured = np.stack([columns[name] for name in rates], -1)
+    return Series(times, measured, columns.get("temperature_degC"), block_s, columns.get("n_samples"))
 
 
 def _own_columns(sensor: Sensor) -> list[str]:
@@ -218,12 +209,9 @@ def _collects_of(
     size = np.linalg.norm(np.stack([cells[name] for name in names["f"]], -1), axis=-1)
     low, high = F_LIMITS_G
     for i in [] if centrifuge else np.flatnonzero((size < low) | (size > high)):
-        raise table.complaint(
-            int(chosen[i]),
-            ", ".join(names["f"]),
-            f"|f| is {size[i]:.3f} g, outside {low:g} to {high:g} g; is it in g? (on a centrifuge, `centrifuge: true` "
-            f"in {HEADER_FILE} allows it)",
-        )
+        allowed = f"on a centrifuge, `centrifuge: true` in {HEADER_FILE} allows it"
+        wrong = f"|f| is {size[i]:.3f} g, outside {low:g} to {high:g} g; is it in g? ({allowed})"
+        raise table.complaint(int(chosen[i]), ", ".join(names["f"]), wrong)
     plain = ("collect", "run", "start_s", "duration_s", *names["rate"])
     cells |= {name: table.numbers(name)[chosen] for name in plain}
     for name in names["rate"]:

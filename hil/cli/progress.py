@@ -69,14 +69,16 @@ class LineProgress(Progress):
 
 
 class TerminalProgress(Progress):
-    """A few lines that stay in place: a `Panel`."""
+    """A few lines that stay in place: a `panel`."""
 
     def __init__(self, console: Console, *, simulated: bool) -> None:
-        self._simulated = simulated
+        def drawn() -> Group:
+            return panel(self._title or "beginning …", self._snapshot, simulated=simulated)
+
         self._title = ""
         self._snapshot: Snapshot | None = None
         self._console = console
-        self._live = Live(console=console, get_renderable=self._render, refresh_per_second=4, transient=True)
+        self._live = Live(console=console, get_renderable=drawn, refresh_per_second=4, transient=True)
 
     def sweep_began(self, plan: Plan, done: frozenset[str]) -> None:
         """Begin to draw."""
@@ -104,30 +106,18 @@ class TerminalProgress(Progress):
     def _say(self, text: str, at_s: float) -> None:
         self._console.print(f"{_clock(at_s)}  {text}", markup=False, highlight=False)
 
-    def _render(self) -> Panel:
-        return Panel(self._title or "beginning …", self._snapshot, simulated=self._simulated)
 
-
-class Panel:
-    """What there is to see at one moment: `headline` (title, state), `trouble` in words, then what goes on `now`."""
-
-    def __init__(self, headline: str, now: Snapshot | None, trouble: str = "", *, simulated: bool) -> None:
-        self._headline = headline
-        self._now = now
-        self._trouble = trouble
-        self._simulated = simulated
-
-    def __rich__(self) -> Group:
-        """Return what is to be drawn, in whatever width."""
-        head = Text(harmless(self._headline), style="bold")
-        if self._simulated:
-            head.append("  SIMULATED", style="bold magenta")
-        parts: list[Text | Table] = [head]
-        if self._trouble:
-            parts.append(Text(harmless(self._trouble), style="bold red"))
-        if self._now is not None:
-            parts.append(_table(self._now))
-        return Group(*parts)
+def panel(headline: str, now: Snapshot | None, trouble: str = "", *, simulated: bool) -> Group:
+    """Return what there is to see at one moment: `headline` (title, state), `trouble` in words, what goes on `now`."""
+    head = Text(harmless(headline), style="bold")
+    if simulated:
+        head.append("  SIMULATED", style="bold magenta")
+    parts: list[Text | Table] = [head]
+    if trouble:
+        parts.append(Text(harmless(trouble), style="bold red"))
+    if now is not None:
+        parts.append(_table(now))
+    return Group(*parts)
 
 
 def _clock(seconds: float) -> str:

@@ -61,7 +61,9 @@ def init(
         "latitude": f"At which latitude does the bench stand ({EXAMPLES.latitude})",
     }.items():
         while not getattr(asked, key):
-            answered = replace(asked, **{key: _ask(question, f"--{key.replace('_', '-')}")})
+            if not sys.stdin.isatty():
+                raise InputError(f"nobody can be asked here; give --{key.replace('_', '-')}")
+            answered = replace(asked, **{key: ask_words(question)})
             try:
                 new_bench(out.stem, answered.with_examples())
                 asked = answered
@@ -69,12 +71,6 @@ def init(
                 messages().print(str(error))
     write_result(out, new_bench(out.stem, asked))
     results().print(f"bench: {out}; look at what is marked ASSUMED in it, then: hil check {out}")
-
-
-def _ask(question: str, option: str) -> str:
-    if not sys.stdin.isatty():
-        raise InputError(f"nobody can be asked here; give {option}")
-    return ask_words(question)
 
 
 def docs(

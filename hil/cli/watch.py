@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.live import Live
 
 from drivers.clock import Clock, SystemClock
-from hil.cli.progress import Panel, rows
+from hil.cli.progress import panel, rows
 from hil.errors import Damaged
 from hil.records import reading
 from hil.records.damage import refuse_damaged_samples
@@ -134,7 +134,7 @@ def _panel(console: Console) -> Iterator[Show]:
 
         def show(folder: Path, status: dict[str, Any], now: Snapshot | None) -> None:
             head = f"{folder}: {status['title']}: {status['state']}"
-            live.update(Panel(head, now, _trouble(status), simulated=status["simulated"]), refresh=True)
+            live.update(panel(head, now, _trouble(status), simulated=status["simulated"]), refresh=True)
 
         yield show
 

@@ -24,13 +24,10 @@ from procedures.words import counted
 PUBLISHED = "rd-gc-86-1"
 """The vocabulary of the published report: the contractor's solution beside the matrix, its tables, its equations."""
 
+# YAML reads an unquoted 1 as a number; a position's label is text.
+_Label = Annotated[str, BeforeValidator(str)]
 _MOST_COLLECTS = 100_000
 _LONGEST_DAYS = 60
-
-
-def _as_labels(value: object) -> object:
-    # YAML reads an unquoted 1 as a number; a position's label is text.
-    return [str(label) for label in value] if isinstance(value, list) else value
 
 
 class Sweep(WholeFile):
@@ -39,7 +36,7 @@ class Sweep(WholeFile):
     title: str
     temperatures: tuple[Celsius, ...] = Field(min_length=1)
     self_calibrations_per_temperature: int = Field(default=3, ge=1, le=1000)
-    positions: Annotated[tuple[str, ...], BeforeValidator(_as_labels)] = Field(default=("1", "2", "3"), min_length=1)
+    positions: Annotated[tuple[_Label, ...], Field(min_length=1)] = ("1", "2", "3")
     restabilisation: Annotated[Restabilisation, settings_of(Restabilisation)] = Restabilisation()
     collect: Annotated[CollectSettings, settings_of(CollectSettings)] = CollectSettings()
     ramp: Annotated[CelsiusPerMinute, Field(gt=0.0, le=100.0)] = 3.0

@@ -136,14 +136,8 @@ class Model(Section):
         per_bias, per_k = unit_terms(form, sensor)
         values = np.stack([curves[name].at(temperatures) for name in form.names], -1)
         slopes = np.stack([curves[name].slope_at(temperatures) for name in form.names], -1)
-        bias = values @ per_bias.T
-        return Base(
-            bias,
-            np.einsum("cap,np->nca", per_k, values),
-            np.zeros_like(bias),
-            slopes @ per_bias.T,
-            np.einsum("cap,np->nca", per_k, slopes),
-        )
+        bias, k = values @ per_bias.T, np.einsum("cap,np->nca", per_k, values)
+        return Base(bias, k, np.zeros_like(bias), slopes @ per_bias.T, np.einsum("cap,np->nca", per_k, slopes))
 
     def base_for(self, conditions: Conditions) -> Base:
         """Return the base at each row of `conditions`, with its rates B + K·f + w."""

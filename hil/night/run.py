@@ -180,13 +180,9 @@ def resume_night(
         bench, _ = configuration_of(night.configuration, folder / CONFIGURATION)
         bench = bench.of_unit(said.serial) if said.serial else bench
         held.enter_context(bench_lock(bench, folder))
-        live = build_bench(
-            bench,
-            start_utc=night.utc(last_s + down_s),
-            resumed=Resumed(first_run, visited, len(controllers), last_s + down_s, begun),
-            ask=attendant,
-            speed=speed,
-        )
+        gone_s = last_s + down_s
+        resumed = Resumed(first_run, visited, len(controllers), gone_s, begun)
+        live = build_bench(bench, start_utc=night.utc(gone_s), resumed=resumed, ask=attendant, speed=speed)
         held.enter_context(live)
         clock, raw = live.devices.clock, bench.record.raw
         journal = held.enter_context(SqliteJournal.open(folder, clock=clock, who=who, keep_raw=raw, lock=lock))

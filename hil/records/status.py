@@ -109,7 +109,8 @@ def _document(facts: _Facts) -> dict[str, Any]:
     state, reason = _state(facts)
     runs = plan.self_calibrations
     working = state in {"running", "paused"}
-    present = _present(facts) if working else None
+    going_on, newest = [each for each in facts.attempts if each.outcome is None], facts.controller
+    present = going_on[-1] if working and going_on and newest and going_on[-1].controller == newest.number else None
     standing, over = _troubles(facts)
     left, forsaken = _left(facts), forsaken_chamber(facts.journal) if facts.owner is None else ""
     return {
@@ -306,12 +307,6 @@ def _units(facts: _Facts, state: str, reason: str) -> list[dict[str, Any]]:
             }
         )
     return told
-
-
-def _present(facts: _Facts) -> Attempt | None:
-    going_on = [attempt for attempt in facts.attempts if attempt.outcome is None]
-    last = going_on[-1] if going_on else None
-    return last if last and facts.controller and last.controller == facts.controller.number else None
 
 
 def _eta(facts: _Facts, present: Attempt | None) -> str:

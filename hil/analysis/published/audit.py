@@ -73,11 +73,6 @@ class Audit:
         """Return the findings with a verdict: ok, minor or inconsistent."""
         return [each for each in self.findings if each.verdict == verdict]
 
-    @property
-    def inconsistent(self) -> list[Finding]:
-        """The identities that do not close."""
-        return self.of("inconsistent")
-
     def document(self) -> dict[str, Any]:
         """Return what `hil audit --json` prints."""
         document: dict[str, Any] = {
@@ -102,7 +97,7 @@ class Audit:
 
     def summary(self) -> str:
         """Say in one sentence what was found."""
-        if not self.inconsistent and not self.of("minor"):
+        if len(self.of("ok")) == len(self.findings):
             return f"all {len(self.findings)} identities hold"
         parts = []
         for kind in dict.fromkeys(each.identity.kind for each in self.findings):
@@ -156,14 +151,8 @@ def _judge_row(row: PrintedRow, every: Sequence[Identity]) -> list[Finding]:
 
 def _other_lattice(row: PrintedRow, resolution: float, told: int) -> Finding:
     stated = next(each for each in identities_of_1(row, resolution, row.n_stated) if each.name.startswith("means"))
-    return Finding(
-        row,
-        stated,
-        stated.gap(row.values()),
-        0.0,
-        "minor",
-        note=f"all means of this temperature are multiples of {resolution:g}/{told}: {told} runs, not {row.n_stated}",
-    )
+    note = f"all means of this temperature are multiples of {resolution:g}/{told}: {told} runs, not {row.n_stated}"
+    return Finding(row, stated, stated.gap(row.values()), 0.0, "minor", note=note)
 
 
 def variants(text: str) -> Iterator[tuple[str, str]]:

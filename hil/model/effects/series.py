@@ -196,12 +196,8 @@ class Ramp(SeriesEffect):
     def _test_channel(self, series: Series, channel: int) -> Shown:
         times, rates = blocked(series, channel)
         _, slope, p_value, coloured = best_regressor(rates, np.ones((len(times), 1)), (times - times.mean())[:, None])
-        return Shown(
-            p_value,
-            {"slope_deg_per_hr_per_min": 60.0 * slope},
-            f"drifts by {60.0 * slope:+.3g} deg/hr per minute",
-            coloured,
-        )
+        found, words = {"slope_deg_per_hr_per_min": 60.0 * slope}, f"drifts by {60.0 * slope:+.3g} deg/hr per minute"
+        return Shown(p_value, found, words, coloured)
 
 
 class JumpInCollect(SeriesEffect):

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from hil.cli.output import Lasting, listing, print_json
-from hil.cli.progress import Panel
+from hil.cli.progress import panel
 from hil.records.verify import verify_night
 
 
@@ -44,7 +44,7 @@ def test_what_a_file_says_steers_no_terminal() -> None:
     console = Lasting(file=shown, force_terminal=True, width=80, markup=False, highlight=False)
     nasty = "a\x1b[2J\x1b]0;b\x07\x9bc\rd"
     console.print(nasty)
-    console.print(Panel(nasty, None, nasty, simulated=False))
+    console.print(panel(nasty, None, nasty, simulated=False))
     told = re.sub(r"\x1b\[[0-9;]*m", "", shown.getvalue())  # what rich itself colours with
     assert told.count("a\N{REPLACEMENT CHARACTER}[2J") == 3
     assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]", told)

@@ -45,7 +45,7 @@ def test_the_sigmas_of_table_1_contradict_each_other_in_one_cell() -> None:
     """At 6.1 °F on axis A 3.88 - 1.4388 exceeds 1.718: the contractor's sigma must lie in 0.279 to 3.157."""
     audit = audit_table(TABLE_1)
     assert where(audit, "inconsistent", "sigma triangle") == pytest.approx({"6.1 degF, axis A": 0.7232})
-    broken = next(each for each in audit.inconsistent if each.identity.kind == "sigma triangle")
+    broken = next(each for each in audit.of("inconsistent") if each.identity.kind == "sigma triangle")
     read = [float(each["read"]) for each in broken.candidates if each["cell"].endswith("collins sigma")]
     assert 2.88 in read
     assert all(0.279 - 0.02 <= value <= 3.157 + 0.02 for value in read)
@@ -87,7 +87,7 @@ def test_two_rows_of_table_1_cannot_be_mended_by_a_digit() -> None:
     """At 6.1 and 19.7 °F on axis B no single reading closes the identity, and none is invented."""
     audit = audit_table(TABLE_1)
     for row in ("6.1 degF, axis B", "19.7 degF, axis B"):
-        finding = next(each for each in audit.inconsistent if each.row.label == row)
+        finding = next(each for each in audit.of("inconsistent") if each.row.label == row)
         assert not finding.candidates
         assert finding.would_close
 
@@ -95,8 +95,8 @@ def test_two_rows_of_table_1_cannot_be_mended_by_a_digit() -> None:
 def test_rows_2_and_9_of_table_a1_are_inconsistent() -> None:
     """A-32 of row 2 must be 10.4250 given the others; A-33 of row 9 should be 18.526; the rest is minor."""
     audit = audit_table(TABLE_A1)
-    assert {each.row.label for each in audit.inconsistent} == {2, 9}
-    second, ninth = audit.inconsistent
+    assert {each.row.label for each in audit.of("inconsistent")} == {2, 9}
+    second, ninth = audit.of("inconsistent")
     assert second.identity.name == "A-28 - A-31 = A-32 - A-29"
     assert [(each["cell"], each["value"]) for each in second.would_close if each["others_hold"]] == [("A-32", 10.4250)]
     assert ninth.residual == pytest.approx(18.6149 - 18.5258, abs=3e-4)
@@ -162,7 +162,7 @@ def test_a_seeded_error_in_a_mean_is_found_with_its_true_reading(tmp_path: Path)
         truth = rows[victim]["mean_printed"]
         changed = [text for text, _ in variants(truth) if abs(float(text) - float(truth)) > 0.15]
         rows[victim]["mean_printed"] = str(rng.choice(changed))
-        broken = audit_table(write(tmp_path / "t.csv", rows)).inconsistent
+        broken = audit_table(write(tmp_path / "t.csv", rows)).of("inconsistent")
         hit = [each for each in broken if each.identity.kind == "collins - matrix = MU*G1"]
         assert len(hit) == 1
         assert rows[victim]["parameter"] in {cell.what.split()[0] for cell in hit[0].row.cells.values()}
@@ -181,12 +181,12 @@ def test_a_seeded_error_in_table_a1_is_found(tmp_path: Path) -> None:
         seven = seven_biases(rates, [1.0, 0.0, tilt], w, gsa + rng.normal(0.0, 0.3), 0.0, mub)
         row = {f"A{27 + place}_printed": f"{value:.4f}" for place, value in enumerate(seven)}
         clean = audit_table(write(tmp_path / "a.csv", [row]))
-        assert not clean.inconsistent, row
+        assert not clean.of("inconsistent"), row
         victim = f"A{rng.choice([27, 28, 29, 31, 32, 33])}_printed"
         wrong = [text for text, _ in variants(row[victim]) if 0.2 < abs(float(text) - float(row[victim])) < 5.0]
         seeded = audit_table(write(tmp_path / "a.csv", [{**row, victim: str(rng.choice(wrong))}]))
-        assert seeded.inconsistent
-        assert any(row[victim] == each["read"] for found in seeded.inconsistent for each in found.candidates)
+        assert seeded.of("inconsistent")
+        assert any(row[victim] == each["read"] for found in seeded.of("inconsistent") for each in found.candidates)
 
 
 def test_a_wrong_digit_in_a_sigma_breaks_its_lattice() -> None:
@@ -238,10 +238,10 @@ def test_sigmas_and_the_number_of_runs_may_be_missing(tmp_path: Path) -> None:
     path = tmp_path / "few.csv"
     path.write_text("\n".join([*lines, "20,MUB,-2.00,"]) + "\n")
     audit = audit_table(path)
-    assert [(each.identity.kind, round(each.residual, 6)) for each in audit.inconsistent] == [
+    assert [(each.identity.kind, round(each.residual, 6)) for each in audit.of("inconsistent")] == [
         ("collins - matrix = MU*G1", 4.0)
     ]
-    assert [each["read"] for each in audit.inconsistent[0].candidates if each["change"] == "sign"] == ["2.00"]
+    assert [each["read"] for each in audit.of("inconsistent")[0].candidates if each["change"] == "sign"] == ["2.00"]
 
 
 def test_an_unknown_table_is_refused_with_those_that_ship() -> None:
