@@ -120,12 +120,8 @@ class Comparison:
         marked = self.sentence + "; the earlier campaign is SIMULATED" * self.simulated
         why = dict.fromkeys(filter(None, [*self.doubts, self.meaningless]))
         rest = len(self.flagged) - len(self.first)
-        return [
-            marked,
-            *(each.sentence for each in self.first),
-            *[f"and {rest} more: the page has all"] * (rest > 0),
-            *why,
-        ]
+        more = [f"and {rest} more: the page has all"] * (rest > 0)
+        return [marked, *(each.sentence for each in self.first), *more, *why]
 
 
 _Place = tuple[str, tuple[int, ...]]  # a position, and the runs of one temperature

@@ -18,12 +18,8 @@ _COLOURS = "viridis"
 def history_page(document: Mapping[str, Any]) -> str:
     """Return a unit's life, hil.history/1, as one HTML document: no scripts, no other files."""
     title = ", ".join(filter(None, [f"Unit {document['serial']}", document["model"]]))
-    view = {
-        **document,
-        **_frame(title),
-        "sentences": list(sentences(document)),
-        "pictures": [_picture(each) for each in document["parameters"]],
-    }
+    view = {**document, **_frame(title), "sentences": list(sentences(document))}
+    view["pictures"] = [_picture(each) for each in document["parameters"]]
     return rendered("hil.archive", "history.html.j2", view)
 
 
@@ -46,21 +42,14 @@ def _picture(parameter: Mapping[str, Any]) -> str:
     figure, axes = blank(6.4, 2.6)
     figure.subplots_adjust(top=0.86)
     count = len(parameter["temperatures"])
+    fine: Any = {"marker": "o", "markersize": 3, "linewidth": 0.8, "elinewidth": 0.5}
     for place, station in enumerate(parameter["temperatures"]):
         values, at = station["values"], station["temperature_degC"]
         days: Any = [date.fromisoformat(each["day"]) for each in values]
         bars = [0.0 if each["high"] is None else each["high"] - each["value"] for each in values]
         colour = colormaps[_COLOURS](0.85 * place / max(count - 1, 1))
         label = "" if at is None else f"{at:z.0f} °C"
-        drawn: dict[str, Any] = {
-            "color": colour,
-            "marker": "o",
-            "markersize": 3,
-            "linewidth": 0.8,
-            "elinewidth": 0.5,
-            "label": label,
-        }
-        axes.errorbar(days, [each["value"] for each in values], bars, **drawn)
+        axes.errorbar(days, [each["value"] for each in values], bars, color=colour, label=label, **fine)
     for key in {"between", "back_between"}.intersection(parameter["jump"] or {}):
         jumped: Any = date.fromisoformat(parameter["jump"][key][1])
         axes.axvline(jumped, color="#D55E00", linestyle=":")

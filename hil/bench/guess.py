@@ -176,14 +176,8 @@ def _described(rows: Bytes, found: dict[str, Any] | None) -> dict[str, Any]:
         taken |= set(range(counter["at"], counter["at"] + bits // 8))
     fields |= {f"byte_{place}": {"type": "u8", "at": place} for place in range(sync, end) if place not in taken}
     begins = rows[0, :sync].tobytes().hex(" ").upper()
-    return {
-        "length": length,
-        "frames": len(rows),
-        "sync": begins,
-        "checksum": found,
-        "counter": counter,
-        "stream": {"sync": begins, "frames": {"frame": frame}},
-    }
+    seen = {"length": length, "frames": len(rows), "sync": begins, "checksum": found, "counter": counter}
+    return seen | {"stream": {"sync": begins, "frames": {"frame": frame}}}
 
 
 def _counter(rows: Bytes, first: int, end: int, taken: set[int]) -> dict[str, Any] | None:

@@ -110,12 +110,8 @@ def units(
         rows, behind = index.units(), index.behind()
     if csv_file is not None:
         _write_csv(csv_file, rows)
-    document = {
-        "schema": "hil.units/1",
-        "simulated": any(each["simulated"] for each in rows),
-        "units": rows,
-        "said": behind,
-    }
+    simulated = any(each["simulated"] for each in rows)
+    document = {"schema": "hil.units/1", "simulated": simulated, "units": rows, "said": behind}
     return Answer(document, told(document))
 
 

@@ -38,21 +38,13 @@ def budget(
         campaign = read_source(Path(source))
         its_bench = load_bench(bench) if bench is not None else _bench_of(Path(source))
         shown = what_repeats_show(campaign, solve_campaign(campaign))
-        document = budget_document(
-            measured_scenes(campaign, its_bench, shown, chosen),
-            campaign.title,
-            Asked(run, repeats, draws, seed),
-            simulated=campaign.simulated,
-            observed=shown,
-        )
+        scenes, asked = measured_scenes(campaign, its_bench, shown, chosen), Asked(run, repeats, draws, seed)
+        document = budget_document(scenes, campaign.title, asked, simulated=campaign.simulated, observed=shown)
         document |= {"warnings": list(campaign.warnings), **what_is_wrong(campaign)}
     else:
         sweep, its_bench = load_sweep(source), load_bench(bench or "simulated")
-        document = budget_document(
-            planned_scenes(sweep, its_bench, chosen),
-            sweep.title,
-            Asked(run, repeats or sweep.self_calibrations_per_temperature, draws, seed),
-        )
+        asked = Asked(run, repeats or sweep.self_calibrations_per_temperature, draws, seed)
+        document = budget_document(planned_scenes(sweep, its_bench, chosen), sweep.title, asked)
     return Answer(document, told(document))
 
 

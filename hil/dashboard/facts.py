@@ -197,13 +197,8 @@ def _pausing(journal: JournalReader) -> str | None:
 
 def _event(event: Event, at: datetime) -> Part:
     weight = "bad" if event.kind in _BAD else "plain" if event.kind in _PLAIN else "note"
-    return {
-        "number": event.number,
-        "at_utc": at.isoformat(timespec="seconds"),
-        "kind": event.kind,
-        "message": event.message,
-        "weight": weight,
-    }
+    told = {"number": event.number, "at_utc": at.isoformat(timespec="seconds")}
+    return told | {"kind": event.kind, "message": event.message, "weight": weight}
 
 
 def _plan(plan: Plan) -> Part:

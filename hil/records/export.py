@@ -297,8 +297,5 @@ def _samples(folder: Path, block: Block, sensor: Sensor, start_s: float) -> Seri
     rates, temperatures = (samples.of(role, sensor.number) for role in ("rate", "temperature"))
     if not all(channel in rates for channel in sensor.channels):
         return None
-    return Series(
-        samples.time_s - start_s,
-        np.stack([np.where(samples.good, rates[channel], np.nan) for channel in sensor.channels], axis=1),
-        next(iter(temperatures.values()), None),
-    )
+    good = np.stack([np.where(samples.good, rates[channel], np.nan) for channel in sensor.channels], axis=1)
+    return Series(samples.time_s - start_s, good, next(iter(temperatures.values()), None))

@@ -186,16 +186,8 @@ def draw_against_temperature(title: str, unit: str, lines: Sequence[Line], *, fa
     """Draw parameters against temperature, °C below; with °F above it is the layout of the report's Figures 2-5."""
     figure, axes = blank(*((5.2, 2.5) if fahrenheit else (4.4, 2.6)))
     for line in lines:
-        axes.errorbar(
-            line.temperature_degC,
-            line.mean,
-            yerr=np.nan_to_num(line.sigma),
-            label=line.label,
-            capsize=3,
-            markersize=5,
-            linewidth=1.4,
-            **LOOKS[line.style],
-        )
+        look: Any = {"capsize": 3, "markersize": 5, "linewidth": 1.4, **LOOKS[line.style]}
+        axes.errorbar(line.temperature_degC, line.mean, np.nan_to_num(line.sigma), label=line.label, **look)
     axes.axhline(0.0, color="0.6", linewidth=0.8, zorder=0)
     axes.set_xlabel("temperature, °C")
     axes.set_ylabel(unit)

@@ -43,10 +43,6 @@ class Simulation:
     ports: Mapping[str, str]
     devices: SimulatedBench
 
-    def document(self) -> dict[str, object]:
-        """Return what the JSON line says that `hil simulate` prints."""
-        return {"schema": SCHEMA, "bench": self.bench.name, "simulated": True, "ports": dict(self.ports)}
-
 
 def serve_bench(bench: Bench, announce: Callable[[str], None], *, tcp: bool = False) -> None:
     """Serve a bench's devices until SIGINT, SIGTERM or SIGHUP; `announce` gets one JSON line that says where.
@@ -56,7 +52,8 @@ def serve_bench(bench: Bench, announce: Callable[[str], None], *, tcp: bool = Fa
     with serving(bench, tcp=tcp) as (server, simulation):
         former = {number: signal.signal(number, lambda *_: server.interrupt()) for number in _SIGNALS}
         try:
-            announce(json.dumps(simulation.document()))
+            said = {"schema": SCHEMA, "bench": bench.name, "simulated": True, "ports": dict(simulation.ports)}
+            announce(json.dumps(said))
             server.run()
         finally:
             for number, handler in former.items():

@@ -87,15 +87,8 @@ class AllanResult:
 
 def _term(name: str, term: Term) -> dict[str, Any]:
     meaning, unit, factor = TERMS[name]
-    return {
-        "meaning": meaning,
-        "value": term.value * factor,
-        "low": term.low * factor,
-        "high": term.high * factor,
-        "unit": unit,
-        "slope": SLOPES[name],
-        "seen": term.seen,
-    }
+    sizes = {key: factor * getattr(term, key) for key in ("value", "low", "high")}
+    return {"meaning": meaning, **sizes, "unit": unit, "slope": SLOPES[name], "seen": term.seen}
 
 
 class Averaging:

@@ -49,12 +49,8 @@ class Turns:
     def document(self) -> dict[str, Any]:
         """Return what was found, by the parameters' names."""
         parameters = parameters_told(NAMES, self.values, self.sd, self.half, ("1",) * len(NAMES))
-        return {
-            "model": "w = (1 + D)(r - b)",
-            "turns": list(self.turns),
-            "missed_deg": self.missed_deg,
-            "parameters": {} if self.astray else parameters,
-        }
+        found = {"missed_deg": self.missed_deg, "parameters": {} if self.astray else parameters}
+        return {"model": "w = (1 + D)(r - b)", "turns": list(self.turns), **found}
 
     @property
     def sentences(self) -> list[str]:

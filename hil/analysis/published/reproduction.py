@@ -164,9 +164,5 @@ def _printed(audit: Audit, group: str | None, axis: str, role: str) -> dict[str,
         for each in audit.findings
         if each.row is row and each.verdict != "ok" and {role, f"sigma_{role}"} & set(each.identity.roles)
     ]
-    return {
-        "mean": row.cells[role].value,
-        "sigma": None if sigma is None else sigma.value,
-        "runs": row.n_stated,
-        "doubt": "; ".join(doubts) or None,
-    }
+    said = {"mean": row.cells[role].value, "sigma": None if sigma is None else sigma.value}
+    return said | {"runs": row.n_stated, "doubt": "; ".join(doubts) or None}

@@ -241,12 +241,7 @@ def nested_errors(temperature_degC: FloatArray, values: Estimates, choice: Choic
     out = np.empty(count)
     for left in range(count):
         shown = np.flatnonzero(np.arange(count) != left)
-        own = Choice(
-            temperature_degC[shown],
-            values.values[shown],
-            values.covariance[np.ix_(shown, shown)],
-            highest_order=highest_order,
-            draws=_DRAWS,
-        )
+        given = temperature_degC[shown], values.values[shown], values.covariance[np.ix_(shown, shown)]
+        own = Choice(*given, highest_order=highest_order, draws=_DRAWS)
         out[left] = errors[own.form.name][left]
     return out
