@@ -159,8 +159,9 @@ class SlowGrid:
         fields = len(columns.names)
         # Every field but rates and accelerations, without noise; its slope; each field's white noise per sample.
         self.level, self.slope, self.sigma = (GrowingTable(fields) for _ in range(3))
-        self._state, self._state_slope = GrowingTable(3), GrowingTable(2)
-        self._coefficients = {n: GrowingTable(8 * one.channels) for n, one in sensors.items()}  # beside their slopes
+        self._state, self.state_slope = GrowingTable(3), GrowingTable(2)  # slopes of case and rotor, °C/s
+        # Bias and K of each sensor (see `SimulatedSensor.coefficients`), then their slopes.
+        self.coefficients = {n: GrowingTable(8 * one.channels) for n, one in sensors.items()}
         self._asked: dict[object, int] = {}  # how many points there were when each unit asked last
         self._known: dict[object, tuple[object, Any]] = {}
 
@@ -171,14 +172,14 @@ class SlowGrid:
             return
         _, state, slopes = self._thermal.advance(to_s)
         oldest = min(self._asked.values()) - _KEPT
-        for table in (self.level, self.slope, self.sigma, *self._coefficients.values()):
+        for table in (self.level, self.slope, self.sigma, *self.coefficients.values()):
             table.drop_before(oldest)
         self._state.append(state)
-        self._state_slope.append(slopes)
+        self.state_slope.append(slopes)
         for number, one in self._sensors.items():
             now = one.coefficients(state[:, ROTOR])
             then = one.coefficients(state[:, ROTOR] + GRID_S * slopes[:, 1])
-            self._coefficients[number].append(np.hstack([now, (then - now) / GRID_S]))
+            self.coefficients[number].append(np.hstack([now, (then - now) / GRID_S]))
         self._append_fields(state, slopes)
 
     def once(self, what: object, key: object, made: Callable[[], _Made]) -> _Made:
@@ -209,15 +210,6 @@ class SlowGrid:
     def state(self) -> FloatArray:
         """Temperatures of air, case and rotor, °C, (m, 3)."""
         return self._state.rows
-
-    @property
-    def state_slope(self) -> FloatArray:
-        """Slopes of case and rotor, °C/s, (m, 2)."""
-        return self._state_slope.rows
-
-    def coefficients(self, sensor: int) -> GrowingTable:
-        """Return bias and K of a sensor at each grid point, then their slopes (see `SimulatedSensor.coefficients`)."""
-        return self._coefficients[sensor]
 
     def conditions(self, sensor: int, nodes: NDArray[np.int64]) -> dict[str, FloatArray]:
         """Return the spin period at grid points, (n,), by campaign column name, where it is simulated."""

@@ -54,7 +54,7 @@ class GridRows:
     def at(self, here: Rest, nodes: NDArray[np.int64]) -> Conditions:
         """Return one row for each grid point, (m,), of a sensor that rests."""
         begins_s = self._grid.time_of(nodes)
-        state, slopes = self._grid.state[nodes], self._grid.state_slope[nodes]
+        state, slopes = self._grid.state[nodes], self._grid.state_slope.at(nodes)
         half, known = 0.5 * GRID_S, bool(np.isfinite(here.leg.ends_s))
         columns = {
             "temperature_degC": state[:, ROTOR] + half * slopes[:, 1],

@@ -166,7 +166,7 @@ class SimulatedUnit:
     def _at_rest(self, number: int, rest: Rest, here: _Part) -> tuple[FloatArray, FloatArray]:
         """Return the rates at the grid points before samples at rest, (n, c), deg/hr, and what they rose since."""
         one, first, last = self._sensors[number], int(here.nodes[0]), int(here.nodes[-1])
-        known = self._grid.coefficients(number).between(first, last)
+        known = self._grid.coefficients[number].between(first, last)
         now, then = known[:, : 4 * one.channels], known[:, 4 * one.channels :]
         level, slope = one.rates(now, rest.f_g, rest.w_deg_per_hr[one.sensor.channel_axes]), one.rates(then, rest.f_g)
         at = here.nodes - first
@@ -179,7 +179,7 @@ class SimulatedUnit:
         axes = here.leg.start[number] @ turn.as_matrix().swapaxes(-1, -2)
         f_g, w = axes @ self._gravity, axes @ self._earth_rate
         rotation = np.einsum("nij,nj->ni", axes, motion) * _DEG_PER_HR
-        known = self._grid.coefficients(number).at(here.nodes)
+        known = self._grid.coefficients[number].at(here.nodes)
         coefficients = known[:, : 4 * one.channels] + known[:, 4 * one.channels :] * here.since_s[:, None]
         turning = (w + rotation)[:, one.sensor.channel_axes]
         rates = one.rates(coefficients + one.scatter_coefficients(here.leg), f_g, turning)
