@@ -15,6 +15,9 @@ _HOUR_S = 3600.0
 _FEW_RUNS = 4  # beside so many others, a run that stands alone is not told from the others' scatter
 _FEWEST_CYCLES = 3
 _WITH_TEMPERATURE = MappingProxyType({"bias_T": 1.0})
+_WHITE_TYPICAL = {"RLG": (0.001, 0.1), "FOG": (0.002, 0.1), "DTG": (0.01, 0.1), "MEMS": (0.05, 0.5)}
+_WANDERING_TYPICAL = {"RLG": (0.001, 0.02), "FOG": (0.01, 1.5), "DTG": (0.02, 0.5), "MEMS": (0.5, 15.0)}
+_TURN_ON_TYPICAL = {"RLG": (0.001, 0.005), "FOG": (0.1, 1.0), "DTG": (0.05, 1.0), "MEMS": (5.0, 50.0)}
 
 
 class Drift(Effect):
@@ -151,14 +154,7 @@ class AngleRandomWalk(VarianceEffect):
     follows = "duration_s"
     title = "Angle random walk"
     equation = "sigma = N / sqrt(duration)"
-    parameters = (
-        Parameter(
-            "N",
-            "deg/sqrt(hr)",
-            (0.1, 0.2),
-            {"RLG": (0.001, 0.1), "FOG": (0.002, 0.1), "DTG": (0.01, 0.1), "MEMS": (0.05, 0.5)},
-        ),
-    )
+    parameters = (Parameter("N", "deg/sqrt(hr)", (0.1, 0.2), _WHITE_TYPICAL),)
     signature = "Sigmas of a bias solved without MU, one beside it, and MU as 1 : 0.707 : 1.225; nothing correlates."
     confusable_with = ("hash", "beat", "base")
     experiment = "Longer collects: the scatter falls with the root of the time."
@@ -241,14 +237,7 @@ class GaussMarkovBias(VarianceEffect):
     follows = "time"
     title = "Bias that wanders, correlated over a time"
     equation = "cov(B(t1), B(t2)) = sigma_m^2 exp(-|t2 - t1| / tau)"
-    parameters = (
-        Parameter(
-            "sigma_m",
-            "deg/hr",
-            (0.5, 5.0),
-            {"RLG": (0.001, 0.02), "FOG": (0.01, 1.5), "DTG": (0.02, 0.5), "MEMS": (0.5, 15.0)},
-        ),
-    )
+    parameters = (Parameter("sigma_m", "deg/hr", (0.5, 5.0), _WANDERING_TYPICAL),)
     shapes = (ShapeParameter("tau_hr", "hr", (0.5, 2.0, 8.0, 40.0), continuous=True),)
     signature = "Neighbours in time are alike, and the likeness fades; the whole does not grow, as a walk's does."
     confusable_with = ("turnon", "rrw", "flicker", "ageing")
@@ -268,14 +257,7 @@ class TurnOnBias(VarianceEffect):
     follows = "run"
     title = "Turn-on bias"
     equation = "B of power cycle k = B + N(0, s_b)"
-    parameters = (
-        Parameter(
-            "s_b",
-            "deg/hr",
-            (1.0, 5.0),
-            {"RLG": (0.001, 0.005), "FOG": (0.1, 1.0), "DTG": (0.05, 1.0), "MEMS": (5.0, 50.0)},
-        ),
-    )
+    parameters = (Parameter("s_b", "deg/hr", (1.0, 5.0), _TURN_ON_TYPICAL),)
     signature = "Contractor's and matrix bias scatter together, MU not at all: sigmas 1 : 1 : 0."
     confusable_with = ("bias_T", "rrw", "jump")
     kin = _WITH_TEMPERATURE

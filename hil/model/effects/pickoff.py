@@ -8,6 +8,8 @@ from hil.campaign import Conditions, FloatArray, Sensor
 from hil.model.effects.base import OUTSIDE, Base, Effect, Parameter, required_base
 from hil.model.effects.columns import above_reference, channel_labels
 
+_SCALE_TYPICAL = {"RLG": (1.0, 5.0), "FOG": (50.0, 500.0), "DTG": (100.0, 500.0), "MEMS": (500.0, 5000.0)}
+_SLOPE_TYPICAL = {"FOG": (5.0, 50.0), "DTG": (10.0, 100.0), "MEMS": (10.0, 300.0)}
 MILLI = 1e-3
 PPM = 1e-6
 TURNED = 0.02
@@ -48,15 +50,8 @@ class ScaleFactor(Effect):
     title = "Scale-factor error"
     equation = "R += (e + de_dT (T - 25 degC)) R"
     parameters = (
-        Parameter(
-            "e",
-            "ppm",
-            (1000.0, 5000.0),
-            {"RLG": (1.0, 5.0), "FOG": (50.0, 500.0), "DTG": (100.0, 500.0), "MEMS": (500.0, 5000.0)},
-        ),
-        Parameter(
-            "de_dT", "ppm/degC", (100.0, 500.0), {"FOG": (5.0, 50.0), "DTG": (10.0, 100.0), "MEMS": (10.0, 300.0)}
-        ),
+        Parameter("e", "ppm", (1000.0, 5000.0), _SCALE_TYPICAL),
+        Parameter("de_dT", "ppm/degC", (100.0, 500.0), _SLOPE_TYPICAL),
     )
     needs_base = True
     accepted = r"(e|de_dT)(_.*)?"

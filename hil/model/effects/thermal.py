@@ -14,6 +14,8 @@ from hil.model.effects.history import averaged_decay, loop_side, setpoint_step
 from hil.model.equation import pickoff_rates
 
 _SOAK_TAU = ShapeParameter("tau_min", "min", (5.0, 8.0, 12.0, 18.0, 25.0, 40.0, 70.0), continuous=True)
+_LINE_TYPICAL = {"RLG": (0.005, 0.05), "FOG": (0.02, 0.2), "DTG": (0.05, 0.5), "MEMS": (1.0, 30.0)}
+_BEND_TYPICAL = {"RLG": (0.0001, 0.001), "FOG": (0.0004, 0.004), "DTG": (0.001, 0.01), "MEMS": (0.02, 0.6)}
 _UNUSUAL = 0.1  # odds, before the data, of what would have to be of an unusual kind or size to stand in
 
 
@@ -31,18 +33,8 @@ class BiasTemperature(Effect):
     equation = "B += b1 (T - 25 degC) + b2 (T - 25 degC)^2"
     per_channel = True
     parameters = (
-        Parameter(
-            "b1",
-            "deg/hr/degC",
-            (0.2, 2.0),
-            {"RLG": (0.005, 0.05), "FOG": (0.02, 0.2), "DTG": (0.05, 0.5), "MEMS": (1.0, 30.0)},
-        ),
-        Parameter(
-            "b2",
-            "deg/hr/degC^2",
-            (0.004, 0.04),
-            {"RLG": (0.0001, 0.001), "FOG": (0.0004, 0.004), "DTG": (0.001, 0.01), "MEMS": (0.02, 0.6)},
-        ),
+        Parameter("b1", "deg/hr/degC", (0.2, 2.0), _LINE_TYPICAL),
+        Parameter("b2", "deg/hr/degC^2", (0.004, 0.04), _BEND_TYPICAL),
     )
     needs = frozenset({"temperature_degC"})
     signature = (
