@@ -17,7 +17,7 @@ from hil.campaign import Conditions, FloatArray, IntArray
 from hil.model.effects.columns import middle_hr
 from hil.model.effects.scatter import Scatter
 
-PIECE = 24
+PIECE = 16
 """Rows at most that are whitened by one matrix; from piece to piece states are handed on."""
 COMPARED = 256
 """Rows by which covariances are compared: what is the same in so many is the same in all."""

@@ -12,7 +12,7 @@ from hil.campaign import FloatArray, IntArray
 from hil.reconcile.search.evidence import LEAST, Amplitude, Beside, log_sum, student
 from hil.reconcile.search.terms import Part
 
-_AT_ONCE = 100_000  # numbers: a megabyte, which stays in the processor's cache
+_AT_ONCE = 8_000  # numbers: of so few, arrays stay in the processor's own cache, and their memory with the process
 
 
 @dataclass(frozen=True)
