@@ -70,6 +70,20 @@ class BlockSearch:
         """Return columns (N, k), deg/hr, at some of the points, whitened and less what the base can do, (t, N, k)."""
         return self.beside.at(at).project(self.whitened(columns, at))
 
+    @property
+    def scanned_points(self) -> list[tuple[bytes, int]]:
+        """What tells the points that are scanned from others."""
+        at = self.points.take(self.scanned)
+        return list(zip(at.keys, at.profile.tolist(), strict=True))
+
+    def scanned_columns(self, columns: FloatArray, some: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return columns (N, k), deg/hr, whitened at some of the points that are scanned, (t, N, k).
+
+        And the share of each direction of the base in them, (t, p, k).
+        """
+        white = self.whitened(columns, self.scanned[some])
+        return white, np.swapaxes(self.beside.basis[self.scanned[some]], 1, 2) @ white
+
     def pulled(self, white: FloatArray, at: IntArray) -> FloatArray:
         """Return what rows (t, r, N) that were whitened at some of the points make of columns, in deg/hr, (t, r, N).
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import csc_array, hstack
+from scipy.sparse import csc_array
 
 from hil.campaign import FloatArray, IntArray
 from hil.reconcile.search.evidence import LEAST, Amplitude, Beside, log_sum, student
@@ -20,12 +20,13 @@ class Group:
     """Candidates with q columns each: their places (j,), and their priors, one or several of each.
 
     `columns` (N, j·q), in most of which most is zero, are as they were laid out; `gram` (t, j, q, q) has the products
-    within each at some points, less what the base can do.
+    within each at some `points` of the noise, less what the base can do.
     `owner` (p,) is the candidate of a prior, `mean` and `deviation` are (p, q), `sizes` and `log_weights` (p, u).
     """
 
     places: IntArray
     columns: csc_array
+    points: Sequence[Hashable]
     gram: FloatArray
     owner: IntArray
     mean: FloatArray
@@ -37,18 +38,35 @@ class Group:
         """Return the products of rows (t, r, N) with the columns, (t, r, j·q)."""
         return np.asarray(rows.reshape(-1, rows.shape[2]) @ self.columns).reshape(*rows.shape[:2], -1)
 
+    def at(
+        self,
+        points: Sequence[Hashable],
+        whiten: Callable[[FloatArray, IntArray], tuple[FloatArray, FloatArray]],
+        at_once: int,
+    ) -> Group:
+        """Return the same at some points: what is known of them stays.
+
+        `whiten` returns so many columns `at_once` at those of some places, and what the base can do of these.
+        """
+        if points == self.points:
+            return self
+        gram, size = np.empty((len(points), *self.gram.shape[1:])), self.gram.shape[2]
+        known = [place for place, point in enumerate(points) if point in self.points]
+        gram[known] = self.gram[[self.points.index(points[place]) for place in known]]
+        new, step = np.setdiff1d(np.arange(len(points)), known), max(1, at_once // size)
+        for first in range(0, len(self.places) * bool(len(new)), step):
+            few = self.columns[:, first * size : (first + step) * size].toarray()
+            whole, taken = (_grams(own, size) for own in whiten(few, new))
+            gram[new, first : first + step] = whole - taken
+        return replace(self, points=points, gram=gram)
+
     @classmethod
     def several(
-        cls,
-        parts: Sequence[Part | None],
-        amplitudes: Sequence[Sequence[Amplitude]],
-        first: int,
-        project: Callable[[FloatArray], FloatArray],
-        at_once: int,
+        cls, parts: Sequence[Part | None], amplitudes: Sequence[Sequence[Amplitude]], first: int
     ) -> Iterator[Group]:
-        """Group candidates by how many columns they have in a block; those of none are in no group.
+        """Group candidates by how many columns they have in a block, at no points; those of none are in no group.
 
-        `first` is the place of the first, `project` takes so many columns `at_once` to what they are at some points.
+        `first` is the place of the first.
         """
         sizes = np.array([0 if part is None else len(part.parameters) for part in parts])
         for q in sorted(set(sizes.tolist()) - {0}):
@@ -58,18 +76,16 @@ class Group:
             tried, weights = np.zeros((len(priors), most)), np.full((len(priors), most), -np.inf)
             for i, (_, prior) in enumerate(priors):
                 tried[i, : len(prior.sizes)], weights[i, : len(prior.sizes)] = prior.sizes, prior.log_weights
-            laid, grams, step = [], [], max(1, at_once // q)
-            for few in (places[k : k + step] for k in range(0, len(places), step)):
-                own = [part for place in few.tolist() if (part := parts[place]) is not None]
-                values, rows = (np.concatenate(of) for of in zip(*(part.by_column for part in own), strict=True))
-                ends = np.cumsum([0, *(len(part.rows) for part in own for _ in range(q))], dtype=np.int32)
-                laid.append(csc_array((values, rows.astype(np.int32), ends), (own[0].many, len(ends) - 1)))
-                laid[-1].eliminate_zeros()
-                grams.append(_grams(project(laid[-1].toarray()), q))
+            own = [part for place in places.tolist() if (part := parts[place]) is not None]
+            values, rows = (np.concatenate(of) for of in zip(*(part.by_column for part in own), strict=True))
+            ends = np.cumsum([0, *np.repeat([len(part.rows) for part in own], q)], dtype=np.int32)
+            columns = csc_array((values, rows.astype(np.int32), ends), (own[0].many, len(ends) - 1))
+            columns.eliminate_zeros()
             yield cls(
                 places + first,
-                hstack(laid, format="csc"),
-                np.concatenate(grams, axis=1),
+                columns,
+                (),
+                np.zeros((0, len(places), q, q)),
                 np.array([j for j, _ in priors]),
                 np.array([prior.mean for _, prior in priors]),
                 np.array([prior.deviation for _, prior in priors]),

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -60,15 +60,18 @@ class SensorSearch:
         asked: list[Set] = [(j,) for j in self.leading()]
         asked += [(*first, *self.leading(first)[:1]) for first in asked[:1]]
         asked += [self.start] * bool(self.start)
-        self.forget()
+        self._weigh_anew()
         for b, block in enumerate(self.blocks):
             sets = [[p.columns for j in chosen if (p := self.terms[j].parts[b])] for chosen in asked]
             block.choose([np.zeros((len(block.y), 0)), *(np.hstack(columns) for columns in sets if columns)])
 
     def forget(self) -> None:
         """Compute everything anew from now on: the terms, the data or the points of the noise are others."""
-        self._laid, self._scannable, self._known, self._weighed = [], 0, {}, {}
-        self._members, self._shown, self._scanned = {}, {}, {}
+        self._laid, self._scannable = [], 0
+        self._weigh_anew()
+
+    def _weigh_anew(self) -> None:
+        self._known, self._weighed, self._members, self._shown, self._scanned = {}, {}, {}, {}, {}
 
     @property
     def log_odds(self) -> FloatArray:
@@ -97,11 +100,11 @@ class SensorSearch:
         self._laid = self._laid or [[] for _ in self.blocks]
         first, self._scannable = self._scannable, len(self.terms)
         new = self.terms[first:]
-        for b, search in enumerate(self.blocks if new else ()):
+        for b, search in enumerate(self.blocks):
             parts, amplitudes = ([getattr(term, of)[b] for term in new] for of in ("parts", "amplitudes"))
-            project = partial(search.projected, at=search.scanned)
-            at_once = LARGEST // max(len(search.scanned) * len(search.y), 1)
-            self._laid[b] += Group.several(parts, amplitudes, first, project, at_once)
+            every = [*self._laid[b], *Group.several(parts, amplitudes, first)]
+            points, at_once = search.scanned_points, LARGEST // max(len(search.scanned) * len(search.y), 1)
+            self._laid[b] = [group.at(points, search.scanned_columns, at_once) for group in every]
         return self._laid
 
     def _products(self, b: int, j: int | None) -> list[FloatArray]:
