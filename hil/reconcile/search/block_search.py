@@ -113,6 +113,7 @@ class BlockSearch:
         if len(self.points) * len(self.y) <= KEPT:
             self._filters = self._filters or list(self.noise.filters(self.points))
         for places, own in self._filters or self.noise.filters(self.points):
-            here = np.flatnonzero(np.isin(wanted, places))
-            if len(here):
-                yield here, own.take(np.searchsorted(places, wanted[here]))
+            place = np.full(len(self.points), -1)
+            place[places] = np.arange(len(places))
+            if len(here := np.flatnonzero(place[wanted] >= 0)):
+                yield here, own.take(place[wanted[here]])

@@ -41,7 +41,7 @@ class _Rows:
     base: int
     variants: Sequence[IntArray]
     data: Sequence[int]
-    _known: dict[Profile, tuple[FloatArray, FloatArray]] = field(default_factory=dict, init=False)
+    _known: dict[Profile, FloatArray] = field(default_factory=dict, init=False)
 
     @cached_property
     def log_prior(self) -> FloatArray:
@@ -53,9 +53,12 @@ class _Rows:
         places = [self.noise.place(p) for p in profiles] if profiles else []
         rest, half_log_det = self._beside_base(at, places)
         own = self.log_prior[at][:, None] + np.array([self.noise.log_profile(p) for p in profiles])
-        return np.array(
-            [self._alone(rest, half_log_det, v, y) + own for v, y in zip(self.variants, self.data, strict=True)]
-        )
+        out, sizes = np.empty((len(self.variants), *own.shape)), np.array([len(each) for each in self.variants])
+        for size in np.unique(sizes):
+            alike = np.flatnonzero(sizes == size)
+            index = np.array([[*self.variants[v], self.data[v]] for v in alike.tolist()])
+            out[alike] = own + self._alone(rest, half_log_det, index)
+        return out
 
     def _beside_base(self, at: IntArray, places: Sequence[int]) -> tuple[FloatArray, FloatArray]:
         """Integrate values at each temperature and base out: inner products (k, f, m', m') and half log dets (k, f)."""
@@ -78,13 +81,13 @@ class _Rows:
             half_log_det = half_log_det + np.sum(np.log(np.diagonal(each, axis1=2, axis2=3)), axis=2)
         return rest, half_log_det
 
-    def _alone(self, rest: FloatArray, half_log_det: FloatArray, columns: IntArray, data: int) -> FloatArray:
-        """Log evidence (k, f) of the data beside some columns that are free."""
-        index = np.append(columns, data)
-        triangle = np.diagonal(np.linalg.cholesky(rest[:, :, index[:, None], index]), axis1=2, axis2=3)
+    def _alone(self, rest: FloatArray, half_log_det: FloatArray, index: IntArray) -> FloatArray:
+        """Log evidence (v, k, f) of data beside columns that are free: their places (v, q + 1), the data's last."""
+        few = np.moveaxis(rest[:, :, index[:, :, None], index[:, None]], 2, 0)
+        triangle = np.diagonal(np.linalg.cholesky(few), axis1=3, axis2=4)
         log_base = -np.sum(np.log(triangle[..., :-1]), axis=-1) - half_log_det
         rss = np.maximum(triangle[..., -1] ** 2, LEAST)
-        freedom = len(self.noise.order) - self.base - len(columns)
+        freedom = len(self.noise.order) - self.base - index.shape[1] + 1
         return log_sum(student(rss[None], log_base, self.scales, freedom))
 
     def climb(self) -> list[tuple[Profile, FloatArray]]:
@@ -103,9 +106,8 @@ class _Rows:
     def everywhere(self, v: int, profile: Profile) -> FloatArray:
         """Return the heights (κ,) of one variant at every noise beside a profile: several climb to the same."""
         if profile not in self._known:
-            self._known[profile] = self._beside_base(np.arange(len(self.grid)), [self.noise.place(profile)])
-        own = self._alone(*self._known[profile], self.variants[v], self.data[v])[:, 0]
-        return np.asarray(own + self.log_prior + self.noise.log_profile(profile))
+            self._known[profile] = self.heights(np.arange(len(self.grid)), [profile])[:, :, 0]
+        return np.asarray(self._known[profile][v])
 
     def grown(self, columns: FloatArray) -> _Rows:
         """Return the same where the grid has grown, of rows' columns (N, m) in the order of time."""
