@@ -156,15 +156,15 @@ def _laid(
     candidates: Sequence[Candidate], blocks: Sequence[Block], bases: Sequence[FloatArray]
 ) -> Iterator[tuple[Candidate, FloatArray, tuple[Part | None, ...]]]:
     """Yield candidates with the sizes (p,) of their columns, and what they are in each block."""
-    every = [candidate.columns for candidate in candidates]
-    squares = np.concatenate([np.mean(columns**2, axis=0) for columns in every], axis=1)
-    rms, ends = np.sqrt(np.mean(squares, axis=0)), np.cumsum([len(c.parameters) for c in candidates])[:-1]
+    every = np.concatenate([candidate.columns for candidate in candidates], axis=2)
+    ends = np.cumsum([len(c.parameters) for c in candidates])[:-1]
+    squares = np.mean(every**2, axis=0)
+    rms = np.sqrt(np.mean(squares, axis=0))
     rms[rms == 0.0] = 1.0
     largest, scales = np.sqrt(squares.max(axis=0)) / rms, np.split(rms, ends)
     by_block = []
     for block, base in zip(blocks, bases, strict=True):
-        columns = np.hstack([block.select(each) for each in every]) / rms
-        by_block.append(list(_parts(columns, largest, ends, base)))
+        by_block.append(list(_parts(block.select(every) / rms, largest, ends, base)))
     yield from zip(candidates, scales, zip(*by_block, strict=True), strict=True)
 
 
@@ -212,13 +212,10 @@ def _parts(columns: FloatArray, largest: FloatArray, ends: IntArray, base: Float
     here = np.sqrt(np.mean(columns**2, axis=0))
     seen = (here > UNSEEN * largest) & (here > 0.0)
     seen[seen] = kept_shares(base, columns[:, seen]) > UNSEEN
-    for places in np.split(np.arange(len(seen)), ends):
-        own = np.flatnonzero(seen[places])
-        if not len(own):
-            yield None
-            continue
-        rows = np.flatnonzero(np.any(columns[:, places], axis=1))
-        yield Part(own, rows, columns[rows[:, None], places[own]], len(columns))
+    acts = np.logical_or.reduceat(columns != 0.0, np.append(0, ends), axis=1).T
+    for own, values, there in zip(np.split(seen, ends), np.split(columns, ends, axis=1), acts, strict=True):
+        rows, parameters = np.flatnonzero(there), np.flatnonzero(own)
+        yield Part(parameters, rows, values[rows][:, own], len(columns)) if len(parameters) else None
 
 
 def _is_exact(candidate: Candidate) -> bool:
