@@ -68,7 +68,7 @@ class BlockSearch:
 
     def projected(self, columns: FloatArray, at: IntArray | slice = slice(None)) -> FloatArray:
         """Return columns (N, k), deg/hr, at some of the points, whitened and less what the base can do, (t, N, k)."""
-        return self.beside.at(at).project(self.whitened(columns, at))
+        return self.beside.project(self.whitened(columns, at), at)
 
     @property
     def scanned_points(self) -> list[tuple[bytes, int]]:
@@ -89,7 +89,7 @@ class BlockSearch:
 
         Their products with whitened columns are those with columns as they were.
         """
-        known = self.beside.at(at).follow(np.swapaxes(white, 1, 2))
+        known = self.beside.follow(np.swapaxes(white, 1, 2), at)
         out = np.empty(known.shape)
         for here, own in self._at(at):
             out[here[:, None], self.noise.order] = own.back(known[here])
@@ -97,7 +97,7 @@ class BlockSearch:
 
     def whitened(self, columns: FloatArray, at: IntArray | slice = slice(None)) -> FloatArray:
         """Return columns (N, k), deg/hr, at some of the points, with rows that are independent, in time, (t, N, k)."""
-        return self.beside.at(at).follow(self._white(columns[self.noise.order] / self.unit, at)[0])
+        return self.beside.follow(self._white(columns[self.noise.order] / self.unit, at)[0], at)
 
     def _white(self, columns: FloatArray, at: IntArray | slice = slice(None)) -> tuple[FloatArray, FloatArray]:
         """Whiten columns (N, k), in the order of time, at some of the points: (t, N, k), and half log dets (t,)."""

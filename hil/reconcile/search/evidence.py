@@ -127,13 +127,13 @@ class Beside:
         names = ("values", "basis", "residual", "rss", "log_noise", "log_base", "turn")
         return replace(self, **{name: getattr(self, name)[index] for name in names})
 
-    def follow(self, white: FloatArray) -> FloatArray:
-        """Return columns (t, N, k) that were whitened but for values that follow temperature, whitened of these too."""
-        return _less(self.values, white)
+    def follow(self, white: FloatArray, at: IntArray | slice) -> FloatArray:
+        """Return columns (t, N, k) whitened at some points but for values over temperature, whitened of these too."""
+        return _less(self.values[at], white)
 
-    def project(self, white: FloatArray) -> FloatArray:
-        """Return whitened columns (t, N, k) less what the base can do."""
-        return _less(self.basis, white)
+    def project(self, white: FloatArray, at: IntArray | slice) -> FloatArray:
+        """Return columns (t, N, k) whitened at some points less what the base can do."""
+        return _less(self.basis[at], white)
 
     def student(self, left: FloatArray) -> FloatArray:
         """Log evidence (s, t, …) of quadratic forms `left` (1, t, …) under every scale, prior of the point apart."""
