@@ -14,7 +14,7 @@ from hil.model.effects.document import shape_in_words
 from hil.reconcile.rivals import Rival
 from hil.solve.both_sensors import BothSensors
 from hil.solve.document import not_passed_of, reasons
-from hil.solve.repeats import repeats
+from hil.solve.repeats import SensorRepeats, repeats
 from hil.solve.runs import solve_campaign
 from hil.solve.temperatures import runs_by_temperature
 from procedures.verdict import Verdict
@@ -172,7 +172,8 @@ class Solved:
     `widens`: whether repeats or residuals tell it by how much its ± have to be wider than standard errors say; `errors`
     is what they say of the standard errors of each sensor, `small` whether some are too small, `misstated` whether some
     are so far off that others have to be stated. The runs are by verdict and sensor; `not_passed` by verdict alone.
-    `temperatures` are those at which some run tells every parameter, of the sensor that has most.
+    `temperatures` are those at which some run tells every parameter, of the sensor that has most; `shown` is what
+    repeats show of each sensor.
     """
 
     of_sensors: Mapping[str, Mapping[str, Sequence[int]]] = field(default_factory=dict)
@@ -183,6 +184,7 @@ class Solved:
     small: bool = False
     misstated: bool = False
     temperatures: int = 0
+    shown: Mapping[int, SensorRepeats] = field(default_factory=dict, compare=False)
 
     @property
     def not_passed(self) -> dict[str, list[int]]:
@@ -207,7 +209,7 @@ class Solved:
             sum(any((n, run) in whole for run in runs) for degC, runs in of if degC is not None)
             for n, of in made.items()
         ]
-        return cls(not_passed_of(every), beyond, why, widens, errors, small, misstated, max(at, default=0))
+        return cls(not_passed_of(every), beyond, why, widens, errors, small, misstated, max(at, default=0), shown)
 
 
 @dataclass(frozen=True)

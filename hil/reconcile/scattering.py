@@ -23,12 +23,10 @@ from hil.model.effects.prior import ALPHA
 from hil.model.forms import default_form
 from hil.reconcile.naming import CERTAIN
 from hil.reconcile.outcome import scatter
-from hil.reconcile.outcome.added import left_of
 from hil.reconcile.outcome.answer import Answer
 from hil.reconcile.outcome.findings import id_of
 from hil.reconcile.outcome.sentences import scatter_in_words
 from hil.reconcile.outcome.stated import lacking
-from hil.reconcile.result import Solved
 from hil.reconcile.workflow import searched
 from hil.solve.both_sensors import BothSensors, common_and_differential
 from hil.solve.omissions import in_words, otherwise, without
@@ -39,11 +37,10 @@ from procedures.words import listed, percent, unit_in_words
 
 @dataclass(frozen=True)
 class Scattering:
-    """What the search came to, read for what scatters; `left`: what repeats say of errors beside it."""
+    """What the search came to, read for what scatters."""
 
     answer: Answer
     both: BothSensors | None
-    left: Solved
     to_record: Sequence[str]
 
     @property
@@ -74,12 +71,18 @@ class Scattering:
             about = ", ".join(dict.fromkeys(n["under"] for n in noise))
             told = [f"{listed([likely[name] for name in self.named])}, about {about}: {'; '.join(values)}"]
         elif likely:
-            more = scatter_in_words(noise) or self.left.small
+            more = scatter_in_words(noise) or self.answer.left.small
             nothing = "what scatters has no name" if more else "nothing certainly scatters"
             told = [found.untold or f"{nothing}: {next(iter(likely.values()))}"]
         else:
             told = ["too few repeats to tell anything"]
-        left = {of["sensor"] for of in noise if of["observed_deg_per_hr"] is not None}
+        shown = found.left.shown  # what single runs leave is asked only where nothing in a run tells its noise
+        left = {
+            number
+            for of in noise
+            if of["observed_deg_per_hr"] is not None
+            and not ((number := of["sensor"]) in shown and shown[number].noise_told)
+        }
         alone = [
             f"sensor {number}: no run was repeated: what changes from run to run is not known"
             + "; what is observed is what a smooth model leaves of single runs" * (number in left)
@@ -98,7 +101,7 @@ class Scattering:
             *([f"or it is no scatter, and moves the mean: {listed(instead)}"] if instead else []),
             *([f"it may follow {listed(self.to_record)}, which nobody recorded"] if self.to_record else []),
             *([] if self.both is None else self.both.sentences()),
-            *self.left.errors,
+            *self.answer.left.errors,
             *scatter_in_words(noise),
             *([f"beside it something moves the mean: {listed(self.moves)}; see hil reconcile"] if self.moves else []),
             *in_words({"rows": found.rows, **without(found.campaign)}, searched=True),
@@ -137,4 +140,4 @@ def what_scatters(campaign: Campaign) -> Scattering:
     model = load_model(default_form(next(iter(usable(asked).sensors.values())).conditions).name)
     answer = searched(asked, model, (*BASE_EFFECTS, *EFFECTS), VARIANCE_EFFECTS, ALPHA)
     to_record = lacking(campaign, answer.scatter, answer.noise)
-    return Scattering(answer, common_and_differential(campaign), left_of(answer), to_record)
+    return Scattering(answer, common_and_differential(campaign), to_record)

@@ -108,7 +108,7 @@ def common_and_differential(campaign: Campaign) -> BothSensors | None:
     chosen = replace(chosen, sensors={number: rows for number, rows in chosen.sensors.items() if number in rotors})
     solved: dict[int, dict[int, FloatArray]] = {}
     solutions = solve_campaign(chosen, "matrix-6")
-    noise = {number: noise_left([e for e in solutions if e.sensor == number]) for number in rotors}
+    noise = {number: noise_left([e for e in solutions if e.sensor == number], 2) for number in rotors}
     for each in solutions:
         pairs = [(e.value, math.nan if e.se is None else e.se) for e in each.by_noise(noise[each.sensor][0]).values()]
         if all(value is not None for value, _ in pairs):
@@ -124,7 +124,7 @@ def common_and_differential(campaign: Campaign) -> BothSensors | None:
     group = np.repeat(np.arange(len(at)), [len(runs) for _, runs in at])
     values, errors = np.moveaxis(np.array([both[run] for _, runs in at for run in runs]), -1, 0)  # (runs, 2, 6)
     white = np.sqrt(np.sum(errors**2, axis=1))  # the sensors' noise is independent
-    known = min(by for _, by in noise.values())
+    known = min(float(by.min()) for _, by in noise.values())
     common = means_of(UNITS, values.mean(axis=1), 0.5 * white, group, at, residuals=known)
     differential = means_of(UNITS, values[:, 1] - values[:, 0], white, group, at, residuals=known)
     away = values - np.array([values[group == k].mean(axis=0) for k in range(len(at))])[group]

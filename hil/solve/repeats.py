@@ -102,8 +102,9 @@ class SensorRepeats:
     differs from run to run, and neither the bias nor MU moves, shows it, in runs that nothing is said against; where it
     cannot be told of which channel, all have the same. `noise_times` (c,) is that, or what residuals exceed them by
     beyond chance where what differs neither shows nor contradicts it; `same_times` is how much those of channels do
-    that are no noise; `by_noise` is how parameters scatter beside errors as large as noise is. `left_deg_per_hr` is
-    what residuals make of the noise of rates without errors, `stated` whether they have any.
+    that are no noise; `by_noise` is how parameters scatter beside errors as large as noise is. `left_deg_per_hr` (c,)
+    is what residuals make of the noise of rates without errors, NaN where they have some or nothing tells it, `stated`
+    whether they have, and `noise_told` whether anything but those errors tells what noise there is.
     """
 
     names: tuple[str, ...]
@@ -117,8 +118,9 @@ class SensorRepeats:
     times_of: Mapping[str, float] = field(default_factory=dict)
     noise_times: FloatArray = field(default_factory=lambda: np.ones(1))
     same_times: Mapping[str, float] = field(default_factory=dict)
-    left_deg_per_hr: float = 0.0
+    left_deg_per_hr: FloatArray = field(default_factory=lambda: np.full(1, np.nan))
     stated: bool = True
+    noise_told: bool = False
 
     def at(self, temperature_degC: float | None) -> MeanAt | None:
         """Return the mean at what is this temperature of another campaign, None where there is none."""
@@ -143,14 +145,19 @@ class SensorRepeats:
                 found[name] = Uncertain(each.value, sd, float(self.spread.freedom[place]), 1, unit)
         return found
 
+    def noise(self, errors: FloatArray) -> FloatArray:
+        """Return the noise of averages with these standard errors, (n, c), deg/hr each; NaN where nothing tells it."""
+        return np.asarray(
+            self.noise_times * errors if self.stated else np.broadcast_to(self.left_deg_per_hr, errors.shape)
+        )
+
     def of_a_collect(self, errors: FloatArray, columns: FloatArray) -> float:
         """Return what the usual collect scatters by, deg/hr: its own noise, and what parameters do from run to run.
 
         `errors` (n, c) are the standard errors of rates, `columns` (n, c, p) what these are of each parameter.
         """
         beyond = np.einsum("ncp,p->nc", columns**2, self.by_noise.beyond**2)
-        own = np.nan_to_num(self.noise_times * errors, nan=self.left_deg_per_hr)
-        return float(np.sqrt(np.median(own**2 + beyond)))
+        return float(np.sqrt(np.median(np.nan_to_num(self.noise(errors)) ** 2 + beyond)))
 
     def document(self) -> dict[str, Any]:
         """Return the JSON of it: `run_to_run` by parameter, `means` by temperature, and runs that are in neither."""
@@ -295,26 +302,34 @@ def _shares(collects: Collects) -> dict[str, FloatArray]:
     return dict(zip(form.names, of_each / np.maximum(of_each.sum(axis=1, keepdims=True), 1e-300), strict=True))
 
 
-def noise_left(own: Sequence[RunSolution]) -> tuple[float, float]:
+def noise_left(own: Sequence[RunSolution], channels: int) -> tuple[FloatArray, FloatArray]:
     """Return what residuals of all of a sensor's runs make of noise that is not stated, deg/hr, and how well known.
 
-    Those are degrees of freedom. 0, and infinitely many, where there is no residual or standard errors are stated.
+    Those are degrees of freedom; (c,) each: of all channels together, or of each where it is another than chance makes
+    of one. NaN, and infinitely many, where there is no residual or standard errors are stated.
     """
-    told = [each.of_channels[0].sum() for each in own if each.of_channels and each.per_noise is not None]
-    free = sum(each.degrees_of_freedom for each in own if each.per_noise is not None)
-    return math.sqrt(sum(told) / max(free, 1)), free or math.inf
+    told = [np.array(each.of_channels) for each in own if each.of_channels and each.per_noise is not None]
+    squares, freedom = sum(told, np.zeros((2, channels)))
+    if not np.any(freedom > 0.5):
+        return np.full(channels, math.nan), np.full(channels, math.inf)
+    known = freedom > 0.5
+    apart = uneven((squares / np.where(known, freedom, 1.0))[:, None], np.where(known, freedom, 0.0)[:, None])[0]
+    if not (apart and known.all()):
+        squares, freedom = (np.full(channels, of.sum()) for of in (squares, freedom))
+    return np.sqrt(squares / freedom), freedom
 
 
 def _of_sensor(own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, ...]) -> SensorRepeats:
     at, stated = runs_by_temperature(rows.conditions), stated_noise(rows) is not None
-    noise, known_by = noise_left(own)
+    channels = list(rows.conditions.sensor.channels)
+    noise, known_by = noise_left(own, len(channels))
     units = {name: each.unit for solution in own for name, each in solution.parameters.items()}
     group = np.array([next((k for k, (_, runs) in enumerate(at) if each.runs[0] in runs), -1) for each in own])
     of_each = [[of.get(name, Estimate(None, None, "")) for name in units] for of in (e.by_noise(noise) for e in own)]
     values, errors = (np.array([[getattr(e, a) for e in of] for of in of_each], np.float64) for a in ("value", "se"))
     told = {e.runs[0] for e, known in zip(own, np.isfinite(values), strict=True) if known.any()}
     at = [(temperature, tuple(run for run in runs if run in told)) for temperature, runs in at]
-    channels, known_shares = list(rows.conditions.sensor.channels), _shares(rows)
+    known_shares = _shares(rows)
     shares = np.array([known_shares.get(name, np.full(len(channels), 1.0 / len(channels))) for name in units])
     of_channels = [np.array(each.of_channels) for each in own if each.chi_square is not None]
     squares, freedom = sum(of_channels, np.zeros((2, len(channels))))
@@ -330,7 +345,7 @@ def _of_sensor(own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, 
     with np.errstate(divide="ignore"):
         part = variance / np.maximum(variance.sum(axis=1, keepdims=True), 1e-300)
         known = 1.0 / np.sum(part**2 / np.maximum(behind, 1.0), axis=1)
-    residuals = np.minimum(known, known_by)
+    residuals = np.minimum(known, shares @ known_by if np.isfinite(known_by).all() else math.inf)
     shown = means_of(units, values, errors, group, at, np.sqrt(variance.sum(axis=1)), residuals)
     by_noise = Spread.of(values, errors, group, np.sqrt(shares @ noise_times**2), residuals)
     shown = replace(shown, left_deg_per_hr=noise)
@@ -345,6 +360,7 @@ def _of_sensor(own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, 
         same_times={c: float(of) for c, of, is_so in zip(channels, residual_times, contradicted, strict=True) if is_so},
         by_noise=by_noise,
         stated=stated,
+        noise_told=bool(freedom.sum() + changes[1].sum() > 0.5 or np.isfinite(noise).all()),
     )
 
 

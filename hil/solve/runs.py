@@ -40,7 +40,7 @@ A thousandth of 1 g is a milliradian: less than that, and the error of the attit
 """
 
 LEAST_SQUARES = "weighted least squares"
-UNSTATED = "every rate of a run has the same, unstated noise"
+UNSTATED = "every rate of a channel has the same, unstated noise"
 
 
 @dataclass(frozen=True)
@@ -62,9 +62,9 @@ class RunSolution:
     each channel has of it, of squares in deg/hr without them, and of its degrees of freedom, (c,) each. `compared`:
     whether other runs say what this one's collects should show; `doubted`: whether it tells nothing of noise, for
     something is said against a row of it, or it had not `settled`. `among`: of how many judgements it may be the one
-    that differs most by chance. `per_noise` (p,) are the standard errors of rates whose noise is 1 deg/hr, None where
-    standard errors are stated. It is `judged` by its residuals, and `beside` that by how it was measured; `form_reason`
-    says why no fuller form was taken.
+    that differs most by chance. `per_noise` (p, c) are the standard errors of rates of which those of one channel have
+    a noise of 1 deg/hr, None where standard errors are stated. It is `judged` by its residuals, and `beside` that by
+    how it was measured; `form_reason` says why no fuller form was taken.
     """
 
     run: int | None
@@ -91,11 +91,11 @@ class RunSolution:
     among: int = 1
     per_noise: FloatArray | None = None
 
-    def by_noise(self, deg_per_hr: float) -> Mapping[str, Estimate]:
-        """Return the parameters with the standard errors of rates of this noise (0: unknown), where none is stated."""
+    def by_noise(self, deg_per_hr: FloatArray) -> Mapping[str, Estimate]:
+        """Return the parameters with the standard errors of rates of this noise (c,), NaN: unknown, where none is."""
         if self.per_noise is None:
             return self.parameters
-        errors = (finite(float((deg_per_hr or np.nan) * of)) for of in self.per_noise)
+        errors = (finite(float(np.linalg.norm((deg_per_hr * of)[of > 0.0]))) for of in self.per_noise)
         return {name: replace(each, se=se) for (name, each), se in zip(self.parameters.items(), errors, strict=True)}
 
     @property
@@ -305,14 +305,16 @@ def _described(sensor: int, solved: _Solved, among: int, every: Collects) -> Run
         chi_square=float(solution.chi_square) if solved.tells else None,
         of_channels=of_channels if degrees else None,
         among=among,
-        per_noise=None if noise_stated else _per_noise(solution),
+        per_noise=None if noise_stated else _per_noise(solution, len(conditions.sensor.channels)),
     )
 
 
-def _per_noise(solution: Solution) -> FloatArray:
-    """Return the parameters' standard errors where every rate has a noise of 1, (p,)."""
-    response = np.linalg.pinv(solution.design[solution.measured])
-    return np.asarray(np.linalg.norm(response, axis=1)[: len(solution.names)])
+def _per_noise(solution: Solution, channels: int) -> FloatArray:
+    """Return the parameters' standard errors where every rate of one channel has a noise of 1, (p, c)."""
+    response = np.zeros((solution.design.shape[1], solution.measured.size))
+    response[:, solution.measured] = np.linalg.pinv(solution.design[solution.measured])
+    of_rows = response[: len(solution.names)].reshape(len(solution.names), -1, channels)
+    return np.asarray(np.linalg.norm(of_rows, axis=1))
 
 
 def stated_noise(collects: Collects) -> FloatArray | None:

@@ -101,9 +101,8 @@ class SensorFit:
         self, collects: Collects, shown: SensorRepeats, model: str | None, order: int, apart_degC: float | None
     ) -> None:
         number = collects.conditions.sensor.number
-        if shown.left_deg_per_hr:  # where no errors are stated
-            noise = np.full_like(collects.rates_se_deg_per_hr, shown.left_deg_per_hr)
-            collects = replace(collects, rates_se_deg_per_hr=noise)
+        if not shown.stated and np.isfinite(shown.left_deg_per_hr).all():
+            collects = replace(collects, rates_se_deg_per_hr=shown.noise(collects.rates_se_deg_per_hr))
         known = np.stack(np.broadcast_arrays(shown.spread.factor, shown.spread.residuals), axis=1)
         factor_of = dict(zip(shown.names, known.tolist(), strict=True))
         layout, notes = layout_of(number, collects, model, apart_degC, factor_of)

@@ -110,12 +110,14 @@ def _measured_runs(
         conditions = rows.conditions
         form = default_form(conditions)
         stated = stated_noise(rows)
+        noisy: FloatArray | float = 1.0
         sigma, told = bench.uncertainties.of_collects(conditions), bench.uncertainties.angle_random_walk
         noise_by = f"angle_random_walk {told:g} deg/√hr over the collect"
         if stated is not None:
-            sigma, noise_by = stated, measured_by
-        elif shown is not None and shown.left_deg_per_hr > _EXACT:
-            sigma, noise_by = np.full(sigma.shape, shown.left_deg_per_hr), "residuals of all runs; no errors are stated"
+            sigma, noisy, noise_by = stated, times, measured_by
+        elif shown is not None and np.all(shown.left_deg_per_hr > _EXACT):
+            sigma, noisy = np.ones(sigma.shape), shown.left_deg_per_hr  # all weigh alike
+            noise_by = "residuals of all runs; no errors are stated"
         slope, slope_origin = _slope(conditions)
         given = sources(
             bench.uncertainties,
@@ -129,7 +131,7 @@ def _measured_runs(
         usable = tuple(each for each in given if axes is not None or not each.needs_axes)
         lying = np.broadcast_to(np.eye(3), (len(conditions), 3, 3)) if axes is None else axes
         sigma = np.where(np.isnan(rows.rates_deg_per_hr), np.nan, sigma)
-        scene = Scene(conditions, lying, base, sigma, 1.0 if stated is None else times)
+        scene = Scene(conditions, lying, base, sigma, noisy)
         left_out = tuple(each.title for each in given if each not in usable)
         yield RunScene(run, scene, usable, form, origin, _at(measured.conditions, here), left_out)
 

@@ -30,7 +30,6 @@ from hil.model.effects.prior import ALPHA
 from hil.solve import repeats, solve_campaign
 from hil.solve.changes import CHANGES
 from hil.solve.omissions import in_words, what_is_wrong
-from hil.solve.precision import with_every_error
 from hil.solve.repeats import SensorRepeats
 from hil.solve.wrong_rows import treated
 from procedures.plan import make_plan
@@ -133,21 +132,27 @@ def sweep_document(sweep: Sweep, bench: Bench, model: Model | None = None) -> di
 def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[str, object]:
     """Return the map of collects that were measured, with their own standard errors, gaps, and scatter of repeats."""
     told = {"simulated": campaign.simulated, "warnings": list(campaign.warnings), **what_is_wrong(campaign)}
-    sensors = {number: _with_typical_noise(rows) for number, rows in campaign.sensors.items()}
-    stated = replace(campaign, sensors=sensors)
-    shown = repeats(stated, solve_campaign(stated))
-    used = with_stand_ins(usable(treated(stated))).sensors
+    shown = repeats(campaign, solve_campaign(campaign))
+    assumed = {number for number, each in shown.items() if not each.stated and np.isnan(each.left_deg_per_hr).all()}
+    if assumed:
+        typical = {n: _with_typical_noise(rows) if n in assumed else rows for n, rows in campaign.sensors.items()}
+        campaign = replace(campaign, sensors=typical)
+        shown = repeats(campaign, solve_campaign(campaign))
+    used = with_stand_ins(usable(treated(campaign))).sensors
     conditions = {number: rows.conditions for number, rows in used.items()}
     sigmas = {  # as large as residuals and repeats show them to be
-        number: np.where(np.isfinite(rows.rates_deg_per_hr), rows.rates_se_deg_per_hr, np.nan)
-        * (shown[number].noise_times if number in shown else 1.0)
+        number: np.where(
+            np.isfinite(rows.rates_deg_per_hr),
+            shown[number].noise(rows.rates_se_deg_per_hr) if number in shown else rows.rates_se_deg_per_hr,
+            np.nan,
+        )
         for number, rows in used.items()
     }
     noise = {
         number: replace(
-            _seen(each, assumed=sensors[number] is not campaign.sensors[number])
+            _seen(each, assumed=number in assumed)
             if np.any(each.spread.degrees)
-            else NoiseLevel(),
+            else NoiseLevel(source="assumed" if number in assumed else "assumed, for no run was repeated"),
             collect_deg_per_hr=float(np.nanmedian(sigmas[number])),  # one that is huge says nothing of the others
             channels_deg_per_hr={
                 name: float(np.median(of[known]))
@@ -163,10 +168,9 @@ def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[st
 
 
 def _with_typical_noise(rows: Collects) -> Collects:
-    """Return the collects with the typical standard error where none is used: repeats show what is beyond."""
-    errors = with_every_error(rows).rates_se_deg_per_hr
-    typical = np.full_like(errors, NoiseLevel().collect_deg_per_hr)
-    return rows if np.any(errors > 0.0) else replace(rows, rates_se_deg_per_hr=typical)
+    """Return the collects with the typical standard error: repeats show what is beyond."""
+    typical = np.full_like(rows.rates_se_deg_per_hr, NoiseLevel().collect_deg_per_hr)
+    return replace(rows, rates_se_deg_per_hr=typical)
 
 
 def _seen(shown: SensorRepeats, *, assumed: bool) -> NoiseLevel:

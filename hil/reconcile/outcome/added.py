@@ -8,10 +8,10 @@ from hil.model import Model
 from hil.model.effects.catalogue import SERIES_EFFECTS
 from hil.model.effects.inside import OFTEN
 from hil.reconcile.inside import named_within
-from hil.reconcile.outcome import findings, mistakes, scatter, stated
+from hil.reconcile.outcome import findings, scatter, stated
 from hil.reconcile.outcome.answer import Answer
 from hil.reconcile.outcome.improve import improved
-from hil.reconcile.outcome.values import before_and_after, taken_out
+from hil.reconcile.outcome.values import before_and_after
 from hil.reconcile.result import FoundEffect, Solved
 from hil.reconcile.wander import Wander
 
@@ -55,13 +55,4 @@ def added(found: Answer, inside: Sequence[dict[str, Any]]) -> Added:
     if after != model or wanders:
         after = stated.with_white_noise(after, found.campaign, wanders=wanders)
         after = after.model_copy(update={"version": model.version + 1})
-    return Added(after, within, values, found.solved, left_of(found), noise, wanders)
-
-
-def left_of(found: Answer) -> Solved:
-    """Return what `hil solve` would say of the campaign with what is known, and what was found, taken off."""
-    model, wrong = found.problem.model, found.reading.mistakes
-    if not (found.names or wrong or model.terms or model.noise):
-        return found.solved
-    sure = mistakes.mended(found.problem.sensors, mistakes.certain(wrong, found.fit, found.campaign))
-    return Solved.of(taken_out(found.problem, sure, found.terms, scatter.pooled(found.scatter)))
+    return Added(after, within, values, found.solved, found.left, noise, wanders)

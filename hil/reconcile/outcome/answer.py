@@ -10,8 +10,9 @@ import numpy as np
 from hil.campaign import Campaign
 from hil.reconcile.naming import CERTAIN, Named, Reading
 from hil.reconcile.outcome.findings import gap_of
-from hil.reconcile.outcome.mistakes import mended, outliers_found, rows_found
-from hil.reconcile.outcome.scatter import FoundScatter, found_scatter, ordinary
+from hil.reconcile.outcome.mistakes import certain, mended, outliers_found, rows_found
+from hil.reconcile.outcome.scatter import FoundScatter, found_scatter, ordinary, pooled
+from hil.reconcile.outcome.values import taken_out
 from hil.reconcile.proof.held_out import Proof, held_out
 from hil.reconcile.result import Gap, Solved
 from hil.reconcile.search.candidates import Candidate
@@ -100,12 +101,21 @@ class Answer:
         return Solved.of(self.campaign)
 
     @cached_property
+    def left(self) -> Solved:
+        """What it would say with what is known, and what was found, taken off."""
+        model, wrong = self.problem.model, self.reading.mistakes
+        if not (self.names or wrong or model.terms or model.noise):
+            return self.solved
+        sure = mended(self.problem.sensors, certain(wrong, self.fit, self.campaign))
+        return Solved.of(taken_out(self.problem, sure, self.terms, pooled(self.scatter)))
+
+    @cached_property
     def noise(self) -> Sequence[dict[str, Any]]:
         """What every channel's averages scatter by: key `noise`."""
         model, added = self.problem.model, [n.name for n in self.names if n.acts_on == "mean"]
         forms = {number: sensor.form.name for number, sensor in self.problem.sensors.items()}
         about = {n: [model.title if name == model.form else name, *added] for n, name in forms.items()}
-        return ordinary(self.fit, self.scatter, about)
+        return ordinary(self.fit, self.scatter, about, self.left.shown)
 
     @cached_property
     def outliers(self) -> Sequence[dict[str, Any]]:

@@ -15,7 +15,7 @@ from hil.reconcile.search.likely_noise import DEPTH
 from hil.reconcile.search.points import Points
 from hil.reconcile.search.set_in_block import SetInBlock
 from hil.reconcile.search.sets import SensorSearch
-from hil.solve.repeats import CONFIDENCE
+from hil.solve.repeats import CONFIDENCE, SensorRepeats
 from hil.solve.temperatures import runs_by_temperature
 
 
@@ -131,23 +131,33 @@ def pooled(found: Sequence[FoundScatter]) -> list[FoundScatter]:
     return out
 
 
-def ordinary(fit: Fitted, found: Sequence[FoundScatter], models: Mapping[int, Sequence[str]]) -> list[dict[str, Any]]:
+def ordinary(
+    fit: Fitted,
+    found: Sequence[FoundScatter],
+    models: Mapping[int, Sequence[str]],
+    shown: Mapping[int, SensorRepeats],
+) -> list[dict[str, Any]]:
     """Return what every channel's averages scatter by, beside what their standard errors explain: key `noise`.
 
-    `models` name what the averages of each sensor scatter about: a form, and what was added to it.
+    `models` name what the averages of each sensor scatter about: a form, and what was added to it; `shown` is what its
+    repeats show beside that.
     """
+    sensors = [block.search.block.sensor for block in fit.blocks]
     return [
         channel
-        for block in fit.blocks
-        for channel in _of_channels(block, found, " + ".join(models[block.search.block.sensor]))
+        for block, number in zip(fit.blocks, sensors, strict=True)
+        for channel in _of_channels(block, found, " + ".join(models[number]), shown.get(number))
     ]
 
 
-def _of_channels(block: FittedBlock, found: Sequence[FoundScatter], model: str) -> Iterator[dict[str, Any]]:
+def _of_channels(
+    block: FittedBlock, found: Sequence[FoundScatter], model: str, shown: SensorRepeats | None
+) -> Iterator[dict[str, Any]]:
     """Yield what the channels of a block scatter by: the mean over all that is probable with the kind that was found.
 
     A point of the grid is a factor of two, so that one alone says little. An offset without error may be chance: where
-    it is certain that averages scatter by more, but not whether from run to run, each has what is probable of it.
+    it is certain that averages scatter by more, but not whether from run to run, each has what is probable of it. Where
+    no more is certain than the noise that `hil solve` knows, by residuals and repeats, a collect has that.
     """
     own, rows_of, points = block.search, block.search.block, block.search.points
     total = np.where(points.sort == points.sort[block.at], block.weighed.terms_log + points.log_prior, -np.inf)
@@ -175,18 +185,21 @@ def _of_channels(block: FittedBlock, found: Sequence[FoundScatter], model: str) 
         error = float(np.hypot(np.sqrt(weight @ (more - mean) ** 2), mean * relative))
         sure = (middle - known) * mean > _BEYOND * error * known
         offset2, own2 = (_likely(each, weight, known=sure or certain) for each in (offsets, of_rows))
+        here = [f for f in found if (f.sensor, f.channel) == (rows_of.sensor, channel)]
+        if shown is not None and shown.noise_told and not (here or sure or certain):
+            usual = np.full((1, len(own.noise.conditions.sensor.channels)), np.median(rows_of.sigma[rows]))
+            own2 = float(shown.noise(usual)[0, c] ** 2 + np.median(beside[rows]))
         offset, size = float(np.sqrt(offset2)), float(np.sqrt(max(own2 - known, 0.0)))
         offset_se = offset * float(np.hypot(_GRID / np.sqrt(12.0), 1.0 / np.sqrt(2.0 * runs)))
         if sure and offset > 0.0 and not certain:
             offset_se = float(np.hypot(offset_se, 0.5 * np.sqrt(weight @ (offsets - offset2) ** 2) / offset))
         told = (certain or sure) and offset > 0.0
-        here = [f for f in found if (f.sensor, f.channel) == (rows_of.sensor, channel)]
-        seen = np.median(variance[rows]) if here or sure or certain else middle
+        seen = np.median(variance[rows]) if here or sure or certain else own2 + offset2
         yield {
             "sensor": rows_of.sensor,
             "channel": channel,
             "under": model + ", calibrated at each temperature" * block.calibrated,
-            "stated_deg_per_hr": float(np.sqrt(np.median(errors[rows]))) if rows_of.sigma_stated else None,
+            "stated_deg_per_hr": float(np.median(rows_of.sigma[rows])) if rows_of.sigma_stated else None,
             "explained_deg_per_hr": float(np.sqrt(known)) if rows_of.sigma_stated else None,
             "observed_deg_per_hr": float(np.sqrt(seen)) if own.beside.freedom else None,
             "run_offset_deg_per_hr": offset if repeated or told else None,

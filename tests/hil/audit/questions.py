@@ -137,11 +137,27 @@ def _run_to_run(of_sensor: Mapping[str, Any], where: str) -> Answer:
 
 
 def _noise_assumed(document: dict[str, Any]) -> Answer:
+    told = {s["sensor"] for s in document["solutions"] if s["degrees_of_freedom"]}
     return {
-        str(s["sensor"]): UNSTATED in s["assumed"]
+        str(s["sensor"]): UNSTATED in s["assumed"] and s["sensor"] not in told
         for s in document["solutions"]
         if document["repeats"][str(s["sensor"])]["run_to_run"]
     }
+
+
+def _by_chance(document: dict[str, Any]) -> Answer:
+    """What a collect scatters by beside its offset, where no more than ordinary noise is certain beside the form.
+
+    Of rows that nothing is said against: the search mends what others leave out.
+    """
+    found = {}
+    for of in document["noise"]:
+        more = of["scatter"] or of["run_offset_se_deg_per_hr"] or of["collect_to_collect_se_deg_per_hr"]
+        smooth = any(f"sensor {of['sensor']}: " in each and "smooth model" in each for each in document["sentences"])
+        if not (document["rows"] or more or smooth or "+" in of["under"] or of["observed_deg_per_hr"] is None):
+            alone = of["observed_deg_per_hr"] ** 2 - (of["run_offset_deg_per_hr"] or 0.0) ** 2
+            found[str(of["sensor"]), of["channel"]] = math.sqrt(alone)
+    return found
 
 
 def _rms_of_bias(run_to_run: Mapping[str, Any]) -> float | None:
@@ -230,6 +246,14 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
             for n, of in document["sensors"].items()
             if of["noise"]["source"] == "its repeats"
         },
+    },
+    "what a collect scatters by": {
+        "visibility": lambda document: {
+            (n, channel): size
+            for n, of in document["sensors"].items()
+            for channel, size in of["noise"]["channels_deg_per_hr"].items()
+        },
+        "scatter": _by_chance,
     },
     "what is said of standard errors": {
         "solve": lambda document: {
@@ -332,6 +356,7 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
 
 
 IN_COMMON = (
+    "what a collect scatters by",
     "what a unit's history keeps",
     "of how many repeats, and how sure, what a history keeps is",
     "whose its temperatures are",

@@ -202,9 +202,11 @@ def test_what_averages_scatter_by_is_the_same_whatever_standard_errors_say_of_it
     for times in (1.0, 10.0, 0.1, np.nan):
         errors = times * rows.rates_se_deg_per_hr
         found = what_scatters(replace(one, sensors={2: replace(rows, rates_se_deg_per_hr=errors)}))
-        seen[times] = [channel["observed_deg_per_hr"] for channel in found.answer.noise]
+        parts = ("observed_deg_per_hr", "run_offset_deg_per_hr")
+        whole, offset = np.array([[channel[part] for channel in found.answer.noise] for part in parts])
+        seen[times] = np.sqrt(whole**2 - offset**2)  # an offset of each run is here by chance
     right = seen.pop(1.0)
-    assert all(of == pytest.approx(right, rel=0.1) for of in seen.values())
+    assert all(of == pytest.approx(right, rel=0.15) for of in seen.values())
 
 
 @pytest.mark.slow
@@ -218,3 +220,32 @@ def test_that_standard_errors_are_too_large_is_said_beside_what_scatters() -> No
     assert found.named == ("MU_rr",)
     assert said
     assert set(said) <= {*noted}
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_a_collect_of_one_run_scatters_in_each_channel_as_its_residuals_say(stated: bool) -> None:
+    """By scatter, visibility and the budget: with errors that differ, which a search takes for those of the mean."""
+    one = FOLDERS["poses"]()
+    ((number, rows),) = one.sensors.items()
+    rng, shape = np.random.default_rng(2), rows.rates_deg_per_hr.shape
+    errors = np.where(np.arange(len(rows.conditions)) % 2, 1.0, 4.0)[:, None] * np.ones(shape)
+    noise = rng.normal(0.0, [1.0, 1.0, 1.0 if stated else 30.0], shape) * errors
+    errors = errors if stated else np.full(shape, np.nan)
+    one = replace(
+        one,
+        sensors={
+            number: replace(
+                rows,
+                rates_deg_per_hr=rows.conditions.f_g @ np.diag([20.0, 5.0, 9.0]) + noise,
+                rates_se_deg_per_hr=errors,
+            )
+        },
+    )
+    found = what_scatters(one).answer.noise
+    seen: Any = campaign_document(one)["sensors"]
+    sizes = seen[str(number)]["noise"]["channels_deg_per_hr"]
+    assert {each["channel"]: each["observed_deg_per_hr"] for each in found} == pytest.approx(sizes)
+    assert stated or sizes[found[2]["channel"]] > 5.0 * sizes[found[0]["channel"]]
+    shown = repeats(one, solve_campaign(one))
+    scenes = measured_scenes(one, load_bench("simulated"), shown)[number]
+    assert np.median(scenes[0].scene.noise, axis=0) == pytest.approx([*sizes.values()])
