@@ -1,6 +1,6 @@
 """A set as numbers: values with errors, the noise beside them, and what each term makes of every row."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -20,6 +20,7 @@ Key = tuple[int, int, int]
 """Sensor, term, parameter."""
 Values = Mapping[int, tuple[float, float]]
 """Value and standard error by the place of a candidate's column."""
+_NOISES = 32  # of which errors are the mean: what is less probable than a thirtieth hardly widens them
 
 
 @dataclass(frozen=True)
@@ -197,7 +198,8 @@ class Fitted:
 def fitted(posterior: Posterior, found: Found) -> Fitted:
     """Fit a set of all sensors at its most probable noise: what the rows say of its values, and what was known before.
 
-    Values that these rows cannot tell apart are as typical as they may be, and no surer than that.
+    Values that these rows cannot tell apart are as typical as they may be, and no surer than that. Errors are about
+    them over all that is probable of the noise, whatever scatters: few runs leave much open that the likeliest has not.
     """
     blocks = [
         fitted_block(search, found.terms[number], found.scatter, b)
@@ -205,20 +207,59 @@ def fitted(posterior: Posterior, found: Found) -> Fitted:
         for b in range(len(search.blocks))
     ]
     keys: list[Key] = list(dict.fromkeys(key for block in blocks for key in block.keys))
+    values, *_ = _at_noise(blocks, keys, [block.at for block in blocks])
+    covariance, alone = np.zeros((len(keys), len(keys))), np.zeros(len(keys))
+    for at in _over_noises(blocks, _scatters(posterior, found)):
+        other, own, own_alone = _at_noise(blocks, keys, at)
+        covariance += (own + np.outer(other - values, other - values)) / _NOISES
+        alone += (own_alone + (other - values) ** 2) / _NOISES
+    return Fitted(posterior, found, blocks, keys, values, covariance, np.sqrt(alone))
+
+
+def _at_noise(
+    blocks: Sequence[FittedBlock], keys: Sequence[Key], at: Sequence[int]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return values (p,), their covariance (p, p), and variances alone (p,), with each block's noise at a point."""
     gram, score = np.zeros((len(keys), len(keys))), np.zeros(len(keys))
     mean, deviation = np.zeros(len(keys)), np.zeros(len(keys))
-    for block in blocks:
+    for block, t in zip(blocks, at, strict=True):
         if not block.keys:
             continue
-        index = np.array([keys.index(key) for key in block.keys])
-        own = block.beside(np.column_stack([block.search.block.y, block.columns]))
-        gram[np.ix_(index, index)] += own[:, 1:].T @ own[:, 1:]
-        score[index] += own[:, 1:].T @ own[:, 0]
-        mean[index], largest = block.weighed.prior()
+        index, own = np.array([keys.index(key) for key in block.keys]), block.weighed
+        gram[np.ix_(index, index)] += own.gram[t] / own.scales_left[t]
+        score[index] += own.score[t] / own.scales_left[t]
+        mean[index], largest = own.prior()
         deviation[index] = np.maximum(deviation[index], largest)
     gram, score = gram + np.diag(deviation**-2.0), score + mean * deviation**-2.0
     covariance = np.linalg.inv(gram * np.outer(deviation, deviation)) * np.outer(deviation, deviation)
-    return Fitted(posterior, found, blocks, keys, covariance @ score, covariance, np.diag(gram) ** -0.5)
+    return covariance @ score, covariance, np.diag(gram) ** -1.0
+
+
+def _scatters(posterior: Posterior, found: Found) -> dict[frozenset[str], float]:
+    """Return how probable it is that this or that scatters, where the terms are those that were found."""
+    log = {each.scatter: each.log_weight for each in posterior.sets if each.terms == found.terms}
+    log = log or {found.scatter: 0.0}
+    whole = float(np.logaddexp.reduce([*log.values()]))
+    return {scatter: float(np.exp(each - whole)) for scatter, each in log.items()}
+
+
+def _over_noises(blocks: Sequence[FittedBlock], scatters: Mapping[frozenset[str], float]) -> Iterator[list[int]]:
+    """Yield points of the noise of all blocks, `_NOISES` of them, each as often as it is probable.
+
+    What one block scatters by says of the others nothing but what: they are taken to be quiet or noisy together.
+    """
+    each = []
+    for block in blocks:
+        points, sorts = block.search.points, block.search.noise.sorts
+        total, weight = block.weighed.terms_log + points.log_prior, np.zeros(len(points))
+        for scatter, share in scatters.items():
+            log = np.where(np.array([sort <= scatter for sort in sorts])[points.sort], total, -np.inf)
+            weight += share * np.exp(log - np.logaddexp.reduce(log))
+        noisy = np.argsort(-np.einsum("tkk->t", block.weighed.gram) / block.weighed.scales_left, kind="stable")
+        ends = np.cumsum(weight[noisy])
+        shares = (np.arange(_NOISES) + 0.5) / _NOISES * ends[-1]
+        each.append(noisy[np.searchsorted(ends, shares)].tolist())
+    yield from (list(at) for at in zip(*each, strict=True))
 
 
 def fitted_block(search: SensorSearch, chosen: Set, scatter: frozenset[str], b: int) -> FittedBlock:
