@@ -23,7 +23,8 @@ from scipy.special import ndtri, stdtr
 from hil.campaign import Campaign, FloatArray
 from hil.files.document import picked
 from hil.model.forms import MATRIX_6, PER_G, RATE
-from hil.solve.repeats import CONFIDENCE, SensorRepeats, means_of, noise_left
+from hil.solve.noise import noise_left
+from hil.solve.repeats import CONFIDENCE, SensorRepeats, means_of
 from hil.solve.runs import solve_campaign
 from hil.solve.temperatures import runs_by_temperature
 from hil.solve.wrong_rows import treated

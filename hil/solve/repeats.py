@@ -20,19 +20,18 @@ Every command that states an uncertainty asks here.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtr, chdtrc, ndtr, stdtrit
+from scipy.special import chdtrc, ndtr, stdtrit
 
 from hil.campaign import Campaign, Collects, FloatArray, IntArray
 from hil.files.numbers import degrees
-from hil.model.forms import default_form
-from hil.solve.identifiability import orthonormal
+from hil.solve.noise import changes, noise_left, shares_of, times_of
 from hil.solve.runs import Estimate, RunSolution, finite, stated_noise
-from hil.solve.spread import RARE, Spread, uneven
+from hil.solve.spread import RARE, Spread
 from hil.solve.temperatures import nearest, runs_by_temperature, told_by, unit_range_degC
 from hil.solve.wrong_rows import treated
 from procedures.words import counted, listed, numbered, significant
@@ -291,34 +290,6 @@ def means_of(
     return SensorRepeats(names, tuple(units.values()), spread, spread, means)
 
 
-def _shares(collects: Collects) -> dict[str, FloatArray]:
-    """Return what each channel's noise gives of the variance of each parameter, in these collects, (c,)."""
-    form, sigma = default_form(collects.conditions), stated_noise(collects)
-    known = np.isfinite(collects.rates_deg_per_hr)
-    weight = np.where(known, 1.0 / np.where(known, 1.0 if sigma is None else sigma, 1.0), 0.0)
-    columns = form.columns(collects.conditions) * weight[..., None]
-    response = np.linalg.pinv(columns.reshape(-1, len(form.names))).reshape(-1, *weight.shape)
-    of_each = np.sum(response**2, axis=1)
-    return dict(zip(form.names, of_each / np.maximum(of_each.sum(axis=1, keepdims=True), 1e-300), strict=True))
-
-
-def noise_left(own: Sequence[RunSolution], channels: int) -> tuple[FloatArray, FloatArray]:
-    """Return what residuals of all of a sensor's runs make of noise that is not stated, deg/hr, and how well known.
-
-    Those are degrees of freedom; (c,) each: of all channels together, or of each where it is another than chance makes
-    of one. NaN, and infinitely many, where there is no residual or standard errors are stated.
-    """
-    told = [np.array(each.of_channels) for each in own if each.of_channels and each.per_noise is not None]
-    squares, freedom = sum(told, np.zeros((2, channels)))
-    if not np.any(freedom > 0.5):
-        return np.full(channels, math.nan), np.full(channels, math.inf)
-    known = freedom > 0.5
-    apart = uneven((squares / np.where(known, freedom, 1.0))[:, None], np.where(known, freedom, 0.0)[:, None])[0]
-    if not (apart and known.all()):
-        squares, freedom = (np.full(channels, of.sum()) for of in (squares, freedom))
-    return np.sqrt(squares / freedom), freedom
-
-
 def _of_sensor(own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, ...]) -> SensorRepeats:
     at, stated = runs_by_temperature(rows.conditions), stated_noise(rows) is not None
     channels = list(rows.conditions.sensor.channels)
@@ -329,19 +300,19 @@ def _of_sensor(own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, 
     values, errors = (np.array([[getattr(e, a) for e in of] for of in of_each], np.float64) for a in ("value", "se"))
     told = {e.runs[0] for e, known in zip(own, np.isfinite(values), strict=True) if known.any()}
     at = [(temperature, tuple(run for run in runs if run in told)) for temperature, runs in at]
-    known_shares = _shares(rows)
+    known_shares = shares_of(rows)
     shares = np.array([known_shares.get(name, np.full(len(channels), 1.0 / len(channels))) for name in units])
     of_channels = [np.array(each.of_channels) for each in own if each.chi_square is not None]
     squares, freedom = sum(of_channels, np.zeros((2, len(channels))))
     residual_times = np.sqrt(np.maximum(squares / np.maximum(freedom, 1.0), 1.0))
-    changes = _changes(rows, {run for each in own if not each.doubted for run in each.runs} if stated else set())
-    times = _times(*changes)
+    differ = changes(rows, {run for each in own if not each.doubted for run in each.runs} if stated else set())
+    times = times_of(*differ)
     odd = chdtrc(np.maximum(freedom, 0.5), squares) < RARE
-    contradicted = odd & (_times(changes[0] / residual_times**2, changes[1]) < 1.0)
+    contradicted = odd & (times_of(differ[0] / residual_times**2, differ[1]) < 1.0)
     noise_times = np.where(odd & ~contradicted & (times == 1.0), residual_times, times)
     # Of a ± errors are as large as anything shows, and as well known as what shows it (Welch and Satterthwaite).
     variance = shares * np.maximum(residual_times, times) ** 2
-    behind = np.where(times > residual_times, changes[1], np.where(odd, freedom, math.inf))
+    behind = np.where(times > residual_times, differ[1], np.where(odd, freedom, math.inf))
     with np.errstate(divide="ignore"):
         part = variance / np.maximum(variance.sum(axis=1, keepdims=True), 1e-300)
         known = 1.0 / np.sum(part**2 / np.maximum(behind, 1.0), axis=1)
@@ -360,55 +331,5 @@ def _of_sensor(own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, 
         same_times={c: float(of) for c, of, is_so in zip(channels, residual_times, contradicted, strict=True) if is_so},
         by_noise=by_noise,
         stated=stated,
-        noise_told=bool(freedom.sum() + changes[1].sum() > 0.5 or np.isfinite(noise).all()),
+        noise_told=bool(freedom.sum() + differ[1].sum() > 0.5 or np.isfinite(noise).all()),
     )
-
-
-def _changes(rows: Collects, runs: Set[int]) -> FloatArray:
-    """Return the squares, and their degrees of freedom, of what differs from run to run, in standard errors, (2, c).
-
-    Among `runs` of the same collects at one temperature, less what a bias or MU of each makes; nothing of a channel
-    that differs more at some temperatures than at others.
-    """
-    conditions, form = rows.conditions, default_form(rows.conditions)
-    seen, known = rows.rates_deg_per_hr - conditions.w_channels_deg_per_hr, np.isfinite(rows.rates_deg_per_hr)
-    root = np.where(known, 1.0 / np.where(known, rows.rates_se_deg_per_hr, 1.0), 0.0)
-    columns, white = form.columns(conditions) * root[..., None], np.where(known, seen, 0.0) * root
-    of_run = np.array([name.startswith(("B", "MU")) for name in form.names])
-    groups, count, of_each = runs_by_temperature(conditions), known.shape[1], conditions.of_each_run
-    alike: dict[tuple[int, bytes, bytes], list[IntArray]] = {}
-    for k, (_, several) in enumerate(groups):
-        for rows_of in (of_each[run] for run in several if run in runs):
-            what = conditions.position[rows_of].tobytes(), known[rows_of].tobytes()
-            alike.setdefault((k, *what), []).append(rows_of)
-    found = np.zeros((2, len(groups), count))
-    for (k, *_), each in alike.items():
-        at, weight = np.array(each), root[each] ** 2
-        share = weight / np.maximum(weight.sum(axis=0), 1e-300)
-        common = np.linalg.lstsq(columns[at].reshape(-1, len(of_run)), white[at].reshape(-1), rcond=1e-3)[0]
-        left = white[at] - columns[at] @ common
-        left -= root[at] * np.sum(share * left / np.where(weight > 0.0, root[at], 1.0), axis=0)
-        for own, off, part in zip(columns[at], left, share, strict=True):
-            basis = orthonormal(own[..., of_run].reshape(-1, of_run.sum()))
-            off = off.reshape(-1) - basis @ (basis.T @ off.reshape(-1))
-            free = (1.0 - np.sum(basis**2, axis=1)).reshape(part.shape) * (1.0 - part) * (part > 0.0)
-            found[:, k] += [np.sum(off.reshape(part.shape) ** 2, axis=0), free.sum(axis=0)]
-    squares, freedom = found
-    told = (squares.sum(axis=0) > 0.0) & ~uneven(
-        squares / np.maximum(freedom, 0.5), np.where(freedom > 0.5, freedom, 0.0)
-    )
-    return np.asarray(found.sum(axis=1) * told)
-
-
-def _times(squares: FloatArray, freedom: FloatArray) -> FloatArray:
-    """Return how many times their errors each channel's averages differ by, (c,), 1 by chance: alike where none is odd.
-
-    Values that do not differ at all were rounded or copied, and tell nothing of noise.
-    """
-
-    def times(square: float, degrees: float, among: int) -> float:
-        by_chance = degrees < 0.5 or min(chdtr(degrees, square), chdtrc(degrees, square)) > 0.5 * RARE / among
-        return 1.0 if by_chance else math.sqrt(square / degrees)
-
-    own = np.array([times(*each, len(freedom)) for each in zip(squares, freedom, strict=True)])
-    return own if np.any(own != 1.0) else np.full(len(own), times(squares.sum(), freedom.sum(), 1))
