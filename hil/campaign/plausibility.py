@@ -15,8 +15,9 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.campaign.data import BoolArray, Campaign, Collects, FloatArray, IntArray, Sensor
+from hil.campaign.data import BoolArray, Campaign, Collects, FloatArray, IntArray, Sensor, known_mean
 from hil.campaign.laws import digit, laws, soaked, to_come_degC
+from hil.campaign.stand_ins import OWN, WIDEST_DEGC
 from hil.errors import InputError
 from procedures.pose import Contradiction, PoseTable
 from procedures.verdict import Judgement, Verdict, combine
@@ -27,6 +28,7 @@ _FOLLOWS = 0.5  # of the air's changes
 _RANGE_DEGC = 10.0  # over which that is looked at
 _WARM_DEGC = 20.0  # by more is no unit that powers itself off its air
 _SAME_ROWS = 3
+_FEW = 2  # runs of which nobody can say which is the odd one
 _DIGITS, _ROUNDING = 300.0, 1e-6
 _AT_REST_DEG_PER_HR = 360_000.0  # a hundred degrees a second: many times what the poorest gyro is off by
 _STILL = 0.05  # of what the earth rate alone moves a channel by
@@ -59,7 +61,7 @@ def judged_by_its_records(campaign: Campaign, series: Mapping[int, FloatArray] |
             recorded, known = campaign.verdicts.get(run), contradicted.get((run, number))
             if recorded is None or words not in recorded.reason:  # whoever recorded it may have said so already
                 contradicted[run, number] = combine([Judgement(Verdict.FAIL, sentence), *([known] if known else [])])
-    warnings = (*campaign.warnings, *said)
+    warnings = (*campaign.warnings, *said, *_off_the_case(campaign))
     return replace(campaign, contradicted=contradicted, exchanged=_exchanged(poses), warnings=warnings)
 
 
@@ -285,6 +287,28 @@ def _laws(campaign: Campaign, series: Mapping[int, FloatArray]) -> Iterator[_Fou
             for law in own:
                 if (broken := law.broken & ~other if law.mutual else law.broken).any():
                     yield [collects], broken, f"{name}: {law.words}"
+
+
+def _off_the_case(campaign: Campaign) -> Iterator[str]:
+    """Say in which run, of three and more, a thermometer is off its unit's case as in no other: neither can be told.
+
+    A unit that is still to follow its case is off it by right.
+    """
+    for number, collects in campaign.sensors.items():
+        columns, still = collects.conditions.columns, to_come_degC(collects.conditions) > 0.5 * WIDEST_DEGC
+        if not {OWN, "case_degC"} <= columns.keys():
+            continue
+        off = np.where(still, np.nan, columns[OWN] - columns["case_degC"])
+        of_run = {run: known_mean(off[rows]) for run, rows in collects.conditions.of_each_run.items()}
+        known = sorted((degC, run) for run, degC in of_run.items() if np.isfinite(degC))
+        for (degC, run), others in ((known[0], known[1:]), (known[-1], known[:-1])) if len(known) > _FEW else ():
+            low, high = others[0][0], others[-1][0]
+            if high - low < WIDEST_DEGC < max(low - degC, degC - high):
+                yield (
+                    f"sensor {number}, run {run}: its thermometer shows {degC:z.1f} °C more than its case, in all "
+                    f"other runs {low:z.1f} to {high:z.1f} °C: one of the two is off, and with it what is said of that "
+                    "run's temperature; look at both, and measure it again"
+                )
 
 
 def _without_temperature(collects: Collects, rows: Sequence[BoolArray]) -> Collects:

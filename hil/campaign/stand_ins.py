@@ -10,6 +10,9 @@ from hil.campaign.data import Campaign, Collects, Conditions, FloatArray
 from procedures.words import numbered
 
 OWN = "temperature_degC"
+WIDEST_DEGC = 4.0
+"""Values that belong to one temperature lie within this; two further apart never do."""
+
 _STAND_INS = ("case_degC", "chamber_degC", "setpoint_degC")
 """What stands in for the unit's own temperature where that is not recorded, the best first."""
 _ITS_MEAN = "the unit's mean through the same setpoint"

@@ -22,6 +22,7 @@ from functools import cached_property
 import numpy as np
 
 from hil.campaign import Campaign, Conditions, FloatArray, IntArray
+from hil.campaign.stand_ins import WIDEST_DEGC
 from hil.errors import InputError
 from hil.model import Model, fitting_campaign
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS
@@ -30,7 +31,7 @@ from hil.reconcile.search.evidence import log_sum
 from hil.reconcile.search.layout import may_be_calibrated, searches
 from hil.reconcile.search.problem import pose
 from hil.reconcile.search.sets import LEADING, SensorSearch
-from hil.solve.temperatures import ELSEWHERE_DEGC, WIDEST_DEGC, same_temperature
+from hil.solve.temperatures import ELSEWHERE_DEGC, same_temperature
 
 NOISY_UNITS = 40
 """So many units, evenly over the fleet, say what noise is: one alone knows its own too badly to judge others by."""

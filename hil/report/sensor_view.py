@@ -9,13 +9,13 @@ import numpy as np
 
 from hil.analysis.published.printed import SEVEN
 from hil.analysis.published.reproduction import CONTRACTORS
+from hil.campaign.stand_ins import WIDEST_DEGC
 from hil.files.numbers import WHOSE, decimals_for, degrees, estimate, number
 from hil.files.page import inline_svg
 from hil.report.content import SensorContent
 from hil.report.plots import Line, draw_against_temperature
 from hil.solve import RunSolution
 from hil.solve.repeats import MeanAt
-from hil.solve.temperatures import WIDEST_DEGC
 from procedures.verdict import NOT_GOOD, Verdict
 from procedures.words import numbered
 

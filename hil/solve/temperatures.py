@@ -13,12 +13,9 @@ import numpy as np
 from hil.campaign import Conditions, FloatArray, IntArray
 from hil.campaign.data import TELL_TEMPERATURE, known_mean
 from hil.campaign.laws import to_come_degC
-from hil.campaign.stand_ins import OWN, temperature_of, told
+from hil.campaign.stand_ins import OWN, WIDEST_DEGC, temperature_of, told
 from hil.model.forms import LinearForm
 from procedures.words import counted, spelled
-
-WIDEST_DEGC = 4.0
-"""Values that belong to one temperature lie within this; two further apart never do."""
 
 NARROWEST_DEGC = 1.0
 """Neighbours that are this close always belong to one temperature; setpoints that are further apart never do."""

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from hil.campaign import Conditions, Sensor
-from hil.solve.temperatures import WIDEST_DEGC, nearest, runs_by_temperature, same_temperature, told_by, unsettled
+from hil.campaign.stand_ins import WIDEST_DEGC
+from hil.solve.temperatures import nearest, runs_by_temperature, same_temperature, told_by, unsettled
 
 SENSOR = Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"})
 
