@@ -169,14 +169,15 @@ def clipped(collects: Collects) -> Iterator[tuple[int, BoolArray, str]]:
     for channel, rates in enumerate(collects.rates_deg_per_hr.T):
         name = f"sensor {collects.conditions.sensor.number}: {[*collects.conditions.sensor.channels][channel]}"
         telling, at_level = _by_no_chance(collects, channel), dict[float, list[IntArray]]()
-        fine = _written_finely(rates, collects.rates_se_deg_per_hr[:, channel])
+        known = telling | _written_finely(rates, collects.rates_se_deg_per_hr[:, channel])
         for own in collects.conditions.of_each_run.values():
-            rows = own[(telling | fine)[own]]
+            rows = own[known[own]]
+            if len(rows) < _SAME_ROWS or np.ptp(rates[rows]) != 0.0:
+                continue
             # A round value that others show as well, or that is the channel's extreme, is a limit.
-            within = np.nanmin(rates) < rates[rows[:1]] < np.nanmax(rates) if len(rows) else False
-            alone = telling[rows].all() or (within and len(rows) == np.sum(rates == rates[rows[:1]]))
-            if len(rows) >= _SAME_ROWS and np.ptp(rates[rows]) == 0.0 and alone:
-                at_level.setdefault(float(rates[rows[0]]), []).append(rows)
+            level, within = float(rates[rows[0]]), np.nanmin(rates) < rates[rows[0]] < np.nanmax(rates)
+            if telling[rows].all() or (within and len(rows) == np.sum(rates == level)):
+                at_level.setdefault(level, []).append(rows)
         moving = np.isfinite(rates)
         if moving.sum() >= 2 * _SAME_ROWS and np.ptp(rates[moving]) == 0.0:
             at_level = {float(rates[moving][0]): [np.flatnonzero(moving)]}  # in run after run, however round it is

@@ -110,9 +110,11 @@ class BlockSearch:
     def _at(self, at: IntArray | slice) -> Iterator[tuple[IntArray, Filter]]:
         """Yield places among some of the points, and what whitens there."""
         wanted = np.arange(len(self.points))[at]
-        if len(self.points) * len(self.y) <= KEPT:
-            self._filters = self._filters or list(self.noise.filters(self.points))
-        for places, own in self._filters or self.noise.filters(self.points):
+        if len(self.points) * len(self.y) > KEPT:
+            yield from self.noise.filters(self.points.take(wanted))
+            return
+        self._filters = self._filters or list(self.noise.filters(self.points))
+        for places, own in self._filters:
             place = np.full(len(self.points), -1)
             place[places] = np.arange(len(places))
             if len(here := np.flatnonzero(place[wanted] >= 0)):
