@@ -127,10 +127,10 @@ class Asked:
             log_odds = np.concatenate([each.log_odds for each, _ in several])
             reach = np.linalg.norm(shown, axis=1)  # what has too little in common with any is in no pair
             near = np.flatnonzero(alone - self.rates.squares < 2.0 * reach * reach.max(initial=0.0))
-            causes = [each.one(k) for each, _ in several for k in range(len(each.left) * bool(len(near)))]
+            every = [(each, k) for each, _ in several for k in range(len(each.left))]
             left = alone[near, None] + alone[near] - self.rates.squares - 2.0 * shown[near] @ shown[near].T
             i, j = np.nonzero(np.triu(left < np.minimum(alone[near, None], alone[near]), 1))
-            both = partial(_both, causes, near[i], near[j])
+            both = partial(_both, every, near[i], near[j])
             yield log_odds[near[i]] + made_again(2, runs), left[i, j], both
 
     def _evidence(self, squares: FloatArray) -> FloatArray:
@@ -220,5 +220,6 @@ def _in_common(log_odds: float, elsewhere: float | None) -> float:
     return both - float(np.logaddexp(0.0, log_odds + alone + elsewhere))
 
 
-def _both(causes: Sequence[Cause], i: IntArray, j: IntArray, k: int) -> tuple[Cause, Cause]:
-    return causes[i[k]], causes[j[k]]
+def _both(every: Sequence[tuple[Tried, int]], i: IntArray, j: IntArray, k: int) -> tuple[Cause, Cause]:
+    (first, one), (second, other) = every[i[k]], every[j[k]]
+    return first.one(one), second.one(other)
