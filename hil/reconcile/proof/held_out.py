@@ -15,6 +15,7 @@ from scipy.linalg import block_diag
 
 from hil.campaign import BoolArray, FloatArray, IntArray
 from hil.reconcile.search.block_search import BlockSearch
+from hil.reconcile.search.evidence import ROUNDING
 from hil.reconcile.search.filters import Filter
 from hil.reconcile.search.fitted import FittedBlock, fitted_block
 from hil.reconcile.search.noise import FEWEST_RUNS
@@ -81,7 +82,8 @@ class HeldOut:
         """Chance that signs of the folds' improvements, flipped at random, add up to as much."""
         gains = self.log_density[1] - self.log_density[0]
         flipped = (np.random.default_rng(0).integers(0, 2, (FLIPS, len(gains))) * 2 - 1) @ gains
-        return float((1 + np.sum(flipped >= gains.sum())) / (1 + FLIPS))
+        least = gains.sum() - ROUNDING * np.abs(gains).sum()  # the very signs that there are add up to as much
+        return float((1 + np.sum(flipped >= least)) / (1 + FLIPS))
 
 
 _Key = tuple[int, int, Set, frozenset[str]]

@@ -76,13 +76,9 @@ class BlockSearch:
         at = self.points.take(self.scanned)
         return list(zip(at.keys, at.profile.tolist(), strict=True))
 
-    def scanned_columns(self, columns: FloatArray, some: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Return columns (N, k), deg/hr, whitened at some of the points that are scanned, (t, N, k).
-
-        And the share of each direction of the base in them, (t, p, k).
-        """
-        white = self.whitened(columns, self.scanned[some])
-        return white, np.swapaxes(self.beside.basis[self.scanned[some]], 1, 2) @ white
+    def scanned_columns(self, columns: FloatArray, some: IntArray) -> FloatArray:
+        """Return columns (N, k), deg/hr, as `projected` does, at some of the points that are scanned, (t, N, k)."""
+        return self.projected(columns, self.scanned[some])
 
     def pulled(self, white: FloatArray, at: IntArray) -> FloatArray:
         """Return what rows (t, r, N) that were whitened at some of the points make of columns, in deg/hr, (t, r, N).

@@ -12,6 +12,7 @@ from hil.campaign import FloatArray, IntArray
 from hil.reconcile.search.evidence import LEAST, Amplitude, Beside, log_sum, student
 from hil.reconcile.search.terms import Part
 
+_NONE_LEFT = 1e-10  # of the squares of a column that nothing is beside
 _AT_ONCE = 8_000  # numbers: of so few, arrays stay in the processor's own cache, and their memory with the process
 
 
@@ -41,12 +42,12 @@ class Group:
     def at(
         self,
         points: Sequence[Hashable],
-        whiten: Callable[[FloatArray, IntArray], tuple[FloatArray, FloatArray]],
+        project: Callable[[FloatArray, IntArray], FloatArray],
         at_once: int,
     ) -> Group:
         """Return the same at some points: what is known of them stays.
 
-        `whiten` returns so many columns `at_once` at those of some places, and what the base can do of these.
+        `project` takes so many columns `at_once` to what they are at those of some places.
         """
         if points == self.points:
             return self
@@ -56,8 +57,7 @@ class Group:
         new, step = np.setdiff1d(np.arange(len(points)), known), max(1, at_once // size)
         for first in range(0, len(self.places) * bool(len(new)), step):
             few = self.columns[:, first * size : (first + step) * size].toarray()
-            whole, taken = (_grams(own, size) for own in whiten(few, new))
-            gram[new, first : first + step] = whole - taken
+            gram[new, first : first + step] = _grams(project(few, new), size)
         return replace(self, points=points, gram=gram)
 
     @classmethod
@@ -138,8 +138,11 @@ def _weighed(beside: Beside, gram: FloatArray, score: FloatArray, group: Group) 
         values, z = np.maximum(values, 0.0), np.einsum("...qk,...q->...k", axes, z)
     # Axes first: a sum over few numbers that lie side by side takes many times as long as one of whole arrays.
     values, squares = (np.ascontiguousarray(np.moveaxis(own, -1, 0)) for own in (values, z**2))
-    usable = values > 1e-10 * np.maximum(values.max(axis=0), 1e-300)
-    explained = np.sum(np.where(usable, squares / np.where(usable, values, 1.0), 0.0), axis=0)
+    # Of a direction of which nothing is left beside what is given, only rounding is.
+    whole = np.diagonal(group.gram, axis1=2, axis2=3)[:, group.owner] * deviation**2
+    usable = values > _NONE_LEFT * whole.max(axis=2)[:, None]
+    squares = np.where(usable, squares, 0.0)
+    explained = np.sum(squares / np.where(usable, values, 1.0), axis=0)
     variance, terms = beside.scale_left(np.maximum(rss - explained, LEAST)), []
     step = max(1, _AT_ONCE // variance.size)
     for first in range(0, group.sizes.shape[1], step):
