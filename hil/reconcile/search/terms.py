@@ -212,9 +212,8 @@ def _parts(columns: FloatArray, largest: FloatArray, ends: IntArray, base: Float
     here = np.sqrt(np.mean(columns**2, axis=0))
     seen = (here > UNSEEN * largest) & (here > 0.0)
     seen[seen] = kept_shares(base, columns[:, seen]) > UNSEEN
-    acts = np.logical_or.reduceat(columns != 0.0, np.append(0, ends), axis=1).T
-    for own, values, there in zip(np.split(seen, ends), np.split(columns, ends, axis=1), acts, strict=True):
-        rows, parameters = np.flatnonzero(there), np.flatnonzero(own)
+    for own, values in zip(np.split(seen, ends), np.split(columns, ends, axis=1), strict=True):
+        rows, parameters = np.flatnonzero(values.any(axis=1)), np.flatnonzero(own)
         yield Part(parameters, rows, values[rows][:, own], len(columns)) if len(parameters) else None
 
 

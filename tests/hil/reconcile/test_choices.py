@@ -181,6 +181,14 @@ def test_what_the_base_has_is_no_law_for_having_a_value_at_each_setpoint() -> No
     assert not {(name, "table") for name in ("bias_T", "GS_T", "MU_real")} & forms
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_of_few_folds_no_improvement_is_surer_than_their_signs_tell(seed: int) -> None:
+    """Of eight signs one pattern in 256 is that of the data, however its sum is rounded."""
+    gains, flat = np.random.default_rng(seed).uniform(0.0, 3.0, 8), np.ones((2, 8))
+    proof = HeldOut(flat, flat, np.full(8, 4), np.stack([np.zeros(8), gains]), [])
+    assert proof.improvement_p_value() > 0.5 / 256
+
+
 @pytest.mark.parametrize(("better", "kept"), [(1.0, True), (-1.0, False)])
 def test_what_predicts_held_out_rows_no_better_is_taken_back(
     supplied: tuple[Posterior, Reading], better: float, kept: bool

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.linalg import null_space
+from scipy.sparse import csc_array
 from scipy.special import gammaln, logsumexp
 from scipy.stats import multivariate_normal, multivariate_t, norm
 
@@ -29,6 +30,7 @@ from hil.reconcile.search.layout import searches
 from hil.reconcile.search.noise import Noise
 from hil.reconcile.search.points import OFFSETS
 from hil.reconcile.search.problem import pose
+from hil.reconcile.search.scan import Group, log_factors
 from hil.reconcile.search.set_in_block import Sets
 from hil.reconcile.search.sets import SensorSearch
 from hil.reconcile.search.terms import terms
@@ -202,6 +204,23 @@ def test_terms_that_come_later_are_scanned_as_if_they_had_been_there(search: Sen
     scores = several.scan(())
     several.terms += [search.terms[3], search.terms[0]]
     assert several.scan(()) == pytest.approx(np.append(scores, scores[[3, 0]]), abs=1e-9)
+
+
+def test_points_that_were_known_are_scanned_as_if_they_were_new(search: SensorSearch) -> None:
+    """The noise was chosen anew beside leading terms: what was known of its points says the same as all over again."""
+    again = SensorSearch(search.blocks, list(search.terms))
+    assert search.scan(()) == pytest.approx(again.scan(()), abs=1e-6)
+
+
+def test_a_direction_of_which_nothing_is_left_proposes_nothing(search: SensorSearch) -> None:
+    """A curve along what a set has already, however large it may be: its scores there are rounding."""
+    beside = search.blocks[0].beside.at(np.array([0]))
+    beside, many = replace(beside, rss=beside.rss[:, None]), beside.residual.shape[1]
+    one, of_two, known = np.zeros(1, dtype=np.int64), np.array([[1e4, 1.0]]), np.array([[[10.0, 0.0]]])
+    gram = 100.0 * np.eye(2)[None, None]
+    group = Group(one, csc_array((many, 2)), (), gram, one, 0.0 * of_two, of_two, np.ones((1, 1)), np.zeros((1, 1)))
+    none, noise = (log_factors(beside, [group], [(np.array([[[of, 20.0]]]), known)], 1) for of in (0.0, 1e-3))
+    np.testing.assert_array_equal(noise, none)
 
 
 def test_in_which_unit_a_column_is_given_changes_nothing(search: SensorSearch) -> None:
