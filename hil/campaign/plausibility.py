@@ -61,7 +61,7 @@ def judged_by_its_records(campaign: Campaign, series: Mapping[int, FloatArray] |
             recorded, known = campaign.verdicts.get(run), contradicted.get((run, number))
             if recorded is None or words not in recorded.reason:  # whoever recorded it may have said so already
                 contradicted[run, number] = combine([Judgement(Verdict.FAIL, sentence), *([known] if known else [])])
-    warnings = (*campaign.warnings, *said, *_off_the_case(campaign))
+    warnings = (*campaign.warnings, *said, *_off_the_case(campaign, contradicted))
     return replace(campaign, contradicted=contradicted, exchanged=_exchanged(poses), warnings=warnings)
 
 
@@ -290,10 +290,10 @@ def _laws(campaign: Campaign, series: Mapping[int, FloatArray]) -> Iterator[_Fou
                     yield [collects], broken, f"{name}: {law.words}"
 
 
-def _off_the_case(campaign: Campaign) -> Iterator[str]:
-    """Say in which run, of three and more, a thermometer is off its unit's case as in no other: neither can be told.
+def _off_the_case(campaign: Campaign, but: Collection[tuple[int, int]]) -> Iterator[str]:
+    """Say in which run, of three and more, a thermometer is off its unit's case as in no other: which is, nobody knows.
 
-    A unit that is still to follow its case is off it by right.
+    A unit that is still to follow its case is off it by right; `but` runs of sensors of which more is said.
     """
     for number, collects in campaign.sensors.items():
         columns, still = collects.conditions.columns, to_come_degC(collects.conditions) > 0.5 * WIDEST_DEGC
@@ -304,9 +304,9 @@ def _off_the_case(campaign: Campaign) -> Iterator[str]:
         known = sorted((degC, run) for run, degC in of_run.items() if np.isfinite(degC))
         for (degC, run), others in ((known[0], known[1:]), (known[-1], known[:-1])) if len(known) > _FEW else ():
             low, high = others[0][0], others[-1][0]
-            if high - low < WIDEST_DEGC < max(low - degC, degC - high):
+            if high - low < WIDEST_DEGC < max(low - degC, degC - high) and (run, number) not in but:
                 yield (
-                    f"sensor {number}, run {run}: its thermometer shows {degC:z.1f} °C more than its case, in all "
+                    f"sensor {number}: in run {run} its thermometer shows {degC:z.1f} °C more than its case, in all "
                     f"other runs {low:z.1f} to {high:z.1f} °C: one of the two is off, and with it what is said of that "
                     "run's temperature; look at both, and measure it again"
                 )

@@ -14,7 +14,9 @@ from hil.campaign import Conditions, FloatArray, IntArray
 from hil.campaign.data import TELL_TEMPERATURE, known_mean
 from hil.campaign.laws import to_come_degC
 from hil.campaign.stand_ins import OWN, WIDEST_DEGC, temperature_of, told
-from hil.model.forms import LinearForm
+from hil.errors import InputError
+from hil.model import Model
+from hil.model.forms import LinearForm, default_form, named_form, value_form
 from procedures.words import counted, spelled
 
 NARROWEST_DEGC = 1.0
@@ -92,6 +94,24 @@ def law_not_told(form: LinearForm, conditions: Conditions) -> str:
     few = "" if form.reference_degC is None else too_few(int(same_temperature(conditions).max()) + 1)
     where = f"sensor {conditions.sensor.number}: {form.name}"
     return few and f"{where}: {few} to tell how values follow it; choose --model matrix-6"
+
+
+def fitted_form(model: Model, conditions: Conditions) -> LinearForm:
+    """Return the form to fit to a sensor: the model's own, or the sensor's where it is of another kind.
+
+    Where too few temperatures tell how values follow it, those that the model has stand, and one set corrects them;
+    raises `InputError` where it has none.
+    """
+    try:
+        one_set = value_form(model.form, conditions.sensor)
+    except InputError:
+        return default_form(conditions)
+    form = named_form(model.form, conditions)
+    if untold := law_not_told(form, conditions):
+        if conditions.sensor.number not in model.sensors:
+            raise InputError(untold)
+        return one_set
+    return form
 
 
 def nearest(temperature_degC: float | None, others_degC: Iterable[float | None]) -> float | None:

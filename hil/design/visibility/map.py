@@ -34,7 +34,9 @@ from hil.solve.identifiability import (
     visible,
     whitener,
 )
+from hil.solve.temperatures import fitted_form, law_not_told
 
+_VARIES_DEGC = 20.0
 _MOST_SHAPES = 12  # of those that are searched, evenly chosen: a map needs no finer search
 _TYPICAL_ROTOR = {"bias": (15.0, -10.0), "GS": (60.0, -25.0), "MU": (5.0, 5.0), "slope": (0.2, 0.85)}
 
@@ -44,8 +46,9 @@ class NoiseLevel:
     """What averages scatter by: within a run (white, per collect), and from run to run (bias, and a rotor's MU).
 
     The defaults are the report's quiet cells and its pooled run-to-run scatter. `source` says whose it is: "assumed",
-    "its repeats", or theirs beyond an assumed noise of collects: what changes from run to run decides. Where channels
-    are measured, a collect's is the median of all, and `channels_deg_per_hr` that of each.
+    "its repeats", or theirs beyond an assumed noise of collects: what changes from run to run decides. What repeats
+    show within chance counts, as in every ± of `hil solve`. Where channels are measured, a collect's is the median of
+    all, and `channels_deg_per_hr` that of each.
     """
 
     collect_deg_per_hr: float = 0.93
@@ -104,11 +107,10 @@ def visibility(
     `sigma` (n, c) gives standard errors known for each average (NaN: not measured) instead of the noise level's.
     """
     noise = noise or NoiseLevel()
-    form = default_model_name(conditions) if model is None else model.form
+    fitted = named_form(default_model_name(conditions), conditions) if model is None else fitted_form(model, conditions)
     base = base_values(conditions, model)
     asked, reasons = askable(conditions, base)
     whiten = _noise(conditions, noise, sigma)
-    fitted = named_form(form, conditions)
     whitened = whiten @ flattened(fitted.columns(conditions))
     absorbed = orthonormal(whitened)
     tried = {effect.id: shapes_tried(effect, conditions) for effect in asked}
@@ -133,17 +135,15 @@ def visibility(
         log_prior = math.log(odds[named(effect).id] / len(tried[effect.id])) + log_in_one(effect, sensors)
         smallest = found_from(effect, conditions, shapes[effect.id], seen[index], log_prior, rows)
         sights.append(Sight(effect, kept[index], members[index], smallest, leaks[index]))
-    return Sights(form, tuple(sights), overlaps, reasons, noise)
+    return Sights(fitted.name, tuple(sights), overlaps, reasons, noise)
 
 
 def default_model_name(conditions: Conditions) -> str:
-    """Return `matrix-6-thermal` for a rotor sensor whose temperature is known and varies, else the solver's default."""
-    temperature = conditions.columns.get("temperature_degC")
-    name = default_form(conditions).name
-    known = temperature is not None and bool(np.all(np.isfinite(temperature)))
-    if name == "matrix-6" and known and temperature is not None and np.ptp(temperature) > 20.0:
-        return "matrix-6-thermal"
-    return name
+    """Return `matrix-6-thermal` for a rotor sensor whose temperature tells how values follow it, else the default."""
+    temperature, name = conditions.columns.get("temperature_degC", np.full(1, np.nan)), default_form(conditions).name
+    varies = np.ptp(temperature) > _VARIES_DEGC  # never where it is not known
+    told = name == "matrix-6" and varies and not law_not_told(named_form("matrix-6-thermal", conditions), conditions)
+    return "matrix-6-thermal" if told else name
 
 
 def base_values(conditions: Conditions, model: Model | None) -> Base:

@@ -15,17 +15,16 @@ import numpy as np
 
 from hil.campaign import Campaign, Collects, Conditions, FloatArray
 from hil.campaign.stand_ins import with_stand_ins
-from hil.errors import InputError
 from hil.model import Model
 from hil.model.effects.base import Base, Effect
 from hil.model.effects.prior import UNSEEN
 from hil.model.equation import pickoff_rates
-from hil.model.forms import LinearForm, default_form, named_form, value_form
+from hil.model.forms import LinearForm
 from hil.reconcile.search.candidates import Candidate, catalogue_candidates, effect_columns, second_tier
 from hil.solve.identifiability import kept_shares, orthonormal, smallest_fit
 from hil.solve.precision import with_every_error
 from hil.solve.rows import Block, sensor_blocks
-from hil.solve.temperatures import law_not_told, same_temperature
+from hil.solve.temperatures import fitted_form, same_temperature
 from procedures.words import counted
 
 LEAST_FREEDOM = 3  # rows of a block beyond the values of its base, from which on anything can be tested
@@ -142,7 +141,7 @@ def _made(candidate: Candidate, sensor: SensorProblem) -> FloatArray:
 def fitted_sensors(campaign: Campaign, model: Model) -> dict[int, SensorProblem]:
     """Fit the model's form to every sensor, or its own to one of another kind; raises `InputError` if none fits."""
     every = {number: with_every_error(stated) for number, stated in with_stand_ins(campaign).sensors.items()}
-    return {n: _sensor(n, collects, model, _form(model, collects.conditions)) for n, collects in every.items()}
+    return {n: _sensor(n, collects, model, fitted_form(model, collects.conditions)) for n, collects in every.items()}
 
 
 def _starved(block: Block, collects: Collects) -> str:
@@ -152,23 +151,6 @@ def _starved(block: Block, collects: Collects) -> str:
         f"sensor {block.sensor}, {names}: {counted(len(block.y), 'rate')} for {counted(block.base.shape[1], 'value')} "
         "of the model: too few to test anything by, so the search is about the others"
     )
-
-
-def _form(model: Model, conditions: Conditions) -> LinearForm:
-    """Return the form to fit to a sensor: the model's own, or the sensor's where it is of another kind.
-
-    Where too few temperatures tell how values follow it, those that the model has stand, and one set corrects them.
-    """
-    try:
-        one_set = value_form(model.form, conditions.sensor)
-    except InputError:
-        return default_form(conditions)
-    form = named_form(model.form, conditions)
-    if untold := law_not_told(form, conditions):
-        if conditions.sensor.number not in model.sensors:
-            raise InputError(untold)
-        return one_set
-    return form
 
 
 def _sensor(number: int, collects: Collects, model: Model, form: LinearForm) -> SensorProblem:

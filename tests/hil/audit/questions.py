@@ -244,7 +244,7 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
         "visibility": lambda document: {
             n: of["noise"]["run_bias_deg_per_hr"]
             for n, of in document["sensors"].items()
-            if of["noise"]["source"] == "its repeats"
+            if of["noise"]["source"] in ("its repeats", "its repeats, within chance")
         },
     },
     "what a collect scatters by": {

@@ -15,8 +15,9 @@ import pytest
 from hil.analysis.thermal.fit import fit_thermal
 from hil.campaign import Campaign
 from hil.campaign.stand_ins import OWN
+from hil.design.visibility.document import campaign_document
 from hil.errors import InputError
-from hil.model import Model
+from hil.model import Model, built_in_model
 from hil.model.curve import Constant, Curve, Polynomial
 from hil.reconcile import reconcile
 from hil.reconcile.fleet import Screen
@@ -30,6 +31,7 @@ ASKED: dict[str, Callable[[Campaign], Any]] = {
     "reconcile": lambda campaign: reconcile(campaign, "matrix-6-thermal", prove=False),
     "fleet": lambda campaign: Screen.of(campaign, "matrix-6-thermal"),
     "thermal": fit_thermal,
+    "visibility": lambda campaign: campaign_document(campaign, built_in_model("matrix-6-thermal")),
 }
 
 

@@ -12,7 +12,7 @@ from hil.campaign.writer import write_campaign
 from hil.cli.app import run
 from tests.hil.solve.test_other_runs import campaign, with_column
 
-OFF = "sensor 2, run 5: its thermometer shows 13.0 °C more than its case, in all other runs 8.0 to 8.0 °C"
+OFF = "sensor 2: in run 5 its thermometer shows 13.0 °C more than its case, in all other runs 8.0 to 8.0 °C"
 
 
 def beside_its_case(off_degC: float, runs: int = 9, moving: float = 0.0) -> Campaign:
