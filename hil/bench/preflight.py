@@ -150,7 +150,7 @@ def _unit_temperature(live: LiveBench, block: SampleBlock) -> Iterator[Finding]:
     shown = {
         f"sensor {number}": float(block.fields[channels.temperature][-1])
         for number, channels in sensors.items()
-        if channels.temperature is not None and channels.temperature in block.fields
+        if number in live.bench.sensors and channels.temperature is not None and channels.temperature in block.fields
     }
     if not shown:
         yield Finding("unit temperature", True, "the stream has none", "a soak is judged by the chamber's air alone")

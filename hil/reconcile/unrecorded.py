@@ -4,14 +4,9 @@ A name is only as sure as its rivals could be tried. A bias that rises through t
 temperature; where no temperature was recorded, both explain it equally.
 """
 
-from collections.abc import Iterator
 from dataclasses import replace
 
-import numpy as np
-
-from hil.campaign import Conditions
-from hil.campaign.stand_ins import OWN, temperature_of
-from hil.model.effects.base import Effect, VarianceEffect
+from hil.model.effects.base import Effect
 from hil.model.effects.catalogue import effect_by_id
 from hil.reconcile.naming import Named
 from hil.reconcile.rivals import Rival
@@ -44,18 +39,3 @@ def beside_unasked(named: Named, fit: Fitted) -> Named:
     ]
     rivals = sorted([*named.rivals, *others], key=lambda r: -r.probability)
     return replace(named, probability=named.probability * share, rivals=rivals, kind="ambiguous")
-
-
-def to_record(conditions: Conditions, effect: VarianceEffect) -> Iterator[str]:
-    """Yield the columns that nobody recorded and that what scatters by an effect may follow instead.
-
-    `conditions` are a sensor's rows as they were filed. A column that shows one number throughout is no record, nor is
-    what stands in for the unit's own temperature under its name.
-    """
-    copied = {OWN} - {temperature_of(conditions)}
-    shows = {
-        n: of for n, of in conditions.columns.items() if n not in copied and np.unique(of[np.isfinite(of)]).size > 1
-    }
-    for name in effect.kin:
-        for need in effect_by_id(name).missing(replace(conditions, columns=shows)):
-            yield need.replace("|", " or ")

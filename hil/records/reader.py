@@ -290,7 +290,11 @@ def journal_of(folder: Path) -> Path:
     check_folder(folder)
     if not _written_beside(folder) and (path.is_file() or not os.path.lexists(path)):
         what = f"{JOURNAL_NAME} is empty, and nothing is beside it" if path.is_file() else f"there is no {JOURNAL_NAME}"
-        raise InputError(f"{folder}: holds no night ({what} in it)")
+        from hil.campaign.reader import HEADER_FILE  # imported late: only to refuse
+
+        campaign = (folder / HEADER_FILE).is_file()
+        instead = "; it is a campaign folder: hil solve, report, thermal, reconcile and what else reads nights take it"
+        raise InputError(f"{folder}: holds no night ({what} in it){instead * campaign}")
     raise Damaged(
         f"{path}: {'is empty' if path.is_file() else 'is gone'}; {HEAD_NAME} or {BLOCKS} beside it say that there was "
         "a night. Without it nothing is proven: put it back from a copy. Whether the chamber is safe cannot be told: "

@@ -24,7 +24,7 @@ from hil.solve import RunSolution, repeats, solve_campaign
 from hil.solve.both_sensors import BothSensors, common_and_differential
 from hil.solve.contractor import METHOD
 from hil.solve.document import not_passed_of, of_sensors_in_words
-from hil.solve.repeats import MeanAt, SensorRepeats
+from hil.solve.repeats import MAY_FOLLOW, MeanAt, SensorRepeats
 from hil.solve.site import smallest_seen_deg
 from hil.solve.temperatures import how_many
 from procedures.verdict import NOT_GOOD, Verdict
@@ -181,6 +181,8 @@ def to_do(content: ReportContent) -> Iterator[str]:
         yield "Mend what is said under Why; then measure again."
     if misstated := [sensor.number for sensor in content.sensors if sensor.shown.misstated]:
         yield f"State the standard errors of {numbered('sensor', misstated)} that repeats and residuals show; below."
+    if lacking := sorted({name for sensor in content.sensors for name in sensor.shown.to_record}):
+        yield f"Record {MAY_FOLLOW.format(listed(lacking))}."
     if content.both is not None and content.both.look_for:
         yield f"Look for {content.both.look_for}; below."
     compared = content.comparison

@@ -9,12 +9,14 @@ a result look better.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from hil.campaign import BoolArray, Collects, Sensor
+from hil.campaign import BoolArray, Collects, Conditions, Sensor
+from hil.campaign.stand_ins import OWN, temperature_of
+from hil.model.effects.base import VarianceEffect
 from hil.model.effects.catalogue import effect_by_id, variance_effect_by_id
 from hil.model.forms import PER_G, RATE
 from procedures.verdict import Judgement, Verdict
@@ -28,9 +30,7 @@ _OTHER = {
 }
 
 
-_FROM_RUN_TO_RUN = {
-    name: variance_effect_by_id(effect).parameters[0] for name, effect in (("B", "turnon"), ("MU", "MU_rr"))
-}
+_FROM_RUN_TO_RUN = {name: variance_effect_by_id(effect) for name, effect in (("B", "turnon"), ("MU", "MU_rr"))}
 
 
 def unstated(collects: Collects) -> BoolArray:
@@ -73,7 +73,29 @@ def typical_scatter(parameter: str, sensor: Sensor) -> float:
     of = _FROM_RUN_TO_RUN.get(parameter[:-1])
     if of is None:
         return math.inf
-    return max(high for _, high in ([of.typical] if sensor.is_rotor else of.typical_other.values()))
+    known = of.parameters[0]
+    return max(high for _, high in ([known.typical] if sensor.is_rotor else known.typical_other.values()))
+
+
+def to_record_of(changing: Iterable[str], conditions: Conditions) -> tuple[str, ...]:
+    """Return the columns that nobody recorded and that parameters which change from run to run may follow."""
+    effects = {of for name in changing if (of := _FROM_RUN_TO_RUN.get(name[:-1]))}
+    return tuple(sorted({need for effect in effects for need in to_record(conditions, effect)}))
+
+
+def to_record(conditions: Conditions, effect: VarianceEffect) -> Iterator[str]:
+    """Yield the columns that nobody recorded and that what scatters by an effect may follow instead.
+
+    `conditions` are a sensor's rows as they were filed. A column that shows one number throughout is no record, nor is
+    what stands in for the unit's own temperature under its name.
+    """
+    copied = {OWN} - {temperature_of(conditions)}
+    shows = {
+        n: of for n, of in conditions.columns.items() if n not in copied and np.unique(of[np.isfinite(of)]).size > 1
+    }
+    for name in effect.kin:
+        for need in effect_by_id(name).missing(replace(conditions, columns=shows)):
+            yield need.replace("|", " or ")
 
 
 def measured_well_enough(

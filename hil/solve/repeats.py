@@ -30,6 +30,7 @@ from scipy.special import chdtrc, ndtr, stdtrit
 from hil.campaign import Campaign, Collects, FloatArray, IntArray
 from hil.files.numbers import degrees
 from hil.solve.noise import changes, noise_left, shares_of, times_of
+from hil.solve.precision import to_record_of
 from hil.solve.runs import Estimate, RunSolution, finite, stated_noise
 from hil.solve.spread import RARE, Spread
 from hil.solve.temperatures import nearest, runs_by_temperature, told_by, unit_range_degC
@@ -38,6 +39,7 @@ from procedures.words import counted, listed, numbered, significant
 
 CONFIDENCE = 0.95
 """Of every interval that is stated."""
+MAY_FOLLOW = "{} in every collect, which what changes from run to run may follow"
 MISSTATED = 1.5
 """How many times as large noise has to be for anybody to see to it: it is known hardly better from unit to unit."""
 
@@ -103,7 +105,8 @@ class SensorRepeats:
     beyond chance where what differs neither shows nor contradicts it; `same_times` is how much those of channels do
     that are no noise; `by_noise` is how parameters scatter beside errors as large as noise is. `left_deg_per_hr` (c,)
     is what residuals make of the noise of rates without errors, NaN where they have some or nothing tells it, `stated`
-    whether they have, and `noise_told` whether anything but those errors tells what noise there is.
+    whether they have, and `noise_told` whether anything but those errors tells what noise there is. `to_record` are
+    columns that nobody recorded and that what scatters beyond noise may follow.
     """
 
     names: tuple[str, ...]
@@ -120,6 +123,7 @@ class SensorRepeats:
     left_deg_per_hr: FloatArray = field(default_factory=lambda: np.full(1, np.nan))
     stated: bool = True
     noise_told: bool = False
+    to_record: Sequence[str] = ()
 
     def at(self, temperature_degC: float | None) -> MeanAt | None:
         """Return the mean at what is this temperature of another campaign, None where there is none."""
@@ -206,6 +210,7 @@ class SensorRepeats:
         else:
             more = f"as their {errors} say, as far as {freedom} can tell{unknown}"
         said = [f"repeats scatter {more}"] if told or not self.noise_in_words else []
+        said += [f"record {MAY_FOLLOW.format(listed(self.to_record))}"] if self.to_record else []
         return [*said, *self.noise_in_words, *self._by_temperature()]
 
     @property
@@ -330,6 +335,7 @@ def _of_sensor(own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, 
         noise_times=noise_times,
         same_times={c: float(of) for c, of, is_so in zip(channels, residual_times, contradicted, strict=True) if is_so},
         by_noise=by_noise,
+        to_record=to_record_of((n for n, odd in zip(units, by_noise.certain, strict=True) if odd), rows.conditions),
         stated=stated,
         noise_told=bool(freedom.sum() + differ[1].sum() > 0.5 or np.isfinite(noise).all()),
     )

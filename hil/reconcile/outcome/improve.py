@@ -44,7 +44,8 @@ def described_parameters(
             error = 0.5 * float(np.ptp(_within(shapes, number, len(conditions), _ONE_SE)))
         parameter = candidate.parameters[number]
         power, at = _place(candidate, number)
-        place = at or _range(conditions, np.any(candidate.columns[:, :, number], axis=1))
+        within = _range(conditions, np.any(candidate.columns[:, :, number], axis=1))
+        place = f"{within}, {at}" if at.startswith("about") else at or within
         entry: dict[str, Any] = {
             "name": _coefficient(candidate, parameter.name, power),
             "value": value,

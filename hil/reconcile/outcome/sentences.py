@@ -15,7 +15,7 @@ from hil.reconcile.rivals import Rival, in_times
 from hil.reconcile.search.terms import NO_NAME
 from hil.reconcile.wander import Wander
 from hil.solve.document import of_sensors_in_words, runs_in_words
-from hil.solve.repeats import MISSTATED
+from hil.solve.repeats import MAY_FOLLOW, MISSTATED
 from hil.solve.temperatures import too_few
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED
 from procedures.words import listed, numbered, percent, significant
@@ -68,8 +68,7 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     if kind != "scatter" and result.left.misstated:
         first.append("standard errors: repeats and residuals show others (notes)")
     if result.to_record:
-        may_follow = "which what changes from run to run may follow"
-        first.append(f"a record of {listed(result.to_record)} in every collect, {may_follow}")
+        first.append(f"a record of {MAY_FOLLOW.format(listed(result.to_record))}")
     act = "The model itself lacks nothing that can be told." if kind == "none" and first else _ACT[kind]
     act = _ACT["errors"] if kind == "scatter" and result.left.small else act
     if useless := sorted(map(int, result.without.get("runs_used_though_failed", {}))):
@@ -77,8 +76,9 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
         said_of = f"Use nothing of {numbered('sensor', useless)}: every run FAILed by what was recorded."
         act = said_of if found <= {*useless} else f"{said_of} {act}"
     if kind == "scatter":
-        runs = numbered("run", beyond)
-        act = f"{act} No effect is named, but averages scatter more than their standard errors say ({runs}: FAIL)."
+        of = {n: [run for run in runs if run in beyond] for n, runs in result.left.of_sensors.get("FAIL", {}).items()}
+        where = ", ".join(told for _, told in of_sensors_in_words({"FAIL": of}))
+        act = f"{act} No effect is named, but averages scatter more than their standard errors say: {where}."
     elif kind in {"none", "apart"} and (more := at_most(result.noise)):
         known = ["the ± of hil solve"] * result.solved.widens + ["the noise of model.yaml"]
         act += f" Averages scatter {more}; {listed(known)} {'have' if len(known) > 1 else 'has'} it."

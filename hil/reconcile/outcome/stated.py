@@ -15,8 +15,8 @@ from hil.model.effects.noise import BiasInstability, TurnOnBias
 from hil.model.forms import bias_names
 from hil.model.stated_noise import ScatterTerm, SensorNoise
 from hil.reconcile.outcome.scatter import FoundScatter
-from hil.reconcile.unrecorded import to_record
 from hil.reconcile.wander import Wander, wandering
+from hil.solve.precision import to_record
 from hil.solve.temperatures import level_degC, same_temperature
 
 _WHITE = "deg/sqrt(hr)"

@@ -349,7 +349,7 @@ def test_nothing_is_taken_up_twice_or_from_what_does_not_say_enough(
     """The very same rates are known by them; no serial, no date, a contradiction, no archive: status 2, no change."""
     before = sorted(copy.rglob("*"))
     assert hil(["archive", str(copy), str(campaigns[0])]) == 0
-    assert "was there before" in capsys.readouterr().out
+    assert "was there before, with the very same rates: nothing was added" in capsys.readouterr().out
     bare = write_campaign(replace(of_life(measured, 20), identity={}, source=""), tmp_path / "bare")
     for asked, why in (
         (["--date", "2026-03-01"], "--serial"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import socket
 from contextlib import ExitStack
 from datetime import UTC, datetime
@@ -80,6 +81,7 @@ def test_a_sensor_that_the_bench_does_not_list_is_not_judged(hil: Any, tmp_path:
     bench_file(tmp_path).write_text(yaml.safe_dump(document, sort_keys=False, allow_unicode=True))
     found = told(hil("check", tmp_path / "my-bench.yaml", "--json"))
     assert [subject for subject in found if subject.endswith("at rest")] == ["sensor 2 at rest"]
+    assert re.fullmatch(r"sensor 2 [\d.]+ °C", found["unit temperature"]["message"])
 
 
 def test_a_bench_alone_is_enough(hil: Any) -> None:

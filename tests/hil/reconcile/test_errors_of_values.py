@@ -40,6 +40,13 @@ def test_an_error_is_over_all_that_runs_may_scatter_by() -> None:
     assert all(inside for _, inside in told)
 
 
+def test_a_slope_says_over_which_temperatures_it_was_measured() -> None:
+    """And about which it is one; that of the middle alone tells nothing of where it holds."""
+    one = campaign(12, 3, seed=1, scatter=2.0)
+    (found,) = [each for each in reconcile(one, "matrix-6", prove=False).effects if each.id == "bias_T"]
+    assert {each["at"] for each in found.parameters} == {"-12.0 to 48.0 degC, about 18 degC (the unit's own)"}
+
+
 @pytest.mark.slow
 def test_errors_of_few_runs_that_scatter_are_about_as_large_as_stated() -> None:
     """Of a slope that a search has found, for which it has to be large: by the likeliest noise they were 2.5 times."""

@@ -313,6 +313,10 @@ def test_what_changes_from_run_to_run_may_follow_a_temperature_that_nobody_recor
     assert result.verdict == "none"
     assert result.to_record == what_scatters(with_columns(plain, **there)).to_record == ["temperature_degC"] * lacks
     assert ("a record of temperature_degC in every collect" in what_to_do(result)[1]) is lacks
+    content = gather(with_columns(plain, **there))
+    advice = "ecord temperature_degC in every collect, which what changes from run to run may follow"
+    assert any(advice in each for each in to_do(content)) is lacks
+    assert any(advice in each for each in content.sensors[0].shown.sentences()) is lacks
 
 
 def test_standard_errors_that_are_too_large_are_to_be_seen_to() -> None:

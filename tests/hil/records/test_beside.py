@@ -206,6 +206,13 @@ def test_a_journal_that_is_gone_or_empty_beside_what_it_wrote_is_damage(
         refuse_existing(full_night)
 
 
+def test_a_campaign_folder_is_no_night_and_what_takes_it_is_said(tmp_path: Path) -> None:
+    """Whoever asks how it stands, or whether it is whole, is sent on."""
+    (tmp_path / "campaign.yaml").touch()
+    with pytest.raises(InputError, match=r"holds no night.*it is a campaign folder: hil solve, report"):
+        verify_night(tmp_path)
+
+
 def test_an_empty_file_with_nothing_beside_it_is_no_night(tmp_path: Path) -> None:
     """Somebody's empty file."""
     NightLog(tmp_path, VirtualClock(), "rk").close()
