@@ -171,7 +171,8 @@ def verdict_in_words(fit: SensorFit) -> str:
             f"{scatter:.3g} deg/hr{_OTHERWISE}"
         )
     if found.is_certain:
-        return f"modelling against temperature improves this unit: {numbers}"
+        every = all(each.finding == "modelled" for each in fit.parameters.values())
+        return f"modelling against temperature improves this unit: {numbers}{'' if every else _OTHERWISE}"
     return f"{_NOT_SHOWN}: {numbers}{_OTHERWISE}"
 
 

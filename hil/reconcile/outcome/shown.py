@@ -13,10 +13,12 @@ from hil.reconcile.outcome.sentences import scatter_in_words, stated_in_words, v
 from hil.reconcile.outcome.stated import lacking
 from hil.reconcile.proof.experiment import next_experiment
 from hil.reconcile.proof.places import channels_touched, places
-from hil.reconcile.result import Disagreement, FoundEffect, Reconciliation, without_collects
+from hil.reconcile.result import Disagreement, FoundEffect, Reconciliation, Solved, without_collects
 from hil.solve.both_sensors import common_and_differential
 from hil.solve.omissions import in_words, otherwise, without
+from hil.solve.temperatures import too_few
 from procedures.verdict import NOT_GOOD
+from procedures.words import listed
 
 _CERTAIN = 0.1  # of alpha: a chance below it is a disagreement, whatever is not predicted
 
@@ -33,7 +35,7 @@ def shown(campaign: Campaign, found: Answer, inside: Sequence[dict[str, Any]], a
     notes = [*asked.warnings, *in_words(beside), *found.problem.notes]
     notes += in_words({"rows": found.rows}, searched=True)
     notes += findings.laws_that_fail(fit, found.problem.sensors)
-    notes += _only_together(found)
+    notes += [*_only_together(found), *_otherwise_asked(results, added.solved)]
     notes += [] if both is None else both.together
     notes += [*_why_left(added), *_not_proved(found), *values_off(standing, found.gap)]
     notes += [found.untold] if found.untold and not found.names else []
@@ -89,6 +91,17 @@ def _only_together(found: Answer) -> Iterator[str]:
             for said in dict.fromkeys(said for j in own for said in found.fit.only_together(number, j)):
                 which = f"{findings.id_of(named, found.fit)}, sensor {number}: {said}"
                 yield f"{which}: by itself each is only as these collects and what is usual leave it, and so is its ±"
+
+
+def _otherwise_asked(results: Sequence[FoundEffect], solved: Solved) -> Iterator[str]:
+    """Say what hil thermal asks of what was found to follow temperature: there it may be told otherwise."""
+    follow = [each.id for each in results if any("degC" in of["unit"] for of in each.parameters)]
+    if follow and not too_few(solved.temperatures):
+        yield (
+            f"{listed(follow)}: asked of all collects together, and of what is typical; hil thermal asks of each "
+            "parameter whether its curve predicts a temperature that was left out, and may call constant what is told "
+            "here"
+        )
 
 
 def _why_left(added: Added) -> list[str]:

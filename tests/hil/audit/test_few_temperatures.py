@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hil.analysis.thermal.document import thermal_document
 from hil.analysis.thermal.fit import fit_thermal
 from hil.campaign import Campaign
 from hil.campaign.stand_ins import OWN
@@ -25,6 +26,7 @@ from hil.reconcile.outcome.sentences import what_to_do
 from hil.reconcile.search.problem import pose
 from hil.solve import solve_campaign
 from tests.hil.reconcile.hidden_effects import hidden_campaign
+from tests.hil.solve.test_other_runs import campaign as made_of_runs
 
 ASKED: dict[str, Callable[[Campaign], Any]] = {
     "solve": lambda campaign: solve_campaign(campaign, "matrix-6-thermal"),
@@ -75,3 +77,15 @@ def test_nobody_is_sent_to_a_command_that_refuses(temperatures_degC: tuple[float
     assert "The model holds at temperatures that were measured" in act
     assert ("hil thermal says" in act) == answers
     assert ("at least three are needed" in act) != answers
+
+
+@pytest.mark.parametrize(("temperatures", "answers"), [(3, True), (2, False)])
+def test_why_thermal_may_call_constant_what_reconcile_names_is_said(temperatures: int, *, answers: bool) -> None:
+    """By both: they ask two things of the same collects; of two temperatures hil thermal says nothing."""
+    one = made_of_runs(3 * temperatures, 3, seed=1, scatter=0.5)
+    notes = " ".join(reconcile(one, "matrix-6", prove=False).notes)
+    assert ("bias_T: asked of all collects together" in notes) == answers
+    if answers:
+        (sensor,) = thermal_document(fit_thermal(one))["sensors"]
+        assert sensor["parameters"]["MUA"]["finding"] == "constant"
+        assert "hil reconcile asks runs that are left out" in sensor["verdict"]["words"]
