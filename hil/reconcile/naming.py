@@ -5,7 +5,7 @@ reading.names           # one Named per effect: probability, rivals, what data a
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -33,7 +33,10 @@ _Weighed = tuple[frozenset[str], float, Found]
 
 @dataclass(frozen=True)
 class Named:
-    """One name among the leading ones. `terms` are its places by sensor; none for an effect on the scatter."""
+    """One name among the leading ones. `terms` are its places by sensor; none for an effect on the scatter.
+
+    `probability` is that it is there, in whichever sensor; `of_sensor` that it is in this one.
+    """
 
     name: str
     kind: str
@@ -42,6 +45,7 @@ class Named:
     terms: Mapping[int, Sequence[int]]
     effect: Described | None
     acts_on: str
+    of_sensor: Mapping[int, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -150,7 +154,11 @@ def _named(fit: Fitted, sets: Sequence[_Weighed], name: str, lead: frozenset[str
     kind = NO_NAME if name == NO_NAME else "named" if sure and not withheld else "ambiguous"
     first = next((posterior.term(n, places[0]) for n, places in own.items()), None)
     effect: Described | None = posterior.scatter[name] if first is None else first.candidate.effect
-    return Named(name, kind, probability, listed, own, effect, "mean" if own else "scatter")
+    of_sensor = {
+        n: sum(weight for _, weight, f in sets if any(posterior.term(n, j).called == name for j in f.terms[n]))
+        for n in own
+    }
+    return Named(name, kind, probability, listed, own, effect, "mean" if own else "scatter", of_sensor)
 
 
 def _rival(

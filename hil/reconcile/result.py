@@ -18,7 +18,7 @@ from hil.solve.repeats import SensorRepeats, repeats
 from hil.solve.runs import solve_campaign
 from hil.solve.temperatures import runs_by_temperature
 from procedures.verdict import Verdict
-from procedures.words import listed, numbered, unit_in_words
+from procedures.words import listed, numbered, percent, unit_in_words
 
 LEFT_OUT = "runs_left_out"
 """What the finding of bad runs has in its shape, and no other: how many they are."""
@@ -96,7 +96,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class FoundEffect:
-    """One effect that was added: its name, fitted parameters, stated probability and rivals.
+    """One effect that was added: its name, fitted parameters, stated probability, that `of_sensor`, and rivals.
 
     `inside_collects` is what shows in the series only and leaves the averages, and their gap, as they are.
     """
@@ -115,6 +115,14 @@ class FoundEffect:
     inside_collects: bool = False
     acts_on: str = "mean"
     mends_labels: bool = False
+    of_sensor: Mapping[int, float] = field(default_factory=dict)
+
+    @property
+    def sure(self) -> str:
+        """Say how probable it is, and that it is in each sensor where that differs."""
+        each = {number: percent(own) for number, own in self.of_sensor.items()}
+        apart = ", ".join(f"sensor {number}: {own}" for number, own in each.items())
+        return percent(self.probability) + f"; {apart}" * bool({*each.values()} - {percent(self.probability)})
 
     @property
     def shape(self) -> Mapping[str, float]:
@@ -135,6 +143,8 @@ class FoundEffect:
         shape = {"shape": first.values, "shape_range": first.may_be, "shape_in_words": self.shape_in_words}
         if len({each.in_words for each in self.shapes.values()}) > 1:
             shape["shape_of_sensor"] = {str(number): each.values for number, each in self.shapes.items()}
+        if len(self.of_sensor) > 1:
+            shape["probability_of_sensor"] = {str(number): own for number, own in self.of_sensor.items()}
         as_it_is = "id title equation parameters sensors kind inside_collects probability acts_on"
         return picked(self, as_it_is, confusable_with=[rival.document() for rival in self.confusable_with], **shape)
 

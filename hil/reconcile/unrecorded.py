@@ -38,4 +38,5 @@ def beside_unasked(named: Named, fit: Fitted) -> Named:
         for effect, weight, remedy in unasked
     ]
     rivals = sorted([*named.rivals, *others], key=lambda r: -r.probability)
-    return replace(named, probability=named.probability * share, rivals=rivals, kind="ambiguous")
+    of_sensor = {n: own * share for n, own in named.of_sensor.items()}
+    return replace(named, probability=named.probability * share, of_sensor=of_sensor, rivals=rivals, kind="ambiguous")

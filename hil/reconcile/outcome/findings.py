@@ -128,6 +128,7 @@ def described(named: Named, fit: Fitted, scatter: Sequence[FoundScatter]) -> Fou
         equation="; ".join(getattr(each, "equation", "") for each in told),
         parameters=parameters,
         probability=named.probability,
+        of_sensor=named.of_sensor,
         confusable_with=named.rivals,
         kind=named.kind,
         shapes=dict(sorted(shapes.items())),

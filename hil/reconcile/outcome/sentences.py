@@ -145,9 +145,9 @@ def _or_else(result: Reconciliation, effect: FoundEffect) -> str:
     """Say how probable an ambiguous name is, what it may be instead, and what the data and physics say of those."""
     others = effect.confusable_with[:_MOST]
     if not others:
-        return f" – probably ({percent(effect.probability)}), not certainly"
+        return f" – probably ({effect.sure}), not certainly"
     instead = "".join(f", or – {percent(each.probability)} – {titled(result, each.id)}" for each in others)
-    said = f" ({percent(effect.probability)}){instead}"
+    said = f" ({effect.sure}){instead}"
     if same := [each for each in others if each.untold]:
         them = "them" if same == others else f"{effect.id} and {listed([each.id for each in same])}"
         said += f": these collects cannot tell {them} apart; {_usual(result, effect, same)}"

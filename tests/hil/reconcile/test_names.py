@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hil.campaign import Campaign
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.naming import leading
 from hil.reconcile.result import FoundEffect, stated
@@ -21,6 +22,7 @@ from tests.hil.reconcile.hidden_effects import (
     lay_out,
     noise,
 )
+from tests.hil.solve.test_other_runs import campaign as made_of_runs
 
 
 def ids(result: Reconciliation) -> list[str]:
@@ -244,3 +246,22 @@ def test_a_wrong_heading_is_found_where_several_headings_were_measured() -> None
     result = reconcile(hidden_campaign(7, wrong, headings=(30.0, 120.0, 210.0)), "matrix-6-thermal", prove=False)
     assert result.verdict == "named"
     assert ids(result) == ["earth"]
+
+
+@pytest.mark.parametrize(("sizes", "differ"), [((12.0, 12.0), False), ((12.0, 1.2), True)])
+def test_how_sure_a_jump_is_is_said_of_each_sensor_where_that_differs(
+    sizes: tuple[float, float], *, differ: bool
+) -> None:
+    """An event of one sensor or of both: one probability of both hid that the other's was seen less surely."""
+    rows = {}
+    for number, size in enumerate(sizes, 1):
+        own = made_of_runs(24, 24, seed=20 + number, scatter=1.0).sensors[2]
+        conditions = replace(own.conditions, sensor=replace(own.conditions.sensor, number=number))
+        rates = own.rates_deg_per_hr + size * (conditions.run >= 13)[:, None]
+        rows[number] = replace(own, conditions=conditions, rates_deg_per_hr=rates)
+    made = Campaign("two", "", rows, site={"latitude_deg": 34.6})
+    (jump,) = reconcile(made, "matrix-6", prove=False).effects
+    assert (jump.id, jump.sensors) == ("jump", [1, 2])
+    assert max(jump.of_sensor.values()) <= jump.probability
+    assert ("sensor 1: 100.0 %, sensor 2: 9" in jump.sure) == differ
+    assert set(jump.document()["probability_of_sensor"]) == {"1", "2"}
