@@ -3,9 +3,9 @@
     comparison = compare(campaign, earlier)
     [each for each in comparison.differences if each.flagged]
 
-A difference is this campaign's mean at a temperature less the earlier one's; both have the uncertainty that every
-command states (`hil.solve.repeats`), widened by Student's t where few runs tell it, so that three of these
-uncertainties are passed by chance in 0.27 % of cases, as three sigma are.
+A difference is this campaign's mean at a temperature less the earlier one's, with the standard uncertainty of both
+means that every command states (`hil.solve.repeats`). It is beyond three sigma where chance makes it so large as rarely
+as that, in 0.27 % of cases: of few runs that is more than three of these uncertainties (Student's t).
 """
 
 import math
@@ -17,10 +17,11 @@ import numpy as np
 
 from hil.analysis.night_verdict import night_verdict
 from hil.campaign import Campaign, Collects, FloatArray
-from hil.files.numbers import decimals_for, degrees
+from hil.files.numbers import decimals_for, degrees, estimate
 from hil.solve import repeats, solve_campaign
-from hil.solve.repeats import MeanAt, Uncertain
+from hil.solve.repeats import MeanAt
 from hil.solve.temperatures import NOT_SETTLED, apart, nearest, runs_by_temperature
+from hil.solve.uncertain import Uncertain
 from procedures.verdict import NOT_GOOD
 from procedures.words import listed, numbered
 
@@ -45,27 +46,21 @@ class Difference:
     unit_degC: tuple[float, float] | None
 
     @property
-    def difference(self) -> float:
-        """This campaign's mean less the earlier one's."""
-        return self.means[0].value - self.means[1].value
-
-    @property
-    def sigma(self) -> float | None:
-        """A third of what is passed as rarely as three sigma; None where neither noise nor scatter is known."""
-        third = math.hypot(*(each.expanded(SIGMAS) for each in self.means)) / SIGMAS
-        return third if math.isfinite(third) else None
+    def difference(self) -> Uncertain:
+        """This campaign's mean less the earlier one's; its sd is NaN where neither noise nor scatter is known."""
+        return self.means[0].less(self.means[1])
 
     @property
     def flagged(self) -> bool:
-        """Whether the difference is beyond three times its uncertainty."""
-        return self.sigma is not None and abs(self.difference) > SIGMAS * self.sigma
+        """Whether chance makes so large a difference as rarely as one of three sigma."""
+        return abs(self.difference.value) > self.difference.expanded(SIGMAS)
 
     @property
     def sentence(self) -> str:
         """Both means and their difference in words."""
-        digits, at = decimals_for([self.sigma]), degrees(self.temperature_degC, self.temperature_of, self.unit_degC)
-        now, earlier = self.means
-        apart = f"a difference of {self.difference:.{digits}f} ±{self.sigma:.{digits}f} {now.unit}"
+        digits, (now, earlier) = decimals_for([self.difference.sd]), self.means
+        at, by = degrees(self.temperature_degC, self.temperature_of, self.unit_degC), estimate(self.difference, digits)
+        apart = f"a difference of {' '.join(by)} {now.unit}"
         was = f"{self.parameter} is {now.value:.{digits}f} now and was {earlier.value:.{digits}f}"
         return f"sensor {self.sensor}, {at}: {was}, {apart}"
 
@@ -153,7 +148,7 @@ def compare(campaign: Campaign, earlier: Campaign) -> Comparison:
                 both = {name: (one, match.values[name]) for name, one in mean.values.items() if name in match.values}
                 differences += [Difference(sensor, name, each, **where) for name, each in both.items()]
     doubts = [*_slips(campaign, earlier), *_sites(campaign.site, earlier.site)]
-    if any(each.sigma is None for each in differences):
+    if not all(math.isfinite(each.difference.sd) for each in differences):
         remarks.append("Where no uncertainty is given, neither standard errors nor repeats are there to tell it from.")
     remarks = [*doubts, *remarks]
     return Comparison(

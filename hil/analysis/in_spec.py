@@ -32,8 +32,9 @@ from hil.records import reading
 from hil.records.reader import is_night
 from hil.records.status import night_status
 from hil.solve import RunSolution, repeats
-from hil.solve.repeats import MeanAt, SensorRepeats, Uncertain
+from hil.solve.repeats import MeanAt, SensorRepeats
 from hil.solve.temperatures import NOT_SETTLED
+from hil.solve.uncertain import Uncertain
 from procedures.verdict import NOT_GOOD, Judgement
 from procedures.words import counted, numbered
 
@@ -229,9 +230,9 @@ class _Judged:
     def _degrees(self) -> int:
         return int(self.shown.spread.degrees[self._place])
 
-    def _wide(self, means: Sequence[Uncertain]) -> float:
+    def _wide(self, of: Uncertain) -> float:
         """Return half the interval of a mean, or of a difference of two."""
-        return math.hypot(*(each.expanded(self.rule.sigmas) for each in means)) if self.rule.sigmas else 0.0
+        return of.expanded(self.rule.sigmas) if self.rule.sigmas else 0.0
 
     def _told(
         self, of: str, limits: _Ends, doubt: str, value: float | None = None, *ends: float, **at: Any
@@ -239,18 +240,14 @@ class _Judged:
         unit, known = self.shown.units[self._place], (ends[0], ends[1]) if ends and not doubt else None
         return Characteristic(self.sensor, self.name, of, limits, unit, value=value, interval=known, reason=doubt, **at)
 
-    def _told_at(
-        self, at: MeanAt, of: str, limits: _Ends, doubt: str, value: float | None, means: Sequence[Uncertain]
-    ) -> Characteristic:
-        wide = self._wide(means)
-        ends = () if value is None else (value - wide, value + wide)
-        return self._told(of, limits, doubt, value, *ends, **self.shown.where(at))
+    def _told_at(self, at: MeanAt, of: str, limits: _Ends, doubt: str, found: Uncertain | None) -> Characteristic:
+        ends = () if found is None else (found.value, found.value - self._wide(found), found.value + self._wide(found))
+        return self._told(of, limits, doubt, *ends, **self.shown.where(at))
 
     def values(self) -> Iterator[Characteristic]:
         limits = (self.limits.low, self.limits.high)
         for mean in self.shown.means if limits != (None, None) else ():
-            value, known = (each.value, [each]) if (each := mean.values.get(self.name)) else (None, [])
-            yield self._told_at(mean, "value", limits, self._doubt([mean]), value, known)
+            yield self._told_at(mean, "value", limits, self._doubt([mean]), mean.values.get(self.name))
 
     def scatter(self) -> Iterator[Characteristic]:
         limits = (None, self.limits.scatter)
@@ -271,7 +268,8 @@ class _Judged:
             yield self._told("span", limits, doubt)
         elif self.limits.span is not None:
             pairs = combinations([mean.values[self.name] for mean in self.shown.means], 2)
-            apart = [(abs(one.value - other.value), self._wide((one, other))) for one, other in pairs]
+            every = [one.less(other, told_together=True) for one, other in pairs]
+            apart = [(abs(each.value), self._wide(each)) for each in every]
             least, most = max(size - wide for size, wide in apart), max(size + wide for size, wide in apart)
             yield self._told("span", limits, "", max(apart)[0], max(least, 0.0), most)
 
@@ -288,9 +286,9 @@ class _Judged:
             at, doubt = mean.temperature_degC, whole or self._doubt([mean])
             if (each := found.get((self.sensor, self.name, at))) is None:
                 doubt = doubt or comparison.without.get((self.sensor, at), "the earlier campaign has no such mean")
-                yield self._told_at(mean, "change", limits, doubt, None, ())
+                yield self._told_at(mean, "change", limits, doubt, None)
             else:
-                yield self._told_at(mean, "change", limits, doubt, each.difference, each.means)
+                yield self._told_at(mean, "change", limits, doubt, each.difference)
 
 
 def in_spec_of(

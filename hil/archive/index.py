@@ -25,7 +25,7 @@ from hil.archive.places import INDEX_NAME, check_archive, found, stamp
 from hil.errors import InputError
 
 if TYPE_CHECKING:  # a list of units loads no arithmetic
-    from hil.solve.repeats import Uncertain
+    from hil.solve.uncertain import Uncertain
 
 _VERSION = 1
 _BUSY_S = 30.0
@@ -116,7 +116,7 @@ class Index:
 
     def means(self, serial: str) -> list[ArchivedMean]:
         """Return every mean of a unit, in the order of time."""
-        from hil.solve.repeats import Uncertain
+        from hil.solve.uncertain import Uncertain
 
         rows = self._connection.execute(
             "SELECT entry, sensor, parameter, temperature_degC, own_degC, value, sd, freedom, runs, unit FROM means "

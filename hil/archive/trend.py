@@ -25,8 +25,8 @@ from scipy.special import chdtrc
 
 from hil.archive.index import ArchivedMean
 from hil.campaign import FloatArray
-from hil.solve.repeats import Uncertain
 from hil.solve.temperatures import nearest
+from hil.solve.uncertain import Uncertain
 
 MARGIN = 2.0 * math.log(20.0)
 LEAST = 4

@@ -85,7 +85,7 @@ class Limits(WholeFile):
     @property
     def rule(self) -> str:
         """The decision rule in words."""
-        return f"guard band of {self.k:g} standard uncertainties" if self.sigmas else "simple acceptance"
+        return f"guard band of {self.k:g} standard uncertainties (Student's t)" if self.sigmas else "simple acceptance"
 
     @property
     def sigmas(self) -> float:

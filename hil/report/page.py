@@ -97,7 +97,7 @@ def _comparison(comparison: Comparison, order: list[int]) -> dict[str, Any]:
         "of": comparison,
         "flagged": [each.sentence for each in comparison.first],
         "remarks": [each for each in comparison.remarks if each not in comparison.doubts],
-        "differences": [(each, decimals_for([each.sigma])) for each in differences],
+        "differences": [(each, decimals_for([each.difference.sd])) for each in differences],
     }
 
 

@@ -18,6 +18,7 @@ import pyarrow.parquet
 from hil.files.document import picked
 from hil.files.durable import write_result
 from hil.report.content import ReportContent
+from hil.solve.runs import finite
 
 TableFormat = Literal["csv", "parquet"]
 _SIMULATED = b"simulated"
@@ -40,10 +41,10 @@ def tables_of(content: ReportContent) -> Mapping[str, pa.Table]:
                 "unit": now.unit,
                 "now": now.value,
                 "earlier": earlier.value,
-                "sigma": each.sigma,
+                "sigma": finite(each.difference.sd),
                 "runs_now": now.runs,
                 "runs_earlier": earlier.runs,
-                "difference": each.difference,
+                "difference": each.difference.value,
                 "beyond_3_sigma": each.flagged,
             }
             for each in (compared.differences if compared else ())

@@ -24,9 +24,10 @@ from hil.campaign import Campaign, FloatArray
 from hil.files.document import picked
 from hil.model.forms import MATRIX_6, PER_G, RATE
 from hil.solve.noise import noise_left
-from hil.solve.repeats import CONFIDENCE, SensorRepeats, means_of
+from hil.solve.repeats import SensorRepeats, means_of
 from hil.solve.runs import solve_campaign
 from hil.solve.temperatures import runs_by_temperature
+from hil.solve.uncertain import CONFIDENCE
 from hil.solve.wrong_rows import treated
 from procedures.words import listed
 

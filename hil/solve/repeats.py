@@ -25,57 +25,22 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtrc, ndtr, stdtrit
+from scipy.special import chdtrc
 
 from hil.campaign import Campaign, Collects, FloatArray, IntArray
 from hil.files.numbers import degrees
 from hil.solve.noise import changes, noise_left, shares_of, times_of
 from hil.solve.precision import to_record_of
-from hil.solve.runs import Estimate, RunSolution, finite, stated_noise
+from hil.solve.runs import Estimate, RunSolution, stated_noise
 from hil.solve.spread import RARE, Spread
 from hil.solve.temperatures import nearest, runs_by_temperature, told_by, unit_range_degC
+from hil.solve.uncertain import Uncertain
 from hil.solve.wrong_rows import treated
 from procedures.words import counted, listed, numbered, significant
 
-CONFIDENCE = 0.95
-"""Of every interval that is stated."""
 MAY_FOLLOW = "{} in every collect, which what changes from run to run may follow"
 MISSTATED = 1.5
 """How many times as large noise has to be for anybody to see to it: it is known hardly better from unit to unit."""
-
-
-@dataclass(frozen=True)
-class Uncertain:
-    """A value with one standard deviation, NaN where not known, and the degrees of freedom behind it, in `unit`."""
-
-    value: float
-    sd: float
-    freedom: float
-    runs: int
-    unit: str
-
-    @property
-    def half_width(self) -> float:
-        """Half the 95 % interval."""
-        return self.sd * float(stdtrit(self.freedom, 0.5 + 0.5 * CONFIDENCE))
-
-    def expanded(self, sigmas: float) -> float:
-        """Return what chance passes on one side as rarely as `sigmas` (more than 0) of a normal one, NaN where unknown.
-
-        It is Student's t on the degrees of freedom behind the standard deviation: k·u of the GUM, G.3 and G.6.
-        """
-        return self.sd * float(-stdtrit(self.freedom, ndtr(-sigmas)))
-
-    def document(self) -> dict[str, Any]:
-        """Return the JSON of it: null where a thing is not known."""
-        return {
-            "value": self.value,
-            "sd": finite(self.sd),
-            "low": finite(self.value - self.half_width),
-            "high": finite(self.value + self.half_width),
-            "runs": self.runs,
-            "unit": self.unit,
-        }
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from scipy.interpolate import PchipInterpolator
 
 from hil.analysis.thermal.estimate import Estimates
 from hil.campaign import FloatArray, IntArray
-from hil.solve.repeats import CONFIDENCE
+from hil.solve.uncertain import CONFIDENCE
 
 FALSE_ALARM = 0.05
 _DUST = 1e-6

@@ -21,10 +21,10 @@ from hil.campaign.stand_ins import OWN
 from hil.errors import InputError
 from hil.model.forms import LinearForm, default_form, named_form
 from hil.solve import solve
-from hil.solve.repeats import CONFIDENCE
 from hil.solve.runs import solve_rates, stated_noise
 from hil.solve.spread import Spread
 from hil.solve.temperatures import same_temperature, too_few
+from hil.solve.uncertain import CONFIDENCE
 from procedures.words import counted
 
 _MOVES_DEGC = 0.1  # half the range of a thermometer that tells anything

@@ -24,8 +24,9 @@ from hil.campaign import FloatArray
 from hil.design.budget.scenes import RunScene
 from hil.design.budget.sources import Scene, Source
 from hil.model.forms import LinearForm
-from hil.solve.repeats import MeanAt, SensorRepeats, Uncertain
+from hil.solve.repeats import MeanAt, SensorRepeats
 from hil.solve.runs import solve_rates
+from hil.solve.uncertain import Uncertain
 
 DRAWS = 100_000
 

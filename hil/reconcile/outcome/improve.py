@@ -21,8 +21,8 @@ from hil.reconcile.search.candidates import POWERS, Candidate
 from hil.reconcile.search.fitted import Values
 from hil.reconcile.search.noise import FEWEST_RUNS
 from hil.reconcile.search.problem import SensorProblem, fit_to
-from hil.solve.repeats import CONFIDENCE
 from hil.solve.temperatures import same_temperature
+from hil.solve.uncertain import CONFIDENCE
 
 _ONE_SE = 0.6827  # of a normal distribution lies within one standard error
 

@@ -15,8 +15,9 @@ from hil.reconcile.search.likely_noise import DEPTH
 from hil.reconcile.search.points import Points
 from hil.reconcile.search.set_in_block import SetInBlock
 from hil.reconcile.search.sets import SensorSearch
-from hil.solve.repeats import CONFIDENCE, SensorRepeats
+from hil.solve.repeats import SensorRepeats
 from hil.solve.temperatures import runs_by_temperature
+from hil.solve.uncertain import CONFIDENCE
 
 
 @dataclass(frozen=True)

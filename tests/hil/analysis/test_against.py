@@ -51,8 +51,8 @@ def test_a_shift_of_the_bias_is_found_and_nothing_else(first: Campaign) -> None:
     found = compare(changed(first, add=50.0), first)
     assert {each.parameter for each in found.flagged} == {"BA", "BB"}
     assert len(found.flagged) == 2 * 8
-    assert [each.difference for each in found.flagged] == pytest.approx([50.0] * 16)
-    assert compare(first, changed(first, add=50.0)).flagged[0].difference == pytest.approx(-50.0)
+    assert [each.difference.value for each in found.flagged] == pytest.approx([50.0] * 16)
+    assert compare(first, changed(first, add=50.0)).flagged[0].difference.value == pytest.approx(-50.0)
 
 
 def test_a_campaign_does_not_differ_from_itself(first: Campaign) -> None:
@@ -72,7 +72,8 @@ def test_chance_flags_no_more_than_three_sigma_does(first: Campaign) -> None:
     everything = [each for pair in pairs for each in pair.differences]
     assert len(everything) == 12 * 48
     assert sum(each.flagged for each in everything) <= 5  # 1.6 expected; more than 5 has a chance of 0.6 %
-    times = np.array([each.difference / each.sigma for each in everything if each.sigma])
+    by = [each.difference for each in everything if each.difference.sd > 0.0]
+    times = np.array([3.0 * each.value / each.expanded(3.0) for each in by])
     assert 0.3 < np.std(times) < 1.05  # never narrower than it is, and not so wide that nothing could be found
 
 
@@ -80,10 +81,10 @@ def test_few_runs_widen_the_uncertainty_of_what_scatters(first: Campaign) -> Non
     """A bias that changes by 10 deg/hr from run to run is not known to the collects' noise."""
     run = first.sensors[2].conditions.run
     jumps = np.random.default_rng(3).normal(scale=10.0, size=run.max() + 1)[run][:, None]
-    quiet = next(each for each in compare(first, first).differences if each.parameter == "BA")
+    quiet = next(each for each in compare(first, first).differences if each.parameter == "BA").difference
     loud = [each for each in compare(changed(first, add=jumps), first).differences if each.parameter == "BA"]
-    assert quiet.sigma is not None
-    assert np.median([each.sigma for each in loud if each.sigma]) > 3 * quiet.sigma
+    assert np.median([each.difference.sd for each in loud]) > 3 * quiet.sd
+    assert np.median([each.difference.expanded(3.0) / each.difference.sd for each in loud]) > 3.2  # 16 and more degrees
     assert not [each for each in loud if each.flagged]
 
 
@@ -148,7 +149,7 @@ def test_without_any_uncertainty_nothing_is_flagged(first: Campaign) -> None:
         },
     )
     found = compare(changed(bare, add=1e6), bare)
-    assert all(each.sigma is None for each in found.differences)
+    assert not any(np.isfinite(each.difference.sd) for each in found.differences)
     assert not found.flagged
     assert any("neither standard errors nor repeats" in each for each in found.remarks)
 

@@ -187,6 +187,19 @@ def test_a_change_is_judged_against_an_earlier_campaign_of_the_unit() -> None:
         assert words in reason
 
 
+def test_a_change_has_the_uncertainty_of_the_difference_that_is_compared() -> None:
+    """Of both means' own: the comparison's ±, and the guard band by its degrees of freedom, are of one difference."""
+    now, before = night(1), night(2, runs=2)
+    said = judged(now, limits({"BA": {"change": "6 deg/hr"}}), before).characteristics
+    compared = [each for each in compare(now, before).differences if each.parameter == "BA"]
+    for change, one in zip(said, compared, strict=True):
+        assert change.interval is not None
+        assert one.difference.sd == pytest.approx(np.hypot(*(each.sd for each in one.means)))
+        assert np.ptp(change.interval) == pytest.approx(2.0 * one.difference.expanded(2.0))
+        assert min(each.freedom for each in one.means) < one.difference.freedom
+        assert one.difference.freedom <= sum(each.freedom for each in one.means) * (1.0 + 1e-12)
+
+
 UNITS = 1500
 
 
@@ -223,5 +236,5 @@ def test_the_document_is_finite_and_has_every_characteristic() -> None:
     assert (first["limit_low"], first["limit_high"], first["unit"]) == (-10.0, None, "deg/hr/g")
     assert first["low"] < first["value"] < first["high"]
     assert (last["value"], last["low"], last["verdict"]) == (None, None, "cannot tell")
-    assert document["decision"] == "guard band of 2 standard uncertainties"
+    assert document["decision"] == "guard band of 2 standard uncertainties (Student's t)"
     assert said.brief().items() <= document.items()

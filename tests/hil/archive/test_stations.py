@@ -10,7 +10,7 @@ import numpy as np
 from hil.archive.history import history
 from hil.archive.index import ArchivedMean, Entry
 from hil.archive.trend import Trend, at_usual_temperatures, differs, shifts_of, stations_of, trend
-from hil.solve.repeats import Uncertain
+from hil.solve.uncertain import Uncertain
 
 SLOPE, SD, COUNT = 0.5, 0.1, 10
 

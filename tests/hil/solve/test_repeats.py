@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from hil.solve import repeats, solve_campaign
 from hil.solve.omissions import in_words, what_is_wrong
 from hil.solve.repeats import means_of
 from hil.solve.spread import Spread
+from hil.solve.uncertain import Uncertain
 from procedures.verdict import Judgement, Verdict
 from tests.hil.analysis.thermal.nights import PUBLISHED_DEGC, RUN_TO_RUN, rotor_night, scaled
 from tests.hil.solve.test_other_runs import campaign as runs_at_their_temperatures
@@ -64,6 +66,30 @@ def test_intervals_of_means_and_of_single_runs_hold_the_units_model(
     for kind in (0, 1):
         share = np.mean([of[kind] for of in found])
         assert low <= share <= high, ("mean", "single run")[kind]
+
+
+@pytest.mark.parametrize(("freedom", "sizes"), [((8, 8), (1.0, 1.0)), ((4, 16), (2.0, 1.0)), ((3, 3), (1.0, 4.0))])
+def test_the_difference_of_two_means_is_beyond_its_interval_by_chance(
+    freedom: tuple[int, int], sizes: tuple[float, float]
+) -> None:
+    """4.6 % at k = 2, however well each of the two is known."""
+    rng, beyond = np.random.default_rng(4), 0
+    for _ in range(3000):
+        one, other = (
+            Uncertain(rng.normal(0.0, size), size * np.sqrt(rng.chisquare(nu) / nu), nu, nu + 1, "deg/hr")
+            for size, nu in zip(sizes, freedom, strict=True)
+        )
+        difference = one.less(other)
+        beyond += abs(difference.value) > difference.expanded(2.0)
+    assert 0.033 < beyond / 3000 < 0.059
+
+
+def test_what_the_same_runs_tell_of_two_means_is_told_once() -> None:
+    """Their difference has no more degrees of freedom than either; of an exact one it has those of the other."""
+    one, exact = Uncertain(3.0, 4.0, 5.0, 3, "deg/hr"), Uncertain(1.0, 0.0, math.inf, 2, "deg/hr")
+    assert one.less(one, told_together=True) == Uncertain(0.0, math.hypot(4.0, 4.0), 5.0, 3, "deg/hr")
+    assert one.less(exact) == Uncertain(2.0, 4.0, 5.0, 2, "deg/hr")
+    assert one.less(one).freedom == pytest.approx(10.0)
 
 
 def test_what_standard_errors_do_not_know_is_in_the_mean_of_three() -> None:
