@@ -33,7 +33,7 @@ def night_verdict(state: str, solutions: Iterable[RunSolution]) -> Judgement:
     bad = sum(each.verdict is whole.verdict for each in judged)
     if whole.verdict is not Verdict.PASS and bad:
         whole = Judgement(whole.verdict, f"{bad} of {counted(len(judged), 'solution')}; the first is {whole.reason}")
-    missing = [] if state == "complete" else [Judgement(Verdict.INCONCLUSIVE, "something is missing")]
+    missing = [] if state == "complete" else [Judgement(Verdict.INCONCLUSIVE, f"it is {state}: something is missing")]
     return combine([whole, *missing], passed="everything that was asked for is there, and measured well")
 
 

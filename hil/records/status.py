@@ -57,6 +57,11 @@ def night_status(folder: Path | str) -> dict[str, Any]:
         return _document(_Facts.of(journal))
 
 
+def state_of(journal: JournalReader) -> tuple[str, str]:
+    """Return the `state` and the `reason` of the same document."""
+    return _state(_Facts.of(journal))
+
+
 @dataclass(frozen=True)
 class _Facts:
     """What the journal said at one instant."""

@@ -24,7 +24,7 @@ from hil.records.damage import lost_blocks
 from hil.records.ledger import HEAD_NAME, read_key, signed
 from hil.records.reader import reading
 from hil.records.rows import Attempt, BlockRow
-from hil.records.status import missing_in_words, recorded_end, recorded_verdict
+from hil.records.status import missing_in_words, recorded_end, recorded_verdict, state_of
 from hil.records.units import night_of, unit_folder
 
 MISSING = "missing: "
@@ -36,14 +36,15 @@ _TOLERANCE_DEG_PER_HR = 1e-6  # the order of the sum may differ, by much less th
 def verify_night(folder: Path | str, key: Path | None = None) -> dict[str, Any]:
     """Return the document hil.verify/1 of a night; raise `InputError` where the folder holds none.
 
-    `notes` names what is harmless: a block that a crash left behind before it could be recorded. `signature` says in
-    words whether the journal's head is signed with `key`, by default the one that the night's bench names.
+    `state` and `reason` are those of its status. `notes` names what is harmless: a block that a crash left behind
+    before it could be recorded. `signature` says in words whether the journal's head is signed with `key`, by default
+    the one that the night's bench names.
     """
     given, folder = Path(folder), night_of(Path(folder))
     problems: list[str] = []
     notes: list[str] = []
     rows: Sequence[BlockRow] = ()
-    complete, signature = False, "whether it is signed was not looked at"
+    complete, signature, state, reason = False, "whether it is signed was not looked at", "incomplete", ""
     verdict: dict[str, str] | None = None
     simulated = None
     try:
@@ -73,14 +74,15 @@ def verify_night(folder: Path | str, key: Path | None = None) -> dict[str, Any]:
                 if each.partition(":")[0] not in str(problems)
             ]
             missing = missing_in_words(journal.plan, journal.completed(), tuple(attempts.values()))
-            complete, verdict = not missing, recorded_verdict(journal)
+            complete, verdict, (state, reason) = not missing, recorded_verdict(journal), state_of(journal)
             if problems:
                 verdict = {"verdict": "ERROR", "reason": problems[0]}
             problems += [f"{MISSING}{what}" for what in missing]
     except Damaged as error:  # it cannot be believed any further
         problems += [] if problems else [str(error)]
         verdict = {"verdict": "ERROR", "reason": problems[0]}
-    told = {"complete": complete and not problems, "judgement": verdict, "simulated": simulated, "problems": problems}
+    told = {"complete": complete and not problems, "state": state, "reason": reason, "judgement": verdict}
+    told |= {"simulated": simulated, "problems": problems}
     return {"schema": "hil.verify/1", **told, "blocks_checked": len(rows), "notes": notes, "signature": signature}
 
 

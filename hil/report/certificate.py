@@ -39,7 +39,7 @@ from hil.solve.both_sensors import moving_together
 from hil.solve.omissions import in_words, what_is_wrong
 from hil.solve.runs import finite
 from hil.solve.temperatures import how_many
-from procedures.verdict import NOT_GOOD
+from procedures.verdict import NOT_GOOD, Judgement
 from procedures.words import listed
 
 SCHEMA = "hil.certificate/1"
@@ -95,8 +95,7 @@ def certificate(
         shown[each.number] = replace(each.shown, means=whole)
     in_spec = None if allowed is None else judge(allowed, shown, content.solutions, measured)
     began, ended = (datetime.fromisoformat(status[key]) for key in ("began_utc", "last_utc"))
-    bad, head = measured.reason if measured.verdict in NOT_GOOD else "", read_head(folder)
-    refused = list(refusals(status, bad, proof, bench, serial, ended.date()))
+    refused, head = list(refusals(status, measured, proof, bench, serial, ended.date())), read_head(folder)
     document = {
         "schema": SCHEMA,
         "number": number or f"{serial or 'unknown'}-{began:%Y%m%d-%H%M}",
@@ -135,15 +134,15 @@ def certificate(
 
 
 def refusals(
-    status: Mapping[str, Any], bad: str, proof: Mapping[str, Any], bench: Bench, serial: str, measured: date
+    status: Mapping[str, Any], judged: Judgement, proof: Mapping[str, Any], bench: Bench, serial: str, measured: date
 ) -> Iterator[str]:
     """Yield why no certificate can be made of a night that was measured until the day `measured`."""
     if status["simulated"]:
         yield "the night is simulated: no device was measured"
     if status["state"] != "complete":
         yield f"the night is {status['state']}: {status['reason']}"
-    if bad:
-        yield f"the measurement is not good: {bad}"
+    if judged.verdict in NOT_GOOD:
+        yield f"the measurement is {judged.verdict}: {judged.reason}"
     yield from (f"{MISSING}{each}" for each in in_brief(status["missing"]))
     wrong = [each for each in proof["problems"] if not each.startswith(MISSING)]
     yield from (f"the records are not what was written: {each}" for each in wrong)

@@ -140,7 +140,7 @@ def good(content: ReportContent) -> tuple[str, str]:
     if state != "complete":
         worst = night_verdict("complete", found).verdict
         there = "what is there is measured well" if worst is Verdict.PASS else f"some of what is there is {worst}"
-        return str(judged), f"Not whole: {_missing(content)}; {there if found else 'nothing was solved'}."
+        return str(judged), f"{state.capitalize()}: {_missing(content)}; {there if found else 'nothing was solved'}."
     if not found:
         return str(judged), "Nothing was solved."
     if judged is Verdict.PASS and content.comparison is not None and content.comparison.doubts:

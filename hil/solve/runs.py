@@ -255,7 +255,7 @@ def _judged(solution: RunSolution, rows: Collects, beside: _Beside) -> RunSoluti
         alone = (
             f"{f'{listed(there[0])} of {alike}' if there[0] else alike} cannot be compared with others (it takes "
             "runs that repeat others, three of them at a temperature, or four temperatures): that each collect is what "
-            "it says" + ", as far as residuals do not show it" * bool(solution.degrees_of_freedom)
+            "it says, where no residual tells otherwise"
         )
         solution = replace(solution, assumed=(*solution.assumed, alone), compared=False)
     if lacking := [collect for run in solution.runs for collect in beside.lacking.get(run, ())]:

@@ -29,7 +29,7 @@ def solutions(*verdicts: Verdict) -> Any:
             "1 of 3 solutions; the first is sensor 2, run 2: why",
         ),
         ("failed", (Verdict.PASS,), Verdict.INCONCLUSIVE, "something is missing"),
-        ("aborted", (Verdict.PASS, Verdict.FAIL), Verdict.FAIL, "run 2: why; something is missing"),
+        ("aborted", (Verdict.PASS, Verdict.FAIL), Verdict.FAIL, "run 2: why; it is aborted: something is missing"),
         ("complete", (), Verdict.INCONCLUSIVE, "nothing was solved"),
     ],
 )

@@ -78,7 +78,7 @@ def test_the_export_of_a_night_that_was_not_finished_is_not_in_spec_either(hil: 
     assert hil("solve", *of, "--strict").returncode == 8
     assert hil("report", *of, "--out", judged / "half.html").returncode == 0
     page = (judged / "half.html").read_text()
-    assert "INCONCLUSIVE</span> – Not whole: missing are self-calibrations 3–9" in page
+    assert "INCONCLUSIVE</span> – Incomplete: missing are self-calibrations 3–9" in page
     assert ">IN SPEC<" not in page
 
 

@@ -13,6 +13,7 @@ import pytest
 
 from drivers.clock import VirtualClock
 from drivers.imu import SampleBlock
+from hil.cli.told import lines_of
 from hil.errors import Damaged, InputError
 from hil.records import SqliteJournal
 from hil.records.blocks import stem_of
@@ -47,6 +48,8 @@ def test_a_full_night_is_complete(full_night: Path, plan: Plan) -> None:
     assert verify_night(full_night) == {
         "schema": "hil.verify/1",
         "complete": True,
+        "state": "complete",
+        "reason": "every planned step is done",
         "judgement": None,
         "simulated": True,
         "problems": [],
@@ -196,7 +199,12 @@ def test_a_night_that_is_not_finished_names_what_is_missing(
     with SqliteJournal.open(new_night, clock=clock) as journal:
         for step in plan.steps[: second - 1]:
             do(journal, step, clock)
-    assert verify_night(new_night)["problems"][:2] == [
+    found, status = verify_night(new_night), night_status(new_night)
+    assert {name: found[name] for name in ("state", "reason")} == {name: status[name] for name in ("state", "reason")}
+    said = [*lines_of(found, {"folder": "n", "wrong": [], "lacking": found["problems"]})]
+    assert str(said[0]).startswith("n: incomplete, not judged, ")
+    assert said[1] == f"not judged: {status['reason']}; hil report judges what is there"
+    assert found["problems"][:2] == [
         "missing: self-calibration 1 at 20.0 °C: collect at position 3",
         "missing: self-calibration 2 at 20.0 °C: all of it",
     ]

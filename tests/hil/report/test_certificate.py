@@ -17,6 +17,7 @@ from hil.records.export import campaign_of_night
 from hil.report.certificate import Certificate, certificate, refusals
 from hil.solve import repeats, solve_campaign
 from hil.solve.omissions import without
+from procedures.verdict import Judgement, Verdict
 from tests.hil.audit.folders import FOLDERS
 from tests.hil.cli.test_cli_in_spec import WIDE
 
@@ -28,6 +29,7 @@ equipment:
   - {name: level, number: KA-0013, due: 2027-02-28}
 """
 GOOD = {"simulated": False, "state": "complete", "reason": "", "identity": {}, "missing": []}
+WELL = Judgement(Verdict.PASS, "all is well")
 
 
 @pytest.fixture(scope="module")
@@ -48,26 +50,28 @@ def test_every_reason_against_it_is_told_and_without_one_there_is_none(bench: Be
     What is only missing is no record that is not what was written.
     """
     proven = {"problems": []}
-    assert not list(refusals(GOOD, "", proven, bench, "0042", TODAY))
+    assert not list(refusals(GOOD, WELL, proven, bench, "0042", TODAY))
     for wrong, word in (
         ({**GOOD, "simulated": True}, "simulated"),
         ({**GOOD, "state": "aborted"}, "aborted"),
         ({**GOOD, "identity": {"despite": "the bench is not level"}}, "not level"),
     ):
-        (said,) = refusals(wrong, "", proven, bench, "0042", TODAY)
+        (said,) = refusals(wrong, WELL, proven, bench, "0042", TODAY)
         assert word in said
-    assert ["FAIL" in each for each in refusals(GOOD, "FAIL: run 3", proven, bench, "0042", TODAY)] == [True]
-    assert len(list(refusals(GOOD, "", {"problems": ["a block is lost"]}, bench, "", TODAY))) == 2
+    assert [*refusals(GOOD, Judgement(Verdict.FAIL, "run 3"), proven, bench, "0042", TODAY)] == [
+        "the measurement is FAIL: run 3"
+    ]
+    assert len(list(refusals(GOOD, WELL, {"problems": ["a block is lost"]}, bench, "", TODAY))) == 2
     runs = [f"self-calibration {run} at 23.0 °C: all of it" for run in (2, 3)]
     lacking = {"problems": [*(f"missing: {each}" for each in runs), "a block is lost"]}
-    assert [*refusals({**GOOD, "missing": runs}, "", lacking, bench, "0042", TODAY)] == [
+    assert [*refusals({**GOOD, "missing": runs}, WELL, lacking, bench, "0042", TODAY)] == [
         "missing: self-calibrations 2–3 at 23.0 °C: all of them",  # in the words of hil status and hil verify
         "the records are not what was written: a block is lost",
     ]
-    (late,) = refusals(GOOD, "", proven, bench, "0042", date(2026, 12, 1))
+    (late,) = refusals(GOOD, WELL, proven, bench, "0042", date(2026, 12, 1))
     assert late == "thermometer KA-0012 was due for calibration on 2026-11-30, and measured until 2026-12-01"
     bare = bench.model_copy(update={"laboratory": None, "equipment": ()})
-    assert len(list(refusals(GOOD, "", proven, bare, "0042", TODAY))) == 2
+    assert len(list(refusals(GOOD, WELL, proven, bare, "0042", TODAY))) == 2
 
 
 def test_no_uncertainty_is_smaller_than_repeats_or_sources_show(draft: Certificate, night: Path) -> None:

@@ -148,7 +148,7 @@ def test_an_interrupted_night_is_not_good_and_says_what_was_done_again(night: Pa
         journal.withdraw(keys, "done again, because samples were damaged: a test")
     assert hil(["report", str(folder)]) == 0
     page = (folder / "report.html").read_text()
-    assert "Not whole" in page or "Not conclusive" in page
+    assert "Incomplete: " in page or "Not conclusive" in page
     assert "self-calibration 4 at 30.0 °C" in page[: page.index("<table")]
     assert resume_night(folder, who="ann", stop=StopRequest()).state == "complete"
     assert hil(["report", str(folder)]) == 0
@@ -175,12 +175,12 @@ def test_a_night_that_lost_half_of_itself_is_never_called_usable(night: Path, pa
     content = gather(campaign_of_night(night), night_content(night))
     worst = max(content.verdict_counts(), key=lambda verdict: Judgement(verdict, "").severity)
     verdict, said = good(replace(content, night=replace(content.night, state="failed", self_calibrations=(2, 4))))
-    assert said.startswith("Not whole: 2 of 4 self-calibrations are missing")
+    assert said.startswith("Failed: 2 of 4 self-calibrations are missing")
     assert verdict == (Verdict.FAIL if worst is Verdict.FAIL else Verdict.INCONCLUSIVE)
     running = replace(content, night=replace(content.night, state="running", reason="", self_calibrations=(2, 4)))
     assert headline(running).endswith(" The night is running.")
     lost = replace(content.night, state="incomplete", self_calibrations=(4, 4), reason="the samples of 2 are lost")
-    assert good(replace(content, night=lost))[1].startswith("Not whole: the samples of 2 are lost;")
+    assert good(replace(content, night=lost))[1].startswith("Incomplete: the samples of 2 are lost;")
 
 
 @pytest.mark.slow

@@ -245,6 +245,16 @@ def test_runs_that_cannot_be_compared_say_so(runs: int, per_temperature: int, al
     assert sum("cannot be compared" in text for text in told.values()) == len(alone)
 
 
+def test_what_cannot_be_compared_is_said_in_one_sentence_with_and_without_residuals() -> None:
+    """Of two runs, one with every collect twice and one with each once, and so no residual: said of both, once."""
+    one = campaign(3, 3)
+    rows = one.sensors[2]
+    runs = replace(rows, conditions=replace(rows.conditions, run=np.minimum(rows.conditions.run, 2)))
+    solutions = solve_campaign(replace(one, sensors={2: runs}))
+    assert len({each.degrees_of_freedom > 0 for each in solutions}) == 2
+    assert len({text for each in solutions for text in each.assumed if "cannot be compared" in text}) == 1
+
+
 def test_of_a_run_of_which_only_a_part_cannot_be_compared_it_is_said_which() -> None:
     """Channel B of the only run that repeats it was not measured: channel A is compared."""
     one = campaign(8, 3)
