@@ -5,12 +5,13 @@ richer forms. By how much the richer ones win where the form at hand is true is 
 only a win that noise gives in fewer than `FALSE_ALARM` of campaigns moves on to the next form. So a polynomial is taken
 for a higher one in 5 of 100 campaigns. For polynomials the comparison does not depend on the size of the noise, only on
 how it is shared among the temperatures. The first step, away from the constant, is taken for several parameters of a
-sensor: `first_alarm` is smaller, so that a sensor without temperature dependence is called so in 95 of 100 campaigns.
+sensor: those that are not shown to change, of all together, are `flat` after all (`fit`).
 
 What the choice is worth is judged in the same way: an `Improvement` compares what was left out with a constant.
 """
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -139,7 +140,6 @@ class Choice:
         highest_order: int,
         seed: int = 0,
         draws: int = 999,
-        first_alarm: float = FALSE_ALARM,
     ) -> None:
         """Choose for `values` (S,) with `covariance` (S, S) at S temperatures, rising; `draws` simulate noise."""
         weight = levelled_weights(covariance)
@@ -165,14 +165,20 @@ class Choice:
             wins = np.count_nonzero(np.log(score(form, drawn, weight)) - np.log(least) >= win)
             chance = float((1 + wins) / (1 + len(noise)))
             steps.append({"form": form.name, "error": errors[form.name], "best_richer": best, "chance": chance})
-            if chance > (FALSE_ALARM if steps[1:] else first_alarm):
+            if chance > FALSE_ALARM:
                 break
         if chosen.order is None:  # no polynomial will do: of the others the one that predicts better
             chosen = min((form for form in forms if form.order is None), key=lambda form: errors[form.name])
         if errors[chosen.name] > errors[forms[0].name]:
             chosen = forms[0]
-        self.form, self.steps, self.errors, self.weight = chosen, steps, errors, weight
+        self.form, self.constant, self.steps, self.errors, self.weight = chosen, forms[0], steps, errors, weight
         self.held_out, self.held_out_constant = chosen.held_out(values), forms[0].held_out(values)
+
+    def flat(self) -> "Choice":
+        """Return the same comparisons with the constant chosen."""
+        found = copy(self)
+        found.form, found.held_out = self.constant, self.held_out_constant
+        return found
 
     @property
     def chance_of_constant(self) -> float:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -121,6 +121,16 @@ class Visits:
         told = sd[np.isfinite(self.values)]
         self.known = bool(np.isfinite(told).all() and np.all(told > 0.0))
         self.sd = sd if self.known else np.ones_like(sd)
+
+    def free(self, place: int) -> Estimates:
+        """Fit one parameter freely at each temperature, to be tested: by no more degrees of freedom than repeats have.
+
+        Of repeats that agree by chance, errors seem to explain more than they do: an interval is seldom wrong by that,
+        but so rare an event as a test of many parameters asks for was told by it ten times too often.
+        """
+        found = self.along(place, None)[0]
+        repeated = float(self.spread.degrees[place]) if self.known else 0.0
+        return replace(found, freedom=min(found.freedom, repeated or math.inf))
 
     def along(self, place: int, order: int | None) -> tuple[Estimates, Estimates | None]:
         """Fit one parameter freely at each temperature (order None) or along powers; hysteresis apart."""

@@ -24,12 +24,8 @@ from hil.solve.repeats import SensorRepeats
 from hil.solve.wrong_rows import treated
 
 HIGHEST_ORDER = 5
-_RARE, _CHANGED = 0.4, 0.05
-"""Of `FALSE_ALARM`, shared by a sensor's parameters: for a win over the constant alone, and for values that change.
-
-Beside noise that is itself estimated the tests of the second kind reject four times too often so far out: together
-both say of 5 % of sensors without any dependence that they have one (benchmarks/test_thermal_rates.py).
-"""
+_QUESTIONS = 3
+"""Asked of each parameter, and one answer is enough: do values change, does a line, does a form foretell better."""
 
 DESCRIBES = 0.01
 """A form describes the values where noise would leave a larger misfit in at least this share of campaigns."""
@@ -40,14 +36,16 @@ class ParameterFit:
 
     `values` are the free estimates at each temperature; `coefficients` those of the chosen form (powers of T - T0, the
     lowest first, for a polynomial; values at the temperatures for a table). `p_value` is the chance that of as many
-    parameters as the sensor has (`together`) noise alone would make one as unlike a constant, by its values or by what
-    predicts them; `changes` says that it is less than `FALSE_ALARM`. `chance_constant` and `chance_form` are the
-    chances of a misfit to noise as large as that of the constant and of the chosen form (None: nothing is left over).
-    `largest_change` bounds the change over the range of a straight line, where no dependence was found; `hysteresis`
-    (1,) is the value reached from below less that reached from above, whatever the form.
+    parameters as the sensor has (`together`) noise alone would make one as unlike a constant, by its values, their
+    straight line or what predicts them; `changes` says that it is less than `FALSE_ALARM`. `chance_constant` and
+    `chance_form` are the chances of a misfit to noise as large as that of the constant and of the chosen form (None:
+    nothing is left over). `largest_change` bounds the change over the range of a straight line, where no dependence was
+    found; `hysteresis` (1,) is the value reached from below less that reached from above, whatever the form.
     """
 
-    def __init__(self, seen: Visits, place: int, choice: Choice, values: Estimates, errors: FloatArray) -> None:
+    def __init__(
+        self, seen: Visits, place: int, choice: Choice, p_value: float, values: Estimates, errors: FloatArray
+    ) -> None:
         layout, order = seen.layout, choice.form.order
         self.name, self.unit = layout.form.names[place], layout.form.units[place]
         self.choice, self.values = choice, values
@@ -64,10 +62,8 @@ class ParameterFit:
             coefficients = replace(coefficients, covariance=coefficients.covariance * ratio)
         self.coefficients, self.curve = coefficients, _curve(layout, self.unit, order, coefficients)
         self.repeatability = float(np.nanmedian(seen.sd[:, place]))  # one that is huge says nothing of the others
-        of_values = _chance_of_values(layout, values) / _CHANGED if seen.known else 1.0
         self.together = len(layout.form.names)
-        self.p_value = min(self.together * min(of_values, choice.chance_of_constant / _RARE), 1.0)
-        self.changes = self.p_value < FALSE_ALARM
+        self.p_value, self.changes = p_value, p_value < FALSE_ALARM
         self.chance_constant = _misfit(layout, values, 0)[1]
         line = _line(layout, values)
         self.largest_change = 2.0 * float(abs(line.values[1]) + line.half_width[1])
@@ -107,21 +103,26 @@ class SensorFit:
         factor_of = dict(zip(shown.names, known.tolist(), strict=True))
         layout, notes = layout_of(number, collects, model, apart_degC, factor_of)
         seen = Visits(layout)
-        free = [seen.along(place, None)[0] for place in range(len(layout.form.names))]
-        choices = _choices(layout, free, seen.known, order)
+        free, centre_degC = [seen.free(place) for place in range(len(layout.form.names))], layout.stations.centre_degC
+        compared = [
+            Choice(centre_degC, each.values, each.covariance, highest_order=order, seed=place)
+            for place, each in enumerate(free)
+        ]
+        of_values = [_chance_of_values(layout, each) if seen.known else 1.0 for each in free]
+        chances = _together(
+            [_QUESTIONS * min(of, c.chance_of_constant) for of, c in zip(of_values, compared, strict=True)]
+        )
+        choices = [c if p < FALSE_ALARM else c.flat() for c, p in zip(compared, chances, strict=True)]
         if not seen.known:
             notes.append(
                 f"sensor {number}: neither repeats nor standard errors: what the curves leave is taken for noise"
             )
             left = [_misfit(layout, v, c.form.order or 0)[0] for v, c in zip(free, choices, strict=True)]
             seen.sd = seen.sd * np.sqrt(left)
-            free = [seen.along(place, None)[0] for place in range(len(layout.form.names))]
-        errors = [
-            nested_errors(layout.stations.centre_degC, each, choice, order)
-            for each, choice in zip(free, choices, strict=True)
-        ]
+            free = [seen.free(place) for place in range(len(free))]
+        errors = [nested_errors(centre_degC, each, c, order) for each, c in zip(free, choices, strict=True)]
         self.parameters = {
-            name: ParameterFit(seen, place, choices[place], free[place], errors[place])
+            name: ParameterFit(seen, place, choices[place], chances[place], free[place], errors[place])
             for place, name in enumerate(layout.form.names)
         }
         if layout.hysteresis:
@@ -192,26 +193,12 @@ def fit_thermal(
     return ThermalFit(campaign, sensors, without)
 
 
-def _choices(layout: Layout, values: Sequence[Estimates], noise_known: bool, highest_order: int) -> list[Choice]:
-    """Choose each parameter's form.
-
-    Values that stay within their noise need a rare win to be more than a constant: over all parameters of the sensor
-    both ways to be wrong come to `FALSE_ALARM`.
-    """
-    share = FALSE_ALARM / len(values)
-    return [
-        Choice(
-            layout.stations.centre_degC,
-            each.values,
-            each.covariance,
-            highest_order=highest_order,
-            seed=place,
-            first_alarm=FALSE_ALARM
-            if noise_known and _chance_of_values(layout, each) < _CHANGED * share
-            else _RARE * share,
-        )
-        for place, each in enumerate(values)
-    ]
+def _together(chances: Sequence[float]) -> list[float]:
+    """Return, of chances of each parameter alone, those that one of so many is as improbable (Holm's)."""
+    alone, count = np.array(chances), len(chances)
+    order, together = np.argsort(alone), np.empty(count)
+    together[order] = np.minimum(np.maximum.accumulate(np.arange(count, 0, -1) * alone[order]), 1.0)
+    return together.tolist()
 
 
 def _chance_of_values(layout: Layout, values: Estimates) -> float:
