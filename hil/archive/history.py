@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hil.archive.index import ArchivedMean, Entry, Index
+from hil.archive.index import ArchivedMean, Entry, Index, calibrations
 from hil.archive.trend import (
     Trend,
     at_one_temperature,
@@ -70,8 +70,7 @@ def history(index: Index, serial: str, model: str | None = None, limits: Limits 
     if not good:
         raise InputError(f"{serial}: nothing of it can be read: {'; '.join(said)}")
     said += _told(good)
-    newest = {each.night or each.name: each for each in good}  # of a night that was carried on, what has most
-    good = [each for each in good if newest[each.night or each.name] is each]
+    good = calibrations(good)
     used = [each for each in good if each.good]
     said += [
         f"{each.name}: is {each.verdict} and tells nothing of the unit: {each.reason}"

@@ -57,6 +57,15 @@ class Entry:
     good: bool = False
 
 
+def calibrations(entries: Sequence[Entry]) -> list[Entry]:
+    """Return those of a unit's entries, in the order of time, that count: of a night that was carried on, the fuller.
+
+    The order is that of `Index.entries`.
+    """
+    fullest = {each.night or each.name: each for each in entries}
+    return [each for each in entries if fullest[each.night or each.name] is each]
+
+
 @dataclass(frozen=True)
 class ArchivedMean:
     """A parameter's mean at a temperature, and what the unit's own thermometer showed."""
@@ -111,7 +120,8 @@ class Index:
                 "cannot_be_read": broken[serial],
                 "remark": "two units have this serial number" if serial in same else "",
             }
-            for (serial, model, simulated), of in sorted(found.items())
+            for (serial, model, simulated), every in sorted(found.items())
+            for of in [calibrations(every)]
         ]
 
     def means(self, serial: str) -> list[ArchivedMean]:

@@ -6,6 +6,7 @@ import errno
 import json
 import os
 import shutil
+import sqlite3
 from contextlib import closing
 from dataclasses import replace
 from http.client import HTTPConnection
@@ -341,6 +342,18 @@ def test_two_units_with_one_serial_are_told_apart(
             history(index, "0042")
         assert sum(each["used"] for each in history(index, "0042", "MFS-IMU")["campaigns"]) == COUNT
         assert [each["remark"] for each in index.units()] == 2 * ["two units have this serial number"]
+
+
+def test_a_night_that_was_carried_on_is_one_calibration(copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What it was before stands beside it in the archive; units and history count it once, with what has most."""
+    with closing(sqlite3.connect(copy / INDEX_NAME)) as index, index:
+        index.execute("UPDATE entries SET night = 'one' WHERE name IN (SELECT name FROM entries ORDER BY name LIMIT 2)")
+        index.execute("UPDATE entries SET verdict = 'FAIL', good = 0 WHERE night = 'one'")
+    assert hil(["units", "--archive", str(copy), "--json"]) == 0
+    assert [each["campaigns"] for each in json.loads(capsys.readouterr().out)["units"]] == [COUNT - 1]
+    assert hil(["history", "0042", "--archive", str(copy)]) == 0
+    told = f"unit 0042 MFS-IMU: {COUNT - 1} calibrations ({COUNT - 2} good enough to tell anything), "
+    assert told in capsys.readouterr().out
 
 
 def test_nothing_is_taken_up_twice_or_from_what_does_not_say_enough(
