@@ -75,7 +75,7 @@ def test_a_sensor_without_dependence_is_called_so() -> None:
 
 
 def test_uneven_scatter_is_taken_for_dependence_more_often() -> None:
-    """Where the scatter differs between temperatures as Table 1's: in some 10 of 100 nights, without improvement."""
+    """Where the scatter differs between temperatures as Table 1's: in some 15 of 100 nights, without improvement."""
     rng = np.random.default_rng(101)
     constant = claimed = 0
     for _ in range(NIGHTS):

@@ -22,7 +22,9 @@ class Spread:
     `observed` is their standard deviation, NaN where nothing was repeated; `stated` what the runs' standard errors,
     times `factor`, say of it, and `beyond` what these leave unexplained; `times` is the scatter in each run's own
     standard error, by which one that is large hides nothing; `degrees` how many runs were repeated. Those that are
-    `uneven` scatter more at some temperatures than at others, as chance hardly explains. `residuals` are the degrees of
+    `uneven` scatter more at some temperatures than at others, as chance hardly explains; `shared` are the degrees of
+    freedom of repeats of which each temperature has its own scatter, no more than `degrees` (Satterthwaite, Box: few
+    where one temperature has most of it), by which rare events are told. `residuals` are the degrees of
     freedom of what a run's noise is known by, infinite where it is stated. Both are of each parameter, or of all.
 
     `freedom` are those behind a standard deviation: of `residuals` where nothing was repeated, else as many as runs
@@ -37,6 +39,7 @@ class Spread:
     degrees: IntArray
     freedom: FloatArray
     uneven: BoolArray
+    shared: FloatArray
     factor: FloatArray
     residuals: FloatArray | float = math.inf
 
@@ -83,6 +86,10 @@ class Spread:
         *_, beyond = by(weight / (1.0 + weight * beyond**2))
         expected = explained + degrees * beyond**2
         odd = uneven(squares / np.where(expected > 0.0, expected, np.inf), degrees)
+        of_each_4 = np.sum(squares**2 / (degrees + 2.0), axis=0)
+        shared = np.minimum(
+            freedom, np.where(of_each_4 > 0.0, squares.sum(axis=0) ** 2 / np.maximum(of_each_4, _TINY), np.inf)
+        )
         stated = np.sqrt(explained.sum(axis=0) / enough)
         every = np.all(~known | (own > 0.0), axis=0) & (stated > 0.0)
         times = np.where(every, np.sqrt(weighed / enough), observed / np.where(stated > 0.0, stated, np.inf))
@@ -92,7 +99,7 @@ class Spread:
         tell = np.sum(size * (1.0 - share), axis=0) ** 2 / np.maximum(same, _TINY)
         by_errors = np.sum(shows * weight * own, axis=0) / np.maximum(np.sum(shows * size, axis=0), _TINY)
         behind = np.where(freedom > 0, tell + np.minimum(0.5 * (tell * by_errors) ** 2, residuals), residuals)
-        return cls(observed, beyond, stated, times, freedom.astype(np.int64), behind, odd, of_each, residuals)
+        return cls(observed, beyond, stated, times, freedom.astype(np.int64), behind, odd, shared, of_each, residuals)
 
     def sd(self, errors: FloatArray) -> FloatArray:
         """Return the standard deviation of a run's values by its standard errors (…, p); NaN where nothing tells it."""

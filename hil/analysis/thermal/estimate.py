@@ -123,13 +123,13 @@ class Visits:
         self.sd = sd if self.known else np.ones_like(sd)
 
     def free(self, place: int) -> Estimates:
-        """Fit one parameter freely at each temperature, to be tested: by no more degrees of freedom than repeats have.
+        """Fit one parameter freely at each temperature, to be tested: by no more degrees of freedom than repeats share.
 
         Of repeats that agree by chance, errors seem to explain more than they do: an interval is seldom wrong by that,
         but so rare an event as a test of many parameters asks for was told by it ten times too often.
         """
         found = self.along(place, None)[0]
-        repeated = float(self.spread.degrees[place]) if self.known else 0.0
+        repeated = float(self.spread.shared[place]) if self.known else 0.0
         return replace(found, freedom=min(found.freedom, repeated or math.inf))
 
     def along(self, place: int, order: int | None) -> tuple[Estimates, Estimates | None]:
