@@ -73,7 +73,7 @@ def fleet_sentences(found: Screened) -> Iterator[str]:
     """Yield what was found in a screenful: how many units, which effects, what many have in common."""
     worth = [each for each in found.units if each.worth]
     yield (
-        f"{len(worth)} of {_counted(found.units)} deserve{'s' * (len(worth) == 1)} a full "
+        f"{len(worth)} of {_counted(found.units)} deserve{'s' * (1 in (len(worth), len(found.units)))} a full "
         f"hil reconcile: of those called, at most {LEVEL:.0%} on average lack nothing"
     )
     for name, _, _ in _by_effect(worth):
@@ -95,10 +95,11 @@ def fleet_sentences(found: Screened) -> Iterator[str]:
         "a screen asks for one thing that moves averages, by noise as it is without that; a full hil reconcile looks "
         "at the noise anew beside it, and asks what only scatters averages; hil solve whether rows and runs are good"
     )
-    if any(each.follows for _, each in found.shared):
+    if follow := [number for number, each in found.shared if each.follows]:
+        some = f"{numbered('layout', follow)}: " if len(follow) < len(found.shared) else ""
         yield (
-            f"screened beside values of {found.model} that follow temperature: that they do is no finding here, and a "
-            "full hil reconcile may give it a name"
+            f"{some}screened beside values of {found.model} that follow temperature: that they do is no finding here, "
+            "and a full hil reconcile may give it a name"
         )
     if found.not_screened:
         yield f"{counted(len(found.not_screened), 'campaign')} could not be screened"

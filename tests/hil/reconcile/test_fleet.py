@@ -262,19 +262,22 @@ def test_a_unit_that_is_noisier_than_its_fleet_is_not_called_for_that() -> None:
 
 
 @pytest.mark.slow(seconds=10)
-def test_values_that_follow_temperature_are_no_finding_by_a_model_of_constants() -> None:
-    """Forty sound units with values of their own at each of eight temperatures: none is called, a supply effect is.
+@pytest.mark.parametrize("temperatures", [8, 2])
+def test_values_that_follow_temperature_are_no_finding_by_a_model_of_constants(temperatures: int) -> None:
+    """Forty sound units with values of their own at each of some temperatures: none is called, a supply effect is.
 
     Their values follow no law, so that nothing is missing from any; `hil reconcile` calibrates such a unit at each.
     """
     rows = lay_out(np.random.default_rng(0), runs_each=3)
-    rows.temperature = rows.setpoint + 0.1 * (rows.temperature - rows.setpoint)
-    station = np.unique(rows.setpoint, return_inverse=True)[1]
+    off, (of_each, place) = rows.temperature - rows.setpoint, np.unique(rows.setpoint, return_inverse=True)
+    station = place * temperatures // 8
+    rows.setpoint = of_each[station * 8 // temperatures]
+    rows.temperature = rows.setpoint + 0.1 * off
 
     def of_unit(seed: int, size: float) -> Campaign:
         rng = np.random.default_rng(seed)
         ba, bb, ga, gb, ma, mb = (
-            (rng.normal(m, s, 8))[station] for m, s in ((9, 9), (9, 9), (60, 6), (20, 6), (5, 5), (5, 5))
+            (rng.normal(m, s, temperatures))[station] for m, s in ((9, 9), (9, 9), (60, 6), (20, 6), (5, 5), (5, 5))
         )
         fa, fb, fs = rows.f.T
         of_a = ba + ga * fa + gb * fb + mb * fs + rows.w[:, 0]
@@ -316,6 +319,9 @@ def test_a_screen_says_beside_which_values_it_asked(follows: bool) -> None:
     found = Screened("matrix-6", [], [(1, shared)], {}, ())
     said = [line for line in fleet_sentences(found) if "beside values of matrix-6 that follow temperature" in line]
     assert len(said) == follows
+    other = replace(found, shared=[*found.shared, (2, replace(shared, follows=not follows))])
+    (said,) = [line for line in fleet_sentences(other) if "that follow temperature" in line]
+    assert said.startswith(f"layout {1 if follows else 2}: screened beside")
     assert fleet_document(found)["shared"][0]["values_follow_temperature"] is follows
 
 
@@ -331,7 +337,7 @@ def test_calibrations_of_one_unit_are_counted_as_what_they_are(serials: str, sai
     ]
     shared = SharedFinding("supply", 0.9, 0.001, 1.0, False)
     lines = list(fleet_sentences(Screened("matrix-6", units, [(1, shared)], {}, ())))
-    assert lines[0].startswith(f"0 of {said} deserve")
+    assert lines[0].startswith(f"0 of {said} deserve{'s' * (said == '1 unit')} ")
     assert [line for line in lines if line.startswith(f"layout 1: its {said} together")] == lines[1:2] * (
         len(serials) > 1
     )
