@@ -73,7 +73,7 @@ class Parameter:
     def bounds(self) -> tuple[float, float]:
         """The typical range, of which a bottom of zero is a hundredth of the top."""
         low, high = self.typical
-        return max(low, 0.01 * high), high
+        return low if low > 0.0 else 0.01 * high, high
 
     def for_sensor(self, sensor: Sensor) -> Parameter:
         """Return this parameter with `typical` as it is for a sensor.

@@ -1,0 +1,46 @@
+"""The noise is looked at beside the sets that are found: what one more term would explain, it is not taken for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hil.campaign import Campaign
+from hil.reconcile import reconcile
+from tests.hil.reconcile.hidden_effects import base_rates, campaign_of, lay_out
+
+FROM_RUN = 19
+
+
+def life(seed: int, jump_deg_per_hr: float = 15.0) -> Campaign:
+    """Return six nights, half a year apart, of a unit whose values follow temperature, MU scatters, and a bias jumps.
+
+    The model has none of it, so that without all of it the jump looks like one step of a walk from night to night.
+    """
+    rng = np.random.default_rng(seed)
+    rows = lay_out(rng, (0.0, 40.0) * 6, 3)
+    night = (rows.run - 1) // 6
+    rows = replace(rows, start_s=rows.start_s + 1.5e7 * night)
+    bias, mu = rng.normal(0.0, 1.5, (37, 2))[rows.run], rng.normal(0.0, 4.0, (37, 2))[rows.run]
+    rates = base_rates(rows) + bias + mu * rows.f[:, 2:] + rng.normal(0.0, 0.9, (len(rows), 2))
+    rates[rows.run >= FROM_RUN, 0] += jump_deg_per_hr
+    return campaign_of(rows, rates)
+
+
+def test_a_jump_is_told_from_a_walk_beside_all_else_that_is_missing() -> None:
+    """Beside three laws of temperature noise without a walk is quiet; beside the base alone none so quiet is probable."""
+    found = {each.id: each for each in reconcile(life(5), "matrix-6", prove=False).effects}
+    assert found["jump"].probability > 0.9
+    assert found["jump"].shape["from_run"] == FROM_RUN
+    assert not {"rrw", "turnon", "markov"} & found.keys()
+
+
+@pytest.mark.slow
+def test_a_jump_in_a_life_is_found_whatever_the_noise() -> None:
+    """Of eight lives the jump has its name in seven at least, and of eight without one none has it."""
+    names = [{each.id for each in reconcile(life(seed), "matrix-6", prove=False).effects} for seed in range(8)]
+    assert sum("jump" in each for each in names) >= 7
+    without = [{each.id for each in reconcile(life(seed, 0.0), "matrix-6", prove=False).effects} for seed in range(8)]
+    assert not any("jump" in each for each in without)
