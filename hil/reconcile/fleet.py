@@ -1,7 +1,6 @@
 """Screen many units that were measured in the same way: what is missing, in which of them, in all of them.
 
-    screen = Screen.of(campaigns, "matrix-6")           # the layout: terms and noise, once
-    findings = screen.units(campaigns)                  # milliseconds per unit
+    findings = Screen.of(campaigns, "matrix-6").units(campaigns)  # the layout once, then milliseconds per unit
 
 Every term is tried at a few models of the noise, in many units at once; where that finds something, again at all that
 forty units of the fleet leave probable; and where that does, too, at those that the unit's own rates leave. What weighs

@@ -14,6 +14,7 @@ from hil.reconcile.rivals import Rival
 from hil.reconcile.search.fitted import Fitted, fitted
 from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.terms import IDENTICAL, NO_NAME, Term
+from hil.solve.explained import CERTAIN as DONE
 
 CERTAIN = 0.8
 """Probability from which a name is stated as the name."""
@@ -78,7 +79,7 @@ def read(posterior: Posterior, alpha: float) -> Reading:
     lead = leading(every, alpha)
     unnamed = [f for own, _, f in sets if not own]
     # Where something has to be missing, a row may only stand in its place: it is asked for whatever else is there.
-    among, sure = (unnamed, LIKELY) if chance > alpha else (posterior.sets, CERTAIN)
+    among, sure = (unnamed, LIKELY) if chance > alpha else (posterior.sets, DONE)
     unnamed = _surely_wrong(posterior, unnamed, among, sure)
     right = [f for f in unnamed if all(term.name == "row" for term in posterior.members(f))]
     as_filed = right[0] if right else Found(dict.fromkeys(posterior.searches, ()), frozenset(), -np.inf)

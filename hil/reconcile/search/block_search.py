@@ -59,6 +59,21 @@ class BlockSearch:
         self.scanned, self._filters = np.argsort(-best)[:SCANNED], ()
         self.measure(self.y)
 
+    def add(self, extras: Sequence[FloatArray]) -> None:
+        """Keep more points: those that are probable with one of several further columns (N, q) in the base.
+
+        And quieter ones than beside the first, which are scanned: a further term may explain what is left to scatter.
+        """
+        more, beside = likely_points(self.noise, self.scales, [self.y], self.block.base, extras, quieter=True)
+        best = int(np.argmax(beside))
+        asked = [best, *np.flatnonzero(more.quieter(best)).tolist()]
+        known = {key: k for k, key in enumerate(self.points.keys_and_profiles)}
+        new = [k for k, key in enumerate(more.keys_and_profiles) if key not in known]
+        known |= {more.keys_and_profiles[k]: len(self.points) + place for place, k in enumerate(new)}
+        self.points, self._filters = self.points.beside(more.take(np.array(new, dtype=np.int64))), ()
+        self.scanned = np.array([known[more.keys_and_profiles[k]] for k in asked])
+        self.measure(self.y)
+
     def measure(self, y: FloatArray) -> None:
         """Take other data (N,), in units of the noise."""
         self.y = y

@@ -137,11 +137,18 @@ class _Rows:
 
 
 def likely_points(
-    noise: Noise, scales: Sequence[Scale], data: Sequence[FloatArray], base: FloatArray, extras: Sequence[FloatArray]
+    noise: Noise,
+    scales: Sequence[Scale],
+    data: Sequence[FloatArray],
+    base: FloatArray,
+    extras: Sequence[FloatArray],
+    *,
+    quieter: bool = False,
 ) -> tuple[Points, FloatArray]:
     """Return the points that are probable for some data (N,) beside the base with some further columns (N, q).
 
-    With each how probable it is beside the best, log, (t,). Each of the data is weighed with each of the extras.
+    With each how probable it is beside the best, log, (t,). Each of the data is weighed with each of the extras. With
+    `quieter` ones than the likeliest beside the first of them: how probable each is beside that.
     """
     base = independent_columns(base, SEEN)
     free = [independent_columns(np.hstack([base, extra]), SEEN)[:, base.shape[1] :] for extra in extras]
@@ -162,18 +169,24 @@ def likely_points(
     near = np.flatnonzero(
         np.any([(b > b.max() - 2.0 * DEPTH) | _highest(b, grid.sort) for _, b in found], axis=0) | _quiet(grid)
     )
+    if quieter:
+        near = np.union1d(near, np.flatnonzero(grid.quieter(int(np.argmax(found[0][1])))))
     heights = rows.heights(near, profiles)
-    best = np.max(heights - heights.max(axis=(1, 2), keepdims=True), axis=0)
-    at, which = (part.ravel() for part in np.indices(best.shape))
+    heights -= heights.max(axis=(1, 2), keepdims=True)
+    at, which = (part.ravel() for part in np.indices(heights.shape[1:]))
     every = grid.take(near[at])
     places = np.array([noise.place(p) for p in profiles])[which]
     prior = np.array([noise.log_profile(p) for p in profiles])[which]
     every = replace(every, profile=places, log_prior=every.log_prior + prior)
-    return _kept(every, best.ravel())
+    first, best = heights[0].ravel(), np.max(heights, axis=0).ravel()
+    kept = _kept(every, best)
+    if quieter:
+        kept |= every.quieter(int(np.argmax(first)))
+    return every.take(np.flatnonzero(kept)), (first if quieter else best)[kept]
 
 
-def _kept(every: Points, best: FloatArray) -> tuple[Points, FloatArray]:
-    """Keep the best points; the best of every effect, for what one block speaks against another may ask for; the quiet.
+def _kept(every: Points, best: FloatArray) -> BoolArray:
+    """Tell the best points; the best of every effect, for what one block speaks against another may ask for; the quiet.
 
     The quiet are kept whatever the base alone says of them: a term may explain what it takes for noise.
     """
@@ -183,7 +196,7 @@ def _kept(every: Points, best: FloatArray) -> tuple[Points, FloatArray]:
     kept |= (_highest(best, every.sort) & (np.count_nonzero(every.amount, axis=1) < 2)) | (
         _quiet(every) & (every.profile == every.profile[order[0]])
     )
-    return every.take(np.flatnonzero(kept)), best[kept]
+    return kept
 
 
 def _highest(height: FloatArray, sort: IntArray) -> BoolArray:

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from hil.campaign import FloatArray, IntArray
+from hil.campaign import BoolArray, FloatArray, IntArray
 from hil.model.effects.base import Parameter, VarianceEffect
 from hil.reconcile.search.chains import Chain
 
@@ -64,6 +64,18 @@ class Points:
     def keys(self) -> list[bytes]:
         """What tells them from others, whatever the profile."""
         return [own.tobytes() for own in self.sizes]
+
+    @property
+    def keys_and_profiles(self) -> list[tuple[bytes, int]]:
+        """What tells them from others, with the profile."""
+        return list(zip(self.keys, self.profile.tolist(), strict=True))
+
+    def quieter(self, than: int) -> BoolArray:
+        """Tell which are as one of them, but for one thing that scatters a quarter as much, or not at all, (t,)."""
+        own, sizes = self.sizes[than], self.sizes
+        less, other = (sizes == 0.0) | np.isclose(sizes, 0.25 * own, rtol=0.2), sizes != own
+        one = (np.count_nonzero(other, axis=1) == 1) & np.all(~other | less, axis=1)
+        return np.asarray(one & (self.profile == self.profile[than]))
 
     def take(self, index: IntArray) -> Points:
         """Return some of the points."""

@@ -71,12 +71,24 @@ def likely_sets(search: SensorSearch) -> list[Set]:
     """Return the sets of one sensor that are worth anything, grown term by term from the likeliest.
 
     From none, and by itself from where the search starts, which hides none of those: two mistakes that hide each other
-    are found by no single one.
+    are found by no single one. Then the noise is looked at anew beside whichever leads, until one leads that was looked
+    at: beside much that is missing noise seems to wander that does not, and what one more term would explain is taken
+    for it.
     """
     start = search.start
     known = _grown(search, [()])
     if start:
         known |= _grown(search, [start, *(start[:k] + start[k + 1 :] for k in range(len(start)))])
+    served = set[Set]()
+    while (lead := max(known, key=lambda s: known[s])) not in served:
+        served.add(lead)
+        search.serve(lead)
+        worth = [s for s in known if known[s] > known[lead] - 2.0 * WORTH or s == ()]
+        search.weigh(worth)
+        known = _alone(search, worth)
+        further = _further(search, lead, known)
+        search.weigh(further)
+        known |= _alone(search, further) if further else {}
     best = max(known.values())
     return [s for s in sorted(known, key=lambda s: -known[s]) if known[s] > best - 2.0 * WORTH or s == ()]
 
@@ -87,18 +99,11 @@ def _grown(search: SensorSearch, layer: Sequence[Set]) -> dict[Set, float]:
     known = dict(_alone(search, layer))
     for width in WIDTH:
         leading = sorted(layer, key=lambda s: -known[s])[:width]
-        grown: set[Set] = set()
-        for given in leading:
-            scores = search.scan(given) + search.log_odds
-            least = max(known.values()) - known[given] - WORTH if given else -np.inf
-            for j in _best(search, scores, given):
-                further = tuple(sorted((*given, j)))
-                if further not in known and scores[j] > least:
-                    grown.add(further)
+        grown = list(dict.fromkeys(s for given in leading for s in _further(search, given, known)))
         if not grown:
             break
         search.weigh(grown)
-        known |= _alone(search, list(grown))
+        known |= _alone(search, grown)
         # What came first may be what a later one does better: of the likeliest each member is tried without.
         likely = sorted(grown, key=lambda s: -known[s])[:width]
         fewer = {s[:k] + s[k + 1 :] for s in likely for k in range(len(s))} - known.keys()
@@ -109,6 +114,14 @@ def _grown(search: SensorSearch, layer: Sequence[Set]) -> dict[Set, float]:
         if max(known[s] for s in layer) < max(known.values()) - WORTH:
             break
     return known
+
+
+def _further(search: SensorSearch, given: Set, known: Mapping[Set, float]) -> list[Set]:
+    """Return the sets with one term more that may be worth as much as those that are known."""
+    scores = search.scan(given) + search.log_odds
+    least = max(known.values()) - known[given] - WORTH if given else -np.inf
+    further = (tuple(sorted((*given, j))) for j in _best(search, scores, given) if scores[j] > least)
+    return [s for s in further if s not in known]
 
 
 def _best(search: SensorSearch, scores: FloatArray, given: Set) -> Iterator[int]:

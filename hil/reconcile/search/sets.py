@@ -62,8 +62,23 @@ class SensorSearch:
         asked += [self.start] * bool(self.start)
         self._weigh_anew()
         for b, block in enumerate(self.blocks):
-            sets = [[p.columns for j in chosen if (p := self.terms[j].parts[b])] for chosen in asked]
-            block.choose([np.zeros((len(block.y), 0)), *(np.hstack(columns) for columns in sets if columns)])
+            beside = [self._columns(each, b) for each in asked]
+            block.choose([self._columns((), b), *(own for own in beside if own.shape[1])])
+
+    def serve(self, chosen: Set) -> None:
+        """Add the points of the noise that are probable beside a set, and beside it without each of its members.
+
+        And quieter ones: a further term may explain what is taken for noise beside this set.
+        """
+        sets = [chosen, *(chosen[:k] + chosen[k + 1 :] for k in range(len(chosen)))]
+        self._weigh_anew()
+        for b, block in enumerate(self.blocks):
+            block.add([self._columns(each, b) for each in sets])
+
+    def _columns(self, chosen: Set, b: int) -> FloatArray:
+        """Return the columns (N, q) of a set in a block."""
+        own = [p.columns for j in chosen if (p := self.terms[j].parts[b])]
+        return np.hstack([np.zeros((len(self.blocks[b].y), 0)), *own])
 
     def forget(self) -> None:
         """Compute everything anew from now on: the terms, the data or the points of the noise are others."""

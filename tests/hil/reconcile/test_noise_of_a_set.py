@@ -30,7 +30,7 @@ def life(seed: int, jump_deg_per_hr: float = 15.0) -> Campaign:
 
 
 def test_a_jump_is_told_from_a_walk_beside_all_else_that_is_missing() -> None:
-    """Beside three laws of temperature noise without a walk is quiet; beside the base alone none so quiet is probable."""
+    """Beside three laws of temperature a quiet noise without a walk is probable; beside the base alone none is."""
     found = {each.id: each for each in reconcile(life(5), "matrix-6", prove=False).effects}
     assert found["jump"].probability > 0.9
     assert found["jump"].shape["from_run"] == FROM_RUN
