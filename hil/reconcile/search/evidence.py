@@ -174,13 +174,25 @@ def shrunk(gram: FloatArray, score: FloatArray, rss: FloatArray) -> tuple[FloatA
     Of Gram matrices (…, q, q), scores (…, q) and squared residuals (…,): one elimination gives both.
     """
     size = score.shape[-1]
-    both = np.empty((*score.shape[:-1], size + 1, size + 1))
-    both[..., :size, :size] = gram
-    both[..., size, :size] = both[..., :size, size] = score
-    both[..., size, size] = np.maximum(rss, 0.0) * (1.0 + ROUNDING) + LEAST  # of as few rates as the base has values: 0
-    both[..., range(size), range(size)] += 1.0
-    pivots = np.diagonal(np.linalg.cholesky(both), axis1=-2, axis2=-1)
-    return pivots[..., -1] ** 2, np.sum(np.log(pivots[..., :-1]), axis=-1)
+    both = np.empty((size + 1, size + 1, *score.shape[:-1]))
+    both[:size, :size] = np.moveaxis(gram, (-2, -1), (0, 1))
+    both[range(size), range(size)] += 1.0
+    both[size, :size] = both[:size, size] = np.moveaxis(score, -1, 0)
+    both[size, size] = np.maximum(rss, 0.0) * (1.0 + ROUNDING) + LEAST  # of as few rates as the base has values: 0
+    return eliminated(both)
+
+
+def eliminated(both: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return what columns leave of squares, (…,), and half of their log det, of inner products (q + 1, q + 1, …).
+
+    The squares' own are last. Of many small matrices whole arrays take a tenth of the time of one after the other.
+    """
+    *columns, left = range(len(both))
+    half_log_det = np.zeros(both.shape[2:])
+    for i in columns:
+        half_log_det += 0.5 * np.log(both[i, i])
+        both[i + 1 :, i + 1 :] -= both[i + 1 :, i, None] * (both[i, i + 1 :] / both[i, i])
+    return both[left, left], half_log_det
 
 
 def log_sum(values: FloatArray) -> FloatArray:

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from hil.campaign import BoolArray, FloatArray, IntArray
-from hil.reconcile.search.evidence import LEAST, ROUNDING, SEEN, Scale, log_sum, student
+from hil.reconcile.search.evidence import LEAST, ROUNDING, SEEN, Scale, eliminated, log_sum, student
 from hil.reconcile.search.noise import Noise
 from hil.reconcile.search.points import Points
 from hil.reconcile.search.profiles import FOLLOWS, Profile
@@ -83,10 +83,9 @@ class _Rows:
 
     def _alone(self, rest: FloatArray, half_log_det: FloatArray, index: IntArray) -> FloatArray:
         """Log evidence (v, k, f) of data beside columns that are free: their places (v, q + 1), the data's last."""
-        few = np.moveaxis(rest[:, :, index[:, :, None], index[:, None]], 2, 0)
-        triangle = np.diagonal(np.linalg.cholesky(few), axis1=3, axis2=4)
-        log_base = -np.sum(np.log(triangle[..., :-1]), axis=-1) - half_log_det
-        rss = np.maximum(triangle[..., -1] ** 2, LEAST)
+        few = np.moveaxis(rest[:, :, index[:, :, None], index[:, None]], (3, 4, 2), (0, 1, 2))
+        left, of_columns = eliminated(few.copy())
+        log_base, rss = -of_columns - half_log_det, np.maximum(left, LEAST)
         freedom = len(self.noise.order) - self.base - index.shape[1] + 1
         return log_sum(student(rss[None], log_base, self.scales, freedom))
 
