@@ -184,6 +184,16 @@ def test_what_scatters_in_the_cold_only_is_said_and_judged_by_no_limit() -> None
 
 
 @pytest.mark.slow
+def test_repeats_share_few_degrees_of_freedom_where_one_temperature_has_most_of_the_scatter() -> None:
+    """As many as all repeats have where they scatter alike, those of one temperature's estimate where it is alone."""
+    alike = np.tile([[-1.0], [0.0], [1.0]], (8, 1))
+    alone = np.where(np.arange(24)[:, None] < 3, 100.0 * alike, alike)
+    group = np.repeat(np.arange(8), 3)
+    found = [Spread.of(values, np.full((24, 1), np.nan), group) for values in (alike, alone)]
+    assert [int(each.degrees[0]) for each in found] == [16, 16]
+    assert [float(each.shared[0]) for each in found] == pytest.approx([16.0, 4.0], rel=0.01)
+
+
 def test_even_scatter_is_seldom_called_uneven() -> None:
     """Of 200 sound campaigns at most 1 in 33, whether or not runs differ."""
     found = 0
