@@ -27,7 +27,7 @@ PUBLISHED = "rd-gc-86-1"
 # YAML reads an unquoted 1 as a number; a position's label is text.
 _Label = Annotated[str, BeforeValidator(str)]
 _MOST_COLLECTS = 100_000
-_LONGEST_DAYS = 60
+LONGEST_DAYS = 60
 
 
 class Sweep(WholeFile):
@@ -140,9 +140,9 @@ def _refuse_endless(sweep: Sweep) -> None:
             f"{counted(len(sweep.positions), 'position')} make more than {_MOST_COLLECTS} collects"
         )
     total_s = make_plan(sweep.procedure()).total_s
-    if total_s > _LONGEST_DAYS * 86400.0:
+    if total_s > LONGEST_DAYS * 86400.0:
         raise InputError(
-            f"{sweep.source}: it would take {total_s / 86400.0:.0f} days, more than {_LONGEST_DAYS}; look at "
+            f"{sweep.source}: it would take {total_s / 86400.0:.0f} days, more than {LONGEST_DAYS}; look at "
             "temperatures, self_calibrations_per_temperature, restabilisation.at_least and collect.duration"
         )
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from hil.campaign import FloatArray
 from hil.config.bench import Bench
-from hil.config.sweep import Sweep, check_sweep_against_bench
+from hil.config.sweep import LONGEST_DAYS, Sweep, check_sweep_against_bench
 from hil.design.budget.budget import analytic_share, response
 from hil.design.budget.sources import Scene, sources
 from hil.design.sequence.sequences import Worth, palindromes, scene_of, sequence_worth, sequences
@@ -31,6 +31,7 @@ from procedures.words import counted
 
 DURATIONS_S = (60.0, 120.0, 180.0, 300.0, 600.0)
 MOST_REPEATS = 8
+"""So many are tried where none is enough, for what the bench is uncertain by is not averaged."""
 _UNIFORM = 1.0 / np.sqrt(3.0)
 _FEWEST = 3
 _LEAST_TARGET = 1e-6  # deg/hr: nothing that turns with the earth is known so well
@@ -127,10 +128,14 @@ def propose(sweep: Sweep, bench: Bench, goal: Goal) -> Proposal:
             "be known; give it positions that point gravity along more axes"
         )
     durations_s = sorted({*DURATIONS_S, sweep.collect.duration_s})
-    counts = range(weigher.least, max(weigher.least, MOST_REPEATS) + 1)
-    every = [weigher.weigh(kind, seconds, count) for kind in kinds for seconds in durations_s for count in counts]
+    every = [
+        weigher.weigh(kind, seconds, count)
+        for kind in kinds
+        for seconds in durations_s
+        for count in weigher.counts(kind, seconds, targets)
+    ]
     weighed = [(_lacks(candidate, goal, targets), candidate) for candidate in every]
-    found = [each for each in weighed if goal.time_s is None or each[1].time_s <= goal.time_s]
+    found = [each for each in weighed if each[1].time_s <= weigher.longest_s]
     if not found:
         raise _too_little_time(sweep, goal, min(each.time_s for each in every))
     missing, best = min(found, key=lambda each: _rank(each[0], each[1], targets))
@@ -176,7 +181,8 @@ class _Weigher:
         all_of_them = {number: scene_of(bench, number, bench.positions, sweep.collect) for number in sensors}
         self.forms = {number: default_form(scene.conditions) for number, scene in all_of_them.items()}
         self.least = goal.repeats or sweep.self_calibrations_per_temperature
-        self._times_s: dict[tuple[int, float, int], float] = {}
+        self.longest_s = LONGEST_DAYS * 86400.0 if goal.time_s is None else goal.time_s
+        self._times_s: dict[tuple[int, float], tuple[float, float]] = {}
 
     def shortest_s(self) -> float:
         """Return how long the shortest night takes: three short collects, repeated as often as must be."""
@@ -205,32 +211,54 @@ class _Weigher:
         parts["run"] += np.array([own.get(name, 0.0) ** 2 for name in form.names])
         return parts
 
-    def weigh(self, kind: _Kind, duration_s: float, repeats: int) -> Candidate:
-        """Return a candidate with the standard deviations of its means."""
+    def counts(self, kind: _Kind, duration_s: float, targets: Mapping[str, float]) -> list[int]:
+        """Return how often it may be repeated: as often as must be, as the targets take, and as the time allows.
+
+        The more often, the longer and the more certain: no other count can be the best.
+        """
+        needed = self.least
+        for number, (varying, bench) in self._variances_at(kind, duration_s).items():
+            for name, *own in zip(kind.worth[number].white, varying, bench, strict=True):
+                room = targets.get(name, np.inf) ** 2 - own[1]
+                needed = max(needed, int(np.ceil(own[0] / room)) if room > 0.0 else MOST_REPEATS)
+        first_s, more_s = (self._time_s(len(kind.positions), duration_s, self.least + more) for more in (0, 1))
+        fits = self.least + int((self.longest_s - first_s) // (more_s - first_s))
+        return sorted({self.least, needed, max(self.least, min(needed, fits))})
+
+    def _variances_at(self, kind: _Kind, duration_s: float) -> dict[int, tuple[FloatArray, FloatArray]]:
+        """Return the variances (p,) of each sensor's parameters that repeats average, and those that they do not."""
         collect = self._sweep.collect
         longer = duration_s / collect.duration_s
         moving_s = collect.index_s + collect.settle_s
         apart = (moving_s + duration_s) / (moving_s + collect.duration_s)
-        total = {}
-        for number, parts in kind.variances.items():
-            varying = parts["noise"] / longer + parts["ramp"] * apart**2 + parts["run"]
-            spread = np.sqrt(varying / repeats + parts["bench"])
-            total[number] = dict(zip(kind.worth[number].white, spread.tolist(), strict=True))
+        return {
+            number: (parts["noise"] / longer + parts["ramp"] * apart**2 + parts["run"], parts["bench"])
+            for number, parts in kind.variances.items()
+        }
+
+    def weigh(self, kind: _Kind, duration_s: float, repeats: int) -> Candidate:
+        """Return a candidate with the standard deviations of its means."""
+        total = {
+            number: dict(zip(kind.worth[number].white, np.sqrt(varying / repeats + bench).tolist(), strict=True))
+            for number, (varying, bench) in self._variances_at(kind, duration_s).items()
+        }
         time_s = self._time_s(len(kind.positions), duration_s, repeats)
         return Candidate(kind.positions, duration_s, repeats, time_s, kind.worth, total)
 
     def _time_s(self, collects: int, duration_s: float, repeats: int) -> float:
-        """Return how long the plan takes; only the number of collects counts, not where they are."""
-        key = collects, duration_s, repeats
+        """Return how long the plan takes: of the collects their number counts, and each repeat takes as long."""
+        key = collects, duration_s
         if key not in self._times_s:
-            procedure = replace(
+            once = replace(
                 self._sweep.procedure(),
                 positions=("",) * collects,
                 collect=replace(self._sweep.collect, duration_s=duration_s),
-                self_calibrations=repeats,
+                self_calibrations=1,
             )
-            self._times_s[key] = make_plan(procedure).total_s
-        return self._times_s[key]
+            first_s, both_s = (make_plan(each).total_s for each in (once, replace(once, self_calibrations=2)))
+            self._times_s[key] = first_s, both_s - first_s
+        first_s, each_s = self._times_s[key]
+        return first_s + (repeats - 1) * each_s
 
 
 def _variants(sweep: Sweep, bench: Bench) -> list[tuple[str, ...]]:
