@@ -103,7 +103,7 @@ def thermal(seed: int) -> Held:
 
 
 def against(seed: int) -> Held:
-    """What changed between two nights of a unit that did not change: within 1.96 of the stated uncertainty."""
+    """What changed between two nights of a unit that did not change: within the interval of its degrees of freedom."""
     for each in compare(night(seed), night(seed + 100_000)).differences:
         yield "a difference between nights", abs(each.difference.value) <= each.difference.half_width
 

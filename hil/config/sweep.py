@@ -27,6 +27,7 @@ PUBLISHED = "rd-gc-86-1"
 # YAML reads an unquoted 1 as a number; a position's label is text.
 _Label = Annotated[str, BeforeValidator(str)]
 _MOST_COLLECTS = 100_000
+MOST_OF_ONE = 1000
 LONGEST_DAYS = 60
 
 
@@ -35,7 +36,7 @@ class Sweep(WholeFile):
 
     title: str
     temperatures: tuple[Celsius, ...] = Field(min_length=1)
-    self_calibrations_per_temperature: int = Field(default=3, ge=1, le=1000)
+    self_calibrations_per_temperature: int = Field(default=3, ge=1, le=MOST_OF_ONE)
     positions: Annotated[tuple[_Label, ...], Field(min_length=1)] = ("1", "2", "3")
     restabilisation: Annotated[Restabilisation, settings_of(Restabilisation)] = Restabilisation()
     collect: Annotated[CollectSettings, settings_of(CollectSettings)] = CollectSettings()

@@ -18,7 +18,7 @@ import numpy as np
 
 from hil.campaign import FloatArray
 from hil.config.bench import Bench
-from hil.config.sweep import LONGEST_DAYS, Sweep, check_sweep_against_bench
+from hil.config.sweep import LONGEST_DAYS, MOST_OF_ONE, Sweep, check_sweep_against_bench
 from hil.design.budget.budget import analytic_share, response
 from hil.design.budget.sources import Scene, sources
 from hil.design.sequence.sequences import Worth, palindromes, scene_of, sequence_worth, sequences
@@ -30,6 +30,7 @@ from procedures.plan import make_plan
 from procedures.words import counted
 
 DURATIONS_S = (60.0, 120.0, 180.0, 300.0, 600.0)
+LONGEST_S = LONGEST_DAYS * 86400.0
 MOST_REPEATS = 8
 """So many are tried where none is enough, for what the bench is uncertain by is not averaged."""
 _UNIFORM = 1.0 / np.sqrt(3.0)
@@ -139,7 +140,7 @@ def propose(sweep: Sweep, bench: Bench, goal: Goal) -> Proposal:
     if not found:
         raise _too_little_time(sweep, goal, min(each.time_s for each in every))
     missing, best = min(found, key=lambda each: _rank(each[0], each[1], targets))
-    meeting = [each for each in weighed if missing and not each[0]]
+    meeting = [each for each in weighed if missing and not each[0] and each[1].time_s <= LONGEST_S]
     longer = min(meeting, key=lambda each: _rank(each[0], each[1], targets), default=(None, None))[1]
     variants = [kind for positions in _variants(sweep, bench) if (kind := weigher.kind(positions)) is not None]
     duration_s, repeats = sweep.collect.duration_s, sweep.self_calibrations_per_temperature
@@ -181,7 +182,7 @@ class _Weigher:
         all_of_them = {number: scene_of(bench, number, bench.positions, sweep.collect) for number in sensors}
         self.forms = {number: default_form(scene.conditions) for number, scene in all_of_them.items()}
         self.least = goal.repeats or sweep.self_calibrations_per_temperature
-        self.longest_s = LONGEST_DAYS * 86400.0 if goal.time_s is None else goal.time_s
+        self.longest_s = LONGEST_S if goal.time_s is None else goal.time_s
         self._times_s: dict[tuple[int, float], tuple[float, float]] = {}
 
     def shortest_s(self) -> float:
@@ -223,7 +224,7 @@ class _Weigher:
                 needed = max(needed, int(np.ceil(own[0] / room)) if room > 0.0 else MOST_REPEATS)
         first_s, more_s = (self._time_s(len(kind.positions), duration_s, self.least + more) for more in (0, 1))
         fits = self.least + int((self.longest_s - first_s) // (more_s - first_s))
-        return sorted({self.least, needed, max(self.least, min(needed, fits))})
+        return sorted({self.least, min(needed, MOST_OF_ONE), max(self.least, min(needed, fits, MOST_OF_ONE))})
 
     def _variances_at(self, kind: _Kind, duration_s: float) -> dict[int, tuple[FloatArray, FloatArray]]:
         """Return the variances (p,) of each sensor's parameters that repeats average, and those that they do not."""

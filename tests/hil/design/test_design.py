@@ -19,7 +19,7 @@ from hil.config.bench import Bench
 from hil.design.budget.budget import Budget
 from hil.design.budget.sources import sources
 from hil.design.sequence.proposal import design_document, sweep_text
-from hil.design.sequence.search import Goal, Proposal, _Weigher, parse_target, propose
+from hil.design.sequence.search import LONGEST_S, Goal, Proposal, _Weigher, parse_target, propose
 from hil.design.sequence.sequences import Worth, scene_of, seen_terms, sequence_worth, sequences
 from hil.errors import InputError
 from hil.model import load_model
@@ -233,6 +233,10 @@ def test_a_unit_that_scatters_is_repeated_as_often_as_the_goal_takes(sweep: Any)
     hurried = propose(sweep, bench, replace(goal, time_s=found.best.time_s / 2.0))
     assert hurried.missing
     assert hurried.with_more_time == found.best
+    endless = propose(sweep, bench, replace(goal, scatter={"MU": 400.0}))
+    assert endless.missing
+    assert endless.with_more_time is None
+    assert endless.best.time_s <= LONGEST_S
     assert 0.9 < hurried.best.time_s / (found.best.time_s / 2.0) <= 1.0
 
 
