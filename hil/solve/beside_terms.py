@@ -20,13 +20,17 @@ def solve_beside(campaign: Campaign, model: Model) -> list[RunSolution]:
     Raises `InputError` where a term needs a column that the data lacks, or the model has no values for a sensor on
     which it has a term.
     """
+    return [
+        replace(each, model=model.full_title, assumed=(*each.assumed, *_assumed(campaign, each, model)))
+        for each in solve_campaign(less_terms(campaign, model), model.form)
+    ]
+
+
+def less_terms(campaign: Campaign, model: Model) -> Campaign:
+    """Return the campaign with what the model's terms make taken off the rates; raises `InputError` as above."""
     asked = {number: rows.conditions for number, rows in with_stand_ins(campaign).sensors.items()}
     less = {number: _less(rows, asked[number], model) for number, rows in campaign.sensors.items()}
-    corrected = replace(campaign, sensors=less)
-    return [
-        replace(each, model=model.title, assumed=(*each.assumed, *_assumed(campaign, each, model)))
-        for each in solve_campaign(corrected, model.form)
-    ]
+    return replace(campaign, sensors=less)
 
 
 def _less(rows: Collects, conditions: Conditions, model: Model) -> Collects:

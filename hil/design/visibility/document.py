@@ -28,6 +28,7 @@ from hil.model.effects.catalogue import FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_E
 from hil.model.effects.document import shape_in_words
 from hil.model.effects.prior import ALPHA
 from hil.solve import repeats, solve_campaign
+from hil.solve.beside_terms import less_terms
 from hil.solve.changes import CHANGES
 from hil.solve.omissions import in_words, what_is_wrong
 from hil.solve.repeats import SensorRepeats
@@ -130,8 +131,13 @@ def sweep_document(sweep: Sweep, bench: Bench, model: Model | None = None) -> di
 
 
 def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[str, object]:
-    """Return the map of collects that were measured, with their own standard errors, gaps, and scatter of repeats."""
+    """Return the map of collects that were measured, with their own standard errors, gaps, and scatter of repeats.
+
+    What the terms of a `model` make is taken off; raises `InputError` where that cannot be known.
+    """
     told = {"simulated": campaign.simulated, "warnings": list(campaign.warnings), **what_is_wrong(campaign)}
+    if model is not None and model.terms:
+        campaign, told = less_terms(campaign, model), {"taken_off": model.full_title, **told}
     shown = repeats(campaign, solve_campaign(campaign))
     assumed = {number for number, each in shown.items() if not each.stated and np.isnan(each.left_deg_per_hr).all()}
     if assumed:

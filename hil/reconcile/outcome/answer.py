@@ -107,7 +107,8 @@ class Answer:
         if not (self.names or wrong or model.terms or model.noise):
             return self.solved
         sure = mended(self.problem.sensors, certain(wrong, self.fit, self.campaign))
-        return Solved.of(taken_out(self.problem, sure, self.terms, pooled(self.scatter)))
+        stated = "beside what the model states of the noise, " * bool(model.noise)
+        return Solved.of(taken_out(self.problem, sure, self.terms, pooled(self.scatter)), stated)
 
     @cached_property
     def noise(self) -> Sequence[dict[str, Any]]:

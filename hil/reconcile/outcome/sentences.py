@@ -66,7 +66,8 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     first += [f"what is left out (below): {numbered('collect', spoiled)}"] if spoiled else []
     first += [f"{result.both.look_for} (notes)"] if result.both is not None and result.both.look_for else []
     if kind != "scatter" and result.left.misstated:
-        first.append("standard errors: repeats and residuals show others (notes)")
+        model = ", or the noise that the model states" * bool(result.input_model.noise)
+        first.append(f"standard errors{model}: repeats and residuals show others (notes)")
     if result.to_record:
         first.append(f"a record of {MAY_FOLLOW.format(listed(result.to_record))}")
     act = "The model itself lacks nothing that can be told." if kind == "none" and first else _ACT[kind]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,23 +13,28 @@ import pytest
 
 from hil.analysis.thermal.fit import fit_thermal
 from hil.campaign import Campaign, Collects
+from hil.cli.app import run
 from hil.config import load_bench, load_sweep
 from hil.design.budget.budget import budgets_of_means
 from hil.design.budget.document import Asked, budget_document
 from hil.design.budget.scenes import measured_scenes
 from hil.design.conditions import planned_conditions
 from hil.design.sequence.sequences import scene_of, sequence_worth
-from hil.design.visibility.document import campaign_document, sweep_document
+from hil.design.visibility.document import campaign_document, sweep_document, visibility_text
 from hil.errors import InputError
+from hil.model import built_in_model
+from hil.model.curve import Constant
 from hil.model.forms import default_form
+from hil.model.stated_noise import SensorNoise
 from hil.reconcile import reconcile
 from hil.reconcile.fleet import Screen
-from hil.reconcile.outcome.sentences import scatter_in_words
+from hil.reconcile.outcome.sentences import scatter_in_words, what_to_do
 from hil.reconcile.scattering import what_scatters
 from hil.solve import repeats, solve_campaign
+from hil.solve.beside_terms import solve_beside
 from procedures.plan import make_plan
-from tests.hil.audit.folders import FOLDERS, _changed
-from tests.hil.solve.test_other_runs import campaign
+from tests.hil.audit.folders import FOLDERS, _changed, written
+from tests.hil.solve.test_other_runs import campaign, repeated
 
 
 @pytest.mark.slow
@@ -249,3 +255,35 @@ def test_a_collect_of_one_run_scatters_in_each_channel_as_its_residuals_say(stat
     shown = repeats(one, solve_campaign(one))
     scenes = measured_scenes(one, load_bench("simulated"), shown)[number]
     assert np.median(scenes[0].scene.noise, axis=0) == pytest.approx([*sizes.values()])
+
+
+def test_beside_a_model_with_terms_visibility_takes_for_noise_what_solve_does() -> None:
+    """What the terms make is off the rates for both; it had stood among what residuals exceed their errors by."""
+    one = FOLDERS["drift through every run"]()
+    model = reconcile(one, "matrix-6", prove=False).model_after
+    alone: Any = campaign_document(one)
+    beside: Any = campaign_document(one, model)
+    assert "residuals are in RA" in alone["noise"]["source"]
+    assert "residuals" not in beside["noise"]["source"]
+    assert beside["taken_off"] == "matrix-6 with drift and bias"
+    assert f"terms of {beside['taken_off']} make" in visibility_text(beside)
+    assert {each.model for each in solve_beside(one, model)} == {beside["taken_off"]}
+
+
+def test_that_a_model_states_too_much_noise_is_no_fault_of_the_standard_errors_alone() -> None:
+    """The file's are right: who is told that they are too large changes them, and not what the model states."""
+    one, walk = repeated(12, 3, (0, 1, 2, 1, 0)), Constant(unit="deg/hr", value=6.0)
+    stated = {2: SensorNoise(collect_to_collect={"BA": walk, "BB": walk})}
+    result = reconcile(one, built_in_model("matrix-6").model_copy(update={"noise": stated}), prove=False)
+    told = [each for each in result.notes if "too large" in each]
+    said = "sensor 2: beside what the model states of the noise, standard errors of"
+    assert [each[: len(said)] for each in told] == [said] * 2
+    assert "standard errors, or the noise that the model states: repeats" in what_to_do(result)[1]
+
+
+def test_a_budget_says_why_solve_states_more_than_all_sources(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What repeats show beyond noise is no source's, nor are errors as large as residuals show them by chance."""
+    assert run(["budget", str(written("good", tmp_path / "good"))]) == 0
+    assert "hil solve states more of BA, BB: errors as large as" in capsys.readouterr().out

@@ -56,7 +56,7 @@ def test_a_named_bias_is_taken_off_the_bias(campaign: Campaign, tmp_path: Path) 
         assert ba is not None
         assert before is not None
         assert ba == pytest.approx(before - 3.0 * f_a**2, abs=0.01)
-        assert ours.model == "with a term"
+        assert ours.model == "with a term with k2"
         assert any("k2 as model with a term has it" in text for text in ours.assumed)
 
 
