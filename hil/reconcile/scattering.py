@@ -8,7 +8,7 @@ It is asked about the form of model that fits the sensor; what moves the mean, w
 compete there, so that nothing is called scatter which something else explains.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -25,8 +25,9 @@ from hil.reconcile.naming import CERTAIN
 from hil.reconcile.outcome import scatter
 from hil.reconcile.outcome.answer import Answer
 from hil.reconcile.outcome.findings import id_of
-from hil.reconcile.outcome.sentences import scatter_in_words
-from hil.reconcile.outcome.stated import lacking
+from hil.reconcile.outcome.sentences import flicker_in_words, scatter_in_words
+from hil.reconcile.outcome.stated import lacking, wanders
+from hil.reconcile.wander import Wander
 from hil.reconcile.workflow import searched
 from hil.solve.both_sensors import BothSensors, common_and_differential
 from hil.solve.omissions import in_words, otherwise, without
@@ -37,11 +38,12 @@ from procedures.words import listed, percent, unit_in_words
 
 @dataclass(frozen=True)
 class Scattering:
-    """What the search came to, read for what scatters."""
+    """What the search came to, read for what scatters; `wanders` is what series show inside the collects, by sensor."""
 
     answer: Answer
     both: BothSensors | None
     to_record: Sequence[str]
+    wanders: Mapping[int, Wander]
 
     @property
     def named(self) -> tuple[str, ...]:
@@ -101,6 +103,7 @@ class Scattering:
             *([f"or it is no scatter, and moves the mean: {listed(instead)}"] if instead else []),
             *([f"it may follow {listed(self.to_record)}, which nobody recorded"] if self.to_record else []),
             *([] if self.both is None else self.both.sentences()),
+            *flicker_in_words(self.wanders),
             *self.answer.left.errors,
             *scatter_in_words(noise),
             *([f"beside it something moves the mean: {listed(self.moves)}; see hil reconcile"] if self.moves else []),
@@ -140,4 +143,9 @@ def what_scatters(campaign: Campaign) -> Scattering:
     model = load_model(default_form(next(iter(usable(asked).sensors.values())).conditions).name)
     answer = searched(asked, model, (*BASE_EFFECTS, *EFFECTS), VARIANCE_EFFECTS, ALPHA)
     to_record = lacking(campaign, answer.scatter, answer.noise)
-    return Scattering(answer, common_and_differential(campaign), to_record)
+    return Scattering(
+        answer,
+        common_and_differential(campaign),
+        to_record,
+        wanders(answer.problem.model, answer.problem.campaign, answer.noise, ()),
+    )

@@ -266,12 +266,16 @@ def stated_in_words(noise: Sequence[Mapping[str, Any]], wanders: Mapping[int, Wa
     )
     errors = "the standard errors and " * any(each["stated_deg_per_hr"] is not None for each in noise)
     said = f"the noise of model.yaml states what averages scatter by beyond {errors}the model read"
-    inside = [
-        f"the series of sensor {number} show flicker, which model.yaml states: a bias instability of "
-        f"{rounded(own.size, own.se)} deg/hr"
+    inside = [f"{each}, which model.yaml states" for each in flicker_in_words(wanders)]
+    return [*([f"{said}: {more}"] if more else []), *inside]
+
+
+def flicker_in_words(wanders: Mapping[int, Wander]) -> list[str]:
+    """Say of which sensors the series show flicker, and how much."""
+    return [
+        f"the series of sensor {number} show flicker: a bias instability of {rounded(own.size, own.se)} deg/hr"
         for number, own in wanders.items()
     ]
-    return [*([f"{said}: {more}"] if more else []), *inside]
 
 
 def values_off(standing: Mapping[str, Any] | None, gap: Gap) -> list[str]:

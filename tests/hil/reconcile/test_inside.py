@@ -23,6 +23,7 @@ from hil.model.stated_noise import SensorNoise
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.inside import within_collects
 from hil.reconcile.outcome.stated import beside, with_white_noise
+from hil.reconcile.scattering import what_scatters
 from hil.reconcile.wander import Wander, wandering
 from tests.hil.model.effect_conditions import ROTOR
 
@@ -104,9 +105,11 @@ def test_noise_that_wanders_where_no_run_was_repeated_leaves_open_what_runs_scat
     """One run at each temperature: what of it is from run to run is not known, and less the flicker no more so."""
     wanders = wandering_as_flicker(campaign_with("", tmp_path), 5.0, 1)
     rows = wanders.sensors[2]
-    alone = reconciled(replace(wanders, sensors={2: rows.rows(np.isin(rows.conditions.run, [1, 3, 5]))}))
+    of_three = replace(wanders, sensors={2: rows.rows(np.isin(rows.conditions.run, [1, 3, 5]))})
+    alone = reconciled(of_three)
     assert None in [each["run_offset_deg_per_hr"] for each in alone.noise]
-    assert any("show flicker" in note for note in alone.notes)
+    (told,) = [note for note in alone.notes if "show flicker" in note]
+    assert told.removesuffix(", which model.yaml states") in what_scatters(of_three).sentences()
 
 
 @pytest.mark.slow
