@@ -291,9 +291,8 @@ def _alike(other: Conditions, known: Conditions, order: IntArray, levels: IntArr
     if levels is None:
         return True
     apart = other.columns["temperature_degC"] - known.columns["temperature_degC"]
-    if not np.all(np.abs(apart[levels >= 0]) <= WIDEST_DEGC):
-        return False
-    return all(abs(np.mean(apart[levels == k])) <= ELSEWHERE_DEGC for k in set(levels[levels >= 0].tolist()))
+    near = bool(np.all(np.abs(apart[levels >= 0]) <= WIDEST_DEGC))
+    return near and all(abs(np.mean(apart[levels == k])) <= ELSEWHERE_DEGC for k in set(levels[levels >= 0].tolist()))
 
 
 def _in_order(conditions: Conditions) -> IntArray:
