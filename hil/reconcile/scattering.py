@@ -44,6 +44,7 @@ class Scattering:
     both: BothSensors | None
     to_record: Sequence[str]
     wanders: Mapping[int, Wander]
+    otherwise: Sequence[str]
 
     @property
     def named(self) -> tuple[str, ...]:
@@ -108,7 +109,7 @@ class Scattering:
             *scatter_in_words(noise),
             *([f"beside it something moves the mean: {listed(self.moves)}; see hil reconcile"] if self.moves else []),
             *in_words({"rows": found.rows, **without(found.campaign)}, searched=True),
-            *otherwise(found.campaign, found.rows),
+            *self.otherwise,
         ]
 
     def document(self) -> dict[str, Any]:
@@ -148,4 +149,5 @@ def what_scatters(campaign: Campaign) -> Scattering:
         common_and_differential(campaign),
         to_record,
         wanders(answer.problem.model, answer.problem.campaign, answer.noise, ()),
+        otherwise(campaign, answer.rows),
     )

@@ -20,12 +20,13 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtri, stdtr
 
-from hil.campaign import Campaign, FloatArray
+from hil.campaign import Campaign, FloatArray, IntArray
 from hil.files.document import picked
 from hil.model.forms import MATRIX_6, PER_G, RATE
 from hil.solve.noise import noise_left
 from hil.solve.repeats import SensorRepeats, means_of
 from hil.solve.runs import solve_campaign
+from hil.solve.spread import Spread
 from hil.solve.temperatures import runs_by_temperature
 from hil.solve.uncertain import CONFIDENCE
 from hil.solve.wrong_rows import treated
@@ -129,9 +130,9 @@ def common_and_differential(campaign: Campaign) -> BothSensors | None:
     known = min(float(by.min()) for _, by in noise.values())
     common = means_of(UNITS, values.mean(axis=1), 0.5 * white, group, at, residuals=known)
     differential = means_of(UNITS, values[:, 1] - values[:, 0], white, group, at, residuals=known)
-    away = values - np.array([values[group == k].mean(axis=0) for k in range(len(at))])[group]
+    away = np.stack([_away(*of, group, known) for of in zip(values.swapaxes(0, 1), errors.swapaxes(0, 1), strict=True)])
     degrees = len(group) - len(at)
-    correlation = _correlations(away[:, 0], away[:, 1])
+    correlation = _correlations(*away)
     same = {name: _interval(float(correlation[i, i]), degrees) for i, name in enumerate(MATRIX_6)}
     pair = (rotors[0], rotors[1])
     return BothSensors(pair, common, differential, degrees, same, _shared(correlation, degrees))
@@ -141,6 +142,17 @@ def moving_together(campaign: Campaign) -> list[str]:
     """Say what moves both sensors of a campaign together; nothing where each scatters alone, or nobody can tell."""
     both = common_and_differential(campaign)
     return [] if both is None else both.together
+
+
+def _away(values: FloatArray, errors: FloatArray, group: IntArray, residuals: float) -> FloatArray:
+    """Return how far runs' values (r, p) are from the mean of their `group` (r,), in what each scatters by.
+
+    Of values as they are, one run that is noisy in both sensors would be all that a correlation is of.
+    """
+    sd = Spread.of(values, errors, group, residuals=residuals).sd(errors)
+    weight = np.where(np.all(sd > 0.0, axis=0), sd, 1.0) ** -2.0
+    of_each = group == np.unique(group)[:, None]
+    return np.asarray(np.sqrt(weight) * (values - (of_each @ (weight * values) / (of_each @ weight))[group]))
 
 
 def _correlations(one: FloatArray, two: FloatArray) -> FloatArray:

@@ -77,7 +77,7 @@ class WrongRows:
     With each, the parameters of which no other tells; none where that is the whole. `apart` are runs of which it is
     certain that nothing holds: they are solved, and are in no mean. `sees_from`, deg/hr: among so few runs what is off
     by less does not show; None among more. `may_be` are two that explain best what is not certain, and `likeliest` the
-    collects without that, too: nothing is solved by them, a search starts there.
+    collects without that, too: nothing is solved by them, a search starts there. `other` is what another sensor shows.
     """
 
     collects: Collects
@@ -88,6 +88,7 @@ class WrongRows:
     sees_from: float | None
     may_be: tuple[Wrong, ...]
     likeliest: Collects
+    other: OtherSensor | None
 
 
 def wrong_rows(campaign: Campaign) -> dict[int, WrongRows]:
@@ -95,12 +96,14 @@ def wrong_rows(campaign: Campaign) -> dict[int, WrongRows]:
 
     Of runs that FAIL by their records nothing is held against another's rows.
     """
+    fails = {number: frozenset(failed(campaign, number)) for number in campaign.sensors}
     return {
         number: _wrong_rows(
             rows,
             tuple(campaign.exchanged.get(number, ())),
-            frozenset(failed(campaign, number)),
+            fails[number],
             alike(campaign, number),
+            frozenset().union(*(runs for other, runs in fails.items() if other != number)),
         )
         for number, rows in campaign.sensors.items()
     }
@@ -126,17 +129,20 @@ def beside(collects: Collects, other: Collects | None) -> FloatArray:
     return out
 
 
-def _other_sensor(collects: Collects, other: Collects | None) -> OtherSensor | None:
-    """Return what another sensor shows in the same collects, and says of their labels."""
+def _other_sensor(collects: Collects, other: Collects | None, failed: Set[int]) -> OtherSensor | None:
+    """Return what another sensor, some runs of which `failed`, shows in the same collects, and says of their labels."""
     if other is None:
         return None
-    shown, asked = beside(collects, other), Asked(whitened(with_every_error(unclipped(other))))
+    # A run that FAILs by its records would hide in its noise whatever else the other's rates say of the rest.
+    told, runs = with_every_error(unclipped(other)), other.conditions.run
+    asked = cache(lambda silent: Asked(whitened(told.rows(~np.isin(runs, [*silent])))))
+    shown = beside(collects, other)
     same = {run for run, rows in collects.conditions.of_each_run.items() if np.isfinite(shown[rows]).any()}
     own, theirs = beside(other, collects), other.conditions.of_each_run
     return OtherSensor(
         shown,
-        cache(lambda run: asked.labels(run) if run in same else {}),
-        cache(lambda run: asked.with_others(run, own[theirs[run]]) if run in same else -np.inf),
+        cache(lambda run: asked(failed - {run}).labels(run) if run in same else {}),
+        cache(lambda run: asked(failed - {run}).with_others(run, own[theirs[run]]) if run in same else -np.inf),
     )
 
 
@@ -151,10 +157,14 @@ def failed(campaign: Campaign, number: int, *, unless_mended: bool = False) -> s
 
 @lru_cache(maxsize=8)
 def _wrong_rows(
-    collects: Collects, exchanged: tuple[tuple[int, int], ...], failed: frozenset[int], other: Collects | None
+    collects: Collects,
+    exchanged: tuple[tuple[int, int], ...],
+    failed: frozenset[int],
+    other: Collects | None,
+    failed_of_other: frozenset[int],
 ) -> WrongRows:
     rows = clipped_rows(collects)
-    shown = _other_sensor(collects, other)
+    shown = _other_sensor(collects, other, failed_of_other)
     collects, lay = _as_the_unit_lay(with_every_error(unclipped(collects)), exchanged)
     rows += lay
     judged = {each.run: [Judgement(Verdict.FAIL, each.why)] for each in lay}
@@ -177,7 +187,7 @@ def _wrong_rows(
         may_be.append(_of(filed, cause, _DONE.get(cause.what, _AS_FILED)[0], cause_in_words(filed, cause)))
         likeliest = mended(likeliest, cause)
     alone, seen_from = beyond_others(collects, {*failed, *(run for each in found for run in each.used)})
-    return WrongRows(collects, tuple(rows), every, alone, lost, seen_from, tuple(may_be), likeliest)
+    return WrongRows(collects, tuple(rows), every, alone, lost, seen_from, tuple(may_be), likeliest, shown)
 
 
 def _as_the_unit_lay(collects: Collects, exchanged: Sequence[tuple[int, int]]) -> tuple[Collects, list[Wrong]]:

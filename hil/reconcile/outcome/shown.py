@@ -40,7 +40,7 @@ def shown(campaign: Campaign, found: Answer, inside: Sequence[dict[str, Any]], a
     notes += [*_why_left(added), *_not_proved(found), *values_off(standing, found.gap)]
     notes += [found.untold] if found.untold and not found.names else []
     notes += [*added.left.errors, *scatter_in_words(found.noise), *stated_in_words(added.noise, added.wanders)]
-    notes += otherwise(asked, found.rows)
+    notes += otherwise(campaign, found.rows)
     return Reconciliation(
         campaign=asked.title,
         model_before=found.problem.model.title,

@@ -71,7 +71,7 @@ def _search(
     noise = float(np.sqrt(np.mean([b.noise.unit for b in laid])))
     own_values = all(b.noise.calibrated for b in laid)
     found = terms(candidates, blocks, conditions, noise, known, calibrated=own_values)
-    told = as_told(found, sensor.collects, problem.campaign.exchanged.get(sensor.number, ()))
+    told = as_told(found, solved, problem.campaign.exchanged.get(sensor.number, ()))
     search = SensorSearch(laid, told, solved.among(told))
     search.refine()
     parents = [term for j in search.leading() if (term := search.terms[j]).tier == 1]

@@ -26,10 +26,11 @@ from hil.model.forms import default_form
 from hil.reconcile.search.candidates import MANY, Candidate
 from hil.reconcile.search.problem import SensorProblem
 from hil.reconcile.search.terms import Term
+from hil.solve.asked import OtherSensor
 from hil.solve.causes import AS_IT_LAY
 from hil.solve.rows import Block
 from hil.solve.temperatures import runs_by_temperature
-from hil.solve.wrong_rows import MENDED, USED, Wrong, alike, beside, wrong_rows
+from hil.solve.wrong_rows import MENDED, USED, Wrong, wrong_rows
 
 NEIGHBOURS = 4
 """Rows to either side, in the same position, that say what a row should be."""
@@ -109,13 +110,12 @@ class AsSolved:
 
     What it is not certain of, and so leaves as it is filed, is among them: a search knows more.
 
-    `others` are those of another sensor in the same collects, NaN where there is none, or it took others. `alone` are
-    the runs that it cannot compare with others.
+    `other` is what another sensor shows in the same collects. `alone` are the runs that it cannot compare with others.
     """
 
     filed: Collects
     laid: FloatArray
-    others: FloatArray
+    other: OtherSensor | None
     rows: Sequence[Wrong]
     alone: Collection[int] = ()
 
@@ -124,8 +124,7 @@ class AsSolved:
         """Ask it of a sensor."""
         filed, solved = campaign.sensors[number], wrong_rows(campaign)[number]
         rows = [row for row in (*solved.rows, *solved.may_be) if row.done != USED]
-        others = beside(filed, alike(campaign, number))
-        return cls(filed, solved.likeliest.rates_deg_per_hr, others, rows, solved.not_compared)
+        return cls(filed, solved.likeliest.rates_deg_per_hr, solved.other, rows, solved.not_compared)
 
     @property
     def told(self) -> list[int]:
@@ -181,8 +180,8 @@ def exchanges(sensor: SensorProblem, blocks: Sequence[Block], solved: AsSolved) 
     laid = [(shape, effect.exchanged(conditions, rates, shape)) for shape in grid if shape["run"] in asked]
     for run in asked:
         own = conditions.run == run
-        if np.isfinite(solved.others[own]).all():
-            of_other = np.where(own[:, None], solved.others, rates)
+        if solved.other is not None and np.isfinite(solved.other.rates[own]).all():
+            of_other = np.where(own[:, None], solved.other.rates, rates)
             laid.append(({"run": float(run), "exchange": OTHER_SENSOR}, of_other))
     for shape, other in laid:
         if np.any(missing := np.isfinite(rates) & ~np.isfinite(other)):
@@ -202,15 +201,18 @@ def exchanges(sensor: SensorProblem, blocks: Sequence[Block], solved: AsSolved) 
             )
 
 
-def as_told(terms: Sequence[Term], collects: Collects, exchanged: Collection[tuple[int, int]]) -> list[Term]:
-    """Return the terms, exchanges with the odds that they have by how the unit lay.
+def as_told(terms: Sequence[Term], solved: AsSolved, exchanged: Collection[tuple[int, int]]) -> list[Term]:
+    """Return the terms, exchanges with the odds that they have by how the unit lay, and by what another sensor shows.
 
-    `exchanged` are pairs of collects that lay as each other's label says, by the unit's accelerometers.
+    `exchanged` are pairs of collects that lay as each other's label says, by the unit's accelerometers. Rates that are
+    another sensor's leave that one these, and are no likelier than these are there.
     """
+    collect = solved.filed.conditions.collect
 
-    def lay(term: Term) -> bool:
-        rows = np.any(term.candidate.columns != 0.0, axis=(1, 2))
-        return tuple(collects.conditions.collect[rows].tolist()) in exchanged
+    def told(term: Term) -> Term:
+        shape, rows = term.candidate.shape, np.any(term.candidate.columns != 0.0, axis=(1, 2))
+        if solved.other is not None and shape.get("exchange") == OTHER_SENSOR:
+            return replace(term, log_odds=term.log_odds + min(solved.other.instead(int(shape["run"])), 0.0))
+        return replace(term, log_odds=AS_IT_LAY) if tuple(collect[rows].tolist()) in exchanged else term
 
-    mislabelled = (term.is_mistake and term.candidate.effect is not None and lay(term) for term in terms)
-    return [replace(t, log_odds=AS_IT_LAY) if seen else t for t, seen in zip(terms, mislabelled, strict=True)]
+    return [told(t) if t.is_mistake and t.candidate.effect is not None else t for t in terms]

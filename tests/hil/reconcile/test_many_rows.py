@@ -32,7 +32,7 @@ def season(hidden: object = None) -> Problem:
 def _nothing(filed: Collects) -> AsSolved:
     """Return what `hil solve` makes of collects of which it doubts none."""
     rates = filed.rates_deg_per_hr
-    return AsSolved(filed, rates, np.full(rates.shape, np.nan), ())
+    return AsSolved(filed, rates, None, ())
 
 
 def test_of_many_rows_those_that_are_odd_are_asked_about() -> None:
@@ -82,10 +82,10 @@ def test_of_many_runs_those_that_are_odd_may_have_exchanged_labels() -> None:
 
     problem = season(exchanged)
     filed = problem.campaign.sensors[2]
-    rates, none = filed.rates_deg_per_hr, np.full(filed.rates_deg_per_hr.shape, np.nan)
+    rates = filed.rates_deg_per_hr
     named = np.where((filed.conditions.run == 5)[:, None], np.nan, rates)
     for laid, runs in ((rates, {77.0}), (named, {5.0, 77.0})):
-        found = list(exchanges(problem.sensors[2], problem.blocks, AsSolved(filed, laid, none, ())))
+        found = list(exchanges(problem.sensors[2], problem.blocks, AsSolved(filed, laid, None, ())))
         asked = {c.shape["run"] for c in found}
         assert runs <= asked
         assert (5.0 in asked) == (5.0 in runs)

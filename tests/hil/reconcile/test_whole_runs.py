@@ -10,8 +10,11 @@ import pytest
 from hil.campaign import Campaign, Sensor
 from hil.reconcile.outcome.page import page
 from hil.solve.wrong_rows import MENDED, wrong_rows
+from procedures.verdict import Judgement, Verdict
 from tests.hil.reconcile.hidden_effects import hidden_campaign
 from tests.hil.reconcile.test_swap import found, swaps
+from tests.hil.solve.test_other_runs import with_rates
+from tests.hil.solve.test_wrong_runs import noisy_beside_quiet
 
 
 @pytest.mark.slow
@@ -31,6 +34,16 @@ def test_a_run_with_the_other_sensors_rates_is_mended_for_both() -> None:
     assert sorted((row["sensor"], row["run"], row["done"]) for row in result.rows) == [(1, 3, MENDED), (2, 3, MENDED)]
     assert all("the rates look like the other sensor's" in row["why"] for row in result.rows)
     assert result.outliers == []
+
+
+def test_a_run_that_is_only_noisy_has_its_own_rates() -> None:
+    """Those of the quiet sensor beside it agree better with all; but it has its own, and not these."""
+    one = noisy_beside_quiet()
+    assert not any(effect.id == "swap" for effect in found(one, "matrix-6", prove=False).effects)
+    torn = replace(one, contradicted={(9, 1): Judgement(Verdict.FAIL, "its sign is turned")})
+    rates = torn.sensors[1].rates_deg_per_hr * np.where(torn.sensors[1].conditions.run == 9, -3.0, 1.0)[:, None]
+    torn = with_rates(torn, rates, 1)
+    assert not any("used as measured by hil solve" in each for each in found(torn, "matrix-6", prove=False).notes)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 from hil.campaign import Campaign, Collects
 from hil.solve import repeats, solve_campaign
 from hil.solve.wrong_rows import LEFT_OUT, MENDED, USED, wrong_rows
-from procedures.verdict import Verdict
+from procedures.verdict import Judgement, Verdict
 from tests.hil.solve.test_other_runs import campaign, with_rates
 from tests.hil.solve.test_wrong_rows import made
 
@@ -90,6 +90,29 @@ def test_rates_of_the_other_sensor_are_put_right_in_both() -> None:
     otherwise_laid = replace(rows, conditions=replace(rows.conditions, position=lay))
     for found in wrong_rows(replace(mixed, sensors={**mixed.sensors, 1: otherwise_laid})).values():
         assert not any("other sensor's" in row.why for row in found.rows)
+
+
+def test_a_run_that_is_only_noisy_has_its_own_rates_whatever_hides_in_the_quiet_sensors_noise() -> None:
+    """Another run of the other, which FAILs by its records, made its noise large enough to take these rates for its.
+
+    The other's rates of run 5, quiet and nearly the same, agree better with all; these are none that it may have.
+    """
+    one = noisy_beside_quiet()
+    turned = one.sensors[1].rates_deg_per_hr * np.where(one.sensors[1].conditions.run == 9, -3.0, 1.0)[:, None]
+    mixed = replace(with_rates(one, turned, 1), contradicted={(9, 1): Judgement(Verdict.FAIL, "its sign is turned")})
+    assert not any("other sensor's" in row.why for row in wrong_rows(mixed)[2].rows)
+
+
+def noisy_beside_quiet() -> Campaign:
+    """Two sensors with the same values, of which the second is noisier, and most of all, as it says, in run 5."""
+    one, rng = campaign(12, 3, seed=4, scatter=1.0), np.random.default_rng(7)
+    rows, sensors = one.sensors[2], {}
+    for number, usual in ((1, 0.2), (2, 5.0)):
+        errors = np.broadcast_to(np.where(rows.conditions.run == 5, 8.0, 1.0)[:, None] * usual, (len(rows), 2))
+        rates = rows.rates_deg_per_hr + errors * rng.normal(size=errors.shape)
+        sensor = replace(rows.conditions.sensor, number=number)
+        sensors[number] = Collects(replace(rows.conditions, sensor=sensor), rates, errors.copy())
+    return replace(one, sensors=sensors)
 
 
 def two_units() -> Campaign:
