@@ -30,6 +30,7 @@ from hil.archive.trend import (
     predicted,
     shifts_of,
     stations_of,
+    that_share,
     trend,
 )
 from hil.campaign import BoolArray, FloatArray
@@ -37,6 +38,7 @@ from hil.errors import InputError
 from hil.files.document import picked
 from hil.files.strict import near
 from hil.solve.runs import finite
+from procedures.words import listed
 
 if TYPE_CHECKING:  # where no limits are known, nothing that reads them is loaded
     from hil.config.limits import Limits, ParameterLimits
@@ -89,6 +91,7 @@ def history(index: Index, serial: str, model: str | None = None, limits: Limits 
     found = list(_parameters(means, {each.name: each.began_utc for each in used}, limits))
     parameters, kind, changes = [document for document, _ in found], good[-1], _changes(good, settings)
     said += _not_judged(limits, kind.model, parameters)
+    said += _not_compared(parameters, {each.name: each.began_utc[:10] for each in used})
     day, why = _next(parameters, limits, used[-1].began_utc if used else "", judged=any(told for _, told in found))
     return {
         "schema": "hil.history/1",
@@ -154,6 +157,22 @@ def _not_judged(limits: Limits | None, model: str, parameters: Sequence[Mapping[
             yield f"{limits.source}: sensor {sensor}: no calibration tells {', '.join(lacking)}: not judged"
 
 
+def _not_compared(parameters: Sequence[Mapping[str, Any]], days: Mapping[str, str]) -> Iterator[str]:
+    """Yield of which calibrations the others tell nothing, and of which parameters."""
+    of_each: dict[tuple[str, ...], list[str]] = {}
+    for each in parameters:
+        name = f"{each['parameter']} of sensor {each['sensor']}"
+        of_each.setdefault(tuple(each["not_compared"]), []).append(name)
+    for apart, names in of_each.items():
+        if apart:
+            which = "every parameter" if len(names) == len(parameters) else listed(names)
+            share, one = ("shares", "it") if len(apart) == 1 else ("share", "them")
+            yield (
+                f"{listed(days[each] for each in apart)}: {share} no temperature with the other calibrations, and "
+                f"nothing of {one} is compared with these: {which}"
+            )
+
+
 def _changes(good: Sequence[Entry], settings: Mapping[str, Mapping[str, Any]]) -> dict[str, list[str]]:
     """Return what changed in bench, sweep and software since the entry before, where both were recorded by hil."""
     found = {}
@@ -176,45 +195,53 @@ def _parameters(
     for (sensor, name), own in by_parameter.items():
         stations, unit = stations_of(own), own[0].value.unit
         values = at_usual_temperatures(stations)
-        names, shifts, errors, left = shifts_of(values)
-        months = np.array([began[each] for each in names])
-        together = trend(months, shifts, errors)
-        since = float(months[together.step]) if together.step else -np.inf
-        until = float(months[together.back]) if together.back else np.inf
         k = 2.0 if limits is None else limits.k
         asked = None if limits is None else limits.sensors.get(sensor, {}).get(name)
-        told, of_each = False, []
-        for at, of in stations.items():
-            when = np.array([began[each.entry] for each in of])
-            y, sd = np.array([values[at][each.entry] for each in of]).T
-            found = at_one_temperature(together, since, until, when, y, sd)
-            told |= found.fit is not None
-            of_each.append(
-                {
-                    "temperature_degC": at,
-                    **_trend(found, [days[each.entry] for each in of], unit),
-                    "control": _control(y, sd, (when < since) | (when >= until) if together.back else when >= since),
-                    "due_in_months": _due(found, when, asked, k),
-                    "values": [
-                        {"entry": m.entry, "day": days[m.entry], "own_degC": m.own_degC, **m.value.document()}
-                        for m in of
-                    ],
-                }
-            )
+        told, of_each, parts = False, [], []
+        for part in that_share(values):
+            names, shifts, errors, left = shifts_of(part)
+            months = np.array([began[each] for each in names])
+            together = trend(months, shifts, errors)
+            parts.append((names, together, left))
+            since = float(months[together.step]) if together.step else -np.inf
+            until = float(months[together.back]) if together.back else np.inf
+            for at in part:
+                of = stations[at]
+                when = np.array([began[each.entry] for each in of])
+                y, sd = np.array([values[at][each.entry] for each in of]).T
+                found = at_one_temperature(together, since, until, when, y, sd)
+                told |= found.fit is not None
+                known = min(each.value.freedom for each in of)
+                near = (when < since) | (when >= until) if together.back else when >= since
+                of_each.append(
+                    {
+                        "temperature_degC": at,
+                        **_trend(found, [days[each.entry] for each in of], unit),
+                        "control": _control(y, sd, near, known),
+                        "due_in_months": _due(found, when, asked, k),
+                        "values": [
+                            {"entry": m.entry, "day": days[m.entry], "own_degC": m.own_degC, **m.value.document()}
+                            for m in of
+                        ],
+                    }
+                )
+        of_each.sort(key=lambda each: list(stations).index(each["temperature_degC"]))
+        names, together, left = parts[0]
         document = {
             "sensor": sensor,
             "parameter": name,
             "unit": unit,
             **_trend(together, [days[each] for each in names], unit),
             "differs_between_temperatures": differs(left, names, together),
+            "not_compared": [each for apart, *_ in parts[1:] for each in apart],
             "temperatures": of_each,
         }
         yield document, told
 
 
-def _control(y: FloatArray, sd: FloatArray, since: BoolArray) -> dict[str, Any] | None:
+def _control(y: FloatArray, sd: FloatArray, since: BoolArray, freedom: float) -> dict[str, Any] | None:
     """Return where the newest value (n,) should be by the earlier ones `since` a jump, and whether it is outside."""
-    limits = control_limits(y[:-1][since[:-1]], sd[:-1][since[:-1]], float(sd[-1]))
+    limits = control_limits(y[:-1][since[:-1]], sd[:-1][since[:-1]], float(sd[-1]), freedom)
     if limits is None:
         return None
     half = control_half_width(limits)

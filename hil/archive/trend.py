@@ -13,7 +13,8 @@ is named that is not better than its rivals by `MARGIN`, odds of twenty to one.
 A parameter has a mean at several temperatures: which belong together, and what all of them have in common, comes first.
 
     values = at_usual_temperatures(stations_of(means))     # brought to where the unit usually was
-    entries, shifts, sd, left = shifts_of(values)          # of each calibration against the others
+    for own in that_share(values):                         # calibrations that temperatures make comparable
+        entries, shifts, sd, left = shifts_of(own)         # of each against the others
 """
 
 import math
@@ -163,7 +164,7 @@ def predicted(fit: Fit, at: FloatArray, months: FloatArray, sigmas: float) -> tu
     return columns @ fit.values, sd * Uncertain(0.0, 1.0, fit.freedom, fit.freedom, "").expanded(sigmas)
 
 
-def control_limits(earlier: FloatArray, sd: FloatArray, own_sd: float) -> Uncertain | None:
+def control_limits(earlier: FloatArray, sd: FloatArray, own_sd: float, freedom: float = 0.0) -> Uncertain | None:
     """Return where the next of a unit's values should be by its own earlier ones (m,), None for fewer than three.
 
     A chart of single values (Shewhart), each weighed by its standard deviation (m,); the next has its `own_sd`. How
@@ -177,7 +178,8 @@ def control_limits(earlier: FloatArray, sd: FloatArray, own_sd: float) -> Uncert
         sd, own_sd = np.ones(count), 1.0
     times = max(float(np.mean(np.abs(np.diff(earlier)) / np.hypot(sd[1:], sd[:-1]))) / _OF_A_PAIR, float(told))
     centre, error = _weighed(earlier, sd)
-    return Uncertain(centre, times * math.hypot(own_sd, error), count - 1, count, "")
+    behind = count - 1 + told * min(0.5 * ((count - 1) / max(times, 1.0) ** 2) ** 2, freedom)
+    return Uncertain(centre, times * math.hypot(own_sd, error), behind, count, "")
 
 
 def _weighed(values: FloatArray, sd: FloatArray) -> tuple[float, float]:
@@ -222,6 +224,24 @@ def at_usual_temperatures(stations: Mapping[float | None, Sequence[ArchivedMean]
         }
         for (at, of), slope in zip(stations.items(), slopes, strict=True)
     }
+
+
+def that_share(values: Values) -> list[Values]:
+    """Part temperatures by what was calibrated at several of them: between those of two parts nothing is compared.
+
+    That of most calibrations is the first, of as many that of the newest.
+    """
+    parts: list[dict[float | None, Mapping[str, tuple[float, float]]]] = []
+    for at, of in values.items():
+        linked = [part for part in parts if any(of.keys() & own.keys() for own in part.values())]
+        parts = [part for part in parts if part not in linked]
+        parts.append({each: own for part in linked for each, own in part.items()} | {at: of})
+
+    def most(part: Values) -> tuple[int, str]:
+        times = {name.partition("/")[2] for of in part.values() for name in of}
+        return len(times), max(times)
+
+    return sorted(parts, key=most, reverse=True)
 
 
 def shifts_of(

@@ -75,7 +75,7 @@ def test_a_life_tells_drift_from_jump(archive: Path, capsys: pytest.CaptureFixtu
         assert not of["control"]["outside"]
         assert abs(of["control"]["centre"] - of["values"][-1]["value"]) < 5.0
     assert document["next_calibration"]["due"] >= document["campaigns"][-1]["began_utc"][:10]
-    one = document["parameters"][0]
+    one = found[1, "BB"]
     unknown = one | {"temperatures": [of | {"control": None} for of in one["temperatures"]]}
     for those, word in ((one, "no"), (unknown, "–")):  # limits that nobody knows are not kept
         assert f'<td class="wrap">{word}</td>' in history_page(document | {"parameters": [those]})

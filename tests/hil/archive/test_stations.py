@@ -61,6 +61,12 @@ def outside(off_degC: float, more: float) -> list[bool]:
             own = asked + rng.normal(0.0, 0.1) + off_degC * last
             of = Uncertain(SLOPE * own + more * last + rng.normal(0.0, SD), SD, 10.0, 3, "deg/hr")
             means.append(ArchivedMean(name, 2, "BA", asked, own, of))
+    (parameter,) = known(entries, means)["parameters"]
+    return [each["control"]["outside"] for each in parameter["temperatures"]]
+
+
+def known(entries: list[Entry], means: list[ArchivedMean]) -> dict[str, Any]:
+    """Return the history of a unit of which an archive has these."""
     index: Any = SimpleNamespace(
         entries=lambda _="": entries,
         behind=lambda _: [],
@@ -68,11 +74,34 @@ def outside(off_degC: float, more: float) -> list[bool]:
         settings=lambda _: {},
         means=lambda _: means,
     )
-    (parameter,) = history(index, "1")["parameters"]
-    return [each["control"]["outside"] for each in parameter["temperatures"]]
+    return history(index, "1")
 
 
 def test_a_newest_calibration_taken_elsewhere_is_not_outside_its_limits() -> None:
     """They are of values where the unit usually was, and so is what is held against them."""
     assert outside(2.0, 0.0) == [False] * 3
     assert outside(0.0, 1.0) == [True] * 3
+
+
+def test_calibrations_that_share_no_temperature_are_held_against_none_of_the_others() -> None:
+    """Every second one at another temperature only, where the value is another: nothing scatters, and it is said."""
+    rng, means, entries = np.random.default_rng(5), [], []
+    for number in range(7):
+        name, apart = f"unit-1/{number:02d}", number % 2
+        began = f"{2010 + number}-01-01T00:00:00+00:00"
+        entries.append(Entry(name, "", "1", "", began_utc=began, ended_utc=began, good=True))
+        for asked in (23.5,) if apart else (0.0, 20.0, 40.0):
+            of = Uncertain(60.0 + 5.0 * apart + rng.normal(0.0, SD), SD, 10.0, 3, "deg/hr/g")
+            means.append(ArchivedMean(name, 2, "GSA", asked, asked, of))
+    document = known(entries, means)
+    (parameter,) = document["parameters"]
+    assert parameter["finding"] == "nothing shown"
+    assert [each["temperature_degC"] for each in parameter["temperatures"]] == [0.0, 20.0, 23.5, 40.0]
+    assert [each["finding"] for each in parameter["temperatures"]] == [
+        *["nothing shown"] * 2,
+        "cannot tell",
+        "nothing shown",
+    ]
+    assert parameter["not_compared"] == [f"unit-1/{number:02d}" for number in (1, 3, 5)]
+    (said,) = document["said"]
+    assert said.startswith("2011-01-01, 2013-01-01 and 2015-01-01: share no temperature with the other calibrations")

@@ -93,6 +93,18 @@ def test_control_limits_are_passed_by_chance_as_three_sigma_are() -> None:
     assert control_limits(np.zeros(2), np.ones(2), 1.0) is None
 
 
+def test_of_three_values_as_near_as_they_say_control_limits_are_no_wider_than_needed() -> None:
+    """Nine of their standard deviations, not the twenty-two of two degrees of freedom; chance hardly passes them."""
+    rng, sd, outside, wide = np.random.default_rng(9), np.ones(3), 0, []
+    for life in rng.normal(0.0, 1.0, (1000, 4)):
+        limits = control_limits(life[:-1], sd, 1.0, 20.0)
+        assert limits is not None
+        wide.append(control_half_width(limits))
+        outside += abs(life[-1] - limits.value) > wide[-1]
+    assert np.median(wide) < 9.0
+    assert outside <= 3
+
+
 def test_a_calibration_that_is_hardly_known_moves_no_control_limit() -> None:
     """One of eight, fifty off and as unsure: the next is judged as by the seven; one that is unsure is not outside."""
     life = np.random.default_rng(10).normal(0.0, 1.0, 8)
