@@ -12,6 +12,7 @@ from hil.reconcile.naming import CERTAIN, Named, Reading
 from hil.reconcile.outcome.findings import gap_of
 from hil.reconcile.outcome.mistakes import certain, mended, outliers_found, rows_found
 from hil.reconcile.outcome.scatter import FoundScatter, found_scatter, ordinary, pooled
+from hil.reconcile.outcome.stated import not_repeated
 from hil.reconcile.outcome.values import taken_out
 from hil.reconcile.proof.held_out import Proof, held_out
 from hil.reconcile.result import Gap, Solved
@@ -82,7 +83,11 @@ class Answer:
 
     @property
     def untold(self) -> str:
-        """Say between what these repeats cannot tell; empty where a name is settled, or that there is none."""
+        """Say between what these runs cannot tell; empty where a name is settled, or that there is none."""
+        if once := not_repeated(self.noise, self.left.shown):
+            return (
+                f"these collects cannot tell whether {once} changed from run to run or followed temperature: repeat one"
+            )
         names = [each for each in self.names if each.acts_on == "scatter"]
         ordinary = self.scatters_by.get(ORDINARY, ("", 1.0))[1]
         if any(each.kind == "named" for each in names) or ordinary >= CERTAIN:

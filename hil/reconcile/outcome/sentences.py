@@ -9,7 +9,7 @@ import numpy as np
 from drivers.strict_yaml import packaged
 from hil.files.numbers import rounded
 from hil.reconcile.naming import CERTAIN, LIKELY
-from hil.reconcile.outcome.stated import beyond_chance
+from hil.reconcile.outcome.stated import beyond_chance, not_repeated
 from hil.reconcile.result import LEFT_OUT, FoundEffect, Gap, Reconciliation
 from hil.reconcile.rivals import Rival, in_times
 from hil.reconcile.search.terms import NO_NAME
@@ -68,6 +68,8 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     if kind != "scatter" and result.left.misstated:
         model = ", or the noise that the model states" * bool(result.input_model.noise)
         first.append(f"standard errors{model}: repeats and residuals show others (notes)")
+    if once := not_repeated(result.noise, result.left.shown):
+        first.append(f"a second run at a temperature that has one: {once} may have followed it, or changed by the run")
     if result.to_record:
         first.append(f"a record of {MAY_FOLLOW.format(listed(result.to_record))}")
     act = "The model itself lacks nothing that can be told." if kind == "none" and first else _ACT[kind]
@@ -81,13 +83,13 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
         where = ", ".join(told for _, told in of_sensors_in_words({"FAIL": of}))
         act = f"{act} No effect is named, but averages scatter more than their standard errors say: {where}."
     elif kind in {"none", "apart"} and (more := at_most(result.noise)):
-        known = ["the ± of hil solve"] * result.solved.widens + ["the noise of model.yaml"]
+        known = ["the ± of hil solve"] * (result.solved.widens and not once) + ["the noise of model.yaml"]
         act += f" Averages scatter {more}; {listed(known)} {'have' if len(known) > 1 else 'has'} it."
     if kind in {"none", "named", "ambiguous"} and _follows_temperature(result):
         few = too_few(result.solved.temperatures)
         act += f"{_MEASURED} {f'these cannot tell ({few})' if few else 'hil thermal says'}."
     if apart:
-        part = min(_BY, key=lambda each: 1.0 if after["parts"].get(each) is None else after["parts"][each])
+        part = min(after["parts"], key=lambda each: 1.0 if after["parts"][each] is None else after["parts"][each])
         act += f" Nights simulated with the model as it is now can be told from the measured one by {_BY[part]}."
     return kind, f"First see to {'; '.join(first)}. {act}" if first else act
 

@@ -17,7 +17,9 @@ from hil.model.stated_noise import ScatterTerm, SensorNoise
 from hil.reconcile.outcome.scatter import FoundScatter
 from hil.reconcile.wander import Wander, wandering
 from hil.solve.precision import to_record
+from hil.solve.repeats import SensorRepeats
 from hil.solve.temperatures import level_degC, same_temperature
+from procedures.words import listed
 
 _WHITE = "deg/sqrt(hr)"
 _OF_A_MEDIAN = 1.25  # times as uncertain as a mean is a median of normal numbers
@@ -120,6 +122,20 @@ def beyond_chance(channel: Mapping[str, Any]) -> Iterator[tuple[str, float, floa
         size, se = channel[f"{called}_deg_per_hr"], channel[f"{called}_se_deg_per_hr"]
         if se is not None and size > se:
             yield key, size, se
+
+
+def not_repeated(noise: Iterable[Mapping[str, Any]], shown: Mapping[int, SensorRepeats]) -> str:
+    """Name the channels that differ from run to run though no run was repeated; empty where none does.
+
+    That may be temperature as well as the runs themselves, and no repeat tells `hil solve` of it.
+    """
+    single = {number for number, each in shown.items() if not np.any(each.spread.degrees)}
+    differ = [
+        f"{of['channel']} of sensor {of['sensor']}"
+        for of in noise
+        if of["sensor"] in single and any(key == "run_to_run" for key, *_ in beyond_chance(of))
+    ]
+    return listed(differ) if differ else ""
 
 
 def lacking(filed: Campaign, scatter: Iterable[FoundScatter], noise: Iterable[Mapping[str, Any]]) -> list[str]:

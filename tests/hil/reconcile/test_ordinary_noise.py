@@ -13,6 +13,7 @@ from hil.model.curve import Constant, Curve, Polynomial, Table
 from hil.model.stated_noise import SensorNoise
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.page import page
+from hil.reconcile.outcome.sentences import what_to_do
 from hil.reconcile.outcome.stated import with_ordinary
 from hil.reconcile.scattering import what_scatters
 from tests.hil.reconcile.hidden_effects import Rows, base_rates, campaign_of, hidden_campaign, lay_out, noise
@@ -160,3 +161,18 @@ def test_what_these_repeats_cannot_tell_is_said_by_both_in_one_sentence() -> Non
     assert "Rate random walk (" in untold
     assert result.verdict == "none"
     assert untold in result.notes
+
+
+def test_what_single_runs_differ_by_may_be_temperature_and_is_in_no_error_that_is_stated() -> None:
+    """One run at each of two temperatures: nobody can tell, both commands say so, and what to measure."""
+    one = campaign(2, 1, scatter=0.0)
+    result, told = reconcile(one, "matrix-6", prove=False), what_scatters(one).sentences()
+    (said,) = (each for each in told if "followed temperature" in each)
+    assert said in result.notes
+    assert not any("an offset of each run" in each for each in told)
+    kind, act = what_to_do(result)
+    assert (result.verdict, kind) == ("none", "none")
+    assert "First see to a second run at a temperature that has one: RA of sensor 2 and RB of sensor 2 may" in act
+    assert "Nobody has to act" not in act
+    assert "the noise of model.yaml has it" in act
+    assert "± of hil solve" not in act
