@@ -207,7 +207,7 @@ class Noise:
 
     def _filters(self, points: Points) -> Iterator[tuple[IntArray, Filter]]:
         """So many at once that no piece is larger than some tens of megabytes."""
-        most = max(1, 2 * LARGEST // (len(self.order) * PIECE))
+        most = max(1, LARGEST // (len(self.order) * PIECE))
         alike: dict[tuple[int, bytes], list[int]] = {}
         for t, there in enumerate(points.amount > 0.0):
             chain = self._chain(there)
