@@ -119,7 +119,7 @@ def _scatter_of(folder: str) -> dict[int, dict[str, float]]:
 
     campaign = read_source(Path(folder))
     shown = repeats(campaign, solve_campaign(campaign))
-    told = {n: of for n, of in shown.items() if of.spread.degrees.any()}
+    told = {n: of for n, of in shown.items() if of.repeated}
     if not told:
         raise InputError(f"--scatter {folder}: nothing was repeated there, so it does not tell what runs differ by")
     return {n: dict(zip(of.names, of.spread.beyond.tolist(), strict=True)) for n, of in told.items()}

@@ -3,8 +3,8 @@
 Each number of a night is held against the others' mean and spread (Student's t, so that it is smooth), a part's are
 combined by the harmonic mean of their p-values, every question of the same weight in however many places it is asked,
 and what comes of it is compared with what comes of every other night in the same way. Were the first night simulated
-too, each would be as likely to be the most unlike: its rank among all of them, (1 + k) / (n + 1) where k of n others are
-as unlike, is exact whatever the numbers depend on, and nothing finer is said (Phipson and Smyth 2010).
+too, each would be as likely to be the most unlike: its rank among all of them, (1 + k) / (n + 1) where k of n others
+are as unlike, is exact whatever the numbers depend on, and nothing finer is said (Phipson and Smyth 2010).
 """
 
 import json

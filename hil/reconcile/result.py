@@ -4,8 +4,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
 from hil.campaign import Campaign
 from hil.files.document import picked, plain
 from hil.files.numbers import degrees, number, rounded
@@ -209,7 +207,7 @@ class Solved:
         odd = [each for each in every if each.verdict is not Verdict.PASS]
         why = [f"{verdict}, {where}: {each}" for verdict, where, each in reasons(odd)]
         shown = repeats(campaign, every)
-        widens = any(np.any(each.spread.degrees) for each in shown.values()) or any(e.degrees_of_freedom for e in every)
+        widens = any(each.repeated for each in shown.values()) or any(e.degrees_of_freedom for e in every)
         errors = [f"sensor {number}: {beside}{said}" for number, each in shown.items() for said in each.noise_in_words]
         small = any(times > 1.0 for each in shown.values() for times in each.times_of.values())
         misstated = any(each.misstated for each in shown.values())

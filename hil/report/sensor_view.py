@@ -96,7 +96,8 @@ def key_numbers(sensors: Sequence[SensorContent]) -> dict[str, Any]:
         for s, at in zip(shown, nearest, strict=True)
     ]
     doubtful = any(_doubtful(sensor, at) for sensor in shown for at in sensor.shown.means)
-    return {"heads": heads, "rows": rows, "left": len(sensors) - len(shown), "doubtful": doubtful}
+    every = {"repeated": all(sensor.shown.repeated for sensor in shown), "left": len(sensors) - len(shown)}
+    return {"heads": heads, "rows": rows, "doubtful": doubtful, **every}
 
 
 def _from_room(mean: MeanAt) -> float:

@@ -150,10 +150,9 @@ class SensorRepeats:
 
     def sentences(self) -> list[str]:
         """Say what repeats show beyond standard errors, or that nothing was told twice."""
-        if not np.any(self.spread.degrees):
-            return [
-                "no parameter was told twice at one temperature: what changes from run to run is not known, and in no ±"
-            ]
+        if not self.repeated:
+            once = "no parameter was told twice at one temperature"
+            return [f"{once}: what changes from run to run is not known, and in no ±", *self.widened]
         of, noise = self.spread, self.by_noise
         told = [
             f"{name} by {sd:.3g} {unit}" + f" ({stated:.2g} by noise)" * bool(stated > 0.0)
@@ -177,6 +176,21 @@ class SensorRepeats:
         said = [f"repeats scatter {more}"] if told or not self.noise_in_words else []
         said += [f"record {MAY_FOLLOW.format(listed(self.to_record))}"] if self.to_record else []
         return [*said, *self.noise_in_words, *self._by_temperature()]
+
+    @property
+    def repeated(self) -> bool:
+        """Whether any parameter was told twice at one temperature."""
+        return bool(np.any(self.spread.degrees))
+
+    @property
+    def widened(self) -> list[str]:
+        """Say by how much residuals alone make a ± larger than standard errors say; nothing where repeats say more."""
+        by_times: dict[str, list[str]] = {}
+        for name, times in zip(self.names, self.spread.factor.tolist(), strict=True):
+            by_times.setdefault(significant(times), []).append(name)
+        wider = [f"{times} times for {listed(names)}" for times, names in by_times.items() if float(times) > 1.0]
+        more = "residuals make the ± larger than standard errors say"
+        return [f"{more}: {'; '.join(wider)}"] if wider and self.stated and not self.repeated else []
 
     @property
     def misstated(self) -> bool:

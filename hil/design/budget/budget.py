@@ -30,8 +30,9 @@ from hil.solve.uncertain import Uncertain
 
 DRAWS = 100_000
 
-SECOND_ORDER = 1e-4
-"""deg/hr (or deg/hr/g): contributions below a hundredth of the report's resolution are not compared.
+SECOND_ORDER, OF_ALL = 1e-4, 0.01
+"""deg/hr (or deg/hr/g), and of the total: contributions below a hundredth of the report's resolution are not compared,
+nor do they differ by what is a hundredth of all together.
 
 Where a parameter is immune to a source in first order, the draws still show the second.
 """
@@ -101,7 +102,8 @@ class Budget:
         }
 
     def _apart(self, analytic: FloatArray, simulated: FloatArray) -> NDArray[np.bool_]:
-        return np.asarray(np.abs(analytic - simulated) > _SIGMAS * self.simulation_error(analytic) + SECOND_ORDER)
+        least = SECOND_ORDER + OF_ALL * self.total()
+        return np.asarray(np.abs(analytic - simulated) > _SIGMAS * self.simulation_error(analytic) + least)
 
 
 def response(scene: Scene, form: LinearForm) -> FloatArray:

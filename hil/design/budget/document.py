@@ -120,6 +120,7 @@ def _sensor(runs: Sequence[RunScene], asked: Asked, observed: SensorRepeats | No
         "run_to_run": _named(budget, budget.from_run_to_run),
         "observed_run_to_run": {} if observed is None else observed.document()["run_to_run"],
         "as_solved": _named(budget, one) if observed is not None else {},
+        "as_solved_for": [] if observed is None else observed.widened,
         "mean_as_solved": {}
         if mean is None
         else {"runs": list(mean.runs), **{n: finite(v.sd) for n, v in mean.values.items()}},

@@ -157,7 +157,7 @@ def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[st
     noise = {
         number: replace(
             _seen(each, assumed=number in assumed)
-            if np.any(each.spread.degrees)
+            if each.repeated
             else NoiseLevel(source="assumed" if number in assumed else "assumed, for no run was repeated"),
             collect_deg_per_hr=float(np.nanmedian(sigmas[number])),  # one that is huge says nothing of the others
             channels_deg_per_hr={

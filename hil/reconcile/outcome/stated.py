@@ -129,7 +129,7 @@ def not_repeated(noise: Iterable[Mapping[str, Any]], shown: Mapping[int, SensorR
 
     That may be temperature as well as the runs themselves, and no repeat tells `hil solve` of it.
     """
-    single = {number for number, each in shown.items() if not np.any(each.spread.degrees)}
+    single = {number for number, each in shown.items() if not each.repeated}
     differ = [
         f"{of['channel']} of sensor {of['sensor']}"
         for of in noise

@@ -6,6 +6,8 @@ error makes of it.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -99,6 +101,19 @@ def test_a_size_that_is_not_small_is_said_not_to_agree() -> None:
     leaning = Budget(scene(), [Tilt(20.0, "test")], matrix_6_form(SENSOR), draws=20_000)
     assert not leaning.agrees
     assert set(leaning.too_large) == {"tilt"}
+
+
+def test_a_difference_that_the_total_does_not_show_is_none() -> None:
+    """Of the second order is a source to which a parameter is immune: a thousandth of what noise makes of it."""
+    given = [*every_source(), Noise(1.0, "test")]
+    budget = Budget(scene(), given, matrix_6_form(SENSOR), draws=20_000)
+    share, total = next(each for each in budget.shares if each.source.id == "heading"), budget.total()
+    for part, agrees in ((0.001, True), (0.1, False)):
+        simulated = share.analytic + part * total
+        shares = tuple(replace(each, simulated=simulated) if each is share else each for each in budget.shares)
+        budget.shares = shares
+        assert budget.agrees == agrees
+        budget.shares = tuple(share if each.source is share.source else each for each in shares)
 
 
 @pytest.mark.parametrize("source", every_source(), ids=lambda each: each.id)

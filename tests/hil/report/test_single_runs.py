@@ -102,3 +102,11 @@ def test_the_heading_of_hil_solve_claims_no_repeats_where_there_are_none(
     said = capsys.readouterr().out
     assert ("± one standard deviation, what repeats show included" in " ".join(said.split())) is not bool(left_out)
     assert ("in no ±" in said) is bool(left_out)
+
+
+@pytest.mark.parametrize("left_out", [set[str](), REPEATED])
+def test_the_first_table_of_a_report_claims_no_scatter_that_nothing_showed(folder: Path, left_out: set[str]) -> None:
+    """Of single runs what changes from run to run is in no ±, and so it stands there."""
+    page = render(_without(folder, left_out))
+    assert ("scatter from run to run included." in page) is not bool(left_out)
+    assert ("in which what changes from run to run is not" in page) is bool(left_out)

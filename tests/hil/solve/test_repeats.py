@@ -109,6 +109,22 @@ def test_what_standard_errors_do_not_know_is_in_the_mean_of_three() -> None:
     assert "no temperature was recorded, so that every run counts as a repeat" in without.sentences()[0]
 
 
+def test_where_residuals_alone_widen_an_interval_it_is_said() -> None:
+    """Of single runs: of which parameters, and how many times; where runs repeat each other, those say more."""
+    rows = runs_at_their_temperatures(2, 2, scatter=0.0).sensors[2]  # each position twice, in one run
+    alone = replace(rows, conditions=replace(rows.conditions, run=np.ones(len(rows), np.int64)))
+    one = replace(runs_at_their_temperatures(), sensors={2: alone})
+    rates = rows.rates_deg_per_hr + 2.0 * np.outer((1, -1, 1, -1, 1, -1), (1.0, 0.0))
+    shown = repeats(with_rates(one, rates), solve_campaign(with_rates(one, rates)))[2]
+    wider = [name for name, times in zip(shown.names, shown.spread.factor.tolist(), strict=True) if times > 1.05]
+    (said,) = shown.widened
+    assert wider
+    assert all(name in said for name in wider)
+    assert shown.sentences()[1:] == [said]
+    three = runs_at_their_temperatures(6, 3)
+    assert repeats(three, solve_campaign(three))[2].widened == []
+
+
 def test_where_nothing_was_repeated_standard_errors_stand_and_it_is_said() -> None:
     """One run at each of three temperatures: the standard error is the deviation, and the interval is normal."""
     one = night(4, {}, (-20.0, 20.0, 60.0))
