@@ -185,7 +185,8 @@ def _rival(
     if term is not None and rival == NO_NAME:
         follows = next((posterior.term(n, places[0]).follows for n, places in own.items()), "time")
         rival, remedy = f"{NO_NAME}: {term.name}", f"let {term.follows} go in another order than {follows}"
-        overlap = 0.0 if term.follows == follows else overlap  # a curve over the same says nothing else
+        if term.follows == follows:  # a curve over the same says nothing else
+            overlap, remedy = 0.0, f"measure at other values of {follows}, too"
     usual = effect is not None and any(effect.odds_for(each) >= 1.0 for each in fit.conditions.values())
     likely = usual and effect is not None and not effect.incidental
     return Rival(rival, probability, overlap, title, factor, odds / max(factor, 1e-300), terms, remedy, likely)

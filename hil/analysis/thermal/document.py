@@ -17,7 +17,10 @@ from procedures.words import counted, listed, percent, significant
 
 SCHEMA = "hil.thermal/1"
 _NOT_SHOWN = "modelling against temperature is not shown to predict a temperature that was left out"
-_OTHERWISE = "; hil reconcile asks runs that are left out, at temperatures that others have, and what is typical, too"
+_OTHERWISE = (
+    "; hil reconcile may show more, for it foretells runs at temperatures that others have, and knows what is typical"
+)
+_HARDLY = 0.1  # of what rates are wrong by with constants: who takes less away has hardly improved a unit
 
 
 def thermal_document(result: ThermalFit) -> dict[str, Any]:
@@ -160,19 +163,22 @@ def verdict_in_words(fit: SensorFit) -> str:
         f"{_less(found.high)} with the temperatures drawn again); one collect scatters by {scatter:.3g} deg/hr"
         f"{_confirmed(fit)}"
     )
+    differing = [name for name, each in fit.parameters.items() if each.finding not in ("constant", "modelled")]
+    differ = ""
+    if differing:
+        do = "differs" if len(differing) == 1 else "differ"
+        differ = f"{listed(differing)} {do} between temperatures, but no curve is shown to foretell one"
     if all(each.choice.form.order == 0 for each in fit.parameters.values()):
-        differing = [name for name, each in fit.parameters.items() if each.finding != "constant"]
-        reason = "no parameter is shown to depend on temperature by its repeats"
-        if differing:
-            differ = "differs" if len(differing) == 1 else "differ"
-            reason = f"{listed(differing)} {differ} between temperatures, but no curve is shown to foretell one"
+        reason = differ or "no parameter is shown to depend on temperature by its repeats"
         return (
             f"{_NOT_SHOWN}: {reason}; rates there are wrong by {found.constant:.3g} deg/hr, one collect scatters by "
             f"{scatter:.3g} deg/hr{_OTHERWISE}"
         )
     if found.is_certain:
         every = all(each.finding == "modelled" for each in fit.parameters.values())
-        return f"modelling against temperature improves this unit: {numbers}{'' if every else _OTHERWISE}"
+        hardly = "hardly " * (found.share < _HARDLY)
+        more = f"{f'; {differ}' * bool(differ)}{'' if every else _OTHERWISE}"
+        return f"modelling against temperature {hardly}improves this unit: {numbers}{more}"
     return f"{_NOT_SHOWN}: {numbers}{_OTHERWISE}"
 
 

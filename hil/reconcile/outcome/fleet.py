@@ -72,9 +72,10 @@ def fleet_page(found: Screened) -> str:
 def fleet_sentences(found: Screened) -> Iterator[str]:
     """Yield what was found in a screenful: how many units, which effects, what many have in common."""
     worth = [each for each in found.units if each.worth]
+    called = f": of those called, at most {LEVEL:.0%} on average lack nothing"
     yield (
-        f"{len(worth)} of {_counted(found.units)} deserve{'s' * (1 in (len(worth), len(found.units)))} a full "
-        f"hil reconcile: of those called, at most {LEVEL:.0%} on average lack nothing"
+        f"{len(worth) or 'none'} of {_counted(found.units)} deserve{'s' * (len(worth) < 2)} a full hil reconcile"
+        f"{called * bool(worth)}"
     )
     for name, _, _ in _by_effect(worth):
         yield f"{name} leads in {_counted([each for each in worth if each.finding.leader == name])}"

@@ -88,4 +88,4 @@ def test_why_thermal_may_call_constant_what_reconcile_names_is_said(temperatures
     if answers:
         (sensor,) = thermal_document(fit_thermal(one))["sensors"]
         assert sensor["parameters"]["MUA"]["finding"] == "constant"
-        assert "hil reconcile asks runs that are left out" in sensor["verdict"]["words"]
+        assert "hil reconcile may show more" in sensor["verdict"]["words"]

@@ -337,7 +337,7 @@ def test_calibrations_of_one_unit_are_counted_as_what_they_are(serials: str, sai
     ]
     shared = SharedFinding("supply", 0.9, 0.001, 1.0, False)
     lines = list(fleet_sentences(Screened("matrix-6", units, [(1, shared)], {}, ())))
-    assert lines[0].startswith(f"0 of {said} deserve{'s' * (said == '1 unit')} ")
+    assert lines[0] == f"none of {said} deserves a full hil reconcile"
     assert [line for line in lines if line.startswith(f"layout 1: its {said} together")] == lines[1:2] * (
         len(serials) > 1
     )

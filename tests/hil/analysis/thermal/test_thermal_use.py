@@ -266,6 +266,15 @@ def test_curves_that_are_worse_than_constants_are_wrong_by_more(triad: SensorFit
     assert said in verdict_in_words(fit)
 
 
+def test_curves_that_take_next_to_nothing_away_hardly_improve_a_unit(triad: SensorFit) -> None:
+    """Two hundredths less, however certain: it stands there as what it is."""
+    fit = copy(triad)
+    fit.improvement = copy(triad.improvement)
+    assert "temperature improves this unit" in verdict_in_words(fit)
+    fit.improvement.share = 0.02
+    assert "temperature hardly improves this unit" in verdict_in_words(fit)
+
+
 def test_before_a_curve_is_used_the_runs_are_named_that_do_not_pass() -> None:
     """That modelling improves a unit stands beside no run that says nothing without saying so."""
     found = {"FAIL": {"1": [3], "2": [3]}, "INCONCLUSIVE": {"1": [], "2": [1, 2]}}
