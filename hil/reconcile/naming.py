@@ -184,12 +184,26 @@ def _rival(
     title, remedy = getattr(effect if term is None else term.candidate, "title", ""), ""
     if term is not None and rival == NO_NAME:
         follows = next((posterior.term(n, places[0]).follows for n, places in own.items()), "time")
-        rival, remedy = f"{NO_NAME}: {term.name}", f"let {term.follows} go in another order than {follows}"
-        if term.follows == follows:  # a curve over the same says nothing else
-            overlap, remedy = 0.0, f"measure at other values of {follows}, too"
+        rival, remedy = f"{NO_NAME}: {term.name}", told_apart_by(term.follows, follows)
+        overlap = 0.0 if term.follows == follows else overlap  # a curve over the same says nothing else
     usual = effect is not None and any(effect.odds_for(each) >= 1.0 for each in fit.conditions.values())
     likely = usual and effect is not None and not effect.incidental
     return Rival(rival, probability, overlap, title, factor, odds / max(factor, 1e-300), terms, remedy, likely)
+
+
+def told_apart_by(follows: str, other: str) -> str:
+    """Say what to do to tell what follows one thing from what follows another, or from a curve over the same.
+
+    >>> told_apart_by("time", "temperature")
+    'let time go in another order than temperature'
+    >>> told_apart_by("temperature", "temperature")
+    'measure at other values of temperature, too'
+    """
+    return (
+        f"measure at other values of {other}, too"
+        if follows == other
+        else f"let {follows} go in another order than {other}"
+    )
 
 
 def _follows(posterior: Posterior) -> list[tuple[str, float]]:
