@@ -3,8 +3,8 @@
 Each number of a night is held against the others' mean and spread (Student's t, so that it is smooth), a part's are
 combined by the harmonic mean of their p-values, every question of the same weight in however many places it is asked,
 and what comes of it is compared with what comes of every other night in the same way. Were the first night simulated
-too, each would be as likely to be the most unlike: its rank among all of them, (1 + k) / (n + 1) where k of n others
-are as unlike, is exact whatever the numbers depend on, and nothing finer is said (Phipson and Smyth 2010).
+too, each would be as likely to be the most unlike: its rank is exact whatever the numbers depend on. Beyond the most
+unlike draw the p-value is in proportion: of independent p-values the ratio of the smallest to the next is uniform.
 """
 
 import json
@@ -16,6 +16,9 @@ from scipy.special import stdtr
 
 from hil.campaign import FloatArray
 from hil.likeness.features import NORMAL, PARTS, RESOLUTION
+
+SMALLEST = 1e-6
+"""Below it a p-value is not said: so few draws cannot vouch for it."""
 
 
 def verdict(nights: Sequence[Mapping[str, float]], coarse: float = 1.0) -> dict[str, Any]:
@@ -44,7 +47,7 @@ def verdict(nights: Sequence[Mapping[str, float]], coarse: float = 1.0) -> dict[
             place["simulated_deg_per_hr"] = [min(drawn), max(drawn)]
     return {
         "p_value": min(p_parts.values()),
-        "parts": p_parts | {part: None for part in PARTS if part not in p_parts},
+        "parts": {part: p_parts.get(part) for part in PARTS},
         "places": sorted(where, key=lambda place: place["p_value"]),
     }
 
@@ -64,11 +67,11 @@ def unlike(values: FloatArray, floor: FloatArray) -> FloatArray:
 def corrected(chances: FloatArray, weight: FloatArray, groups: Sequence[str]) -> dict[str, float]:
     """Return the first night's p-value by group, from p-values (n, k), weights (k,) and the k names of their groups.
 
-    A group's is the harmonic mean of its own, put among the smallest of any group that each other night has. Those that
-    are the most unlike come first.
+    A group's is the harmonic mean of its own, put among the smallest of any group that each other night has.
     """
     names, own = list(dict.fromkeys(groups)), np.array(groups)
     score = np.stack([weight[own == g].sum() / np.sum((weight / chances)[:, own == g], axis=1) for g in names])
     smallest = np.sort(score[:, 1:].min(axis=0))
-    placed = (1.0 + np.searchsorted(smallest, score[:, 0], side="right")) / (len(smallest) + 1)
-    return {names[g]: float(placed[g]) for g in np.argsort(score[:, 0], kind="stable")}
+    rank = np.searchsorted(smallest, score[:, 0])
+    placed = (rank + np.where(rank > 0, 1.0, score[:, 0] / smallest[0])) / (len(smallest) + 1)
+    return dict(zip(names, np.maximum(placed, SMALLEST).tolist(), strict=True))

@@ -167,16 +167,14 @@ def test_the_twin_tells_the_model_that_lacks_something_and_not_the_one_that_reco
     assert re.search(r"simulated night 7 of 12, \d+ (s|min) to go\n", ended.stderr)
     told = json.loads(ended.stdout)["twin"]
     assert (told["draws"], told["seed"]) == (6, 1)
-    assert told["before"]["p_value"] == 1.0 / 7.0
-    assert told["after"]["p_value"] > 1.0 / 7.0
+    assert told["before"]["p_value"] < 1e-3
+    assert told["after"]["p_value"] > 0.05
     kept = ("twin", campaign, "--model", "collins-4", "--out", out / "twin-before", *few)
     document = json.loads(hil(*kept, "--json").stdout)
     assert document["schema"] == "hil.twin/1"
     assert document["p_value"] == told["before"]["p_value"]
     people = hil(*kept).stdout
-    few_of = (
-        "the night cannot be told from them: p = 0.14, which of so few is never below 0.14: ask for 20 draws or more"
-    )
-    assert few_of in people
+    assert "the night can be told from them" in people
+    assert "ask for 20 or more" in people
     assert "SIMULATED" in people
     assert "degC" not in people

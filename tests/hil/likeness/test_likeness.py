@@ -201,5 +201,5 @@ def test_a_night_of_a_real_bench_is_simulated_on_its_own_chamber_and_unit(night:
 def test_a_triads_campaign_is_told_from_the_model_that_lacks_its_sensitivity(tmp_path: Path) -> None:
     """By hand or by another program: whatever the axes are called, with the full matrix it cannot be told."""
     write_triad(1, 20.0, tmp_path / "campaign")
-    assert ask(tmp_path / "campaign", tmp_path / "with", "triad-12", draws=5)["p_value"] > 1.0 / 6.0
-    assert ask(tmp_path / "campaign", tmp_path / "without", "constant", draws=8)["p_value"] == 1.0 / 9.0
+    assert ask(tmp_path / "campaign", tmp_path / "with", "triad-12", draws=5)["p_value"] > 0.01
+    assert ask(tmp_path / "campaign", tmp_path / "without", "constant", draws=8)["p_value"] < 0.001
