@@ -183,10 +183,10 @@ def _seen(shown: SensorRepeats, *, assumed: bool) -> NoiseLevel:
     """Return what repeats scatter by beyond white noise: bias and, of a rotor, MU, rms of both channels."""
     beyond = [each for each in zip(shown.names, shown.by_noise.beyond, shown.spread.degrees, strict=True) if each[2]]
     bias, mu = ([more**2 for name, more, _ in beyond if name.startswith(kind)] for kind in ("B", "MU"))
-    chance = "" if np.any(shown.by_noise.certain) else ", within chance"
+    size = [float(np.sqrt(np.mean(each))) if each else 0.0 for each in (bias, mu)]
+    chance = ", within chance" if any(size) and not np.any(shown.by_noise.certain) else ""
     stated = "; ".join([f"its repeats{chance}", *shown.noise_in_words])  # of assumed errors nothing is to be said
     source = "its repeats, beyond an assumed noise of collects" if assumed else stated
-    size = [float(np.sqrt(np.mean(each))) if each else 0.0 for each in (bias, mu)]
     return NoiseLevel(run_bias_deg_per_hr=size[0], run_mu_deg_per_hr_per_g=size[1], source=source)
 
 

@@ -191,7 +191,7 @@ def test_what_scatters_beyond_standard_errors_is_no_rest_for_anybody() -> None:
         failed = {s.verdict for s in solve_campaign(each) if "times what" in s.reason}
         assert result.verdict == "none"
         assert (what_to_do(result)[0], failed == {Verdict.FAIL}) == (kind, kind == "scatter")
-        assert ("Nobody has to act" in page(result)) == (kind == "none")
+        assert ("lacks nothing that can be told" in page(result)) == (kind == "none")
 
 
 def test_a_wrong_rate_that_was_left_out_is_something_to_see_to() -> None:
