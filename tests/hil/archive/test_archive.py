@@ -314,7 +314,6 @@ def test_a_file_that_cannot_be_written_is_told_by_its_name(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Not by the name that it has while it is written; as for every file that somebody asks for."""
-
     write = RealDisk.write
 
     def full(disk: RealDisk, path: Path, data: bytes) -> None:
