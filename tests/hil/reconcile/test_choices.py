@@ -270,6 +270,7 @@ def test_a_form_in_which_values_stand_is_five_times_as_probable_before_the_data(
     assert (posterior.log_evidence > 0.0) == follows
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 3])
 def test_what_was_found_first_goes_where_what_was_found_later_does_it_too(seed: int) -> None:
     """Of the likeliest set nothing can be taken out by which the data become more probable."""

@@ -138,6 +138,7 @@ def test_an_effect_beside_the_exchange_is_judged_by_what_it_mends_itself(swap_be
     assert "With the record put right and what was found in the model the gap" in page(result)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "pair"), [(0, (1, 2)), *(pytest.param(k, (1, k), marks=pytest.mark.slow) for k in (2, 3))]
 )

@@ -36,6 +36,7 @@ def test_a_run_with_the_other_sensors_rates_is_mended_for_both() -> None:
     assert result.outliers == []
 
 
+@pytest.mark.slow
 def test_a_run_that_is_only_noisy_has_its_own_rates() -> None:
     """Those of the quiet sensor beside it agree better with all; but it has its own, and not these."""
     one = noisy_beside_quiet()

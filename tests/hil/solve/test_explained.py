@@ -184,6 +184,7 @@ def test_channels_exchanged_in_a_run_are_put_right() -> None:
     )
 
 
+@pytest.mark.slow
 def test_two_channels_of_a_triad_exchanged_in_a_run_are_put_right_by_solve_and_search() -> None:
     """They were left out: of two channels it was asked whether they were exchanged, of three not."""
     one = triads(4)

@@ -210,6 +210,7 @@ def test_repeats_share_few_degrees_of_freedom_where_one_temperature_has_most_of_
     assert [float(each.shared[0]) for each in found] == pytest.approx([16.0, 4.0], rel=0.01)
 
 
+@pytest.mark.slow
 def test_even_scatter_is_seldom_called_uneven() -> None:
     """Of 200 sound campaigns at most 1 in 33, whether or not runs differ."""
     found = 0
