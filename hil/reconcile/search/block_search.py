@@ -65,13 +65,12 @@ class BlockSearch:
         And quieter ones than beside the first, which are scanned: a further term may explain what is left to scatter.
         """
         more, beside = likely_points(self.noise, self.scales, [self.y], self.block.base, extras, quieter=True)
-        best = int(np.argmax(beside))
-        asked = [best, *np.flatnonzero(more.quieter(best)).tolist()]
-        known = {key: k for k, key in enumerate(self.points.keys_and_profiles)}
-        new = [k for k, key in enumerate(more.keys_and_profiles) if key not in known]
-        known |= {more.keys_and_profiles[k]: len(self.points) + place for place, k in enumerate(new)}
-        self.points, self._filters = self.points.beside(more.take(np.array(new, dtype=np.int64))), ()
-        self.scanned = np.array([known[more.keys_and_profiles[k]] for k in asked])
+        best, known = int(np.argmax(beside)), {key: k for k, key in enumerate(self.points.told_by)}
+        for key in more.told_by:
+            known.setdefault(key, len(known))
+        place = np.array([known[key] for key in more.told_by])
+        self.points, self._filters = self.points.beside(more.take(np.flatnonzero(place >= len(self.points)))), ()
+        self.scanned = place[np.append(best, np.flatnonzero(more.quieter(best)))]
         self.measure(self.y)
 
     def measure(self, y: FloatArray) -> None:
@@ -84,12 +83,6 @@ class BlockSearch:
     def projected(self, columns: FloatArray, at: IntArray | slice = slice(None)) -> FloatArray:
         """Return columns (N, k), deg/hr, at some of the points, whitened and less what the base can do, (t, N, k)."""
         return self.beside.project(self.whitened(columns, at), at)
-
-    @property
-    def scanned_points(self) -> list[tuple[bytes, int]]:
-        """What tells the points that are scanned from others."""
-        at = self.points.take(self.scanned)
-        return list(zip(at.keys, at.profile.tolist(), strict=True))
 
     def scanned_columns(self, columns: FloatArray, some: IntArray) -> FloatArray:
         """Return columns (N, k), deg/hr, as `projected` does, at some of the points that are scanned, (t, N, k)."""

@@ -66,7 +66,7 @@ class Points:
         return [own.tobytes() for own in self.sizes]
 
     @property
-    def keys_and_profiles(self) -> list[tuple[bytes, int]]:
+    def told_by(self) -> list[tuple[bytes, int]]:
         """What tells them from others, with the profile."""
         return list(zip(self.keys, self.profile.tolist(), strict=True))
 

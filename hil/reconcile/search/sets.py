@@ -118,7 +118,8 @@ class SensorSearch:
         for b, search in enumerate(self.blocks):
             parts, amplitudes = ([getattr(term, of)[b] for term in new] for of in ("parts", "amplitudes"))
             every = [*self._laid[b], *Group.several(parts, amplitudes, first)]
-            points, at_once = search.scanned_points, LARGEST // max(len(search.scanned) * len(search.y), 1)
+            points = search.points.take(search.scanned).told_by
+            at_once = LARGEST // max(len(search.scanned) * len(search.y), 1)
             self._laid[b] = [group.at(points, search.scanned_columns, at_once) for group in every]
         return self._laid
 
