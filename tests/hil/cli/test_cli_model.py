@@ -175,6 +175,6 @@ def test_the_twin_tells_the_model_that_lacks_something_and_not_the_one_that_reco
     assert document["p_value"] == told["before"]["p_value"]
     people = hil(*kept).stdout
     assert "the night can be told from them" in people
-    assert "ask for 20 or more" in people
+    assert "ask for 20 or more)\n  averages, beside the fitted model: " in people
     assert "SIMULATED" in people
     assert "degC" not in people
