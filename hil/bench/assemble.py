@@ -34,8 +34,9 @@ from drivers.transports.serial_port import SerialTransport, existing_ports, no_s
 from drivers.transports.transport import ClosedPort, own_port
 from hil.bench.advice import closed_port_advice
 from hil.bench.lock import port_lock
-from hil.config.bench import ASK, Bench
+from hil.config.bench import Bench
 from hil.config.ports import COM_PORT, OWN_SCHEME, SIMULATED_SCHEME, unit_port
+from hil.config.unit import ASK
 from hil.errors import InputError
 from hil.twin.devices import SimulatedBench, simulate_devices
 from hil.twin.faults import FaultInjector

@@ -111,7 +111,7 @@ def _of_unit(bench: Bench, serial: str | None, out: str, *, attended: bool) -> B
 
     A night that only needs it asks by itself, here and on the live page. Raises `InputError` where nobody can be asked.
     """
-    from hil.config.bench import ASK
+    from hil.config.unit import ASK
 
     named, typed = "{serial}" in out, bench.asks_serial
     if serial is None and bench.unit.serial in ("", ASK) and (named or typed):

@@ -14,8 +14,8 @@ import yaml
 
 from hil.campaign import Campaign, Conditions, FloatArray
 from hil.campaign.data import EARTH_RATE_DEG_PER_HR
-from hil.config.bench import of_each
 from hil.config.recorded import SCHEMA, understood
+from hil.config.unit import of_each
 from hil.errors import InputError
 from hil.files.strict import find_config, parse_yaml, read_text
 from hil.model.earth import Site

@@ -9,7 +9,8 @@ from drivers.simulators.chambers.catalogue import CHAMBER_SIMULATORS, SimulatorO
 from drivers.simulators.chambers.controller import SimulatedController
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.unit import IndexSettings, SimulatedImu
-from hil.config.bench import ASK, Bench
+from hil.config.bench import Bench
+from hil.config.unit import ASK
 from hil.errors import InputError
 from hil.model import fitting
 from hil.twin.motion import FROM_THE_START, Resumed
