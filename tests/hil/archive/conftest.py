@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from datetime import date, timedelta
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 
 from hil.campaign import Campaign
 from hil.campaign.writer import write_campaign
+from hil.cli.app import run as hil
 from hil.records.export import campaign_of_night
 
 COUNT, DAYS = 8, 91
@@ -49,3 +51,17 @@ def campaigns(measured: Campaign, tmp_path_factory: pytest.TempPathFactory) -> l
     """Campaign folders, in the order of time."""
     folder = tmp_path_factory.mktemp("campaigns")
     return [write_campaign(of_life(measured, number), folder / f"{number}") for number in range(COUNT)]
+
+
+@pytest.fixture(scope="module")
+def archive(campaigns: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """All of them taken up; to be read, not written to."""
+    folder = tmp_path_factory.mktemp("laboratory") / "archive"
+    assert hil(["archive", str(folder), *map(str, campaigns)]) == 0
+    return folder
+
+
+@pytest.fixture
+def copy(archive: Path, tmp_path: Path) -> Path:
+    """One to be spoilt."""
+    return Path(shutil.copytree(archive, tmp_path / "archive"))
