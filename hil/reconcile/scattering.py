@@ -18,9 +18,10 @@ from hil.campaign.plausibility import usable
 from hil.campaign.stand_ins import with_stand_ins
 from hil.files.document import picked
 from hil.model import load_model
-from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS
+from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS
 from hil.model.effects.prior import ALPHA
 from hil.model.forms import default_form
+from hil.reconcile.inside import within_collects
 from hil.reconcile.naming import CERTAIN
 from hil.reconcile.outcome import scatter
 from hil.reconcile.outcome.answer import Answer
@@ -28,7 +29,7 @@ from hil.reconcile.outcome.findings import id_of
 from hil.reconcile.outcome.sentences import flicker_in_words, scatter_in_words
 from hil.reconcile.outcome.stated import lacking, wanders
 from hil.reconcile.wander import Wander
-from hil.reconcile.workflow import searched
+from hil.reconcile.workflow import INSIDE, searched
 from hil.solve.both_sensors import BothSensors, common_and_differential
 from hil.solve.omissions import in_words, otherwise, without
 from hil.solve.temperatures import runs_by_temperature
@@ -144,10 +145,11 @@ def what_scatters(campaign: Campaign) -> Scattering:
     model = load_model(default_form(next(iter(usable(asked).sensors.values())).conditions).name)
     answer = searched(asked, model, (*BASE_EFFECTS, *EFFECTS), VARIANCE_EFFECTS, ALPHA)
     to_record = lacking(campaign, answer.scatter, answer.noise)
+    inside = within_collects(asked, SERIES_EFFECTS, INSIDE * ALPHA)
     return Scattering(
         answer,
         common_and_differential(campaign),
         to_record,
-        wanders(answer.problem.model, answer.problem.campaign, answer.noise, ()),
+        wanders(answer.problem.model, answer.problem.campaign, answer.noise, inside),
         otherwise(campaign, answer.rows),
     )

@@ -35,7 +35,7 @@ from hil.reconcile.search.problem import Problem, pose
 from hil.reconcile.search.terms import PLAIN
 from hil.solve.wrong_rows import pooled, sound
 
-_INSIDE = 0.2  # share of the rate of false alarms that the series' tests have, where there are series
+INSIDE = 0.2  # share of the rate of false alarms that the series' tests have, where there are series
 
 
 def reconcile(
@@ -57,7 +57,7 @@ def reconcile(
     chosen = fitting_campaign(model, campaign)
     effects = (*BASE_EFFECTS, *EFFECTS) if catalogue is None else tuple(catalogue)
     asked = with_stand_ins(pooled(campaign))
-    inside = within_collects(asked, SERIES_EFFECTS, _INSIDE * alpha)
+    inside = within_collects(asked, SERIES_EFFECTS, INSIDE * alpha)
     found = searched(asked, chosen, effects, scattering, alpha, prove=prove)
     return shown(campaign, found, inside, added(found, inside))
 
@@ -76,7 +76,7 @@ def searched(
     The search over averages and the tests inside the collects share `alpha`, the stated rate of false alarms.
     """
     problem = pose(usable(sound(campaign)), model, effects)
-    posterior, reading = _weighed(problem, scattering, (1.0 - _INSIDE) * alpha if campaign.recorded else alpha)
+    posterior, reading = _weighed(problem, scattering, (1.0 - INSIDE) * alpha if campaign.recorded else alpha)
     proof = held_out(posterior, reading.nothing, reading.found) if prove else None
     reading, reverted = _kept(posterior, reading, proof)
     return Answer(campaign, problem, posterior, reading, proof, reverted, alpha, prove)

@@ -6,7 +6,6 @@ from typing import Any
 
 from hil.model import Model
 from hil.model.effects.catalogue import SERIES_EFFECTS
-from hil.model.effects.inside import OFTEN
 from hil.reconcile.inside import named_within
 from hil.reconcile.outcome import findings, scatter, stated
 from hil.reconcile.outcome.answer import Answer
@@ -42,8 +41,7 @@ def added(found: Answer, inside: Sequence[dict[str, Any]]) -> Added:
         record = {each.name: findings.origin(found.campaign, each, found.gap_of_names) for each in found.names}
         after = improved(model, found.sensors, found.terms, sizes, record, found.calibrated)
         values = before_and_after(found.sensors, found.terms, found.calibrated)
-    often = {each["sensor"] for each in inside if each["collects"] > OFTEN * each["asked"]}
-    wanders = stated.wanders(after, found.problem.campaign, found.noise, often)
+    wanders = stated.wanders(after, found.problem.campaign, found.noise, inside)
     noise = stated.beside(found.noise, wanders)
     after = stated.with_ordinary(after, noise, found.fit.conditions)
     sensors = {number: rows.conditions.sensor for number, rows in found.campaign.sensors.items()}

@@ -1,6 +1,6 @@
 """What the written model states of noise: what is ordinary, white noise, and the flicker that series show."""
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
@@ -10,7 +10,7 @@ from hil.campaign import Campaign, Conditions
 from hil.model import Model
 from hil.model.curve import Constant, Curve, Table
 from hil.model.effects.base import VarianceEffect
-from hil.model.effects.inside import OF_NORMAL
+from hil.model.effects.inside import OF_NORMAL, OFTEN
 from hil.model.effects.noise import BiasInstability, TurnOnBias
 from hil.model.forms import bias_names
 from hil.model.stated_noise import ScatterTerm, SensorNoise
@@ -44,16 +44,17 @@ def with_ordinary(model: Model, noise: Sequence[Mapping[str, Any]], conditions: 
 
 
 def wanders(
-    model: Model, campaign: Campaign, noise: Sequence[Mapping[str, Any]], but: Collection[int]
+    model: Model, campaign: Campaign, noise: Sequence[Mapping[str, Any]], inside: Sequence[Mapping[str, Any]]
 ) -> dict[int, Wander]:
-    """Return what the series show of the noise of each sensor of which a model states none, `but` of some.
+    """Return what the series show of the noise of each sensor of which a model states none.
 
-    What would scatter averages by much more than they do is no flicker: its samples are only filtered.
+    Nor is anything noise of a sensor in most collects of which something has a name, as found `inside` them. What would
+    scatter averages by much more than they do is no flicker: its samples are only filtered.
     """
-    out = {}
+    out, often = {}, {each["sensor"] for each in inside if each["collects"] > OFTEN * each["asked"]}
     for number in campaign.sensors:
         stated = model.noise.get(number, SensorNoise()).model_fields_set
-        if number in but or stated & {"angle_random_walk", "bias_instability"}:
+        if number in often or stated & {"angle_random_walk", "bias_instability"}:
             continue
         own = wandering(campaign, number)
         seen = [each["observed_deg_per_hr"] or np.inf for each in noise if each["sensor"] == number]

@@ -83,33 +83,25 @@ def likely_sets(search: SensorSearch) -> list[Set]:
     while (lead := max(known, key=lambda s: known[s])) not in served:
         served.add(lead)
         search.serve(lead)
-        worth = [s for s in known if known[s] > known[lead] - 2.0 * WORTH or s == ()]
-        search.weigh(worth)
-        known = _alone(search, worth)
-        further = _further(search, lead, known)
-        search.weigh(further)
-        known |= _alone(search, further) if further else {}
+        known = _alone(search, [s for s in known if known[s] > known[lead] - 2.0 * WORTH or s == ()])
+        known |= _alone(search, _further(search, lead, known))
     best = max(known.values())
     return [s for s in sorted(known, key=lambda s: -known[s]) if known[s] > best - 2.0 * WORTH or s == ()]
 
 
 def _grown(search: SensorSearch, layer: Sequence[Set]) -> dict[Set, float]:
     """Return sets, and those that grow from them, with their log posterior weights in one sensor by itself."""
-    search.weigh(layer)
-    known = dict(_alone(search, layer))
+    known = _alone(search, layer)
     for width in WIDTH:
         leading = sorted(layer, key=lambda s: -known[s])[:width]
         grown = list(dict.fromkeys(s for given in leading for s in _further(search, given, known)))
         if not grown:
             break
-        search.weigh(grown)
         known |= _alone(search, grown)
         # What came first may be what a later one does better: of the likeliest each member is tried without.
         likely = sorted(grown, key=lambda s: -known[s])[:width]
         fewer = {s[:k] + s[k + 1 :] for s in likely for k in range(len(s))} - known.keys()
-        if fewer:
-            search.weigh(fewer)
-            known |= _alone(search, list(fewer))
+        known |= _alone(search, list(fewer))
         layer = [*grown, *fewer]
         if max(known[s] for s in layer) < max(known.values()) - WORTH:
             break
@@ -142,7 +134,10 @@ def _best(search: SensorSearch, scores: FloatArray, given: Set) -> Iterator[int]
 
 
 def _alone(search: SensorSearch, sets: Sequence[Set]) -> dict[Set, float]:
-    """Log posterior weights of sets in one sensor by itself."""
+    """Weigh sets in one sensor, and return their log posterior weights by itself."""
+    if not sets:
+        return {}
+    search.weigh(sets)
     sorts, log_sort = _log_sorts([search])
     by_sort = shared_evidence(search, sets, sorts) + log_sort
     odds = [sum(search.priced(chosen)) for chosen in sets]
