@@ -110,8 +110,7 @@ class _Rows:
 
     def grown(self, columns: FloatArray) -> _Rows:
         """Return the same where the grid has grown, of rows' columns (N, m) in the order of time."""
-        new = zip((self.gram, self.half_log_det), self.noise.products(columns, len(self.grid)), strict=True)
-        gram, half_log_det = (np.concatenate(both) for both in new)
+        gram, half_log_det = self.noise.products(columns)
         return replace(self, grid=self.noise.grid, gram=gram, half_log_det=half_log_det)
 
     def _only(self, v: int) -> _Rows:

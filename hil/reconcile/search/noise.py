@@ -74,6 +74,7 @@ class Noise:
         self.sorts = list(dict.fromkeys(frozenset({name} - {""}) for name in ("", *(k.name for k in self.kinds))))
         self._chains: dict[bytes, Chain] = {}
         self._whitens: list[tuple[IntArray, Filter]] = []
+        self._shown: tuple[FloatArray, FloatArray, FloatArray] = (np.zeros((0, 0)), np.zeros((0, 0, 0)), np.zeros(0))
         *_, offsets, levels = self._tried
         self.grid = self._at([[0.0] * len(self.kinds) + [*both] for both in product(offsets, levels)])
         self.grow(self.grid.take(np.flatnonzero(self.grid.offset < max(offsets))))
@@ -176,20 +177,22 @@ class Noise:
             self.grid = self.grid.beside(self._at([own.tolist() for own in new.values()]))
         return bool(new)
 
-    def products(self, columns: FloatArray, first: int = 0) -> tuple[FloatArray, FloatArray]:
-        """Return inner products (t, k, k) of columns (N, k) whitened over the grid, half the log dets (t,).
-
-        From the `first` of its points on.
-        """
-        grid = self.grid.take(np.arange(first, len(self.grid)))
-        gram, half_log_det = np.empty((len(grid), *[columns.shape[1]] * 2)), np.empty(len(grid))
-        most = max(1, LARGEST // max(columns.size, 1))
-        for at, own in self.filters(grid):
-            half_log_det[at] = own.half_log_det
-            for few in (np.arange(first, min(first + most, len(at))) for first in range(0, len(at), most)):
-                white = own.take(few).whiten(columns)
-                gram[at[few]] = np.swapaxes(white, 1, 2) @ white
-        return gram, half_log_det
+    def products(self, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return inner products (t, k, k) of columns (N, k) whitened on the grid, half the log dets (t,), made once."""
+        asked, known = ([own.tobytes() for own in each.T] for each in (columns, self._shown[0]))
+        if not {*asked} <= {*known}:
+            known, self._shown = asked, (columns, np.zeros((0, len(asked), len(asked))), np.zeros(0))
+        given, gram, half_log_det = self._shown
+        new, most = np.arange(len(gram), len(self.grid)), max(1, LARGEST // max(given.size, 1))
+        gram, half_log_det = (np.resize(own, (len(self.grid), *own.shape[1:])) for own in (gram, half_log_det))
+        for at, own in self.filters(self.grid.take(new)):
+            half_log_det[new[at]] = own.half_log_det
+            for few in np.split(np.arange(len(at)), range(most, len(at), most)):
+                white = own.take(few).whiten(given)
+                gram[new[at[few]]] = np.swapaxes(white, 1, 2) @ white
+        self._shown = given, gram, half_log_det
+        index = np.array([known.index(own) for own in asked])
+        return gram[:, index[:, None], index], half_log_det
 
     def filters(self, points: Points) -> Iterator[tuple[IntArray, Filter]]:
         """Yield places (k,) among the points with what whitens there, the base's values apart; the grid's are kept."""
@@ -289,8 +292,7 @@ class Noise:
         return np.asarray((self.by_station @ self.factor(profile))[np.argsort(self.order)])
 
     def _white(self, level: FloatArray) -> FloatArray:
-        share = level[:, None]
-        return np.asarray((1.0 - share) * self.white + share)
+        return np.asarray(self.white + level[:, None] * (1.0 - self.white))
 
 
 def _unit(covariance: FloatArray) -> FloatArray:

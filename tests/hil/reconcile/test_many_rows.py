@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 
-from hil.campaign import Collects, FloatArray
+from hil.campaign import Collects, FloatArray, IntArray
 from hil.model import load_model
-from hil.model.effects.catalogue import EFFECTS, SERIES_EFFECTS, effect_by_id
+from hil.model.effects.catalogue import EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS, effect_by_id
 from hil.model.effects.prior import MANY as SHAPES
 from hil.reconcile.inside import named_within
 from hil.reconcile.search import problem as search_problem
 from hil.reconcile.search.block_search import BlockSearch
 from hil.reconcile.search.candidates import MANY, catalogue_candidates
+from hil.reconcile.search.filters import Filter
 from hil.reconcile.search.layout import searches
 from hil.reconcile.search.likely_noise import _Rows
 from hil.reconcile.search.mistakes import AsSolved, exchanges, may_be_wrong
 from hil.reconcile.search.noise import Noise
+from hil.reconcile.search.points import Points
 from hil.reconcile.search.problem import Problem, pose
 from hil.reconcile.search.profiles import FIXED, FOLLOWS, Profile, log_profile
 from tests.hil.reconcile.hidden_effects import Rows, base_rates, both, hidden_campaign
@@ -68,6 +72,33 @@ def test_columns_of_very_many_rows_are_made_anew_and_are_the_same(monkeypatch: p
     assert all(callable(each.laid) for each in made)
     for one, other in zip(kept, made, strict=True):
         np.testing.assert_array_equal(one.columns, other.columns)
+
+
+def test_products_that_were_asked_for_are_not_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fewer of the columns, in another order, whiten nothing; where the grid grew only what is new in it does."""
+    problem = season()
+    block = problem.blocks[0]
+    noise, fresh = (Noise(block, problem.sensors[2].collects.conditions, VARIANCE_EFFECTS) for _ in range(2))
+    columns = np.column_stack([block.base, block.y])[noise.order]
+    noise.products(columns)
+    asked: list[int] = []
+    filters = Noise.filters
+
+    def counted(noise: Noise, points: Points) -> Iterator[tuple[IntArray, Filter]]:
+        asked.append(len(points))
+        return filters(noise, points)
+
+    monkeypatch.setattr(Noise, "filters", counted)
+    gram, half_log_det = noise.products(columns[:, [2, 0]])
+    assert sum(asked) == 0
+    before = len(noise.grid)
+    for own in (noise, fresh):
+        assert own.grow(own.grid.take(np.arange(before - 3, before)))
+    np.testing.assert_array_equal(noise.products(columns)[0][:before, [2, 0]][:, :, [2, 0]], gram)
+    assert sum(asked) == len(noise.grid) - before
+    for known, made in zip(noise.products(columns), fresh.products(columns), strict=True):
+        np.testing.assert_allclose(known, made, rtol=1e-12)
+    assert np.array_equal(noise.products(columns)[1][:before], half_log_det)
 
 
 def test_of_many_runs_those_that_are_odd_may_have_exchanged_labels() -> None:
