@@ -5,7 +5,7 @@ reading.names           # one Named per effect: probability, rivals, what data a
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -145,7 +145,11 @@ def _named(fit: Fitted, sets: Sequence[_Weighed], name: str, lead: frozenset[str
         sort = f.scatter if not own else names - f.scatter
         for rival in (sort or names) - lead if name not in names else ():
             instead.setdefault(rival, []).append(each)
-    rivals = [_rival(fit, name, probability, rival, others, own) for rival, others in instead.items()]
+    rivals, before = [], set[int]()
+    for rival in sorted(instead, key=lambda each: -sum(weight for _, weight, _ in instead[each])):
+        without = sum(weight for _, weight, f in instead[rival] if id(f) not in before)
+        before |= {id(f) for _, _, f in instead[rival]}
+        rivals.append(replace(_rival(fit, name, probability, rival, instead[rival], own), alone=without))
     told = [r for r in rivals if r.probability >= LEAST or r.alike]
     listed = sorted(told, key=lambda r: -r.probability)
     alike = [r for r in listed if r.alike and r.overlap > IDENTICAL]

@@ -258,6 +258,11 @@ class Reconciliation:
     both: BothSensors | None = None
     to_record: Sequence[str] = ()  # what nobody recorded that changes from run to run may follow
 
+    @property
+    def calibrated(self) -> bool:
+        """Whether values follow temperature, so that the model was calibrated at each."""
+        return self.calibration != "one set"
+
     def document(self) -> dict[str, Any]:
         """Return the JSON document of formats/reconciliation.md; keys beyond the contract are additions."""
         document = {

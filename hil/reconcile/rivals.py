@@ -17,7 +17,8 @@ class Rival:
     """Another name for the same data: its probability, and how much of the added effect it can reproduce.
 
     `bayes_factor` is what the data say of it against the name, `prior_odds` how much more usual it is at the size that
-    these data give it. `terms` are its places by sensor in the likeliest set that has it. A `likely` cause is in the
+    these data give it. `alone` is how probable it is without a more probable rival, where it may stand beside one.
+    `terms` are its places by sensor in the likeliest set that has it. A `likely` cause is in the
     sensor itself and no accident of the order or the heading: identical, it withholds the name. `remedy` is what would
     tell the two apart.
     """
@@ -31,6 +32,17 @@ class Rival:
     terms: Mapping[int, int] = field(default_factory=dict)
     remedy: str = ""
     likely: bool = True
+    alone: float | None = None
+
+    @property
+    def share(self) -> float:
+        """How probable it is that this stands in the name's place, and no rival that is more probable."""
+        return self.probability if self.alone is None else self.alone
+
+    @property
+    def beside(self) -> bool:
+        """Whether it mostly stands beside a rival that is more probable."""
+        return 2.0 * self.share < self.probability
 
     @property
     def told(self) -> float:
@@ -50,17 +62,20 @@ class Rival:
     def document(self) -> dict[str, Any]:
         """Return the JSON object."""
         return picked(
-            self, "id probability overlap title" + " bayes_factor prior_odds" * (self.bayes_factor is not None)
+            self,
+            "id probability alone=share overlap title" + " bayes_factor prior_odds" * (self.bayes_factor is not None),
         )
 
 
 def rival_in_words(rival: Mapping[str, Any]) -> str:
-    """Say what the data say of a rival, and apart from it how usual it is; empty where nobody can."""
+    """Say beside what a rival stands, what the data say of it, and how usual it is, as far as is known."""
     data, before = rival.get("bayes_factor"), rival.get("prior_odds")
+    beside = "mostly beside another of these" if 2.0 * rival.get("alone", 1.0) < rival.get("probability", 0.0) else ""
     if data is None or before is None or not math.isfinite(data):
-        return ""
+        return beside
     told = "cannot tell it apart" if _cannot_tell(data) else f"make it {in_times(data)} as probable as the first name"
-    return f"the data {told}; by how usual it is at this size, {in_times(before)} as probable"
+    said = f"the data {told}; by how usual it is at this size, {in_times(before)} as probable"
+    return f"{beside}, both together: {said}" if beside else said
 
 
 def _cannot_tell(bayes_factor: float) -> bool:

@@ -87,6 +87,7 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
         act += f" Averages scatter {more}; {listed(known)} {'have' if len(known) > 1 else 'has'} it."
     if kind in {"none", "named", "ambiguous"} and _follows_temperature(result):
         few = too_few(result.solved.temperatures)
+        act += " The model's values follow temperature." * result.calibrated
         act += f"{_MEASURED} {f'these cannot tell ({few})' if few else 'hil thermal says'}."
     if apart:
         part = min(after["parts"], key=lambda each: 1.0 if after["parts"][each] is None else after["parts"][each])
@@ -96,7 +97,7 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
 
 def _follows_temperature(result: Reconciliation) -> bool:
     """Whether what is held out stands at a temperature that other runs have, and the values there follow it."""
-    return result.calibration != "one set" or dict(result.follows).get("temperature", 0.0) > LIKELY
+    return result.calibrated or dict(result.follows).get("temperature", 0.0) > LIKELY
 
 
 def summary(result: Reconciliation) -> list[str]:
@@ -104,7 +105,7 @@ def summary(result: Reconciliation) -> list[str]:
     added = [effect for effect in result.effects if not effect.mends_labels and LEFT_OUT not in effect.shape]
     swapped = [effect for effect in result.effects if effect.mends_labels]
     model = result.input_model.full_title
-    per_temperature = " calibrated at each temperature" if result.calibration != "one set" else ""
+    per_temperature = " calibrated at each temperature" * result.calibrated
     if not result.effects:
         if not result.tested:
             return ["These collects leave nothing over by which the model could be told from another."]
@@ -118,7 +119,8 @@ def summary(result: Reconciliation) -> list[str]:
                 noise = "nothing that can be told from scatter"
             else:
                 noise = "nothing but noise"
-            nothing = f"The model {model},{how}, leaves {noise}."
+            follow = ": that its values follow temperature is no finding here" * result.calibrated
+            nothing = f"The model {model},{how}, leaves {noise}{follow}."
             return [nothing, *(f"{text[0].upper()}{text[1:]}." for text in values_off(result.as_it_stands, result.gap))]
         return [f"{model} does not describe these collects, and nothing that was tried mends it."]
     said = [f"{effect.title} ({effect.id}): {effect.equation}." for effect in swapped]
@@ -146,10 +148,10 @@ def summary(result: Reconciliation) -> list[str]:
 
 def _or_else(result: Reconciliation, effect: FoundEffect) -> str:
     """Say how probable an ambiguous name is, what it may be instead, and what the data and physics say of those."""
-    others = effect.confusable_with[:_MOST]
+    others = [each for each in effect.confusable_with[:_MOST] if not each.beside]
     if not others:
         return f" – probably ({effect.sure}), not certainly"
-    instead = "".join(f", or – {percent(each.probability)} – {titled(result, each.id)}" for each in others)
+    instead = "".join(f", or – {percent(each.share)} – {titled(result, each.id)}" for each in others)
     said = f" ({effect.sure}){instead}"
     if same := [each for each in others if each.untold]:
         them = "them" if same == others else f"{effect.id} and {listed([each.id for each in same])}"

@@ -17,7 +17,6 @@ from hil.campaign import Conditions, FloatArray
 from hil.campaign.plausibility import accelerometer_columns
 from hil.model.effects.base import Base, Effect, Parameter
 from hil.model.effects.catalogue import named
-from hil.model.effects.empirical import EARTH_RATE
 from hil.model.effects.followed import driver_values, expressible, position_is
 from hil.model.effects.prior import shapes_tried
 from hil.model.forms import PER_G, RATE
@@ -215,11 +214,10 @@ def second_tier(number: int, conditions: Conditions) -> Iterator[Candidate]:
     plain = drivers(conditions)
     targets = list(_targets(conditions))
     for target in targets:
-        for driver in (each for each in plain if target.name != "earth rate" or each.kind == "condition"):
+        for driver in plain:
             yield _nameless(number, conditions, target, driver.name, target.columns * driver.values[:, None])
-        curves = list(_smooth(conditions)) if target.name != "earth rate" else []
         bear = [driver.name for driver in plain if target.name == "B" and _bears_a_curve(driver)]
-        for over, curve in [*curves, *((name, _powers(name, conditions, _CURVE_ORDER)) for name in bear)]:
+        for over, curve in [*_smooth(conditions), *((name, _powers(name, conditions, _CURVE_ORDER)) for name in bear)]:
             yield _nameless(number, conditions, target, over, target.columns[:, :, None] * curve[:, None, :])
     labels, counts = np.unique(conditions.position, return_counts=True)
     for label in labels[counts > 1].tolist() if len(labels) <= 12 else ():
@@ -240,7 +238,7 @@ class _Target(NamedTuple):
 
 
 def _targets(conditions: Conditions) -> Iterator[_Target]:
-    """Yield what a driver may act on, the bias first."""
+    """Yield what a driver may act on, the bias first. The earth rate is known, and what scales it scales all rates."""
     sensor, axes = conditions.sensor, list(conditions.sensor.channels.values())
     biases = [f"B{axis}" for axis in axes]
     yield _Target("B", RATE, np.ones((len(conditions), 1)), biases)
@@ -250,8 +248,6 @@ def _targets(conditions: Conditions) -> Iterator[_Target]:
             if sensor.is_rotor:
                 name, changes = (("GS", ["GSA", "GSB"]), (name, ["GSB", "GSA"]), ("MU", ["MUB", "MUA"]))[k]
             yield _Target(name, PER_G, conditions.f_g[:, k : k + 1], changes)
-    if np.any(conditions.w_deg_per_hr):
-        yield _Target("earth rate", "1", conditions.w_channels_deg_per_hr, [EARTH_RATE] * len(axes))
 
 
 def _smooth(conditions: Conditions) -> Iterator[tuple[str, FloatArray]]:

@@ -1,0 +1,66 @@
+"""What stands in the place of a name: each by itself, so that shares add up, and nothing that no unit can do."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hil.campaign import FloatArray
+from hil.reconcile import reconcile
+from hil.reconcile.outcome.sentences import summary, what_to_do
+from hil.reconcile.result import Reconciliation
+from hil.reconcile.rivals import rival_in_words
+from tests.hil.reconcile.hidden_effects import (
+    EIGHT,
+    Rows,
+    base_rates,
+    both,
+    campaign_of,
+    hidden_campaign,
+    lay_out,
+    noise,
+)
+
+
+def test_what_stands_in_the_place_of_a_name_is_said_once() -> None:
+    """GS and MU follow temperature, or one term without a name does: both together are no two ways more."""
+
+    def slopes(rows: Rows) -> FloatArray:
+        warm = rows.temperature - 25.0
+        return both(0.15 * warm * rows.f[:, 0], 1.0, -0.4) + both(0.08 * warm * rows.f[:, 2], 1.0, -1.0)
+
+    result = reconcile(
+        hidden_campaign(3, slopes, temperatures=(0.0, 20.0, 40.0), runs_each=2, thermal=False), "matrix-6", prove=False
+    )
+    together = [rival for effect in result.effects for rival in effect.confusable_with if rival.beside]
+    assert together
+    for effect in result.effects:
+        rivals = effect.confusable_with
+        assert effect.probability + sum(rival.share for rival in rivals) < 1.001
+        for rival in rivals:
+            assert rival.beside == ("mostly beside another" in rival_in_words(rival.document()))
+    said = next(line for line in summary(result) if line.startswith(result.effects[0].title))
+    assert not any(f"({rival.id})" in said for rival in together)
+
+
+def warm_unit(temperatures: tuple[float, ...]) -> Reconciliation:
+    """GSA and MUB follow temperature nearly in the ratio of the earth rate's parts: one column would describe both."""
+    rng = np.random.default_rng(0)
+    rows = lay_out(rng, temperatures, 3, ("1", "2", "3"))
+    warm, (fa, fb, fs) = rows.temperature - 25.0, rows.f.T
+    slopes = [(0.2 + 0.15 * fa + 0.1 * fs) * warm, (0.15 * fb + 0.004 * warm) * warm]
+    rates = base_rates(rows, thermal=False) + np.stack(slopes, 1) + noise(rows, rng, run_bias=1.0, rho=0.0)
+    return reconcile(campaign_of(rows, rates), "matrix-6", prove=False)
+
+
+def test_nothing_makes_the_earth_turn_faster() -> None:
+    """What GSA and MUB follow is theirs, and no term without a name of a rate that is known."""
+    assert {"GS_T", "MU_real"} <= {effect.id for effect in warm_unit(EIGHT).effects}
+
+
+def test_values_that_follow_temperature_are_said_to() -> None:
+    """Where they are all that there is nothing is missing: nobody may take that for values that stand."""
+    result = warm_unit((-20.0, 0.0, 23.0, 50.0))
+    assert result.verdict == "none"
+    assert result.calibrated
+    assert "its values follow temperature" in summary(result)[0]
+    assert "values follow temperature" in what_to_do(result)[1]
