@@ -169,10 +169,11 @@ def _of_channels(
     weight = np.exp(total - np.logaddexp.reduce(total))
     runs, certain = len(np.unique(rows_of.run)), weight[points.offset == 0.0].sum() < _NO_OFFSET
     offsets = scales * points.offset**2
-    variance = (weight * scales) @ own.noise.variance(points)
     ordinary = np.array([not kind.name for kind in own.noise.kinds], dtype=bool)
     alone = replace(points, amount=points.amount * ordinary, offset=np.zeros(len(points)))
     by_itself = scales[:, None] * own.noise.variance(alone)
+    itself = weight @ by_itself
+    more_than = (weight * scales) @ own.noise.variance(points) - itself
     relative = float(np.sqrt(2.0 / own.beside.freedom)) if own.beside.freedom else np.inf  # nothing is left to know by
     repeated = any(len(of) > 1 for _, of in runs_by_temperature(own.noise.conditions))
     beside, errors = own.noise.stated_variance(), rows_of.sigma**2 * rows_of.sigma_stated
@@ -195,7 +196,8 @@ def _of_channels(
         if sure and offset > 0.0 and not certain:
             offset_se = float(np.hypot(offset_se, 0.5 * np.sqrt(weight @ (offsets - offset2) ** 2) / offset))
         told = (certain or sure) and offset > 0.0
-        seen = np.median(variance[rows]) if here or sure or certain else own2 + offset2
+        # An effect on the scatter moves some rows and others not: of what it adds, the mean over all of them.
+        seen = np.median(itself[rows]) + np.mean(more_than[rows]) if here or sure or certain else own2 + offset2
         yield {
             "sensor": rows_of.sensor,
             "channel": channel,

@@ -176,3 +176,14 @@ def test_what_single_runs_differ_by_may_be_temperature_and_is_in_no_error_that_i
     assert "Nobody has to act" not in act
     assert "the noise of model.yaml has it" in act
     assert "± of hil solve" not in act
+
+
+def test_what_a_channel_scatters_by_holds_what_moves_some_of_its_collects() -> None:
+    """MU differs by 4 from run to run: of three collects one shows it, and all of it is in the channel's scatter."""
+    rng = np.random.default_rng(3)
+    rows = lay_out(rng, runs_each=3, positions=("1", "2", "3"))
+    own = noise(rows, rng, run_bias=0.0) + 4.0 * rng.normal(size=(rows.run.max() + 1, 2))[rows.run] * rows.f[:, 2:]
+    channels = reconcile(campaign_of(rows, base_rates(rows) + own), "matrix-6-thermal", prove=False).noise
+    for channel, truth in zip(channels, np.sqrt(np.mean(own**2, axis=0)), strict=True):
+        assert channel["observed_deg_per_hr"] == pytest.approx(truth, rel=0.15)
+        assert channel["observed_deg_per_hr"] > channel["scatter"][0]["deg_per_hr"]
