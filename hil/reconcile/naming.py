@@ -186,10 +186,12 @@ def _rival(
     term = next((posterior.term(n, j) for n, j in terms.items()), None)
     effect = posterior.scatter.get(rival) if term is None else term.candidate.effect
     title, remedy = getattr(effect if term is None else term.candidate, "title", ""), ""
-    if term is not None and rival == NO_NAME:
+    if term is not None and NO_NAME in {rival, name}:
         follows = next((posterior.term(n, places[0]).follows for n, places in own.items()), "time")
-        rival, remedy = f"{NO_NAME}: {term.name}", told_apart_by(term.follows, follows)
-        overlap = 0.0 if term.follows == follows else overlap  # a curve over the same says nothing else
+        remedy = told_apart_by(term.follows, follows)
+        if rival == NO_NAME:
+            rival = f"{NO_NAME}: {term.name}"
+            overlap = 0.0 if term.follows == follows else overlap  # a curve over the same says nothing else
     usual = effect is not None and any(effect.odds_for(each) >= 1.0 for each in fit.conditions.values())
     likely = usual and effect is not None and not effect.incidental
     return Rival(rival, probability, overlap, title, factor, odds / max(factor, 1e-300), terms, remedy, likely)

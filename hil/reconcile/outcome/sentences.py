@@ -128,7 +128,7 @@ def summary(result: Reconciliation) -> list[str]:
     for effect in added:
         when = f", {effect.shape_in_words}," if effect.shape_in_words else ""
         sentence = f"{effect.title} ({effect.id}){when} is missing from {model}"
-        sentence += _or_else(result, effect) if effect.kind == "ambiguous" else ""
+        sentence += _or_else(result, effect) if effect.kind == "ambiguous" or effect.probability < CERTAIN else ""
         if effect.inside_collects:
             sentence += "; it shows inside the collects and leaves no trace in their averages"
         said.append(sentence + ".")

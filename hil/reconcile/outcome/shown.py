@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import Campaign
+from hil.reconcile.naming import LIKELY
 from hil.reconcile.outcome import findings, mistakes, scatter
 from hil.reconcile.outcome.added import Added
 from hil.reconcile.outcome.answer import Answer
@@ -14,11 +15,12 @@ from hil.reconcile.outcome.stated import lacking
 from hil.reconcile.proof.experiment import next_experiment
 from hil.reconcile.proof.places import channels_touched, places
 from hil.reconcile.result import Disagreement, FoundEffect, Reconciliation, Solved, without_collects
+from hil.reconcile.search.terms import NO_NAME
 from hil.solve.both_sensors import common_and_differential
 from hil.solve.omissions import in_words, otherwise, without
 from hil.solve.temperatures import too_few
 from procedures.verdict import NOT_GOOD
-from procedures.words import listed
+from procedures.words import listed, percent
 
 _CERTAIN = 0.1  # of alpha: a chance below it is a disagreement, whatever is not predicted
 
@@ -39,6 +41,7 @@ def shown(campaign: Campaign, found: Answer, inside: Sequence[dict[str, Any]], a
     notes += [] if both is None else both.together
     notes += [*_why_left(added), *_not_proved(found), *values_off(standing, found.gap)]
     notes += [found.untold] if found.untold and not found.names else []
+    notes += _may_be_too(found)
     notes += [*added.left.errors, *scatter_in_words(found.noise), *stated_in_words(added.noise, added.wanders)]
     notes += otherwise(campaign, found.rows)
     return Reconciliation(
@@ -104,6 +107,22 @@ def _otherwise_asked(results: Sequence[FoundEffect], solved: Solved) -> Iterator
         )
 
 
+def _may_be_too(found: Answer) -> Iterator[str]:
+    """Say what is more probable than not, and not so sure that it is called missing."""
+    likely: dict[str, float] = {}
+    titles: dict[str, str] = {}
+    for each in found.posterior.sets:
+        own = {term.called: term.candidate.title for term in found.posterior.members(each) if term.called}
+        titles |= own
+        for name in own:
+            likely[name] = likely.get(name, 0.0) + float(np.exp(each.log_weight))
+    called = {named.name for named in (*found.names, *found.reverted)}
+    for name, share in likely.items():
+        if share > LIKELY and name not in called:
+            which = "something that no effect describes" if name == NO_NAME else f"{titles[name]} ({name})"
+            yield f"{which}: {percent(share)}, and so not called missing at a rate of false alarms of {found.alpha:.2g}"
+
+
 def _why_left(added: Added) -> list[str]:
     """Say why runs do not agree even with what is known taken off; nothing where that takes nothing off."""
     return [] if added.left == added.solved else [f"what is known taken off: {each}" for each in added.left.reasons]
@@ -125,12 +144,12 @@ def _doubtful(campaign: Campaign) -> dict[str, list[int]]:
 
 
 def _next(found: Answer) -> dict[str, Any] | None:
-    """The experiment for the first effect whose name is not settled."""
+    """The experiment for the effect of which the name is settled least."""
     fit = found.fit
-    for named in found.names:
-        if named.kind != "ambiguous" or not named.terms:
-            continue
+    for named in sorted(found.names, key=lambda named: named.probability):
         rival = next((r for r in named.rivals if r.terms or r.remedy), None)
+        if named.kind == "named" or not named.terms or (named.kind == NO_NAME and rival is None):
+            continue
         shared = [n for n in named.terms if rival is not None and n in rival.terms]
         number = shared[0] if shared else next(iter(named.terms))
         at = named.terms[number]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from hil.campaign import FloatArray
@@ -9,6 +11,7 @@ from hil.reconcile import reconcile
 from hil.reconcile.outcome.sentences import summary, what_to_do
 from hil.reconcile.result import Reconciliation
 from hil.reconcile.rivals import rival_in_words
+from procedures.words import percent
 from tests.hil.reconcile.hidden_effects import (
     EIGHT,
     Rows,
@@ -64,3 +67,34 @@ def test_values_that_follow_temperature_are_said_to() -> None:
     assert result.calibrated
     assert "its values follow temperature" in summary(result)[0]
     assert "values follow temperature" in what_to_do(result)[1]
+
+
+def with_bias(seed: int, hidden: Callable[[Rows], FloatArray]) -> Reconciliation:
+    """A quiet unit, BA of which follows temperature, with more in BA."""
+    rng = np.random.default_rng(seed)
+    rows = lay_out(rng, (-20.0, 0.0, 23.0, 50.0), 3)
+    more = both(0.2 * (rows.temperature - 25.0) + hidden(rows), 1.0, 0.0)
+    rates = base_rates(rows, thermal=False) + more + noise(rows, rng, run_bias=0.0)
+    return reconcile(campaign_of(rows, rates), "matrix-6", prove=False)
+
+
+def test_what_is_probable_and_not_called_missing_is_said() -> None:
+    """Nine of ten that a bias ages beside bias_T are too few for a rate of 5 %; but it is why time is spoken of."""
+    result = with_bias(1, lambda rows: rows.start_s / 3600.0)
+    assert [effect.id for effect in result.effects] == ["bias_T"]
+    assert dict(result.follows)["time"] > 0.8
+    assert any("(ageing): 92 %, and so not called missing at a rate of false alarms of 0.05" in n for n in result.notes)
+    sure = with_bias(1, lambda rows: 3.0 * rows.start_s / 3600.0)
+    assert not any("not called missing" in note for note in sure.notes)
+
+
+def test_a_term_without_a_name_has_its_rivals_beside_it_and_what_would_tell_them_apart() -> None:
+    """A step in time at a change of temperature: which of both it follows these collects cannot tell."""
+    result = with_bias(0, lambda rows: 15.0 * (rows.run > 6))
+    effect = next(effect for effect in result.effects if effect.kind == "empirical")
+    assert "jump" in {rival.id for rival in effect.confusable_with}
+    said = next(line for line in summary(result) if effect.id in line)
+    assert f"({percent(effect.probability)}), or – " in said
+    assert "(jump)" in said
+    assert result.next_experiment is not None
+    assert result.next_experiment["why"].endswith("jump: let time go in another order than temperature")
