@@ -4,7 +4,8 @@
     [each for each in comparison.differences if each.flagged]
 
 A difference is this campaign's mean at a temperature less the earlier one's, with the standard uncertainty of both
-means that every command states (`hil.solve.repeats`). It is beyond three sigma where chance makes it so large as rarely
+means that every command states (`hil.solve.repeats`); where one of the campaigns repeated nothing, its runs scatter as
+those of the other do. It is beyond three sigma where chance makes it so large as rarely
 as that, in 0.27 % of cases: of few runs that is more than three of these uncertainties (Student's t).
 """
 
@@ -92,8 +93,14 @@ class Comparison:
         chance = all_of * 2.0 * _BY_CHANCE
         return (
             f"{found} of {all_of} differences from “{self.earlier}” {'is' if found == 1 else 'are'} beyond 3 sigma; "
-            f"chance alone gives {chance:.1g}"
+            f"chance alone gives {chance:.1g}{self._unknown}"
         )
+
+    @property
+    def _unknown(self) -> str:
+        """What no ± has where neither of the two campaigns repeated anything; empty where one did."""
+        alone = all(mean.beyond is None for each in self.differences for mean in each.means)
+        return ", and beside it whatever changes from run to run, which neither repeats" * alone
 
     @property
     def _why_nothing(self) -> str:

@@ -110,7 +110,8 @@ class SensorRepeats:
             each = told.get(name)
             if each is not None and each.value is not None:
                 sd = float(self.spread.sd(np.full(len(self.names), math.nan if each.se is None else each.se))[place])
-                found[name] = Uncertain(each.value, sd, float(self.spread.freedom[place]), 1, unit)
+                known = float(self.spread.freedom[place]), 1, unit, self.spread.beyond_of(place)
+                found[name] = Uncertain(each.value, sd, *known)
         return found
 
     def noise(self, errors: FloatArray) -> FloatArray:
@@ -268,7 +269,8 @@ def means_of(
                 share = sd[here, p] ** -2.0 if told else np.ones(count)
                 share /= share.sum()
                 error, value = float(np.linalg.norm(share * sd[here, p])), float(share @ values[here, p])
-                mean[name] = Uncertain(value, error, float(spread.freedom[p]), count, units[name])
+                known = float(spread.freedom[p]), count, units[name], spread.beyond_of(p)
+                mean[name] = Uncertain(value, error, *known)
                 scatter[name] = float(np.std(values[here, p], ddof=1)) if count > 1 else math.nan
         means.append(MeanAt(temperature, runs, mean, scatter))
     return SensorRepeats(names, tuple(units.values()), spread, spread, means)

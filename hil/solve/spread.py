@@ -106,6 +106,10 @@ class Spread:
         own = np.where((self.degrees > 0) & ~np.isfinite(errors), 0.0, errors)
         return np.asarray(np.hypot(self.factor * own, self.beyond))
 
+    def beyond_of(self, place: int) -> float | None:
+        """Return what one parameter scatters by beyond errors, None where no repeats show it."""
+        return float(self.beyond[place]) if self.degrees[place] else None
+
     @property
     def certain(self) -> BoolArray:
         """Which scatter more than standard errors, times `factor`, say, beyond chance at `RARE` for all together."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from scipy.special import ndtr, stdtrit
@@ -16,13 +16,18 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class Uncertain:
-    """A value with one standard deviation, NaN where not known, and the degrees of freedom behind it, in `unit`."""
+    """A value with one standard deviation, NaN where not known, and the degrees of freedom behind it, in `unit`.
+
+    `beyond` is what single runs scatter by beyond what goes on within them, in `sd` too; None where nothing was
+    repeated, and `sd` knows nothing of it.
+    """
 
     value: float
     sd: float
     freedom: float
     runs: int
     unit: str
+    beyond: float | None = None
 
     @property
     def half_width(self) -> float:
@@ -40,12 +45,20 @@ class Uncertain:
         """Return this less the `other`: the variances of both, and the degrees of freedom behind them.
 
         Those are Welch's and Satterthwaite's (GUM G.4.1), but of two that the same runs tell no more than of either.
+        Where nothing was repeated beside one, it scatters as the repeats of the other show, which then tell of both.
         """
-        own = (self, other)
-        parts, sd = [each.sd**4 / each.freedom for each in own], math.hypot(self.sd, other.sd)
+        own = (self._scattering_as(other), other._scattering_as(self))
+        told_together |= own != (self, other)
+        parts, sd = [each.sd**4 / each.freedom for each in own], math.hypot(*(each.sd for each in own))
         least, together = min(each.freedom for each in own), sum(parts)
         freedom = least if told_together else sd**4 / together if together > 0.0 else math.inf
         return Uncertain(self.value - other.value, sd, freedom, min(each.runs for each in own), self.unit)
+
+    def _scattering_as(self, other: Uncertain) -> Uncertain:
+        """Return this with the scatter that the repeats of the `other` show, where it has none to tell its own."""
+        if self.beyond is not None or other.beyond is None:
+            return self
+        return replace(self, sd=math.hypot(self.sd, other.beyond / math.sqrt(self.runs)), beyond=other.beyond)
 
     def document(self) -> dict[str, Any]:
         """Return the JSON of it: null where a thing is not known."""

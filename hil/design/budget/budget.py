@@ -15,7 +15,7 @@ were wrong, and looks how far off the parameters are. They must agree within the
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -181,7 +181,7 @@ class MeanBudget:
             if (shown := self.mean.values.get(name)) is not None:
                 sd = float(self.standard[place])
                 joint = shown.freedom * (sd / shown.sd) ** 4 if shown.sd > 0.0 else np.inf
-                by = (Uncertain(shown.value, sd, freedom, shown.runs, shown.unit) for freedom in (joint, shown.freedom))
+                by = (replace(shown, sd=sd, freedom=freedom) for freedom in (joint, shown.freedom))
                 found[name] = next(each for each in by if not each.expanded(_EXPANDED) < shown.expanded(_EXPANDED))
         return found
 

@@ -16,6 +16,7 @@ from hil.campaign.reader import read_campaign
 from hil.cli.app import run as hil
 from hil.report.content import gather, good
 from hil.report.page import render
+from tests.hil.analysis.thermal.nights import rotor_night
 
 
 @pytest.fixture(scope="module")
@@ -86,6 +87,20 @@ def test_few_runs_widen_the_uncertainty_of_what_scatters(first: Campaign) -> Non
     assert np.median([each.difference.sd for each in loud]) > 3 * quiet.sd
     assert np.median([each.difference.expanded(3.0) / each.difference.sd for each in loud]) > 3.2  # 16 and more degrees
     assert not [each for each in loud if each.flagged]
+
+
+def test_single_runs_scatter_as_the_repeats_of_the_other_night_show() -> None:
+    """One run at each temperature beside three, whichever is the later: as rare as three sigma, where MU reseats."""
+    rng, curves = np.random.default_rng(8), {"MUA": lambda t: 0.2 * t}
+    marked, every = 0, 0
+    for _ in range(6):
+        single, repeated = (rotor_night(rng, curves, temperatures_degC=(0.0, 30.0, 60.0), runs=n) for n in (1, 3))
+        for found in (compare(single, repeated), compare(repeated, single)):
+            marked, every = marked + len(found.flagged), every + len(found.differences)
+            assert "neither repeats" not in found.sentence
+    assert (every, marked) == (6 * 2 * 18, 0)
+    alone = compare(single, rotor_night(rng, curves, temperatures_degC=(0.0, 30.0, 60.0), runs=1))
+    assert alone.sentence.endswith("and beside it whatever changes from run to run, which neither repeats")
 
 
 def test_what_cannot_be_compared_is_said(first: Campaign) -> None:

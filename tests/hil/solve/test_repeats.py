@@ -90,6 +90,9 @@ def test_what_the_same_runs_tell_of_two_means_is_told_once() -> None:
     assert one.less(one, told_together=True) == Uncertain(0.0, math.hypot(4.0, 4.0), 5.0, 3, "deg/hr")
     assert one.less(exact) == Uncertain(2.0, 4.0, 5.0, 2, "deg/hr")
     assert one.less(one).freedom == pytest.approx(10.0)
+    seldom = Uncertain(2.0, 3.0, 6.0, 3, "deg/hr", beyond=4.0)
+    assert one.less(seldom) == Uncertain(1.0, math.sqrt(16.0 + 16.0 / 3.0 + 9.0), 5.0, 3, "deg/hr")
+    assert seldom.less(one).sd == one.less(seldom).sd
 
 
 def test_what_standard_errors_do_not_know_is_in_the_mean_of_three() -> None:
