@@ -10,6 +10,7 @@ import numpy as np
 
 from hil.campaign import Campaign
 from hil.campaign.data import EARTH_RATE_DEG_PER_HR
+from hil.model.effects.geometry import local_frame
 from hil.model.effects.setup import EarthRateError
 from hil.model.forms import default_form
 from hil.solve.identifiability import orthonormal, project_out
@@ -32,7 +33,7 @@ def smallest_seen_deg(campaign: Campaign) -> Mapping[str, float]:
         for run in np.unique(collects.conditions.run):
             rows = collects.rows(collects.conditions.run == run)
             sigma = stated_noise(rows)
-            if not np.any(rows.conditions.w_deg_per_hr) or not np.isfinite(latitude):
+            if not np.any(local_frame(rows.conditions).north) or not np.isfinite(latitude):
                 continue
             used = True
             weights = 1.0 / (np.ones_like(rows.rates_deg_per_hr) if sigma is None else sigma).reshape(-1, 1)

@@ -264,6 +264,10 @@ class Effect(Described):
         for every shape parameter. For a collect it is the mean over [start, start + duration].
         """
 
+    def untold_by(self, conditions: Conditions) -> str:
+        """Return what these rows lack, so that nobody can say what it does in others; empty where nothing."""
+        return ""
+
     def aliases_for(self, conditions: Conditions) -> Mapping[str, float]:
         """Return other names for the same columns in these rows, whatever is recorded, with weights against its 1."""
         return {}

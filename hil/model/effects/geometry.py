@@ -4,10 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.campaign import Conditions, FloatArray
+from hil.campaign import Conditions, FloatArray, TextArray
 
 LEVEL = 0.05
 """Of 1 g, along an axis that is called horizontal: three degrees."""
+LEVEL_DEG_PER_HR = 0.1
+"""A horizontal part of the earth rate that is less counts as none: w is the vertical part, or nothing."""
 
 
 @dataclass(frozen=True)
@@ -24,26 +26,36 @@ class LocalFrame:
 
 def local_frame(conditions: Conditions) -> LocalFrame:
     """Return up from f, north from the horizontal part of w (zero, or parallel to f at a pole, gives no north)."""
-    up = conditions.f_g / np.linalg.norm(conditions.f_g, axis=1, keepdims=True)
-    w = np.nan_to_num(conditions.w_deg_per_hr)
-    horizontal = w - np.sum(w * up, axis=1, keepdims=True) * up
-    length = np.linalg.norm(horizontal, axis=1, keepdims=True)
-    north = np.divide(horizontal, length, out=np.zeros_like(horizontal), where=length > 1e-6)
+    up, w = _unit(conditions.f_g), np.nan_to_num(conditions.w_deg_per_hr)
+    north = _unit(w - np.sum(w * up, axis=1, keepdims=True) * up, LEVEL_DEG_PER_HR)
     return LocalFrame(up, north, np.cross(up, north))
 
 
-def frame_of_one_axis(conditions: Conditions) -> LocalFrame:
-    """Return the frame, its north where no earth rate tells it from the one axis that the unit was turned about.
+def frame_by_heading(conditions: Conditions) -> tuple[LocalFrame, TextArray]:
+    """Return the frame, and by row (n,) the position that has a heading of its own; empty where one serves all rows.
 
-    That stays horizontal, and points where it did: north is then a right angle from it, wherever that is.
+    Where no earth rate tells north, an axis that a unit was turned about stays level, and points where it did: north is
+    then a right angle from it, wherever that is. A unit that was turned over in several ways had some heading in each
+    position, and "north" is a level direction there, the same in every row of that position.
     """
-    frame = local_frame(conditions)
+    frame, one = local_frame(conditions), np.full(len(conditions), "")
+    if np.any(frame.north):
+        return frame, one
     _, size, axes = np.linalg.svd(frame.up, full_matrices=False)
-    if np.any(frame.north) or len(size) < 3 or size[2] > LEVEL * np.sqrt(len(conditions)) or size[1] < size[0] * LEVEL:
-        return frame
-    north = np.cross(axes[2], frame.up)
-    north /= np.linalg.norm(north, axis=1, keepdims=True)
-    return LocalFrame(frame.up, north, np.cross(frame.up, north))
+    if len(size) > 2 and size[2] < LEVEL * np.sqrt(len(conditions)) and size[1] > size[0] * LEVEL:
+        axis, headings = axes[2:], one
+    else:
+        _, at = np.unique(headings := conditions.position, return_inverse=True)
+        leaning = np.array([np.abs(frame.up[at == k]).sum(axis=0) for k in range(at.max(initial=-1) + 1)])
+        axis = np.eye(3)[np.argmin(leaning, axis=1)][at]
+    north = _unit(np.cross(axis, frame.up))
+    return LocalFrame(frame.up, north, np.cross(frame.up, north)), headings
+
+
+def _unit(vectors: FloatArray, least: float = 0.0) -> FloatArray:
+    """Return vectors (n, 3) of length one, zero where they are no longer than `least`."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(np.divide(vectors, length, out=np.zeros_like(vectors), where=length > least))
 
 
 def turned_about_index_axis(vectors: FloatArray) -> FloatArray:

@@ -1,6 +1,7 @@
 """Effects of the set-up: tilt, accelerometers, index positions, earth-rate knowledge."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -8,7 +9,7 @@ import numpy as np
 from hil.campaign import Conditions, FloatArray
 from hil.campaign.data import EARTH_RATE_DEG_PER_HR
 from hil.model.effects.base import OUTSIDE, Base, Effect, Parameter, required_base
-from hil.model.effects.geometry import frame_of_one_axis, turned_about_index_axis
+from hil.model.effects.geometry import frame_by_heading, local_frame, turned_about_index_axis
 from hil.model.equation import pickoff_rates
 
 MILLI = 1e-3
@@ -89,7 +90,10 @@ class IndexPositionError(_IndexedRotorEffect):
 
 
 class EarthRateError(Effect):
-    """The earth rate that was subtracted is wrong, or none was: latitude, heading, a mount not where the map says."""
+    """The earth rate that was subtracted is wrong, or was left out: latitude, heading, a mount not where the map says.
+
+    Where nothing tells north, and a unit was turned over in several ways, it has a level part in each position.
+    """
 
     id = "earth"
     follows = "heading"
@@ -100,30 +104,54 @@ class EarthRateError(Effect):
         Parameter("dW_north", "deg/hr", (0.02, 0.5)),
         Parameter("dW_east", "deg/hr", (0.02, 0.5)),
     )
+    named_by_data = True
+    accepted = r"dW_(up|north|east|(level|across)_.*)"
     common_to_sensors = True
     signature = "dGSA = -dW1, dMUB = -dW3, dBB = -dW2; BA, GSB and MUA are immune. No temperature, no order."
-    confusable_with = ("frame", "scale", "misalign", "g_sensitivity", "GS")
+    confusable_with = ("frame", "scale", "misalign", "g_sensitivity", "GS", "k2")
     odds = OUTSIDE
     experiment = "A second heading: gravity stays, earth rate turns. MUB shifts and MUA does not."
 
     def odds_for(self, conditions: Conditions) -> float:
-        """Return those of a term of the standard models where no earth rate was subtracted: every gyro shows it."""
-        return self.odds if np.any(np.nan_to_num(conditions.w_deg_per_hr)) else 5.0
+        """Return those of a term of the standard models where some was left out: every gyro shows it."""
+        return self.odds if np.any(local_frame(conditions).north) else 5.0
+
+    def shape_grid(self, conditions: Conditions) -> Sequence[Mapping[str, float]]:
+        """Return nothing where each position has a heading of its own and few are measured again: it explains all."""
+        headings = np.unique(frame_by_heading(conditions)[1])
+        return [{}] if len(headings) == 1 or 2 * len(headings) <= len(conditions) else []
+
+    def parameters_for(self, conditions: Conditions) -> tuple[Parameter, ...]:
+        """Return one for each direction, or one for up, and for the position two that are level."""
+        positions = np.unique(frame_by_heading(conditions)[1]).tolist()
+        if not any(positions):
+            return self.parameters
+        up, north, _ = self.parameters
+        return (up, *(replace(north, name=f"dW_{way}_{of}") for of in positions for way in ("level", "across")))
+
+    def untold_by(self, conditions: Conditions) -> str:
+        """Return the heading, where each position has its own."""
+        return "w (latitude, and which way north lay) in each position" * any(frame_by_heading(conditions)[1])
 
     def known_amplitudes(
         self, conditions: Conditions, site: Mapping[str, float]
     ) -> Sequence[tuple[float, FloatArray, FloatArray]]:
-        """Return the whole earth rate, where none was subtracted: its vertical part by latitude, or up to 15 deg/hr."""
-        if np.any(np.nan_to_num(conditions.w_deg_per_hr)):
+        """Return what was left out: of the level part all, of the vertical what latitude says, up to 15 deg/hr."""
+        if np.any(local_frame(conditions).north):
             return ()
-        level = np.full(2, EARTH_RATE_DEG_PER_HR / np.sqrt(2.0))
-        if "latitude_deg" in site:
-            up = -EARTH_RATE_DEG_PER_HR * np.sin(np.deg2rad(site["latitude_deg"]))
-            return ((LEFT_OUT, np.array([up, 0.0, 0.0]), np.array([0.01 * EARTH_RATE_DEG_PER_HR, *level])),)
-        return ((LEFT_OUT, np.zeros(3), np.array([EARTH_RATE_DEG_PER_HR / 2.0, *level])),)
+        subtracted = bool(np.any(np.nan_to_num(conditions.w_deg_per_hr)))
+        mean = np.zeros(len(self.parameters_for(conditions)))
+        deviation = np.full(len(mean), 0.5 * EARTH_RATE_DEG_PER_HR)
+        if subtracted or "latitude_deg" in site:
+            deviation[0] = 0.01 * EARTH_RATE_DEG_PER_HR
+        if "latitude_deg" in site and not subtracted:
+            mean[0] = -EARTH_RATE_DEG_PER_HR * np.sin(np.deg2rad(site["latitude_deg"]))
+        return ((LEFT_OUT, mean, deviation),)
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return the negative direction cosines of each channel's axis, (n, c, 3); north 0 where unknown."""
-        frame = frame_of_one_axis(conditions)
-        directions = np.stack([frame.up, frame.north, frame.east], -1)
+        """Return the negative direction cosines of each channel's axis, (n, c, p), in the rows that a part is of."""
+        frame, positions = frame_by_heading(conditions)
+        at = np.equal.outer(positions, np.unique(positions)).astype(np.float64)
+        level = np.stack([frame.north, frame.east], -1)[:, :, None, :] * at[:, None, :, None]
+        directions = np.concatenate([frame.up[..., None], level.reshape(*frame.up.shape, -1)], -1)
         return -directions[:, conditions.sensor.channel_axes, :]

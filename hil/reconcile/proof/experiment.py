@@ -41,6 +41,10 @@ def next_experiment(
     effect, name, rival_name = leader[0].effect, leader[0].name, "" if named is None else named.id
     if named is not None and named.remedy:  # it is no further collect that is needed
         return _the_same_again(f"separates {name} from {rival_name}: {named.remedy}", sensor)
+    asked = [each.effect for each in (leader[0], rival) if each is not None and each.effect is not None]
+    untold = next(filter(None, (each.untold_by(sensor.collects.conditions) for each in asked)), "")
+    if untold:  # what it does in further collects is nobody's to say
+        return _the_same_again(f"separates {name} from {rival_name or 'chance'}: record {untold}", sensor)
     if rival is None:
         return _the_same_again(f"shows {name} again, or that it was chance", sensor)
     scored = []

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from hil.model.effects.catalogue import effect_by_id
+from hil.model.effects.history import joined
 from tests.hil.model.effect_conditions import TERMS, W, moved, one_run, rotor_base, triad_poses
 
 W1, W2, W3 = W
@@ -130,12 +131,27 @@ def test_an_earth_rate_that_nobody_recorded_turns_with_the_unit_about_its_index_
     assert earth.odds_for(unknown) > earth.odds_for(known)
 
 
-def test_of_a_unit_that_was_turned_about_several_axes_nobody_knows_where_north_is() -> None:
-    """Six poses of a triad: only the earth's vertical part has columns."""
-    conditions = replace(triad_poses(), w_deg_per_hr=np.zeros((len(triad_poses()), 3)))
-    columns = effect_by_id("earth").columns(conditions, None, {})
-    assert not columns[:, :, 1:].any()
-    assert columns[:, :, 0].any()
+def test_of_a_unit_that_was_turned_over_the_level_part_is_each_positions_own() -> None:
+    """Poses of a triad, each at some heading: the columns are whatever the earth does to them."""
+    known, earth = joined(triad_poses(), triad_poses()), effect_by_id("earth")
+    for left_in in (0.0, 1.0):  # of the vertical part, as where only the latitude was known
+        up = known.f_g / np.linalg.norm(known.f_g, axis=1, keepdims=True)
+        vertical = np.sum(known.w_deg_per_hr * up, axis=1, keepdims=True) * up
+        unknown = replace(known, w_deg_per_hr=left_in * vertical)
+        columns = earth.columns(unknown, None, {}).reshape(3 * len(known), -1)
+        assert columns.shape[1] == len(earth.parameters_for(unknown)) == 1 + 2 * len(triad_poses())
+        left_out = (known.w_deg_per_hr - vertical).ravel()
+        assert np.allclose(columns @ np.linalg.lstsq(columns, left_out)[0], left_out, atol=1e-9)
+        assert earth.odds_for(unknown) > earth.odds_for(known)
+        assert "latitude" in earth.untold_by(unknown)
+        assert not earth.untold_by(known)
+
+
+def test_a_heading_in_each_position_is_asked_for_where_positions_were_measured_again() -> None:
+    """Of poses that are measured once a level part in each explains everything."""
+    once, earth = replace(triad_poses(), w_deg_per_hr=np.zeros((len(triad_poses()), 3))), effect_by_id("earth")
+    assert not earth.shape_grid(once)
+    assert earth.shape_grid(joined(once, once)) == [{}]
 
 
 @pytest.mark.parametrize(
