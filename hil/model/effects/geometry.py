@@ -32,23 +32,26 @@ def local_frame(conditions: Conditions) -> LocalFrame:
 
 
 def frame_by_heading(conditions: Conditions) -> tuple[LocalFrame, TextArray]:
-    """Return the frame, and by row (n,) the position that has a heading of its own; empty where one serves all rows.
+    """Return the frame, and by row (n,) the position that has a heading of its own; empty where it is of no position.
 
     Where no earth rate tells north, an axis that a unit was turned about stays level, and points where it did: north is
     then a right angle from it, wherever that is. A unit that was turned over in several ways had some heading in each
-    position, and "north" is a level direction there, the same in every row of that position.
+    position, and "north" is a level direction there, the same in every row of that position. It is zero where a
+    position was measured once, of which a heading would explain everything.
     """
     frame, one = local_frame(conditions), np.full(len(conditions), "")
     if np.any(frame.north):
         return frame, one
     _, size, axes = np.linalg.svd(frame.up, full_matrices=False)
     if len(size) > 2 and size[2] < LEVEL * np.sqrt(len(conditions)) and size[1] > size[0] * LEVEL:
-        axis, headings = axes[2:], one
+        north, headings = np.cross(axes[2], frame.up), one
     else:
-        _, at = np.unique(headings := conditions.position, return_inverse=True)
-        leaning = np.array([np.abs(frame.up[at == k]).sum(axis=0) for k in range(at.max(initial=-1) + 1)])
-        axis = np.eye(3)[np.argmin(leaning, axis=1)][at]
-    north = _unit(np.cross(axis, frame.up))
+        _, at, often = np.unique(conditions.position, return_inverse=True, return_counts=True)
+        leaning = np.array([np.abs(frame.up[at == k]).sum(axis=0) for k in range(len(often))]).reshape(-1, 3)
+        again = often[at] > 1
+        north = np.cross(np.eye(3)[np.argmin(leaning, axis=1)][at], frame.up) * again[:, None]
+        headings = np.where(again, conditions.position, "")
+    north = _unit(north)
     return LocalFrame(frame.up, north, np.cross(frame.up, north)), headings
 
 

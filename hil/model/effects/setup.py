@@ -116,18 +116,14 @@ class EarthRateError(Effect):
         """Return those of a term of the standard models where some was left out: every gyro shows it."""
         return self.odds if np.any(local_frame(conditions).north) else 5.0
 
-    def shape_grid(self, conditions: Conditions) -> Sequence[Mapping[str, float]]:
-        """Return nothing where each position has a heading of its own and few are measured again: it explains all."""
-        headings = np.unique(frame_by_heading(conditions)[1])
-        return [{}] if len(headings) == 1 or 2 * len(headings) <= len(conditions) else []
-
     def parameters_for(self, conditions: Conditions) -> tuple[Parameter, ...]:
-        """Return one for each direction, or one for up, and for the position two that are level."""
-        positions = np.unique(frame_by_heading(conditions)[1]).tolist()
-        if not any(positions):
-            return self.parameters
-        up, north, _ = self.parameters
-        return (up, *(replace(north, name=f"dW_{way}_{of}") for of in positions for way in ("level", "across")))
+        """Return one for up, and two that are level for all rows that have a heading in common."""
+        up, *level = self.parameters
+        ways = {
+            of: ("level", "across") if of else ("north", "east") for of in np.unique(frame_by_heading(conditions)[1])
+        }
+        names = [f"dW_{way}" + f"_{of}" * bool(of) for of, both in ways.items() for way in both]
+        return (up, *(replace(level[0], name=name) for name in names))
 
     def untold_by(self, conditions: Conditions) -> str:
         """Return the heading, where each position has its own."""

@@ -147,11 +147,16 @@ def test_of_a_unit_that_was_turned_over_the_level_part_is_each_positions_own() -
         assert not earth.untold_by(known)
 
 
-def test_a_heading_in_each_position_is_asked_for_where_positions_were_measured_again() -> None:
-    """Of poses that are measured once a level part in each explains everything."""
+def test_a_heading_in_each_position_is_asked_for_where_it_was_measured_again() -> None:
+    """Of poses that are measured once a level part in each would explain everything: only the vertical has columns."""
     once, earth = replace(triad_poses(), w_deg_per_hr=np.zeros((len(triad_poses()), 3))), effect_by_id("earth")
-    assert not earth.shape_grid(once)
-    assert earth.shape_grid(joined(once, once)) == [{}]
+    assert [each.name for each in earth.parameters_for(once)] == ["dW_up", "dW_north", "dW_east"]
+    columns = earth.columns(once, None, {})
+    assert columns[:, :, 0].any()
+    assert not columns[:, :, 1:].any()
+    again = joined(once, once.rows(np.arange(1)))
+    there = earth.columns(again, None, {})[[0, 1, -1], :, -2:].any(axis=(1, 2))
+    assert there.tolist() == [True, False, True]
 
 
 @pytest.mark.parametrize(
