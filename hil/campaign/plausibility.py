@@ -15,9 +15,9 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.campaign.data import BoolArray, Campaign, Collects, FloatArray, IntArray, Sensor, known_mean
+from hil.campaign.data import BoolArray, Campaign, Collects, FloatArray, IntArray, Sensor
 from hil.campaign.laws import digit, laws, soaked, to_come_degC
-from hil.campaign.stand_ins import OWN, WIDEST_DEGC
+from hil.campaign.stand_ins import off_its_case
 from hil.errors import InputError
 from procedures.pose import Contradiction, PoseTable
 from procedures.verdict import Judgement, Verdict, combine
@@ -28,7 +28,6 @@ _FOLLOWS = 0.5  # of the air's changes
 _RANGE_DEGC = 10.0  # over which that is looked at
 _WARM_DEGC = 20.0  # by more is no unit that powers itself off its air
 _SAME_ROWS = 3
-_FEW = 2  # runs of which nobody can say which is the odd one
 _DIGITS, _ROUNDING = 300.0, 1e-6
 _AT_REST_DEG_PER_HR = 360_000.0  # a hundred degrees a second: many times what the poorest gyro is off by
 _STILL = 0.05  # of what the earth rate alone moves a channel by
@@ -291,25 +290,18 @@ def _laws(campaign: Campaign, series: Mapping[int, FloatArray]) -> Iterator[_Fou
 
 
 def _off_the_case(campaign: Campaign, but: Collection[tuple[int, int]]) -> Iterator[str]:
-    """Say in which run, of three and more, a thermometer is off its unit's case as in no other: which is, nobody knows.
-
-    A unit that is still to follow its case is off it by right; `but` runs of sensors of which more is said.
-    """
+    """Say in which run a thermometer is off its unit's case as in no other, but for `but`, of which more is said."""
     for number, collects in campaign.sensors.items():
-        columns, still = collects.conditions.columns, to_come_degC(collects.conditions) > 0.5 * WIDEST_DEGC
-        if not {OWN, "case_degC"} <= columns.keys():
-            continue
-        off = np.where(still, np.nan, columns[OWN] - columns["case_degC"])
-        of_run = {run: known_mean(off[rows]) for run, rows in collects.conditions.of_each_run.items()}
-        known = sorted((degC, run) for run, degC in of_run.items() if np.isfinite(degC))
-        for (degC, run), others in ((known[0], known[1:]), (known[-1], known[:-1])) if len(known) > _FEW else ():
-            low, high = others[0][0], others[-1][0]
-            if high - low < WIDEST_DEGC < max(low - degC, degC - high) and (run, number) not in but:
-                yield (
-                    f"sensor {number}: in run {run} its thermometer shows {degC:z.1f} °C more than its case, in all "
-                    f"other runs {low:z.1f} to {high:z.1f} °C: one of the two is off, and with it what is said of that "
-                    "run's temperature; look at both, and measure it again"
-                )
+        for off in off_its_case(collects.conditions):
+            if (off.run, number) in but:
+                continue
+            which = "one of the two is off, and with it what is said of that run's temperature"
+            if off.usual_degC is not None:
+                which = "the thermometer is off, for beside the air the case is as in the others"
+            yield (
+                f"sensor {number}: in run {off.run} its thermometer shows {off.degC:z.1f} °C more than its case, in "
+                f"all other runs {off.low:z.1f} to {off.high:z.1f} °C: {which}; look at both, and measure it again"
+            )
 
 
 def _without_temperature(collects: Collects, rows: Sequence[BoolArray]) -> Collects:

@@ -13,7 +13,7 @@ import numpy as np
 from hil.campaign import Conditions, FloatArray, IntArray
 from hil.campaign.data import TELL_TEMPERATURE, known_mean
 from hil.campaign.laws import to_come_degC
-from hil.campaign.stand_ins import OWN, WIDEST_DEGC, temperature_of, told
+from hil.campaign.stand_ins import OWN, WIDEST_DEGC, own_degC, temperature_of, told
 from hil.errors import InputError
 from hil.model import Model
 from hil.model.forms import LinearForm, default_form, named_form, value_form
@@ -167,9 +167,14 @@ def unsettled(conditions: Conditions) -> dict[int, str]:
     It was at another than in most of them, or, where no most agree, than the last left it at; or its temperature moved
     so fast that it was still to be.
     """
-    own, setpoint = (conditions.columns.get(name) for name in ("temperature_degC", _SETPOINT))
+    own, setpoint = own_degC(conditions), conditions.columns.get(_SETPOINT)
     found: dict[int, str] = {}
-    if own is None or setpoint is None or not np.isfinite(setpoint).all() or not np.isfinite(own).any():
+    if (
+        OWN not in conditions.columns
+        or setpoint is None
+        or not np.isfinite(setpoint).all()
+        or not np.isfinite(own).any()
+    ):
         return found
     number, to_come, far = _numbered(setpoint, NARROWEST_DEGC), to_come_degC(conditions), 0.5 * WIDEST_DEGC
     for place in np.unique(number):

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hil.campaign import Campaign
+from hil.campaign.stand_ins import off_its_case, own_degC, with_stand_ins
 from hil.campaign.writer import write_campaign
 from hil.cli.app import run
+from hil.reconcile import reconcile
+from hil.solve.temperatures import unsettled
+from tests.hil.reconcile.hidden_effects import base_rates, campaign_of, lay_out, noise
 from tests.hil.solve.test_other_runs import campaign, with_column
 
 OFF = "sensor 2: in run 5 its thermometer shows 13.0 °C more than its case, in all other runs 8.0 to 8.0 °C"
@@ -40,3 +45,38 @@ def test_what_is_off_by_less_or_still_follows_is_not(off_degC: float, runs: int,
     """Five runs tell as well as nine; a unit whose temperature still moves is off its case by right."""
     said = [each for each in beside_its_case(off_degC, runs, moving).warnings if "its case" in each]
     assert len(said) == (off_degC == 5.0 and not moving)
+
+
+def test_the_case_stands_in_for_a_thermometer_that_is_off() -> None:
+    """By the setpoint it is the thermometer: what it shows in that run is nobody's temperature, and no soak's."""
+    off, right = (beside_its_case(by).sensors[2].conditions for by in (5.0, 0.0))
+    assert np.allclose(own_degC(off), right.columns["temperature_degC"])
+    assert unsettled(off) == {}
+    (said,) = [each for each in with_stand_ins(beside_its_case(5.0)).warnings if "stands in" in each]
+    assert said.startswith("sensor 2: temperature_degC is off in run 5; the case's")
+
+
+@pytest.mark.parametrize("what", ["case_degC", "dTdt_degC_per_min"])
+def test_a_thermometer_that_may_be_right_is_believed(what: str) -> None:
+    """It is the case that is off the air, or the unit may still be warming: no slope was recorded."""
+    one = beside_its_case(5.0)
+    columns = dict(one.sensors[2].conditions.columns)
+    if what == "case_degC":
+        by = np.where(one.sensors[2].conditions.run == 5, 5.0, 0.0)
+        columns |= {"temperature_degC": columns["temperature_degC"] - by, "case_degC": columns["case_degC"] - by}
+    else:
+        del columns[what]
+    rows = replace(one.sensors[2].conditions, columns=columns)
+    assert np.array_equal(own_degC(rows), columns["temperature_degC"])
+    assert len(list(off_its_case(rows))) == 1
+
+
+@pytest.mark.slow
+def test_a_thermometer_that_is_off_has_no_name_of_an_effect() -> None:
+    """Run 11 of a quiet unit whose values follow temperature: it was a scale error, or a state of that run."""
+    rng = np.random.default_rng(1)
+    rows = lay_out(rng)
+    one = campaign_of(rows, base_rates(rows) + 0.3 * noise(rows, rng, run_bias=0.3), stated=0.27)
+    shown = rows.temperature + 5.0 * (rows.run == 11)
+    night = with_column(one, temperature_degC=shown, case_degC=rows.temperature - 3.0)
+    assert reconcile(night, "matrix-6-thermal", prove=False).verdict == "none"
