@@ -15,7 +15,6 @@ from drivers.chambers.controller import Controller
 from drivers.chambers.controllers.described import SetpointBox
 from drivers.chambers.controllers.description import BoxDescription, load_box
 from drivers.chambers.controllers.description import SerialLine as SerialLine
-from drivers.chambers.controllers.espec import Espec
 from drivers.chambers.controllers.voetsch_ascii import AsciiLayout, VoetschAscii
 from drivers.chambers.supervised import SupervisedChamber, Supervision
 from drivers.clock import Clock
@@ -107,9 +106,7 @@ _BOXES = Path(__file__).parent / "boxes"
 
 
 SHIPPED: Mapping[str, ChamberDriver] = {
-    "espec": ChamberDriver(
-        "ESPEC P-300, P-200, SCP-220, GL", SerialLine(19200), _built(Espec, "address", "terminator"), dead_man=True
-    ),
+    "espec": _described(_BOXES / "espec.yaml"),
     "watlow-f4": _described(_BOXES / "watlow-f4.yaml"),
     "ezt-570i": _described(_BOXES / "ezt-570i.yaml"),
     "voetsch-ascii2": ChamberDriver(

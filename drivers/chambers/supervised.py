@@ -1,7 +1,7 @@
 """The chamber that procedures see, over any `Controller`: what every driver must do, done once.
 
     asks = Supervision(ChamberLimits(-35.0, 65.0), SafeState("hold", 25.0))
-    chamber = SupervisedChamber(Espec(transport, clock), clock, asks)
+    chamber = SupervisedChamber(SetpointBox(transport, clock, box), clock, asks)
     chamber.prepare()
     chamber.set_temperature(-29.72)       # -29.7 on the wire, read back and compared
 

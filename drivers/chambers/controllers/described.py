@@ -9,14 +9,16 @@ the description's key `verified` says what was seen. A reply that is a bare numb
 question without a reply the line is listened to for 3 s. Temperatures in °C; time-outs are those of the description.
 """
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext, suppress
 from functools import partial
 from typing import Any, Literal
 
 from drivers.chambers.controller import Controller, ControllerIdentity, ControllerState, Mode, Which
 from drivers.chambers.controllers.description import BoxDescription
 from drivers.chambers.controllers.media import RegisterMedium, TextMedium
-from drivers.chambers.controllers.questions import Command, Identity, Messages, Quantity, Question
+from drivers.chambers.controllers.questions import Command, Messages, Quantity, Question
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, ProtocolError, WrongDevice
 from drivers.transports import Transport
@@ -34,7 +36,7 @@ class SetpointBox(Controller):
         self.sees_programs = any("RUN" in (*each.modes.values(), each.otherwise) for each in box.state)
         kind = TextMedium if box.modbus is None else RegisterMedium
         self._medium: TextMedium | RegisterMedium = kind(transport, clock, box, self.device)
-        self._runs = False
+        self._seen: Mode | None = None  # None where nobody knows
         self._known: dict[str, object] = {
             "setpoint": 0.0,
             "mode": box.state[0].word_for("CONSTANT") if box.state else "",
@@ -43,7 +45,15 @@ class SetpointBox(Controller):
     def identify(self) -> ControllerIdentity:
         """Ask who is there; raise `WrongDevice` where it is not the box of the description."""
         unit, identity = self._box.unit, self._box.identify
-        model = self._model(identity)
+        others = [each for each in (unit, identity.hottest, identity.instead) if each is not None]
+        about: dict[int, Any] = {}
+        try:
+            model = self._model(self._one(identity) if identity.asks else "")
+        except CommandRefused:
+            if identity.instead is None:
+                raise
+            about = self._ask(others)
+            model = self._model(about[id(identity.instead)])
         try:
             self._ask(identity.requires)
         except ProtocolError as error:
@@ -51,16 +61,13 @@ class SetpointBox(Controller):
         self._medium.begin(anew=True)
         if not identity.asks:
             return ControllerIdentity(model, self.state().unit)  # who cannot be asked must look like it
-        hottest = identity.hottest
-        try:
-            about = self._ask([each for each in (unit, hottest) if each is not None])
-        except CommandRefused:
-            about = {}  # an older one, which does not know these questions
-        return ControllerIdentity(model, about.get(id(unit)), about.get(id(hottest)))
+        with suppress(CommandRefused, ProtocolError):  # an older one, which does not know these questions
+            about = about or self._ask(others)
+        return ControllerIdentity(model, about.get(id(unit)), about.get(id(identity.hottest)))
 
     def state(self) -> ControllerState:
         """Look at everything that the box can tell; raise `ProtocolError` where it contradicts itself."""
-        box = self._box
+        box, self._seen = self._box, None
         self._medium.begin()
         # What reaches the wire is in the panel's step; a finer one than 0.1 °C means nothing to a chamber.
         self.resolution_degC = max(10.0 ** -(self._medium.decimals or 1), box.resolution_degC)
@@ -74,6 +81,8 @@ class SetpointBox(Controller):
         alarms = tuple(alarm for each in box.alarms for alarm in found[id(each)])
         if alarms and box.messages:
             alarms = tuple(self._messages(box.messages)) or alarms
+        if alarms and box.alarm_list:
+            alarms = self._one(box.alarm_list) or alarms
         self._known["setpoint"] = found[id(box.setpoint)]
         return ControllerState(
             found[id(box.temperature)], found[id(box.setpoint)], self._mode(found), alarms, low, high, unit
@@ -86,7 +95,7 @@ class SetpointBox(Controller):
             self._medium.set(quantity, value, self._known)
         if which == "setpoint":
             self._known["setpoint"] = value
-            if self._box.setpoint.then_start and self._runs:
+            if self._box.setpoint.then_start and self._seen == "CONSTANT":
                 self.start()
 
     def start(self) -> None:
@@ -95,7 +104,7 @@ class SetpointBox(Controller):
 
     def stop(self, *, off: bool) -> None:
         """Stop conditioning."""
-        self._runs = False
+        self._seen = None
         self._do(self._box.stop if off or not self._box.standby else self._box.standby)
 
     def end_program(self) -> None:
@@ -123,24 +132,43 @@ class SetpointBox(Controller):
         return bool(settings)
 
     def arm_dead_man(self, seconds: float) -> bool:
-        """Set its own timer, s; False where the description has none. Raises `ProtocolError` where it did not take."""
-        return self._set(self._box.dead_man_s, seconds)
-
-    def _set(self, quantity: Quantity | None, value: float) -> bool:
-        if quantity is None:
+        """Set its own timer, s; False where there is none. Raises `ProtocolError` where it did not take."""
+        timer = self._box.dead_man_s
+        if timer is None:
             return False
+        if timer.running is not None:
+            try:
+                self._one(timer.running)
+            except CommandRefused:
+                return False
+        self._do(timer.first)
+        wanted_s = timer.step * math.ceil(seconds / timer.step - 1e-9)
+        self._medium.set(timer, wanted_s, self._known)
+        self._do(timer.then)
+        try:
+            left_s = self._one(timer)
+            if not wanted_s - 1.01 * timer.step <= left_s <= wanted_s + 0.51 * timer.step:
+                raise ProtocolError(f"it reads back {left_s:g} s where {wanted_s:g} s were set")
+            if timer.running is not None and timer.number not in self._one(timer.running):
+                raise ProtocolError("it is not on")
+        except ProtocolError as error:
+            raise ProtocolError(f"{self.device} did not take its timer, look at its panel: {error}") from error
+        return True
+
+    def _set(self, quantity: Quantity, value: float) -> None:
         self._medium.set(quantity, value, self._known)
         found = self._one(quantity)
-        if abs(found - value) > 0.51 * quantity.step:
+        if not abs(found - value) <= 0.51 * quantity.step:  # so that what is no number is no confirmation
             raise ProtocolError(f"{self.device} reads back {found:g} where {value:g} was set")
-        return True
 
     def _do(self, commands: Sequence[Command]) -> None:
         for command in commands:
-            self._medium.tell(command, self._known)
+            if command.where in (None, self._seen) or self._seen is None:
+                with suppress(CommandRefused) if command.may_be_refused else nullcontext():
+                    self._medium.tell(command, self._known)
 
-    def _model(self, identity: Identity) -> str:
-        word = self._one(identity) if identity.asks else ""
+    def _model(self, word: str) -> str:
+        identity = self._box.identify
         if not word.upper().startswith(identity.expect.upper()):
             what = (
                 f"says it is {word!r}, its description expects {identity.expect!r}; check the cable and the bench file"
@@ -153,7 +181,7 @@ class SetpointBox(Controller):
         for each in self._box.state:
             mode: Mode | Literal["next"] = found[id(each)]
             if mode != "next":
-                self._known["mode"], self._runs = each.word_for(mode), mode == "CONSTANT"
+                self._known["mode"], self._seen = each.word_for(mode), mode
                 return mode
         return "CONSTANT"
 

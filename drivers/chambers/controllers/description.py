@@ -19,6 +19,7 @@ from drivers.chambers.controllers.questions import (
     AlarmQuestion,
     Command,
     Identity,
+    Listing,
     Messages,
     Number,
     Quantity,
@@ -26,6 +27,7 @@ from drivers.chambers.controllers.questions import (
     Ramp,
     Requirement,
     StateQuestion,
+    Timer,
     UnitQuestion,
 )
 from drivers.chambers.controllers.registers import (
@@ -85,6 +87,7 @@ class BoxDescription(Entry):
     simulated: SimulatedSection = SimulatedSection()
     terminator: Literal["CR", "LF", "CR LF"] = "CR LF"
     reply_terminator: Literal["CR", "LF", "CR LF"] | None = None
+    addressed: str = ""  # stands before every text, where the bench file gives an address
     frame: Frame | None = None
     silence_s: PositiveFloat | None = None  # a text is over when nothing has come for so long
     timeout_s: PositiveFloat = 2.0
@@ -94,8 +97,8 @@ class BoxDescription(Entry):
     resolution_degC: float = Field(default=0.1, ge=0.1, le=1.0)
     limits_are: Literal["setpoint", "alarm"] = "setpoint"
     encoding: Literal["ascii", "latin-1"] = "ascii"
-    refused: Reply | None = None  # what it answers where it will not
-    refusals: dict[Word, Plain] = Field(default_factory=dict)  # what its codes mean
+    refused: Several[Reply] = ()  # what it answers where it will not
+    refusals: dict[Word, Plain] = Field(default_factory=dict)  # what its codes mean; * stands for anything
     asked: tuple[Looked, ...] = ("alarms", "temperature", "setpoint", "state", "low_limit", "high_limit", "unit")
     identify: Identity
     believe: Several[Requirement] = ()
@@ -112,8 +115,9 @@ class BoxDescription(Entry):
     alarms: Several[AlarmQuestion] = ()
     variants: dict[Plain, dict[str, Any]] = Field(default_factory=dict)  # what is otherwise for some models
     messages: Messages | None = None
+    alarm_list: Listing | None = None
     ramp_degC_per_min: Several[Ramp] = ()  # up and down, where these are two
-    dead_man_s: Quantity | None = None
+    dead_man_s: Timer | None = None
 
     @property
     def framings(self) -> Framings:
@@ -214,6 +218,8 @@ def parse_box(
         document |= document.get("variants", {}).get(variant, {})
     if terminator is not None:
         document["terminator"] = {end: name for name, end in _TERMINATORS.items()}[terminator]
+    if address is None:
+        document.pop("addressed", None)
     registers = document.get("modbus")
     if framing is not None and isinstance(registers, dict):
         registers["framing"] = framing

@@ -5,12 +5,13 @@ questions, and is made again when an answer in it cannot be.
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from fnmatch import fnmatchcase
 from typing import TypeVar
 
 from drivers.chambers.controllers.description import BoxDescription
-from drivers.chambers.controllers.questions import Command, Quantity, Question
+from drivers.chambers.controllers.questions import Command, Identity, Quantity, Question
 from drivers.chambers.controllers.registers import ModbusSection
-from drivers.chambers.controllers.templates import agrees, filled, found_in
+from drivers.chambers.controllers.templates import PLACE, agrees, filled, found_in
 from drivers.clock import Clock
 from drivers.errors import CommandRefused, DeviceTimeout, ProtocolError
 from drivers.transports import Transport
@@ -30,6 +31,7 @@ class TextMedium:
         self.decimals: int | None = None
         self._device, self._box = device, box
         self._about = {each.ask: (each.length, each.hint) for _, each in box.named if isinstance(each, Question)}
+        self._confirms = {text for _, each in box.named for text in getattr(each, "confirm", ())}
 
     def fetches(self, questions: Iterable[Question]) -> dict[str, list[Question]]:
         """Return the texts that must be sent, and which questions the reply to each answers."""
@@ -42,7 +44,7 @@ class TextMedium:
         """Send a text until its reply is accepted, a bounded number of times; raise `DeviceTimeout` with its hint."""
         length, hint = self._about.get(text, (None, ""))
         try:
-            return self._exchange.query(text, accept, length)
+            return self._exchange.query(self._box.addressed + text, accept, length)
         except DeviceTimeout as error:
             raise DeviceTimeout(f"{error}; {hint}" if hint else str(error)) from error
 
@@ -52,8 +54,10 @@ class TextMedium:
     def word(self, question: Question, line: str) -> str:
         """Return what a reply says; `CommandRefused` for a refusal, `ValueError`, which says what it did instead."""
         value = found_in(question.reply, line)
+        if isinstance(question, Identity) and any(agrees(each, line) for each in self._confirms):
+            value = None  # a late reply to a setting is nobody's name
+        self._refuse(question.ask or "", line, answers=value is not None)
         if value is None:
-            self._refuse(question.ask or "", line)
             raise ValueError(f"answered {question.ask!r} with {line!r}, its description expects {question.reply!r}")
         if question.bit is not None and value.isdecimal():
             return str(int(value) >> question.bit & 1)
@@ -71,7 +75,8 @@ class TextMedium:
         """Send a text once; raises as `set`."""
         self._tell(filled(command.send or "", **known), command.confirm)
 
-    def _tell(self, request: str, confirm: Sequence[str]) -> None:
+    def _tell(self, text: str, confirm: Sequence[str]) -> None:
+        request = self._box.addressed + text
         if not confirm:
             self._exchange.tell(request)
             return
@@ -84,10 +89,12 @@ class TextMedium:
 
         self._exchange.command(request, accept, len(confirm[0]))
 
-    def _refuse(self, request: str, line: str) -> None:
-        """Raise `CommandRefused` where a line says no."""
-        if self._box.refused is not None and (code := found_in(self._box.refused, line)) is not None:
-            meaning = self._box.refusals.get(code, "look at its panel")
+    def _refuse(self, request: str, line: str, *, answers: bool = False) -> None:
+        """Raise `CommandRefused` where a line says no: one that `answers`, only with more than a bare code."""
+        refused = (each for each in self._box.refused if not (answers and PLACE.fullmatch(each)))
+        for code in filter(None, (found_in(each, line) for each in refused)):
+            meanings = (meaning for known, meaning in self._box.refusals.items() if fnmatchcase(code, known))
+            meaning = next(meanings, "look at its panel")
             raise CommandRefused(f"{self._device} refused {request!r} with code {code}; {meaning}")
 
 

@@ -7,7 +7,7 @@ from pydantic import BeforeValidator, Field, PositiveFloat, PositiveInt, model_v
 
 from drivers.chambers.controller import Mode
 from drivers.chambers.controllers.registers import Address, Entry, InRegister, Plain, Several, Word, off_is_a_word
-from drivers.chambers.controllers.templates import Order, Reply
+from drivers.chambers.controllers.templates import Order, Reply, number_in
 
 
 class Question(InRegister):
@@ -41,7 +41,7 @@ class Number(Question):
     def meaning(self, word: str) -> float:
         """Return the number."""
         try:
-            return float(word)
+            return number_in(word)
         except ValueError:
             raise ValueError(f"answered {self.ask!r} with {word!r}: no number") from None
 
@@ -52,6 +52,8 @@ class Command(InRegister):
     send: Plain | None = None
     confirm: Several[str] = ()
     value: int = 1
+    where: Mode | None = None  # told in this mode alone, and where nobody knows it
+    may_be_refused: bool = False  # by one that does without
 
     @model_validator(mode="after")
     def _told_in_one_way(self) -> Self:
@@ -94,6 +96,28 @@ class Ramp(Quantity):
     also: Several[Setting] = ()
 
 
+class Listing(Question):
+    """Codes behind their number, `n,code,…`, or 0 alone; `name` is how one is reported."""
+
+    name: Plain = "{value}"
+
+    def meaning(self, word: str) -> tuple[str, ...]:
+        """Return the names of all."""
+        count, *codes = (each.strip() for each in word.split(","))
+        if not all(map(str.isdecimal, (count, *codes))) or int(count) != len(codes):
+            raise ValueError(f"answered {self.ask!r} with {word!r}, which is no number and so many codes")
+        return tuple(self.name.replace("{value}", each) for each in codes)
+
+
+class Timer(Quantity):
+    """Its own timer, s: `first` and `then` are told before and after; its `number` is among those `running`."""
+
+    first: Several[Command] = ()
+    then: Several[Command] = ()
+    running: Listing | None = None
+    number: Word = "0"
+
+
 class Requirement(Question):
     """What must be so for anything to be believed; `otherwise` goes on where a message has named the box."""
 
@@ -115,6 +139,7 @@ class Identity(Question):
     expect: Word = ""
     model: Plain = "{value}"
     otherwise: Plain | None = None
+    instead: Question | None = None  # gives the name where it refuses to
     hottest: Number | None = None  # what it says it can be, by which a unit that it cannot tell is judged
     requires: Several[Requirement] = ()
 
@@ -131,7 +156,7 @@ class Identity(Question):
 
     def meaning(self, word: str) -> str:
         """Return the word; a name that is asked by text has letters, a late reply to something else may have none."""
-        if self.ask is not None and not any(map(str.isalpha, word)):
+        if self.ask is not None and not (any(map(str.isalpha, word)) and word.isprintable()):
             raise ValueError(f"answered {self.ask!r} with {word!r}, which is no name")
         return word
 
@@ -157,14 +182,14 @@ class UnitQuestion(Question):
 
 
 class StateQuestion(Question):
-    """What the box is doing: its word for each mode; `next` leaves it to the question that follows."""
+    """What the box is doing: its word for each mode, with `*` for anything; `next` leaves it to what is asked next."""
 
     modes: dict[Word, Annotated[Mode | Literal["next"], BeforeValidator(off_is_a_word)]]
     otherwise: Mode | Literal["next"] | None = None
 
     def meaning(self, word: str) -> str:
         """Return the mode, or next."""
-        mode = self.modes.get(word, self.otherwise)
+        mode = next((mode for said, mode in self.modes.items() if fnmatchcase(word, said)), self.otherwise)
         if mode is None:
             raise ValueError(f"is in state {word!r}, which its description does not have")
         return mode

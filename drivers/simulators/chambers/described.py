@@ -19,11 +19,13 @@ from drivers.chambers import ChamberLimits
 from drivers.chambers.controllers.description import BoxDescription
 from drivers.chambers.controllers.questions import AlarmQuestion, Command, Quantity, Question, Setting
 from drivers.chambers.controllers.registers import ModbusSection
-from drivers.chambers.controllers.templates import filled, reply_with, taken_from
+from drivers.chambers.controllers.templates import filled, number_in, reply_with, taken_from
 from drivers.simulators.chambers.controller import Refusal, SimulatedController, SimulatedLines
 from drivers.simulators.chambers.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, SimulatedModbus
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.transports.modbus import Table
+
+_TIME = "{value:h:mm}"
 
 
 class _Described(SimulatedController, ABC):
@@ -41,6 +43,7 @@ class _Described(SimulatedController, ABC):
         box, identity = self._box, self._box.identify
         own = box.simulated.identity or f"{identity.expect or box.name} SIMULATED"
         yield identity, identity.expect if box.modbus else own
+        yield identity.instead, own
         yield identity.hottest, self._shown(self.limits.high_degC)
         for each in (*identity.requires, *box.believe):
             yield each, each.one_of[0] if each.one_of else None
@@ -55,6 +58,7 @@ class _Described(SimulatedController, ABC):
             yield state, state.word_for("next" if decided else self.mode)
             decided |= self.mode in state.modes.values()
         yield from ((each, self._alarm_word(each)) for each in box.alarms)
+        yield box.alarm_list, ",".join((str(len(self.alarms)), *self.alarms))
         if told := box.messages:
             yield told.count, str(len(self.alarms))
             for number, alarm in enumerate(self.alarms, start=1):
@@ -62,7 +66,9 @@ class _Described(SimulatedController, ABC):
                 yield from ((each.numbered(number), "1") for each in told.only)
         yield from zip(box.ramp_degC_per_min, self.plant.ramp_degC_per_min, strict=False)
         yield from ((each, self.settings.get(place, 0.0)) for place, each in self._with_ramps)
-        yield box.dead_man_s, self.dead_man_s
+        if timer := box.dead_man_s:
+            yield timer, filled(_TIME, value=self.dead_man_s) if _TIME in (timer.send or "") else self.dead_man_s
+            yield timer.running, f"1,{timer.number}" if self.dead_man_s else "0"
 
     def _alarm_word(self, question: AlarmQuestion) -> str:
         if question.bit is not None:
@@ -86,7 +92,9 @@ class _Described(SimulatedController, ABC):
     @property
     def _switches(self) -> list[tuple[Sequence[Command], str]]:
         box = self._box
-        return [(box.start, "start"), (box.stop, "OFF"), (box.standby, "STANDBY"), (box.end_program, "end")]
+        timers = ((each, "timer") for timer in (box.dead_man_s,) if timer for each in (timer.first, timer.then))
+        modes = ((box.start, "start"), (box.stop, "OFF"), (box.standby, "STANDBY"), (box.end_program, "end"))
+        return [*modes, *timers]
 
     def _adopt(self, name: str, value: float) -> None:
         """Set a quantity, in the unit of the panel."""
@@ -111,7 +119,7 @@ class _Described(SimulatedController, ABC):
             self.mode = "RUN" if self.mode == "RUN" else "CONSTANT"
         elif what == "end":
             self.mode = "CONSTANT" if self.mode == "RUN" else self.mode
-        else:
+        elif what != "timer":
             self.mode = what
 
     def _rounded(self, value: float) -> float:
@@ -127,6 +135,7 @@ class SimulatedSetpointBox(_Described, SimulatedLines):
         super().__init__(plant, description.framings, **settings)
 
     def _respond(self, request: str, now_s: float) -> str | None:
+        request = request.removeprefix(self._box.addressed)
         request = request.upper() if self._box.simulated.any_case else request
         if (answer := self._answer_to(request, now_s)) is not None:
             return answer
@@ -137,10 +146,10 @@ class SimulatedSetpointBox(_Described, SimulatedLines):
                     if "setpoint" in found:
                         self._adopt("setpoint", float(found["setpoint"]))
                     self._switch(mode)
-                    return command.confirm[0] if command.confirm else None
+                    return filled(command.confirm[0]) if command.confirm else None
         for name, quantity in self._quantities:
             if (found := taken_from(quantity.send or "", request)) is not None:
-                self._adopt(name, value := float(found["value"]))
+                self._adopt(name, value := number_in(found["value"]))
                 return filled(quantity.confirm[0], value=value) if quantity.confirm else None
         raise Refusal(self._refusal())
 
@@ -155,13 +164,15 @@ class SimulatedSetpointBox(_Described, SimulatedLines):
         ]
         if not lines:
             return self._box.simulated.answers.get(request)
-        return "".join(max(column) for column in zip_longest(*lines, fillvalue=" "))
+        fields = zip_longest(*(line.split(",") for line in lines), fillvalue="")
+        return ",".join("".join(max(column) for column in zip_longest(*each, fillvalue=" ")) for each in fields)
 
     def _written(self, value: float | str) -> str:
         return f"{value:.{self._box.simulated.decimals}f}" if isinstance(value, float) else str(value)
 
     def _refuse(self, refusal: Refusal) -> str | None:
-        return self._box.refused and reply_with(self._box.refused, str(refusal) or next(iter(self._box.refusals), "5"))
+        said = str(refusal) or next(iter(self._box.refusals), "5")
+        return next((reply_with(each, said) for each in self._box.refused), None)
 
 
 class SimulatedRegisterBox(_Described, SimulatedModbus):

@@ -11,7 +11,6 @@ from drivers.chambers import ChamberLimits
 from drivers.chambers.controller import Controller
 from drivers.chambers.controllers.described import SetpointBox
 from drivers.chambers.controllers.description import load_box
-from drivers.chambers.controllers.espec import Espec
 from drivers.chambers.controllers.voetsch_ascii import VoetschAscii
 from drivers.clock import Clock
 from drivers.errors import CommandRefused
@@ -22,6 +21,7 @@ from drivers.simulators.chambers.voetsch_ascii import SimulatedVoetschAscii
 from drivers.transports import Transport
 from tests.drivers.chambers.chamber_benches import EXAMPLE_BOX
 from tests.drivers.chambers.shipped import (
+    espec,
     julabo,
     simserv,
     simulated_julabo,
@@ -115,7 +115,7 @@ def _is(kind: Callable[[Transport, Clock], Controller], model: str, maximum: flo
 
 def _is_refused(transport: Transport, clock: Clock) -> None:
     with pytest.raises(CommandRefused, match="beyond the high or low temperature alarm"):
-        Espec(transport, clock).write("setpoint", 9999.0)
+        espec(transport, clock).write("setpoint", 9999.0)
 
 
 def _is_written_back(transport: Transport, clock: Clock) -> None:
@@ -133,9 +133,9 @@ _ESPEC: dict[str, Vector] = {
         b"TEMP?\r\n",
         b"26.4,0.0,140.0,-50.0\r\n",
         _sh641(),
-        _sees(Espec, temperature=26.4, setpoint=0.0, low=-50.0, high=140.0),
+        _sees(espec, temperature=26.4, setpoint=0.0, low=-50.0, high=140.0),
     ),
-    "type": Vector(b"TYPE?\r\n", b"T,T,S2,160.0\r\n", _sh641(), _is(Espec, "P300 SIMULATED 1.00", 160.0)),
+    "type": Vector(b"TYPE?\r\n", b"T,T,S2,160.0\r\n", _sh641(), _is(espec, "P300 SIMULATED 1.00", 160.0)),
     "humi": Vector(
         b"HUMI?\r\n",
         b"25,85,100,0\r\n",
@@ -148,12 +148,12 @@ _ESPEC: dict[str, Vector] = {
         _sh641(),
         "the driver writes tenths: TEMP,S25.0; the reply is that of set_neg",
     ),
-    "set_neg": Vector(b"TEMP,S-30.0\r\n", b"OK:TEMP,S-30.0\r\n", _sh641(), _does(Espec, _sets(-30.0))),
+    "set_neg": Vector(b"TEMP,S-30.0\r\n", b"OK:TEMP,S-30.0\r\n", _sh641(), _does(espec, _sets(-30.0))),
     "mon_addr": Vector(
         b"1,MON?\r\n",
         b"24.1,100,CONSTANT,0\r\n",
         _espec(24.1, {"humidity": "100,100,100,0"}, address=1, mode="CONSTANT", setpoint_degC=24.1),
-        _sees(lambda transport, clock: Espec(transport, clock, address=1), mode="CONSTANT", alarms=()),
+        _sees(lambda transport, clock: espec(transport, clock, address=1), mode="CONSTANT", alarms=()),
     ),
     "cmd_err": Vector(b"TENMP?\r\n", b"NA:CMD ERR\r\n", _espec(), "a misspelt command, which no driver sends"),
     "range_err": Vector(b"TEMP,S9999.0\r\n", b"NA:DATA OUT OF RANGE\r\n", _espec(), _is_refused),
@@ -161,13 +161,13 @@ _ESPEC: dict[str, Vector] = {
         b"TEMP,S85.0\r\n",
         b"OK:1,temp,s85.0\r\n",
         _espec(has={"acknowledgement": "OK:{1},{3}"}),
-        _does(Espec, _sets(85.0)),
+        _does(espec, _sets(85.0)),
     ),
     "gl_mode": Vector(
         b"MODE,CONSTANT\r\n",
         b"OK:1,mode,constant\r\n",
         _espec(has={"acknowledgement": "OK:{1},{3}"}),
-        _does(Espec, lambda driver: driver.start()),
+        _does(espec, lambda driver: driver.start()),
     ),
     "const": Vector(
         b"CONSTANT SET?,TEMP\r\n", b"23.0,ON\r\n", _espec(), f"{_NEVER_ASKED}TEMP? tells the setpoint with the rest"

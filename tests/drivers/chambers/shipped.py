@@ -22,6 +22,13 @@ def shipped(name: str, framing: str | None = None, **otherwise: float) -> BoxDes
     return load_box(path, framing=framing).model_copy(update=otherwise)
 
 
+def espec(transport: Transport, clock: Clock, **settings: Any) -> SetpointBox:
+    """Return the driver of an ESPEC, as a bench file says it is spoken to."""
+    path = CHAMBER_DRIVERS["espec"].description
+    assert path is not None
+    return SetpointBox(transport, clock, load_box(path, **settings))
+
+
 def watlow_f4(transport: Transport, clock: Clock, **settings: Any) -> SetpointBox:
     """Return the driver of an F4."""
     return SetpointBox(transport, clock, shipped("watlow-f4", **settings))

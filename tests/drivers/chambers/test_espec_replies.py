@@ -6,11 +6,12 @@ import math
 
 import pytest
 
-from drivers.chambers.controllers import espec as replies
-from drivers.chambers.controllers.espec import meaning_of, understood
+from drivers.chambers.controller import ControllerState
+from drivers.chambers.controllers.described import SetpointBox
+from drivers.clock import VirtualClock
 from drivers.errors import CommandRefused, ProtocolError
-
-DEVICE = "chamber on /dev/ttyUSB0"
+from drivers.simulators.memory import MemoryTransport
+from tests.drivers.chambers.shipped import espec
 
 ERROR_TEXTS = {
     "CMD ERR": "does not know this command",
@@ -27,33 +28,97 @@ ERROR_TEXTS = {
     "INVALID REQ": "not valid for this chamber",
     "INVLID REQ": "not valid for this chamber",
     "CHB NOT READY": "not ready: wait",
-    **{f"PRGM WRITE ERR-{n}": f"reason {n} of its manual" for n in range(1, 16)},
+    "SOMETHING NEW": "its manual must say what this means",
+    **{f"PRGM WRITE ERR-{n}": "its manual has the reason by this number" for n in range(1, 16)},
 }
+USUAL = {
+    "ROM?": "GL-ENA 3.4.0",
+    "TYPE?": "T,T,GL,185.0",
+    "TEMP?": "23.0,85.0,105.0,-75.0",
+    "MON?": "24.1,100,CONSTANT,0",
+    "ALARM?": "0",
+}
+SET = "TEMP,S25.0"
+
+
+class _Answers:
+    """A device that answers a request always alike."""
+
+    def __init__(self, replies: dict[str, str]) -> None:
+        self._replies, self._sent = USUAL | replies, b""
+
+    def receive(self, data: bytes, now_s: float) -> None:
+        self._sent += (self._replies[data.decode().strip()] + "\r\n").encode()
+
+    def transmit(self, now_s: float) -> bytes:
+        sent, self._sent = self._sent, b""
+        return sent
+
+    def next_transmission(self, now_s: float) -> float | None:
+        return now_s if self._sent else None
+
+
+def _driver(**replies: str) -> SetpointBox:
+    clock = VirtualClock()
+    return espec(
+        MemoryTransport(
+            _Answers({ask.replace("_", "?"): each for ask, each in replies.items()}), clock, "sim://chamber"
+        ),
+        clock,
+    )
+
+
+def _looked(temp: str = USUAL["TEMP?"], mon: str = USUAL["MON?"], alarm: str = "0") -> ControllerState:
+    return _driver(TEMP_=temp, MON_=mon, ALARM_=alarm).state()
+
+
+def _set_s(line: str) -> float:
+    """Return how long a setting takes that is answered so: the pause, and the time-out where nothing acknowledges."""
+    clock = VirtualClock()
+    espec(MemoryTransport(_Answers({SET: line}), clock, "sim://chamber"), clock).write("setpoint", 25.0)
+    return clock.now()
 
 
 def test_temperatures_setpoint_and_alarm_limits() -> None:
     """`TEMP?` of the recorded dialog, and of a GL."""
-    assert understood(DEVICE, "TEMP?", replies.temperatures, "26.4,0.0,140.0,-50.0") == (26.4, 0.0, 140.0, -50.0)
-    assert understood(DEVICE, "TEMP?", replies.temperatures, "23.0,85.0,105.0,-75.0") == (23.0, 85.0, 105.0, -75.0)
+    for line, expected in (
+        ("26.4,0.0,140.0,-50.0", (26.4, 0.0, 140.0, -50.0)),
+        (USUAL["TEMP?"], (23.0, 85.0, 105.0, -75.0)),
+    ):
+        seen = _looked(line)
+        assert (seen.temperature, seen.setpoint, seen.high, seen.low) == expected
 
 
 def test_status_with_and_without_humidity() -> None:
     """`MON?` of the EHS manual; a chamber without humidity leaves the field blank."""
-    assert understood(DEVICE, "1,MON?", replies.status, "24.1,100,CONSTANT,0") == ("CONSTANT", 0)
-    assert understood(DEVICE, "MON?", replies.status, "-30.2,,STANDBY,2") == ("STANDBY", 2)
+    assert (_looked().mode, _looked().alarms) == ("CONSTANT", ())
+    seen = _looked(mon="-30.2, , STANDBY, 2", alarm="2,19,40")
+    assert (seen.mode, seen.alarms) == ("STANDBY", ("alarm 19", "alarm 40"))
+
+
+@pytest.mark.parametrize("mode", ["RUN", "RUN PAUSE", "RUN END HOLD", "RMT RUN"])
+def test_every_kind_of_program_is_one(mode: str) -> None:
+    """Also one that holds at its end."""
+    assert _looked(mon=f"24.1,,{mode},0").mode == "RUN"
 
 
 def test_alarms_may_be_a_single_character() -> None:
-    """`0` is the whole reply where there is none."""
-    assert understood(DEVICE, "ALARM?", replies.codes, "0") == ()
-    assert understood(DEVICE, "ALARM?", replies.codes, "2,19,40") == ("19", "40")
+    """`0` is the whole reply where there is none; then the alarm that was counted has no code."""
+    assert _looked(mon="24.1,,STANDBY,1", alarm="0").alarms == ("alarm without a code",)
 
 
-def test_type_names_controller_and_highest_temperature() -> None:
+@pytest.mark.parametrize(
+    ("line", "maximum"), [("T,T,S2,160.0", 160.0), ("T,GL,185", 185.0), ("T, T, S2, 160.0", 160.0), ("T,T,S2", None)]
+)
+def test_type_tells_the_highest_temperature(line: str, maximum: float | None) -> None:
     """With one bulb, with two, and without a highest temperature."""
-    assert understood(DEVICE, "TYPE?", replies.chamber_type, "T,T,S2,160.0") == ("S2", 160.0)
-    assert understood(DEVICE, "TYPE?", replies.chamber_type, "T,GL,185.0") == ("GL", 185.0)
-    assert understood(DEVICE, "TYPE?", replies.chamber_type, "T,T,S2") == ("S2", None)
+    assert _driver(TYPE_=line).identify().maximum == maximum
+
+
+@pytest.mark.parametrize(("line", "model"), [("T,T,S2,160.0", "S2"), ("T,GL,185.0", "GL")])
+def test_type_names_the_controller_where_nothing_else_does(line: str, model: str) -> None:
+    """The oldest know no `ROM?`."""
+    assert _driver(ROM_="NA:CMD ERR", TYPE_=line).identify().model == model
 
 
 @pytest.mark.parametrize(
@@ -61,54 +126,40 @@ def test_type_names_controller_and_highest_temperature() -> None:
 )
 def test_every_observed_acknowledgement_is_one(line: str) -> None:
     """The echo is spelt in three ways and is never compared."""
-    assert understood(DEVICE, "TEMP,S25", replies.acknowledged, line)
+    assert _set_s(line) < 2.0
 
 
 @pytest.mark.parametrize("line", ["", "OK", "OKAY", "26.4,0.0,140.0,-50.0", "K:TEMP,S25", "0"])
 def test_a_line_that_belongs_to_something_else_acknowledges_nothing(line: str) -> None:
     """A late reply to a monitor command is not mistaken for an acknowledgement."""
-    assert not understood(DEVICE, "TEMP,S25", replies.acknowledged, line)
+    assert _set_s(line) >= 2.0
 
 
 @pytest.mark.parametrize(("text", "advice"), ERROR_TEXTS.items())
 @pytest.mark.parametrize("spelling", ["NA:{}", "NA :{}", "NA: {}"])
 def test_every_error_text_becomes_advice(text: str, advice: str, spelling: str) -> None:
-    """The device, the request, the controller's own words, and what to do."""
-    line = spelling.format(text)
+    """The device, the request, the controller's own words, and what to do; nothing is invented for unknown ones."""
     with pytest.raises(CommandRefused) as caught:
-        understood(DEVICE, "TEMP,S25", replies.acknowledged, line)
+        _set_s(spelling.format(text))
     message = str(caught.value)
-    assert message.startswith("chamber on /dev/ttyUSB0 refused 'TEMP,S25' with ")
+    assert message.startswith(f"chamber on sim://chamber refused '{SET}' with ")
     assert text in message
     assert advice in message
 
 
-def test_an_unknown_error_text_is_repeated() -> None:
-    """Nothing is invented for it."""
-    assert meaning_of("SOMETHING NEW") == "its manual must say what this means"
-    with pytest.raises(CommandRefused, match="SOMETHING NEW"):
-        understood(DEVICE, "MON?", replies.status, "NA:SOMETHING NEW")
-
-
-def test_refusals_are_refusals_for_every_parser() -> None:
-    """A monitor command can be refused as well."""
-    for parse in (
-        replies.text,
-        replies.temperatures,
-        replies.status,
-        replies.codes,
-        replies.chamber_type,
-        replies.acknowledged,
-    ):
-        with pytest.raises(CommandRefused, match="CMD ERR"):
-            understood(DEVICE, "TENMP?", parse, "NA:CMD ERR")
+@pytest.mark.parametrize("ask", ["TEMP?", "MON?", "ALARM?", "TYPE?"])
+def test_refusals_are_refusals_of_every_question(ask: str) -> None:
+    """A monitor command can be refused as well; a name is no name then."""
+    refusing = {"ROM_": "NA:CMD ERR", "MON_": "24.1,,STANDBY,1", ask.replace("?", "_"): "NA:CMD ERR"}
+    with pytest.raises(CommandRefused, match="CMD ERR"):
+        (_driver(**refusing).identify if ask == "TYPE?" else _driver(**refusing).state)()
 
 
 @pytest.mark.parametrize("line", ["", "26.4,0.0,140.0", "26.4,0.0,140.0,-50.0,1", "26.4,x,140.0,-50.0", "OK:TEMP,S25"])
 def test_temperatures_of_another_shape_are_refused(line: str) -> None:
     """A cut line, or the reply to another request."""
     with pytest.raises(ProtocolError, match="TEMP"):
-        understood(DEVICE, "TEMP?", replies.temperatures, line)
+        _looked(line)
 
 
 @pytest.mark.parametrize(
@@ -116,32 +167,32 @@ def test_temperatures_of_another_shape_are_refused(line: str) -> None:
     [
         "26.4,0.0,140.0,-50.0",
         "24.1,100,CONSTANT",
+        "24.1,100,CONSTANT,0,1",
         "24.1,100,CONSTANT,x",
         "24.1,100,,0",
         "24.1,100,const,0",
-        "2x.1,100,CONSTANT,0",
     ],
 )
 def test_a_status_of_another_shape_is_refused(line: str) -> None:
     """Above all the reply to `TEMP?`, which has four fields too."""
     with pytest.raises(ProtocolError):
-        understood(DEVICE, "MON?", replies.status, line)
+        _looked(mon=line)
 
 
 @pytest.mark.parametrize("line", ["", "2,19", "0,19", "x", "1,x", "-1"])
 def test_alarms_of_another_shape_are_refused(line: str) -> None:
     """The count must agree with the codes: a lost code is a lost byte."""
     with pytest.raises(ProtocolError):
-        understood(DEVICE, "ALARM?", replies.codes, line)
+        _looked(mon="24.1,,STANDBY,1", alarm=line)
 
 
 @pytest.mark.parametrize("line", ["", "OK:TEMP,S25", "P3\x07"])
 def test_a_name_that_is_none_is_refused(line: str) -> None:
     """An acknowledgement or noise is no model."""
     with pytest.raises(ProtocolError):
-        understood(DEVICE, "ROM?", replies.text, line)
+        _driver(ROM_=line).identify()
 
 
 def test_dashes_for_a_missing_sensor_are_no_number() -> None:
     """They parse as not a number, for the plausibility check to name."""
-    assert math.isnan(understood(DEVICE, "TEMP?", replies.temperatures, "---.-,0.0,140.0,-50.0")[0])
+    assert math.isnan(_looked("---.-,0.0,140.0,-50.0").temperature)

@@ -9,11 +9,11 @@ import pytest
 
 from drivers.chambers import ChamberLimits, ChamberReading, SafeState
 from drivers.chambers.chamber import ChamberIdentity
-from drivers.chambers.controllers.espec import Espec
 from drivers.chambers.supervised import SupervisedChamber, Supervision
 from drivers.clock import VirtualClock
 from drivers.errors import CommandRefused, ProtocolError, SetpointOutOfLimits, WrongDevice
 from drivers.simulators.memory import MemoryTransport
+from tests.drivers.chambers.shipped import espec
 from tests.drivers.transcript import TranscriptDevice
 
 LIMITS = ChamberLimits(-35.0, 65.0)
@@ -41,7 +41,7 @@ def _chamber(
         ]
     )
     transport = MemoryTransport(device, clock, "sim://chamber")
-    controller = Espec(transport, clock, address=address, terminator=terminator.encode())
+    controller = espec(transport, clock, address=address, terminator=terminator.encode())
     settings = {"limits": LIMITS, "safe": SafeState("hold", 25.0)} | settings
     return SupervisedChamber(controller, clock, Supervision(**settings)), device
 
@@ -172,6 +172,20 @@ def test_a_controller_without_the_power_command_is_started_by_its_mode() -> None
     device.finish()
 
 
+def test_a_chamber_that_stands_by_is_started_without_its_power() -> None:
+    """That is on."""
+    chamber, device = _chamber(
+        [
+            *MODEL,
+            *_look("23.0,23.0,70.0,-40.0", "STANDBY") * 4,
+            ("MODE,CONSTANT", "OK:MODE,CONSTANT"),
+            *_look("23.0,23.0,70.0,-40.0"),
+        ]
+    )
+    chamber.prepare()
+    device.finish()
+
+
 SET_PREFIX = [*MODEL, *_look("23.0,23.0,70.0,-40.0") * 2]
 
 
@@ -291,11 +305,11 @@ def test_the_dead_man_is_armed_before_anything_is_set() -> None:
     device.finish()
 
 
-@pytest.mark.parametrize("listed", ["OFF,1:31", "STANDBY,0:05", "STANDBY,15:01"])
-def test_a_timer_that_is_not_read_back_is_an_error(listed: str) -> None:
+@pytest.mark.parametrize(("listed", "asked"), [("OFF,1:31", 3), ("STANDBY,0:05", 1), ("STANDBY,15:01", 1)])
+def test_a_timer_that_is_not_read_back_is_an_error(listed: str, asked: int) -> None:
     """Another mode, or another time: nothing was set yet."""
     chamber, device = _chamber(
-        [*MODEL, *_look("60.0,60.0,70.0,-40.0") * 2, *ARM[:4], ("TIMER LIST?,0", listed)],
+        [*MODEL, *_look("60.0,60.0,70.0,-40.0") * 2, *ARM[:4], *[("TIMER LIST?,0", listed)] * asked],
         dead_man_s=90.5 * 60.0,
     )
     with pytest.raises(ProtocolError, match="did not take its timer"):

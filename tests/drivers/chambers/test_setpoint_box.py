@@ -19,7 +19,7 @@ from drivers.errors import CommandRefused, InputError, ProtocolError, WrongDevic
 from drivers.simulators.chambers.described import SimulatedSetpointBox
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.memory import MemoryTransport
-from tests.drivers.chambers.chamber_benches import EXAMPLE_BOX
+from tests.drivers.chambers.chamber_benches import EXAMPLE_BOX, Wire
 from tests.drivers.transcript import TranscriptDevice
 
 LIMITS = ChamberLimits(-35.0, 65.0)
@@ -236,6 +236,17 @@ def test_a_file_that_is_no_description_is_refused(text: str, tmp_path: Path) -> 
         parse_box(text, "box.yaml")
     with pytest.raises(InputError, match="there is no such file"):
         load_box(tmp_path / "nothing.yaml")
+
+
+def test_an_address_stands_before_every_text_where_one_is_given() -> None:
+    """And its simulator knows it; a place for it in the texts is not needed then."""
+    text = yaml.safe_dump(FULL | {"addressed": "#{address:02d} "})
+    for address, sent in ((7, b"#07 T?\r"), (None, b"T?\r")):
+        clock, box = VirtualClock(), parse_box(text, "box.yaml", address=address)
+        wire = Wire(SimulatedSetpointBox(ChamberPlant(), box))
+        SetpointBox(MemoryTransport(wire, clock, "sim://chamber"), clock, box).state()
+        assert sent in b"\r" + wire.sent
+        assert (b"#" in wire.sent) == (address is not None)
 
 
 def test_a_simulated_box_answers_at_nought_degrees() -> None:

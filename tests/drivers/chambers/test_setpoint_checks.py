@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.chambers import ChamberLimits, SafeState
-from drivers.chambers.controllers.espec import Espec
 from drivers.chambers.setpoints import (
     NativeLimits,
     Settings,
@@ -23,6 +22,7 @@ from drivers.chambers.setpoints import (
 from drivers.clock import VirtualClock
 from drivers.errors import ProtocolError, SensorFault, SetpointOutOfLimits, WrongDevice
 from drivers.transports.transport import own_port
+from tests.drivers.chambers.shipped import espec
 
 LIMITS = ChamberLimits(-35.0, 65.0)
 
@@ -114,7 +114,7 @@ def test_read_back_must_agree_within_half_a_step() -> None:
 
 def test_a_native_limit_is_never_drawn_through_the_air() -> None:
     """It would raise an alarm at once; a sensor that cannot be believed moves no limit."""
-    controller = Espec(own_port("own://chamber", VirtualClock()), VirtualClock())
+    controller = espec(own_port("own://chamber", VirtualClock()), VirtualClock())
     native = NativeLimits(controller, ChamberLimits(30.0, 65.0), 5.0)
     assert native.around(45.0, 45.0) == (25.0, 45.0, 70.0)
     assert native.around(45.0, 22.04) == (17.0, 45.0, 70.0)

@@ -323,6 +323,18 @@ def test_thermotron_that_ramps_otherwise_than_it_was_told_is_an_error() -> None:
         chamber.set_ramp_rate(2.5)
 
 
+def test_what_is_no_number_confirms_no_setting() -> None:
+    """Dashes are what a panel shows where it has no value."""
+    exchanges = [("11068¶1¶1¶2.5", "1"), ("11066¶1¶1", "1¶---.-")]
+    clock, replies = (
+        VirtualClock(),
+        [((a + "\r").encode("latin-1"), (b + "\r\n").encode("latin-1")) for a, b in exchanges],
+    )
+    driver = simserv(MemoryTransport(TranscriptDevice(replies), clock, "sim://chamber"), clock)
+    with pytest.raises(ProtocolError, match=r"reads back nan where 2\.5 was set"):
+        driver.set_ramp_rate(2.5)
+
+
 def test_a_simulated_thermotron_answers_what_public_clients_ask() -> None:
     """Its version and why it stopped."""
     device = simulated_thermotron(ChamberPlant())
