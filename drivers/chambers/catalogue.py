@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from drivers.chambers.controller import Controller
 from drivers.chambers.controllers.described import SetpointBox
 from drivers.chambers.controllers.description import BoxDescription, load_box
 from drivers.chambers.controllers.description import SerialLine as SerialLine
@@ -20,6 +19,7 @@ from drivers.chambers.supervised import SupervisedChamber, Supervision
 from drivers.clock import Clock
 from drivers.outside import Catalogue
 from drivers.transports import Transport
+from drivers.transports.framing import Terminator
 from drivers.transports.modbus import Framing
 
 WarningLimits = Literal["SP_03/04", "SP_01/02", "none"]
@@ -34,11 +34,15 @@ class Spoken:
     """
 
     address: int | None = None
-    terminator: bytes | None = None
+    terminator: Terminator | None = None
     framing: Framing | None = None
     description: Path | None = None
     layout: AsciiLayout | None = None
     warning_limits: WarningLimits | None = None
+
+    def said(self, *names: str) -> dict[str, Any]:
+        """Return what is not None of these."""
+        return {name: value for name in names if (value := getattr(self, name)) is not None}
 
     def box(self, path: Path) -> BoxDescription:
         """Return the description in a file, as it is for this chamber."""
@@ -75,14 +79,9 @@ supervised = SupervisedChamber
 """What puts over a controller what all drivers do, as distributions from outside call it."""
 
 
-def _built(kind: Callable[..., Controller], *said: str) -> Build:
-    """Return what makes a chamber of such a controller and of what the bench file may say of it, the options `said`."""
-
-    def build(transport: Transport, clock: Clock, options: ChamberOptions) -> SupervisedChamber:
-        given = {name: getattr(options, name) for name in said if getattr(options, name) is not None}
-        return supervised(kind(transport, clock, **given), clock, options)
-
-    return build
+def _ascii2(transport: Transport, clock: Clock, options: ChamberOptions) -> SupervisedChamber:
+    spoken = options.said("limits", "address", "layout", "terminator")
+    return supervised(VoetschAscii(transport, clock, **spoken), clock, options)
 
 
 def _speaks(path: Path | None) -> Build:
@@ -109,9 +108,7 @@ SHIPPED: Mapping[str, ChamberDriver] = {
     "espec": _described(_BOXES / "espec.yaml"),
     "watlow-f4": _described(_BOXES / "watlow-f4.yaml"),
     "ezt-570i": _described(_BOXES / "ezt-570i.yaml"),
-    "voetsch-ascii2": ChamberDriver(
-        "Vötsch and Weiss, ASCII-2", SerialLine(9600), _built(VoetschAscii, "limits", "address", "layout", "terminator")
-    ),
+    "voetsch-ascii2": ChamberDriver("Vötsch and Weiss, ASCII-2", SerialLine(9600), _ascii2),
     "simserv": _described(_BOXES / "simserv.yaml"),
     "thermotron": _described(_BOXES / "thermotron.yaml"),
     "julabo": _described(_BOXES / "julabo.yaml"),

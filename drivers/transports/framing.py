@@ -23,6 +23,9 @@ CONTROLS = {"SOH": 1, "STX": 2, "ETX": 3, "EOT": 4, "ENQ": 5, "ACK": 6, "LF": 10
 """The control characters that a frame may be made of, by their names."""
 
 
+Terminator = Literal["CR", "LF", "CR LF"]
+
+
 class Framing(ABC):
     """How a text is found among bytes."""
 
@@ -193,6 +196,7 @@ class Framings:
     encoding: str = "ascii"
 
 
-def lines(terminator: bytes, reply_terminator: bytes | None = None, encoding: str = "ascii") -> Framings:
-    """Return the framings of a controller that speaks lines."""
-    return Framings(Line(terminator), Line(terminator), Line(reply_terminator or terminator), encoding)
+def lines(told: Terminator, replied: Terminator | None = None, encoding: str = "ascii") -> Framings:
+    """Return the framings of a controller that speaks lines, by what ends what it is told and what it replies."""
+    line, reply = (Line(bytes(CONTROLS[name] for name in each.split())) for each in (told, replied or told))
+    return Framings(line, line, reply, encoding)

@@ -9,6 +9,7 @@ from drivers.chambers import CHAMBER_DRIVERS, ChamberLimits, SafeState
 from drivers.chambers.catalogue import SerialLine, WarningLimits
 from drivers.chambers.controllers.voetsch_ascii import AsciiLayout
 from drivers.chambers.setpoints import COLDEST_POSSIBLE_DEGC, HOTTEST_POSSIBLE_DEGC
+from drivers.transports.framing import Terminator
 from hil.config.ports import SIMULATED_SCHEME, ChamberPort
 from hil.config.sections import settings_of, to_settings
 from hil.files.strict import Section
@@ -68,7 +69,7 @@ class ChamberSection(Section):
     data_bits: Literal[7, 8] | None = None
     parity: Literal["none", "even", "odd"] | None = None
     address: NonNegativeInt | None = None
-    terminator: Literal["CR", "LF", "CR LF"] | None = None
+    terminator: Terminator | None = None
     framing: Literal["rtu", "tcp"] | None = None
     ramp: Annotated[CelsiusPerMinute, Field(gt=0.0, le=100.0)] | None = None
     dead_man: Annotated[Seconds, Field(ge=600.0, le=7 * 86400.0)] | None = None
@@ -98,9 +99,7 @@ class ChamberSection(Section):
     @property
     def spoken(self) -> dict[str, Any]:
         """How it is spoken to, as `drivers.chambers.catalogue.Spoken` has it, but for the file that describes a box."""
-        end = None if self.terminator is None else {"CR": b"\r", "LF": b"\n", "CR LF": b"\r\n"}[self.terminator]
-        said = {name: getattr(self, name) for name in ("address", "framing", "layout", "warning_limits")}
-        return {**said, "terminator": end}
+        return {name: getattr(self, name) for name in ("address", "framing", "layout", "terminator", "warning_limits")}
 
     @model_validator(mode="after")
     def _hangs_together(self) -> Self:

@@ -43,10 +43,8 @@ from drivers.chambers.controllers.templates import Reply, addressed_to
 from drivers.errors import InputError
 from drivers.given_file import read_text
 from drivers.strict_yaml import first_mistake, parse_yaml
-from drivers.transports.framing import Frame, Framings, Silence, lines
+from drivers.transports.framing import Frame, Framings, Silence, Terminator, lines
 from drivers.transports.transport import Timing
-
-_TERMINATORS = {"CR": b"\r", "LF": b"\n", "CR LF": b"\r\n"}
 
 Looked = Literal["alarms", "temperature", "setpoint", "state", "low_limit", "high_limit", "unit"]
 
@@ -85,8 +83,8 @@ class BoxDescription(Entry):
     modbus: ModbusSection | None = None
     address: Annotated[int, Field(ge=0, le=255)] = 1  # in its texts; that of Modbus stands in its section
     simulated: SimulatedSection = SimulatedSection()
-    terminator: Literal["CR", "LF", "CR LF"] = "CR LF"
-    reply_terminator: Literal["CR", "LF", "CR LF"] | None = None
+    terminator: Terminator = "CR LF"
+    reply_terminator: Terminator | None = None
     addressed: str = ""  # stands before every text, where the bench file gives an address
     frame: Frame | None = None
     silence_s: PositiveFloat | None = None  # a text is over when nothing has come for so long
@@ -127,8 +125,7 @@ class BoxDescription(Entry):
         if self.silence_s:
             silence = Silence(self.silence_s)
             return Framings(silence, silence, silence, self.encoding)
-        reply = _TERMINATORS[self.reply_terminator or self.terminator]
-        return lines(_TERMINATORS[self.terminator], reply, self.encoding)
+        return lines(self.terminator, self.reply_terminator, self.encoding)
 
     @property
     def timing(self) -> Timing:
@@ -205,7 +202,7 @@ def parse_box(
     text: str,
     source: str,
     variant: str | None = None,
-    terminator: bytes | None = None,
+    terminator: Terminator | None = None,
     address: int | None = None,
     framing: str | None = None,
 ) -> BoxDescription:
@@ -217,7 +214,7 @@ def parse_box(
     if variant is not None:
         document |= document.get("variants", {}).get(variant, {})
     if terminator is not None:
-        document["terminator"] = {end: name for name, end in _TERMINATORS.items()}[terminator]
+        document["terminator"] = terminator
     if address is None:
         document.pop("addressed", None)
     registers = document.get("modbus")

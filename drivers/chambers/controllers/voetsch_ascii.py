@@ -29,7 +29,7 @@ from drivers.chambers.setpoints import clamped
 from drivers.clock import Clock
 from drivers.errors import ProtocolError
 from drivers.transports import Transport
-from drivers.transports.framing import lines
+from drivers.transports.framing import Terminator, lines
 from drivers.transports.lines import LineExchange
 from drivers.transports.transport import Timing
 
@@ -67,7 +67,7 @@ class VoetschAscii(Controller):
         limits: ChamberLimits,
         address: int = 0,
         layout: AsciiLayout | None = None,
-        terminator: bytes = b"\r",
+        terminator: Terminator = "CR",
     ) -> None:
         super().__init__(transport)
         self._limits = limits

@@ -22,17 +22,8 @@ class SimulatorOptions(Spoken):
     begins_s: float = 0.0
 
 
+_ALL = "faults", "begins_s"  # what is said of every one
 Build = Callable[[ChamberPlant, SimulatorOptions], SimulatedController]
-
-
-def _built(kind: Callable[..., SimulatedController], *said: str) -> Build:
-    """Return what makes such a controller of what the bench file may say of it, the options `said`."""
-
-    def build(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedController:
-        given = {name: getattr(options, name) for name in said if getattr(options, name) is not None}
-        return kind(plant, faults=options.faults, begins_s=options.begins_s, **given)
-
-    return build
 
 
 def _box(description: Path | None) -> Build:
@@ -42,7 +33,7 @@ def _box(description: Path | None) -> Build:
         path = options.description or description
         if path is None:
             raise ValueError("it has no description, and no simulator of its own")
-        return simulated_box(plant, options.box(path), faults=options.faults, begins_s=options.begins_s)
+        return simulated_box(plant, options.box(path), **options.said(*_ALL))
 
     return build
 
@@ -55,8 +46,8 @@ def _brought(entry: ChamberDriver | str | Path) -> Build:
 
 _SHIPPED: Mapping[str, Build] = {
     **{name: _box(driver.description) for name, driver in SHIPPED.items()},
-    "espec": _built(SimulatedEspec, "address", "terminator", "strict"),
-    "voetsch-ascii2": _built(SimulatedVoetschAscii, "address", "layout", "terminator"),
+    "espec": lambda plant, o: SimulatedEspec(plant, **o.said(*_ALL, "address", "terminator", "strict")),
+    "voetsch-ascii2": lambda plant, o: SimulatedVoetschAscii(plant, **o.said(*_ALL, "address", "terminator", "layout")),
 }
 
 CHAMBER_SIMULATORS: Mapping[str, Build] = Catalogue("hil.chambers", _SHIPPED, _brought)

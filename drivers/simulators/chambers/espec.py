@@ -21,7 +21,7 @@ from typing import Any
 from drivers.chambers import ChamberLimits
 from drivers.simulators.chambers.controller import ChamberFault, ChamberFaultKind, Refusal, SimulatedLines
 from drivers.simulators.chambers.plant import ChamberPlant
-from drivers.transports.framing import lines
+from drivers.transports.framing import Terminator, lines
 
 _PAUSE_AFTER_MONITOR_S = 0.3
 _PAUSE_AFTER_SETTING_S = 0.5
@@ -58,7 +58,7 @@ class SimulatedEspec(SimulatedLines):
         plant: ChamberPlant,
         *,
         address: int | None = None,
-        terminator: bytes = b"\r\n",
+        terminator: Terminator = "CR LF",
         strict: bool = False,
         **settings: Any,
     ) -> None:

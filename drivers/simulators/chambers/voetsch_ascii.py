@@ -17,7 +17,7 @@ from typing import Any
 from drivers.chambers.controllers.voetsch_ascii import AsciiLayout
 from drivers.simulators.chambers.controller import SimulatedLines
 from drivers.simulators.chambers.plant import ChamberPlant
-from drivers.transports.framing import lines
+from drivers.transports.framing import Terminator, lines
 
 _NUMBER = r"-?\d{3,4}\.\d"
 _TEXTS = {"01": "software test spec.protection.."}  # as the manual prints it
@@ -36,7 +36,7 @@ class SimulatedVoetschAscii(SimulatedLines):
         address: int = 0,
         other_bits: str | None = None,
         layout: AsciiLayout | None = None,
-        terminator: bytes = b"\r",
+        terminator: Terminator = "CR",
         **settings: Any,
     ) -> None:
         self._address = f"${address:02d}"

@@ -9,7 +9,7 @@ from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.memory import MemoryTransport
 from tests.drivers.transcript import TranscriptDevice
 
-OPTIONS = ChamberOptions(ChamberLimits(-40.0, 80.0), SafeState("off"), celsius_confirmed=True, terminator=b"\n")
+OPTIONS = ChamberOptions(ChamberLimits(-40.0, 80.0), SafeState("off"), celsius_confirmed=True, terminator="LF")
 
 
 def test_a_terminator_ends_what_the_driver_sends() -> None:
@@ -27,6 +27,6 @@ def test_a_terminator_ends_what_the_driver_sends() -> None:
 
 def test_a_terminator_ends_what_the_simulator_takes_and_sends() -> None:
     """Byte for byte."""
-    device = CHAMBER_SIMULATORS["thermotron"](ChamberPlant(), SimulatorOptions(terminator=b"\n"))
+    device = CHAMBER_SIMULATORS["thermotron"](ChamberPlant(), SimulatorOptions(terminator="LF"))
     device.receive(b"IDEN?\n", 0.0)
     assert device.transmit(1.0) == b"8800 SIMULATED\n"

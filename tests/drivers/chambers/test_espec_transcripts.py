@@ -13,6 +13,7 @@ from drivers.chambers.supervised import SupervisedChamber, Supervision
 from drivers.clock import VirtualClock
 from drivers.errors import CommandRefused, ProtocolError, SetpointOutOfLimits, WrongDevice
 from drivers.simulators.memory import MemoryTransport
+from drivers.transports.framing import Terminator
 from tests.drivers.chambers.shipped import espec
 from tests.drivers.transcript import TranscriptDevice
 
@@ -31,17 +32,14 @@ IDENTIFY = [*MODEL, *_look("23.0,23.0,70.0,-40.0", "OFF")]
 
 
 def _chamber(
-    exchanges: Sequence[tuple[str, str]], terminator: str = "\r\n", address: int | None = None, **settings: Any
+    exchanges: Sequence[tuple[str, str]], terminator: Terminator = "CR LF", address: int | None = None, **settings: Any
 ) -> tuple[SupervisedChamber, TranscriptDevice]:
-    clock = VirtualClock()
+    clock, end = VirtualClock(), "".join({"CR": "\r", "LF": "\n"}[each] for each in terminator.split())
     device = TranscriptDevice(
-        [
-            ((request + terminator).encode(), (reply + terminator).encode() if reply else b"")
-            for request, reply in exchanges
-        ]
+        [((request + end).encode(), (reply + end).encode() if reply else b"") for request, reply in exchanges]
     )
     transport = MemoryTransport(device, clock, "sim://chamber")
-    controller = espec(transport, clock, address=address, terminator=terminator.encode())
+    controller = espec(transport, clock, address=address, terminator=terminator)
     settings = {"limits": LIMITS, "safe": SafeState("hold", 25.0)} | settings
     return SupervisedChamber(controller, clock, Supervision(**settings)), device
 
@@ -279,7 +277,7 @@ def test_a_chamber_that_is_not_running_takes_no_setpoint_silently() -> None:
 def test_an_address_goes_before_every_request() -> None:
     """RS-485: `1,MON?` as in the manual."""
     chamber, device = _chamber(
-        [("1,TEMP?", "24.1,25.0,70.0,-40.0"), ("1,MON?", "24.1,100,CONSTANT,0")], address=1, terminator="\r"
+        [("1,TEMP?", "24.1,25.0,70.0,-40.0"), ("1,MON?", "24.1,100,CONSTANT,0")], address=1, terminator="CR"
     )
     assert chamber.read().temperature_degC == 24.1
     device.finish()

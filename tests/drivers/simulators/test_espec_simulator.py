@@ -68,7 +68,7 @@ def test_detail_is_refused_by_controllers_other_than_the_p300() -> None:
 
 def test_the_manuals_spelling_and_another_terminator() -> None:
     """`OK : address, command`, and a controller set to CR alone."""
-    device = _device(terminator=b"\r")
+    device = _device(terminator="CR")
     device.acknowledgement = "OK : {1},{2}"
     assert _ask(device, b"TEMP,S25\r", 0.0) == b"OK : 1,TEMP,S25\r"
 

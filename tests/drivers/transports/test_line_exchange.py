@@ -19,7 +19,7 @@ def _exchange(*exchanges: tuple[bytes, bytes]) -> tuple[LineExchange, Transcript
     clock = VirtualClock()
     device = TranscriptDevice(exchanges)
     transport = MemoryTransport(device, clock, "sim://chamber")
-    return LineExchange(transport, clock, device="chamber", framings=lines(b"\r\n"), timing=TIMING), device, clock
+    return LineExchange(transport, clock, device="chamber", framings=lines("CR LF"), timing=TIMING), device, clock
 
 
 def _number(line: str) -> float:
@@ -140,7 +140,7 @@ def _loose(call: str, failures: int, *exchanges: tuple[bytes, bytes]) -> tuple[L
     clock = VirtualClock()
     device = TranscriptDevice(exchanges)
     transport = _LooseCable(device, clock, call, failures)
-    return LineExchange(transport, clock, device="chamber", framings=lines(b"\r\n"), timing=TIMING), device
+    return LineExchange(transport, clock, device="chamber", framings=lines("CR LF"), timing=TIMING), device
 
 
 def test_a_read_survives_a_port_that_comes_back() -> None:
