@@ -211,14 +211,15 @@ class _Judged:
         """Say why these means tell nothing of the unit; empty where they do."""
         if any(self.name not in mean.values for mean in means):
             return "no run could tell it here"
+        told = [self.shown.runs_of(mean, self.name) for mean in means]
         for those, why in ((self.bad, "not good (INCONCLUSIVE or FAIL)"), (self.moving, NOT_SETTLED)):
-            if found := those.intersection(run for mean in means for run in mean.runs):
+            if found := those.intersection(run for runs in told for run in runs):
                 return f"{numbered('run', found)}: {why}"
         if not self._degrees and self.rule.sigmas:
             return _ALONE
         if self.shown.spread.uneven[self._place] and self.rule.sigmas:
             return _UNEVEN
-        single = self.alone.intersection(mean.runs[0] for mean in means if len(mean.runs) == 1)
+        single = self.alone.intersection(runs[0] for runs in told if len(runs) == 1)
         once = "measured once, beside nothing that would show a wrong collect: repeat it"
         return f"{numbered('run', single)}: {once}" if single and self.rule.sigmas else ""
 
@@ -251,7 +252,7 @@ class _Judged:
 
     def scatter(self) -> Iterator[Characteristic]:
         limits = (None, self.limits.scatter)
-        doubt = self._doubt([each for each in self.shown.means if len(each.runs) > 1])
+        doubt = self._doubt([e for e in self.shown.means if self.name in e.values and e.values[self.name].runs > 1])
         doubt = doubt or (_ALONE if not self._degrees else "" if self.shown.told_by else _NO_TEMPERATURE)
         if self.limits.scatter is not None and doubt:
             yield self._told("scatter", limits, doubt)

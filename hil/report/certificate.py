@@ -23,7 +23,7 @@ from hil.campaign import Campaign
 from hil.config import Bench
 from hil.config.limits import load_limits
 from hil.config.recorded import bench_of_record, recorded_limits
-from hil.design.budget.budget import MeanBudget, budgets_of_means
+from hil.design.budget.budget import MeanBudget, budgets_of_means, repeats_of
 from hil.design.budget.scenes import measured_scenes
 from hil.errors import InputError
 from hil.files.numbers import degrees
@@ -171,7 +171,7 @@ def _results(where: Mapping[str, Any], sensor: int, each: MeanBudget) -> Iterato
             "parameter": name,
             "value": value.value,
             "unit": value.unit,
-            "runs": len(each.mean.runs),
+            "runs": value.runs,
             "standard_uncertainty": finite(value.sd),
             "unexplained": finite(each.unexplained[each.budget.names.index(name)]),
             "degrees_of_freedom": finite(value.freedom),
@@ -191,6 +191,7 @@ def _annex(where: Mapping[str, Any], sensor: int, each: MeanBudget) -> dict[str,
         "sensor": sensor,
         **where,
         "runs": list(each.mean.runs),
+        "repeats_of": dict(zip(each.budget.names, repeats_of(each.budget, each.mean).tolist(), strict=True)),
         "units": dict(zip(each.budget.names, each.budget.units, strict=True)),
         "sources": [{"title": title, "parameters": named(values)} for title, values in each.shares.items()],
         "unexplained": named(each.unexplained),

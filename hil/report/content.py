@@ -60,9 +60,9 @@ class SensorContent:
         return any(self.contractors(each) for each in self.shown.means)
 
     def contractors(self, mean: MeanAt) -> MeanAt | None:
-        """Return the contractor's mean of the same runs, where there is one."""
+        """Return the contractor's mean of the same runs, those that told it, where there is one."""
         means = () if self.contractor_shown is None else self.contractor_shown.means
-        return next((each for each in means if each.runs == mean.runs), None)
+        return next((each for each in means if not set(each.runs).isdisjoint(mean.runs)), None)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from hil.report.plots import Line, draw_against_temperature
 from hil.solve import RunSolution
 from hil.solve.repeats import MeanAt
 from procedures.verdict import NOT_GOOD, Verdict
-from procedures.words import numbered
+from procedures.words import counted, numbered
 
 _RATE, _PER_G = "deg/hr", "deg/hr/g"
 _ROOM_DEGC = 20.0
@@ -84,18 +84,19 @@ def key_numbers(sensors: Sequence[SensorContent]) -> dict[str, Any]:
             over = [each.values[name].value for each in sensor.shown.means if name in each.values]
             span = f"{number(min(over), digits)} … {number(max(over), digits)}" if over else number(None)
             value, error = estimate(one, digits)
-            cells.append((value, f"{error} {unit}", span, len(sensor.shown.means) > 1))
+            told = [f"{error} {unit}", *_other_runs(sensor, at, sensor.shown.runs_of(at, name))]
+            cells.append((value, ", ".join(told), span, len(sensor.shown.means) > 1))
         rows.append((f"{in_words(name)}, {name}", cells))
     heads = [
         (
             s.number,
             ", ".join(filter(None, [degrees(at.temperature_degC, s.shown.told_by), _unit(at)])),
             len(s.shown.means),
-            ", ".join(_doubtful(s, at)),
+            ", ".join(_doubtful(s, at.runs)),
         )
         for s, at in zip(shown, nearest, strict=True)
     ]
-    doubtful = any(_doubtful(sensor, at) for sensor in shown for at in sensor.shown.means)
+    doubtful = any(_doubtful(sensor, at.runs) for sensor in shown for at in sensor.shown.means)
     every = {"repeated": all(sensor.shown.repeated for sensor in shown), "left": len(sensors) - len(shown)}
     return {"heads": heads, "rows": rows, "doubtful": doubtful, **every}
 
@@ -121,11 +122,8 @@ def _by_temperature(sensor: SensorContent) -> dict[str, Any]:
         heads.append((_at(sensor, repeat), list(filter(None, [fahrenheit, _unit(repeat)]))))
     return {
         "heads": heads,
-        "runs": [(len(repeat.runs), _doubtful(sensor, repeat)) for repeat in sensor.shown.means],
-        "rows": [
-            (label, unit, list(_means(_of(sensor, model), name, sensor.has_contractor)))
-            for label, name, model, unit in rows
-        ],
+        "runs": [(len(repeat.runs), _doubtful(sensor, repeat.runs)) for repeat in sensor.shown.means],
+        "rows": [(label, unit, list(_means(sensor, name, model))) for label, name, model, unit in rows],
     }
 
 
@@ -140,22 +138,34 @@ def _unit(repeat: MeanAt) -> str:
     return f"unit {where}" if moved else ""
 
 
-def _doubtful(sensor: SensorContent, repeat: MeanAt) -> list[str]:
-    """Say how many runs of a mean must not be relied upon, by verdict."""
-    found = [each.verdict for each in sensor.solutions if each.runs[0] in repeat.runs]
+def _doubtful(sensor: SensorContent, runs: Sequence[int]) -> list[str]:
+    """Say how many of these runs must not be relied upon, by verdict."""
+    found = [each.verdict for each in sensor.solutions if each.runs[0] in runs]
     return [f"{found.count(v)} {v}" for v in NOT_GOOD if v in found]
 
 
-def _means(at_each: Sequence[MeanAt | None], name: str, with_scatter: bool) -> Iterator[tuple[str, str, str]]:
-    """Yield value, ± and scatter of one row, all with as many decimals as their usual uncertainty asks for."""
+def _other_runs(sensor: SensorContent, mean: MeanAt, held: Sequence[int]) -> list[str]:
+    """Say how many runs a parameter's mean holds, where some of those that were made there could not tell it."""
+    fewer = 0 < len(held) < len(mean.runs)
+    return [f"of {counted(len(held), 'run')}", *_doubtful(sensor, held)] if fewer else []
+
+
+def _means(sensor: SensorContent, name: str, model: str) -> Iterator[tuple[str, str, list[str]]]:
+    """Yield of one row value, ±, and below them their scatter where that is published, and how many runs tell it.
+
+    All have as many decimals as their usual uncertainty asks for.
+    """
+    shown, at_each = sensor.shown if model == "matrix" else sensor.contractor_shown, _of(sensor, model)
     found = [None if each is None else each.values.get(name) for each in at_each]
     sds = [each.sd for each in found if each is not None and np.isfinite(each.sd)]
     decimals = decimals_for([float(np.median(sds))] if sds else [])
-    for at, each in zip(at_each, found, strict=True):
-        scatter = at.scatter.get(name, np.nan) if at is not None and with_scatter else np.nan
+    for mean, at, each in zip(sensor.shown.means, at_each, found, strict=True):
         value, error = estimate(each, decimals)
-        told = error or ("± not known" if each else "")
-        yield value, told, f"σ {scatter:.{decimals}f}" if np.isfinite(scatter) else ""
+        scatter = at.scatter.get(name, np.nan) if at is not None and sensor.has_contractor else np.nan
+        below = [f"σ {scatter:.{decimals}f}"] if np.isfinite(scatter) else []
+        if shown is not None:
+            below += _other_runs(sensor, mean, shown.runs_of(mean, name))
+        yield value, error or ("± not known" if each else ""), below
 
 
 def _of(sensor: SensorContent, model: str) -> list[MeanAt | None]:

@@ -95,6 +95,10 @@ class SensorRepeats:
         known = {each.temperature_degC: each for each in self.means}
         return known.get(nearest(temperature_degC, known))
 
+    def runs_of(self, mean: MeanAt, name: str) -> tuple[int, ...]:
+        """Return the runs that the mean of one parameter holds: those of the mean that could tell it."""
+        return tuple(run for run in mean.runs if name in self.of_each.get(run, ()))
+
     def where(self, mean: MeanAt) -> dict[str, Any]:
         """Return of which temperature a mean is, whose that is, and what the unit's own thermometer showed."""
         return {

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.campaign import FloatArray
+from hil.campaign import FloatArray, IntArray
 from hil.design.budget.scenes import RunScene
 from hil.design.budget.sources import Scene, Source
 from hil.model.forms import LinearForm
@@ -71,8 +71,8 @@ class Budget:
         each = zip(given, spread[:-1], strict=True)
         self.shares = tuple(Share(one, analytic_share(one, scene, to_parameters), of) for one, of in each)
 
-    def total(self, repeats: int = 1) -> FloatArray:
-        """Return the standard deviation (p,) of the mean of `repeats` runs."""
+    def total(self, repeats: int | IntArray = 1) -> FloatArray:
+        """Return the standard deviation (p,) of the mean of `repeats` runs, the same of each parameter or (p,)."""
         parts = [each.analytic**2 / (repeats if each.source.varies == "run" else 1) for each in self.shares]
         return np.asarray(np.sqrt(np.sum(parts, axis=0)))
 
@@ -161,16 +161,16 @@ class MeanBudget:
     @property
     def shares(self) -> Mapping[str, FloatArray]:
         """What each source gives of the mean, (p,), by its title."""
-        count = len(self.mean.runs)
+        root = np.sqrt(repeats_of(self.budget, self.mean))
         return {
-            each.source.title: each.analytic / (np.sqrt(count) if each.source.varies == "run" else 1.0)
+            each.source.title: each.analytic / (root if each.source.varies == "run" else 1.0)
             for each in self.budget.shares
         }
 
     @property
     def unexplained(self) -> FloatArray:
         """What repeats show beyond all sources together, (p,): with these it makes `standard`."""
-        sources = self.budget.total(len(self.mean.runs))
+        sources = self.budget.total(repeats_of(self.budget, self.mean))
         return np.asarray(np.sqrt(np.maximum(self.standard**2 - sources**2, 0.0)))
 
     @property
@@ -191,7 +191,8 @@ def budgets_of_means(runs: Sequence[RunScene], observed: SensorRepeats) -> Itera
     for mean in observed.means:
         if any(each.run in mean.runs for each in runs):
             scene, budget = moves_most(runs, mean, observed)
-            standard = mean_of_repeats(budget, len(mean.runs), as_solved(budget, scene.run, observed), mean)
+            one, count = as_solved(budget, scene.run, observed), repeats_of(budget, mean)
+            standard = mean_of_repeats(budget, count, one, mean)
             yield MeanBudget(mean, scene, budget, standard)
 
 
@@ -210,14 +211,21 @@ def as_solved(budget: Budget, run: int, observed: SensorRepeats | None) -> Float
     return np.array([told.get(name, np.nan) for name in budget.names])
 
 
-def mean_of_repeats(budget: Budget, repeats: int, one: FloatArray, mean: MeanAt | None) -> FloatArray:
-    """Return the whole uncertainty of the mean of some repeats, (p,): what they show, and what they have in common.
+def repeats_of(budget: Budget, mean: MeanAt | None) -> IntArray:
+    """Return of how many runs the mean of each parameter is, (p,): of those that could tell it; 1 where none could."""
+    known = {} if mean is None else mean.values
+    return np.array([known[name].runs if name in known else 1 for name in budget.names])
+
+
+def mean_of_repeats(budget: Budget, repeats: IntArray, one: FloatArray, mean: MeanAt | None) -> FloatArray:
+    """Return the whole uncertainty of the mean of `repeats` (p,), (p,): what they show, and what they have in common.
 
     `one` (p,) is what `hil solve` states of one run, `mean` what it states of the runs at that temperature, the same
     number where as many repeats are asked for. It is never less than what the budget's own sources give.
     """
     shown = one / np.sqrt(repeats)
-    if mean is not None and len(mean.runs) == repeats:
-        shown = np.array([mean.values[n].sd if n in mean.values else np.nan for n in budget.names])
+    if mean is not None:
+        sd = np.array([mean.values[n].sd if n in mean.values else np.nan for n in budget.names])
+        shown = np.where(repeats == repeats_of(budget, mean), sd, shown)
     common = budget.total() ** 2 - budget.from_run_to_run**2
     return np.asarray(np.fmax(budget.total(repeats), np.sqrt(shown**2 + common)))

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import FloatArray
-from hil.design.budget.budget import DRAWS, Budget, as_solved, mean_of_repeats, moves_most
+from hil.design.budget.budget import DRAWS, Budget, as_solved, mean_of_repeats, moves_most, repeats_of
 from hil.design.budget.scenes import RunScene
 from hil.errors import InputError
 from hil.files.document import picked, plain
@@ -89,18 +89,23 @@ def _why_none(runs: Sequence[int], asked: int | None, observed: SensorRepeats | 
 def _sensor(runs: Sequence[RunScene], asked: Asked, observed: SensorRepeats | None) -> dict[str, Any]:
     alone = {each.run: Budget(each.scene, each.sources, each.form, draws=0) for each in runs}
     totals = {run: each.total() for run, each in alone.items()}
-    whole = {run: mean_of_repeats(each, 1, as_solved(each, run, observed), None) for run, each in alone.items()}
+    whole = {
+        run: mean_of_repeats(each, repeats_of(each, None), as_solved(each, run, observed), None)
+        for run, each in alone.items()
+    }
     chosen = max(runs, key=lambda each: (each.run == asked.run, float(np.nansum(whole[each.run] ** 2))))
     budget = Budget(chosen.scene, chosen.sources, chosen.form, asked.draws, asked.seed)
     one = as_solved(budget, chosen.run, observed)
     mean = None if observed is None else next((each for each in observed.means if chosen.run in each.runs), None)
-    repeats = asked.repeats or (1 if mean is None else len(mean.runs))
+    made = repeats_of(budget, mean)
+    repeats = np.full_like(made, asked.repeats) if asked.repeats else made
     of_mean = budget
-    if observed is not None and mean is not None and len(mean.runs) == repeats:
+    if observed is not None and mean is not None and np.array_equal(repeats, made):
         of_mean = moves_most(runs, mean, observed)[1]
     return {
         "run": chosen.run,
-        "repeats": repeats,
+        "repeats": int(repeats.max()),
+        "repeats_of": dict(zip(budget.names, repeats.tolist(), strict=True)),
         "temperature_degC": chosen.at[0],
         "temperature_of": chosen.at[1],
         "positions": chosen.scene.conditions.position.tolist(),
@@ -124,6 +129,7 @@ def _sensor(runs: Sequence[RunScene], asked: Asked, observed: SensorRepeats | No
         "mean_as_solved": {}
         if mean is None
         else {"runs": list(mean.runs), **{n: finite(v.sd) for n, v in mean.values.items()}},
+        "mean_as_solved_of": {} if mean is None else {n: v.runs for n, v in mean.values.items()},
         "left_out": list(chosen.left_out),
         "agrees": budget.agrees,
         "too_large": budget.too_large,

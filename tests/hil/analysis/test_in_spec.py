@@ -155,6 +155,17 @@ def test_a_measurement_that_is_not_good_tells_nothing() -> None:
     assert (unsolved.word, unsolved.characteristics[0].reason) == (Word.UNKNOWN, "no run could tell it")
 
 
+def test_a_run_that_cannot_tell_a_parameter_says_nothing_against_its_mean() -> None:
+    """Collect 2 of run 2 has no channel A: BA's mean is of the two others, MUA's holds what the run tells of it."""
+    good, of = night(), limits({"BA": {"low": "-90 deg/hr"}, "MUA": {"low": "-90 deg/hr/g"}})
+    rates = good.sensors[2].rates_deg_per_hr.copy()
+    rates[4, 0] = np.nan
+    said = judged(replace(good, sensors={2: replace(good.sensors[2], rates_deg_per_hr=rates)}), of).characteristics
+    first = {each.parameter: each for each in reversed(said)}
+    assert (first["BA"].word, first["BA"].reason) == (Word.IN, "")
+    assert (first["MUA"].word, first["MUA"].reason) == (Word.UNKNOWN, "run 2: not good (INCONCLUSIVE or FAIL)")
+
+
 def test_a_temperature_measured_once_that_nothing_can_be_held_against_tells_nothing() -> None:
     """One wrong collect would look the same; the scatter is told by the temperatures that have repeats."""
     of, thrice = limits({"BA": {"high": "40 deg/hr", "scatter": "90 deg/hr"}}), night()

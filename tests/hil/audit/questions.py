@@ -231,6 +231,19 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
             for name, of in mean["parameters"].items()
         },
     },
+    "of how many runs the mean of a run and its repeats is": {
+        "budget": lambda document: {
+            (int(n), tuple(of["mean_as_solved"]["runs"]), name): count
+            for n, of in document["sensors"].items()
+            for name, count in of["mean_as_solved_of"].items()
+        },
+        "solve": lambda document: {
+            (int(n), tuple(mean["runs"]), name): of["runs"]
+            for n, shown in document["repeats"].items()
+            for mean in shown["means"]
+            for name, of in mean["parameters"].items()
+        },
+    },
     "what changes from run to run": {
         "solve": lambda document: _run_to_run(document["repeats"], "run_to_run"),
         "budget": lambda document: _run_to_run(document["sensors"], "observed_run_to_run"),
@@ -365,4 +378,5 @@ IN_COMMON = (
     "how sure that mean is",
     "how sure one run is",
     "how sure the mean of a run and its repeats is",
+    "of how many runs the mean of a run and its repeats is",
 )

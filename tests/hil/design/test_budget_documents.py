@@ -22,6 +22,7 @@ from hil.cli.app import run
 from hil.cli.told import lines_of
 from hil.config import load_bench, load_sweep, parse_bench
 from hil.config.sweep import parse_sweep
+from hil.design.budget.budget import budgets_of_means
 from hil.design.budget.document import Asked, budget_document
 from hil.design.budget.scenes import measured_scenes, planned_scenes
 from hil.errors import InputError
@@ -125,6 +126,25 @@ def test_of_a_collect_with_one_rate_left_out_the_other_counts_as_in_solve(campai
     for name, each in solved.parameters.items():
         noise = sensor["sources"][0]["parameters"][name]["analytic"]
         assert noise == (None if each.se is None else pytest.approx(each.se)), name
+
+
+def test_a_mean_is_of_the_runs_that_tell_its_parameter(tmp_path: Path) -> None:
+    """Of three runs one tells no MUA: its mean is of two, in the document, in words, and in each source's part."""
+    campaign = read_campaign(folder := written("one rate far off", tmp_path / "campaign"))
+    shown = repeats(campaign, solve_campaign(campaign))
+    scenes = measured_scenes(campaign, load_bench("simulated"), shown)[2]
+    (each,) = (of for of in budgets_of_means(scenes, shown[2]) if 5 in of.mean.runs)
+    told = {name: value.runs for name, value in each.mean.values.items()}
+    assert {*told.values()} == {2, 3}
+    noise = each.budget.shares[0]
+    assert each.shares[noise.source.title] == pytest.approx(noise.analytic / np.sqrt([*told.values()]))
+    lines = cli("budget", folder, "--run", 4, "--draws", 100)[1].splitlines()
+    (counts,) = (line.split()[-6:] for line in lines if line.startswith("runs at its temperature that tell it"))
+    assert counts == [str(count) for count in told.values()]
+    assert [line.partition(", ")[2][:24] for line in lines if line.startswith("mean of 2 or 3 runs, ")] == [
+        "as hil solve states it  ",
+        "no less than all sources",
+    ]
 
 
 def test_what_has_no_budget_is_said_with_what_to_do(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from hil.config.sweep import PUBLISHED
 from hil.report.content import ReportContent, gather, largest
 from hil.report.page import render
 from hil.report.sensor_view import key_numbers, sensor_view
+from tests.hil.audit.folders import written
 from tests.hil.report.report_pages import Tables
 
 
@@ -63,7 +64,21 @@ def test_where_only_some_were_repeated_the_scatter_stands_there_alone(folder: Pa
     """± means one thing in the whole row; the scatter of three has its own sign, and one run has none."""
     rows = sensor_view(_without(folder, {"2", "3"}).sensors[0])["table"]["rows"]
     (cells,) = (cells for label, _, cells in rows if label == "BA, matrix")
-    assert [(error[0], scatter[:1]) for _, error, scatter in cells] == [("±", ""), *[("±", "σ")] * 7]
+    assert [(error[0], [line[0] for line in below]) for _, error, below in cells] == [("±", []), *[("±", ["σ"])] * 7]
+
+
+def test_a_mean_of_fewer_runs_says_so_and_which_of_them_are_doubtful(tmp_path: Path) -> None:
+    """Of the runs at that temperature one is INCONCLUSIVE and tells GSB, but not MUA."""
+    content = gather(read_campaign(written("one rate far off", tmp_path / "campaign")))
+    view = sensor_view(content.sensors[0])
+    (place,) = (k for k, (_, doubtful) in enumerate(view["table"]["runs"]) if doubtful)
+    (mean,) = (each for each in content.sensors[0].shown.means if 5 in each.runs)
+    below = {label: [lines for _, _, lines in cells] for label, _, cells in view["table"]["rows"]}
+    for name, value in mean.values.items():
+        others = [lines for at, lines in enumerate(below[name]) if at != place]
+        assert below[name][place] == (["of 2 runs"] if value.runs == 2 else [])
+        assert not any(others)
+    assert {value.runs for value in mean.values.values()} == {2, 3}
 
 
 def test_where_nothing_tells_it_that_is_said(folder: Path) -> None:
