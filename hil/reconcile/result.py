@@ -200,15 +200,20 @@ class Solved:
         return {verdict: sorted({run for own in of.values() for run in own}) for verdict, of in self.of_sensors.items()}
 
     @classmethod
-    def of(cls, campaign: Campaign, beside: str = "") -> "Solved":
-        """Solve a campaign, whose standard errors have what is said to be `beside` them."""
+    def of(cls, campaign: Campaign, beside: str = "", solved: "Solved | None" = None) -> "Solved":
+        """Solve a campaign; of what `solved` does not say of standard errors it is said what they are `beside`."""
         every = solve_campaign(campaign)
         beyond = sorted({run for each in every if each.exceeds_errors for run in each.runs})
         odd = [each for each in every if each.verdict is not Verdict.PASS]
         why = [f"{verdict}, {where}: {each}" for verdict, where, each in reasons(odd)]
         shown = repeats(campaign, every)
         widens = any(each.repeated for each in shown.values()) or any(e.degrees_of_freedom for e in every)
-        errors = [f"sensor {number}: {beside}{said}" for number, each in shown.items() for said in each.noise_in_words]
+        known = () if solved is None else solved.errors
+        errors = [
+            same if (same := f"sensor {number}: {said}") in known else f"sensor {number}: {beside}{said}"
+            for number, each in shown.items()
+            for said in each.noise_in_words
+        ]
         small = any(times > 1.0 for each in shown.values() for times in each.times_of.values())
         misstated = any(each.misstated for each in shown.values())
         whole = {(each.sensor, run) for each in every if not each.unobservable for run in each.runs}

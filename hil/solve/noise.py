@@ -48,8 +48,8 @@ def noise_left(own: Sequence[RunSolution], channels: int) -> tuple[FloatArray, F
 def changes(rows: Collects, runs: Set[int]) -> FloatArray:
     """Return the squares, and their degrees of freedom, of what differs from run to run, in standard errors, (2, c).
 
-    Among `runs` of the same collects at one temperature, less what a bias or MU of each makes; nothing of a channel
-    that differs more at some temperatures than at others.
+    Among `runs` of the same collects at one known temperature, less what a bias or MU of each makes: where nobody knows
+    it GS may follow it. Nothing of a channel that differs more at some temperatures than at others.
     """
     conditions, form = rows.conditions, default_form(rows.conditions)
     seen, known = rows.rates_deg_per_hr - conditions.w_channels_deg_per_hr, np.isfinite(rows.rates_deg_per_hr)
@@ -57,6 +57,7 @@ def changes(rows: Collects, runs: Set[int]) -> FloatArray:
     columns, white = form.columns(conditions) * root[..., None], np.where(known, seen, 0.0) * root
     of_run = np.array([name.startswith(("B", "MU")) for name in form.names])
     groups, count, of_each = runs_by_temperature(conditions), known.shape[1], conditions.of_each_run
+    groups = [(degC, several) for degC, several in groups if degC is not None]
     alike: dict[tuple[int, bytes, bytes], list[IntArray]] = {}
     for k, (_, several) in enumerate(groups):
         for rows_of in (of_each[run] for run in several if run in runs):

@@ -217,7 +217,7 @@ class SensorRepeats:
         together = len(odd) == len(self.times_of) > 1 and len({*odd.values()}) == 1
         by_noise = [
             f"standard errors of {of} are {significant(max(times, 1.0 / times))} times too "
-            f"{'small' if times > 1.0 else 'large'}, as what nothing but noise moves shows"
+            f"{'small' if times > 1.0 else 'large'}, by what runs of one temperature differ in beside bias and MU"
             for of, times in ({"all channels together": max(odd.values())} if together else odd).items()
         ]
         if self.same_times:

@@ -21,7 +21,7 @@ from hil.reconcile.search.fitted import Fitted, Values, fitted
 from hil.reconcile.search.posterior import Posterior
 from hil.reconcile.search.problem import Problem, SensorProblem
 from hil.reconcile.unrecorded import beside_unasked
-from procedures.words import percent
+from procedures.words import listed, percent
 
 ORDINARY = "ordinary"
 """White noise and an offset from run to run: what is called no effect."""
@@ -93,12 +93,12 @@ class Answer:
         if any(each.kind == "named" for each in names) or ordinary >= CERTAIN:
             return ""
         rivals = {each.name for each in names} | {rival.id for each in names for rival in each.rivals}
-        listed = [
+        told = [
             f"{title} ({percent(share)})"
             for name, (title, share) in self.scatters_by.items()
             if share >= 1.0 - CERTAIN or name in rivals
         ]
-        return f"these repeats cannot tell what scatters: {'; '.join(listed)}"
+        return f"these repeats cannot tell what scatters: {'; '.join(told)}"
 
     @cached_property
     def solved(self) -> Solved:
@@ -112,8 +112,10 @@ class Answer:
         if not (self.names or wrong or model.terms or model.noise):
             return self.solved
         sure = mended(self.problem.sensors, certain(wrong, self.fit, self.campaign))
-        stated = "beside what the model states of the noise, " * bool(model.noise)
-        return Solved.of(taken_out(self.problem, sure, self.terms, pooled(self.scatter)), stated)
+        off = ["what the model knows"] * bool(model.terms or model.noise)
+        off += ["what was found"] * bool(self.names or wrong)
+        beside = f"with {listed(off)} taken off, "
+        return Solved.of(taken_out(self.problem, sure, self.terms, pooled(self.scatter)), beside, self.solved)
 
     @cached_property
     def noise(self) -> Sequence[dict[str, Any]]:

@@ -276,9 +276,25 @@ def test_that_a_model_states_too_much_noise_is_no_fault_of_the_standard_errors_a
     stated = {2: SensorNoise(collect_to_collect={"BA": walk, "BB": walk})}
     result = reconcile(one, built_in_model("matrix-6").model_copy(update={"noise": stated}), prove=False)
     told = [each for each in result.notes if "too large" in each]
-    said = "sensor 2: beside what the model states of the noise, standard errors of"
+    said = "sensor 2: with what the model knows and what was found taken off, standard errors of"
     assert [each[: len(said)] for each in told] == [said] * 2
     assert "standard errors, or the noise that the model states: repeats" in what_to_do(result)[1]
+
+
+@pytest.mark.slow
+def test_what_is_said_of_standard_errors_beside_what_was_found_says_so() -> None:
+    """GS drifts through the night: hil solve, which knows nothing of it, has another number."""
+    one = campaign(8, 4, seed=4, scatter=0.0)
+    rows, own = one.sensors[2], one.sensors[2].conditions
+    drifts = rows.rates_deg_per_hr + 10.0 * (own.start_s / own.start_s[-1])[:, None] * own.f_g[:, :2]
+    small = replace(rows, rates_deg_per_hr=drifts, rates_se_deg_per_hr=0.4 * rows.rates_se_deg_per_hr)
+    made = replace(one, sensors={2: small})
+    found = what_scatters(made)
+    assert "empirical: GS × start_s" in found.moves
+    said = [each for each in found.sentences() if "times too small" in each]
+    assert all(each.startswith("sensor 2: with what was found taken off, standard errors of R") for each in said)
+    times = [repeats(made, solve_campaign(made))[2].times_of["RA"], found.answer.left.shown[2].times_of["RA"]]
+    assert times[0] > 2.0 * times[1] > 2.0
 
 
 def test_a_budget_says_why_solve_states_more_than_all_sources(

@@ -100,6 +100,20 @@ def test_of_rates_without_errors_each_run_is_known_by_the_residuals_of_all() -> 
     assert many == pytest.approx(2.0 * np.sqrt((1.0 + 0.5) / 4.0))  # one of them twice
 
 
+@pytest.mark.parametrize("recorded", [True, False])
+def test_where_nobody_knows_the_temperature_what_gs_differs_by_is_no_noise(recorded: bool) -> None:
+    """Stated errors are right and GSA follows the temperature: recorded or not, none is said to be too small."""
+    one = runs_at_their_temperatures(12, 3, seed=4)
+    rows, own = one.sensors[2], one.sensors[2].conditions
+    gs = 0.2 * own.columns["temperature_degC"][:, None] * own.f_g[:, :2]
+    columns = {name: of for name, of in own.columns.items() if recorded or not name.endswith("degC")}
+    made = replace(rows, rates_deg_per_hr=rows.rates_deg_per_hr + gs, conditions=replace(own, columns=columns))
+    follows = replace(one, sensors={2: made})
+    shown = repeats(follows, solve_campaign(follows))[2]
+    assert {*shown.times_of.values()} == {1.0}
+    assert any("GSA by" in each and "no temperature was recorded" in each for each in shown.sentences()) is not recorded
+
+
 @pytest.mark.parametrize(
     ("seeds", "low", "high"), [(12, 0.9, 0.99), pytest.param(200, 0.93, 0.97, marks=pytest.mark.slow)]
 )
