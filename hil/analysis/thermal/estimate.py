@@ -3,7 +3,8 @@
 `layout_of` says which rows of a sensor are fitted, in which form, and which temperatures those are. A visit is one run.
 Its parameters have the uncertainty that every other command states (`hil.solve.repeats`). Where temperatures were
 reached from both sides, half the difference is a parameter of its own, so that the curve is the middle one, and what is
-left of the scatter is without it.
+left of the scatter is without it. Of a visit of which nobody knows from which side (the first of a night) it is as
+uncertain as it is large.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -20,7 +22,7 @@ from hil.campaign import Collects, Conditions, FloatArray, IntArray
 from hil.campaign.stand_ins import OWN
 from hil.errors import InputError
 from hil.model.forms import LinearForm, default_form, named_form
-from hil.solve import solve
+from hil.solve import Solution, solve
 from hil.solve.runs import solve_rates, stated_noise
 from hil.solve.spread import Spread
 from hil.solve.temperatures import same_temperature, too_few
@@ -62,10 +64,9 @@ class Estimates:
 class Layout:
     """The rows of one sensor with its columns: `columns` (n, c, p) of the form, and how temperature enters.
 
-    `middle_degC` and `half_degC` scale temperature to -1 … 1 for polynomials. `hysteresis` says that half the
-    difference between the two directions is estimated. `factor` (p,) is what standard errors are times and
-    `residuals` (p,) the degrees of freedom of that, as `hil solve` has them; `spread` is that of all runs, where
-    temperatures are left out.
+    `middle_degC` and `half_degC` scale temperature to -1 … 1 for polynomials. `factor` (p,) is what standard errors are
+    times and `residuals` (p,) the degrees of freedom of that, as `hil solve` has them; `spread` is that of all runs,
+    where temperatures are left out.
     """
 
     collects: Collects
@@ -74,10 +75,14 @@ class Layout:
     stations: Stations
     middle_degC: float
     half_degC: float
-    hysteresis: bool
     factor: FloatArray | float = 1.0
     residuals: FloatArray | float = math.inf
     spread: Spread | None = None
+
+    @cached_property
+    def hysteresis(self) -> bool:
+        """Whether half the difference between the two directions is estimated."""
+        return len(self.stations.both_directions) > 0
 
     @property
     def temperature_degC(self) -> FloatArray:
@@ -98,7 +103,8 @@ class Layout:
 class Visits:
     """The v visits of one sensor, solved for the layout's form: parameters (v, p), NaN where not told, with their `sd`.
 
-    `temperature_degC`, `station` and `direction` are (v,); `known` says that anything tells how large a deviation is.
+    `temperature_degC`, `station` and `direction` are (v,), all directions 0 where nothing was reached from both sides;
+    `known` says that anything tells how large a deviation is.
     """
 
     def __init__(self, layout: Layout) -> None:
@@ -111,7 +117,8 @@ class Visits:
         self.layout = layout
         self.values, stated = np.array([each.values for each in found]), np.array([each.se for each in found])
         first = [here[0] for here in rows]
-        self.station, self.direction = layout.stations.number[first], layout.stations.direction[first]
+        self.station = layout.stations.number[first]
+        self.direction = layout.stations.direction[first] * layout.hysteresis
         self.temperature_degC = np.array([layout.temperature_degC[here].mean() for here in rows])
         place = np.unique(np.stack([self.station, self.direction.astype(np.int64)]), axis=1, return_inverse=True)[1]
         self.spread = layout.spread or Spread.of(
@@ -139,14 +146,25 @@ class Visits:
         size = len(stations) if order is None else order + 1
         if order is not None:
             basis = self.layout.powers(self.temperature_degC, order)
-        if self.layout.hysteresis:
-            basis = np.column_stack([basis, 0.5 * self.direction])
-        found = solve(basis, self.values[:, place], self.sd[:, place])
+        found = self._solved(place, basis)
         freedom = float(self.spread.freedom[place])
         if not self.known:
             freedom = float(max(int(found.degrees_of_freedom), 1))
         fitted = Estimates(found.values, found.covariance, freedom)
         return fitted.part(0, size), fitted.part(size, 1) if self.layout.hysteresis else None
+
+    def _solved(self, place: int, basis: FloatArray) -> Solution:
+        """Fit one parameter along `basis` (v, q); beside it hysteresis, and half of it where the side is not known."""
+        values, sd = self.values[:, place], self.sd[:, place]
+        if not self.layout.hysteresis:
+            return solve(basis, values, sd)
+        beside = np.stack([0.5 * self.direction, self.direction == 0.0], axis=1)
+        stations = np.asarray(self.station[:, None] == np.arange(len(self.layout.stations)), dtype=np.float64)
+        free = solve(np.hstack([stations, beside]), values, sd)
+        half = 0.5 * math.hypot(free.values[-2], free.se[-2])
+        unknown = np.eye(basis.shape[1] + 2)[-1:]
+        rows = np.vstack([np.hstack([basis, beside]), unknown])
+        return solve(rows, np.append(values, math.nan if math.isnan(half) else 0.0), np.append(sd, half))
 
 
 @dataclass(frozen=True)
@@ -223,7 +241,7 @@ def layout_of(
         without = ", ".join(f"{each:z.1f} °C" for each in stations.centre_degC[~whole])
         notes.append(f"sensor {number}: no run tells every parameter at {without}; left out")
         columns = form.columns(collects.conditions)
-        spread = Visits(Layout(collects, form, columns, stations, 0.0, 1.0, False, factor, residuals)).spread
+        spread = Visits(Layout(collects, form, columns, stations, 0.0, 1.0, factor, residuals)).spread
         keep = whole[stations.number]
         collects = collects.rows(keep)
         number_of = np.cumsum(whole) - 1
@@ -238,12 +256,12 @@ def layout_of(
     if half < _MOVES_DEGC:
         shown = f"temperature_degC is {own.mean():z.1f} °C at every setpoint"
         raise InputError(f"sensor {number}: {shown}: look at that column, there is nothing to fit against")
-    both = len(stations.both_directions) > 0
-    if both:
-        middles = "values are the middle between both directions; without their difference, which the means and ± of"
-        notes.append(f"sensor {number}: {middles} hil solve hold")
     columns = form.columns(collects.conditions)
-    layout = Layout(collects, form, columns, stations, float(np.round(middle)), half, both, factor, residuals, spread)
+    layout = Layout(collects, form, columns, stations, float(np.round(middle)), half, factor, residuals, spread)
+    if layout.hysteresis:
+        middles = "values are the middle between both directions; without their difference, which the means and ± of"
+        first = "of a first temperature, of which nobody knows from which side it was reached, half of it is in the ±"
+        notes.append(f"sensor {number}: {middles} hil solve hold; {first}")
     return layout, notes
 
 

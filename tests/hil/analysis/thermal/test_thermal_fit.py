@@ -219,6 +219,32 @@ def test_hysteresis_is_estimated_where_temperatures_were_reached_from_both_sides
     assert sensor.rate_noise_deg_per_hr < 0.85 * with_it  # which hysteresis is no part of
 
 
+@pytest.mark.parametrize("back", [True, False])
+def test_where_nobody_knows_from_which_side_half_the_difference_is_uncertain(back: bool) -> None:
+    """The first temperature was reached from below, and from above again or not at all: its value is the middle one."""
+    visited, quiet = (-50.0, -30.0, 0.0, 30.0, 60.0, 30.0, 0.0, -30.0)[: 8 if back else 7], {"BA": 0.1}
+    curves, wide = {"BA": lambda t: 20.0 + 0.0 * t}, {"BA": 10.0}
+    night = rotor_night(
+        np.random.default_rng(3), curves, temperatures_degC=visited, run_to_run=quiet, white=0.3, hysteresis=wide
+    )
+    rows = night.sensors[2]
+    known = replace(night, sensors={2: rows.rows(rows.conditions.run > 3)})
+    found = fit_thermal(known).sensors[2].parameters["BA"]
+    first, *others = zip((found.values.values - 20.0).tolist(), found.values.se.tolist(), strict=True)
+    assert abs(first[0]) < (0.5 if back else 5.5)
+    assert first[1] == pytest.approx(0.15 if back else 5.0, rel=0.2)
+    assert all(abs(off) < 3.0 * se < 0.7 for off, se in others)
+
+
+def test_a_sweep_that_is_repeated_has_the_uncertainty_of_hil_solve() -> None:
+    """Its first temperature is come back to from above: no other was reached from both sides, so nothing differs."""
+    night = rotor_night(np.random.default_rng(4), {}, temperatures_degC=(0.0, 23.0, 50.0) * 3, runs=2)
+    means, fit = repeats(night, solve_campaign(night))[2].means, fit_thermal(night).of(2)
+    for name, each in fit.parameters.items():
+        assert each.values.values == pytest.approx([mean.values[name].value for mean in means])
+        assert each.values.se == pytest.approx([mean.values[name].sd for mean in means])
+
+
 def test_a_curve_that_no_form_describes_is_no_hysteresis() -> None:
     """From below are the warm temperatures, from above the cold ones: beside a constant the curve would be in it."""
     curves = {"MUA": lambda t: np.interp(t, [-20.0, 5.0, 30.0, 55.0], [0.0, 24.0, 6.0, 40.0])}
