@@ -13,6 +13,8 @@ import pytest
 
 from hil.analysis.thermal.fit import fit_thermal
 from hil.campaign import Campaign, Collects
+from hil.campaign.reader import read_campaign
+from hil.campaign.writer import write_campaign
 from hil.cli.app import run
 from hil.config import load_bench, load_sweep
 from hil.design.budget.budget import budgets_of_means
@@ -300,6 +302,11 @@ def test_what_is_said_of_standard_errors_beside_what_was_found_says_so() -> None
 def test_a_budget_says_why_solve_states_more_than_all_sources(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What repeats show beyond noise is no source's, nor are errors as large as residuals show them by chance."""
-    assert run(["budget", str(written("good", tmp_path / "good"))]) == 0
-    assert "hil solve states more of BA, BB: errors as large as" in capsys.readouterr().out
+    """What repeats show beyond noise is no source's, nor are errors as they are stated or as residuals show them."""
+    good = read_campaign(written("good", tmp_path / "good"))
+    wide = replace(good.sensors[2], rates_se_deg_per_hr=6.0 * good.sensors[2].rates_se_deg_per_hr)
+    write_campaign(replace(good, sensors={2: wide}), tmp_path / "wide")
+    for name, of in (("good", "BA, BB"), ("wide", "BA, BB, GSA, GSB, MUA, MUB")):
+        assert run(["budget", str(tmp_path / name), "--draws", "100"]) == 0
+        said = f"hil solve states more of {of}: errors no smaller than they are stated and than residuals and repeats"
+        assert said in capsys.readouterr().out
