@@ -165,7 +165,7 @@ class Choice:
             wins = np.count_nonzero(np.log(score(form, drawn, weight)) - np.log(least) >= win)
             chance = float((1 + wins) / (1 + len(noise)))
             steps.append({"form": form.name, "error": errors[form.name], "best_richer": best, "chance": chance})
-            if chance > FALSE_ALARM:
+            if chance > FALSE_ALARM or win <= 0.0:  # whoever loses by less than noise would make it lose wins nothing
                 break
         if chosen.order is None:  # no polynomial will do: of the others the one that predicts better
             chosen = min((form for form in forms if form.order is None), key=lambda form: errors[form.name])

@@ -122,3 +122,12 @@ def test_rounding_is_no_dependence() -> None:
     """Values that differ in the sixteenth digit are constant."""
     values = 1e-15 * np.arange(len(T), dtype=np.float64)
     assert Choice(T, values, UNIT, highest_order=5).form.order == 0
+
+
+def test_what_predicts_worse_beats_nothing_however_seldom_noise_would_make_it_lose_by_less() -> None:
+    """A line that four values miss by more than their noise stays: monotone misses what is left out by three times."""
+    values = np.array([7.10, 11.44, 16.48, 20.71])
+    found = Choice(np.array([-20.0, 0.0, 23.0, 50.0]), values, 0.29**2 * np.eye(4), highest_order=3)
+    assert found.steps[-1]["chance"] < FALSE_ALARM
+    assert found.errors[MONOTONE] > 2.0 * found.errors["linear"]
+    assert found.form.name == "linear"
