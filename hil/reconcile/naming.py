@@ -4,11 +4,12 @@ reading = read(posterior, alpha)
 reading.names           # one Named per effect: probability, rivals, what data and what physics say
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from hil.campaign import Conditions
 from hil.model.effects.base import Described
 from hil.reconcile.rivals import Rival
 from hil.reconcile.search.fitted import Fitted, fitted
@@ -138,18 +139,14 @@ def _named(fit: Fitted, sets: Sequence[_Weighed], name: str, lead: frozenset[str
     probability = sum(weight for names, weight, _ in sets if name in names)
     known = {n: [j for j in js if posterior.term(n, j).called == name] for n, js in fit.found.terms.items()}
     own = {number: places for number, places in known.items() if places}
-    instead: dict[str, list[_Weighed]] = {}
-    for each in sets:
-        names, _, f = each
-        # What scatters stands in for what moves, and the reverse, only where nothing else of that sort is there.
-        sort = f.scatter if not own else names - f.scatter
-        for rival in (sort or names) - lead if name not in names else ():
-            instead.setdefault(rival, []).append(each)
+    first = next((posterior.term(n, places[0]) for n, places in own.items()), None)
+    effect: Described | None = posterior.scatter[name] if first is None else first.candidate.effect
+    instead = in_its_place([each for each in sets if name not in each[0]], lead, moves=bool(own))
     rivals, before = [], set[int]()
     for rival in sorted(instead, key=lambda each: -sum(weight for _, weight, _ in instead[each])):
         without = sum(weight for _, weight, f in instead[rival] if id(f) not in before)
         before |= {id(f) for _, _, f in instead[rival]}
-        rivals.append(replace(_rival(fit, name, probability, rival, instead[rival], own), alone=without))
+        rivals.append(replace(_rival(fit, name, effect, probability, rival, instead[rival], own), alone=without))
     told = [r for r in rivals if r.probability >= LEAST or r.alike]
     listed = sorted(told, key=lambda r: -r.probability)
     alike = [r for r in listed if r.alike and r.overlap > IDENTICAL]
@@ -157,8 +154,6 @@ def _named(fit: Fitted, sets: Sequence[_Weighed], name: str, lead: frozenset[str
     nothing_there = sum(weight for names, weight, f in sets if name not in names and names - f.scatter <= lead)
     sure = probability >= CERTAIN and not (own and nothing_there > BY_CHANCE)
     kind = NO_NAME if name == NO_NAME else "named" if sure and not withheld else "ambiguous"
-    first = next((posterior.term(n, places[0]) for n, places in own.items()), None)
-    effect: Described | None = posterior.scatter[name] if first is None else first.candidate.effect
     of_sensor = {
         n: sum(weight for _, weight, f in sets if any(posterior.term(n, j).called == name for j in f.terms[n]))
         for n in own
@@ -166,8 +161,26 @@ def _named(fit: Fitted, sets: Sequence[_Weighed], name: str, lead: frozenset[str
     return Named(name, kind, probability, listed, own, effect, "mean" if own else "scatter", of_sensor)
 
 
+def in_its_place(sets: Sequence[_Weighed], lead: frozenset[str], *, moves: bool) -> Mapping[str, Sequence[_Weighed]]:
+    """Return by rival the sets in which it stands for a name that is missing, and that `moves` averages or scatters."""
+    out: dict[str, list[_Weighed]] = {}
+    for each in sets:
+        names, _, f = each
+        # What scatters stands in for what moves, and the reverse, only where nothing else of that sort is there.
+        sort = names - f.scatter if moves else f.scatter
+        for rival in (sort or names) - lead:
+            out.setdefault(rival, []).append(each)
+    return out
+
+
 def _rival(
-    fit: Fitted, name: str, share: float, rival: str, instead: Sequence[_Weighed], own: Mapping[int, Sequence[int]]
+    fit: Fitted,
+    name: str,
+    named: Described | None,
+    share: float,
+    rival: str,
+    instead: Sequence[_Weighed],
+    own: Mapping[int, Sequence[int]],
 ) -> Rival:
     """One rival: the sets that have it in the place of the name, which has a `share` and its `own` places."""
     posterior, found = fit.posterior, instead[0][2]
@@ -192,9 +205,17 @@ def _rival(
         if rival == NO_NAME:
             rival = f"{NO_NAME}: {term.name}"
             overlap = 0.0 if term.follows == follows else overlap  # a curve over the same says nothing else
-    usual = effect is not None and any(effect.odds_for(each) >= 1.0 for each in fit.conditions.values())
-    likely = usual and effect is not None and not effect.incidental
+    likely = effect is not None and as_usual(effect, named, fit.conditions.values())
     return Rival(rival, probability, overlap, title, factor, odds / max(factor, 1e-300), terms, remedy, likely)
+
+
+def as_usual(rival: Described, named: Described | None, conditions: Iterable[Conditions]) -> bool:
+    """Whether a rival is a usual cause somewhere, or as usual as the name, and no accident of the order or heading."""
+
+    def least(here: Conditions) -> float:
+        return 1.0 if named is None else min(named.odds_for(here), 1.0)
+
+    return not rival.incidental and any(rival.odds_for(here) >= least(here) for here in conditions)
 
 
 def told_apart_by(follows: str, other: str) -> str:

@@ -18,9 +18,9 @@ class Rival:
 
     `bayes_factor` is what the data say of it against the name, `prior_odds` how much more usual it is at the size that
     these data give it. `alone` is how probable it is without a more probable rival, where it may stand beside one.
-    `terms` are its places by sensor in the likeliest set that has it. A `likely` cause is in the
-    sensor itself and no accident of the order or the heading: identical, it withholds the name. `remedy` is what would
-    tell the two apart.
+    `terms` are its places by sensor in the likeliest set that has it. A `likely` cause is in the sensor itself, or as
+    usual as the name, and no accident of the order or the heading: identical, it withholds the name. `remedy` is what
+    would tell the two apart.
     """
 
     id: str

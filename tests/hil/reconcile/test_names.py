@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from hil.campaign import Campaign
+from hil.model.effects.catalogue import effect_by_id
 from hil.reconcile import Reconciliation, reconcile
-from hil.reconcile.naming import leading
+from hil.reconcile.naming import as_usual, leading
 from hil.reconcile.result import FoundEffect, stated
 from hil.reconcile.scattering import what_scatters
 from tests.hil.reconcile.hidden_effects import (
@@ -68,6 +69,15 @@ def test_what_moves_averages_leads_only_where_scatter_alone_is_improbable(
     """At 5 %: nothing in a name's place at most .05, and what only scatters at most .1."""
     every = {(frozenset(mean.split()), frozenset(kinds.split())): p for (mean, kinds), p in probable.items()}
     assert leading(every, 0.05) == set(lead.split())
+
+
+def test_of_two_causes_outside_the_sensor_that_look_the_same_neither_is_named() -> None:
+    """Input axes that lean are as usual as a magnetic field; as a mass unbalance they are not, and it has its name."""
+    here = [hidden_campaign(7).sensors[2].conditions]
+    assert as_usual(effect_by_id("misalign"), effect_by_id("mag"), here)
+    assert not as_usual(effect_by_id("mag"), effect_by_id("misalign"), here)  # by the one heading of collects
+    assert not as_usual(effect_by_id("misalign"), effect_by_id("MU_real"), here)
+    assert as_usual(effect_by_id("k2"), effect_by_id("MU_real"), here)
 
 
 @pytest.mark.parametrize(
