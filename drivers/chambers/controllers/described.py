@@ -61,7 +61,7 @@ class SetpointBox(Controller):
         self._medium.begin(anew=True)
         if not identity.asks:
             return ControllerIdentity(model, self.state().unit)  # who cannot be asked must look like it
-        with suppress(CommandRefused, ProtocolError):  # an older one, which does not know these questions
+        with suppress(CommandRefused):  # an older one, which does not know these questions
             about = about or self._ask(others)
         return ControllerIdentity(model, about.get(id(unit)), about.get(id(identity.hottest)))
 
@@ -78,15 +78,13 @@ class SetpointBox(Controller):
                 f"{self.device} has a lower setpoint limit above its upper one; check that the bench file names the "
                 "right controller"
             )
+        mode, self._known["setpoint"] = self._mode(found), found[id(box.setpoint)]
         alarms = tuple(alarm for each in box.alarms for alarm in found[id(each)])
         if alarms and box.messages:
             alarms = tuple(self._messages(box.messages)) or alarms
         if alarms and box.alarm_list:
             alarms = self._one(box.alarm_list) or alarms
-        self._known["setpoint"] = found[id(box.setpoint)]
-        return ControllerState(
-            found[id(box.temperature)], found[id(box.setpoint)], self._mode(found), alarms, low, high, unit
-        )
+        return ControllerState(found[id(box.temperature)], found[id(box.setpoint)], mode, alarms, low, high, unit)
 
     def write(self, which: Which, value: float) -> None:
         """Send the setpoint or a limit."""

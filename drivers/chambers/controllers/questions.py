@@ -1,5 +1,6 @@
 """What a box is asked and told, and what its words mean: a text, or a register whose number is a word as a reply is."""
 
+from contextlib import suppress
 from fnmatch import fnmatchcase
 from typing import Annotated, Any, Literal, Self
 
@@ -44,6 +45,18 @@ class Number(Question):
             return number_in(word)
         except ValueError:
             raise ValueError(f"answered {self.ask!r} with {word!r}: no number") from None
+
+
+class Hottest(Question):
+    """The temperature that a box says it can reach."""
+
+    numeric = True
+
+    def meaning(self, word: str) -> float | None:
+        """Return the number, None where it says something else instead."""
+        with suppress(ValueError):
+            return number_in(word)
+        return None
 
 
 class Command(InRegister):
@@ -140,7 +153,7 @@ class Identity(Question):
     model: Plain = "{value}"
     otherwise: Plain | None = None
     instead: Question | None = None  # gives the name where it refuses to
-    hottest: Number | None = None  # what it says it can be, by which a unit that it cannot tell is judged
+    hottest: Hottest | None = None  # what it says it can be, by which a unit that it cannot tell is judged
     requires: Several[Requirement] = ()
 
     @property

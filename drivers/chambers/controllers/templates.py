@@ -9,7 +9,7 @@ In what is sent `{value}` stands for a number and says how it is written; `{setp
 box holds, `{mode}` its word for its state. In what comes back `{value}` stands for what is looked for and `{any}` for
 what does not matter: `T={value}C{any}`; a value directly before `{any}` ends with its word. `{value:5}` and `{any:2}`
 are as many characters, `{field}` is what matters as little up to the next comma; `{code}` is a value that is a whole
-number, `{decimal}` one that has a decimal point, `{hex}` one of hexadecimal digits, `{value:h:mm}` in a setting is a
+number, `{decimal}` one that has a decimal point, `{hex}` one of hexadecimal digits, `{value:h:m}` in a setting is a
 time in hours and minutes. `{address:02d}` is the address, `{group}` and `{unit}` its two digits.
 """
 
@@ -25,7 +25,7 @@ _ADDRESS = re.compile(r"\{((?:address|group|unit)(?::[^{}]*)?)\}")
 _NUMBER = r"\s*(?P<{}>[-+]?\d+(?:\.\d*)?)\s*"
 _DECIMAL = r"(?P<value>[-+]?\d+\.\d*)"
 _OPEN = {"any": ".*", "field": "[^,]*"}
-_TIME = "value:h:mm"
+_TIME = "value:h:m"
 _PROBES = (-29.7, 0.0, 25.0, 104.0)
 
 
@@ -46,7 +46,7 @@ def filled(template: str, **values: Any) -> str:
 
     def written(place: re.Match[str]) -> str:
         if place[1] == _TIME:
-            return "{}:{:02d}".format(*divmod(round(values["value"] / 60.0), 60))
+            return "{}:{}".format(*divmod(round(values["value"] / 60.0), 60))
         return f"{{{place[1]}}}".format(**{**dict.fromkeys(_OPEN, ""), **values})
 
     return PLACE.sub(written, template)

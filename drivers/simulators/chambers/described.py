@@ -25,7 +25,7 @@ from drivers.simulators.chambers.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, S
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.transports.modbus import Table
 
-_TIME = "{value:h:mm}"
+_TIME = "{value:h:m}"
 
 
 class _Described(SimulatedController, ABC):

@@ -184,6 +184,18 @@ def test_a_chamber_that_stands_by_is_started_without_its_power() -> None:
     device.finish()
 
 
+def test_what_it_was_seen_doing_counts_though_its_alarms_cannot_be_read() -> None:
+    """It stands by: its power is not switched on."""
+    unreadable = [*_look("60.0,60.0,70.0,-40.0", "STANDBY", "19")[:2], *[("ALARM?", "1")] * 3]
+    exchanges = [*unreadable, ("MODE,CONSTANT", "OK:MODE,CONSTANT")]
+    device = TranscriptDevice([((ask + "\r\n").encode(), (reply + "\r\n").encode()) for ask, reply in exchanges])
+    controller = espec(MemoryTransport(device, clock := VirtualClock(), "sim://chamber"), clock)
+    with pytest.raises(ProtocolError, match="so many codes"):
+        controller.state()
+    controller.start()
+    device.finish()
+
+
 SET_PREFIX = [*MODEL, *_look("23.0,23.0,70.0,-40.0") * 2]
 
 
