@@ -7,12 +7,14 @@ Every poll goes on while a question stands: interlocks, the sign of life, a stop
 question stands in the journal, so that it can be answered from another shell or a dashboard as well as on the terminal.
 """
 
-from contextlib import suppress
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 from procedures.requests import Prompt
 from procedures.watch import Watch
+
+Result = TypeVar("Result")
 
 
 class Terminal(Protocol):
@@ -54,12 +56,12 @@ class Attendant:
             raise ValueError("a question before the sweep has begun")
         question = f"{watch.remark[:1].upper()}{watch.remark[1:]}. {question}" if watch.remark else question
         prompt = watch.desk.put(question, timeout_s, wants_words=wants_words)
-        self._show(question, timeout_s, wants_words=wants_words)
+        self._at_terminal(lambda terminal: terminal.put(question, timeout_s, wants_words=wants_words))
         watch.note = question
         how = "withdrawn"
         try:
             for _ in watch.wait(watch.now_s + timeout_s):
-                if prompt.answer is None and (heard := self._heard()) is not None:
+                if prompt.answer is None and (heard := self._at_terminal(lambda each: each.answer())) is not None:
                     words = heard if isinstance(heard, str) else ""
                     prompt.answer, prompt.words, prompt.who = bool(heard), words, "the terminal"
                 if prompt.answer is not None:
@@ -71,21 +73,12 @@ class Attendant:
             if how in ("withdrawn", "no answer"):
                 prompt.who = ""
             watch.note = ""
-            with suppress(Exception):
-                if self.terminal is not None:
-                    self.terminal.settle(how)
+            self._at_terminal(lambda terminal: terminal.settle(how))
             watch.desk.settle(how)
 
-    def _show(self, question: str, timeout_s: float, *, wants_words: bool) -> None:
+    def _at_terminal(self, act: Callable[[Terminal], Result]) -> Result | None:
         try:
-            if self.terminal is not None:
-                self.terminal.put(question, timeout_s, wants_words=wants_words)
+            return None if self.terminal is None else act(self.terminal)
         except Exception:  # a closed terminal: the question still stands in the journal
-            self.terminal = None
-
-    def _heard(self) -> bool | str | None:
-        try:
-            return None if self.terminal is None else self.terminal.answer()
-        except Exception:
             self.terminal = None
             return None
