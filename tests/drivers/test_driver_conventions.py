@@ -222,7 +222,7 @@ def test_the_bytes_of_a_description_are_written_down_in_a_test(path: Path) -> No
 def test_a_description_hangs_together(path: Path) -> None:
     """Against the box that it describes: set, reached, alarmed where it tells alarms, made safe, all pauses kept."""
     box = load_box(path)
-    device = simulated_box(ChamberPlant(), box)
+    device = simulated_box(ChamberPlant(), box, pause_s=box.pause_after_question_s)
     clock = VirtualClock()
     safe = SafeState("off") if box.stop else SafeState("hold", 25.0)
     controller = SetpointBox(MemoryTransport(device, clock, "sim://chamber"), clock, box)

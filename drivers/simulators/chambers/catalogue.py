@@ -17,7 +17,6 @@ from drivers.simulators.chambers.voetsch_ascii import SimulatedVoetschAscii
 class SimulatorOptions(Spoken):
     """What a bench file says about its simulated chamber."""
 
-    strict: bool | None = None
     faults: tuple[ChamberFault, ...] = ()
     begins_s: float = 0.0
 
@@ -46,7 +45,7 @@ def _brought(entry: ChamberDriver | str | Path) -> Build:
 
 _SHIPPED: Mapping[str, Build] = {
     **{name: _box(driver.description) for name, driver in SHIPPED.items()},
-    "espec": lambda plant, o: SimulatedEspec(plant, **o.said(*_ALL, "address", "terminator", "strict")),
+    "espec": lambda plant, o: SimulatedEspec(plant, **o.said(*_ALL, "address", "terminator")),
     "voetsch-ascii2": lambda plant, o: SimulatedVoetschAscii(plant, **o.said(*_ALL, "address", "terminator", "layout")),
 }
 

@@ -46,6 +46,7 @@ class SimulatedEspec(SimulatedLines):
     type_text = "T,T,P3,180.0"  # to TYPE?
     humidity: str | None = None  # to HUMI?, of a chamber that has it
     acknowledgement = "OK:{0}"  # or, with the address and the command, "OK : {1},{2}", as {3} in small letters
+    strict = False  # drops what comes before a pause is over
     timer_ends_s: float | None = None
     _hardware = ChamberLimits(-80.0, 190.0)  # bound what the alarm limits can be set to
     _timer = ("STANDBY", 0)  # the mode that it leads to, and after how many minutes
@@ -59,10 +60,9 @@ class SimulatedEspec(SimulatedLines):
         *,
         address: int | None = None,
         terminator: Terminator = "CR LF",
-        strict: bool = False,
         **settings: Any,
     ) -> None:
-        self._address, self._strict = address, strict
+        self._address = address
         super().__init__(plant, lines(terminator), **{"limits": ChamberLimits(-75.0, 105.0), **settings})
 
     def receive(self, data: bytes, now_s: float) -> None:
@@ -94,7 +94,7 @@ class SimulatedEspec(SimulatedLines):
 
     def _pause_after(self, request: bytes) -> float:
         usual = _PAUSE_AFTER_MONITOR_S if b"?" in request else _PAUSE_AFTER_SETTING_S
-        return usual if self._strict else 0.0
+        return usual if self.strict else 0.0
 
     def _respond(self, request: str, now_s: float) -> str | None:
         command = self._command(request.encode(errors="replace")) or ""

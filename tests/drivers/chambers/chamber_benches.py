@@ -134,11 +134,10 @@ class ChamberBench:
             SimulatorOptions(
                 faults=tuple(faults),
                 description=description,
-                strict=True,
                 warning_limits=options.get("warning_limits"),
             ),
         )
-        self.device.mode = mode
+        self.device.mode, self.device.strict = mode, True
         if setpoint_degC is not None:
             self.device.setpoint_degC = setpoint_degC
         self.device._condition(0.0)

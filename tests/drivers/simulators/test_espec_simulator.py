@@ -86,7 +86,8 @@ def test_requests_before_the_pause_is_over_are_ignored_by_a_strict_one_alone() -
     patient = _device()
     patient.receive(b"TEMP?\r\nTEMP,S25\r\nTEMP?\r\n", 0.0)
     assert patient.transmit(0.1).count(b"\r\n") == 3
-    device = _device(strict=True)
+    device = _device()
+    device.strict = True
     device.receive(b"TEMP?\r\nTEMP?\r\n", 0.0)
     assert device.transmit(0.1).count(b"\r\n") == 1
     assert _ask(device, b"TEMP?\r\n", 0.30) == b""
