@@ -58,7 +58,10 @@ class TextMedium:
             value = None  # a late reply to a setting is nobody's name
         self._refuse(question.ask or "", line, answers=value is not None)
         if value is None:
-            raise ValueError(f"answered {question.ask!r} with {line!r}, its description expects {question.reply!r}")
+            raise ValueError(
+                f"answered {question.ask!r} with {line!r}, its description expects {question.reply!r}; check the line "
+                "settings, and that the bench file names the right controller"
+            )
         if question.bit is not None and value.isdecimal():
             return str(int(value) >> question.bit & 1)
         return value
