@@ -63,7 +63,8 @@ class SensorRepeats:
     """One sensor's means, coldest first, and how its parameters scatter from run to run.
 
     `told_by` is the column whose temperatures those are (None: there is none); `not_used` are runs that FAIL by their
-    own records. `of_each` is one standard deviation of every parameter that a run could tell, by run. `times_of` is by
+    own records. `of_each` is one standard deviation of every parameter that a run could tell, by run, and `alike` what
+    of it is the same in every run. `times_of` is by
     how much more or less than their standard errors averages scatter, by channel, 1 where chance explains it: what
     differs from run to run, and neither the bias nor MU moves, shows it, in runs that nothing is said against; where it
     cannot be told of which channel, all have the same. `noise_times` (c,) is that, or what residuals exceed them by
@@ -82,6 +83,7 @@ class SensorRepeats:
     told_by: str | None = None
     not_used: tuple[int, ...] = ()
     of_each: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
+    alike: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
     times_of: Mapping[str, float] = field(default_factory=dict)
     noise_times: FloatArray = field(default_factory=lambda: np.ones(1))
     same_times: Mapping[str, float] = field(default_factory=dict)
@@ -191,7 +193,7 @@ class SensorRepeats:
     def widened(self) -> list[str]:
         """Say by how much residuals alone make a ± larger than standard errors say; nothing where repeats say more."""
         by_times: dict[str, list[str]] = {}
-        for name, times in zip(self.names, self.spread.factor.tolist(), strict=True):
+        for name, times in zip(self.names, np.hypot(self.spread.factor, self.spread.common).tolist(), strict=True):
             by_times.setdefault(significant(times), []).append(name)
         wider = [f"{times} times for {listed(names)}" for times, names in by_times.items() if float(times) > 1.0]
         more = "residuals make the ± larger than standard errors say"
@@ -257,13 +259,14 @@ def means_of(
     at: Sequence[tuple[float | None, tuple[int, ...]]],
     factor: FloatArray | float = 1.0,
     residuals: FloatArray | float = math.inf,
+    common: FloatArray | float = 0.0,
 ) -> SensorRepeats:
     """Return the means and the scatter of r runs' values (r, p), NaN where not told, with standard errors (r, p).
 
     `at` are the temperatures with their runs, `group` (r,) says at which of them each run was made.
     """
-    spread, names = Spread.of(values, errors, group, factor, residuals), tuple(units)
-    sd, means = spread.sd(errors), []
+    spread, names = Spread.of(values, errors, group, factor, residuals, common), tuple(units)
+    (sd, alike), means = spread.parts(errors), []
     for k, (temperature, runs) in enumerate(at):
         mean, scatter = {}, {}
         for p, name in enumerate(names):
@@ -272,9 +275,9 @@ def means_of(
                 told = np.all(sd[here, p] > 0.0)  # else nothing says of which run more is known
                 share = sd[here, p] ** -2.0 if told else np.ones(count)
                 share /= share.sum()
-                error, value = float(np.linalg.norm(share * sd[here, p])), float(share @ values[here, p])
+                error = math.hypot(*(share * sd[here, p]), share @ alike[here, p])
                 known = float(spread.freedom[p]), count, units[name], spread.beyond_of(p)
-                mean[name] = Uncertain(value, error, *known)
+                mean[name] = Uncertain(float(share @ values[here, p]), error, *known)
                 scatter[name] = float(np.std(values[here, p], ddof=1)) if count > 1 else math.nan
         means.append(MeanAt(temperature, runs, mean, scatter))
     return SensorRepeats(names, tuple(units.values()), spread, spread, means)
@@ -302,20 +305,23 @@ def _of_sensor(own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, 
     noise_times = np.where(odd & ~contradicted & (times == 1.0), residual_times, times)
     # Of a ± errors are as large as anything shows, and as well known as what shows it (Welch and Satterthwaite).
     variance = shares * np.maximum(residual_times, times) ** 2
+    common = np.where(contradicted, variance - shares * np.maximum(times, 1.0) ** 2, 0.0).sum(axis=1)
     behind = np.where(times > residual_times, differ[1], np.where(odd, freedom, math.inf))
     with np.errstate(divide="ignore"):
         part = variance / np.maximum(variance.sum(axis=1, keepdims=True), 1e-300)
         known = 1.0 / np.sum(part**2 / np.maximum(behind, 1.0), axis=1)
     residuals = np.minimum(known, shares @ known_by if np.isfinite(known_by).all() else math.inf)
-    shown = means_of(units, values, errors, group, at, np.sqrt(variance.sum(axis=1)), residuals)
+    changing = np.sqrt(variance.sum(axis=1) - common)
+    shown = means_of(units, values, errors, group, at, changing, residuals, np.sqrt(common))
     by_noise = Spread.of(values, errors, group, np.sqrt(shares @ noise_times**2), residuals)
-    shown = replace(shown, left_deg_per_hr=noise)
+    shown, alike = replace(shown, left_deg_per_hr=noise), np.nan_to_num(shown.spread.parts(errors)[1]).tolist()
     return replace(
         shown,
         means=[replace(m, unit_degC=unit_range_degC(rows.conditions, m.runs)) for m in shown.means if m.runs],
         told_by=told_by(rows.conditions),
         not_used=not_used,
         of_each={e.runs[0]: {n: u.sd for n, u in shown.of_run(e).items()} for e in own},
+        alike={e.runs[0]: dict(zip(units, of, strict=True)) for e, of in zip(own, alike, strict=True)},
         times_of=dict(zip(channels, times.tolist(), strict=True)),
         noise_times=noise_times,
         same_times={c: float(of) for c, of, is_so in zip(channels, residual_times, contradicted, strict=True) if is_so},

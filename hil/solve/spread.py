@@ -26,6 +26,8 @@ class Spread:
     freedom of repeats of which each temperature has its own scatter, no more than `degrees` (Satterthwaite, Box: few
     where one temperature has most of it), by which rare events are told. `residuals` are the degrees of
     freedom of what a run's noise is known by, infinite where it is stated. Both are of each parameter, or of all.
+    `common` is how many times standard errors what residuals leave is that is the same in every run: no repeat shows
+    it, and no mean averages it.
 
     `freedom` are those behind a standard deviation: of `residuals` where nothing was repeated, else as many as runs
     with equal errors would have (Welch and Satterthwaite), and more, up to those of `residuals`, where errors explain
@@ -42,6 +44,7 @@ class Spread:
     shared: FloatArray
     factor: FloatArray
     residuals: FloatArray | float = math.inf
+    common: FloatArray | float = 0.0
 
     @classmethod
     def of(
@@ -51,6 +54,7 @@ class Spread:
         group: IntArray,
         factor: FloatArray | float = 1.0,
         residuals: FloatArray | float = math.inf,
+        common: FloatArray | float = 0.0,
     ) -> Spread:
         """Pool the scatter of r runs' values (r, p) about the mean of each `group` (r,) that they repeat.
 
@@ -99,12 +103,17 @@ class Spread:
         tell = np.sum(size * (1.0 - share), axis=0) ** 2 / np.maximum(same, _TINY)
         by_errors = np.sum(shows * weight * own, axis=0) / np.maximum(np.sum(shows * size, axis=0), _TINY)
         behind = np.where(freedom > 0, tell + np.minimum(0.5 * (tell * by_errors) ** 2, residuals), residuals)
-        return cls(observed, beyond, stated, times, freedom.astype(np.int64), behind, odd, shared, of_each, residuals)
+        degrees = freedom.astype(np.int64)
+        return cls(observed, beyond, stated, times, degrees, behind, odd, shared, of_each, residuals, common)
+
+    def parts(self, errors: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return a run's own deviation by its standard errors (…, p), and that which is the same in every run."""
+        own = np.where((self.degrees > 0) & ~np.isfinite(errors), 0.0, errors)
+        return np.asarray(np.hypot(self.factor * own, self.beyond)), np.asarray(self.common * np.nan_to_num(own))
 
     def sd(self, errors: FloatArray) -> FloatArray:
         """Return the standard deviation of a run's values by its standard errors (…, p); NaN where nothing tells it."""
-        own = np.where((self.degrees > 0) & ~np.isfinite(errors), 0.0, errors)
-        return np.asarray(np.hypot(self.factor * own, self.beyond))
+        return np.asarray(np.hypot(*self.parts(errors)))
 
     def beyond_of(self, place: int) -> float | None:
         """Return what one parameter scatters by beyond errors, None where no repeats show it."""

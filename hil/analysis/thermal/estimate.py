@@ -65,8 +65,8 @@ class Layout:
     """The rows of one sensor with its columns: `columns` (n, c, p) of the form, and how temperature enters.
 
     `middle_degC` and `half_degC` scale temperature to -1 … 1 for polynomials. `factor` (p,) is what standard errors are
-    times and `residuals` (p,) the degrees of freedom of that, as `hil solve` has them; `spread` is that of all runs,
-    where temperatures are left out.
+    times, `residuals` (p,) the degrees of freedom of that and `common` (p,) what is the same in every run, as
+    `hil solve` has them; `spread` is that of all runs, where temperatures are left out.
     """
 
     collects: Collects
@@ -77,6 +77,7 @@ class Layout:
     half_degC: float
     factor: FloatArray | float = 1.0
     residuals: FloatArray | float = math.inf
+    common: FloatArray | float = 0.0
     spread: Spread | None = None
 
     @cached_property
@@ -101,8 +102,9 @@ class Layout:
 
 
 class Visits:
-    """The v visits of one sensor, solved for the layout's form: parameters (v, p), NaN where not told, with their `sd`.
+    """The v visits of one sensor, solved for the layout's form: parameters (v, p), NaN where not told.
 
+    `sd` (v, p) is each visit's own, `common` (v, p) the error that is the same in every run, in one direction.
     `temperature_degC`, `station` and `direction` are (v,), all directions 0 where nothing was reached from both sides;
     `known` says that anything tells how large a deviation is.
     """
@@ -122,9 +124,9 @@ class Visits:
         self.temperature_degC = np.array([layout.temperature_degC[here].mean() for here in rows])
         place = np.unique(np.stack([self.station, self.direction.astype(np.int64)]), axis=1, return_inverse=True)[1]
         self.spread = layout.spread or Spread.of(
-            self.values, stated, place.reshape(-1), layout.factor, layout.residuals
+            self.values, stated, place.reshape(-1), layout.factor, layout.residuals, layout.common
         )
-        sd = self.spread.sd(stated)
+        sd, self.common = self.spread.parts(stated)
         told = sd[np.isfinite(self.values)]
         self.known = bool(np.isfinite(told).all() and np.all(told > 0.0))
         self.sd = sd if self.known else np.ones_like(sd)
@@ -146,25 +148,31 @@ class Visits:
         size = len(stations) if order is None else order + 1
         if order is not None:
             basis = self.layout.powers(self.temperature_degC, order)
-        found = self._solved(place, basis)
+        found, off = self._solved(place, basis)
         freedom = float(self.spread.freedom[place])
         if not self.known:
             freedom = float(max(int(found.degrees_of_freedom), 1))
-        fitted = Estimates(found.values, found.covariance, freedom)
+        fitted = Estimates(found.values, found.covariance + np.outer(off, off), freedom)
         return fitted.part(0, size), fitted.part(size, 1) if self.layout.hysteresis else None
 
-    def _solved(self, place: int, basis: FloatArray) -> Solution:
-        """Fit one parameter along `basis` (v, q); beside it hysteresis, and half of it where the side is not known."""
+    def _solved(self, place: int, basis: FloatArray) -> tuple[Solution, FloatArray]:
+        """Fit one parameter along `basis` (v, q); beside it hysteresis, and half of it where the side is not known.
+
+        With the solution comes what the error that is the same in every run makes of its values.
+        """
         values, sd = self.values[:, place], self.sd[:, place]
+        common = np.where(np.isfinite(values), self.common[:, place], math.nan)
         if not self.layout.hysteresis:
-            return solve(basis, values, sd)
+            return solve(basis, values, sd), solve(basis, common, sd).values
         beside = np.stack([0.5 * self.direction, self.direction == 0.0], axis=1)
         stations = np.asarray(self.station[:, None] == np.arange(len(self.layout.stations)), dtype=np.float64)
         free = solve(np.hstack([stations, beside]), values, sd)
         half = 0.5 * math.hypot(free.values[-2], free.se[-2])
         unknown = np.eye(basis.shape[1] + 2)[-1:]
         rows = np.vstack([np.hstack([basis, beside]), unknown])
-        return solve(rows, np.append(values, math.nan if math.isnan(half) else 0.0), np.append(sd, half))
+        prior, widths = math.nan if math.isnan(half) else 0.0, np.append(sd, half)
+        found, off = (solve(rows, np.append(each, prior), widths) for each in (values, common))
+        return found, off.values
 
 
 @dataclass(frozen=True)
@@ -220,7 +228,7 @@ def layout_of(
 ) -> tuple[Layout, list[str]]:
     """Choose the form and the rows: temperatures at which no run tells every parameter are left out.
 
-    `factor_of` has by parameter what its standard errors are times, and the degrees of freedom of that.
+    `factor_of` has by parameter what its standard errors are times, the degrees of freedom of that, and what is common.
     Raises `InputError` where fewer than three temperatures are left.
     """
     notes: list[str] = []
@@ -232,7 +240,7 @@ def layout_of(
     form = named_form(model_name, collects.conditions) if model_name else default_form(collects.conditions)
     if form.reason:
         notes.append(f"sensor {number}: {form.reason}")
-    factor, residuals = np.array([factor_of.get(name, (1.0, math.inf)) for name in form.names]).T
+    factor, residuals, common = np.array([factor_of.get(name, (1.0, math.inf, 0.0)) for name in form.names]).T
     run = collects.conditions.run
     tell = {each for each in np.unique(run).tolist() if _tells_all(form, collects.rows(run == each))}
     whole = np.array([not tell.isdisjoint(run[stations.number == place].tolist()) for place in range(len(stations))])
@@ -241,7 +249,7 @@ def layout_of(
         without = ", ".join(f"{each:z.1f} °C" for each in stations.centre_degC[~whole])
         notes.append(f"sensor {number}: no run tells every parameter at {without}; left out")
         columns = form.columns(collects.conditions)
-        spread = Visits(Layout(collects, form, columns, stations, 0.0, 1.0, factor, residuals)).spread
+        spread = Visits(Layout(collects, form, columns, stations, 0.0, 1.0, factor, residuals, common)).spread
         keep = whole[stations.number]
         collects = collects.rows(keep)
         number_of = np.cumsum(whole) - 1
@@ -257,7 +265,8 @@ def layout_of(
         shown = f"temperature_degC is {own.mean():z.1f} °C at every setpoint"
         raise InputError(f"sensor {number}: {shown}: look at that column, there is nothing to fit against")
     columns = form.columns(collects.conditions)
-    layout = Layout(collects, form, columns, stations, float(np.round(middle)), half, factor, residuals, spread)
+    known = factor, residuals, common, spread
+    layout = Layout(collects, form, columns, stations, float(np.round(middle)), half, *known)
     if layout.hysteresis:
         middles = "values are the middle between both directions; without their difference, which the means and ± of"
         first = "of a first temperature, of which nobody knows from which side it was reached, half of it is in the ±"

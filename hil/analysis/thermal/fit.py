@@ -61,7 +61,8 @@ class ParameterFit:
             # What the form does not describe stands in the errors of its coefficients.
             coefficients = replace(coefficients, covariance=coefficients.covariance * ratio)
         self.coefficients, self.curve = coefficients, _curve(layout, self.unit, order, coefficients)
-        self.repeatability = float(np.nanmedian(seen.sd[:, place]))  # one that is huge says nothing of the others
+        of_each = np.hypot(seen.sd, seen.common)[:, place]
+        self.repeatability = float(np.nanmedian(of_each))  # one that is huge says nothing of the others
         self.together = len(layout.form.names)
         self.p_value, self.changes = p_value, p_value < FALSE_ALARM
         self.chance_constant = _misfit(layout, values, 0)[1]
@@ -99,7 +100,8 @@ class SensorFit:
         number = collects.conditions.sensor.number
         if not shown.stated and np.isfinite(shown.left_deg_per_hr).all():
             collects = replace(collects, rates_se_deg_per_hr=shown.noise(collects.rates_se_deg_per_hr))
-        known = np.stack(np.broadcast_arrays(shown.spread.factor, shown.spread.residuals), axis=1)
+        of_errors = shown.spread.factor, shown.spread.residuals, shown.spread.common
+        known = np.stack(np.broadcast_arrays(*of_errors), axis=1)
         factor_of = dict(zip(shown.names, known.tolist(), strict=True))
         layout, notes = layout_of(number, collects, model, apart_degC, factor_of)
         seen = Visits(layout)

@@ -191,8 +191,7 @@ def budgets_of_means(runs: Sequence[RunScene], observed: SensorRepeats) -> Itera
     for mean in observed.means:
         if any(each.run in mean.runs for each in runs):
             scene, budget = moves_most(runs, mean, observed)
-            one, count = as_solved(budget, scene.run, observed), repeats_of(budget, mean)
-            standard = mean_of_repeats(budget, count, one, mean)
+            standard = mean_of_repeats(budget, repeats_of(budget, mean), scene.run, observed, mean)
             yield MeanBudget(mean, scene, budget, standard)
 
 
@@ -205,10 +204,14 @@ def moves_most(runs: Sequence[RunScene], mean: MeanAt, observed: SensorRepeats) 
     )
 
 
-def as_solved(budget: Budget, run: int, observed: SensorRepeats | None) -> FloatArray:
-    """What `hil solve` states of one run, (p,): its noise, and what repeats and residuals show; NaN where nothing."""
-    told = {} if observed is None else observed.of_each.get(run, {})
-    return np.array([told.get(name, np.nan) for name in budget.names])
+def as_solved(budget: Budget, run: int, observed: SensorRepeats | None, repeats: int | IntArray = 1) -> FloatArray:
+    """What `hil solve` states of one run, (p,): its noise, and what repeats and residuals show; NaN where nothing.
+
+    Or would state of the mean of so many `repeats` of it: what is the same in every run none of them averages.
+    """
+    both = ({}, {}) if observed is None else (observed.of_each.get(run, {}), observed.alike.get(run, {}))
+    one, alike = (np.array([told.get(name, np.nan) for name in budget.names]) for told in both)
+    return np.asarray(np.sqrt((one**2 - alike**2) / repeats + alike**2))
 
 
 def repeats_of(budget: Budget, mean: MeanAt | None) -> IntArray:
@@ -217,13 +220,15 @@ def repeats_of(budget: Budget, mean: MeanAt | None) -> IntArray:
     return np.array([known[name].runs if name in known else 1 for name in budget.names])
 
 
-def mean_of_repeats(budget: Budget, repeats: IntArray, one: FloatArray, mean: MeanAt | None) -> FloatArray:
+def mean_of_repeats(
+    budget: Budget, repeats: IntArray, run: int, observed: SensorRepeats | None, mean: MeanAt | None
+) -> FloatArray:
     """Return the whole uncertainty of the mean of `repeats` (p,), (p,): what they show, and what they have in common.
 
-    `one` (p,) is what `hil solve` states of one run, `mean` what it states of the runs at that temperature, the same
-    number where as many repeats are asked for. It is never less than what the budget's own sources give.
+    It is what `hil solve` would state of repeats of one `run`, or, where as many are asked for, states in the `mean` of
+    the runs at that temperature; and never less than what the budget's own sources give.
     """
-    shown = one / np.sqrt(repeats)
+    shown = as_solved(budget, run, observed, repeats)
     if mean is not None:
         sd = np.array([mean.values[n].sd if n in mean.values else np.nan for n in budget.names])
         shown = np.where(repeats == repeats_of(budget, mean), sd, shown)

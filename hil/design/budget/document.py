@@ -89,13 +89,9 @@ def _why_none(runs: Sequence[int], asked: int | None, observed: SensorRepeats | 
 def _sensor(runs: Sequence[RunScene], asked: Asked, observed: SensorRepeats | None) -> dict[str, Any]:
     alone = {each.run: Budget(each.scene, each.sources, each.form, draws=0) for each in runs}
     totals = {run: each.total() for run, each in alone.items()}
-    whole = {
-        run: mean_of_repeats(each, repeats_of(each, None), as_solved(each, run, observed), None)
-        for run, each in alone.items()
-    }
+    whole = {run: mean_of_repeats(each, repeats_of(each, None), run, observed, None) for run, each in alone.items()}
     chosen = max(runs, key=lambda each: (each.run == asked.run, float(np.nansum(whole[each.run] ** 2))))
     budget = Budget(chosen.scene, chosen.sources, chosen.form, asked.draws, asked.seed)
-    one = as_solved(budget, chosen.run, observed)
     mean = None if observed is None else next((each for each in observed.means if chosen.run in each.runs), None)
     made = repeats_of(budget, mean)
     repeats = np.full_like(made, asked.repeats) if asked.repeats else made
@@ -121,10 +117,10 @@ def _sensor(runs: Sequence[RunScene], asked: Asked, observed: SensorRepeats | No
             for each in budget.shares
         ],
         "total": _both(budget, budget.total(), budget.everything),
-        "mean_of_repeats": _named(budget, mean_of_repeats(of_mean, repeats, one, mean)),
+        "mean_of_repeats": _named(budget, mean_of_repeats(of_mean, repeats, chosen.run, observed, mean)),
         "run_to_run": _named(budget, budget.from_run_to_run),
         "observed_run_to_run": {} if observed is None else observed.document()["run_to_run"],
-        "as_solved": _named(budget, one) if observed is not None else {},
+        "as_solved": _named(budget, as_solved(budget, chosen.run, observed)) if observed is not None else {},
         "as_solved_for": [] if observed is None else observed.widened,
         "mean_as_solved": {}
         if mean is None

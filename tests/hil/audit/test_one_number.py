@@ -272,6 +272,18 @@ def test_beside_a_model_with_terms_visibility_takes_for_noise_what_solve_does() 
     assert {each.model for each in solve_beside(one, model)} == {beside["taken_off"]}
 
 
+def test_what_is_the_same_in_every_run_no_number_of_repeats_averages() -> None:
+    """Asked for a hundred, the budget has it whole; two temperatures differ by no more than their own noise."""
+    one = FOLDERS["drift through every run"]()
+    shown, scenes = repeats(one, solve_campaign(one)), measured_scenes(one, load_bench("simulated"), {})
+    asked = Asked(draws=100, repeats=100)
+    budget = budget_document(scenes, "t", asked, observed=shown)["sensors"]["2"]
+    assert all(sd > 0.99 * budget["as_solved"][name] > 0.0 for name, sd in budget["mean_of_repeats"].items())
+    for each in fit_thermal(one).of(2).parameters.values():
+        apart = each.values.covariance[0, 0] + each.values.covariance[1, 1] - 2.0 * each.values.covariance[0, 1]
+        assert np.sqrt(apart) < 0.2 * each.values.se[0]
+
+
 def test_that_a_model_states_too_much_noise_is_no_fault_of_the_standard_errors_alone() -> None:
     """The file's are right: who is told that they are too large changes them, and not what the model states."""
     one, walk = repeated(12, 3, (0, 1, 2, 1, 0)), Constant(unit="deg/hr", value=6.0)

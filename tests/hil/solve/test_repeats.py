@@ -261,10 +261,13 @@ def test_runs_in_which_the_unit_had_not_settled_make_no_standard_error_too_small
 
 
 def test_residuals_that_repeats_do_not_share_are_no_noise() -> None:
-    """A drift that is the same in every run: it says nothing of standard errors, in either direction."""
+    """A drift that is the same in every run: it says nothing of standard errors, and no mean averages it."""
     drifting = repeated(12, 3, (0, 1, 2, 3, 4, 5, 0), drift=6.0)
     shown = repeats(drifting, solve_campaign(drifting))[2]
-    assert np.all(shown.spread.factor > 3.0)
+    assert np.all(np.asarray(shown.spread.common) > 3.0)
+    assert shown.spread.factor == pytest.approx(1.0)
+    for mean in shown.means:
+        assert all(value.sd > 0.99 * shown.of_each[mean.runs[0]][name] for name, value in mean.values.items())
     assert {*shown.times_of.values()} == {1.0}
     assert np.all(shown.noise_times < 2.0)
     assert "the same in every run, and no noise" in shown.sentences()[-1]
