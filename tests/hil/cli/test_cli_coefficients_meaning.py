@@ -54,6 +54,7 @@ def test_the_reports_tables_are_given_again_from_a_night(hil: Any, night: Path) 
     assert len(told["table_a1"]) == 4
     assert told["simulated"] is True
     people = hil("reproduce", night).stdout
+    assert "plain mean" in people  # hil solve and hil report weigh runs
     assert "SIMULATED" in people
     assert "MUA2 matrix, deg/hr/g" in people
     assert "printed 10" in people
