@@ -12,6 +12,7 @@ from hil.reconcile.search.chains import COMPARED
 from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.set_in_block import SetInBlock
 from hil.reconcile.search.sets import SensorSearch, Set
+from hil.reconcile.search.sizes import over_sizes
 from hil.solve.identifiability import orthonormal, project_out
 from hil.solve.observability import describe
 from hil.solve.runs import OBSERVABLE
@@ -196,10 +197,10 @@ class Fitted:
 
 
 def fitted(posterior: Posterior, found: Found) -> Fitted:
-    """Fit a set of all sensors at its most probable noise: what the rows say of its values, and what was known before.
+    """Fit a set of all sensors: what the rows say of its values, and what was known before.
 
-    Values that these rows cannot tell apart are as typical as they may be, and no surer than that. Errors are about
-    them over all that is probable of the noise, whatever scatters: few runs leave much open that the likeliest has not.
+    Values and errors are over all that is probable of the noise, whatever scatters, and of how large such values may
+    be: few runs leave much open that the likeliest has not. What rows cannot tell apart is no surer than typical.
     """
     blocks = [
         fitted_block(search, found.terms[number], found.scatter, b)
@@ -207,28 +208,31 @@ def fitted(posterior: Posterior, found: Found) -> Fitted:
         for b in range(len(search.blocks))
     ]
     keys: list[Key] = list(dict.fromkeys(key for block in blocks for key in block.keys))
-    values, *_ = _at_noise(blocks, keys, [block.at for block in blocks])
-    covariance, alone = np.zeros((len(keys), len(keys))), np.zeros(len(keys))
-    for at in _over_noises(blocks, _scatters(posterior, found)):
-        other, own, own_alone = _at_noise(blocks, keys, at)
-        covariance += (own + np.outer(other - values, other - values)) / _NOISES
-        alone += (own_alone + (other - values) ** 2) / _NOISES
+    at_best = [(block.weighed, block.at) for block in blocks]
+    noises = _over_noises(blocks, _scatters(posterior, found))
+    drawn = [_at_noise(blocks, keys, at, sizes) for at, sizes in zip(noises, over_sizes(at_best, _NOISES), strict=True)]
+    values, covariance, alone = (np.mean(own, axis=0) for own in zip(*drawn, strict=True))
+    off = np.array([own for own, *_ in drawn]) - values
+    covariance, alone = covariance + off.T @ off / _NOISES, alone + np.mean(off**2, axis=0)
     return Fitted(posterior, found, blocks, keys, values, covariance, np.sqrt(alone))
 
 
 def _at_noise(
-    blocks: Sequence[FittedBlock], keys: Sequence[Key], at: Sequence[int]
+    blocks: Sequence[FittedBlock], keys: Sequence[Key], at: Sequence[int], sizes: Sequence[Mapping[int, int]]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return values (p,), their covariance (p, p), and variances alone (p,), with each block's noise at a point."""
+    """Return values (p,), their covariance (p, p), and variances alone (p,), with each block's noise at a point.
+
+    And with sizes of its members.
+    """
     gram, score = np.zeros((len(keys), len(keys))), np.zeros(len(keys))
     mean, deviation = np.zeros(len(keys)), np.zeros(len(keys))
-    for block, t in zip(blocks, at, strict=True):
+    for block, t, of in zip(blocks, at, sizes, strict=True):
         if not block.keys:
             continue
         index, own = np.array([keys.index(key) for key in block.keys]), block.weighed
         gram[np.ix_(index, index)] += own.gram[t] / own.scales_left[t]
         score[index] += own.score[t] / own.scales_left[t]
-        mean[index], largest = own.prior()
+        mean[index], largest = own.prior(of)
         deviation[index] = np.maximum(deviation[index], largest)
     gram, score = gram + np.diag(deviation**-2.0), score + mean * deviation**-2.0
     covariance = np.linalg.inv(gram * np.outer(deviation, deviation)) * np.outer(deviation, deviation)

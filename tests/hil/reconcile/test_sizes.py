@@ -12,14 +12,14 @@ from tests.hil.reconcile.hidden_effects import TRIAD
 SIX = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float64)
 
 
-def of_one_axis(slope: float) -> Campaign:
-    """Return two runs of six positions at each of three temperatures, of a triad one of whose biases follows these."""
-    rng, n = np.random.default_rng(2), 36
+def of_axes(*slopes: float, seed: int = 2) -> Campaign:
+    """Return two runs of six positions at each of three temperatures, of a triad whose biases follow these, or not."""
+    rng, n = np.random.default_rng(seed), 36
     run = np.repeat(np.arange(1, 7), 6)
     temperature = np.array([0.0, 25.0, 50.0])[(run - 1) // 2]
     f = np.tile(SIX, (6, 1))
     rates = 30.0 + 5.0 * f + rng.normal(0.0, 1.0, (n, 3))
-    rates[:, 0] += slope * (temperature - 25.0)
+    rates += np.outer(temperature - 25.0, slopes)
     positions = np.tile([f"{axis}-{way}" for axis in "xyz" for way in ("up", "down")], 6)
     columns = {"temperature_degC": temperature, "setpoint_degC": temperature}
     times = 3600.0 * run + 240.0 * np.tile(np.arange(6.0), 6)
@@ -35,6 +35,17 @@ def test_a_typical_range_ends_where_it_says() -> None:
 
 def test_a_bias_of_one_axis_that_follows_temperature_is_no_offset_of_runs() -> None:
     """Axes that do not follow it paid more than the one that does brought in: it was called an offset of each run."""
-    found = {each.id: each.probability for each in reconcile(of_one_axis(0.4), "triad-12", prove=False).effects}
+    found = {each.id: each.probability for each in reconcile(of_axes(0.4, 0.0, 0.0), "triad-12", prove=False).effects}
     assert found.get("bias_T", 0.0) > 0.5
-    assert reconcile(of_one_axis(0.0), "triad-12", prove=False).verdict == "none"
+    assert reconcile(of_axes(0.0, 0.0, 0.0), "triad-12", prove=False).verdict == "none"
+
+
+def test_no_value_is_as_sure_as_the_smallest_that_it_may_be() -> None:
+    """Of a slope that hardly shows, all sizes below its error are as probable: by the likeliest it was surer than that."""
+    off = []
+    for seed in range(6):
+        found = reconcile(of_axes(0.4, 0.01, -0.3, seed=seed), "triad-12", prove=False).effects
+        (slope,) = [of for each in found if each.id == "bias_T" for of in each.parameters if of["name"] == "b1_Y"]
+        off.append((slope["value"] - 0.01) / slope["se"])
+        assert slope["se"] > 0.003  # six rates of 1 deg/hr at each end of 50 °C tell 0.008
+    assert max(map(abs, off)) < 2.5

@@ -1,0 +1,42 @@
+"""How large what is in a set may be: every size of its members by how probable the rows make it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hil.campaign import FloatArray
+from hil.reconcile.search.evidence import shrunk
+from hil.reconcile.search.set_in_block import SetInBlock
+
+
+def over_sizes(blocks: Sequence[tuple[SetInBlock, int]], times: int) -> list[list[dict[int, int]]]:
+    """Return a size of every member, by place, of a set in each of some blocks, each so often as it is probable.
+
+    That is so many `times`, each block at a point of its noise. Of what hardly moves the rows all sizes below what they
+    tell are as probable: no value is as sure as the least of them would make it.
+    """
+    out: list[list[dict[int, int]]] = [[{} for _ in blocks] for _ in range(times)]
+    for b, (own, t) in enumerate(blocks):
+        for m, j in enumerate(own.members):
+            ends = np.cumsum(np.exp(log_sizes(own, m, t)))
+            shares = (np.random.default_rng(j).permutation(times) + 0.5) / times * ends[-1]
+            for every, size in zip(out, np.searchsorted(ends, shares).tolist(), strict=True):
+                every[b][j] = size
+    return out
+
+
+def log_sizes(of: SetInBlock, member: int, t: int) -> FloatArray:
+    """Return the log probability (o,) of the sizes of a member at a point of the noise, beside the best of others.
+
+    Of what is told by its mean, and not by its size, the best alone is.
+    """
+    own, here = of.options[member], [j == of.members[member] for j, _ in of.owner]
+    mean, deviation = (np.repeat(each[None], len(own), axis=0) for each in of.prior())
+    mean[:, here], deviation[:, here] = own.mean, own.deviation
+    scale, gram, score = of.scales_left[t], of.gram[t], of.score[t]
+    root, pull = deviation / np.sqrt(scale), score - mean @ gram
+    squares = of.beside.rss[t] - np.sum(mean * (score + pull), axis=1)
+    left, half_log_det = shrunk(gram * (root[..., :, None] * root[..., None, :]), pull * root, squares)
+    log = own.log_weights - half_log_det - 0.5 * left / scale
+    log[np.any(own.mean != own.mean[of.best[member]], axis=1)] = -np.inf
+    return np.asarray(log - np.logaddexp.reduce(log))
