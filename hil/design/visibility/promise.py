@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.special import ndtr, ndtri
+from scipy.special import gammaln, ndtr, ndtri
 
 from hil.campaign import Conditions, FloatArray
 from hil.model.effects.base import Effect, Parameter
@@ -22,6 +22,8 @@ from hil.solve.identifiability import Visible, Whitener
 PROBABILITY = 0.9
 """How probably what is promised is found."""
 _SURE = float(ndtri(PROBABILITY))
+_LEFT = 4.0
+"""Squares that a value may leave of what it explains, as noise of four more rows would."""
 _HALVINGS = 20
 """Of a factor: to one in ten thousand, between shapes that differ by a million."""
 
@@ -70,10 +72,10 @@ class Rows:
 
     @cached_property
     def freedom(self) -> FloatArray:
-        """How many directions (2c,) the base leaves, as `squares` has them: that errors hold is as good as rows."""
+        """How many directions (2c,) the base leaves, as `squares` has them."""
         runs = np.sum(np.add.reduceat(self.channel, self.starts) > 0.0, axis=0)
-        every = np.concatenate([runs, self.channel.sum(axis=0) - runs + 2.0 * HOLDS[0][0]])
-        return np.asarray(np.maximum(every - self.squares(self.base).sum(axis=1), 1.0))
+        every = np.concatenate([runs, self.channel.sum(axis=0) - runs])
+        return np.asarray(every - self.squares(self.base).sum(axis=1))
 
 
 def found_from(
@@ -136,7 +138,10 @@ def thresholds(
     needed = np.maximum(needed, np.sqrt(2.0 * np.maximum(log_odds + log_wrong, 0.0) / beside)[..., None])
     turned = (vectors * values[:, :, None] / centre[:, None]) ** 2
     reach = np.sqrt(turned @ (sizes**2 / shrunk))[*own, np.arange(len(parameters))]  # (k, p, o)
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # What a value far beyond its usual size leaves would have to be noise.
+        whole = np.diagonal(gram, axis1=2, axis2=3)[*own, np.arange(len(parameters))][..., None]
+        needed = np.where(needed**2 * (whole / reach**2 - 1.0) > _LEFT, np.inf, needed)
         best = np.argmin((needed + _SURE) / reach, axis=2)[..., None]
     return np.take_along_axis(reach, best, 2)[..., 0], np.take_along_axis(needed, best, 2)[..., 0]
 
@@ -145,8 +150,21 @@ def noise_unknown(log_factor: FloatArray, shares: FloatArray, freedom: FloatArra
     """Return the deviations (k, p, o) that make twice a log Bayes factor, where only rows tell how large the noise is.
 
     Where ν rows do, squares x make ν log(1 + x/ν). Where `shares` f (k, s, p) of x have a `freedom` ν each, that holds
-    to the second order with 1/ν = Σ f²/ν.
+    to the second order with 1/ν = Σ f²/ν. That errors hold is as good as rows to what differs from collect to collect;
+    and if nobody knows how wrong they are, as little is left of them: either has to be less probable.
     """
-    per = np.maximum(np.einsum("ksp,s->kp", shares**2, 1.0 / freedom), 1e-12)[..., None]
-    with np.errstate(over="ignore"):
-        return np.asarray(np.sqrt(np.expm1(log_factor * per) / per))
+    several = np.arange(len(freedom)) >= len(freedom) // 2
+    needed, (right, *_) = [], HOLDS
+    for a, _, weight in HOLDS:
+        own = np.maximum(freedom + 2.0 * a * several, 1.0)
+        per = np.maximum(np.einsum("ksp,s->kp", shares**2, 1.0 / own), 1e-12)[..., None]
+        rows = np.maximum(1.0 / per - 2.0 * a, 1.0)
+        less = 2.0 * (np.log(right[2] / weight) + _evidence(right[0], rows) - _evidence(a, rows))
+        with np.errstate(over="ignore"):
+            needed.append(np.sqrt(np.expm1(np.maximum(log_factor - less, 0.0) * per) / per))
+    return np.asarray(np.max(needed, axis=0))
+
+
+def _evidence(a: float, rows: FloatArray) -> FloatArray:
+    """Return the log evidence of rows that scatter as they are stated, by errors that are right to inverse-gamma a."""
+    return np.asarray(gammaln(a + 0.5 * rows) - gammaln(a) + a * np.log(a) - (a + 0.5 * rows) * np.log(a + 0.5 * rows))

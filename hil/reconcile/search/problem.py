@@ -27,7 +27,7 @@ from hil.solve.rows import Block, sensor_blocks
 from hil.solve.temperatures import fitted_form, same_temperature
 from procedures.words import counted
 
-LEAST_FREEDOM = 3  # rows of a block beyond the values of its base, from which on anything can be tested
+LEAST_FREEDOM = 1  # rows of a block beyond the values of its base, from which on anything can be tested
 LARGE = 250_000  # bytes: columns of a life, of which some hundred candidates would fill a third of the memory
 _BEYOND_DOUBT = 12.0  # log likelihood
 

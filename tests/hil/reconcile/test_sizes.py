@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from hil.campaign import Campaign, Collects, Conditions
@@ -49,3 +51,19 @@ def test_no_value_is_as_sure_as_the_smallest_that_it_may_be() -> None:
         off.append((slope["value"] - 0.01) / slope["se"])
         assert slope["se"] > 0.003  # six rates of 1 deg/hr at each end of 50 °C tell 0.008
     assert max(map(abs, off)) < 2.5
+
+
+def test_of_one_run_in_six_poses_something_is_left_over() -> None:
+    """Two rates of each channel are: too few to call a drift missing, however large, and enough to speak of it."""
+    campaign = of_axes(0.0, 0.0, 0.0)
+    one = campaign.sensors[1].rows(campaign.sensors[1].conditions.run == 1)
+    drift = 30.0 * np.outer(np.arange(6) - 2.5, [0.0, 1.0, 0.0])
+    quiet, moved = (
+        reconcile(replace(campaign, sensors={1: rows}), "triad-12", prove=False)
+        for rows in (one, replace(one, rates_deg_per_hr=one.rates_deg_per_hr + drift))
+    )
+    assert quiet.tested
+    assert quiet.verdict == "none"
+    assert not any("not called missing" in note for note in quiet.notes)
+    assert moved.verdict == "none"
+    assert any("(drift): " in note and "not called missing" in note for note in moved.notes)
