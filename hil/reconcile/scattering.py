@@ -50,7 +50,7 @@ class Scattering:
     @property
     def named(self) -> tuple[str, ...]:
         """The effects, by id, that scatter."""
-        return tuple(n.name for n in self.answer.reading.names if n.acts_on == "scatter" and n.kind == "named")
+        return tuple(n.name for n in self.answer.names if n.acts_on == "scatter" and n.kind == "named")
 
     @property
     def moves(self) -> tuple[str, ...]:
@@ -95,9 +95,9 @@ class Scattering:
         ]
         instead = [
             f"{rival.title} ({percent(rival.probability)})"
-            for each in found.reading.names
+            for each in found.names
             for rival in each.rivals
-            if each.acts_on == "scatter" and rival.terms and rival.probability > 1.0 - CERTAIN
+            if each.acts_on == "scatter" and (rival.terms or rival.remedy) and rival.probability > 1.0 - CERTAIN
         ]
         return [
             *alone,

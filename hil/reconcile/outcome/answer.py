@@ -77,6 +77,7 @@ class Answer:
         titles = {name: effect.title for name, effect in posterior.scatter.items()}
         likely = {n: float(sum(np.exp(f.log_weight) for f in posterior.sets if n in f.scatter)) for n in titles}
         likely[ORDINARY] = float(1.0 - sum(np.exp(f.log_weight) for f in posterior.sets if f.scatter))
+        likely |= {each.name: each.probability for each in self.names if each.name in likely}
         ranked = sorted(likely.items(), key=lambda pair: -pair[1])
         white = WHITE + " and an offset of each run" * any(each["run_offset_deg_per_hr"] for each in self.noise)
         return {name: (titles.get(name, white), share) for name, share in ranked} if titles else {}

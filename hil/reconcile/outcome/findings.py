@@ -275,8 +275,11 @@ def picture(fit: Fitted, before: Fitted, proof: Proof | None) -> dict[str, Any]:
     return {"rows": rows, "minutes_per_collect": float(np.median(minutes)) if minutes else None}
 
 
-def as_it_stands(model: Model, campaign: Campaign, mistakes: Sequence[Term]) -> dict[str, Any] | None:
-    """How far the rates, with labels put right, are from a model with values before any fit; None for a built-in."""
+def as_it_stands(model: Model, campaign: Campaign, mistakes: Sequence[Term], fit: Fitted) -> dict[str, Any] | None:
+    """How far the rates, with labels put right, are from a model with values before any fit; None for a built-in.
+
+    `noise_deg_per_hr` is how far standard errors and what the model itself states of the noise put them.
+    """
     squares, rows, worst = 0.0, 0, 0.0
     for number, collects in campaign.sensors.items():
         if not model.has_values(collects.conditions.sensor):
@@ -288,4 +291,10 @@ def as_it_stands(model: Model, campaign: Campaign, mistakes: Sequence[Term]) -> 
         error = error[np.isfinite(error)]
         squares, rows = squares + float(error @ error), rows + len(error)
         worst = max(worst, float(np.abs(error).max(initial=0.0)))
-    return {"rms_deg_per_hr": float(np.sqrt(squares / max(rows, 1))), "largest_deg_per_hr": worst, "rows": rows}
+    known = [block.search.block.sigma**2 + block.search.noise.stated_variance() for block in fit.blocks]
+    return {
+        "rms_deg_per_hr": float(np.sqrt(squares / max(rows, 1))),
+        "noise_deg_per_hr": float(np.sqrt(np.mean(np.concatenate(known)))),
+        "largest_deg_per_hr": worst,
+        "rows": rows,
+    }

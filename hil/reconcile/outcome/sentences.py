@@ -13,6 +13,7 @@ from hil.reconcile.outcome.stated import beyond_chance, not_repeated
 from hil.reconcile.result import LEFT_OUT, FoundEffect, Gap, Reconciliation
 from hil.reconcile.rivals import Rival, in_times
 from hil.reconcile.search.terms import NO_NAME
+from hil.reconcile.unrecorded import AGAIN
 from hil.reconcile.wander import Wander
 from hil.solve.document import of_sensors_in_words, runs_in_words
 from hil.solve.repeats import MAY_FOLLOW, MISSTATED
@@ -69,7 +70,7 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
         model = ", or the noise that the model states" * bool(result.input_model.noise)
         first.append(f"standard errors{model}: repeats and residuals show others (notes)")
     if once := not_repeated(result.noise, result.left.shown):
-        first.append(f"a second run at a temperature that has one: {once} may have followed it, or changed by the run")
+        first.append(f"{AGAIN}: {once} may have followed it, or changed by the run")
     if result.to_record:
         first.append(f"a record of {MAY_FOLLOW.format(listed(result.to_record))}")
     act = "The model itself lacks nothing that can be told." if kind == "none" and first else _ACT[kind]
@@ -284,10 +285,13 @@ def flicker_in_words(wanders: Mapping[int, Wander]) -> list[str]:
 
 def values_off(standing: Mapping[str, Any] | None, gap: Gap) -> list[str]:
     """Say where a model's values do not describe the data though its form, fitted anew, may: nothing for a built-in."""
-    if standing is None or not standing["rms_deg_per_hr"] > MISSTATED * gap.noise_floor:
+    if standing is None:
+        return []
+    noise = max(gap.noise_floor, standing["noise_deg_per_hr"])
+    if not standing["rms_deg_per_hr"] > MISSTATED * noise:
         return []
     off = (
         f"the model's values as they stand are off by {standing['rms_deg_per_hr']:.3g} deg/hr rms, where noise leaves "
-        f"{gap.noise_floor:.3g}: they are not this unit's now. The verdict is about its form, with values fitted anew"
+        f"{noise:.3g}: they are not this unit's now. The verdict is about its form, with values fitted anew"
     )
     return [off]

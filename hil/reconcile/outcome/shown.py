@@ -33,7 +33,7 @@ def shown(campaign: Campaign, found: Answer, inside: Sequence[dict[str, Any]], a
     results = [findings.described(n, fit, [size for size in sizes if size.effect.id == n.name]) for n in found.names]
     certain = bool(found.reverted) and reading.chance < _CERTAIN * found.alpha
     beside, both = without(campaign), common_and_differential(campaign)
-    standing = findings.as_it_stands(found.problem.model, found.problem.campaign, reading.mistakes)
+    standing = findings.as_it_stands(found.problem.model, found.problem.campaign, reading.mistakes, fit)
     notes = [*asked.warnings, *in_words(beside), *found.problem.notes]
     notes += in_words({"rows": found.rows}, searched=True)
     notes += findings.laws_that_fail(fit, found.problem.sensors)
@@ -148,7 +148,11 @@ def _next(found: Answer) -> dict[str, Any] | None:
     fit = found.fit
     for named in sorted(found.names, key=lambda named: named.probability):
         rival = next((r for r in named.rivals if r.terms or r.remedy), None)
-        if named.kind == "named" or not named.terms or (named.kind == NO_NAME and rival is None):
+        if named.kind == "named" or (named.kind == NO_NAME and rival is None):
+            continue
+        if not named.terms:
+            if untried := next((r for r in named.rivals if r.remedy), None):
+                return without_collects(f"{untried.remedy} separates {named.name} from {untried.id}")
             continue
         shared = [n for n in named.terms if rival is not None and n in rival.terms]
         number = shared[0] if shared else next(iter(named.terms))

@@ -66,11 +66,11 @@ class Noise:
         self.offset = grouped(apart, run)
         known = [chain_of(part, conditions, rows, channel) for part in stated]
         self.stated = joined([c.scaled(1.0 / np.sqrt(self.unit)) for c in known], len(rows))
-        self._laid = by_station, _ = values_over_temperature(block, conditions, self.order)
+        self._laid = values_over_temperature(block, conditions, self.order)
         self._follow(calibrated=False)
         runs = len(np.unique(run))
         self.has_offsets = runs > 1 and len(rows) / runs / apart.shape[1] > 1.5
-        self.kinds = list(self._kinds(conditions, effects, rows, channel, by_station)) if self.has_offsets else []
+        self.kinds = list(self._kinds(conditions, effects, rows, channel)) if self.has_offsets else []
         self.sorts = list(dict.fromkeys(frozenset({name} - {""}) for name in ("", *(k.name for k in self.kinds))))
         self._chains: dict[bytes, Chain] = {}
         self._whitens: list[tuple[IntArray, Filter]] = []
@@ -100,13 +100,9 @@ class Noise:
         effects: Sequence[VarianceEffect],
         rows: IntArray,
         channel: IntArray,
-        by_station: FloatArray,
     ) -> Iterator[Kind]:
         """Yield what these rows can tell from ordinary noise and from each other."""
         known = [np.eye(len(self.offset.covariance)), np.diag(self.white[:COMPARED]), self.offset.covariance]
-        # Where nothing was repeated a value that is another in each run is one that is another at each temperature.
-        of_values = np.split(by_station[:COMPARED], max(self.block.values.shape[1], 1), axis=1)
-        known += [own @ own.T for own in of_values if own.shape[1] > 1]
         known = [_unit(own) for own in known]
         for effect in effects:
             if not effect.applies_to(conditions.sensor) or effect.missing(conditions):

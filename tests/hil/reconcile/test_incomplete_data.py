@@ -9,11 +9,10 @@ import pytest
 
 from hil.campaign import Campaign, Collects
 from hil.model import load_model
-from hil.model.effects.catalogue import EFFECTS, VARIANCE_EFFECTS, effect_by_id
+from hil.model.effects.catalogue import effect_by_id
 from hil.model.effects.history import place_in_run
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.proof.experiment import repeated
-from hil.reconcile.search.layout import searches
 from hil.reconcile.search.problem import pose
 from procedures.verdict import Judgement, Verdict
 from tests.hil.reconcile.hidden_effects import (
@@ -233,13 +232,3 @@ def test_a_run_that_has_only_begun_lacks_nothing_before_its_first_collect() -> N
         np.testing.assert_array_equal(begun[7:], places)
     without_its_first = place_in_run(asked.rows(np.delete(np.arange(14), 7)), 100.0)
     np.testing.assert_array_equal(without_its_first[7:], np.arange(1, 7))
-
-
-def test_what_scatters_from_run_to_run_is_not_told_from_temperature_where_nothing_was_repeated() -> None:
-    """One run at each temperature: an MU that is another in each run is one that is another at each temperature."""
-    asked = {}
-    for runs_each in (1, 2):
-        campaign = hidden_campaign(3, runs_each=runs_each)
-        search = searches(pose(campaign, load_model("matrix-6"), EFFECTS), EFFECTS, VARIANCE_EFFECTS)[2]
-        asked[runs_each] = {kind.effect.id for own in search.blocks for kind in own.noise.kinds}
-    assert asked[2] - asked[1] == {"MU_rr"}

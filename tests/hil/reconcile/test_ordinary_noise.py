@@ -13,9 +13,10 @@ from hil.model.curve import Constant, Curve, Polynomial, Table
 from hil.model.stated_noise import SensorNoise
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.page import page
-from hil.reconcile.outcome.sentences import what_to_do
+from hil.reconcile.outcome.sentences import values_off, what_to_do
 from hil.reconcile.outcome.stated import with_ordinary
 from hil.reconcile.scattering import what_scatters
+from tests.hil.analysis.thermal.nights import rotor_night
 from tests.hil.reconcile.hidden_effects import Rows, base_rates, campaign_of, hidden_campaign, lay_out, noise
 from tests.hil.solve.test_other_runs import campaign, with_rates
 
@@ -187,3 +188,21 @@ def test_what_a_channel_scatters_by_holds_what_moves_some_of_its_collects() -> N
     for channel, truth in zip(channels, np.sqrt(np.mean(own**2, axis=0)), strict=True):
         assert channel["observed_deg_per_hr"] == pytest.approx(truth, rel=0.15)
         assert channel["observed_deg_per_hr"] > channel["scatter"][0]["deg_per_hr"]
+
+
+def test_values_that_are_off_by_the_noise_that_their_model_states_are_right(tmp_path: Path) -> None:
+    """Two runs of a unit whose biases turn on anew, by a model that says so: within a run there is no such noise."""
+    values = dict.fromkeys(BIASES, "{value: 0, unit: deg/hr}")
+    values |= dict.fromkeys(("GSA", "GSB", "MUA", "MUB"), "{value: 0, unit: deg/hr/g}")
+    changes = "{BA: {value: 9, unit: deg/hr}, BB: {value: 9, unit: deg/hr}}"
+    told = "".join(f"    {name}: {each}\n" for name, each in values.items())
+    text = f"sensors:\n  2:\n{told}noise:\n  2: {{run_to_run: {changes}}}\n"
+    path, places = tmp_path / "known.yaml", ("1", "3", "2", "2", "3", "1")
+    path.write_text(f"schema: hil.model/1\ntitle: known\nform: matrix-6\n{text}")
+    rng, turned_on = np.random.default_rng(0), dict.fromkeys(BIASES, 9.0)
+    one = rotor_night(rng, {}, temperatures_degC=(20.0,), runs=2, run_to_run=turned_on, positions=places)
+    found = reconcile(one, load_model(path), prove=False)
+    assert found.as_it_stands is not None
+    assert found.as_it_stands["rms_deg_per_hr"] > 1.5 * found.gap.noise_floor
+    assert found.as_it_stands["noise_deg_per_hr"] == pytest.approx(np.hypot(9.0, 0.93))
+    assert not values_off(found.as_it_stands, found.gap)

@@ -15,6 +15,7 @@ from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.sentences import what_to_do
 from hil.reconcile.scattering import what_scatters
 from hil.report.content import gather, to_do
+from tests.hil.analysis.thermal.nights import rotor_night
 from tests.hil.model.effect_conditions import ROTOR
 from tests.hil.reconcile.hidden_effects import Rows, base_rates, both, campaign_of, hidden_campaign, lay_out, noise
 from tests.hil.solve.test_other_runs import campaign as runs_at_their_temperatures
@@ -317,6 +318,26 @@ def test_what_changes_from_run_to_run_may_follow_a_temperature_that_nobody_recor
     advice = "ecord temperature_degC in every collect, which what changes from run to run may follow"
     assert any(advice in each for each in to_do(content)) is lacks
     assert any(advice in each for each in content.sensors[0].shown.sentences()) is lacks
+
+
+@pytest.mark.parametrize("runs", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_what_changes_from_run_to_run_is_told_from_temperature_by_repeats_alone(runs: int) -> None:
+    """MU reseats: with one run at each temperature it may follow that, whichever model asks and in every command."""
+    curves = {"GSA": lambda t: 55.0 + 0.0 * t, "MUA": lambda t: 5.0 + 0.0 * t, "MUB": lambda t: -6.0 + 0.0 * t}
+    made, places = {"MUA": 4.0, "MUB": 4.0}, ("1", "3", "2", "2", "3", "1")
+    rng, degC = np.random.default_rng(1), (-30.0, 0.0, 30.0, 60.0)
+    one = rotor_night(rng, curves, temperatures_degC=degC, runs=runs, run_to_run=made, positions=places)
+    scattering = what_scatters(one)
+    for model in ("matrix-6", "collins-4"):
+        result = reconcile(one, model, prove=False)
+        found = next(each for each in result.effects if each.id == "MU_rr")
+        other = [(rival.id, rival.probability) for rival in found.confusable_with if rival.id == "MU_T"]
+        assert found.kind == ("ambiguous" if runs == 1 else "named")
+        assert other == ([("MU_T", found.probability)] if runs == 1 else [])
+        asked = result.next_experiment or {}
+        assert ("a second run at a temperature that has one" in str(asked.get("why"))) is (runs == 1)
+    assert scattering.named == (() if runs == 1 else ("MU_rr",))
+    assert ("moves the mean: MUA, MUB temperature dependence (" in " ".join(scattering.sentences())) is (runs == 1)
 
 
 def test_standard_errors_that_are_too_large_are_to_be_seen_to() -> None:

@@ -33,21 +33,22 @@ def rotor_night(
     run_to_run: Mapping[str, float] = RUN_TO_RUN,
     white: float = WHITE,
     hysteresis: Mapping[str, float] | None = None,
+    positions: Sequence[str] = ("1", "2", "3"),
 ) -> Campaign:
     """Return the published sequence at temperatures in the order visited; parameters without a curve are zero.
 
     `hysteresis` adds half of its value where a temperature was reached from below, and takes half off from above.
     """
     count = len(temperatures_degC) * runs
-    run = np.repeat(np.arange(1, count + 1), 3)
-    setpoint = np.repeat(np.asarray(temperatures_degC, dtype=np.float64), 3 * runs)
-    position = np.tile(["1", "2", "3"], count)
+    run = np.repeat(np.arange(1, count + 1), len(positions))
+    setpoint = np.repeat(np.asarray(temperatures_degC, dtype=np.float64), len(positions) * runs)
+    position = np.tile(positions, count)
     f_g = np.array([RD_GC_86_1_SENSOR_2[label].components(G) for label in position])
     temperature = setpoint + rng.normal(0.0, 0.1, len(run))
     conditions = _conditions(ROTOR, run, position, f_g, temperature)
     values = _values(matrix_6_form(ROTOR).names, curves, temperature)
     before = np.concatenate([[np.nan], np.asarray(temperatures_degC, dtype=np.float64)[:-1]])
-    came = np.repeat(np.nan_to_num(np.sign(np.asarray(temperatures_degC) - before)), 3 * runs)
+    came = np.repeat(np.nan_to_num(np.sign(np.asarray(temperatures_degC) - before)), len(positions) * runs)
     for place, name in enumerate(matrix_6_form(ROTOR).names):
         values[:, place] += rng.normal(0.0, run_to_run.get(name, 0.0), count + 1)[run]
         values[:, place] += 0.5 * came * (hysteresis or {}).get(name, 0.0)
