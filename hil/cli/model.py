@@ -17,7 +17,6 @@ from hil.cli.data import Source, read_source
 from hil.cli.output import check_named, check_result_folder, messages
 from procedures.words import hours_minutes
 
-_LEVEL = 0.05
 _ModelName = Annotated[str, Option("--model", help="A model file, or the name of a built-in.")]
 _Draws = Annotated[int, Option(help="How many nights are simulated; 20 tell at a level of 5 %.")]
 _Seed = Annotated[int, Option(min=0, help="Of the simulated nights.")]
@@ -36,7 +35,7 @@ def reconcile(
     from hil.reconcile import reconcile as search
     from hil.reconcile import write_result
     from hil.reconcile.outcome.page import place_in_words
-    from hil.reconcile.outcome.sentences import errors_in_words, summary, what_to_do
+    from hil.reconcile.outcome.sentences import errors_in_words, of_few, summary, what_to_do
     from hil.reconcile.result import before_and_after_in_words
     from hil.reconcile.rivals import rival_in_words
     from procedures.words import percent
@@ -65,7 +64,12 @@ def reconcile(
         write_result(result, out)
     document, stated_by = result.document(), {"values_of": _values, "before_and_after": before_and_after_in_words}
     words = {"place_in_words": place_in_words, "rival_in_words": rival_in_words, "percent": percent, **stated_by}
-    said = {"act": what_to_do(result)[1], "summary": summary(result), "errors": errors_in_words(result)}
+    said = {
+        "act": what_to_do(result)[1],
+        "summary": summary(result),
+        "errors": errors_in_words(result),
+        "of_few": of_few(draws),
+    }
     return Answer(document, told(document, warnings=data.warnings, result=result, out=out, **said, **words))
 
 
@@ -113,6 +117,7 @@ def twin(
 ) -> Answer:
     """Simulate the same night with a model, many times, through bytes; say whether the measured one can be told."""
     from hil.likeness import likeness
+    from hil.reconcile.outcome.sentences import APART, of_few
     from hil.records.units import place_of
 
     night, unit = place_of(campaign.resolve())
@@ -120,7 +125,7 @@ def twin(
     check_result_folder(keep)
     with _bar(draws) as done:
         document = likeness(campaign, model, keep=keep, draws=draws, seed=seed, done=done)
-    return Answer(document, told(document, keep=keep, level=_LEVEL))
+    return Answer(document, told(document, keep=keep, level=APART, of_few=of_few(draws)))
 
 
 @contextmanager

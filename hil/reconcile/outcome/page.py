@@ -14,7 +14,17 @@ from hil.files.figure import LOOKS, blank
 from hil.files.numbers import WHOSE
 from hil.files.page import in_style, inline_svg, rendered
 from hil.model import save_model
-from hil.reconcile.outcome.sentences import LEAST, at_most, gap_in_words, number, summary, titled, what_to_do
+from hil.reconcile.outcome.sentences import (
+    APART,
+    LEAST,
+    at_most,
+    gap_in_words,
+    number,
+    of_few,
+    summary,
+    titled,
+    what_to_do,
+)
 from hil.reconcile.result import FoundEffect, Reconciliation, stated
 from hil.reconcile.rivals import rival_in_words
 from procedures.words import hours_minutes, numbered, unit_in_words
@@ -67,6 +77,8 @@ def page(result: Reconciliation) -> str:
         "takes": hours_minutes(60.0 * count * minutes) if minutes and count else "",
         "number": number,
         "chance": _chance,
+        "apart": APART,
+        "of_few": of_few(result.twin["draws"]) if result.twin else "",
         "rival_in_words": rival_in_words,
     }
     return rendered("hil.reconcile.outcome", "page.html.j2", view)

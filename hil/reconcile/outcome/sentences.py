@@ -29,7 +29,7 @@ _EXPECTED = 5.0  # times as usual at its size, from which on physics is said to 
 _ACT = packaged("hil.reconcile.outcome", "what_to_do.yaml")
 _MEASURED = " The model holds at temperatures that were measured: how far off it may be at others,"
 _MOST = 3  # other names in one sentence
-_APART = 0.05  # p-value below which nights simulated after are told from the measured one
+APART = 0.05  # p-value below which simulated nights are told from the measured one
 _BY = {
     "averages": "its averages",
     "run_scatter": "how its averages scatter",
@@ -47,7 +47,7 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     only = result.verdict in {"named", "ambiguous"} and all(effect.mends_labels for effect in result.effects)
     kind = "labels" if only else result.verdict if result.tested else "untested"
     after = (result.twin or {}).get("after", {})
-    apart = after.get("p_value", 1.0) < _APART
+    apart = after.get("p_value", 1.0) < APART
     beyond = result.left.beyond_errors
     kind = ("scatter" if beyond else "apart" if apart else kind) if kind == "none" else kind
     doubts = runs_in_words(result.doubtful)
@@ -208,6 +208,12 @@ def gap_in_words(result: Reconciliation) -> list[str]:
     ]
 
 
+def of_few(draws: int) -> str:
+    """Say that a p of so few simulated nights is an estimate where none of these can be told; empty of enough."""
+    more = f"that others may not repeat: ask for {round(1.0 / APART)} or more"
+    return f" (beyond the most unlike of so few draws it is an estimate {more})" * ((draws + 1) * APART <= 1.0)
+
+
 def errors_in_words(result: Reconciliation) -> str:
     """Say what every ± is: two things, of one number, where a shape is not settled."""
     unsettled = any(
@@ -285,10 +291,8 @@ def flicker_in_words(wanders: Mapping[int, Wander]) -> list[str]:
 
 def values_off(standing: Mapping[str, Any] | None, gap: Gap) -> list[str]:
     """Say where a model's values do not describe the data though its form, fitted anew, may: nothing for a built-in."""
-    if standing is None:
-        return []
-    noise = max(gap.noise_floor, standing["noise_deg_per_hr"])
-    if not standing["rms_deg_per_hr"] > MISSTATED * noise:
+    noise = max(gap.noise_floor, (standing or {"noise_deg_per_hr": 0.0})["noise_deg_per_hr"])
+    if standing is None or not standing["rms_deg_per_hr"] > MISSTATED * noise:
         return []
     off = (
         f"the model's values as they stand are off by {standing['rms_deg_per_hr']:.3g} deg/hr rms, where noise leaves "

@@ -176,5 +176,8 @@ def test_the_twin_tells_the_model_that_lacks_something_and_not_the_one_that_reco
     people = hil(*kept).stdout
     assert "the night can be told from them" in people
     assert "ask for 20 or more)\n  averages, beside the fitted model: " in people
+    again = hil("reconcile", campaign, "--model", "collins-4", "--out", out, "--twin", *few).stdout
+    assert "(6 draws) (beyond the most unlike of so few draws it is an estimate that others may not repeat" in again
+    assert "may not repeat: ask for 20 or more)." in (out / "reconciliation.html").read_text()
     assert "SIMULATED" in people
     assert "degC" not in people
