@@ -149,7 +149,10 @@ class FoundEffect:
 
 @dataclass(frozen=True)
 class Gap:
-    """Held-out residuals before and after, beside the noise: raw rms in deg/hr, and standardised mean squares."""
+    """Held-out residuals before and after, beside the noise: raw rms in deg/hr, and standardised mean squares.
+
+    `each` is what is held out at a time, a run or a collect; empty where nothing can be.
+    """
 
     before: float
     after: float
@@ -160,6 +163,7 @@ class Gap:
     improved_p_value: float
     blocks: Mapping[str, float] = field(default_factory=dict)
     log_score: Mapping[str, float] | None = None
+    each: str = ""
 
     def document(self) -> dict[str, Any]:
         """Return the JSON object."""

@@ -61,6 +61,7 @@ def gap_of(proof: Proof | None, fit: Fitted, before: Fitted, chance: float) -> G
         improved_p_value=max(runs.improvement_p_value(), min(chance, 1.0)),
         blocks={"before": contiguous.rms[0], "after": contiguous.rms[1]},
         log_score={"before": runs.log_score[0], "after": runs.log_score[1]},
+        each=kind,
     )
 
 
@@ -276,10 +277,7 @@ def picture(fit: Fitted, before: Fitted, proof: Proof | None) -> dict[str, Any]:
 
 
 def as_it_stands(model: Model, campaign: Campaign, mistakes: Sequence[Term], fit: Fitted) -> dict[str, Any] | None:
-    """How far the rates, with labels put right, are from a model with values before any fit; None for a built-in.
-
-    `noise_deg_per_hr` is how far standard errors and what the model itself states of the noise put them.
-    """
+    """How far rates, labels put right, are from a model's values, and by its noise would be; None for a built-in."""
     squares, rows, worst = 0.0, 0, 0.0
     for number, collects in campaign.sensors.items():
         if not model.has_values(collects.conditions.sensor):

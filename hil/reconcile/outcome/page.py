@@ -63,7 +63,7 @@ def page(result: Reconciliation) -> str:
         "summary": summary(result),
         "driver": driver,
         "scatters_more": bool(at_most(result.noise)),
-        "held_out": np.isfinite(result.gap.improved_p_value),
+        "held_out": result.gap.each,
         "before": list(pictures(panels, driver, "held_before", "before", known)),
         "curves": list(pictures(acting, driver, "left", "with what was added", {}, curve=True)) if on_mean else [],
         "after": list(pictures(panels, driver, "held_after", "after", {})) if result.effects else [],

@@ -114,7 +114,7 @@ def summary(result: Reconciliation) -> list[str]:
             how = per_temperature or " fitted to these collects"
             off = float(np.sqrt(result.gap.standardised_after))
             if off > _MORE_THAN_NOISE:
-                held = "what was held out" if np.isfinite(result.gap.improved_p_value) else "what is left"
+                held = "what was held out" if result.gap.each else "what is left"
                 noise = f"nothing that can be told from noise, though {held} is {off:.2g} times what noise should leave"
             elif at_most(result.noise) or what_to_do(result)[0] != "none":
                 noise = "nothing that can be told from scatter"
@@ -187,8 +187,7 @@ def gap_in_words(result: Reconciliation) -> list[str]:
         return ["These runs have as many parameters as rates: nothing is left to be noise, and no gap can be stated."]
     if not np.isfinite(gap.before) or not result.effects:
         return []
-    proved = np.isfinite(gap.improved_p_value)
-    how = "on runs that were held out" if proved else "of the fit (nothing could be held out)"
+    how = f"on {gap.each}s that were held out" if gap.each else "of the fit (nothing could be held out)"
     swapped = any(effect.mends_labels for effect in result.effects)
     mended = ["the record put right"] * swapped
     added = sum(

@@ -12,9 +12,12 @@ from hil.model import load_model
 from hil.model.effects.catalogue import effect_by_id
 from hil.model.effects.history import place_in_run
 from hil.reconcile import Reconciliation, reconcile
+from hil.reconcile.outcome.page import page
+from hil.reconcile.outcome.sentences import summary
 from hil.reconcile.proof.experiment import repeated
 from hil.reconcile.search.problem import pose
 from procedures.verdict import Judgement, Verdict
+from tests.hil.analysis.thermal.nights import rotor_night
 from tests.hil.reconcile.hidden_effects import (
     ROTOR,
     Rows,
@@ -232,3 +235,13 @@ def test_a_run_that_has_only_begun_lacks_nothing_before_its_first_collect() -> N
         np.testing.assert_array_equal(begun[7:], places)
     without_its_first = place_in_run(asked.rows(np.delete(np.arange(14), 7)), 100.0)
     np.testing.assert_array_equal(without_its_first[7:], np.arange(1, 7))
+
+
+def test_what_was_held_out_of_few_runs_are_collects() -> None:
+    """Two runs tell nothing of a third: each collect is predicted from the others, and sentence and page say so."""
+    curves = {"MUA": lambda t: 30.0 + 0.0 * t, "MUB": lambda t: -25.0 + 0.0 * t}
+    rng, places = np.random.default_rng(2), ("1", "3", "2", "2", "3", "1")
+    few = {"temperatures_degC": (20.0,), "runs": 2, "run_to_run": {}, "positions": places}
+    result = reconcile(rotor_night(rng, curves, **few), "collins-4")
+    assert any("on collects that were held out" in said for said in summary(result))
+    assert "each collect predicted from the others" in page(result)
