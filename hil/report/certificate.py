@@ -236,6 +236,6 @@ def _assumed(campaign: Campaign, content: ReportContent, means: Mapping[int, Seq
         for lost in (mean for mean in each.shown.means if mean.runs not in told):
             at = degrees(lost.temperature_degC, each.shown.told_by)
             yield f"sensor {each.number} at {at}: no run has every rate, so none is stated"
-    if not any(each.shown.repeated for each in content.sensors):
+    if not any(each.shown.scatter_included for each in content.sensors):
         yield _ONCE
     yield from campaign.notes.splitlines()

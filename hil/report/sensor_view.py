@@ -97,7 +97,7 @@ def key_numbers(sensors: Sequence[SensorContent]) -> dict[str, Any]:
         for s, at in zip(shown, nearest, strict=True)
     ]
     doubtful = any(_doubtful(sensor, at.runs) for sensor in shown for at in sensor.shown.means)
-    every = {"repeated": all(sensor.shown.repeated for sensor in shown), "left": len(sensors) - len(shown)}
+    every = {"repeated": all(sensor.shown.scatter_included for sensor in shown), "left": len(sensors) - len(shown)}
     return {"heads": heads, "rows": rows, "doubtful": doubtful, **every}
 
 

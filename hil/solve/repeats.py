@@ -72,7 +72,8 @@ class SensorRepeats:
     that are no noise; `by_noise` is how parameters scatter beside errors as large as noise is. `left_deg_per_hr` (c,)
     is what residuals make of the noise of rates without errors, NaN where they have some or nothing tells it, `stated`
     whether they have, and `noise_told` whether anything but those errors tells what noise there is. `to_record` are
-    columns that nobody recorded and that what scatters beyond noise may follow.
+    columns that nobody recorded and that what scatters beyond noise may follow. `of_means`: rows are printed means of
+    runs, whose standard errors have what these scattered by.
     """
 
     names: tuple[str, ...]
@@ -91,6 +92,7 @@ class SensorRepeats:
     stated: bool = True
     noise_told: bool = False
     to_record: Sequence[str] = ()
+    of_means: bool = False
 
     def at(self, temperature_degC: float | None) -> MeanAt | None:
         """Return the mean at what is this temperature of another campaign, None where there is none."""
@@ -158,8 +160,11 @@ class SensorRepeats:
     def sentences(self) -> list[str]:
         """Say what repeats show beyond standard errors, or that nothing was told twice."""
         if not self.repeated:
-            once = "no parameter was told twice at one temperature"
-            return [f"{once}: what changes from run to run is not known, and in no ±", *self.widened]
+            once = (
+                "no parameter was told twice at one temperature: what changes from run to run is not known, and in no ±"
+            )
+            within = "each row is a mean of runs: by what these scattered is in its standard error, and so in every ±"
+            return [within if self.of_means else once, *self.widened]
         of, noise = self.spread, self.by_noise
         told = [
             f"{name} by {sd:.3g} {unit}" + f" ({stated:.2g} by noise)" * bool(stated > 0.0)
@@ -188,6 +193,11 @@ class SensorRepeats:
     def repeated(self) -> bool:
         """Whether any parameter was told twice at one temperature."""
         return bool(np.any(self.spread.degrees))
+
+    @property
+    def scatter_included(self) -> bool:
+        """Whether a ± has what changes from run to run, by repeats or by what its rows are means of."""
+        return self.repeated or self.of_means
 
     @property
     def widened(self) -> list[str]:
@@ -247,8 +257,16 @@ def repeats(campaign: Campaign, solutions: Sequence[RunSolution]) -> dict[int, S
         runs = collects.conditions.run.tolist()
         own = [each for each in solutions if each.sensor == number and not set(each.runs).isdisjoint(runs)]
         if own:
-            found[number] = _of_sensor(own, collects, tuple(used.not_used[number]))
+            shown = _of_sensor(own, collects, tuple(used.not_used[number]))
+            found[number] = _as_means(shown) if campaign.rebuilt and shown.stated else shown
     return found
+
+
+def _as_means(shown: SensorRepeats) -> SensorRepeats:
+    """Return what is shown of rows that are means of runs: nothing scatters beyond their errors that is unknown."""
+    values = [{name: replace(u, beyond=u.beyond or 0.0) for name, u in mean.values.items()} for mean in shown.means]
+    means = [replace(mean, values=known) for mean, known in zip(shown.means, values, strict=True)]
+    return replace(shown, means=means, of_means=True)
 
 
 def means_of(

@@ -16,6 +16,7 @@ from hil.campaign.reader import read_campaign
 from hil.cli.app import run as hil
 from hil.report.content import gather, good
 from hil.report.page import render
+from hil.solve import repeats, solve_campaign
 from tests.hil.analysis.thermal.nights import rotor_night
 
 
@@ -101,6 +102,22 @@ def test_single_runs_scatter_as_the_repeats_of_the_other_night_show() -> None:
     assert (every, marked) == (6 * 2 * 18, 0)
     alone = compare(single, rotor_night(rng, curves, temperatures_degC=(0.0, 30.0, 60.0), runs=1))
     assert alone.sentence.endswith("and beside it whatever changes from run to run, which neither repeats")
+
+
+def test_rows_that_are_means_of_runs_have_the_scatter_of_these_in_their_errors() -> None:
+    """A printed table beside a night of repeats takes no scatter from it; and no ± of it lacks that."""
+    rng = np.random.default_rng(8)
+    single, repeated = (rotor_night(rng, {}, temperatures_degC=(0.0, 30.0), runs=n) for n in (1, 3))
+    printed = replace(single, rebuilt=True)
+    shown = repeats(printed, solve_campaign(printed))[2]
+    assert shown.sentences() == [
+        "each row is a mean of runs: by what these scattered is in its standard error, and so in every ±"
+    ]
+    alone, table = (compare(one, repeated).differences[0].difference.sd for one in (single, printed))
+    assert table < 0.8 * alone
+    unstated = replace(printed.sensors[2], rates_se_deg_per_hr=np.full_like(single.sensors[2].rates_deg_per_hr, np.nan))
+    bare = replace(printed, sensors={2: unstated})
+    assert not repeats(bare, solve_campaign(bare))[2].scatter_included
 
 
 def test_what_cannot_be_compared_is_said(first: Campaign) -> None:
