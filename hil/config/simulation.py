@@ -43,7 +43,9 @@ class NoiseSection(Section):
     """What scatters. The sensors' own noise and run-to-run scatter stand in the model file; this is the rest.
 
     `angle_random_walk` is for sensors to which the model file gives no noise. `slow` adds the model's bias instability
-    and rate random walk, which the standard error of a single collect cannot know.
+    and rate random walk, which the standard error of a single collect cannot know. Both wander from grid point to grid
+    point, bias instability with time constants from 10 s on: averages of less time lack what those of a real sensor
+    have, and `hil allan` says of such a record that its terms do not describe it.
     """
 
     angle_random_walk: RandomWalk = 0.12
