@@ -105,9 +105,9 @@ def _from_room(mean: MeanAt) -> float:
     return math.inf if mean.temperature_degC is None else abs(mean.temperature_degC - _ROOM_DEGC)
 
 
-def _at(sensor: SensorContent, mean: MeanAt) -> str:
-    """Say at which temperature a mean is; whose it is stands above them all."""
-    return degrees(mean.temperature_degC, sensor.shown.told_by if mean.temperature_degC is None else None)
+def _at(sensor: SensorContent, at_degC: float | None) -> str:
+    """Say at which temperature a mean or a run is; whose it is stands above them all."""
+    return degrees(at_degC, sensor.shown.told_by if at_degC is None else None)
 
 
 def _by_temperature(sensor: SensorContent) -> dict[str, Any]:
@@ -119,7 +119,7 @@ def _by_temperature(sensor: SensorContent) -> dict[str, Any]:
     for repeat in sensor.shown.means:
         at = repeat.temperature_degC
         fahrenheit = f"{at * 1.8 + 32.0:.1f} °F" if at is not None and sensor.has_contractor else ""
-        heads.append((_at(sensor, repeat), list(filter(None, [fahrenheit, _unit(repeat)]))))
+        heads.append((_at(sensor, at), list(filter(None, [fahrenheit, _unit(repeat)]))))
     return {
         "heads": heads,
         "runs": [(len(repeat.runs), _doubtful(sensor, repeat.runs)) for repeat in sensor.shown.means],
@@ -217,7 +217,6 @@ def _line(label: str, sensor: SensorContent, name: str, model: str, style: str) 
 
 def _runs(sensor: SensorContent) -> dict[str, Any]:
     """Every self-calibration: each parameter of the matrix solution, then of the contractor's, with its uncertainty."""
-    temperature = {run: _at(sensor, repeat) for repeat in sensor.shown.means for run in repeat.runs}
     heads = [(name, "", unit) for name, unit in _units(sensor.solutions).items()]
     digits = {
         name: decimals_for(each.parameters[name].se for each in sensor.solutions if name in each.parameters)
@@ -231,7 +230,7 @@ def _runs(sensor: SensorContent) -> dict[str, Any]:
         found = [((beside if whose else own).get(name), digits.get(name, 2)) for name, whose, _ in heads]
         cells = [estimate(each, decimals) for each, decimals in found]
         run = "all" if solution.run is None else str(solution.run)
-        rows.append((run, temperature.get(solution.runs[0], ""), solution.verdict, cells))
+        rows.append((run, _at(sensor, sensor.shown.temperature_degC.get(solution.runs[0])), solution.verdict, cells))
     models = ", ".join(dict.fromkeys(each.model for each in sensor.solutions))
     return {"heads": heads, "rows": rows, "models": models}
 

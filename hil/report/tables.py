@@ -80,14 +80,13 @@ def write_tables(content: ReportContent, stem: Path, kind: TableFormat) -> list[
 
 def _parameters(content: ReportContent) -> Iterator[dict[str, Any]]:
     for sensor in content.sensors:
-        temperature = {run: repeat.temperature_degC for repeat in sensor.shown.means for run in repeat.runs}
         for solution in [*sensor.solutions, *sensor.contractor.values()]:
             beside = {name: of.document() for name, of in sensor.shown.of_run(solution).items()}
             for name, each in solution.parameters.items():
                 yield {
                     "sensor": solution.sensor,
                     "run": solution.run,
-                    "temperature_degC": temperature.get(solution.runs[0]),
+                    "temperature_degC": sensor.shown.temperature_degC.get(solution.runs[0]),
                     "model": solution.model,
                     "parameter": name,
                     **picked(each, "value se unit"),

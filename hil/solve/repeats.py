@@ -73,7 +73,8 @@ class SensorRepeats:
     is what residuals make of the noise of rates without errors, NaN where they have some or nothing tells it, `stated`
     whether they have, and `noise_told` whether anything but those errors tells what noise there is. `to_record` are
     columns that nobody recorded and that what scatters beyond noise may follow. `of_means`: rows are printed means of
-    runs, whose standard errors have what these scattered by.
+    runs, whose standard errors have what these scattered by. `temperature_degC` is that of every run, by run, whether
+    or not it is in a mean, None where nobody knows it.
     """
 
     names: tuple[str, ...]
@@ -93,6 +94,7 @@ class SensorRepeats:
     noise_told: bool = False
     to_record: Sequence[str] = ()
     of_means: bool = False
+    temperature_degC: Mapping[int, float | None] = field(default_factory=dict)
 
     def at(self, temperature_degC: float | None) -> MeanAt | None:
         """Return the mean at what is this temperature of another campaign, None where there is none."""
@@ -257,7 +259,9 @@ def repeats(campaign: Campaign, solutions: Sequence[RunSolution]) -> dict[int, S
         runs = collects.conditions.run.tolist()
         own = [each for each in solutions if each.sensor == number and not set(each.runs).isdisjoint(runs)]
         if own:
-            shown = _of_sensor(own, collects, tuple(used.not_used[number]))
+            shown, filed = _of_sensor(own, collects, tuple(used.not_used[number])), campaign.sensors[number].conditions
+            groups = [*runs_by_temperature(filed), *runs_by_temperature(collects.conditions)]  # those of means, last
+            shown = replace(shown, temperature_degC={run: at for at, runs in groups for run in runs})
             found[number] = _as_means(shown) if campaign.rebuilt and shown.stated else shown
     return found
 

@@ -135,9 +135,10 @@ class SensorFit:
                 "campaign are in the curves"
             )
         if seen.known and not np.any(seen.spread.degrees):
+            side = " from one side" * layout.hysteresis
             notes.append(
-                f"sensor {number}: no temperature was measured twice: what differs from run to run, and is not in the "
-                "standard errors, cannot be told from what depends on temperature"
+                f"sensor {number}: no temperature was measured twice{side}: what differs from run to run, and is not "
+                "in the standard errors, cannot be told from what depends on temperature"
             )
         self.number, self.layout, self.notes = number, layout, notes
         self.improvement = _rate_improvement(layout, choices, errors)

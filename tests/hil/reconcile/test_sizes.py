@@ -43,7 +43,7 @@ def test_a_bias_of_one_axis_that_follows_temperature_is_no_offset_of_runs() -> N
 
 
 def test_no_value_is_as_sure_as_the_smallest_that_it_may_be() -> None:
-    """Of a slope that hardly shows, all sizes below its error are as probable: by the likeliest it was surer than that."""
+    """Of a slope that hardly shows, all sizes below its error are as probable; by the likeliest it was surer."""
     off = []
     for seed in range(6):
         found = reconcile(of_axes(0.4, 0.01, -0.3, seed=seed), "triad-12", prove=False).effects

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from benchmarks.blind.cases import make_case, write_case
@@ -79,6 +81,18 @@ def test_a_mean_of_fewer_runs_says_so_and_which_of_them_are_doubtful(tmp_path: P
         assert below[name][place] == (["of 2 runs"] if value.runs == 2 else [])
         assert not any(others)
     assert {value.runs for value in mean.values.values()} == {2, 3}
+
+
+def test_a_run_that_tells_nothing_stands_at_its_temperature(tmp_path: Path) -> None:
+    """In no mean, and in the list of runs where it was made."""
+    good = read_campaign(written("good", tmp_path / "campaign"))
+    rates = good.sensors[2].rates_deg_per_hr.copy()
+    rates[[4, 5]] = np.nan  # run 2
+    content = gather(replace(good, sensors={2: replace(good.sensors[2], rates_deg_per_hr=rates)}))
+    (sensor,) = content.sensors
+    assert not any(2 in mean.runs for mean in sensor.shown.means)
+    at = {run: where for run, where, *_ in sensor_view(sensor)["runs"]["rows"]}
+    assert at["2"] == at["1"] == at["3"] != ""
 
 
 def test_where_nothing_tells_it_that_is_said(folder: Path) -> None:

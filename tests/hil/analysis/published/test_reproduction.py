@@ -13,6 +13,7 @@ import pytest
 from hil.analysis.published.closed_forms import contractor_solution, seven_biases
 from hil.analysis.published.reproduction import reproduce
 from hil.campaign import Campaign, Collects, Conditions, Sensor
+from hil.cli.told import lines_of
 from hil.errors import InputError
 from hil.model import load_model
 from hil.model.earth import Site
@@ -51,6 +52,12 @@ def night(site: Site = SITE, sigma: float = 0.0, order: str = "123") -> Campaign
 def given_again() -> dict[str, Any]:
     """Without noise, on the bench as it stands: 16 milliradians from level."""
     return reproduce(night())
+
+
+def test_means_stand_under_their_own_temperature_with_the_printed_one_below(given_again: dict[str, Any]) -> None:
+    """Which may be up to 2 °C away, and is in another unit."""
+    table = next(each for each in lines_of(given_again, {"campaign": night()}) if not isinstance(each, str))
+    assert str(table.columns[1].header).split("\n") == ["-29.7 degC", "printed -21.5 degF"]
 
 
 def test_the_matrix_rows_of_table_1_come_out_as_printed(given_again: dict[str, Any]) -> None:
