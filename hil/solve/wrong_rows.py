@@ -18,6 +18,7 @@ import numpy as np
 
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.campaign.plausibility import clipped, unclipped
+from hil.model.forms import default_form
 from hil.solve.asked import Asked, OtherSensor
 from hil.solve.causes import AS_IT_LAY, Cause, all_of
 from hil.solve.explained import HARDLY, Explained, beyond_others, explanations, mended
@@ -48,6 +49,7 @@ _DONE = {
 }
 """What is done about a cause, the verdict of its run at best, what is said of it and of what is done; `_AS_FILED`."""
 _FEW = 4  # things that may be wrong are named
+_ONLY = 0.99  # of its square: a parameter with so much in some rates is seen in no others
 
 
 @dataclass(frozen=True)
@@ -207,7 +209,8 @@ def _said(filed: Collects, found: Explained) -> Iterator[tuple[int, Wrong, Judge
     """Yield the runs that something found is about, what is done, and the judgement that they have at best."""
     conditions, cause = filed.conditions, found.likeliest
     if cause is not None:
-        others = "; or ".join(["", *(cause_in_words(filed, other) for other, _ in found.rivals[1:])])
+        rivals = [cause_in_words(filed, other) for other, _ in found.rivals[1:]]
+        others = "; or ".join(["", *rivals, *_of_its_run(filed, cause)])
         done, verdict, because, hence = _DONE.get(cause.what, _AS_FILED)
         why = f"{cause_in_words(filed, cause)}{because}"
         yield cause.run, _of(filed, cause, done, f"{why}{others}"), Judgement(verdict, f"{why}{hence}{others}")
@@ -231,6 +234,21 @@ def _said(filed: Collects, found: Explained) -> Iterator[tuple[int, Wrong, Judge
         own = Cause("run", run, tuple(np.flatnonzero(conditions.run == run).tolist()))
         at_best = Verdict.INCONCLUSIVE if found.nothing < HARDLY else Verdict.MARGINAL
         yield run, _of(filed, own, USED, why), Judgement(at_best, why)
+
+
+def _of_its_run(filed: Collects, cause: Cause) -> Iterator[str]:
+    """Say what of the run's own shows in the rates that are left out, and nowhere else: these cannot tell it from them.
+
+    In the order 1-2-3 that is MU, in Collect 3.
+    """
+    if _DONE.get(cause.what, _AS_FILED)[0] == LEFT_OUT and cause.what != "run":
+        form, here = default_form(filed.conditions), filed.conditions.of_each_run[cause.run]
+        squares = (form.columns(filed.conditions) * np.isfinite(filed.rates_deg_per_hr)[..., None]) ** 2
+        those = np.ix_([*cause.rows], cause.channels or range(squares.shape[1]))
+        shares = squares[those].sum(axis=(0, 1)) / np.maximum(squares[here].sum(axis=(0, 1)), 1e-300)
+        only = [n for n, of in zip(form.names, shares, strict=True) if n.startswith(("B", "MU")) and of > _ONLY]
+        if only:
+            yield f"{listed(only)} of run {cause.run} {'is another' if len(only) == 1 else 'are others'}"
 
 
 def cause_in_words(collects: Collects, cause: Cause) -> str:

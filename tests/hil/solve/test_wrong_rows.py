@@ -37,6 +37,20 @@ def test_exchanged_labels_are_put_right_and_the_run_still_fails() -> None:
     assert (solved[5].verdict, sound[5].verdict) == (Verdict.FAIL, Verdict.PASS)
 
 
+@pytest.mark.parametrize(
+    ("row", "channel", "words"), [(14, 0, "; or MUB of run 5 is another"), (14, 1, "; or MUA of run 5"), (12, 0, "")]
+)
+def test_what_is_left_out_may_be_what_shows_of_its_run_nowhere_else(row: int, channel: int, words: str) -> None:
+    """Of Collects 1-2-3 the third alone tells MU: a rate that is wrong there and another MU are one and the same."""
+    one = made("good")
+    rates = one.sensors[2].rates_deg_per_hr.copy()
+    rates[row, channel] += 100.0
+    (wrong,) = wrong_rows(with_rates(one, rates))[2].rows
+    assert (wrong.run, wrong.done) == (5, LEFT_OUT)
+    assert words in wrong.why
+    assert ("of run 5" in wrong.why) is bool(words)
+
+
 def test_labels_of_a_body_are_exchanged_for_all_its_sensors() -> None:
     """The accelerometers tell it of both sensors, the rates of one alone: both are mended, FAIL, and in the means."""
     body = made("labels exchanged in a body")
