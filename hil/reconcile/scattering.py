@@ -26,8 +26,7 @@ from hil.reconcile.naming import CERTAIN
 from hil.reconcile.outcome import scatter
 from hil.reconcile.outcome.answer import Answer
 from hil.reconcile.outcome.findings import id_of
-from hil.reconcile.outcome.sentences import flicker_in_words, scatter_in_words
-from hil.reconcile.outcome.stated import lacking, wanders
+from hil.reconcile.outcome.stated import flicker_in_words, lacking, scatter_in_words, wanders
 from hil.reconcile.wander import Wander
 from hil.reconcile.workflow import INSIDE, searched
 from hil.solve.both_sensors import BothSensors, common_and_differential

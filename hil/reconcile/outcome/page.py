@@ -17,7 +17,6 @@ from hil.model import save_model
 from hil.reconcile.outcome.sentences import (
     APART,
     LEAST,
-    at_most,
     gap_in_words,
     number,
     of_few,
@@ -25,6 +24,7 @@ from hil.reconcile.outcome.sentences import (
     titled,
     what_to_do,
 )
+from hil.reconcile.outcome.stated import at_most
 from hil.reconcile.result import FoundEffect, Reconciliation, stated
 from hil.reconcile.rivals import rival_in_words
 from procedures.words import hours_minutes, numbered, unit_in_words

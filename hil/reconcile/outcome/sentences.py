@@ -7,19 +7,17 @@ from typing import Any
 import numpy as np
 
 from drivers.strict_yaml import packaged
-from hil.files.numbers import rounded
 from hil.reconcile.naming import CERTAIN, LIKELY
-from hil.reconcile.outcome.stated import beyond_chance, not_repeated
+from hil.reconcile.outcome.stated import at_most, not_between_repeats, not_repeated
 from hil.reconcile.result import LEFT_OUT, FoundEffect, Gap, Reconciliation
 from hil.reconcile.rivals import Rival, in_times
 from hil.reconcile.search.terms import NO_NAME
 from hil.reconcile.unrecorded import AGAIN
-from hil.reconcile.wander import Wander
 from hil.solve.document import of_sensors_in_words, runs_in_words
 from hil.solve.repeats import MAY_FOLLOW, MISSTATED
 from hil.solve.temperatures import too_few
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED
-from procedures.words import listed, numbered, percent, significant
+from procedures.words import listed, numbered, percent
 
 LEAST = 1e-4  # p-values are said down to it
 _FALLS = 0.98  # of what it was: from there on a gap is said to fall
@@ -51,12 +49,12 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     beyond = result.left.beyond_errors
     kind = ("scatter" if beyond else "apart" if apart else kind) if kind == "none" else kind
     doubts = runs_in_words(result.doubtful)
-    first = ["what is missing of the measurement (hil report says what)"] if result.without.get("missing") else []
+    first = ["what is missing of the measurement (hil report says what)"] * bool(result.without.get("missing"))
     first += [f"what was not measured well (hil report says why): {doubts}"] if doubts else []
-    if result.contradicted:
-        first.append(f"what its own records contradict (notes): {numbered('run', result.contradicted)}")
-    wrong = any(effect.mends_labels for effect in result.effects) and not only
-    first += ["what the record has wrong of labels and signs (below)"] if wrong else []
+    runs = numbered("run", result.contradicted) if result.contradicted else ""
+    first += [f"what its own records contradict (notes): {runs}"] * bool(runs)
+    wrong = not only and any(effect.mends_labels for effect in result.effects)
+    first += ["what the record has wrong of labels and signs (below)"] * wrong
     omitted = [row for row in result.rows if row["done"] == OMITTED]
     said = {*result.contradicted, *(row["run"] for row in omitted), *(beyond if kind == "scatter" else ())}
     said |= {run for runs in result.doubtful.values() for run in runs}
@@ -66,13 +64,14 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     spoiled = sorted({collect for row in omitted for collect in row["collects"]})
     first += [f"what is left out (below): {numbered('collect', spoiled)}"] if spoiled else []
     first += [f"{result.both.look_for} (notes)"] if result.both is not None and result.both.look_for else []
-    if kind != "scatter" and result.left.misstated:
-        model = ", or the noise that the model states" * bool(result.input_model.noise)
-        first.append(f"standard errors{model}: repeats and residuals show others (notes)")
+    model = ", or the noise that the model states" * bool(result.input_model.noise)
+    wrong = kind != "scatter" and result.left.misstated
+    first += [f"standard errors{model}: repeats and residuals show others (notes)"] * wrong
     if once := not_repeated(result.noise, result.left.shown):
         first.append(f"{AGAIN}: {once} may have followed it, or changed by the run")
-    if result.to_record:
-        first.append(f"a record of {MAY_FOLLOW.format(listed(result.to_record))}")
+    follow = not_between_repeats(result.noise, result.solved.shown) if kind in {"none", "apart"} else ""
+    first += [f"what {follow} follows: runs of one temperature differ less (hil thermal)"] if follow else []
+    first += [f"a record of {MAY_FOLLOW.format(listed(own))}" for own in [result.to_record] if own]
     act = "The model itself lacks nothing that can be told." if kind == "none" and first else _ACT[kind]
     act = _ACT["errors"] if kind == "scatter" and result.left.small else act
     if useless := sorted(map(int, result.without.get("runs_used_though_failed", {}))):
@@ -84,8 +83,10 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
         where = ", ".join(told for _, told in of_sensors_in_words({"FAIL": of}))
         act = f"{act} No effect is named, but averages scatter more than their standard errors say: {where}."
     elif kind in {"none", "apart"} and (more := at_most(result.noise)):
-        known = ["the ± of hil solve"] * (result.solved.widens and not once) + ["the noise of model.yaml"]
-        act += f" Averages scatter {more}; {listed(known)} {'have' if len(known) > 1 else 'has'} it."
+        known = ["the ± of hil solve"] * (result.solved.widens and not once and not follow)
+        act += (
+            f" Averages scatter {more}; {listed([*known, 'the noise of model.yaml'])} {'have' if known else 'has'} it."
+        )
     if kind in {"none", "named", "ambiguous"} and _follows_temperature(result):
         few = too_few(result.solved.temperatures)
         act += " The model's values follow temperature." * result.calibrated
@@ -238,54 +239,6 @@ def number(value: float | None) -> str:
     if 0.0 < abs(value) < LEAST:
         return f"below {LEAST:.4f}"
     return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"
-
-
-def scatter_in_words(noise: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Say where the averages scatter by more than standard errors and model explain, one sentence per channel."""
-    return [
-        f"sensor {n['sensor']}, {n['channel']}: about {n['under']}, the averages scatter {_more(n)}, by "
-        f"{n['observed_deg_per_hr']:.3g} deg/hr"
-        for n in noise
-        if _times(n) > MISSTATED
-    ]
-
-
-def at_most(noise: Sequence[Mapping[str, Any]]) -> str:
-    """Say by how much more than is explained the channel scatters that does so most; empty where none does."""
-    most = max(noise, key=_times, default=None)
-    return _more(most) if most and _times(most) > MISSTATED else ""
-
-
-def _more(channel: Mapping[str, Any]) -> str:
-    say = "and the model say" if channel["explained_deg_per_hr"] > 1.01 * channel["stated_deg_per_hr"] else "say"
-    return f"{significant(_times(channel))} times as much as their standard errors {say}"
-
-
-def _times(channel: Mapping[str, Any]) -> float:
-    """Return how many times what is explained the averages scatter by: 0 where chance explains it, or nothing is."""
-    known = channel["explained_deg_per_hr"] if channel["scatter"] or [*beyond_chance(channel)] else None
-    return float((channel["observed_deg_per_hr"] or 0.0) / known) if known else 0.0
-
-
-def stated_in_words(noise: Sequence[Mapping[str, Any]], wanders: Mapping[int, Wander]) -> list[str]:
-    """Say in a sentence what the improved model's noise states beyond that of the model that was read."""
-    more = "; ".join(
-        f"sensor {each['sensor']}, {each['channel']}: {rounded(size, se)} deg/hr from {key.replace('_', ' ')}"
-        for each in noise
-        for key, size, se in beyond_chance(each)
-    )
-    errors = "the standard errors and " * any(each["stated_deg_per_hr"] is not None for each in noise)
-    said = f"the noise of model.yaml states what averages scatter by beyond {errors}the model read"
-    inside = [f"{each}, which model.yaml states" for each in flicker_in_words(wanders)]
-    return [*([f"{said}: {more}"] if more else []), *inside]
-
-
-def flicker_in_words(wanders: Mapping[int, Wander]) -> list[str]:
-    """Say of which sensors the series show flicker, and how much."""
-    return [
-        f"the series of sensor {number} show flicker: a bias instability of {rounded(own.size, own.se)} deg/hr"
-        for number, own in wanders.items()
-    ]
 
 
 def values_off(standing: Mapping[str, Any] | None, gap: Gap) -> list[str]:

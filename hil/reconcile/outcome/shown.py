@@ -10,8 +10,8 @@ from hil.reconcile.naming import LIKELY
 from hil.reconcile.outcome import findings, mistakes, scatter
 from hil.reconcile.outcome.added import Added
 from hil.reconcile.outcome.answer import Answer
-from hil.reconcile.outcome.sentences import scatter_in_words, stated_in_words, values_off
-from hil.reconcile.outcome.stated import lacking
+from hil.reconcile.outcome.sentences import values_off
+from hil.reconcile.outcome.stated import lacking, scatter_in_words, stated_in_words
 from hil.reconcile.proof.experiment import next_experiment
 from hil.reconcile.proof.places import channels_touched, places
 from hil.reconcile.result import Disagreement, FoundEffect, Reconciliation, Solved, without_collects

@@ -1,25 +1,28 @@
-"""What the written model states of noise: what is ordinary, white noise, and the flicker that series show."""
+"""What the written model states of noise, and in words: what is ordinary, white noise, and flicker that series show."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from scipy.special import chdtr
 
 from hil.campaign import Campaign, Conditions
+from hil.files.numbers import rounded
 from hil.model import Model
 from hil.model.curve import Constant, Curve, Table
 from hil.model.effects.base import VarianceEffect
 from hil.model.effects.inside import OF_NORMAL, OFTEN
 from hil.model.effects.noise import BiasInstability, TurnOnBias
+from hil.model.effects.prior import ALPHA
 from hil.model.forms import bias_names
 from hil.model.stated_noise import ScatterTerm, SensorNoise
 from hil.reconcile.outcome.scatter import FoundScatter
 from hil.reconcile.wander import Wander, wandering
 from hil.solve.precision import to_record
-from hil.solve.repeats import SensorRepeats
+from hil.solve.repeats import MISSTATED, SensorRepeats
 from hil.solve.temperatures import level_degC, same_temperature
-from procedures.words import listed
+from procedures.words import listed, significant
 
 _WHITE = "deg/sqrt(hr)"
 _OF_A_MEDIAN = 1.25  # times as uncertain as a mean is a median of normal numbers
@@ -139,6 +142,19 @@ def not_repeated(noise: Iterable[Mapping[str, Any]], shown: Mapping[int, SensorR
     return listed(differ) if differ else ""
 
 
+def not_between_repeats(noise: Iterable[Mapping[str, Any]], shown: Mapping[int, SensorRepeats]) -> str:
+    """Name the channels that differ from run to run, and beyond chance less so between runs of one temperature."""
+    differ = []
+    for of in noise:
+        repeats, offset = shown.get(of["sensor"]), of["run_offset_deg_per_hr"]
+        if repeats is not None and repeats.repeated and any(key == "run_to_run" for key, *_ in beyond_chance(of)):
+            told = np.array([name.startswith("B") for name in repeats.names]) & (repeats.spread.degrees > 0.0)
+            seen = repeats.spread.degrees[told] * (repeats.spread.observed[told] / offset) ** 2
+            if told.any() and np.all(chdtr(repeats.spread.degrees[told], seen) < ALPHA):
+                differ.append(f"{of['channel']} of sensor {of['sensor']}")
+    return listed(differ) if differ else ""
+
+
 def lacking(filed: Campaign, scatter: Iterable[FoundScatter], noise: Iterable[Mapping[str, Any]]) -> list[str]:
     """Return what nobody recorded and what changes from run to run may follow: what was found, or an offset.
 
@@ -156,3 +172,51 @@ def _grown(stated: Curve | None, size: float, se: float, conditions: Conditions)
     if stated is None or before <= 0.0:
         return Constant(unit="deg/hr", value=size, se=se)
     return stated.scaled(float(np.hypot(1.0, size / before)))
+
+
+def scatter_in_words(noise: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Say where the averages scatter by more than standard errors and model explain, one sentence per channel."""
+    return [
+        f"sensor {n['sensor']}, {n['channel']}: about {n['under']}, the averages scatter {_more(n)}, by "
+        f"{n['observed_deg_per_hr']:.3g} deg/hr"
+        for n in noise
+        if _times(n) > MISSTATED
+    ]
+
+
+def at_most(noise: Sequence[Mapping[str, Any]]) -> str:
+    """Say by how much more than is explained the channel scatters that does so most; empty where none does."""
+    most = max(noise, key=_times, default=None)
+    return _more(most) if most and _times(most) > MISSTATED else ""
+
+
+def _more(channel: Mapping[str, Any]) -> str:
+    say = "and the model say" if channel["explained_deg_per_hr"] > 1.01 * channel["stated_deg_per_hr"] else "say"
+    return f"{significant(_times(channel))} times as much as their standard errors {say}"
+
+
+def _times(channel: Mapping[str, Any]) -> float:
+    """Return how many times what is explained the averages scatter by: 0 where chance explains it, or nothing is."""
+    known = channel["explained_deg_per_hr"] if channel["scatter"] or [*beyond_chance(channel)] else None
+    return float((channel["observed_deg_per_hr"] or 0.0) / known) if known else 0.0
+
+
+def stated_in_words(noise: Sequence[Mapping[str, Any]], wanders: Mapping[int, Wander]) -> list[str]:
+    """Say in a sentence what the improved model's noise states beyond that of the model that was read."""
+    more = "; ".join(
+        f"sensor {each['sensor']}, {each['channel']}: {rounded(size, se)} deg/hr from {key.replace('_', ' ')}"
+        for each in noise
+        for key, size, se in beyond_chance(each)
+    )
+    errors = "the standard errors and " * any(each["stated_deg_per_hr"] is not None for each in noise)
+    said = f"the noise of model.yaml states what averages scatter by beyond {errors}the model read"
+    inside = [f"{each}, which model.yaml states" for each in flicker_in_words(wanders)]
+    return [*([f"{said}: {more}"] if more else []), *inside]
+
+
+def flicker_in_words(wanders: Mapping[int, Wander]) -> list[str]:
+    """Say of which sensors the series show flicker, and how much."""
+    return [
+        f"the series of sensor {number} show flicker: a bias instability of {rounded(own.size, own.se)} deg/hr"
+        for number, own in wanders.items()
+    ]

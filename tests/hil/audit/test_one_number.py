@@ -30,7 +30,8 @@ from hil.model.forms import default_form
 from hil.model.stated_noise import SensorNoise
 from hil.reconcile import reconcile
 from hil.reconcile.fleet import Screen
-from hil.reconcile.outcome.sentences import scatter_in_words, what_to_do
+from hil.reconcile.outcome.sentences import what_to_do
+from hil.reconcile.outcome.stated import scatter_in_words
 from hil.reconcile.scattering import what_scatters
 from hil.solve import repeats, solve_campaign
 from hil.solve.beside_terms import solve_beside

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -206,3 +207,19 @@ def test_values_that_are_off_by_the_noise_that_their_model_states_are_right(tmp_
     assert found.as_it_stands["rms_deg_per_hr"] > 1.5 * found.gap.noise_floor
     assert found.as_it_stands["noise_deg_per_hr"] == pytest.approx(np.hypot(9.0, 0.93))
     assert not values_off(found.as_it_stands, found.gap)
+
+
+def test_what_runs_of_one_temperature_do_not_differ_by_is_in_no_error_of_theirs() -> None:
+    """Six runs at three temperatures tell no slope for certain: an offset of each run is none where repeats agree."""
+    rng = np.random.default_rng(3)
+    rows = lay_out(rng, temperatures=(0.0, 23.0, 50.0), positions=("1", "2", "3"))
+    slope = np.outer(0.2 * (rows.setpoint - 23.0), [1.0, 0.0])
+    rates = base_rates(rows, thermal=False) + slope + noise(rows, rng, run_bias=0.8, rho=0.0)
+    (collects,) = campaign_of(rows, rates).sensors.values()
+    conditions = replace(collects.conditions, columns={"temperature_degC": rows.setpoint})
+    settled = replace(campaign_of(rows, rates), sensors={2: replace(collects, conditions=conditions)})
+    found = reconcile(settled, "matrix-6", prove=False)
+    act = what_to_do(found)[1]
+    assert found.verdict == "none"
+    assert "First see to what RA of sensor 2 follows: runs of one temperature differ less (hil thermal)" in act
+    assert "± of hil solve" not in act

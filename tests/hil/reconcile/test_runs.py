@@ -11,7 +11,8 @@ import pytest
 from hil.campaign import Campaign
 from hil.model.effects.catalogue import effect_by_id
 from hil.reconcile import Reconciliation, reconcile
-from hil.reconcile.outcome.sentences import scatter_in_words, summary
+from hil.reconcile.outcome.sentences import summary
+from hil.reconcile.outcome.stated import scatter_in_words
 from hil.reconcile.scattering import what_scatters
 from tests.hil.analysis.thermal.nights import RUN_TO_RUN, rotor_night, scaled
 from tests.hil.reconcile.hidden_effects import EIGHT, Rows, base_rates, campaign_of, hidden_campaign, lay_out, noise
