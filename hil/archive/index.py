@@ -27,7 +27,7 @@ from hil.errors import InputError
 if TYPE_CHECKING:  # a list of units loads no arithmetic
     from hil.solve.uncertain import Uncertain
 
-_VERSION = 1
+_VERSION = 2
 _BUSY_S = 30.0
 _TABLES = Path(__file__).with_name("index.sql")
 
@@ -129,14 +129,14 @@ class Index:
         from hil.solve.uncertain import Uncertain
 
         rows = self._connection.execute(
-            "SELECT entry, sensor, parameter, temperature_degC, own_degC, value, sd, freedom, runs, unit FROM means "
-            "JOIN entries ON name = entry WHERE serial = ? ORDER BY began_utc, means.rowid",
+            "SELECT entry, sensor, parameter, temperature_degC, own_degC, value, sd, freedom, runs, unit, beyond "
+            "FROM means JOIN entries ON name = entry WHERE serial = ? ORDER BY began_utc, means.rowid",
             (serial,),
         )
         found = []
-        for entry, sensor, parameter, at, own, value, sd, freedom, runs, unit in rows:
+        for entry, sensor, parameter, at, own, value, sd, freedom, *more in rows:
             known = (math.nan if sd is None else sd, math.inf if freedom is None else freedom)
-            found.append(ArchivedMean(entry, sensor, parameter, at, own, Uncertain(value, *known, runs, unit)))
+            found.append(ArchivedMean(entry, sensor, parameter, at, own, Uncertain(value, *known, *more)))
         return found
 
     def settings(self, digests: Sequence[str]) -> dict[str, Mapping[str, Any]]:

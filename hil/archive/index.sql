@@ -10,7 +10,7 @@ CREATE INDEX entries_of_unit ON entries (serial);
 CREATE TABLE means (
     entry TEXT NOT NULL REFERENCES entries (name) ON DELETE CASCADE, sensor INTEGER NOT NULL, parameter TEXT NOT NULL,
     temperature_degC REAL, own_degC REAL, value REAL NOT NULL, sd REAL, freedom REAL, runs INTEGER NOT NULL,
-    unit TEXT NOT NULL
+    unit TEXT NOT NULL, beyond REAL
 );
 CREATE INDEX means_of_entry ON means (entry);
 CREATE TABLE settings (digest TEXT PRIMARY KEY, document TEXT NOT NULL);

@@ -91,7 +91,7 @@ def _read(connection: sqlite3.Connection, archive: Path, name: str, now: str) ->
         connection.execute("DELETE FROM entries WHERE name = ?", (name,))
         marks = ", ".join(f":{each}" for each in entry)
         connection.execute(f"INSERT INTO entries ({', '.join(entry)}) VALUES ({marks})", entry)  # noqa: S608
-        connection.executemany(f"INSERT INTO means VALUES ({', '.join('?' * 10)})", means)  # noqa: S608
+        connection.executemany(f"INSERT INTO means VALUES ({', '.join('?' * 11)})", means)  # noqa: S608
         if text:
             connection.execute("INSERT OR IGNORE INTO settings VALUES (?, ?)", (entry["settings"], text))
 
@@ -125,8 +125,8 @@ def _means(name: str, shown: Mapping[int, SensorRepeats]) -> Iterator[tuple[Any,
         for mean in of_sensor.means:
             own = None if mean.unit_degC is None else sum(mean.unit_degC) / 2.0
             for parameter, of in mean.values.items():
-                known = (finite(of.sd), finite(of.freedom))
-                yield name, number, parameter, mean.temperature_degC, own, of.value, *known, of.runs, of.unit
+                known = (finite(of.sd), finite(of.freedom), of.runs, of.unit, of.beyond)
+                yield name, number, parameter, mean.temperature_degC, own, of.value, *known
 
 
 def _settings(facts: Mapping[str, Any], configuration: Mapping[str, Any]) -> dict[str, Any]:

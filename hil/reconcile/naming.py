@@ -4,8 +4,9 @@ reading = read(posterior, alpha)
 reading.names           # one Named per effect: probability, rivals, what data and what physics say
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from hil.reconcile.rivals import Rival
 from hil.reconcile.search.fitted import Fitted, fitted
 from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.terms import IDENTICAL, NO_NAME, Term
+from hil.reconcile.unrecorded import Unasked, own_share, unasked
 from hil.solve.explained import CERTAIN as DONE
 
 CERTAIN = 0.8
@@ -77,7 +79,8 @@ def read(posterior: Posterior, alpha: float) -> Reading:
     every: dict[Names, float] = {}
     for own, weight, f in sets:
         every[own - f.scatter, f.scatter] = every.get((own - f.scatter, f.scatter), 0.0) + weight
-    lead = leading(every, alpha)
+    beside = unasked(posterior)
+    lead = leading(every, alpha, {name: own_share(beside, name) for name in beside})
     unnamed = [f for own, _, f in sets if not own]
     # Where something has to be missing, a row may only stand in its place: it is asked for whatever else is there.
     among, sure = (unnamed, LIKELY) if chance > alpha else (posterior.sets, DONE)
@@ -88,7 +91,7 @@ def read(posterior: Posterior, alpha: float) -> Reading:
     first = _surely_wrong(posterior, of_lead, among, sure) or of_lead  # where none leaves less out, the likeliest
     found = first[0] if first and (lead or chance <= alpha) else as_filed
     fit = fitted(posterior, found)
-    names = [_named(fit, sets, name, lead) for name in sorted(lead)]
+    names = [_named(fit, sets, name, lead, beside) for name in sorted(lead)]
     # Of what is as sure, that which moves averages comes first.
     names = sorted(names, key=lambda named: (-round(named.probability, 2), named.acts_on, -named.probability))
     mended = unnamed[0] if unnamed else as_filed
@@ -108,15 +111,23 @@ def _surely_wrong(posterior: Posterior, sets: Sequence[Found], among: Sequence[F
     return [f for f in sets if left_out(f) <= max(most, default=0)]
 
 
-def leading(every: Mapping[Names, float], alpha: float) -> frozenset[str]:
+def leading(
+    every: Mapping[Names, float], alpha: float, own: Mapping[str, float] = MappingProxyType({})
+) -> frozenset[str]:
     """The most probable names together, less those beside which nothing more would have been called missing.
 
     `every` has each set's probability by what moves averages in it, and what scatters them. What moves them must stand
-    against what only scatters, too: noise that wanders looks like much.
+    against what only scatters, too: noise that wanders looks like much. Of names `own` is the part that is theirs.
     """
+
+    def named(key: Names) -> float:
+        return weights[key] * float(np.prod([own.get(name, 1.0) for name in key[0] | key[1]]))
+
     weights = every
     while True:
         names, scatter = max(weights, key=lambda key: weights[key], default=(frozenset[str](), frozenset[str]()))
+        if names | scatter:  # what has no name has nobody to share with
+            names, scatter = max((key for key in weights if key[0] | key[1]), key=named)
         left = {kind: _mass_of(every, names, scatter - {kind}) for kind in scatter}
         for name in names:
             others = names - {name}
@@ -133,7 +144,13 @@ def _mass_of(weights: Mapping[Names, float], names: frozenset[str], scatter: fro
     return sum(w for (own, kinds), w in weights.items() if own <= names and (scatter is None or kinds <= scatter))
 
 
-def _named(fit: Fitted, sets: Sequence[_Weighed], name: str, lead: frozenset[str]) -> Named:
+def _named(
+    fit: Fitted,
+    sets: Sequence[_Weighed],
+    name: str,
+    lead: frozenset[str],
+    beside: Mapping[str, Sequence[Unasked]],
+) -> Named:
     """One name with its rivals: what stands in its place where it is not."""
     posterior = fit.posterior
     probability = sum(weight for names, weight, _ in sets if name in names)
@@ -142,23 +159,52 @@ def _named(fit: Fitted, sets: Sequence[_Weighed], name: str, lead: frozenset[str
     first = next((posterior.term(n, places[0]) for n, places in own.items()), None)
     effect: Described | None = posterior.scatter[name] if first is None else first.candidate.effect
     instead = in_its_place([each for each in sets if name not in each[0]], lead, moves=bool(own))
-    rivals, before = [], set[int]()
+    rivals, before = dict[str, Rival](), set[int]()
     for rival in sorted(instead, key=lambda each: -sum(weight for _, weight, _ in instead[each])):
         without = sum(weight for _, weight, f in instead[rival] if id(f) not in before)
         before |= {id(f) for _, _, f in instead[rival]}
-        rivals.append(replace(_rival(fit, name, effect, probability, rival, instead[rival], own), alone=without))
-    told = [r for r in rivals if r.probability >= LEAST or r.alike]
-    listed = sorted(told, key=lambda r: -r.probability)
-    alike = [r for r in listed if r.alike and r.overlap > IDENTICAL]
+        rivals[rival] = replace(_rival(fit, name, effect, probability, rival, instead[rival], own), alone=without)
+    alike = [r for r in rivals.values() if r.alike and r.overlap > IDENTICAL]
     withheld = [r for r in alike if r.likely or r.probability > 1.0 - CERTAIN]
     nothing_there = sum(weight for names, weight, f in sets if name not in names and names - f.scatter <= lead)
     sure = probability >= CERTAIN and not (own and nothing_there > BY_CHANCE)
-    kind = NO_NAME if name == NO_NAME else "named" if sure and not withheld else "ambiguous"
+    named = sure and not withheld and name not in beside
+    kind = NO_NAME if name == NO_NAME else "named" if named else "ambiguous"
+    share = own_share(beside, name)
     of_sensor = {
-        n: sum(weight for _, weight, f in sets if any(posterior.term(n, j).called == name for j in f.terms[n]))
+        n: share * sum(weight for _, weight, f in sets if any(posterior.term(n, j).called == name for j in f.terms[n]))
         for n in own
     }
-    return Named(name, kind, probability, listed, own, effect, "mean" if own else "scatter", of_sensor)
+    itself = Rival(name, probability, 1.0, bayes_factor=1.0, prior_odds=share)
+    told = [*_with_unasked(itself, name, beside, share)][1:]
+    told += [each for rival, of in rivals.items() for each in _with_unasked(of, rival, beside, share)]
+    listed: dict[str, Rival] = {}
+    for each in sorted(told, key=lambda r: -r.probability):
+        if each.probability >= LEAST or each.alike:
+            listed.setdefault(each.id, each)
+    acts_on = "mean" if own else "scatter"
+    return Named(name, kind, share * probability, [*listed.values()], own, effect, acts_on, of_sensor)
+
+
+def _with_unasked(rival: Rival, name: str, beside: Mapping[str, Sequence[Unasked]], share: float) -> Iterator[Rival]:
+    """Yield a rival with what is its own of its probability, and then what could not be tried and has the same history.
+
+    The name that they are held against has a `share` of its own.
+    """
+    own, odds = own_share(beside, name), rival.prior_odds
+    weighed = [(rival, 1.0)]
+    weighed += [
+        (replace(rival, id=of.effect.id, title=of.effect.title, terms={}, remedy=of.remedy), of.weight)
+        for of in beside.get(name, ())
+    ]
+    for each, weight in weighed:
+        part = own * weight
+        yield replace(
+            each,
+            probability=each.probability * part,
+            alone=each.share * part,
+            prior_odds=None if odds is None else odds * part / share,
+        )
 
 
 def in_its_place(sets: Sequence[_Weighed], lead: frozenset[str], *, moves: bool) -> Mapping[str, Sequence[_Weighed]]:

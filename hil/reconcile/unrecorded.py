@@ -5,14 +5,14 @@ temperature; where no temperature was recorded, both explain it equally. And wha
 each temperature where none was met twice.
 """
 
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
-from hil.model.effects.base import Effect, VarianceEffect
+from hil.campaign import Conditions
+from hil.model.effects.base import Effect
 from hil.model.effects.catalogue import effect_by_id
-from hil.reconcile.naming import Named
-from hil.reconcile.rivals import Rival
-from hil.reconcile.search.fitted import Fitted
+from hil.reconcile.search.posterior import Posterior
+from hil.reconcile.search.terms import Term
 from hil.solve.temperatures import runs_by_temperature
 from procedures.words import listed
 
@@ -20,40 +20,50 @@ AGAIN = "a second run at a temperature that has one"
 """What tells what changes from run to run from what follows temperature."""
 
 
-def beside_unasked(named: Named, fit: Fitted) -> Named:
-    """Share a name's probability with those of the same history in time that this data leaves unasked."""
-    unasked: list[tuple[Effect, float, str]] = []
-    if isinstance(named.effect, VarianceEffect) and named.effect.follows == "run" and not repeated(fit):
-        unasked = [(effect_by_id(name), weight, AGAIN) for name, weight in named.effect.kin.items()]
-    elif named.terms and isinstance(named.effect, Effect):
-        unasked = [*_of_its_history(named, named.effect, fit)]
-    if not unasked:
-        return named
-    share = 1.0 / (1.0 + sum(weight for _, weight, _ in unasked))
-    others = [
-        Rival(effect.id, named.probability * share * weight, 1.0, effect.title, 1.0, weight, remedy=remedy)
-        for effect, weight, remedy in unasked
-    ]
-    rivals = sorted([*named.rivals, *others], key=lambda r: -r.probability)
-    of_sensor = {n: own * share for n, own in named.of_sensor.items()}
-    return replace(named, probability=named.probability * share, of_sensor=of_sensor, rivals=rivals, kind="ambiguous")
+@dataclass(frozen=True)
+class Unasked:
+    """An effect that could not be tried, how probable it is beside the name whose rows it shares, and what tells it."""
+
+    effect: Effect
+    weight: float
+    remedy: str
 
 
-def repeated(fit: Fitted) -> bool:
+def unasked(posterior: Posterior) -> dict[str, Sequence[Unasked]]:
+    """Return by name what has the same history in these rows and could not be tried; nothing where all was."""
+    conditions = {number: search.blocks[0].noise.conditions for number, search in posterior.searches.items()}
+    first: dict[str, tuple[Term, Conditions]] = {}
+    for found in posterior.sets:
+        for number, places in found.terms.items():
+            for term in (posterior.term(number, j) for j in places):
+                first.setdefault(term.called, (term, conditions[number]))
+    out = {name: [*_of_its_history(name, term, here)] for name, (term, here) in first.items()}
+    if not repeated(conditions.values()):
+        kin = {name: effect.kin for name, effect in posterior.scatter.items() if effect.follows == "run"}
+        out |= {name: [Unasked(effect_by_id(n), w, AGAIN) for n, w in own.items()] for name, own in kin.items()}
+    return {name: of for name, of in out.items() if of}
+
+
+def own_share(of: Mapping[str, Sequence[Unasked]], name: str) -> float:
+    """Return which part of a name's probability is its own beside what could not be tried."""
+    return 1.0 / (1.0 + sum(each.weight for each in of.get(name, ())))
+
+
+def repeated(conditions: Iterable[Conditions]) -> bool:
     """Whether any run was made at a temperature that another has."""
-    return any(len(runs) > 1 for here in fit.conditions.values() for _, runs in runs_by_temperature(here))
+    return any(len(runs) > 1 for here in conditions for _, runs in runs_by_temperature(here))
 
 
-def _of_its_history(named: Named, effect: Effect, fit: Fitted) -> Iterator[tuple[Effect, float, str]]:
+def _of_its_history(name: str, term: Term, here: Conditions) -> Iterator[Unasked]:
     """Yield what has a name's history in time and could not be tried, its weight, and what would tell it apart."""
-    number, places = next(iter(named.terms.items()))
-    here, own = fit.conditions[number], effect if named.name == effect.id else effect_by_id(named.name)
-    kin = own.kin_for(here, fit.posterior.term(number, places[0]).candidate.shape)
-    for name, weight in kin.items():
-        other = effect_by_id(name)
-        needs = other.missing(here)
-        if needs or not other.shape_grid(here):
+    effect = term.candidate.effect
+    if not name or effect is None:
+        return
+    own = effect if name == effect.id else effect_by_id(name)
+    for other, weight in own.kin_for(here, term.candidate.shape).items():
+        needs = effect_by_id(other).missing(here)
+        if needs or not effect_by_id(other).shape_grid(here):
             record = [f"record {listed(need.replace('|', ' or ') for need in needs)}"] if needs else []
-            yield other, weight, record[0] if record else other.experiment
-    for name, weight in own.aliases_for(here).items():
-        yield effect_by_id(name), weight, own.experiment
+            yield Unasked(effect_by_id(other), weight, record[0] if record else effect_by_id(other).experiment)
+    for other, weight in own.aliases_for(here).items():
+        yield Unasked(effect_by_id(other), weight, own.experiment)

@@ -20,7 +20,6 @@ from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.fitted import Fitted, Values, fitted
 from hil.reconcile.search.posterior import Posterior
 from hil.reconcile.search.problem import Problem, SensorProblem
-from hil.reconcile.unrecorded import beside_unasked
 from procedures.words import listed, percent
 
 ORDINARY = "ordinary"
@@ -54,10 +53,10 @@ class Answer:
         """What is without anything that was found, fitted."""
         return fitted(self.posterior, self.reading.nothing)
 
-    @cached_property
+    @property
     def names(self) -> Sequence[Named]:
         """The names, as sure as what was not recorded leaves them."""
-        return [beside_unasked(named, self.fit) for named in self.reading.names]
+        return self.reading.names
 
     @cached_property
     def terms(self) -> Sequence[tuple[Candidate, Values]]:

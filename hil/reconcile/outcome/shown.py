@@ -16,6 +16,7 @@ from hil.reconcile.proof.experiment import next_experiment
 from hil.reconcile.proof.places import channels_touched, places
 from hil.reconcile.result import Disagreement, FoundEffect, Reconciliation, Solved, without_collects
 from hil.reconcile.search.terms import NO_NAME
+from hil.reconcile.unrecorded import own_share, unasked
 from hil.solve.both_sensors import common_and_differential
 from hil.solve.omissions import in_words, otherwise, without
 from hil.solve.temperatures import too_few
@@ -116,8 +117,8 @@ def _may_be_too(found: Answer) -> Iterator[str]:
         titles |= own
         for name in own:
             likely[name] = likely.get(name, 0.0) + float(np.exp(each.log_weight))
-    called = {named.name for named in (*found.names, *found.reverted)}
-    for name, share in likely.items():
+    called, beside = {named.name for named in (*found.names, *found.reverted)}, unasked(found.posterior)
+    for name, share in ((name, own_share(beside, name) * share) for name, share in likely.items()):
         if share > LIKELY and name not in called:
             which = "something that no effect describes" if name == NO_NAME else f"{titles[name]} ({name})"
             yield f"{which}: {percent(share)}, and so not called missing at a rate of false alarms of {found.alpha:.2g}"

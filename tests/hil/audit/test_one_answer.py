@@ -146,11 +146,14 @@ def test_what_moves_both_sensors_is_said_wherever_somebody_asks_what_scatters(
 
 def test_what_parts_a_bias_at_each_temperature_from_its_rival_is_what_parts_the_effect_of_that_name() -> None:
     """Any collects tell a bias; whether it follows temperature or remembers it, no further collect of a climb does."""
-    asked = reconcile(campaign(9, 3, seed=211, scatter=0.3), "matrix-6", prove=False).next_experiment
+    one = campaign(9, 3, seed=211, scatter=0.3)
+    rows = one.sensors[2]
+    columns = rows.conditions.columns | {"case_degC": rows.conditions.columns["temperature_degC"] + 2.0}
+    recorded = replace(rows, conditions=replace(rows.conditions, columns=columns))
+    asked = reconcile(replace(one, sensors={2: recorded}), "matrix-6", prove=False).next_experiment
     assert asked is not None
-    assert asked["why"].endswith(
-        "separates bias_T from hyst. Revisit every temperature from both directions and on another day"
-    )
+    assert asked["why"].startswith("no stationary collect that was tried separates bias_T from ")
+    assert asked["why"].endswith("Revisit every temperature from both directions and on another day")
 
 
 @pytest.mark.parametrize("ask", ["poses, dead channel"], indirect=True)

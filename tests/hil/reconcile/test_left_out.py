@@ -140,7 +140,7 @@ def test_a_sensor_of_which_every_run_fails_says_nothing_of_another() -> None:
 
 def test_nothing_that_could_be_tested_is_said_to_be_so() -> None:
     """One run alone: none, and the first words are that it means nothing."""
-    full = hidden_campaign(7, mass_unbalance, thermal=False, mu=False)
+    full = hidden_campaign(7, mass_unbalance, thermal=False, mu=False, positions=("1", "2", "3"))
     alone = only(full, full.sensors[2].conditions.run == 1)
     result = reconcile(replace(alone, verdicts={1: NOT_GOOD, 2: NOT_GOOD}, missing=["run 2"]), "matrix-6")
     assert (result.doubtful, result.without["missing"]) == ({"INCONCLUSIVE": [1]}, ["run 2"])

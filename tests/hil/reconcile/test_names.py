@@ -71,6 +71,16 @@ def test_what_moves_averages_leads_only_where_scatter_alone_is_improbable(
     assert leading(every, 0.05) == set(lead.split())
 
 
+def test_a_name_leads_by_what_is_its_own() -> None:
+    """Of a hysteresis that nobody recorded enough for, three quarters are what could not be tried."""
+    every = {("bias_T", ""): 0.40, ("hyst", ""): 0.52, ("", ""): 0.03}
+    weights = {(frozenset(mean.split()), frozenset(kinds.split())): p for (mean, kinds), p in every.items()}
+    assert leading(weights, 0.05) == {"hyst"}
+    assert leading(weights, 0.05, {"hyst": 0.25, "bias_T": 0.8}) == {"bias_T"}
+    weights[frozenset(), frozenset()] = 0.6  # but nothing is no name, and leads by all that it has
+    assert leading(weights, 0.05, {"hyst": 0.25, "bias_T": 0.8}) == set()
+
+
 def test_of_two_causes_outside_the_sensor_that_look_the_same_neither_is_named() -> None:
     """Input axes that lean are as usual as a magnetic field; as a mass unbalance they are not, and it has its name."""
     here = [hidden_campaign(7).sensors[2].conditions]

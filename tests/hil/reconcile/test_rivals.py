@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import pytest
 
 from hil.campaign import FloatArray
 from hil.reconcile import reconcile
@@ -58,6 +59,18 @@ def warm_unit(temperatures: tuple[float, ...]) -> Reconciliation:
 def test_nothing_makes_the_earth_turn_faster() -> None:
     """What GSA and MUB follow is theirs, and no term without a name of a rate that is known."""
     assert {"GS_T", "MU_real"} <= {effect.id for effect in warm_unit(EIGHT).effects}
+
+
+def test_a_rival_is_as_probable_as_what_the_data_say_of_it_and_what_was_known_make_it() -> None:
+    """Of the name's own part, where more of its history could not be asked about."""
+    effects = [*with_bias(0, lambda rows: 0.0 * rows.start_s).effects, *warm_unit(EIGHT).effects]
+    rivals = [(effect, rival) for effect in effects for rival in effect.confusable_with]
+    assert {"demod", "k2"} <= {rival.id for _, rival in rivals}  # nobody recorded the case, and three poses tell no k2
+    for effect, rival in rivals:
+        assert rival.bayes_factor is not None
+        assert rival.prior_odds is not None
+        both = effect.probability * rival.bayes_factor * rival.prior_odds
+        assert rival.probability == pytest.approx(both, rel=1e-6, abs=1e-12)
 
 
 def test_values_that_follow_temperature_are_said_to() -> None:
