@@ -98,10 +98,13 @@ class Scattering:
             for rival in each.rivals
             if each.acts_on == "scatter" and (rival.terms or rival.remedy) and rival.probability > 1.0 - CERTAIN
         ]
+        if instead:
+            scatters = listed([likely[n.name] for n in found.names if n.acts_on == "scatter"])
+            either = f"either something moves the mean, {listed(instead)}, or averages scatter, {scatters}"
+            told = [f"{either}: these collects cannot tell, and sizes are of what scatters"]
         return [
             *alone,
             *told,
-            *([f"or it is no scatter, and moves the mean: {listed(instead)}"] if instead else []),
             *([f"it may follow {listed(self.to_record)}, which nobody recorded"] if self.to_record else []),
             *([] if self.both is None else self.both.sentences()),
             *flicker_in_words(self.wanders),

@@ -85,8 +85,9 @@ def test_what_is_taken_for_scatter_is_said_to_be_however_probable_it_is() -> Non
     found = what_scatters(FOLDERS["after a pause"]())
     said = found.sentences()
     assert (found.named, [size.effect.id for size in found.sizes]) == ((), ["rrw"])
-    assert re.search(r"Rate random walk \(\d+ %\)", said[0])
-    assert said[1].startswith("or it is no scatter, and moves the mean: Ageing of the bias (")
+    either = r"either something moves the mean, Ageing of the bias \(\d+ %\)"
+    assert re.match(rf"{either}, or averages scatter, Rate random walk \(\d+ %\)", said[0])
+    assert not any("no name" in line for line in said)  # white noise is beside the one as beside the other
 
 
 def test_the_usual_run_is_as_sure_beside_one_that_is_not() -> None:
