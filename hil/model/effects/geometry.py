@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.campaign import Conditions, FloatArray, TextArray
+from hil.campaign import Conditions, FloatArray, IntArray, TextArray
 
 LEVEL = 0.05
 """Of 1 g, along an axis that is called horizontal: three degrees."""
@@ -36,8 +36,8 @@ def frame_by_heading(conditions: Conditions) -> tuple[LocalFrame, TextArray]:
 
     Where no earth rate tells north, an axis that a unit was turned about stays level, and points where it did: north is
     then a right angle from it, wherever that is. A unit that was turned over in several ways had some heading in each
-    position, and "north" is a level direction there, the same in every row of that position. It is zero where a
-    position was measured once, of which a heading would explain everything.
+    place, and "north" is a level direction there, the same in every row of it, whatever its position is called. It is
+    zero where a place was measured once, of which a heading would explain everything.
     """
     frame, one = local_frame(conditions), np.full(len(conditions), "")
     if np.any(frame.north):
@@ -46,13 +46,23 @@ def frame_by_heading(conditions: Conditions) -> tuple[LocalFrame, TextArray]:
     if len(size) > 2 and size[2] < LEVEL * np.sqrt(len(conditions)) and size[1] > size[0] * LEVEL:
         north, headings = np.cross(axes[2], frame.up), one
     else:
-        _, at, often = np.unique(conditions.position, return_inverse=True, return_counts=True)
+        at = _places(frame.up)
+        first, often = np.unique(at, return_index=True, return_counts=True)[1:]
         leaning = np.array([np.abs(frame.up[at == k]).sum(axis=0) for k in range(len(often))]).reshape(-1, 3)
         again = often[at] > 1
         north = np.cross(np.eye(3)[np.argmin(leaning, axis=1)][at], frame.up) * again[:, None]
-        headings = np.where(again, conditions.position, "")
+        headings = np.where(again, conditions.position[first][at], "")
     north = _unit(north)
     return LocalFrame(frame.up, north, np.cross(frame.up, north)), headings
+
+
+def _places(up: FloatArray) -> IntArray:
+    """Number (n,) the places in which a unit lay, by where up was, (n, 3): a log calls each stretch another pose."""
+    at = np.full(len(up), -1)
+    while np.any(new := at < 0):
+        near = np.linalg.norm(up - up[np.argmax(new)], axis=1) <= LEVEL
+        at[new & near] = at.max() + 1
+    return at
 
 
 def _unit(vectors: FloatArray, least: float = 0.0) -> FloatArray:

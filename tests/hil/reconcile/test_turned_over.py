@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -68,3 +70,15 @@ def test_what_the_earth_cannot_do_is_called_anisoelasticity_whatever_was_recorde
     result = reconcile(six_faces(1, 60.0), "triad-12", prove=False)
     assert result.effects[0].id == "k2"
     assert result.effects[0].probability > 0.95
+
+
+def test_a_place_is_where_the_unit_lay_whatever_its_pose_is_called() -> None:
+    """A log numbers its stretches: no pose of it is met again, and accelerations tell that a face was, to a degree."""
+    (collects,) = six_faces(1).sensors.values()
+    conditions, rng = collects.conditions, np.random.default_rng(1)
+    numbered = np.array([f"pose-{collect}" for collect in conditions.collect])
+    f = conditions.f_g + 0.01 * rng.normal(size=conditions.f_g.shape)
+    log = replace(collects, conditions=replace(conditions, position=numbered, f_g=f))
+    result = reconcile(replace(six_faces(1), sensors={1: log}), "triad-12", prove=False)
+    assert names(result) == ["earth", "k2"]
+    assert {of["name"] for of in result.effects[0].parameters} >= {f"dW_level_pose-{k}" for k in range(1, 7)}
