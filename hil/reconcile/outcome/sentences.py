@@ -87,6 +87,14 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
         act += (
             f" Averages scatter {more}; {listed([*known, 'the noise of model.yaml'])} {'have' if known else 'has'} it."
         )
+    if (
+        kind in {"none", "apart"}
+        and result.input_model.noise
+        and result.solved.of_sensors
+        and not result.left.of_sensors
+    ):
+        doubts = ", ".join(told for _, told in of_sensors_in_words(result.solved.of_sensors, set()))
+        act += f" That is by the noise that the model states; hil solve, which takes none, does not pass {doubts}."
     if kind in {"none", "named", "ambiguous"} and _follows_temperature(result):
         few = too_few(result.solved.temperatures)
         act += " The model's values follow temperature." * result.calibrated

@@ -16,6 +16,7 @@ from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.page import page
 from hil.reconcile.outcome.sentences import values_off, what_to_do
 from hil.reconcile.outcome.stated import with_ordinary
+from hil.reconcile.result import Solved
 from hil.reconcile.scattering import what_scatters
 from tests.hil.analysis.thermal.nights import rotor_night
 from tests.hil.reconcile.hidden_effects import Rows, base_rates, campaign_of, hidden_campaign, lay_out, noise
@@ -71,6 +72,14 @@ def test_what_is_asked_with_it_has_nothing_to_add(found: Reconciliation, tmp_pat
     assert again.model_after == again.input_model
     assert again.gap.after >= again.gap.noise_floor
     assert all(each["observed_deg_per_hr"] < 1.3 * each["explained_deg_per_hr"] for each in again.noise)
+
+
+def test_by_whose_noise_nobody_has_to_act_is_said(found: Reconciliation) -> None:
+    """By that of the model that was read: what hil solve does not pass without it stands beside what needs nobody."""
+    passed = replace(found, input_model=found.model_after, left=Solved(), solved=Solved({"FAIL": {2: [1]}}), noise=[])
+    said = "That is by the noise that the model states; hil solve, which takes none, does not pass run 1 (FAIL)."
+    assert what_to_do(passed)[1].startswith(f"Nobody has to act. {said}")
+    assert said not in what_to_do(replace(passed, input_model=found.input_model))[1]
 
 
 def test_offsets_however_large_are_offsets() -> None:
