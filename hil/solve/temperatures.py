@@ -52,16 +52,18 @@ def same_temperature(conditions: Conditions, apart_degC: float | None = None) ->
     return out
 
 
-def runs_by_temperature(conditions: Conditions) -> list[tuple[float | None, tuple[int, ...]]]:
+def runs_by_temperature(
+    conditions: Conditions, apart_degC: float | None = None
+) -> list[tuple[float | None, tuple[int, ...]]]:
     """Group the runs that were made at one temperature, coldest first, with the mean over a group's runs, °C.
 
     A run stands at the temperature at which most of its collects do. Without any temperature all runs are one group. A
     run whose own is not known is a group by itself (None): nobody can say that it repeats another.
     """
-    every, level = conditions.of_each_run, level_degC(conditions)
-    if level is None:
+    every, name = conditions.of_each_run, told_by(conditions, apart_degC)
+    if name is None:
         return [(None, tuple(every))]
-    number = same_temperature(conditions)
+    level, number = conditions.columns[name], same_temperature(conditions, apart_degC)
     groups: dict[int, list[int]] = {}
     for run, rows in every.items():
         here = number[rows][number[rows] >= 0]

@@ -25,7 +25,7 @@ from hil.model.forms import LinearForm, default_form, named_form
 from hil.solve import Solution, solve
 from hil.solve.runs import solve_rates, stated_noise
 from hil.solve.spread import Spread
-from hil.solve.temperatures import same_temperature, too_few
+from hil.solve.temperatures import runs_by_temperature, too_few
 from hil.solve.uncertain import CONFIDENCE
 from procedures.words import counted
 
@@ -200,15 +200,15 @@ class Stations:
 
 
 def find_stations(conditions: Conditions, apart_degC: float | None = None) -> Stations:
-    """Group rows by temperature, as `same_temperature` does; raises `InputError` where the rows have none."""
+    """Group rows by their run's temperature (`runs_by_temperature`); raises `InputError` where the rows have none."""
     temperature = conditions.columns.get("temperature_degC")
     if temperature is None or not np.all(np.isfinite(temperature)):
         what = "lacks the column temperature_degC" if temperature is None else "has rows without temperature_degC"
         raise InputError(
             f"sensor {conditions.sensor.number}: the campaign {what}: record it, there is nothing to fit against"
         )
-    number = same_temperature(conditions, apart_degC)
-    centre = np.array([np.mean(temperature[number == place]) for place in range(number.max() + 1)])
+    groups = [np.isin(conditions.run, runs) for _, runs in runs_by_temperature(conditions, apart_degC)]
+    number, centre = np.argmax(groups, axis=0), np.array([np.mean(temperature[here]) for here in groups])
     rising = np.argsort(centre, kind="stable")
     number = np.argsort(rising)[number]
     direction, came = np.zeros(len(number)), 0.0
@@ -256,8 +256,8 @@ def layout_of(
         stations = Stations(number_of[stations.number[keep]], stations.centre_degC[whole], stations.direction[keep])
     if few := too_few(len(stations)):
         raise InputError(
-            f"sensor {number}: {few}, with every parameter (--apart says how far apart two temperatures are)"
-            + "".join(f"; {note.removeprefix(f'sensor {number}: ')}" for note in notes)
+            f"sensor {number}: {few}, with every parameter told by one run (--apart says how far apart two "
+            "temperatures are)" + "".join(f"; {note.removeprefix(f'sensor {number}: ')}" for note in notes)
         )
     own = collects.conditions.columns["temperature_degC"]
     middle, half = 0.5 * float(own.min() + own.max()), 0.5 * float(np.ptp(own))

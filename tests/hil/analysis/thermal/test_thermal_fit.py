@@ -294,6 +294,13 @@ def test_without_repeats_and_standard_errors_the_misfit_is_the_noise() -> None:
     assert any("what the curves leave is taken for noise" in note for note in sensor.notes)
 
 
+def one_run(campaign: Campaign) -> Campaign:
+    """Return the campaign with all its collects in one run."""
+    collects = campaign.sensors[2]
+    run = np.ones_like(collects.conditions.run)
+    return replace(campaign, sensors={2: replace(collects, conditions=replace(collects.conditions, run=run))})
+
+
 def refused(campaign: Campaign, change: dict[str, np.ndarray]) -> Campaign:
     """Return the campaign with other condition columns."""
     collects = campaign.sensors[2]
@@ -313,6 +320,19 @@ def test_a_temperature_that_no_run_tells_is_left_out_and_its_repeats_are_not(los
     for name, each in fit.parameters.items():
         assert each.values.values == pytest.approx([mean.values[name].value for mean in means])
         assert each.values.se == pytest.approx([mean.values[name].sd for mean in means])
+
+
+def test_a_run_in_which_the_unit_warmed_up_is_one_visit() -> None:
+    """Its parameters stand at the temperature of most of its collects: none is asked of those that it passed."""
+    night = rotor_night(np.random.default_rng(12), {})
+    with pytest.raises(
+        InputError, match="1 temperature; at least three are needed, with every parameter told by one run"
+    ):
+        fit_thermal(refused(one_run(night), {"temperature_degC": np.linspace(20.0, 48.0, 72)}))
+    first = np.tile([-6.0, 0.0, 0.0], 24)  # each run began where the one before it had been
+    shown = night.sensors[2].conditions.columns["temperature_degC"]
+    fit = fit_thermal(refused(night, {"temperature_degC": shown + first})).of(2)
+    assert fit.layout.stations.number.tolist() == fit_thermal(night).of(2).layout.stations.number.tolist()
 
 
 def test_what_stands_in_for_a_thermometer_stands_in_for_a_curve_too() -> None:
