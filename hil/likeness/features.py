@@ -33,14 +33,14 @@ _STILL = 1e-9  # of a condition's size: what differs by less was only reckoned s
 
 
 def features(
-    campaign: Campaign, form: Model, *, calibrated: bool, levels_degC: Sequence[float] | None = None
+    campaign: Campaign, form: Model, *, calibrated: bool, levels_degC: Sequence[float | None] = ()
 ) -> dict[str, float]:
     """Return every compared number of a night by JSON of [part, place, name].
 
     `form` is the model without its values; `calibrated` says that they are fitted at each temperature. Temperatures are
     called as in the measured night, `levels_degC`, coldest first (its own where that is not given).
     """
-    called = levels(campaign) if levels_degC is None else levels_degC
+    called = levels_degC or levels(campaign)
     out: dict[str, float] = {}
     for number, problem in fitted_sensors(campaign, form).items():
         rows = campaign.sensors[number].conditions  # what stands in for a temperature is compared once
@@ -85,15 +85,16 @@ def residuals(problem: SensorProblem, *, calibrated: bool) -> FloatArray:
     return np.asarray(rates - columns @ fit)
 
 
-def levels(campaign: Campaign) -> list[float]:
-    """Return the temperatures of a campaign, coldest first, in whole °C."""
+def levels(campaign: Campaign) -> list[float | None]:
+    """Return the temperatures of a campaign, coldest first, in whole °C; one that has no name where nothing tells."""
     rows = next(iter(campaign.sensors.values())).conditions
     level, station = level_degC(rows), same_temperature(rows)
-    known = np.zeros(len(rows)) if level is None else level
-    return [round(float(np.nanmean(known[station == k]))) for k in np.unique(station[station >= 0])]
+    if level is None:
+        return [None]
+    return [round(float(np.nanmean(level[station == k]))) for k in np.unique(station[station >= 0])]
 
 
-def _places(rows: Conditions, called: Sequence[float], how: str) -> Iterator[tuple[dict[str, Any], FloatArray]]:
+def _places(rows: Conditions, called: Sequence[float | None], how: str) -> Iterator[tuple[dict[str, Any], FloatArray]]:
     """Yield places of a night, each with its rows, (n,) true where they are."""
     if how == "once":
         yield {}, np.ones(len(rows), dtype=bool)
@@ -101,10 +102,11 @@ def _places(rows: Conditions, called: Sequence[float], how: str) -> Iterator[tup
     station, labels = same_temperature(rows), dict.fromkeys(rows.position.tolist()) if how == "everywhere" else ()
     for label in labels:
         yield {"position": label}, rows.position == label
-    for k, at in enumerate(called):
-        yield {"temperature_degC": at}, station == k
+    for k, degC in enumerate(called):
+        at = {} if degC is None else {"temperature_degC": degC}
+        yield at, station == k
         for label in labels:
-            yield {"temperature_degC": at, "position": label}, (station == k) & (rows.position == label)
+            yield {**at, "position": label}, (station == k) & (rows.position == label)
 
 
 def _along(rows: Conditions, left: FloatArray) -> Iterator[_Quantity]:

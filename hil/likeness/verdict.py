@@ -25,8 +25,9 @@ def verdict(nights: Sequence[Mapping[str, float]], coarse: float = 1.0) -> dict[
     """Return `p_value`, `parts` and `places` of the first night among others that are alike, for hil.twin/1.
 
     Conditions may differ by `coarse` times their resolution. All are corrected together: `p_value` is the smallest of
-    its parts', each compared with the smallest of a draw's. Where a channel stands at a temperature and a position its
-    place has the size of what the fitted form leaves there: the first night's, the least and the largest of others.
+    its parts', each compared with the smallest of a draw's. Where a channel stands at a position, and at a temperature
+    where any is known, its place has the size of what the fitted form leaves there: the first night's, the least and
+    the largest of others.
     """
     keys = sorted(set(nights[0]).intersection(*nights[1:]))
     values = np.array([[night[key] for key in keys] for night in nights])
@@ -39,9 +40,10 @@ def verdict(nights: Sequence[Mapping[str, float]], coarse: float = 1.0) -> dict[
     p_places = corrected(chances, weight, [json.dumps(where) for _, where, _ in told])
     where = [{"where": json.loads(name), "p_value": p} for name, p in p_places.items()]
     sizes = {json.dumps(at): k for k, (part, at, name) in enumerate(told) if (part, name) == ("run_scatter", "size")}
+    finest = {"temperature_degC", "position"} & {name for _, at, _ in told for name in at}
     for place in where:
         column = sizes.get(json.dumps(place["where"]))
-        if column is not None and {"temperature_degC", "position"} <= place["where"].keys():
+        if column is not None and finest <= place["where"].keys():
             measured, *drawn = (values[:, column] ** (1.0 / NORMAL)).tolist()
             place["measured_deg_per_hr"] = measured
             place["simulated_deg_per_hr"] = [min(drawn), max(drawn)]

@@ -253,16 +253,16 @@ def beside_simulated(twin: Mapping[str, Any], panels: Sequence[Sequence[Mapping[
     for when, own in halves.items():
         if not own:
             continue
-        ordered = sorted(own, key=lambda p: (p["where"]["temperature_degC"], p["where"]["position"]))
+        ordered = sorted(own, key=lambda p: (p["where"].get("temperature_degC", 0.0), p["where"]["position"]))
         figure, axes = blank(4.4, 2.7)
         low, high = np.array([p["simulated_deg_per_hr"] for p in ordered]).T
         axes.bar(range(len(own)), high - low, 0.8, low, color="0.85", label=f"{twin['draws']} simulated nights")
         measured = [p["measured_deg_per_hr"] for p in ordered]
         axes.plot(range(len(own)), measured, **{**LOOKS["matrix"], "linestyle": "none"}, markersize=4, label="measured")
-        levels = [p["where"]["temperature_degC"] for p in ordered]
-        first = [n for n in range(len(own)) if n == 0 or levels[n] != levels[n - 1]]
+        levels = [p["where"].get("temperature_degC") for p in ordered]
+        first = [n for n in range(len(own)) if levels[n] is not None and (n == 0 or levels[n] != levels[n - 1])]
         axes.set_xticks(first, [f"{levels[n]:g}" for n in first])
-        axes.set_xlabel("temperature, °C, and at each every position")
+        axes.set_xlabel("temperature, °C, and at each every position" if first else "every position")
         axes.set_ylabel("size of what is left, deg/hr")
         axes.set_ylim(0.0, 1.25 * max(ends))
         title = f"sensor {worst['sensor']}, {worst['channel']}, {when}"

@@ -197,6 +197,18 @@ def test_a_night_of_a_real_bench_is_simulated_on_its_own_chamber_and_unit(night:
     assert found["p_value"] > 0.0
 
 
+def test_where_nothing_tells_a_temperature_none_is_named(tmp_path: Path) -> None:
+    """Nobody set 0 °C, nor measured it: a place is a position, and what stands by temperature is of them all."""
+    source = open_source(write_case(make_case(1), tmp_path / "campaign"))
+    rows = source.sensors[2].conditions
+    unknown = replace(source.sensors[2], conditions=replace(rows, columns={}))
+    form = Model(schema="hil.model/1", title="the report's", form="matrix-6")
+    numbers = features(replace(source, sensors={2: unknown}), form, calibrated=False)
+    told = [where for _, where, _ in map(json.loads, numbers)]
+    assert {"channel", "position"} == {name for where in told for name in where} - {"sensor"}
+    assert json.dumps(["conditions", {"sensor": 2}, "duration_s"]) in numbers
+
+
 @pytest.mark.slow(seconds=31)
 def test_a_triads_campaign_is_told_from_the_model_that_lacks_its_sensitivity(tmp_path: Path) -> None:
     """By hand or by another program: whatever the axes are called, with the full matrix it cannot be told."""

@@ -54,7 +54,7 @@ def test_where_one_number_is_far_off_part_and_place_are_named() -> None:
 
 
 def test_a_place_has_the_sizes_that_were_left_there() -> None:
-    """Of the first night, and the least and the largest of the others, deg/hr; where no temperature is told, none."""
+    """Of the first night, and the least and the largest of the others, deg/hr: by temperature where any is known."""
     place, whole = {"channel": "RA", "temperature_degC": 23, "position": "1"}, {"channel": "RA", "position": "1"}
     keys = [json.dumps(["run_scatter", where, "size"]) for where in (place, whole)]
     drawn = [dict.fromkeys(keys, size ** (2.0 / 3.0)) for size in (2.0, 1.0, 3.0, 1.5)]
@@ -62,6 +62,8 @@ def test_a_place_has_the_sizes_that_were_left_there() -> None:
     assert told[json.dumps(place)]["measured_deg_per_hr"] == pytest.approx(2.0)
     assert told[json.dumps(place)]["simulated_deg_per_hr"] == pytest.approx([1.0, 3.0])
     assert "measured_deg_per_hr" not in told[json.dumps(whole)]
+    (alone,) = verdict([{keys[1]: night[keys[1]]} for night in drawn])["places"]
+    assert (alone["where"], alone["measured_deg_per_hr"]) == (whole, pytest.approx(2.0))
 
 
 def test_one_draw_that_is_far_off_makes_no_other_night_unlike() -> None:

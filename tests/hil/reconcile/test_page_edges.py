@@ -142,6 +142,11 @@ def test_the_page_says_whether_simulated_nights_are_like_the_measured_one(plain:
     assert text.index("the gap is</h2>") < text.index(told) < text.index("What to measure next")
     assert text.count("2 of 2 measured sizes lie among the simulated ones") == 1
     assert "simulated ones" not in page(plain)
+    for each in places:
+        each["where"].pop("temperature_degC")
+    text = page(replace(plain, twin=asked))  # of which nobody knows a temperature
+    assert ">every position<" in text
+    assert text.count("2 of 2 measured sizes lie among the simulated ones") == 1
     off = {"sensor": 2, "run": 5, "collects": [13], "channels": ["RA"], "done": "left out", "why": "it is off"}
     unlike = [page(replace(plain, twin=asked, rows=[{**off, "done": done}])) for done in ("left out", "used")]
     assert ["are compared with nothing" in each for each in unlike] == [True, False]
