@@ -164,29 +164,28 @@ def unit_range_degC(conditions: Conditions, runs: Sequence[int]) -> tuple[float,
 
 
 def unsettled(conditions: Conditions) -> dict[int, str]:
-    """Return the runs, of setpoints at which the unit was at several temperatures, in which it had not settled.
+    """Return the runs in which the unit, at several temperatures where one was meant, had not settled, and why.
 
-    It was at another than in most of them, or, where no most agree, than the last left it at; or its temperature moved
-    so fast that it was still to be.
+    One is meant at a setpoint, and in a run where no setpoints were recorded. It was at another than mostly there, or,
+    where no most agree, than it was left at last; or its temperature moved so fast that it was still to be.
     """
     own, setpoint = own_degC(conditions), conditions.columns.get(_SETPOINT)
     found: dict[int, str] = {}
-    if (
-        OWN not in conditions.columns
-        or setpoint is None
-        or not np.isfinite(setpoint).all()
-        or not np.isfinite(own).any()
-    ):
+    if OWN not in conditions.columns:
         return found
-    number, to_come, far = _numbered(setpoint, NARROWEST_DEGC), to_come_degC(conditions), 0.5 * WIDEST_DEGC
-    for place in np.unique(number):
-        here = np.flatnonzero((number == place) & np.isfinite(own))
+    if setpoint is not None and not np.isfinite(setpoint).all():
+        setpoint = None
+    meant = conditions.run if setpoint is None else _numbered(setpoint, NARROWEST_DEGC)
+    to_come, far = to_come_degC(conditions), 0.5 * WIDEST_DEGC
+    for place in np.unique(meant):
+        here = np.flatnonzero((meant == place) & np.isfinite(own))
         if here.size and np.ptp(own[here]) > WIDEST_DEGC:
             middle, last = np.median(own[here]), own[here[np.argmax(conditions.start_s[here])]]
             settled = middle if np.mean(np.abs(own[here] - middle) < far) > 0.5 else last
+            at, of = ("", "the run") if setpoint is None else (f"setpoint {setpoint[here][0]:.4g} °C: ", "its runs")
             words = (
-                f"setpoint {setpoint[here][0]:.4g} °C: the unit's own thermometer went from {own[here].min():z.1f} to "
-                f"{own[here].max():z.1f} °C through its runs: {NOT_SETTLED}"
+                f"{at}the unit's own thermometer went from {own[here].min():z.1f} to {own[here].max():z.1f} °C through "
+                f"{of}: {NOT_SETTLED}"
             )
             off = here[np.fmax(to_come[here], np.abs(own[here] - settled)) > far]
             found |= dict.fromkeys(np.unique(conditions.run[off]).tolist(), words)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from hil.campaign import Conditions, Sensor
 from hil.campaign.stand_ins import WIDEST_DEGC
-from hil.solve.temperatures import nearest, runs_by_temperature, same_temperature, told_by, unsettled
+from hil.solve.temperatures import NOT_SETTLED, nearest, runs_by_temperature, same_temperature, told_by, unsettled
 
 SENSOR = Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"})
 
@@ -137,6 +139,22 @@ def test_of_a_soak_that_goes_on_the_last_run_is_nearest_to_its_end() -> None:
     assert list(unsettled(conditions(cut))) == [1, 2]
     cooling = {"dTdt_degC_per_min": [-1.2, -0.9, -0.3]}
     assert list(unsettled(conditions(cut | cooling))) == [1, 2, 3]
+
+
+def test_the_thermometer_tells_of_a_soak_that_goes_on_whether_or_not_a_setpoint_was_recorded() -> None:
+    """A run is meant to be at one temperature; runs at several are none of that, nor is a thermometer that stands."""
+    own = np.concatenate([np.linspace(-20.0, -14.0, 4), np.full(4, 23.0), np.linspace(44.0, 50.0, 4)])
+    without = collects({"temperature_degC": own})
+    run = np.repeat([1, 2, 3], 4)
+    without = replace(without, run=run)
+    recorded = replace(without, columns={**without.columns, "setpoint_degC": np.repeat([-20.0, 23.0, 50.0], 4)})
+    assert list(unsettled(without)) == list(unsettled(recorded)) == [1, 3]
+    assert (
+        unsettled(without)[1]
+        == f"the unit's own thermometer went from -20.0 to -14.0 °C through the run: {NOT_SETTLED}"
+    )
+    partly = np.where(run == 2, np.nan, recorded.columns["setpoint_degC"])
+    assert unsettled(replace(without, columns={**without.columns, "setpoint_degC": partly})) == unsettled(without)
 
 
 def test_the_chamber_tells_where_nothing_else_does() -> None:
