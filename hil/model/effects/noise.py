@@ -91,11 +91,11 @@ class Jump(Effect):
     experiment = "Changepoint inside the collects; many repeats at one temperature."
 
     def kin_for(self, conditions: Conditions, shape: Mapping[str, float]) -> Mapping[str, float]:
-        """Return its kin; after the first run, with what only the first run may show much of."""
+        """Return its kin; of a step after the whole first run, with what only that may show much of."""
         of_a_first_run = {"warmup": 1.0, "soak_insufficient": 1.0}
         kin = {**self.kin, "turnon": 1.0} if shape.get("runs_held") else self.kin  # one state, or scatter
-        second = np.unique(conditions.run)[1:2]
-        return {**kin, **of_a_first_run} if shape.get("from_run") in second else kin
+        after_it = shape.get("from_run") in np.unique(conditions.run)[1:2] and not shape.get("from_collect")
+        return {**kin, **of_a_first_run} if after_it else kin
 
     def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
         """Return the run from which the step holds, for how many runs (0: to the end), after how many collects."""

@@ -188,6 +188,7 @@ def test_the_history_of_a_jump_depends_on_when_it_acts() -> None:
     runs, jump = np.unique(conditions.run), effect_by_id("jump")
     assert set(jump.kin_for(conditions, {"from_run": float(runs[1])})) == {"bias_T", "warmup", "soak_insufficient"}
     assert set(jump.kin_for(conditions, {"from_run": float(runs[2])})) == {"bias_T"}
+    assert set(jump.kin_for(conditions, {"from_run": float(runs[1]), "from_collect": 2.0})) == {"bias_T"}
 
 
 @pytest.mark.parametrize("form", FORM_EFFECTS)
