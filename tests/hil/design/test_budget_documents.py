@@ -206,6 +206,30 @@ def test_a_campaign_of_another_bench_takes_its_axes_from_gravity_and_earth_rate(
     assert "index error of each move" in known["left_out"]
 
 
+def test_the_soak_is_as_the_thermometer_shows_where_no_slope_was_recorded(campaign: Campaign) -> None:
+    """3 °C/min through a run is no soak within the criterion; a thermometer that stands still tells no less than it."""
+    rows = campaign.sensors[2]
+    warming = 20.0 + 3.0 / 60.0 * rows.conditions.start_s
+    still, lost, slope = (np.full(len(warming), value) for value in (20.0, np.nan, 0.5))
+    within, shown = (
+        (pytest.approx(0.05 / np.sqrt(3.0)), "not measured"),
+        (pytest.approx(3.0), "as temperature_degC went"),
+    )
+    for columns, told in (
+        ({}, within),
+        ({"temperature_degC": lost}, within),
+        ({"temperature_degC": still}, within),
+        ({"temperature_degC": warming}, shown),
+        ({"temperature_degC": warming, "dTdt_degC_per_min": lost}, shown),
+        ({"temperature_degC": warming, "dTdt_degC_per_min": slope}, (pytest.approx(0.5), "as measured")),
+    ):
+        made = replace(rows, conditions=replace(rows.conditions, columns=columns))
+        scenes = measured_scenes(replace(campaign, sensors={2: made}), load_bench("simulated"), {})
+        (soak,) = (each for each in scenes[2][0].sources if each.id == "soak")
+        assert soak.size == told[0]
+        assert soak.origin.startswith(told[1])
+
+
 def test_from_the_command_line_for_programs_and_for_people(tmp_path: Path) -> None:
     """One document; one screen with both columns; a run that is not there is refused in a sentence."""
     status, out, _ = cli("budget", "quick", "--draws", "500", "--json")
