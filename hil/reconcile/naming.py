@@ -175,7 +175,7 @@ def _named(
         n: share * sum(weight for _, weight, f in sets if any(posterior.term(n, j).called == name for j in f.terms[n]))
         for n in own
     }
-    itself = Rival(name, probability, 1.0, bayes_factor=1.0, prior_odds=share)
+    itself = Rival(name, probability, 1.0, bayes_factor=1.0, prior_odds=1.0)
     told = [*_with_unasked(itself, name, beside, share)][1:]
     told += [each for rival, of in rivals.items() for each in _with_unasked(of, rival, beside, share)]
     listed: dict[str, Rival] = {}
