@@ -117,8 +117,8 @@ def _may_be_too(found: Answer) -> Iterator[str]:
         titles |= own
         for name in own:
             likely[name] = likely.get(name, 0.0) + float(np.exp(each.log_weight))
-    called, beside = {named.name for named in found.reverted}, unasked(found.posterior)
-    called |= {each for named in found.names for each in (named.name, *(rival.id for rival in named.rivals))}
+    called, beside = {named.name for named in (*found.names, *found.reverted)}, unasked(found.posterior)
+    called |= {rival.id for named in found.names for rival in named.rivals if rival.probability > LIKELY}
     for name, share in ((name, own_share(beside, name) * share) for name, share in likely.items()):
         if share > LIKELY and name not in called:
             which = "something that no effect describes" if name == NO_NAME else f"{titles[name]} ({name})"
