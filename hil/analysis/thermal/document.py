@@ -17,6 +17,7 @@ from procedures.words import counted, listed, percent, significant
 
 SCHEMA = "hil.thermal/1"
 _NOT_SHOWN = "modelling against temperature is not shown to predict a temperature that was left out"
+_BY_REPEATS = " by its repeats"
 _OTHERWISE = (
     "; hil reconcile may show more, for it foretells runs at temperatures that others have, and knows what is typical"
 )
@@ -131,7 +132,7 @@ def parameter_in_words(each: ParameterFit) -> str:
     if each.finding == "constant":
         largest = f"{significant(each.largest_change)} {unit}"
         return (
-            f"not shown by its repeats to depend on temperature (p = {each.p_value:.2g}, "
+            f"not shown{_BY_REPEATS * each.repeated} to depend on temperature (p = {each.p_value:.2g}, "
             f"{counted(each.together, 'parameter')} asked together): a straight line changes less than {largest}"
         )
     if each.finding == "undescribed":
@@ -169,7 +170,8 @@ def verdict_in_words(fit: SensorFit) -> str:
         do = "differs" if len(differing) == 1 else "differ"
         differ = f"{listed(differing)} {do} between temperatures, but no curve is shown to foretell one"
     if all(each.choice.form.order == 0 for each in fit.parameters.values()):
-        reason = differ or "no parameter is shown to depend on temperature by its repeats"
+        repeated = any(each.repeated for each in fit.parameters.values())
+        reason = differ or f"no parameter is shown to depend on temperature{_BY_REPEATS * repeated}"
         return (
             f"{_NOT_SHOWN}: {reason}; rates there are wrong by {found.constant:.3g} deg/hr, one collect scatters by "
             f"{scatter:.3g} deg/hr{_OTHERWISE}"

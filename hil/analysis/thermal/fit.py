@@ -40,7 +40,8 @@ class ParameterFit:
     straight line or what predicts them; `changes` says that it is less than `FALSE_ALARM`. `chance_constant` and
     `chance_form` are the chances of a misfit to noise as large as that of the constant and of the chosen form (None:
     nothing is left over). `largest_change` bounds the change over the range of a straight line, where no dependence was
-    found; `hysteresis` (1,) is the value reached from below less that reached from above, whatever the form.
+    found; `repeated` says that it was told more than once at some temperature; `hysteresis` (1,) is the value reached
+    from below less that reached from above, whatever the form.
     """
 
     def __init__(
@@ -64,6 +65,7 @@ class ParameterFit:
         of_each = np.hypot(seen.sd, seen.common)[:, place]
         self.repeatability = float(np.nanmedian(of_each))  # one that is huge says nothing of the others
         self.together = len(layout.form.names)
+        self.repeated = bool(seen.spread.degrees[place])
         self.p_value, self.changes = p_value, p_value < FALSE_ALARM
         self.chance_constant = _misfit(layout, values, 0)[1]
         line = _line(layout, values)

@@ -125,6 +125,9 @@ def test_without_temperature_dependence_it_says_so() -> None:
     assert not document["verdict"]["improves"]
     assert "no parameter is shown to depend on temperature" in document["verdict"]["words"]
     assert "not shown by its repeats to depend" in document["parameters"]["MUB"]["verdict"]
+    once = thermal_document(fit_thermal(rotor_night(np.random.default_rng(8), flat, runs=1)))["sensors"][0]
+    said = [once["verdict"]["words"], *(each["verdict"] for each in once["parameters"].values())]
+    assert not [each for each in said if "its repeats" in each]  # of which there are none
     assert 0.5 < document["parameters"]["GSA"]["largest_linear_change"] < 5.0
 
 
