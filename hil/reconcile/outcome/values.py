@@ -110,16 +110,20 @@ def _less(sensor: SensorProblem, terms: Sequence[tuple[Candidate, Values]]) -> C
 
 
 def _with_scatter(collects: Collects, parts: Sequence[Scatter]) -> FloatArray:
-    """Return standard errors (n, c) with what scatters inside a run: what a run's own values take is none of it."""
+    """Return standard errors (n, c) with what scatters inside a run: what a run's own values take is none of it.
+
+    What white noise would have to be for them to leave as much: all of what changes from collect to collect.
+    """
     conditions, stated = collects.conditions, collects.rates_se_deg_per_hr
     variance = stated**2
     for rows in conditions.of_each_run.values():
         own = conditions.rows(rows)
         values = default_form(own).columns(own)
         basis = orthonormal(values.reshape(-1, values.shape[-1]), 1e-6)
+        of_white = np.maximum(1.0 - np.sum(basis**2, axis=1), 1e-6)
         for part in parts:
             there = part if part.group is None else replace(part, group=part.group[rows])
             covariance = replace(there, columns=part.columns[rows]).covariance(own)
             left = project_out(basis, project_out(basis, covariance).T)
-            variance[rows] += np.diag(left).reshape(variance[rows].shape)
+            variance[rows] += (np.diag(left) / of_white).reshape(variance[rows].shape)
     return np.where(stated > 0.0, np.sqrt(variance), stated)
