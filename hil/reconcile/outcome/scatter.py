@@ -158,7 +158,8 @@ def _of_channels(
 
     A point of the grid is a factor of two, so that one alone says little. An offset without error may be chance: where
     it is certain that averages scatter by more, but not whether from run to run, each has what is probable of it. Where
-    no more is certain than the noise that `hil solve` knows, by residuals and repeats, a collect has that.
+    no more is certain than the noise that `hil solve` knows, by residuals and repeats, a collect has that, as certainly
+    as it is told there.
     """
     own, rows_of, points = block.search, block.search.block, block.search.points
     total = np.where(points.sort == points.sort[block.at], block.weighed.terms_log + points.log_prior, -np.inf)
@@ -188,9 +189,11 @@ def _of_channels(
         sure = (middle - known) * mean > _BEYOND * error * known
         offset2, own2 = (_likely(each, weight, known=sure or certain) for each in (offsets, of_rows))
         here = [f for f in found if (f.sensor, f.channel) == (rows_of.sensor, channel)]
+        noisier = False
         if shown is not None and shown.noise_told and not (here or sure or certain):
             usual = np.full((1, len(own.noise.conditions.sensor.channels)), np.median(rows_of.sigma[rows]))
             own2 = float(shown.noise(usual)[0, c] ** 2 + np.median(beside[rows]))
+            noisier, error = shown.stated and bool(shown.noise_times[c] > 1.0), own2 * relative
         offset, size = float(np.sqrt(offset2)), float(np.sqrt(max(own2 - known, 0.0)))
         offset_se = offset * float(np.hypot(_GRID / np.sqrt(12.0), 1.0 / np.sqrt(2.0 * runs)))
         if sure and offset > 0.0 and not certain:
@@ -208,7 +211,7 @@ def _of_channels(
             "run_offset_deg_per_hr": offset if repeated or told else None,
             "run_offset_se_deg_per_hr": offset_se if told else None,
             "collect_to_collect_deg_per_hr": size if own.beside.freedom else None,
-            "collect_to_collect_se_deg_per_hr": 0.5 * error / size if sure and size > 0.0 else None,
+            "collect_to_collect_se_deg_per_hr": 0.5 * error / size if (sure or noisier) and size > 0.0 else None,
             "scatter": [{"id": f.effect.id, "deg_per_hr": f.deg_per_hr} for f in here],
         }
 

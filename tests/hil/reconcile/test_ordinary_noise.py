@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.campaign import Campaign
+from hil.campaign import Campaign, Collects
 from hil.model import Model, load_model, save_model
 from hil.model.curve import Constant, Curve, Polynomial, Table
+from hil.model.forms import bias_names, default_form
 from hil.model.stated_noise import SensorNoise
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.page import page
@@ -18,7 +19,9 @@ from hil.reconcile.outcome.sentences import values_off, what_to_do
 from hil.reconcile.outcome.stated import with_ordinary
 from hil.reconcile.result import Solved
 from hil.reconcile.scattering import what_scatters
+from hil.solve.identifiability import orthonormal, project_out
 from tests.hil.analysis.thermal.nights import rotor_night
+from tests.hil.model.effect_conditions import triad_poses
 from tests.hil.reconcile.hidden_effects import Rows, base_rates, campaign_of, hidden_campaign, lay_out, noise
 from tests.hil.solve.test_other_runs import campaign, with_rates
 
@@ -70,6 +73,7 @@ def test_what_is_asked_with_it_has_nothing_to_add(found: Reconciliation, tmp_pat
     again = reconcile(laid()[0], load_model(tmp_path / "model.yaml"))
     assert again.verdict == "none"
     assert again.model_after == again.input_model
+    assert not again.left.errors  # what is stated is all there
     assert again.gap.after >= again.gap.noise_floor
     assert all(each["observed_deg_per_hr"] < 1.3 * each["explained_deg_per_hr"] for each in again.noise)
 
@@ -103,6 +107,22 @@ def test_standard_errors_that_are_right_need_no_more() -> None:
     result = reconcile(white, "matrix-6-thermal", prove=False)
     assert result.model_after == result.input_model
     assert "Nothing was added to the model." in page(result)
+
+
+def test_a_channel_of_which_residuals_say_more_is_stated_to_scatter_more() -> None:
+    """A trust in standard errors that a search begins with hides nothing that `hil solve` is sure of."""
+    poses = triad_poses(every_column=False)
+    form = default_form(poses)
+    shape = len(poses), len(poses.sensor.channels)
+    basis = orthonormal(form.columns(poses).reshape(shape[0] * shape[1], -1), 1e-6)
+    left = project_out(basis, np.random.default_rng(1).normal(size=basis.shape[0])[:, None]).reshape(shape)
+    left /= np.sqrt(np.sum(left**2, axis=0) / (basis.shape[0] - basis.shape[1]) * shape[1])
+    seen = Collects(poses, poses.w_channels_deg_per_hr + 2.0 * left * [1.0, 1.5, 1.0], np.full(shape, 2.0))
+    one = Campaign("triad", "", {poses.sensor.number: seen})
+    result = reconcile(one, form.name, prove=False)
+    (stated,) = result.model_after.noise.values()
+    assert [*stated.collect_to_collect] == [[*bias_names(poses.sensor)][1]]
+    assert all(result.left.shown[n].noise_times.tolist() == pytest.approx([1.0, 1.5, 1.0]) for n in one.sensors)
 
 
 def test_where_few_runs_cannot_tell_an_offset_from_scatter_each_has_its_part() -> None:
