@@ -180,7 +180,8 @@ class Campaign:
     sensor the runs that are in no mean and in no search (`hil.solve.wrong_rows`); `pose` how far these may be from f,
     `largest_se` how large a standard error is accepted, deg/hr (of a sensitivity at 1 g), None for what is usual.
     `identity` holds what is known of `model` and `serial` of the unit, the `operator`, their `note`, and what they went
-    on `despite`. Where it is `rebuilt` from printed means, rows that were not printed are copies of others.
+    on `despite`. Where it is `rebuilt` from printed means, rows that were not printed are copies of others;
+    parameters that nobody measured or printed, so that its rates were made without them, are `taken_as_zero`.
     """
 
     title: str
@@ -201,6 +202,7 @@ class Campaign:
     exchanged: Mapping[int, Sequence[tuple[int, int]]] = field(default_factory=dict)
     not_used: Mapping[int, Sequence[int]] = field(default_factory=dict)
     rebuilt: bool = False
+    taken_as_zero: Sequence[str] = ()
     identity: Mapping[str, str] = field(default_factory=dict)
     pose: PoseTolerance = field(default_factory=PoseTolerance)
     largest_se: float | None = None

@@ -90,6 +90,7 @@ class _Keys(_Section):
     simulated: StrictBool = False
     centrifuge: StrictBool = False
     rebuilt: StrictBool = False
+    taken_as_zero: tuple[_Text, ...] = ()
     largest_standard_error_deg_per_hr: Annotated[_Number, Field(gt=0.0)] | None = None
 
 

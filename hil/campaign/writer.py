@@ -57,6 +57,7 @@ def header_of(campaign: Campaign, written: int) -> str:
         "simulated": campaign.simulated,
         "centrifuge": campaign.centrifuge,
         "rebuilt": campaign.rebuilt,
+        "taken_as_zero": list(campaign.taken_as_zero),
         "site": dict(campaign.site),
         "sensors": {number: _layout(rows.conditions.sensor) for number, rows in campaign.sensors.items()},
         "conditions": dict(campaign.condition_units),

@@ -40,6 +40,7 @@ A thousandth of 1 g is a milliradian: less than that, and the error of the attit
 """
 
 LEAST_SQUARES = "weighted least squares"
+AS_ZERO = "taken as zero, neither measured nor printed: the ± says only what errors of the rates make"
 UNSTATED = "every rate of a channel has the same, unstated noise"
 
 
@@ -208,7 +209,7 @@ class _Beside:
     """What is known of a sensor's runs beside their solutions: judgements by run, and what no other run was held to.
 
     `lacking` are the collects without a standard error, by run; `doubted` the runs with a row that
-    something is said against, `moving` those that had not settled.
+    something is said against, `moving` those that had not settled; `as_zero` are parameters that nobody measured.
     """
 
     judged: Sequence[Mapping[int, Judgement]]
@@ -217,6 +218,7 @@ class _Beside:
     moving: Set[int]
     lacking: Mapping[int, list[int]]
     largest_se: float | None
+    as_zero: Sequence[str]
 
     @classmethod
     def of(cls, campaign: Campaign, sensor: int, wrong: WrongRows) -> _Beside:
@@ -229,7 +231,8 @@ class _Beside:
         for row in np.flatnonzero(unstated(rows).any(axis=1)):
             lacking.setdefault(int(rows.conditions.run[row]), []).append(int(rows.conditions.collect[row]))
         judged = (campaign.verdicts, here, wrong.judged, soak, weight)
-        return cls(judged, wrong.not_compared, wrong.judged.keys(), soak.keys(), lacking, campaign.largest_se)
+        told = campaign.largest_se, campaign.taken_as_zero
+        return cls(judged, wrong.not_compared, wrong.judged.keys(), soak.keys(), lacking, *told)
 
 
 def _off_gravity(conditions: Conditions) -> dict[int, Judgement]:
@@ -258,6 +261,8 @@ def _judged(solution: RunSolution, rows: Collects, beside: _Beside) -> RunSoluti
             "it says, where no residual tells otherwise"
         )
         solution = replace(solution, assumed=(*solution.assumed, alone), compared=False)
+    if as_zero := [name for name in solution.parameters if name in beside.as_zero]:
+        solution = replace(solution, assumed=(*solution.assumed, f"{listed(as_zero)}: {AS_ZERO}"))
     if lacking := [collect for run in solution.runs for collect in beside.lacking.get(run, ())]:
         largest = "not all standard errors are stated: the largest of the others stands for the rest"
         solution = replace(solution, assumed=(*solution.assumed, f"{numbered('collect', lacking)}: {largest}"))

@@ -25,6 +25,7 @@ _COLUMNS = ("temperature_C", "parameter", "mean_printed", "sigma_printed", "n_st
 _BIASES = {"RA": ("BA2_matrix", "BA2_collins"), "RB": ("BB2_matrix", "BB2_collins")}
 _SENSOR = Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"})
 _COLLECT_F = {"1": (-1.0, 0.0, 0.0), "2": (1.0, 0.0, 0.0), "3": (0.0, 0.0, 1.0)}
+_NOT_PRINTED = ("GSA", "GSB")
 _REPEAT_S = 3 * 3600.0  # how far the temperatures lie apart is not printed; only their order matters
 _NOTE = (
     "Rebuilt from printed means: Collects 1 and 2 share the matrix bias, Collect 3 is the contractor's bias. GSA, GSB "
@@ -89,6 +90,7 @@ def read_published_table(table: Path) -> Campaign:
         sensors={2: Collects(conditions, np.array(rates), np.array(errors))},
         notes="\n".join([_NOTE, *(f"{path.name}: {each}" for each in kept)]),
         rebuilt=True,
+        taken_as_zero=_NOT_PRINTED,
     )
 
 
