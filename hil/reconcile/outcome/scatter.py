@@ -5,10 +5,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.special import ndtri
+from scipy.special import chdtr, ndtri
 
 from hil.campaign import BoolArray, FloatArray
 from hil.model.effects.base import Parameter, VarianceEffect
+from hil.model.forms import bias_names
 from hil.reconcile.result import Disagreement
 from hil.reconcile.search.fitted import Fitted, FittedBlock
 from hil.reconcile.search.likely_noise import DEPTH
@@ -213,7 +214,16 @@ def _of_channels(
             "collect_to_collect_deg_per_hr": size if own.beside.freedom else None,
             "collect_to_collect_se_deg_per_hr": 0.5 * error / size if (sure or noisier) and size > 0.0 else None,
             "scatter": [{"id": f.effect.id, "deg_per_hr": f.deg_per_hr} for f in here],
+            **_of_repeats(shown, bias_names(own.noise.conditions.sensor)[c], offset if told else 0.0),
         }
+
+
+def _of_repeats(shown: SensorRepeats | None, bias: str, offset_deg_per_hr: float) -> dict[str, float]:
+    """Return how seldom a bias that has an offset of each run differs so little between runs of one temperature."""
+    place = list(shown.names).index(bias) if shown is not None and bias in shown.names else -1
+    if shown is None or place < 0 or not offset_deg_per_hr or not (free := float(shown.spread.degrees[place])):
+        return {}
+    return {"repeats_p_value": float(chdtr(free, free * (shown.spread.observed[place] / offset_deg_per_hr) ** 2))}
 
 
 def _likely(variances: FloatArray, weight: FloatArray, *, known: bool) -> float:

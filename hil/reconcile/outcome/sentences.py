@@ -69,7 +69,7 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     first += [f"standard errors{model}: repeats and residuals show others (notes)"] * wrong
     if once := not_repeated(result.noise, result.left.shown):
         first.append(f"{AGAIN}: {once} may have followed it, or changed by the run")
-    follow = not_between_repeats(result.noise, result.solved.shown) if kind in {"none", "apart"} else ""
+    follow = not_between_repeats(result.noise) if kind in {"none", "apart"} else ""
     first += [f"what {follow} follows: runs of one temperature differ less (hil thermal)"] if follow else []
     first += [f"a record of {MAY_FOLLOW.format(listed(own))}" for own in [result.to_record] if own]
     act = "The model itself lacks nothing that can be told." if kind == "none" and first else _ACT[kind]
