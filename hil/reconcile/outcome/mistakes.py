@@ -146,21 +146,23 @@ def mistake_places(wrong: Sequence[Term], fit: Fitted, chance: float) -> list[Di
 def outliers_found(fit: Fitted) -> list[dict[str, Any]]:
     """Return single rows that are wrong, by the campaign's own names, each with its size and score.
 
+    The size is how far the rate is from what all others show: what is usual of mistakes is no part of it.
     Where another row may be the wrong one in its place, `or_collects` has it: of two that differ nobody knows which.
     """
     out, likely, posterior = [], _probable_rows(fit), fit.posterior
+    wrong = {(n, j) for n, places in fit.found.terms.items() for j in places if posterior.term(n, j).name == "row"}
+    off = fit.free(wrong)
     for n, places in fit.found.terms.items():
-        for j in places:
+        for j in (j for j in places if (n, j) in wrong):
             term = posterior.term(n, j)
-            if term.name != "row":
-                continue
             conditions = fit.conditions[n]
             row, single = int(term.candidate.shape["row"]), term.candidate.shape.get("channel")
             chosen = {int(posterior.term(n, k).candidate.shape.get("row", -1)) for k in places}
             others = [r for (m, r), p in likely.items() if m == n and r not in chosen and p > 1.0 - CERTAIN]
             instead = sorted(conditions.collect[others].tolist()) if likely[n, row] < CERTAIN else []
-            for column, (value, error) in fit.of_term(n, j).items():
-                one = _row(n, conditions, column if single is None else int(single), row, value, error)
+            for column, (_, error) in fit.of_term(n, j).items():
+                channel = column if single is None else int(single)
+                one = _row(n, conditions, channel, row, off[n, j, column], error)
                 out.append(one | ({"or_collects": instead} if instead else {}))
     return out
 
@@ -227,9 +229,12 @@ def rows_found(
     for each in outliers:
         by_collect.setdefault((each["sensor"], each["run"], each["collect"]), []).append(each)
     for (n, run, collect), several in by_collect.items():
-        off = ", ".join(f"{each['channel']} by {each['size_deg_per_hr']:.4g} deg/hr" for each in several)
         names = tuple(each["channel"] for each in several)
-        why = f"collect {collect} is off what all others make of it: {off}"
+        conditions = campaign.sensors[n].conditions
+        off = {each["channel"]: each["size_deg_per_hr"] for each in several}
+        place = int(np.flatnonzero((conditions.run == run) & (conditions.collect == collect))[0])
+        cause = Cause("collect", run, (place,), (), tuple(off.get(name, 0.0) for name in conditions.sensor.channels))
+        why = cause_in_words(campaign.sensors[n], cause)
         if instead := sorted({other for each in several for other in each.get("or_collects", ())}):
             why += f"; or {numbered('collect', instead)} may be, in its place: these rates cannot tell which is wrong"
         found.append(Wrong(n, run, (collect,), names, OMITTED, why))

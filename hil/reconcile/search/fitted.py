@@ -137,6 +137,21 @@ class Fitted:
                 out[:, self.keys.index(key)] += column
         return out
 
+    def free(self, terms: set[tuple[int, int]]) -> dict[Key, float]:
+        """Return the values of some terms in their own units as rows alone say, all others being what they are here."""
+        out = {}
+        for block in self.blocks:
+            own = [at for at, key in enumerate(self.keys) if key[:2] in terms and key in block.keys]
+            columns = self.design(block, terms)[:, own]
+            left = block.search.block.y - self.effect(block) + columns @ self.values[own]
+            white = block.beside(np.column_stack([columns, left]))
+            for at, value in zip(
+                own, np.linalg.lstsq(white[:, :-1], white[:, -1], rcond=1e-9)[0].tolist(), strict=True
+            ):
+                number, place, k = self.keys[at]
+                out[self.keys[at]] = value / float(self.posterior.term(number, place).scale[k])
+        return out
+
     def residual(self, block: FittedBlock) -> FloatArray:
         """Return what terms and base leave of a block's rates, (N,), deg/hr."""
         left, base = block.search.block.y - self.effect(block), block.search.block.base

@@ -23,8 +23,10 @@ from hil.reconcile.search.layout import searches
 from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.problem import pose
 from hil.solve import solve_campaign
+from hil.solve.wrong_rows import wrong_rows
 from procedures.verdict import Judgement, Verdict
 from tests.hil.audit.folders import FOLDERS
+from tests.hil.model.effect_conditions import triad_poses
 from tests.hil.reconcile.hidden_effects import (
     ROTOR,
     Rows,
@@ -201,3 +203,15 @@ def test_a_wrong_rate_that_was_left_out_is_something_to_see_to() -> None:
     told = what_to_do(reconcile(campaign, "matrix-6-thermal", prove=False))[1]
     assert told.startswith("First see to ")
     assert "what is left out (below): collect 11. The model itself lacks nothing that can be told." in told
+
+
+def test_by_how_much_a_collect_is_off_is_one_number_in_the_words_of_hil_solve() -> None:
+    """What all others show of it: how large mistakes usually are is no part of that."""
+    poses = triad_poses(every_column=False)
+    rates = poses.w_channels_deg_per_hr + np.random.default_rng(3).normal(0.0, 2.0, (24, 3))
+    rates[16] += [60.0, -40.0, 0.0]
+    seen = Collects(poses, rates, np.full(rates.shape, 2.0))
+    one = Campaign("triad", "", {poses.sensor.number: seen})
+    (search,) = reconcile(one, "triad-12", prove=False).rows
+    (quick,) = wrong_rows(one)[poses.sensor.number].rows
+    assert (search["collects"], search["why"]) == ([*quick.collects], quick.why)
