@@ -72,7 +72,7 @@ def test_a_slipped_decimal_point_is_left_out_and_the_terminal_says_so(
     table.write_text("\n".join(",".join(cells) for cells in [head, *rows]) + "\n")
     ended = hil("reconcile", contractors, "--model", "collins-4", "--out", tmp_path / "first")
     assert ended.returncode == 0, ended.stderr
-    assert "left out: sensor 2, run 2: collect 5: RA is +" in ended.stdout
+    assert "left out: sensor 2, run 2: collect 5: RA is " in ended.stdout
     again = hil(
         "reconcile", contractors, "--model", tmp_path / "first" / "model.yaml", "--out", tmp_path / "2", "--json"
     )
