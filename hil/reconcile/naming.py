@@ -12,7 +12,7 @@ import numpy as np
 
 from hil.campaign import Conditions
 from hil.model.effects.base import Described
-from hil.reconcile.rivals import Rival
+from hil.reconcile.rivals import LEAST, Rival
 from hil.reconcile.search.fitted import Fitted, fitted
 from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.terms import IDENTICAL, NO_NAME, Term
@@ -27,8 +27,6 @@ BY_CHANCE = 0.01
 """How often noise may get the name of what moves averages: so probable it may be that nothing stands in its place."""
 WANDERS = 2.0
 """How much likelier than nothing at all it may be that averages only scatter: Ville's bound is loose by more there."""
-LEAST = 0.01
-"""Rivals less probable are not listed, unless they look the same, and shapes add nothing to an interval."""
 Names = tuple[frozenset[str], frozenset[str]]
 """What moves averages in a set, and what scatters them beyond ordinary noise."""
 _Weighed = tuple[frozenset[str], float, Found]

@@ -8,6 +8,8 @@ from typing import Any
 from hil.files.document import picked
 from hil.solve.identifiability import SAME_CLASS
 
+LEAST = 0.01
+"""Rivals less probable are not listed, unless they look the same, and shapes add nothing to an interval."""
 EXCLUDED = 0.001
 """What is identical in these collects is told apart where the data themselves make one so much less probable."""
 
@@ -42,7 +44,7 @@ class Rival:
     @property
     def beside(self) -> bool:
         """Whether it mostly stands beside a rival that is more probable."""
-        return 2.0 * self.share < self.probability
+        return _beside(self.probability, self.share)
 
     @property
     def told(self) -> float:
@@ -70,12 +72,17 @@ class Rival:
 def rival_in_words(rival: Mapping[str, Any]) -> str:
     """Say beside what a rival stands, what the data say of it, and how usual it is, as far as is known."""
     data, before = rival.get("bayes_factor"), rival.get("prior_odds")
-    beside = "mostly beside another of these" if 2.0 * rival.get("alone", 1.0) < rival.get("probability", 0.0) else ""
+    stands_beside = _beside(rival.get("probability", 0.0), rival.get("alone", 1.0))
+    beside = "mostly beside another of these" * stands_beside
     if data is None or before is None or not math.isfinite(data):
         return beside
     told = "cannot tell it apart" if _cannot_tell(data) else f"make it {in_times(data)} as probable as the first name"
     said = f"the data {told}; by how usual it is at this size, {in_times(before)} as probable"
     return f"{beside}, both together: {said}" if beside else said
+
+
+def _beside(probability: float, alone: float) -> bool:
+    return probability >= LEAST and 2.0 * alone < probability
 
 
 def _cannot_tell(bayes_factor: float) -> bool:

@@ -16,11 +16,12 @@ from hil.model.effects.catalogue import named as known_as
 from hil.model.effects.catalogue import over_temperature
 from hil.model.effects.document import shape_in_words
 from hil.model.model_file import InsideCollects
-from hil.reconcile.naming import LEAST, Named
+from hil.reconcile.naming import Named
 from hil.reconcile.outcome.improve import described_parameters
 from hil.reconcile.outcome.scatter import FoundScatter
 from hil.reconcile.proof.held_out import Proof
 from hil.reconcile.result import FoundEffect, Gap, Shape
+from hil.reconcile.rivals import LEAST
 from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.fitted import Fitted, Values, fitted
 from hil.reconcile.search.noise import FEWEST_RUNS
