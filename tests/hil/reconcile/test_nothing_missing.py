@@ -227,10 +227,10 @@ REAL = ("mpu9150-unit0", "mpu9150-unit1", "mpu9150-unit2", "mpu-24-poses")
     ],
 )
 def test_real_triads_are_not_over_claimed(reference_data: Path, unit: str, model: str) -> None:
-    """Weak or no acceleration sensitivity in real logs: no confident name, whichever model they are compared with."""
+    """Weak or no acceleration sensitivity in real logs: no confident name, but of the earth that turns under them."""
     result = reconcile(read_campaign(reference_data / "campaigns" / unit), model, prove=False)
     assert result.verdict in {"none", "ambiguous"}
-    assert all(effect.probability < 0.8 for effect in result.effects)
+    assert all(effect.probability < 0.8 for effect in result.effects if effect.id != "earth")
 
 
 def fleet(count: int, size: float, every: int, *, seed: int = 0) -> list[Campaign]:
