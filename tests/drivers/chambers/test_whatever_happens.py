@@ -17,7 +17,7 @@ _PUNCTUAL_S = 1.9  # of a reply: less than any line controller is waited for
 
 
 @every_chamber
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(data=st.data())
 def test_whatever_happens_no_setpoint_outside_the_limits_is_on_the_wire(name: str, data: st.DataObject) -> None:
     """Every operation ends in what was asked or in a named error, in bounded time; then the safe state is asked for."""

@@ -50,6 +50,7 @@ def test_one_calibration_far_off_is_not_nothing() -> None:
     assert found(8, "none", 0.0)["scatters beyond its ±"] == 0
 
 
+@pytest.mark.slow
 def test_what_is_there_is_named_and_its_rival_hardly_ever() -> None:
     """Of eight calibrations an eight-fold scatter; a jump is no drift, and a drift no jump."""
     drift, jump = found(12, "drift", 8.0), found(12, "jump", 8.0)

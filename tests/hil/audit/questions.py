@@ -47,15 +47,9 @@ FIRST: dict[str, Callable[[Path], list[str]]] = {
 QUICK = ("solve", "thermal", "budget", "visibility", "history", "report")
 AT_ONCE = (
     "the chamber's temperature alone, one channel without standard errors",
-    "contradicted",
     "short soaks",
-    "no thermometer of its own",
-    "no standard errors",
-    "labels exchanged",
     "labels exchanged, two runs",
-    "drift through every run",
     "position missing at one temperature",
-    "one rate far off",
     "one run",
     "one run, one rate far off, beside another sensor",
     "poses, one wrong",

@@ -74,7 +74,7 @@ def disagreements(ask: Ask, commands: tuple[str, ...]) -> Iterator[str]:
                     yield f"{question}: {key}: {first} {one}, {command} {other}"
 
 
-@pytest.mark.parametrize("ask", AT_ONCE, indirect=True)
+@pytest.mark.parametrize("ask", AT_ONCE, indirect=True)  # of FOLDERS, which test_all_commands_agree goes through
 def test_the_quick_commands_agree(ask: Ask) -> None:
     """Solve, thermal, budget and visibility: rows, means, their uncertainty, what repeats show."""
     assert list(disagreements(ask, QUICK)) == []
@@ -201,7 +201,8 @@ def test_what_fits_another_sensor_as_well_as_any_is_not_this_ones() -> None:
     assert not found[1].rows
 
 
-@pytest.mark.parametrize("seed", [2, pytest.param(7, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [2, 7])
 def test_the_only_run_at_a_temperature_is_not_wrong_for_being_there(seed: int) -> None:
     """Nor any of its collects, nor its labels: nothing is there to compare it with."""
     result = reconcile(night_that_ended_early(seed), "matrix-6", prove=False)

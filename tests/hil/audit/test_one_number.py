@@ -80,6 +80,7 @@ def test_each_sensor_of_a_unit_is_compared_in_its_own_form() -> None:
             ask(one, "matrix-6")
 
 
+@pytest.mark.slow
 def test_what_is_taken_for_scatter_is_said_to_be_however_probable_it_is() -> None:
     """And what moves the mean instead: hil reconcile writes the walk into the model, and says that it may be ageing."""
     found = what_scatters(FOLDERS["after a pause"]())
@@ -98,6 +99,7 @@ def test_the_usual_run_is_as_sure_beside_one_that_is_not() -> None:
     assert {name: each.repeatability for name, each in fitted.items()} == pytest.approx(usual)
 
 
+@pytest.mark.slow
 def test_a_run_that_is_hardly_known_moves_no_mean() -> None:
     """Neither what solve, thermal and a certificate state at its temperature, nor what reconcile makes of the noise."""
     one = campaign(12, 3, seed=1, scatter=0.5)
@@ -132,7 +134,11 @@ def test_one_huge_standard_error_says_nothing_of_what_the_others_scatter_by() ->
 
 
 @pytest.mark.parametrize(
-    "name", ["good", pytest.param("drift through every run", marks=pytest.mark.slow), "no standard errors"]
+    "name",
+    [
+        "good",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("drift through every run", "no standard errors")),
+    ],
 )
 def test_a_collect_scatters_by_as_much_for_thermal_as_for_the_search(name: str) -> None:
     """Also where residuals are many times their errors, and repeats show that this is no noise."""
@@ -141,7 +147,9 @@ def test_a_collect_scatters_by_as_much_for_thermal_as_for_the_search(name: str) 
     assert fit_thermal(one).sensors[2].rate_noise_deg_per_hr == pytest.approx(np.mean(by_search), rel=0.4)
 
 
-@pytest.mark.parametrize("order", ["1-2-3", "1-3-2", pytest.param("1-2-3-2-1", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "order", ["1-3-2", *(pytest.param(order, marks=pytest.mark.slow) for order in ("1-2-3", "1-2-3-2-1"))]
+)
 def test_what_a_drift_spoils_is_the_same_before_and_after_a_night(order: str) -> None:
     """Of each sensor: `design` and `visibility` of the sweep, `visibility` of a campaign that has no repeats yet."""
     bench, published = load_bench("simulated"), load_sweep("rd-gc-86-1")
@@ -179,7 +187,8 @@ def test_what_changes_from_run_to_run_is_not_known_where_nothing_was_repeated(ru
     assert ("what is observed is" in found.sentences()[0]) is left
 
 
-@pytest.mark.parametrize("seed", [11, pytest.param(13, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [11, 13])
 def test_an_offset_of_runs_is_as_large_for_the_search_as_for_repeats(seed: int) -> None:
     """Within what eight degrees of freedom tell, and not one of the few sizes that the search's grid has."""
     night = campaign(12, 3, seed=seed, scatter=2.0)
@@ -261,6 +270,7 @@ def test_a_collect_of_one_run_scatters_in_each_channel_as_its_residuals_say(stat
     assert np.median(scenes[0].scene.noise, axis=0) == pytest.approx([*sizes.values()])
 
 
+@pytest.mark.slow
 def test_beside_a_model_with_terms_visibility_takes_for_noise_what_solve_does() -> None:
     """What the terms make is off the rates for both; it had stood among what residuals exceed their errors by."""
     one = FOLDERS["drift through every run"]()
@@ -286,6 +296,7 @@ def test_what_is_the_same_in_every_run_no_number_of_repeats_averages() -> None:
         assert np.sqrt(apart) < 0.2 * each.values.se[0]
 
 
+@pytest.mark.slow
 def test_that_a_model_states_too_much_noise_is_no_fault_of_the_standard_errors_alone() -> None:
     """The file's are right: who is told that they are too large changes them, and not what the model states."""
     one, walk = repeated(12, 3, (0, 1, 2, 1, 0)), Constant(unit="deg/hr", value=6.0)

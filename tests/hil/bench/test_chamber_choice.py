@@ -259,7 +259,7 @@ def nights(tmp_path_factory: pytest.TempPathFactory) -> Path:
 # Hot and cold for each, all eight temperatures for one.
 # Quick: one temperature, and a chamber of each kind: a described box, a layout, registers with a ramp of their own.
 HOT_AND_COLD = ("60 degC", "-29.7 degC")
-QUICK = ("box", "voetsch-ascii2-0", "watlow-f4t-ramp")
+QUICK = ("box", "watlow-f4t-ramp")
 NIGHTS = [
     *(pytest.param(name, ("30 degC",), id=f"{name}-one") for name in QUICK),
     *(pytest.param(name, HOT_AND_COLD, id=name, marks=pytest.mark.slow) for name in CHOICES if name != "espec"),

@@ -29,6 +29,7 @@ def test_what_wanders_from_run_to_run_is_no_sure_name_on_the_averages() -> None:
     assert not confidently_wrong(document, ())
 
 
+@pytest.mark.slow
 def test_offsets_that_wander_beside_an_unbalance_that_differs_from_run_to_run_are_no_effect_on_the_averages() -> None:
     """Two kinds of scatter at once: with one alone the offsets were called ageing (.94)."""
     document = reconcile_job(Job("both", 1_110_017, noise=Noise(kind="run_mu")))
@@ -52,6 +53,7 @@ def test_a_sealed_effect_of_twelve_sigma_is_in_the_first_class(name: str) -> Non
     assert all_right(document, (name,))
 
 
+@pytest.mark.slow
 def test_a_step_that_the_base_alone_takes_for_noise_is_found() -> None:
     """Six terms explain more at the noise that is probable without a step: it is looked at anew beside a step, too."""
     document = reconcile_job(Job("step", 343_005, ("jump@any collect",), 12.0, noise=ORDINARY, design=FOUR))

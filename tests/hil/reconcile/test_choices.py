@@ -84,6 +84,7 @@ def test_a_fold_chooses_by_the_rows_that_it_does_not_hold_out() -> None:
     assert likeliest_without(np.array([0.0, -1.0]), np.array([-9.0, -2.0])) == 0
 
 
+@pytest.mark.slow
 def test_no_size_is_left_that_another_noise_makes_likelier() -> None:
     """A climb that ends where one noise is likeliest would count what it missed twice, once for each channel."""
     campaign = turning(0, 1)

@@ -77,6 +77,7 @@ def test_one_unit_with_a_noisy_channel_is_asked_at_every_noise() -> None:
     assert (found.leader, found.q_value < 0.01) == ("bias_T", True)
 
 
+@pytest.mark.slow
 def test_what_the_records_say_is_wrong_is_in_no_screen(tmp_path: Path) -> None:
     """A run that FAILs, averages at a channel's limit: left out, and said of that unit; so is what is missing."""
     rates = base_rates(SHORT) + noise(SHORT, np.random.default_rng(9))
@@ -110,6 +111,7 @@ def test_what_the_records_say_is_wrong_is_in_no_screen(tmp_path: Path) -> None:
         assert words in said, said
 
 
+@pytest.mark.slow
 def test_what_is_mended_where_it_is_solved_is_screened_as_it_is_mended(tmp_path: Path) -> None:
     """Channels exchanged in a run look like a jump, labels like a law of G: neither is missing from any model."""
     for i in range(4):

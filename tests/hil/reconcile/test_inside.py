@@ -101,6 +101,7 @@ def test_what_flicker_scatters_averages_by_is_taken_in_square_from_what_they_sca
     assert left["collect_to_collect_se_deg_per_hr"] is None
 
 
+@pytest.mark.slow
 def test_noise_that_wanders_where_no_run_was_repeated_leaves_open_what_runs_scatter_by(tmp_path: Path) -> None:
     """One run at each temperature: what of it is from run to run is not known, and less the flicker no more so."""
     wanders = wandering_as_flicker(campaign_with("", tmp_path), 5.0, 1)

@@ -128,6 +128,7 @@ def test_what_accelerometers_exchange_is_likelier_than_any_other_exchange() -> N
         assert sorted(odds.values())[-2] < 0.0
 
 
+@pytest.mark.slow
 def test_a_sensor_of_which_every_run_fails_says_nothing_of_another() -> None:
     """Its thermometer shows one number all night: a bias that follows temperature would be ageing, of the other too."""
     both = FOLDERS["two sensors"]()

@@ -29,6 +29,7 @@ def life(seed: int, jump_deg_per_hr: float = 15.0) -> Campaign:
     return campaign_of(rows, rates)
 
 
+@pytest.mark.slow
 def test_a_jump_is_told_from_a_walk_beside_all_else_that_is_missing() -> None:
     """Beside three laws of temperature a quiet noise without a walk is probable; beside the base alone none is."""
     found = {each.id: each for each in reconcile(life(5), "matrix-6", prove=False).effects}

@@ -310,6 +310,7 @@ def test_a_level_outside_its_range_is_refused() -> None:
         reconcile(hidden_campaign(1, **FEW), "matrix-6", alpha=0.0)
 
 
+@pytest.mark.slow
 def test_what_is_not_surely_wrong_is_left_out_of_nothing() -> None:
     """Of Table 1, one row for each temperature, a row or a run in the place of what no effect describes is no cause."""
     assert what_scatters(read_published_table(Path("rd-gc-86-1-table-1"))).answer.rows == []

@@ -168,7 +168,7 @@ def test_what_was_stated_grows_in_square(curve: Curve | None) -> None:
         assert np.max(own.table.se or () if isinstance(own, Table) else own.se) == pytest.approx(0.5)
 
 
-@pytest.mark.parametrize("stated", [STATED, None])
+@pytest.mark.parametrize("stated", [None, pytest.param(STATED, marks=pytest.mark.slow)])
 def test_noise_that_rises_in_the_cold_is_a_finding_only_beside_standard_errors(stated: float | None) -> None:
     """Where none are stated nobody said what it is there: it had been named, by one command and not by another."""
     rng = np.random.default_rng(4)

@@ -25,6 +25,7 @@ from tests.hil.reconcile.hidden_effects import (
 )
 
 
+@pytest.mark.slow
 def test_what_stands_in_the_place_of_a_name_is_said_once() -> None:
     """GS and MU follow temperature, or one term without a name does: both together are no two ways more."""
 
@@ -56,11 +57,13 @@ def warm_unit(temperatures: tuple[float, ...]) -> Reconciliation:
     return reconcile(campaign_of(rows, rates), "matrix-6", prove=False)
 
 
+@pytest.mark.slow
 def test_nothing_makes_the_earth_turn_faster() -> None:
     """What GSA and MUB follow is theirs, and no term without a name of a rate that is known."""
     assert {"GS_T", "MU_real"} <= {effect.id for effect in warm_unit(EIGHT).effects}
 
 
+@pytest.mark.slow
 def test_a_rival_is_as_probable_as_what_the_data_say_of_it_and_what_was_known_make_it() -> None:
     """Of the name's own part, where more of its history could not be asked about."""
     effects = [*with_bias(0, lambda rows: 0.0 * rows.start_s).effects, *warm_unit(EIGHT).effects]
@@ -73,6 +76,7 @@ def test_a_rival_is_as_probable_as_what_the_data_say_of_it_and_what_was_known_ma
         assert rival.probability == pytest.approx(both, rel=1e-6, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_values_that_follow_temperature_are_said_to() -> None:
     """Where they are all that there is nothing is missing: nobody may take that for values that stand."""
     result = warm_unit((-20.0, 0.0, 23.0, 50.0))
@@ -91,6 +95,7 @@ def with_bias(seed: int, hidden: Callable[[Rows], FloatArray]) -> Reconciliation
     return reconcile(campaign_of(rows, rates), "matrix-6", prove=False)
 
 
+@pytest.mark.slow
 def test_what_is_probable_and_not_called_missing_is_said() -> None:
     """Nine of ten that a bias ages beside bias_T are too few for a rate of 5 %; but it is why time is spoken of."""
     result = with_bias(1, lambda rows: rows.start_s / 3600.0)

@@ -264,7 +264,8 @@ def test_of_two_rows_that_differ_nobody_says_which_is_wrong() -> None:
     assert "in its place" not in row["why"]
 
 
-@pytest.mark.parametrize("seed", [3, pytest.param(6, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [3, 6])
 def test_a_bad_last_collect_is_left_out_beside_what_is_named(seed: int) -> None:
     """How many rows are wrong was asked of other sets than those of the leading names: of these none was left."""
     one = campaign(12, 3, seed=seed, scatter=1.0)
@@ -280,7 +281,8 @@ def test_a_bad_last_collect_is_left_out_beside_what_is_named(seed: int) -> None:
     assert [(row["done"], row["collects"]) for row in found.rows] == [("left out", [36])]
 
 
-@pytest.mark.parametrize("seed", [3, pytest.param(38, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [3, 38])
 def test_the_size_of_what_scatters_is_as_uncertain_as_its_runs_make_it(seed: int) -> None:
     """Of 24 runs of two channels a deviation is known to a tenth, and not to what the search has left of its grid."""
     curves = {"MUA": lambda t: 5.0 + 0.0 * t, "BB": lambda t: 30.0 * scaled(t)}

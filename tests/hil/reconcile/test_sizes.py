@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from hil.campaign import Campaign, Collects, Conditions
 from hil.model.effects.base import Parameter
@@ -35,6 +36,7 @@ def test_a_typical_range_ends_where_it_says() -> None:
     assert Parameter("k", "deg/hr/g^2", (0.0, 1.0)).bounds == (0.01, 1.0)
 
 
+@pytest.mark.slow
 def test_a_bias_of_one_axis_that_follows_temperature_is_no_offset_of_runs() -> None:
     """Axes that do not follow it paid more than the one that does brought in: it was called an offset of each run."""
     found = {each.id: each.probability for each in reconcile(of_axes(0.4, 0.0, 0.0), "triad-12", prove=False).effects}
@@ -42,6 +44,7 @@ def test_a_bias_of_one_axis_that_follows_temperature_is_no_offset_of_runs() -> N
     assert reconcile(of_axes(0.0, 0.0, 0.0), "triad-12", prove=False).verdict == "none"
 
 
+@pytest.mark.slow
 def test_no_value_is_as_sure_as_the_smallest_that_it_may_be() -> None:
     """Of a slope that hardly shows, all sizes below its error are as probable; by the likeliest it was surer."""
     off = []

@@ -168,7 +168,7 @@ def test_other_temperatures_tell_which_of_three_runs_are_wrong(seed: int) -> Non
     assert [(row["run"], row["done"]) for row in found(wrong, prove=False).rows] == mended
 
 
-@pytest.mark.parametrize("pairs", [((4, 5),), ((1, 2), (7, 8))])
+@pytest.mark.parametrize("pairs", [((4, 5),), pytest.param(((1, 2), (7, 8)), marks=pytest.mark.slow)])
 def test_of_three_runs_at_one_temperature_either_one_or_the_other_two_are_exchanged(
     pairs: tuple[tuple[int, int], ...],
 ) -> None:

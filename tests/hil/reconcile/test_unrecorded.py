@@ -287,10 +287,10 @@ def test_a_remainder_follows_temperature_where_the_bias_is_no_straight_line(seed
 @pytest.mark.parametrize(
     ("columns", "lacks"),
     [
-        ((), True),
+        pytest.param((), True, marks=pytest.mark.slow),
         (("setpoint_degC",), True),
-        (("a copy of it", "setpoint_degC"), True),
-        (("one number",), True),
+        pytest.param(("a copy of it", "setpoint_degC"), True, marks=pytest.mark.slow),
+        pytest.param(("one number",), True, marks=pytest.mark.slow),
         (("temperature_degC", "setpoint_degC"), False),
     ],
 )
@@ -320,7 +320,8 @@ def test_what_changes_from_run_to_run_may_follow_a_temperature_that_nobody_recor
     assert any(advice in each for each in content.sensors[0].shown.sentences()) is lacks
 
 
-@pytest.mark.parametrize("runs", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("runs", [1, 2])
 def test_what_changes_from_run_to_run_is_told_from_temperature_by_repeats_alone(runs: int) -> None:
     """MU reseats: with one run at each temperature it may follow that, whichever model asks and in every command."""
     curves = {"GSA": lambda t: 55.0 + 0.0 * t, "MUA": lambda t: 5.0 + 0.0 * t, "MUB": lambda t: -6.0 + 0.0 * t}

@@ -52,7 +52,7 @@ def test_a_run_that_is_only_noisy_has_its_own_rates() -> None:
     [
         (lambda rates: rates * [1.0, -1.0], "the sign of RB looks turned", ["RB"]),
         pytest.param(lambda rates: -rates, "the signs look turned", ["RA", "RB"], marks=pytest.mark.slow),
-        (lambda rates: rates[:, ::-1], "RA and RB look exchanged", ["RA", "RB"]),
+        pytest.param(lambda rates: rates[:, ::-1], "RA and RB look exchanged", ["RA", "RB"], marks=pytest.mark.slow),
     ],
 )
 def test_what_is_wrong_with_a_whole_run_solve_and_the_search_say_and_mend_alike(wrong, said, channels) -> None:
@@ -71,6 +71,7 @@ def test_what_is_wrong_with_a_whole_run_solve_and_the_search_say_and_mend_alike(
     assert "labels or signs in the record are wrong" in page(result)
 
 
+@pytest.mark.slow
 def test_signs_turned_in_many_runs_are_all_put_right() -> None:
     """Of long runs three were asked about, whatever `hil solve` named; the other turned ones were effects."""
     made = hidden_campaign(3, temperatures=(-10.0, 23.0, 50.0), positions=tuple("1342431"), runs_each=4)

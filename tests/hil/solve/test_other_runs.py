@@ -64,7 +64,8 @@ def with_column(one: Campaign, **columns: FloatArray) -> Campaign:
     return judged_by_its_records(replace(one, sensors={2: replace(rows, conditions=conditions)}))
 
 
-@pytest.mark.parametrize("per_temperature", [pytest.param(1, marks=pytest.mark.slow), 3])
+@pytest.mark.slow
+@pytest.mark.parametrize("per_temperature", [1, 3])
 def test_sound_campaigns_are_left_alone(per_temperature: int) -> None:
     """Scatter of bias, a slope with temperature, few runs: no row is taken for it, and hardly a run is looked at."""
     doubted = 0

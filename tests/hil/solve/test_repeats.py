@@ -290,7 +290,7 @@ def test_standard_errors_are_too_small_only_where_what_is_left_differs_from_run_
         assert not drift or times < 1.0 or "the same in every run, and no noise" in said
 
 
-@pytest.mark.parametrize(("runs", "per_temperature"), [(2, 2), (6, 6), (12, 3)])
+@pytest.mark.parametrize(("runs", "per_temperature"), [(2, 2), (6, 6), pytest.param(12, 3, marks=pytest.mark.slow)])
 def test_sound_repeats_are_seldom_said_to_scatter_more_and_those_that_do_are(runs: int, per_temperature: int) -> None:
     """Once in a hundred, however many parameters are asked; what scatters by twice its noise is said, and by what."""
     said = {}
