@@ -64,20 +64,20 @@ def test_nothing_missing_is_never_named() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_nothing_missing_is_called_none_or_at_least_nothing_that_moves_averages(kind: str) -> None:
-    """Three campaigns of each kind of noise at a level of 1 %.
+    """Two campaigns of each kind of noise at a level of 1 %; `benchmarks.blind.score --only nulls` asks hundreds.
 
     A random walk, MU that differs from run to run and noise that rises in the cold are effects on the scatter: they may
     be found, and MU and the cold must be, where standard errors say what noise is. No average moves.
     """
-    results = [reconcile(null_campaign(kind, seed), "matrix-6-thermal", alpha=0.01, prove=False) for seed in range(3)]
-    assert [on_the_mean(result) for result in results] == [[], [], []]
+    results = [reconcile(null_campaign(kind, seed), "matrix-6-thermal", alpha=0.01, prove=False) for seed in range(2)]
+    assert [on_the_mean(result) for result in results] == [[], []]
     if kind in SCATTERS:
         assert all(SCATTERS[kind] in {effect.id for effect in result.effects} for result in results)
         named = [effect for result in results for effect in result.effects if (effect.id, effect.kind) == UNLIKE]
         assert bool(named) == (kind == "MU from run to run")
         assert all(0.0 <= rival.overlap < 0.95 for effect in named for rival in effect.confusable_with)
     else:
-        assert [result.verdict for result in results].count("none") >= 2
+        assert [result.verdict for result in results].count("none") >= 1
 
 
 SCATTERS = {"MU from run to run": "MU_rr", "cold": "hash"}
@@ -103,8 +103,8 @@ def test_a_walk_is_found_and_not_told_from_a_bias_that_wanders_for_longer_than_t
 @pytest.mark.parametrize(("runs", "scatter"), [(2, 2.0), (3, 4.0)])
 def test_two_runs_that_differ_by_an_ordinary_offset_lack_nothing(runs: int, scatter: float) -> None:
     """Nobody can tell how much such a unit differs from run to run; that it may is known before."""
-    results = [reconcile(ordinary(runs, runs, seed, scatter=scatter), "matrix-6", prove=False) for seed in range(12)]
-    assert [each.verdict for each in results].count("none") >= 11
+    results = [reconcile(ordinary(runs, runs, seed, scatter=scatter), "matrix-6", prove=False) for seed in range(6)]
+    assert [each.verdict for each in results].count("none") >= 5
 
 
 @pytest.mark.slow
