@@ -137,7 +137,6 @@ def _alone(search: SensorSearch, sets: Sequence[Set]) -> dict[Set, float]:
     """Weigh sets in one sensor, and return their log posterior weights by itself."""
     if not sets:
         return {}
-    search.weigh(sets)
     sorts, log_sort = _log_sorts([search])
     by_sort = shared_evidence(search, sets, sorts) + log_sort
     odds = [sum(search.priced(chosen)) for chosen in sets]
@@ -160,7 +159,7 @@ def _log_sorts(searches: Sequence[SensorSearch]) -> tuple[list[frozenset[str]], 
 def shared_evidence(search: SensorSearch, sets: Sequence[Set], sorts: Sequence[frozenset[str]]) -> FloatArray:
     """Log evidence of sets (m,) with what scatters in the sensors, (m, n): each block may have any of it or not."""
     out = np.zeros((len(sets), len(sorts)))
-    for block, by_sort in zip(search.blocks, zip(*map(search.evidence, sets), strict=True), strict=True):
+    for block, by_sort in zip(search.blocks, zip(*search.evidence(sets), strict=True), strict=True):
         has = {kind.name: COMMON if kind.effect.common_to_sensors else SHARED for kind in block.noise.kinds}
         log_share = np.array(
             [

@@ -81,14 +81,15 @@ class SetInBlock:
         """Return what a free fit leaves at every point, (t,)."""
         return _left(self.beside.rss, self.score, self.inverse)
 
-    def noise_where(self, left: FloatArray) -> tuple[float, FloatArray]:
-        """Return how probable rows are of which `left` (t,) is left (log), and how far each point's noise counts, (t,).
+    def noise_where(self, left: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return how probable rows are of which `left` (m, t) is left (log), and how far each point counts, (m, t).
 
         That is how probable the point then is, over the scale s² that it then has.
         """
-        log = self.beside.student(left[None]) + self.points.log_prior
-        whole = log_sum(log.reshape(-1))
-        return float(whole), np.sum(np.exp(log - whole) / self.beside.scale_left(left), axis=0)
+        beside = self.beside
+        log = student(left[None], beside.log_base, beside.scales, beside.freedom) + self.points.log_prior
+        whole = log_sum(np.moveaxis(log, 2, 1).reshape(-1, len(left)))
+        return whole, np.sum(np.exp(log - whole[:, None]) / beside.scale_left(left), axis=0)
 
     @property
     def slack_at_best(self) -> list[float]:

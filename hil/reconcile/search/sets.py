@@ -1,7 +1,7 @@
 """The evidence of sets of terms in one sensor: the one function that everything else calls, and what it proposes.
 
 search = SensorSearch(blocks, noises, terms)
-search.evidence((3, 17))       # log evidence of terms 3 and 17 together, by what scatters and block
+search.evidence([(3, 17)])     # log evidence of terms 3 and 17 together, by what scatters and block
 search.likely_sets()           # the sets that are worth anything
 """
 
@@ -22,7 +22,7 @@ from hil.reconcile.search.noise import LARGEST
 from hil.reconcile.search.scan import Group, log_factors
 from hil.reconcile.search.set_in_block import Member, SetInBlock, weigh_in_block
 from hil.reconcile.search.terms import Term
-from hil.reconcile.search.tied import tied_gain
+from hil.reconcile.search.tied import tied_gains
 from hil.solve.causes import made_again
 
 LEADING = 18
@@ -187,11 +187,11 @@ class SensorSearch:
         by_point = log_factors(own, groups, products, len(self.terms)) + log_prior[..., None]
         return np.asarray(log_sum(by_point) - log_sum(own.log_null() + log_prior)[:, None])
 
-    def evidence(self, chosen: Set) -> list[FloatArray]:
-        """Log evidence of a set by block: (u,) each, of what scatters, without the odds of that."""
-        if chosen not in self._known:
-            self._known[chosen] = self._evidence(chosen)
-        return self._known[chosen]
+    def evidence(self, sets: Sequence[Set]) -> list[list[FloatArray]]:
+        """Log evidence of sets by block: (u,) each, of what scatters, without the odds of that."""
+        if new := [chosen for chosen in dict.fromkeys(sets) if chosen not in self._known]:
+            self._known |= zip(new, self._evidence(new), strict=True)
+        return [self._known[chosen] for chosen in sets]
 
     def weigh(self, sets: Iterable[Set]) -> None:
         """Weigh several sets in every block, all at once: what they are made of is laid out, and weighed, once."""
@@ -232,10 +232,17 @@ class SensorSearch:
             self._members[j, b] = Member(part.parameters, options, laid[:, :, first:end])
         return {j: self._members[j, b] for j in asked}
 
-    def _evidence(self, chosen: Set) -> list[FloatArray]:
-        weighed = [self.in_block(chosen, b) for b in range(len(self.blocks))]
-        out = [own.by_sort(len(search.noise.sorts)) for own, search in zip(weighed, self.blocks, strict=True)]
-        if (others := self._untied(chosen)) != chosen:
-            without = [self.in_block(others, b) for b in range(len(out))]
-            out[0] = out[0] + tied_gain(weighed, without, [j for j in chosen if self.terms[j].ties])
+    def _evidence(self, sets: Sequence[Set]) -> list[list[FloatArray]]:
+        def weighed(chosen: Set) -> list[SetInBlock]:
+            return [self.in_block(chosen, b) for b in range(len(self.blocks))]
+
+        self.weigh(sets)
+        sorts = [len(search.noise.sorts) for search in self.blocks]
+        out = [[own.by_sort(many) for own, many in zip(weighed(s), sorts, strict=True)] for s in sets]
+        tied = {m: others for m, s in enumerate(sets) if (others := self._untied(s)) != s}
+        asked = [
+            (weighed(sets[m]), weighed(own), [j for j in sets[m] if self.terms[j].ties]) for m, own in tied.items()
+        ]
+        for m, gain in zip(tied, tied_gains(asked), strict=True):
+            out[m][0] = out[m][0] + gain
         return out

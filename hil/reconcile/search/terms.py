@@ -8,6 +8,7 @@ terms like any other, and compete with them.
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -75,7 +76,7 @@ class Term:
     log_odds: float
     ties: bool = False
 
-    @property
+    @cached_property
     def follows(self) -> str:
         """What it follows: its effect's driver, a nameless term's condition; temperature where that moves it."""
         if self.candidate.form != "constant":
@@ -83,7 +84,7 @@ class Term:
         effect = self.candidate.effect
         return driver_of(self.candidate.driver) if effect is None or self.tier != 1 else effect.follows
 
-    @property
+    @cached_property
     def called(self) -> str:
         """The name that it counts under: its own, or that of all that has none; empty of a mistake."""
         return "" if self.is_mistake else self.name if self.tier == 1 else NO_NAME

@@ -20,7 +20,8 @@ from hil.reconcile.search.layout import searches, values_follow
 from hil.reconcile.search.posterior import Found, Posterior, _alone, weigh
 from hil.reconcile.search.problem import Problem, pose
 from hil.reconcile.search.set_in_block import CLOSE, Inner, Sets, instead
-from hil.reconcile.search.tied import tied_gain
+from hil.reconcile.search.sets import SensorSearch
+from hil.reconcile.search.tied import tied_gains
 from hil.reconcile.workflow import _kept
 from tests.hil.reconcile.hidden_effects import (
     EIGHT,
@@ -226,10 +227,25 @@ def test_a_tied_parameter_brings_its_gain_into_the_evidence(supplied: tuple[Post
     search = supplied[0].searches[2]
     place = next(j for j, term in enumerate(search.terms) if term.ties)
     apart = [search.in_block((place,), b).by_sort(len(search.blocks[b].noise.sorts)) for b in (0, 1)]
-    gain = tied_gain(*([search.in_block(own, b) for b in (0, 1)] for own in ((place,), ())), [place])
+    weighed, without = ([search.in_block(own, b) for b in (0, 1)] for own in ((place,), ()))
+    (gain,) = tied_gains([(weighed, without, [place])])
     assert abs(gain) > 1e-3
-    together = search.evidence((place,))
+    together = search.evidence([(place,)])[0]
     assert together[0][0] + together[1][0] == pytest.approx(apart[0][0] + apart[1][0] + gain)
+
+
+def test_sets_that_are_weighed_side_by_side_gain_what_each_gains_by_itself(
+    supplied: tuple[Posterior, Reading],
+) -> None:
+    """However many amplitudes another has, and however soon its bound is reached."""
+    search = supplied[0].searches[2]
+    tied = [j for j in search.leading() if search.terms[j].ties][:3]
+    sets = [(tied[0],), tuple(sorted(tied[:2])), tuple(sorted(tied))]
+    together = SensorSearch(search.blocks, search.terms).evidence(sets)
+    for chosen, by_block in zip(sets, together, strict=True):
+        (alone,) = SensorSearch(search.blocks, search.terms).evidence([chosen])
+        for b, own in enumerate(by_block):
+            np.testing.assert_allclose(own, alone[b], rtol=1e-9)
 
 
 @pytest.mark.parametrize(("sure", "left_out"), [(0.5, [1, 0]), (0.8, [0])])

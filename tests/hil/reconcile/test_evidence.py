@@ -148,9 +148,9 @@ def test_the_evidence_is_the_marginal_likelihood(
     Nor does what other sizes add at points that are next to impossible, where it is what they add at the likeliest.
     """
     chosen = tuple(term(search, name) for name in names)
-    quick = search.evidence(chosen)
+    quick = search.evidence([chosen])[0]
     monkeypatch.setattr(set_in_block, "DEPTH", np.inf)
-    for b, evidence in enumerate(SensorSearch(search.blocks, search.terms).evidence(chosen)):
+    for b, evidence in enumerate(SensorSearch(search.blocks, search.terms).evidence([chosen])[0]):
         expected = brute_force(search, chosen, b)
         np.testing.assert_allclose(quick[b], evidence, atol=0.01)
         np.testing.assert_array_equal(np.isfinite(evidence), np.isfinite(expected))
@@ -167,7 +167,7 @@ def test_values_that_follow_temperature_are_in_the_evidence(
     """Whatever way they follow it: the covariance of all rows says the same, and some points have such values."""
     monkeypatch.setattr(set_in_block, "DEPTH", np.inf)
     chosen = tuple(term(calibrated, name) for name in names)
-    for b, evidence in enumerate(SensorSearch(calibrated.blocks, calibrated.terms).evidence(chosen)):
+    for b, evidence in enumerate(SensorSearch(calibrated.blocks, calibrated.terms).evidence([chosen])[0]):
         own = calibrated.blocks[b]
         assert any(far for p in np.unique(own.points.profile) for far, _ in own.noise.profiles[p])
         expected = brute_force(calibrated, chosen, b)
@@ -178,7 +178,7 @@ def test_values_that_follow_temperature_are_in_the_evidence(
 def test_two_terms_together_have_the_evidence_of_both(search: SensorSearch) -> None:
     """Sizes of one and of the other are nearly independent given the data: a tenth of a log at most."""
     chosen = tuple(sorted(term(search, name) for name in ("usual", "k2")))
-    total = logsumexp(search.evidence(chosen)[0])
+    total = logsumexp(search.evidence([chosen])[0][0])
     assert total == pytest.approx(logsumexp(brute_force(search, chosen, 0)), abs=0.1)
 
 
@@ -252,7 +252,7 @@ def test_in_which_unit_a_column_is_given_changes_nothing(search: SensorSearch) -
 def test_a_scan_says_what_the_evidence_says(search: SensorSearch) -> None:
     """The quick look at all terms, at fewer points of the noise, puts the hidden one where the evidence does."""
     usual, noise = term(search, "usual"), term(search, "k2")
-    gain = [sum(logsumexp(e) for e in search.evidence(s)) for s in ((), (usual,), (noise,))]
+    gain = [sum(logsumexp(e) for e in search.evidence([s])[0]) for s in ((), (usual,), (noise,))]
     scanned = search.scan(())
     assert scanned[usual] == pytest.approx(gain[1] - gain[0], abs=1.0)
     assert scanned[noise] == pytest.approx(gain[2] - gain[0], abs=1.0)

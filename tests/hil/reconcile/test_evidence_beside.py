@@ -97,7 +97,7 @@ def test_one_number_in_two_blocks_has_the_evidence_that_a_joint_density_says(
         next(j for j, t in enumerate(search.terms) if t.candidate.shape == {"run": run, "exchange": 0}) for run in runs
     ]
     chosen = (term(search, "together"), *exchanges)
-    found = sum(logsumexp(own) for own in search.evidence(chosen))
+    found = sum(logsumexp(own) for own in search.evidence([chosen])[0])
     assert found == pytest.approx(joint(search, chosen), abs=within)
 
 
