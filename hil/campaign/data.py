@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
@@ -69,7 +70,7 @@ class Sensor:
         return sorted(self.channel_axes) == [0, 1, 2]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Conditions:
     """What was known about n collects (or n samples) of one sensor, without the rates: what an effect may depend on.
 
@@ -98,7 +99,7 @@ class Conditions:
         }
         return replace(self, **chosen, columns={name: values[index] for name, values in self.columns.items()})
 
-    @property
+    @cached_property
     def of_each_run(self) -> Mapping[int, IntArray]:
         """The rows of each run, (k,), by its number in rising order: a life has thousands, and is gone through once."""
         order = np.argsort(self.run, kind="stable")

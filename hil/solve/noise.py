@@ -56,7 +56,7 @@ def changes(rows: Collects, runs: Set[int]) -> FloatArray:
     root = np.where(known, 1.0 / np.where(known, rows.rates_se_deg_per_hr, 1.0), 0.0)
     columns, white = form.columns(conditions) * root[..., None], np.where(known, seen, 0.0) * root
     of_run = np.array([name.startswith(("B", "MU")) for name in form.names])
-    groups, count, of_each = runs_by_temperature(conditions), known.shape[1], conditions.of_each_run
+    groups, count, of_each = list(runs_by_temperature(conditions)), known.shape[1], conditions.of_each_run
     groups = [(degC, several) for degC, several in groups if degC is not None]
     alike: dict[tuple[int, bytes, bytes], list[IntArray]] = {}
     for k, (_, several) in enumerate(groups):

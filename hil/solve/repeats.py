@@ -306,7 +306,7 @@ def means_of(
 
 
 def _of_sensor(own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, ...]) -> SensorRepeats:
-    at, stated = runs_by_temperature(rows.conditions), stated_noise(rows) is not None
+    at, stated = list(runs_by_temperature(rows.conditions)), stated_noise(rows) is not None
     channels = list(rows.conditions.sensor.channels)
     noise, known_by = noise_left(own, len(channels))
     units = {name: each.unit for solution in own for name, each in solution.parameters.items()}

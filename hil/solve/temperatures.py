@@ -1,12 +1,13 @@
 """The same temperature: which collects, and which runs, of a campaign were made at one.
 
     same_temperature(conditions)     # 0, 0, 0, 1, 1, 1, … of each collect, coldest first; -1 where nobody knows
-    runs_by_temperature(conditions)  # [(-20.0, (1, 9)), (3.0, (2, 10)), …]: runs of one temperature repeat each other
+    runs_by_temperature(conditions)  # ((-20.0, (1, 9)), (3.0, (2, 10)), …): runs of one temperature repeat each other
 
 Repeats, noise, a calibration per temperature, parameters against temperature, the report and reconcile ask here.
 """
 
 from collections.abc import Iterable, Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -52,9 +53,10 @@ def same_temperature(conditions: Conditions, apart_degC: float | None = None) ->
     return out
 
 
+@lru_cache(maxsize=8)
 def runs_by_temperature(
     conditions: Conditions, apart_degC: float | None = None
-) -> list[tuple[float | None, tuple[int, ...]]]:
+) -> tuple[tuple[float | None, tuple[int, ...]], ...]:
     """Group the runs that were made at one temperature, coldest first, with the mean over a group's runs, °C.
 
     A run stands at the temperature at which most of its collects do. Without any temperature all runs are one group. A
@@ -62,7 +64,7 @@ def runs_by_temperature(
     """
     every, name = conditions.of_each_run, told_by(conditions, apart_degC)
     if name is None:
-        return [(None, tuple(every))]
+        return ((None, tuple(every)),)
     level, number = conditions.columns[name], same_temperature(conditions, apart_degC)
     groups: dict[int, list[int]] = {}
     for run, rows in every.items():
@@ -70,7 +72,9 @@ def runs_by_temperature(
         groups.setdefault(int(np.argmax(np.bincount(here))) if len(here) else -run - 1, []).append(run)
     means = {run: known_mean(level[rows]) for run, rows in every.items()}
     ordered = sorted(groups.items(), key=lambda group: (group[0] < 0, abs(group[0])))
-    return [(None if at < 0 else known_mean(np.array([means[run] for run in of])), tuple(of)) for at, of in ordered]
+    return tuple(
+        (None if at < 0 else known_mean(np.array([means[run] for run in of])), tuple(of)) for at, of in ordered
+    )
 
 
 def how_many(conditions: Conditions) -> str:

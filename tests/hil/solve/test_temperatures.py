@@ -35,7 +35,14 @@ def test_the_setpoint_counts_before_the_units_own_temperature() -> None:
     found = runs_by_temperature(
         conditions({"setpoint_degC": [40.0, -20.0, 40.0], "temperature_degC": [48.0, -11.0, 46.0]})
     )
-    assert found == [(-20.0, (2,)), (40.0, (1, 3))]
+    assert found == ((-20.0, (2,)), (40.0, (1, 3)))
+
+
+def test_what_runs_were_made_at_is_gone_through_once() -> None:
+    """Solving, repeats and the search ask of the same collects, a life of them, a dozen times."""
+    asked = conditions({"temperature_degC": [20.0, 20.1, 40.0]})
+    assert runs_by_temperature(asked) is runs_by_temperature(asked)
+    assert asked.of_each_run is asked.of_each_run
 
 
 def test_a_run_of_unknown_temperature_repeats_no_other() -> None:
@@ -49,12 +56,12 @@ def test_what_stands_in_for_a_thermometer_that_some_runs_lack_tells_them_all() -
     """The unit's in two runs and the case's in the third are not one temperature's column: it is the case's in all."""
     laid = conditions({"temperature_degC": [20.0, np.nan, 40.0], "case_degC": [20.3, 20.5, 40.2]})
     assert told_by(laid) == "case_degC"
-    assert runs_by_temperature(laid) == [(pytest.approx(20.4), (1, 2)), (pytest.approx(40.2), (3,))]
+    assert runs_by_temperature(laid) == ((pytest.approx(20.4), (1, 2)), (pytest.approx(40.2), (3,)))
 
 
 def test_without_any_temperature_all_runs_are_repeats() -> None:
     """There is nothing to tell them apart by."""
-    assert runs_by_temperature(conditions({})) == [(None, (1, 2, 3))]
+    assert runs_by_temperature(conditions({})) == ((None, (1, 2, 3)),)
 
 
 def collects(columns: dict[str, np.ndarray]) -> Conditions:
@@ -129,7 +136,7 @@ def test_one_more_run_renames_no_temperature() -> None:
     far = {"setpoint_degC": [*near["setpoint_degC"], 40.0], "temperature_degC": [*near["temperature_degC"], 48.0]}
     assert runs_by_temperature(conditions(far))[:2] == runs_by_temperature(conditions(near))
     short = {"setpoint_degC": [20.0, 20.0, 20.0], "temperature_degC": [28.0, 28.1, 35.0]}
-    assert runs_by_temperature(conditions(short)) == [(20.0, (1, 2, 3))]
+    assert runs_by_temperature(conditions(short)) == ((20.0, (1, 2, 3)),)
     assert list(unsettled(conditions(short))) == [3]
 
 
