@@ -15,7 +15,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 
@@ -92,9 +92,13 @@ def _oddness(block: Block, conditions: Conditions) -> FloatArray:
 def _wrong(
     name: str, number: int, size: tuple[int, int], rows: IntArray, channels: IntArray, shape: Mapping[str, float]
 ) -> Candidate:
-    parameters = tuple(Parameter(f"off_{k}", "deg/hr", (1.0, 100.0)) for k in range(len(rows)))
     columns = partial(_each_rate, size, rows, channels)
-    return Candidate(name, 0, number, columns, parameters, shape=shape, title=f"A {name} that is wrong")
+    return Candidate(name, 0, number, columns, _each_off(len(rows)), shape=shape, title=f"A {name} that is wrong")
+
+
+@cache
+def _each_off(many: int) -> tuple[Parameter, ...]:
+    return tuple(Parameter(f"off_{k}", "deg/hr", (1.0, 100.0)) for k in range(many))
 
 
 def _each_rate(size: tuple[int, int], rows: IntArray, channels: IntArray) -> FloatArray:

@@ -213,9 +213,12 @@ def _parts(columns: FloatArray, largest: FloatArray, ends: IntArray, base: Float
     here = np.sqrt(np.mean(columns**2, axis=0))
     seen = (here > UNSEEN * largest) & (here > 0.0)
     seen[seen] = kept_shares(base, columns[:, seen]) > UNSEEN
-    for own, values in zip(np.split(seen, ends), np.split(columns, ends, axis=1), strict=True):
-        rows, parameters = np.flatnonzero(values.any(axis=1)), np.flatnonzero(own)
-        yield Part(parameters, rows, values[rows][:, own], len(columns)) if len(parameters) else None
+    begins = np.append(0, ends)
+    acting = np.ascontiguousarray(np.logical_or.reduceat(columns != 0.0, begins, axis=1).T)
+    for begin, own, rows in zip(begins.tolist(), np.split(seen, ends), map(np.flatnonzero, acting), strict=True):
+        parameters = np.flatnonzero(own)
+        values = columns[rows[:, None], begin + parameters]
+        yield Part(parameters, rows, values, len(columns)) if len(parameters) else None
 
 
 def _is_exact(candidate: Candidate) -> bool:
