@@ -1,12 +1,12 @@
 """A set as numbers: values with errors, the noise beside them, and what each term makes of every row."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
-from hil.campaign import Conditions, FloatArray
+from hil.campaign import Conditions, FloatArray, IntArray
 from hil.reconcile.search.block_search import BlockSearch
 from hil.reconcile.search.chains import COMPARED
 from hil.reconcile.search.posterior import Found, Posterior
@@ -223,35 +223,36 @@ def fitted(posterior: Posterior, found: Found) -> Fitted:
         for b in range(len(search.blocks))
     ]
     keys: list[Key] = list(dict.fromkeys(key for block in blocks for key in block.keys))
-    at_best = [(block.weighed, block.at) for block in blocks]
-    noises = _over_noises(blocks, _scatters(posterior, found))
-    drawn = [_at_noise(blocks, keys, at, sizes) for at, sizes in zip(noises, over_sizes(at_best, _NOISES), strict=True)]
-    values, covariance, alone = (np.mean(own, axis=0) for own in zip(*drawn, strict=True))
-    off = np.array([own for own, *_ in drawn]) - values
-    covariance, alone = covariance + off.T @ off / _NOISES, alone + np.mean(off**2, axis=0)
-    return Fitted(posterior, found, blocks, keys, values, covariance, np.sqrt(alone))
+    values, covariance, variance = _over_all(blocks, keys, _scatters(posterior, found))
+    mean = values.mean(axis=0)
+    off = values - mean
+    alone = np.sqrt(variance.mean(axis=0) + np.mean(off**2, axis=0))
+    return Fitted(posterior, found, blocks, keys, mean, covariance.mean(axis=0) + off.T @ off / _NOISES, alone)
 
 
-def _at_noise(
-    blocks: Sequence[FittedBlock], keys: Sequence[Key], at: Sequence[int], sizes: Sequence[Mapping[int, int]]
+def _over_all(
+    blocks: Sequence[FittedBlock], keys: Sequence[Key], scatters: Mapping[frozenset[str], float]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return values (p,), their covariance (p, p), and variances alone (p,), with each block's noise at a point.
+    """Return values (d, p), their covariance (d, p, p), and variances alone (d, p), at all that is probable.
 
-    And with sizes of its members.
+    What one block scatters by says of the others nothing but what: they are taken to be quiet or noisy together.
     """
-    gram, score = np.zeros((len(keys), len(keys))), np.zeros(len(keys))
-    mean, deviation = np.zeros(len(keys)), np.zeros(len(keys))
-    for block, t, of in zip(blocks, at, sizes, strict=True):
-        if not block.keys:
-            continue
-        index, own = np.array([keys.index(key) for key in block.keys]), block.weighed
-        gram[np.ix_(index, index)] += own.gram[t] / own.scales_left[t]
-        score[index] += own.score[t] / own.scales_left[t]
-        mean[index], largest = own.prior(of)
-        deviation[index] = np.maximum(deviation[index], largest)
-    gram, score = gram + np.diag(deviation**-2.0), score + mean * deviation**-2.0
-    covariance = np.linalg.inv(gram * np.outer(deviation, deviation)) * np.outer(deviation, deviation)
-    return covariance @ score, covariance, np.diag(gram) ** -1.0
+    many = len(keys)
+    gram, score = np.zeros((_NOISES, many, many)), np.zeros((_NOISES, many))
+    mean, deviation = np.zeros((2, _NOISES, many))
+    for block in blocks:
+        own, index = block.weighed, np.array([keys.index(key) for key in block.keys], dtype=np.int64)
+        t = _over_noises(block, scatters)
+        gram[:, index[:, None], index] += own.gram[t] / own.scales_left[t, None, None]
+        score[:, index] += own.score[t] / own.scales_left[t, None]
+        priors = [own.prior(sizes) for sizes in over_sizes(own, block.at, _NOISES)]
+        mean[:, index], largest = (np.array(each) for each in zip(*priors, strict=True))
+        deviation[:, index] = np.maximum(deviation[:, index], largest)
+    known, both = deviation**-2.0, deviation[:, :, None] * deviation[:, None]
+    gram[:, range(many), range(many)] += known
+    covariance = np.linalg.inv(gram * both) * both
+    values = (covariance @ (score + mean * known)[..., None])[..., 0]
+    return values, covariance, np.diagonal(gram, axis1=1, axis2=2) ** -1.0
 
 
 def _scatters(posterior: Posterior, found: Found) -> dict[frozenset[str], float]:
@@ -262,23 +263,16 @@ def _scatters(posterior: Posterior, found: Found) -> dict[frozenset[str], float]
     return {scatter: float(np.exp(each - whole)) for scatter, each in log.items()}
 
 
-def _over_noises(blocks: Sequence[FittedBlock], scatters: Mapping[frozenset[str], float]) -> Iterator[list[int]]:
-    """Yield points of the noise of all blocks, `_NOISES` of them, each as often as it is probable.
-
-    What one block scatters by says of the others nothing but what: they are taken to be quiet or noisy together.
-    """
-    each = []
-    for block in blocks:
-        points, sorts = block.search.points, block.search.noise.sorts
-        total, weight = block.weighed.terms_log + points.log_prior, np.zeros(len(points))
-        for scatter, share in scatters.items():
-            log = np.where(np.array([sort <= scatter for sort in sorts])[points.sort], total, -np.inf)
-            weight += share * np.exp(log - np.logaddexp.reduce(log))
-        noisy = np.argsort(-np.einsum("tkk->t", block.weighed.gram) / block.weighed.scales_left, kind="stable")
-        ends = np.cumsum(weight[noisy])
-        shares = (np.arange(_NOISES) + 0.5) / _NOISES * ends[-1]
-        each.append(noisy[np.searchsorted(ends, shares)].tolist())
-    yield from (list(at) for at in zip(*each, strict=True))
+def _over_noises(block: FittedBlock, scatters: Mapping[frozenset[str], float]) -> IntArray:
+    """Return points of a block's noise, `_NOISES` of them, the noisiest last, each as often as it is probable."""
+    points, sorts = block.search.points, block.search.noise.sorts
+    total, weight = block.weighed.terms_log + points.log_prior, np.zeros(len(points))
+    for scatter, share in scatters.items():
+        log = np.where(np.array([sort <= scatter for sort in sorts])[points.sort], total, -np.inf)
+        weight += share * np.exp(log - np.logaddexp.reduce(log))
+    noisy = np.argsort(-np.einsum("tkk->t", block.weighed.gram) / block.weighed.scales_left, kind="stable")
+    ends = np.cumsum(weight[noisy])
+    return np.asarray(noisy[np.searchsorted(ends, (np.arange(_NOISES) + 0.5) / _NOISES * ends[-1])])
 
 
 def fitted_block(search: SensorSearch, chosen: Set, scatter: frozenset[str], b: int) -> FittedBlock:

@@ -1,7 +1,5 @@
 """How large what is in a set may be: every size of its members by how probable the rows make it."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from hil.campaign import FloatArray
@@ -9,19 +7,18 @@ from hil.reconcile.search.evidence import shrunk
 from hil.reconcile.search.set_in_block import SetInBlock
 
 
-def over_sizes(blocks: Sequence[tuple[SetInBlock, int]], times: int) -> list[list[dict[int, int]]]:
-    """Return a size of every member, by place, of a set in each of some blocks, each so often as it is probable.
+def over_sizes(of: SetInBlock, t: int, times: int) -> list[dict[int, int]]:
+    """Return a size of every member, by place, of a set in a block, each so often as it is probable.
 
-    That is so many `times`, each block at a point of its noise. Of what hardly moves the rows all sizes below what they
-    tell are as probable: no value is as sure as the least of them would make it.
+    That is so many `times`, at a point of the noise. Of what hardly moves the rows all sizes below what they tell are
+    as probable: no value is as sure as the least of them would make it.
     """
-    out: list[list[dict[int, int]]] = [[{} for _ in blocks] for _ in range(times)]
-    for b, (own, t) in enumerate(blocks):
-        for m, j in enumerate(own.members):
-            ends = np.cumsum(np.exp(log_sizes(own, m, t)))
-            shares = (np.random.default_rng(j).permutation(times) + 0.5) / times * ends[-1]
-            for every, size in zip(out, np.searchsorted(ends, shares).tolist(), strict=True):
-                every[b][j] = size
+    out: list[dict[int, int]] = [{} for _ in range(times)]
+    for m, j in enumerate(of.members):
+        ends = np.cumsum(np.exp(log_sizes(of, m, t)))
+        shares = (np.random.default_rng(j).permutation(times) + 0.5) / times * ends[-1]
+        for every, size in zip(out, np.searchsorted(ends, shares).tolist(), strict=True):
+            every[j] = size
     return out
 
 
