@@ -49,13 +49,24 @@ from drivers.transports.transport import Timing
 Looked = Literal["alarms", "temperature", "setpoint", "state", "low_limit", "high_limit", "unit"]
 
 
+Why = Literal["locked", "parameter", "value", "program"]
+
+
 class SimulatedSection(Entry):
-    """What a simulator of it does besides: registers that it has, others that are the same, and how it refuses."""
+    """What a simulator of it does besides: registers that it has, others that are the same, and how it refuses.
+
+    `refuses` are its words where its panel is locked, a command has another parameter, a setpoint would lie beyond its
+    limits, and no program runs that could end; for all else it has the first of `refusals`. `answers` are templates,
+    in which {value} is the air's temperature; their fields stand before those of what is asked by the same text.
+    """
 
     registers: dict[Registers, int] = Field(default_factory=dict)
     same: dict[Address, Address] = Field(default_factory=dict)
     silent_refusals: bool = False
     takes_any_setpoint: bool = False  # also beyond its limits
+    refuses: dict[Why, Plain] = Field(default_factory=dict)
+    limits: tuple[float, float] | None = None  # as it leaves its factory, °C
+    limit_alarm: Plain | None = None  # where the air crosses them
     pause_s: float = Field(default=0.0, ge=0.0)
     decimals: int = Field(default=1, ge=0)  # of the numbers in its texts
     identity: Plain | None = None

@@ -100,7 +100,7 @@ def _pattern(template: str, named: dict[str, str], number: str) -> str:
     def of(place: str) -> str:
         name, _, size = place.partition(":")
         if place == _TIME:
-            return r"(?P<value>\d+:\d+)"
+            return r"(?P<value>\d+:[0-5]?\d)"
         if name in named:
             return named[name] if not size else f"(?P<value>.{{{size}}})" if name == "value" else f".{{{size}}}"
         return number.format(name)

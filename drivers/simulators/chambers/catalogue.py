@@ -8,7 +8,6 @@ from drivers.chambers.catalogue import SHIPPED, ChamberDriver, Spoken
 from drivers.outside import Catalogue
 from drivers.simulators.chambers.controller import ChamberFault, SimulatedController
 from drivers.simulators.chambers.described import simulated_box
-from drivers.simulators.chambers.espec import SimulatedEspec
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.chambers.voetsch_ascii import SimulatedVoetschAscii
 
@@ -45,7 +44,6 @@ def _brought(entry: ChamberDriver | str | Path) -> Build:
 
 _SHIPPED: Mapping[str, Build] = {
     **{name: _box(driver.description) for name, driver in SHIPPED.items()},
-    "espec": lambda plant, o: SimulatedEspec(plant, **o.said(*_ALL, "address", "terminator")),
     "voetsch-ascii2": lambda plant, o: SimulatedVoetschAscii(plant, **o.said(*_ALL, "address", "terminator", "layout")),
 }
 

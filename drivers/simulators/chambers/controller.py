@@ -152,7 +152,7 @@ class SimulatedController(ABC):
         return ""
 
     def _pause_after(self, request: bytes) -> float:
-        """Return how long it wants to be left alone after its reply to this request, s."""
+        """Return how long it wants to be left alone after its reply to this request, or after what has none, s."""
         del request
         return self.pause_s
 
@@ -171,13 +171,13 @@ class SimulatedController(ABC):
             return
         due_s = now_s + self.latency_s
         pause_s = self._pause_after(request)
-        self._ready_at_s = due_s + pause_s if pause_s else now_s
         try:
             if fault is not None and fault.kind is Kind.REFUSED:
                 raise Refusal(self._refusal() if fault.text is None else fault.text)
             reply = self._carry_out(request, now_s)
         except Refusal as refusal:
             reply = self._refused(request, refusal)
+        self._ready_at_s = (due_s if reply else now_s) + pause_s if pause_s else now_s
         self._condition(now_s)
         self._answer(reply, due_s, fault)
 

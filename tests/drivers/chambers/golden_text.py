@@ -15,7 +15,6 @@ from drivers.chambers.controllers.voetsch_ascii import VoetschAscii
 from drivers.clock import Clock
 from drivers.errors import CommandRefused
 from drivers.simulators.chambers.controller import SimulatedController
-from drivers.simulators.chambers.espec import SimulatedEspec
 from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.chambers.voetsch_ascii import SimulatedVoetschAscii
 from drivers.transports import Transport
@@ -24,6 +23,7 @@ from tests.drivers.chambers.shipped import (
     espec,
     julabo,
     simserv,
+    simulated_espec,
     simulated_julabo,
     simulated_simserv,
     simulated_thermotron,
@@ -39,18 +39,13 @@ MANUAL_READ = (
 _NEVER_ASKED = "the driver asks for nothing that this tells: "
 
 
-def _espec(air: float = 22.0, has: dict[str, Any] | None = None, **settings: Any) -> Build:
-    def build() -> SimulatedController:
-        device = SimulatedEspec(ChamberPlant(ambient_degC=air), latency_s=0.0, **settings)
-        vars(device).update(has or {})
-        return device
-
-    return build
+def _espec(air: float = 22.0, **settings: Any) -> Build:
+    return lambda: simulated_espec(ChamberPlant(ambient_degC=air), latency_s=0.0, **settings)
 
 
 def _sh641(**settings: Any) -> Build:
     limits = ChamberLimits(-50.0, 140.0)
-    return _espec(26.4, limits=limits, setpoint_degC=0.0, has={"type_text": "T,T,S2,160.0"}, **settings)
+    return _espec(26.4, limits=limits, setpoint_degC=0.0, says={"TYPE?": "T,T,S2,160.0"}, **settings)
 
 
 def _voetsch(**settings: Any) -> Build:
@@ -139,7 +134,7 @@ _ESPEC: dict[str, Vector] = {
     "humi": Vector(
         b"HUMI?\r\n",
         b"25,85,100,0\r\n",
-        _espec(has={"humidity": "25,85,100,0"}),
+        _espec(says={"HUMI?": "25,85,100,0"}),
         f"{_NEVER_ASKED}humidity is not controlled",
     ),
     "set": Vector(
@@ -152,7 +147,7 @@ _ESPEC: dict[str, Vector] = {
     "mon_addr": Vector(
         b"1,MON?\r\n",
         b"24.1,100,CONSTANT,0\r\n",
-        _espec(24.1, {"humidity": "100,100,100,0"}, address=1, mode="CONSTANT", setpoint_degC=24.1),
+        _espec(24.1, says={"MON?": "{value},100,,"}, spoken={"address": 1}, mode="CONSTANT"),
         _sees(lambda transport, clock: espec(transport, clock, address=1), mode="CONSTANT", alarms=()),
     ),
     "cmd_err": Vector(b"TENMP?\r\n", b"NA:CMD ERR\r\n", _espec(), "a misspelt command, which no driver sends"),
@@ -160,13 +155,13 @@ _ESPEC: dict[str, Vector] = {
     "gl_set": Vector(
         b"TEMP,S85.0\r\n",
         b"OK:1,temp,s85.0\r\n",
-        _espec(has={"acknowledgement": "OK:{1},{3}"}),
+        _espec(gl=True),
         _does(espec, _sets(85.0)),
     ),
     "gl_mode": Vector(
         b"MODE,CONSTANT\r\n",
         b"OK:1,mode,constant\r\n",
-        _espec(has={"acknowledgement": "OK:{1},{3}"}),
+        _espec(gl=True),
         _does(espec, lambda driver: driver.start()),
     ),
     "const": Vector(

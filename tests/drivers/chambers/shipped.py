@@ -29,6 +29,29 @@ def espec(transport: Transport, clock: Clock, **settings: Any) -> SetpointBox:
     return SetpointBox(transport, clock, load_box(path, **settings))
 
 
+def simulated_espec(
+    plant: ChamberPlant,
+    says: Mapping[str, Any] = MappingProxyType({}),
+    spoken: Mapping[str, Any] = MappingProxyType({}),
+    gl: bool = False,
+    **settings: Any,
+) -> SimulatedSetpointBox:
+    """Return a simulated ESPEC, `spoken` to as a bench file says it.
+
+    `says` is what it answers otherwise than its description says. A `gl` acknowledges with its address, in small
+    letters.
+    """
+    path = CHAMBER_DRIVERS["espec"].description
+    assert path is not None
+    box = load_box(path, **spoken)
+    if gl:
+        setpoint = box.setpoint.model_copy(update={"confirm": ("OK:1,temp,s{value:.1f}",)})
+        start = (box.start[0], box.start[1].model_copy(update={"confirm": ("OK:1,mode,constant",)}))
+        box = box.model_copy(update={"setpoint": setpoint, "start": start})
+    simulated = box.simulated.model_copy(update={"answers": box.simulated.answers | dict(says)})
+    return SimulatedSetpointBox(plant, box.model_copy(update={"simulated": simulated}), **settings)
+
+
 def watlow_f4(transport: Transport, clock: Clock, **settings: Any) -> SetpointBox:
     """Return the driver of an F4."""
     return SetpointBox(transport, clock, shipped("watlow-f4", **settings))
