@@ -19,28 +19,18 @@ from hil.solve.repeats import MeanAt
 from procedures.verdict import NOT_GOOD, Verdict
 from procedures.words import counted, numbered
 
-_RATE, _PER_G = "deg/hr", "deg/hr/g"
 _ROOM_DEGC = 20.0
 _MOST_SENSORS = 3  # beside each other in one look
 
-# Table 1 of the report has these six rows, in this order; GSA and GSB, which it never gives, follow.
-_TABLE_1 = (
-    ("MUA, matrix", "MUA", "matrix", _PER_G),
-    ("MUB, matrix", "MUB", "matrix", _PER_G),
-    ("BA, contractor", "BA", "contractor", _RATE),
-    ("BA, matrix", "BA", "matrix", _RATE),
-    ("BB, contractor", "BB", "contractor", _RATE),
-    ("BB, matrix", "BB", "matrix", _RATE),
-    ("GSA, matrix", "GSA", "matrix", _PER_G),
-    ("GSB, matrix", "GSB", "matrix", _PER_G),
-)
+# Table 1 of the report has these in this order; GSA and GSB, which it never gives, follow.
+_TABLE_1 = ("MUA", "MUB", "BA", "BB", "GSA", "GSB")
 
-_FIGURES = (
-    ("Figure 2's layout: bias A, eq. (5)", "BA", _RATE),
-    ("Figure 3's layout: bias B, eq. (6)", "BB", _RATE),
-    ("Figure 4's layout: MUA, eq. (11)", "MUA", _PER_G),
-    ("Figure 5's layout: MUB, eq. (12)", "MUB", _PER_G),
-)
+_FIGURES = {
+    "BA": "Figure 2's layout: bias A, eq. (5)",
+    "BB": "Figure 3's layout: bias B, eq. (6)",
+    "MUA": "Figure 4's layout: MUA, eq. (11)",
+    "MUB": "Figure 5's layout: MUB, eq. (12)",
+}
 
 
 def sensor_view(sensor: SensorContent, *, published: bool = False) -> dict[str, Any]:
@@ -112,9 +102,9 @@ def _at(sensor: SensorContent, at_degC: float | None) -> str:
 
 def _by_temperature(sensor: SensorContent) -> dict[str, Any]:
     """Means and their uncertainty by temperature; in Table 1's layout, with their scatter, where that is published."""
-    rows: Sequence[tuple[str, str, str, str]] = [(n, n, "matrix", u) for n, u in _units(sensor.solutions).items()]
+    rows = [(name, name, "matrix", unit) for name, unit in _units(sensor.solutions).items()]
     if sensor.has_contractor:
-        rows = _TABLE_1
+        rows = [(f"{name}, {model}", name, model, _unit_of(name)) for name in _TABLE_1 for model in _models(name)]
     heads = []
     for repeat in sensor.shown.means:
         at = repeat.temperature_degC
@@ -177,11 +167,9 @@ def _figures(sensor: SensorContent) -> Iterator[str]:
     if any(repeat.temperature_degC is None for repeat in sensor.shown.means):
         return
     if sensor.has_contractor:
-        for title, name, unit in _FIGURES:
-            lines = [_line("matrix (M)", sensor, name, "matrix", "matrix")]
-            if name.startswith("B"):
-                lines.append(_line("contractor (C)", sensor, name, "contractor", "contractor"))
-            yield _figure(title, unit, lines, fahrenheit=True)
+        for name, title in _FIGURES.items():
+            lines = [_line(f"{model} ({model[0].upper()})", sensor, name, model, model) for model in _models(name)]
+            yield _figure(title, _unit_of(name), lines[::-1], fahrenheit=True)
         return
     styles = ("matrix", "contractor", "single")
     units = _units(sensor.solutions)
@@ -239,6 +227,15 @@ def _units(solutions: Sequence[RunSolution]) -> dict[str, str]:
     return {name: each.unit for solution in solutions for name, each in solution.parameters.items()}
 
 
+def _unit_of(name: str) -> str:
+    return "deg/hr" if name.startswith("B") else "deg/hr/g"
+
+
+def _models(name: str) -> Sequence[str]:
+    """Return whose solutions have a rotor's parameter, in the order of Table 1: the contractor's has biases alone."""
+    return ("contractor", "matrix") if name.startswith("B") else ("matrix",)
+
+
 def _contractors_verdicts(sensor: SensorContent) -> str:
     """Say in which runs the residuals contradict the contractor's model, of which it leaves two."""
     groups: dict[Verdict, list[int]] = {}
@@ -256,4 +253,4 @@ def _worst(found: Mapping[str, Any]) -> Iterator[tuple[str, str, int, list[float
     for name in CONTRACTORS:
         worst = max(found["contractor_errors"], key=lambda each: abs(each["found"][name]))
         values = [worst[by][name] for by in ("found", "closed_form", "g1_only")]
-        yield name, _RATE if name.startswith("B") else _PER_G, worst["run"], values
+        yield name, _unit_of(name), worst["run"], values
