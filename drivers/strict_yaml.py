@@ -6,6 +6,7 @@ The loader is the safe one, which in addition refuses a key that is given twice.
 mistake is shown, and no key that only the program knows.
 """
 
+import difflib
 import re
 from collections.abc import Hashable, Mapping, Sequence
 from copy import deepcopy
@@ -14,7 +15,7 @@ from importlib.resources import files
 from typing import Any
 
 import yaml
-from pydantic import ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from drivers.errors import InputError
 from drivers.given_file import TEXT_MB, limit_bytes
@@ -40,7 +41,6 @@ _KINDS = {
     "tuple": "a list, such as [a, b]",
 }
 _SENTENCES = {
-    "extra_forbidden": "there is no such key here; check its spelling",
     "unexpected_keyword_argument": "there is no such key here; check its spelling",
     "union_tag_not_found": "this key is missing",
     "union_tag_invalid": "{tag!r} is not allowed; allowed: {expected_tags}",
@@ -53,6 +53,26 @@ _SENTENCES = {
     "multiple_of": "must be a multiple of {multiple_of:g}, not {given}",
     "finite_number": "must be a finite number, not {given}",
 }
+
+
+class Section(BaseModel):
+    """A mapping in a file that people write; nothing changes after it was read.
+
+    Keys that it does not know are errors, with the nearest one suggested.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _know_every_key(cls, data: Any) -> Any:
+        names = [field.alias or name for name, field in cls.model_fields.items()]
+        if not isinstance(data, dict | cls):
+            raise ValueError(f"must be a mapping with the keys {', '.join(names)}")
+        for key in data if isinstance(data, dict) else ():
+            if key not in names:
+                raise ValueError(f"unknown key {key!r}{near(str(key), names)}")
+        return data
 
 
 class _StrictLoader(yaml.SafeLoader):
@@ -143,6 +163,12 @@ def check_schema(document: Mapping[str, Any], schema: str, source: str) -> None:
     if (found := document.get("schema")) != schema:
         what = "it is missing" if found is None else f"it is {found!r}"
         raise InputError(f"{source}, key schema: {what}; this program reads {schema}")
+
+
+def near(word: str, allowed: Sequence[str]) -> str:
+    """Return "; did you mean …?" where one of `allowed` is near, else "; allowed: …"."""
+    close = difflib.get_close_matches(word, allowed, n=1)
+    return f"; did you mean {close[0]!r}?" if close else f"; allowed: {', '.join(sorted(allowed))}"
 
 
 def first_mistake(error: ValidationError, document: object) -> str:

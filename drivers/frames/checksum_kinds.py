@@ -4,7 +4,8 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from drivers.frames.notation import Described, HexBytes
+from drivers.frames.notation import HexBytes
+from drivers.strict_yaml import Section
 
 Part = tuple[int, int | None] | HexBytes
 
@@ -17,7 +18,7 @@ def _one_or_several(span: Any) -> Any:
     return [span] if one else span
 
 
-class _Checksum(Described):
+class _Checksum(Section):
     """What every kind has. Positions count from the frame's first byte.
 
     `span` is [first byte covered, first byte no longer covered], or a list of such parts and of constant bytes that are
@@ -62,7 +63,7 @@ class _Checksum(Described):
         """Raise `ValueError` where the kind cannot cover so many bytes."""
 
 
-class CrcParameters(Described):
+class CrcParameters(Section):
     """The parameters of the Rocksoft model (as in the catalogue of CRC algorithms)."""
 
     width: int = Field(ge=8, le=64)

@@ -41,13 +41,13 @@ from drivers.frames.fields import (
     field_offsets,
 )
 from drivers.frames.items import ItemsDescription
-from drivers.frames.notation import ByteOrder, Described, Factor, Header, HexBytes, HexHeader, Name
+from drivers.frames.notation import ByteOrder, Factor, Header, HexBytes, HexHeader, Name
 from drivers.frames.packets import PacketDescription
 from drivers.frames.parameters import ParameterDescription, put_in, values_of
 from drivers.frames.roles import CounterDescription, Roles, StatusBit, TimeDescription, check_roles
 from drivers.frames.text_frames import TextDescription
 from drivers.given_file import read_text
-from drivers.strict_yaml import first_mistake, parse_yaml
+from drivers.strict_yaml import Section, first_mistake, parse_yaml
 
 _DEEPEST = 8  # files that include one another
 
@@ -57,7 +57,7 @@ Length = Annotated[
 ]
 
 
-class FrameDescription(Described):
+class FrameDescription(Section):
     """One frame type. `length` counts every byte on the wire, from the sync to the delimiter.
 
     The header is the stream's `sync` followed by this frame's `id` (or one of `more_ids`, which mean the same frame).
@@ -119,7 +119,7 @@ class FrameDescription(Described):
         return self.shortest
 
 
-class CommandsDescription(Described):
+class CommandsDescription(Section):
     """What the host may send.
 
     A line is `prefix + command + suffix`; `{xor}` in the suffix is the XOR of the command's bytes in two hexadecimal
@@ -137,7 +137,7 @@ class CommandsDescription(Described):
         return (self.prefix + command + self.suffix.replace("{xor}", f"{check:02X}")).encode("ascii")
 
 
-class StreamDescription(Described):
+class StreamDescription(Section):
     """Everything that is needed to read, and to simulate, one unit's stream.
 
     `optional_delimiter` follows every frame, or none, as the unit is set; the first good frame tells. It counts in no
@@ -344,7 +344,7 @@ def _with_values(content: dict[str, Any], given: Mapping[str, object]) -> dict[s
     return {**put_in(rest, values), "parameters": described}
 
 
-class _Parameters(Described):
+class _Parameters(Section):
     parameters: dict[Name, ParameterDescription]
 
 

@@ -5,7 +5,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from drivers.frames.notation import ByteOrder, Described, Factor, Name
+from drivers.frames.notation import ByteOrder, Factor, Name
+from drivers.strict_yaml import Section
 
 FieldType = Literal[
     "u8", "i8", "u16", "i16", "u24", "i24", "u32", "i32", "u40", "i40", "u48", "i48", "u56", "i56", "u64", "i64",
@@ -19,7 +20,7 @@ TOKENS = ("decimal", "word", "line")
 """The types that only a line of text has."""
 
 
-class When(Described):
+class When(Section):
     """The field is there only in frames in which `field`, seen through `mask`, is `equals`: a multiplexed field."""
 
     field: Name
@@ -33,7 +34,7 @@ class When(Described):
         return self
 
 
-class FieldDescription(Described):
+class FieldDescription(Section):
     """One field: its value is `wire value × scale + offset`, in `unit`.
 
     `at` is the offset from the frame's first byte; without it the field follows the one before it, `skip` bytes later.
@@ -199,7 +200,7 @@ def check_turns(fields: Mapping[str, FieldDescription]) -> None:
 LONGEST = 65536
 
 
-class ExtendedLength(Described):
+class ExtendedLength(Section):
     """Where the length has the value `mark`, the true one stands at `at`, and the frame is `plus` longer than that."""
 
     mark: int = Field(ge=0)
@@ -209,7 +210,7 @@ class ExtendedLength(Described):
     plus: int = Field(ge=0)
 
 
-class LengthDescription(Described):
+class LengthDescription(Section):
     """The frame's length stands in it: the number at `at`, and `plus` bytes more, between `least` and `most`.
 
     Where a frame is shorter than the `whole`, it was sent without the zeros at its content's end.

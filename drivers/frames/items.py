@@ -20,17 +20,18 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from drivers.frames.fields import SIZES, FieldDescription, Fields, FieldType, field_offsets
-from drivers.frames.notation import ByteOrder, Described, Name
+from drivers.frames.notation import ByteOrder, Name
+from drivers.strict_yaml import Section
 
 
-class ItemFormats(Described):
+class ItemFormats(Section):
     """The type of the values as bits of the item's id tell it."""
 
     mask: int = Field(gt=0)
     types: dict[int, FieldType]
 
 
-class ItemDescription(Described):
+class ItemDescription(Section):
     """One known item: those whose id, seen through `mask`, is `id`."""
 
     id: int = Field(ge=0)
@@ -42,7 +43,7 @@ class ItemDescription(Described):
         return (found if self.mask is None else found & self.mask) == self.id
 
 
-class ItemsDescription(Described):
+class ItemsDescription(Section):
     """Where the items begin and how each begins; they go on to the checksum.
 
     `extended_begin` is where they begin in a frame whose length is extended. The length of an item counts its `data`,

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, InstanceOf
+from pydantic import AfterValidator, BeforeValidator, InstanceOf
 
 from drivers.frames.wire import ByteOrder as ByteOrder
 
@@ -113,9 +113,3 @@ def _parse_header(value: Any) -> Any:
 
 
 HexHeader = Annotated[InstanceOf[Header], BeforeValidator(_parse_header)]
-
-
-class Described(BaseModel):
-    """Base of everything in a description: unknown keys are errors, and nothing changes after it was read."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)

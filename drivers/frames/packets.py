@@ -16,14 +16,15 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from drivers.frames.notation import Described, HexBytes
+from drivers.frames.notation import HexBytes
+from drivers.strict_yaml import Section
 
 _ENDS = {"slip": b"\xc0", "hdlc": b"\x7e", "dle": b"\x10\x03", "cobs": b"\x00", "lines": b"\n"}
 _ESCAPES = {"slip": b"\xdb", "hdlc": b"\x7d"}
 LONGEST = 8192
 
 
-class PacketDescription(Described):
+class PacketDescription(Section):
     """How packets are told apart. `end` and `escape` replace what is usual for the kind."""
 
     kind: Literal["slip", "hdlc", "dle", "cobs", "lines"]

@@ -19,13 +19,14 @@ from typing import Any, Self
 
 from pydantic import model_validator
 
-from drivers.frames.notation import Described, Name, parse_factor
+from drivers.frames.notation import Name, parse_factor
+from drivers.strict_yaml import Section
 
 ParameterValue = str | int | float | bool | None
 _USE = re.compile(r"\$\{(\w*)\}")
 
 
-class ParameterDescription(Described):
+class ParameterDescription(Section):
     """One parameter: what it means, what it can be, and what it is where nobody says."""
 
     meaning: str

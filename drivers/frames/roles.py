@@ -11,10 +11,11 @@ from typing import Literal
 from pydantic import Field
 
 from drivers.frames.fields import FieldDescription
-from drivers.frames.notation import Described, Factor, WholeNumber
+from drivers.frames.notation import Factor, WholeNumber
+from drivers.strict_yaml import Section
 
 
-class CounterDescription(Described):
+class CounterDescription(Section):
     """The field that counts frames, `step` (perhaps a quotient, `2000/${rate}`) by frame, modulo `modulus`."""
 
     field: str
@@ -22,7 +23,7 @@ class CounterDescription(Described):
     step: WholeNumber = Field(default=1, ge=1)
 
 
-class TimeDescription(Described):
+class TimeDescription(Section):
     """The unit's time, `resolution` s a count, modulo `modulus`: without a counter it tells what is missing."""
 
     field: str
@@ -30,7 +31,7 @@ class TimeDescription(Described):
     modulus: int | None = Field(default=None, gt=1)
 
 
-class StatusBit(Described):
+class StatusBit(Section):
     """One bit of a status field; `good` is the value it has when nothing is wrong, None where it only informs."""
 
     bit: int = Field(ge=0, lt=64)
@@ -38,7 +39,7 @@ class StatusBit(Described):
     meaning: str = ""
 
 
-class AtRest(Described):
+class AtRest(Section):
     """What the rates of a sound unit at rest are: within `full_scale`, within `bias` of zero, and as noisy as this.
 
     A data sheet's figures in deg/hr and deg/sqrt(hr); those that are not given are not looked at.
@@ -49,7 +50,7 @@ class AtRest(Described):
     angle_random_walk_deg_per_root_hr: float | None = Field(default=None, gt=0.0)
 
 
-class SensorRole(Described):
+class SensorRole(Section):
     """Which decoded fields belong to one sensor.
 
     `rates` maps channel name (RA, RB, GX …) to field name, deg/hr; `accelerations` maps sensor axis (A, B, S, X …)
@@ -65,7 +66,7 @@ class SensorRole(Described):
     conditions: dict[str, str] = Field(default_factory=dict)
 
 
-class IndexRole(Described):
+class IndexRole(Section):
     """How the stream tells the collect position: the field with its code, and the status bits around a move."""
 
     position: str
@@ -75,7 +76,7 @@ class IndexRole(Described):
     rejected: str | None = None
 
 
-class IdentityRole(Described):
+class IdentityRole(Section):
     """The frame that says who the unit is, with its text fields; or, without a frame, a model name from here."""
 
     frame: str | None = None
@@ -84,7 +85,7 @@ class IdentityRole(Described):
     firmware: str | None = None
 
 
-class Roles(Described):
+class Roles(Section):
     """All roles. `frame` is the frame type that carries the samples; `conditions` maps campaign columns to fields."""
 
     frame: str

@@ -18,14 +18,14 @@ from pydantic import Field, model_validator
 from drivers.frames.checksum_kinds import CrcParameters
 from drivers.frames.checksums import message_crc
 from drivers.frames.fields import FieldDescription
-from drivers.frames.notation import Described
+from drivers.strict_yaml import Section
 
 LINE_END = b"\r\n"
 _NUMBER = rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _PRINTABLE = re.compile(rb"[\t\x20-\x7e]*")
 
 
-class _InDigits(Described):
+class _InDigits(Section):
     """Digits after the last `mark`. `first` is the first covered byte; the mark itself may be covered too."""
 
     mark: str = Field(min_length=1, max_length=1)
@@ -59,7 +59,7 @@ class TextCrc(_InDigits, CrcParameters):
     kind: Literal["crc"]
 
 
-class TextDescription(Described):
+class TextDescription(Section):
     """How a line is put together. One of the `checksums` must match, where there are any; `most` bytes are the longest.
 
     Any of the characters of `separator` parts two tokens; blanks around them do not count.

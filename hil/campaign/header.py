@@ -8,9 +8,9 @@ from datetime import date
 from pathlib import Path
 from typing import Annotated, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StrictBool, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, Field, StrictBool, ValidationError, model_validator
 
-from drivers.strict_yaml import check_schema, first_mistake, parse_yaml
+from drivers.strict_yaml import Section, check_schema, first_mistake, parse_yaml
 from hil.campaign.data import SCHEMA, Campaign, Sensor, Technology
 from hil.errors import InputError
 from procedures.pose import PoseTolerance
@@ -24,10 +24,6 @@ _Name = Annotated[str, Field(min_length=1)]
 _Text = Annotated[str, BeforeValidator(lambda value: "" if value is None else harmless(str(value)))]
 
 
-class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid")
-
-
 def hangs_together(axes: Sequence[str], channels: Mapping[str, str]) -> None:
     """Raise `ValueError`, with the key, where axes are not three or a channel measures about none of them."""
     if len(set(axes)) != 3:
@@ -37,7 +33,7 @@ def hangs_together(axes: Sequence[str], channels: Mapping[str, str]) -> None:
             raise ValueError(f"channels.{channel}: there is no axis {axis!r}; allowed: {', '.join(axes)}")
 
 
-class _Layout(_Section):
+class _Layout(Section):
     """A sensor: three axes, and which of them each channel measures about."""
 
     axes: tuple[_Name, ...] = Field(min_length=3, max_length=3)
@@ -64,7 +60,7 @@ class _Series(BaseModel):
     collects: _Number = 0.0
 
 
-class _Judged(_Section):
+class _Judged(Section):
     verdict: Verdict
     reason: _Text = ""
 
@@ -73,7 +69,7 @@ class _Judged(_Section):
         return Judgement(self.verdict, self.reason or "no reason is given")
 
 
-class _Keys(_Section):
+class _Keys(Section):
     """What campaign.yaml may say, beside `schema`."""
 
     title: _Text = ""

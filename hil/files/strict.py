@@ -4,16 +4,17 @@ find_config("benches", "simulated")     # the file that ships with hil
 find_config("benches", "./my-bench.yaml")  # a path given in full wins
 """
 
-import difflib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Self, TypeVar
 
-from pydantic import BaseModel, ConfigDict, PrivateAttr, ValidationError, model_validator
+from pydantic import BaseModel, PrivateAttr, ValidationError
 
 from drivers.given_file import read_text as read_text
 from drivers.outside import brought, loaded
+from drivers.strict_yaml import Section as Section
 from drivers.strict_yaml import first_mistake
+from drivers.strict_yaml import near as near
 from drivers.strict_yaml import parse_yaml as parse_yaml
 from hil.errors import InputError
 
@@ -38,23 +39,6 @@ def one_line(what: str, text: object, longest: int = REMARK) -> str:
     if not isinstance(text, str) or len(text) > longest or not text.isprintable():
         raise InputError(f"{what}: one line of at most {longest} characters")
     return text.strip()
-
-
-class Section(BaseModel):
-    """A mapping in a configuration file. Keys that it does not know are errors, with the nearest one suggested."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _know_every_key(cls, data: Any) -> Any:
-        names = [field.alias or name for name, field in cls.model_fields.items()]
-        if not isinstance(data, dict | cls):
-            raise ValueError(f"must be a mapping with the keys {', '.join(names)}")
-        for key in data if isinstance(data, dict) else ():
-            if key not in names:
-                raise ValueError(f"unknown key {key!r}{near(str(key), names)}")
-        return data
 
 
 class WholeFile(Section):
@@ -83,12 +67,6 @@ class WholeFile(Section):
             raise InputError(f"{source}: {first_mistake(error, document)}") from error
         found._text, found._source = text, source
         return found
-
-
-def near(word: str, allowed: Sequence[str]) -> str:
-    """Return "; did you mean …?" where one of `allowed` is near, else "; allowed: …"."""
-    close = difflib.get_close_matches(word, allowed, n=1)
-    return f"; did you mean {close[0]!r}?" if close else f"; allowed: {', '.join(sorted(allowed))}"
 
 
 def config_folders(kind: str) -> list[Path]:

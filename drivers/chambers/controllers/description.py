@@ -32,7 +32,6 @@ from drivers.chambers.controllers.questions import (
 )
 from drivers.chambers.controllers.registers import (
     Address,
-    Entry,
     ModbusSection,
     Plain,
     Registers,
@@ -42,7 +41,7 @@ from drivers.chambers.controllers.registers import (
 from drivers.chambers.controllers.templates import Reply, addressed_to
 from drivers.errors import InputError
 from drivers.given_file import read_text
-from drivers.strict_yaml import first_mistake, parse_yaml
+from drivers.strict_yaml import Section, first_mistake, parse_yaml
 from drivers.transports.framing import Frame, Framings, Silence, Terminator, lines
 from drivers.transports.transport import Timing
 
@@ -52,7 +51,7 @@ Looked = Literal["alarms", "temperature", "setpoint", "state", "low_limit", "hig
 Why = Literal["locked", "parameter", "value", "program"]
 
 
-class SimulatedSection(Entry):
+class SimulatedSection(Section):
     """What a simulator of it does besides: registers that it has, others that are the same, and how it refuses.
 
     `refuses` are its words where its panel is locked, a command has another parameter, a setpoint would lie beyond its
@@ -84,7 +83,7 @@ class SerialLine:
     parity: Literal["N", "E", "O"] = "N"
 
 
-class BoxDescription(Entry):
+class BoxDescription(Section):
     """A whole box. Times in seconds, temperatures in °C; what a box does not have is left out."""
 
     name: Plain

@@ -7,8 +7,9 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, Field, PositiveFloat, PositiveInt, model_validator
 
 from drivers.chambers.controller import Mode
-from drivers.chambers.controllers.registers import Address, Entry, InRegister, Plain, Several, Word, off_is_a_word
+from drivers.chambers.controllers.registers import Address, InRegister, Plain, Several, Word, off_is_a_word
 from drivers.chambers.controllers.templates import Order, Reply, number_in
+from drivers.strict_yaml import Section
 
 
 class Question(InRegister):
@@ -238,7 +239,7 @@ class AlarmQuestion(Question):
         return tuple(self.bits.get(bit, self.name.replace("{value}", f"bit {bit}")) for bit in standing)
 
 
-class Messages(Entry):
+class Messages(Section):
     """Alarms as texts in a list: the `count`, and by `{number}` the `text` of each, if all of `only` are answered 1."""
 
     count: Number

@@ -9,8 +9,9 @@ A number that is not said to be one (a state, a bit field) is unsigned and has n
 from collections.abc import Sequence
 from typing import Annotated, ClassVar, Literal, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PositiveFloat
+from pydantic import BeforeValidator, Field, PositiveFloat
 
+from drivers.strict_yaml import Section
 from drivers.transports.modbus import Framing, NumberType, Table, decoded, encoded, width
 
 
@@ -37,13 +38,7 @@ Address = Annotated[int, Field(ge=0, le=0xFFFF)]
 Registers = Annotated[tuple[int, int], BeforeValidator(_registers)]
 
 
-class Entry(BaseModel):
-    """A mapping of a description."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class InRegister(Entry):
+class InRegister(Section):
     """A place in a Modbus controller: `type` and `scale` are the box's own where they are not given."""
 
     address: Address | None = Field(default=None, alias="register")  # a class has a method of that name
@@ -55,7 +50,7 @@ class InRegister(Entry):
     numeric: ClassVar[bool] = False
 
 
-class ModbusSection(Entry):
+class ModbusSection(Section):
     """How registers are spoken to: what is so of each number that does not say otherwise, and what is read together."""
 
     framing: Framing = "rtu"

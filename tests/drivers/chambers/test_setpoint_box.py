@@ -188,7 +188,7 @@ def test_a_full_box_works_against_its_simulator() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"setpont": 1}, "box.yaml: setpont: there is no such key here; check its spelling"),
+        ({"setpont": 1}, "box.yaml: unknown key 'setpont'; did you mean 'setpoint'?"),
         ({"setpoint": {"ask": "S?", "reply": "{value}"}}, "box.yaml: setpoint.send: this key is missing"),
         ({"temperature": {"ask": "T?", "reply": "T"}}, "box.yaml: temperature.reply: 'T' must hold {value} once"),
         (

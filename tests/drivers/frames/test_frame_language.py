@@ -87,7 +87,7 @@ BROKEN = {
     ),
     "an unknown key of a parameter": (
         fields("a: {type: u8}", HEAD + PARAMETERS.replace("default: 2", "defaults: 2")),
-        r"parameters\.gain\.default",
+        r"parameters\.gain: unknown key 'defaults'; did you mean 'default'",
     ),
     "an array with both names and count": (fields("a: {type: u8, names: [x], count: 1}"), r"fields.a: an array has"),
     "an array whose elements overlap": (

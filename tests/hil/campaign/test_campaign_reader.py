@@ -283,7 +283,10 @@ REFUSED_HEADERS = {
         YAML.replace("channels:", "technology: laser\n    channels:"),
         r"sensors\.2\.technology: 'laser' is not allowed; allowed: '', 'rotor', 'DTG', 'RLG', 'FOG', 'MEMS' or 'gas'",
     ),
-    "unknown key of a sensor": (YAML.replace("channels:", "chanels: {}\n    channels:"), r"sensors\.2\.chanels"),
+    "unknown key of a sensor": (
+        YAML.replace("channels:", "chanels: {}\n    channels:"),
+        "sensors.2: unknown key 'chanels'; did you mean 'channels'",
+    ),
     "two columns of one name": (YAML.replace("RB: B", "w_A: B"), "would share the column w_A_deg_per_hr"),
     "site": (YAML + "site: {latitude_deg: north}\n", r"key site\.latitude_deg: must be a number, not 'north'"),
     "simulated": (YAML + "simulated: perhaps\n", "key simulated"),
