@@ -68,7 +68,7 @@ class Section(BaseModel):
     def _know_every_key(cls, data: Any) -> Any:
         names = [field.alias or name for name, field in cls.model_fields.items()]
         if not isinstance(data, dict | cls):
-            raise ValueError(f"must be a mapping with the keys {', '.join(names)}")
+            raise ValueError(f"must be a mapping with the keys {', '.join(names)}, not {_shown(data)}")
         for key in data if isinstance(data, dict) else ():
             if key not in names:
                 raise ValueError(f"unknown key {key!r}{near(str(key), names)}")

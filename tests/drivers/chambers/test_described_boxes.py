@@ -26,7 +26,7 @@ from drivers.simulators.chambers.plant import ChamberPlant
 from drivers.simulators.memory import MemoryTransport
 from drivers.simulators.serve import DeviceServer
 from drivers.transports import open_port
-from tests.drivers.chambers.chamber_benches import EXAMPLE_BOX
+from tests.drivers.chambers.chamber_benches import EXAMPLE_BOX, ChamberBench
 from tests.drivers.chambers.modbus_peer import modbus_server
 from tests.drivers.chambers.shipped import shipped
 from tests.drivers.simulators.running import running
@@ -372,3 +372,21 @@ def test_a_wrong_description_is_one_sentence_that_names_file_and_key(
         parse_box(yaml.safe_dump(base | changes), "box.yaml")
     assert str(refusal.value).startswith(message)
     assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "question"),
+    [
+        ("espec", b"MON?\r\n"),
+        ("simserv", b"11004\xb61\xb61\r"),
+        ("thermotron", b"PVAR1?\r"),
+        ("box", b"TEMP?\n"),
+    ],
+)
+def test_impatience_would_be_noticed(name: str, question: bytes) -> None:
+    """The simulators ignore what comes too early, so the pauses of a description are proven, not assumed."""
+    bench = ChamberBench(name)
+    bench.chamber.identify()
+    assert bench.device.ignored_requests == 0
+    bench.transport.write(question)
+    assert bench.device.ignored_requests == 1

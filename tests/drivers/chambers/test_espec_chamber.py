@@ -12,15 +12,6 @@ from drivers.simulators.chambers.controller import ChamberFaultKind as Fault
 from tests.drivers.chambers.chamber_benches import ChamberBench
 
 
-def test_impatience_would_be_noticed() -> None:
-    """The simulator ignores what comes too early, so the vendor's pauses are proven, not assumed."""
-    bench = ChamberBench("espec")
-    bench.chamber.identify()
-    assert bench.device.ignored_requests == 0
-    bench.transport.write(b"MON?\r\n")
-    assert bench.device.ignored_requests == 1
-
-
 def test_the_alarm_limits_follow_the_air_inside() -> None:
     """A bench for 30 to 65 °C begins in a room of 22 °C; once the air is inside, the next setpoint tightens."""
     bench = ChamberBench("espec", limits=ChamberLimits(30.0, 65.0), safe=SafeState("off"))

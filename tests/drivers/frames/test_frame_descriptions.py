@@ -84,7 +84,7 @@ BROKEN = {
     "no frames": (STIM300.split("frames:")[0] + "frames: {}\n", "yaml: frames: must have at least 1 entry"),
     "a frame that is nothing": (
         STIM300.split("frames:")[0] + "frames: {a: }\n",
-        "frames.a: must be a mapping with the keys id, ",
+        "frames.a: must be a mapping with the keys id, .*, not nothing",
     ),
     "a name with a blank": (KVH.replace("format_A:", "format A:"), "frames.format A: 'format A' is not a name"),
     "an array's element": (

@@ -45,7 +45,7 @@ def test_a_self_calibration_that_never_settled_is_not_called_pass(hil: Run, tmp_
     [
         ({1: {"verdict": "GOOD"}}, "verdicts.1.verdict: 'GOOD' is not allowed; allowed: 'PASS', "),
         ({1: {"verdict": ["PASS"]}}, "verdicts.1.verdict"),
-        ({1: "PASS"}, "verdicts.1: must be a mapping of keys to values, not 'PASS'"),
+        ({1: "PASS"}, "verdicts.1: must be a mapping with the keys verdict, reason, not 'PASS'"),
         ({"one": {"verdict": "PASS"}}, "verdicts.one: must be a whole number, not 'one'"),
         (["PASS"], "verdicts: must be a mapping of keys to values, not a list"),
     ],
