@@ -161,7 +161,6 @@ class Gap:
     standardised_before: float
     standardised_after: float
     improved_p_value: float
-    blocks: Mapping[str, float] = field(default_factory=dict)
     log_score: Mapping[str, float] | None = None
     each: str = ""
 
@@ -172,7 +171,7 @@ class Gap:
             "statistic": "rms of held-out residuals (raw in deg/hr; standardised by their covariance)",
             **picked(self, "before after noise_floor held_out"),
             "standardised": picked(self, "before=standardised_before after=standardised_after"),
-            **picked(self, "improvement_p_value=improved_p_value by_contiguous_block=blocks"),
+            **picked(self, "improvement_p_value=improved_p_value"),
             **({"log_score": self.log_score} if self.log_score else {}),
         }
 

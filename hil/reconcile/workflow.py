@@ -27,7 +27,7 @@ from hil.reconcile.naming import Named, Reading, read
 from hil.reconcile.outcome.added import added
 from hil.reconcile.outcome.answer import Answer
 from hil.reconcile.outcome.shown import shown
-from hil.reconcile.proof.held_out import Proof, held_out
+from hil.reconcile.proof.held_out import HeldOut, held_out
 from hil.reconcile.result import Reconciliation
 from hil.reconcile.search.layout import may_be_calibrated, searches, values_follow
 from hil.reconcile.search.posterior import Posterior, weigh
@@ -98,12 +98,12 @@ def _weighed(problem: Problem, scattering: Sequence[VarianceEffect], alpha: floa
     return (plain, reading) if stands else (calibrated, read(calibrated, alpha))
 
 
-def _kept(posterior: Posterior, reading: Reading, proof: Proof | None) -> tuple[Reading, Sequence[Named]]:
+def _kept(posterior: Posterior, reading: Reading, proof: HeldOut | None) -> tuple[Reading, Sequence[Named]]:
     """Take back what does not predict held-out rows better, by the log score that serves mean and scatter alike.
 
     What is wrong with the data without those names stands, and is in what is fitted.
     """
-    if not reading.names or proof is None or proof[0].log_score[1] > proof[0].log_score[0]:
+    if not reading.names or proof is None or proof.log_score[1] > proof.log_score[0]:
         return reading, ()
     mended = reading.mended
     return replace(reading, names=(), found=mended, mistakes=posterior.mistakes(mended)), reading.names

@@ -14,7 +14,7 @@ from hil.reconcile.outcome.mistakes import certain, mended, outliers_found, rows
 from hil.reconcile.outcome.scatter import FoundScatter, found_scatter, ordinary, pooled
 from hil.reconcile.outcome.stated import not_repeated
 from hil.reconcile.outcome.values import taken_out
-from hil.reconcile.proof.held_out import Proof, held_out
+from hil.reconcile.proof.held_out import HeldOut, held_out
 from hil.reconcile.result import Gap, Solved
 from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.fitted import Fitted, Values, fitted
@@ -38,7 +38,7 @@ class Answer:
     problem: Problem
     posterior: Posterior
     reading: Reading
-    proof: Proof | None
+    proof: HeldOut | None
     reverted: Sequence[Named]
     alpha: float
     prove: bool

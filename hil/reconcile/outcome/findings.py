@@ -19,7 +19,7 @@ from hil.model.model_file import InsideCollects
 from hil.reconcile.naming import Named
 from hil.reconcile.outcome.improve import described_parameters
 from hil.reconcile.outcome.scatter import FoundScatter
-from hil.reconcile.proof.held_out import Proof
+from hil.reconcile.proof.held_out import HeldOut
 from hil.reconcile.result import FoundEffect, Gap, Shape
 from hil.reconcile.rivals import LEAST
 from hil.reconcile.search.candidates import Candidate
@@ -37,7 +37,7 @@ FEWEST_REPEATS = 30
 """Degrees of freedom from which repeats measure the noise to an eighth."""
 
 
-def gap_of(proof: Proof | None, fit: Fitted, before: Fitted, chance: float) -> Gap:
+def gap_of(proof: HeldOut | None, fit: Fitted, before: Fitted, chance: float) -> Gap:
     """Return the held-out gap before and after; that of the fits themselves where nothing can be held out.
 
     `chance` is that of nothing missing at all.
@@ -49,19 +49,17 @@ def gap_of(proof: Proof | None, fit: Fitted, before: Fitted, chance: float) -> G
         scaled = [round(v**2 / max(noise, 1e-9) ** 2, 6) for v in rms]
         nothing = "not held out (one run per temperature): residuals of the fit itself"
         return Gap(rms[0], rms[1], min(noise, *rms), nothing, scaled[0], scaled[1], np.nan)
-    runs, contiguous = proof
-    (raw_before, raw_after), (scaled_before, scaled_after) = runs.rms, runs.standardised
+    (raw_before, raw_after), (scaled_before, scaled_after) = proof.rms, proof.standardised
     kind = "run" if len(np.unique(fit.blocks[0].search.block.run)) >= FEWEST_RUNS else "collect"
     return Gap(
         before=raw_before,
         after=raw_after,
         noise_floor=min(noise, raw_before, raw_after),
-        held_out=f"leave-one-{kind}-out, {len(runs.rows)} folds, selection repeated in every fold",
+        held_out=f"leave-one-{kind}-out, {len(proof.rows)} folds, selection repeated in every fold",
         standardised_before=scaled_before,
         standardised_after=scaled_after,
-        improved_p_value=max(runs.improvement_p_value(), min(chance, 1.0)),
-        blocks={"before": contiguous.rms[0], "after": contiguous.rms[1]},
-        log_score={"before": runs.log_score[0], "after": runs.log_score[1]},
+        improved_p_value=max(proof.improvement_p_value(), min(chance, 1.0)),
+        log_score={"before": proof.log_score[0], "after": proof.log_score[1]},
         each=kind,
     )
 
@@ -244,7 +242,7 @@ def _number(value: float) -> float | None:
     return round(float(value), 4) if np.isfinite(value) else None
 
 
-def picture(fit: Fitted, before: Fitted, proof: Proof | None) -> dict[str, Any]:
+def picture(fit: Fitted, before: Fitted, proof: HeldOut | None) -> dict[str, Any]:
     """Residuals by row before and after, for the page; minutes from one collect to the next.
 
     `held_*` are those of held-out rows (of the fit where nothing is held out), `noise_after` what they may scatter by,
@@ -254,7 +252,7 @@ def picture(fit: Fitted, before: Fitted, proof: Proof | None) -> dict[str, Any]:
     for b, (block, plain) in enumerate(zip(fit.blocks, before.blocks, strict=True)):
         own, known = block.search.block, block.search.noise.conditions
         inner = [plain.beside_values(before.residual(plain)), block.beside_values(fit.residual(block))]
-        errors = inner if proof is None else proof[0].errors[b]
+        errors = inner if proof is None else proof.errors[b]
         held = [np.where(np.isfinite(e), e, i) for e, i in zip(errors, inner, strict=True)]
         added = fit.effect(block)
         added -= own.base @ np.linalg.lstsq(own.base, added, rcond=1e-9)[0]

@@ -2,7 +2,6 @@
 
 With noise, base and amplitudes normal, what is predicted for some rows from all others is in closed form: with P the
 inverse of the covariance of all rows, the error of the held-out rows H is P_HH^-1 (P y)_H and its covariance P_HH^-1.
-Where H are many, it is u (P y)_H with a P by which each of H has a further variance u that nothing comes near.
 The evidence of a set from the other rows alone is that from all, less the log density of H given them: so in every fold
 the set is chosen that the other rows make most probable, and H is predicted with it.
 """
@@ -13,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import block_diag
 
-from hil.campaign import BoolArray, FloatArray, IntArray
+from hil.campaign import FloatArray, IntArray
 from hil.reconcile.search.block_search import BlockSearch
 from hil.reconcile.search.evidence import ROUNDING
 from hil.reconcile.search.filters import Filter
@@ -31,20 +30,18 @@ WIDE = 1e4
 """Deviation of a base parameter, in noises: as good as free."""
 FLIPS = 4000
 """Of signs at random: the chance of an improvement is known to a part in so many."""
-UNKNOWN = 1e15
-"""Variance, in those of white noise, of a row that says nothing."""
 _Folds = Mapping[int, tuple[IntArray, FloatArray]]
 """Of folds, their rows (k,) in the order of time, and what noise by itself makes of P among them, (k, k)."""
 
 
 @dataclass(frozen=True)
 class Predicted:
-    """One fold of one block under a set: its rows, log density, errors (rows,), of few a factor of the covariance."""
+    """One fold of one block under a set: its rows, log density, errors (rows,) and a factor of their covariance."""
 
     rows: IntArray
     log_density: float
     error: FloatArray
-    factor: FloatArray | None = None
+    factor: FloatArray
 
 
 @dataclass(frozen=True)
@@ -88,26 +85,21 @@ class HeldOut:
 
 _Key = tuple[int, int, Set, frozenset[str]]
 """Sensor, block, terms and what scatters."""
-Proof = tuple[HeldOut, HeldOut]
-"""What is predicted of rows that were held out: by run, and by contiguous block."""
 
 
-def held_out(posterior: Posterior, before: Found, lead: Found) -> Proof | None:
-    """Predict every run from the others, and every block of runs, before and after; None where no run can be.
+def held_out(posterior: Posterior, before: Found, lead: Found) -> HeldOut | None:
+    """Predict every run from the others, before and after; None where none can be.
 
     Rows that the lead calls wrong are predicted by nobody.
     """
     sets = [before, lead, *(f for f in posterior.sets[:SETS] if f not in (before, lead))]
-    known: tuple[dict[_Key, dict[int, Predicted]], ...] = {}, {}
+    known: dict[_Key, dict[int, Predicted]] = {}
     for number, b in ((n, b) for n, search in posterior.searches.items() for b in range(len(search.blocks))):
-        search, wrong = posterior.searches[number], _wrong_rows(posterior, lead, number, b)
-        beside = Rows(search.blocks[b], wrong)
+        search = posterior.searches[number]
+        beside = Rows(search.blocks[b], _wrong_rows(posterior, lead, number, b))
         for key in dict.fromkeys((number, b, found.terms[number], found.scatter) for found in sets):
-            block = fitted_block(search, *key[2:], b)
-            known[0][key] = dict(beside.runs(block))
-            known[1][key] = dict(beside.sixths(block))
-    runs, blocks = (_together(posterior, sets, own) for own in known)
-    return None if runs is None else (runs, blocks or runs)
+            known[key] = dict(beside.runs(fitted_block(search, *key[2:], b)))
+    return _together(posterior, sets, known)
 
 
 def _together(
@@ -155,7 +147,7 @@ def _sums(blocks: Sequence[Predicted | None], lead: Sequence[Predicted | None], 
     pairs = [(p, q) for p, q, u in zip(blocks, lead, usable, strict=True) if u and p is not None and q is not None]
     return [
         float(sum(p.error @ p.error for p, _ in pairs)),
-        float(sum(np.sum(np.linalg.solve(q.factor, p.error) ** 2) for p, q in pairs if q.factor is not None)),
+        float(sum(np.sum(np.linalg.solve(q.factor, p.error) ** 2) for p, q in pairs)),
         float(sum(p.log_density for p, _ in pairs)),
         float(sum(len(p.error) for p, _ in pairs)),
     ]
@@ -174,19 +166,20 @@ class Rows:
     def __init__(self, search: BlockSearch, wrong: set[int]) -> None:
         self.search, self._order = search, search.noise.order
         self.right = ~np.isin(self._order, list(wrong))
-        self._filters: dict[tuple[int, bytes], Filter] = {}  # most sets share their noise
-        self._folds: dict[int, _Folds] = {}
+        self._known: dict[int, tuple[Filter, _Folds]] = {}  # most sets share their noise
 
-    def _filter(self, at: int, silent: BoolArray, label: IntArray | None = None) -> Filter:
-        """Return what whitens the rows at one noise, where some (t, N) say nothing: at t of them."""
-        key = at, silent.tobytes()
-        if key not in self._filters:
-            points = self.search.points.take(np.full(len(silent), at))
-            self._filters[key] = self.search.noise.filter_at(points, np.where(silent, UNKNOWN, 0.0), label)
-        return self._filters[key]
+    def _folds(self, block: FittedBlock) -> tuple[Filter, _Folds]:
+        """Return what whitens the rows at the noise of a set, and its folds."""
+        if block.at not in self._known:
+            label = by_run(block)[self._order]
+            together = np.count_nonzero(np.diff(label)) < len(np.unique(label))
+            point = self.search.points.take(np.array([block.at]))
+            by = self.search.noise.filter_at(point, label=label if together else np.zeros_like(label))
+            self._known[block.at] = by, dict(self._products(by, label))
+        return self._known[block.at]
 
-    def _inverse(self, block: FittedBlock, by: Filter) -> tuple[FloatArray, ...]:
-        """Return P y, (t, N), log densities of all rows, (t,), U (t, N, k) and W (t, k, N).
+    def _inverse(self, block: FittedBlock, by: Filter) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return P y, (N,), U (N, k) and W (k, N).
 
         P is the inverse covariance that noise alone makes less UW: base, amplitudes and values over temperature are few
         columns (Woodbury).
@@ -197,25 +190,17 @@ class Rows:
         values = self.search.noise.following(int(self.search.points.profile[block.at])) * size
         data = block.search.block.y - block.columns @ mean
         columns = np.column_stack([base, values, block.columns * deviation, data])[self._order] / size
-        white = by.whiten(columns)
-        pulled, gram = by.back(white), np.swapaxes(white, 1, 2) @ white
-        inner = np.eye(gram.shape[1] - 1) + gram[:, :-1, :-1]
-        taken, shown = pulled[..., :-1], gram[:, :-1, -1:]
-        back = np.linalg.solve(inner, np.concatenate([np.swapaxes(taken, 1, 2), shown], axis=2))
-        left = pulled[..., -1] - (taken @ back[..., -1:])[..., 0]
-        squares = gram[:, -1, -1] - np.sum(shown * back[..., -1:], axis=(1, 2))
-        log = -0.5 * (squares + np.linalg.slogdet(inner)[1]) - by.half_log_det - len(data) * np.log(size)
-        return left, log, taken, back[..., :-1]
+        (white,) = by.whiten(columns)
+        (pulled,), gram = by.back(white[None]), white.T @ white
+        taken, inner = pulled[:, :-1], np.eye(gram.shape[1] - 1) + gram[:-1, :-1]
+        back = np.linalg.solve(inner, np.column_stack([taken.T, gram[:-1, -1]]))
+        return pulled[:, -1] - taken @ back[:, -1], taken, back[:, :-1]
 
     def runs(self, block: FittedBlock) -> Iterator[tuple[int, Predicted]]:
         """Yield of each run what the others predict for it by a set."""
-        label = by_run(block)[self._order]
-        together = np.count_nonzero(np.diff(label)) < len(np.unique(label))
-        by = self._filter(block.at, np.zeros((1, len(label)), dtype=bool), label if together else np.zeros_like(label))
-        if block.at not in self._folds:
-            self._folds[block.at] = dict(self._products(by, label))
-        (left,), _, (taken,), (back,) = self._inverse(block, by)
-        least, asked = BEYOND**2 * block.variance[self._order], dict(self._folds[block.at])
+        by, folds = self._folds(block)
+        left, taken, back = self._inverse(block, by)
+        least, asked = BEYOND**2 * block.variance[self._order], dict(folds)
         size = np.sqrt(block.scale) * self.search.unit
         while asked:
             many = len(next(iter(asked.values()))[0])
@@ -249,32 +234,8 @@ class Rows:
         for fold, of in sorted(parts.items()):
             yield fold, (np.concatenate([rows for rows, _ in of]), block_diag(*(inner for _, inner in of)))
 
-    def sixths(self, block: FittedBlock) -> Iterator[tuple[int, Predicted]]:
-        """Yield of each contiguous sixth of the runs what the others predict for it by a set."""
-        folds, size = in_blocks(block)[self._order], np.sqrt(block.scale) * self.search.unit
-        asked = {fold: (folds == fold) & self.right for fold in np.unique(folds).tolist()}
-        while asked:
-            silent = np.array([np.zeros(len(folds), dtype=bool), *asked.values()])
-            left, log, taken, back = self._inverse(block, self._filter(block.at, silent))
-            spread = (size * UNKNOWN) ** 2 * np.einsum("tnk,tkn->tn", taken, back)
-            known = silent & (spread < BEYOND**2 * block.variance[self._order])
-            for k, fold in enumerate([*asked], 1):
-                rows, asked_for = np.flatnonzero(known[k]), asked.pop(fold)
-                if 0 < len(rows) < asked_for.sum():
-                    asked[fold] = known[k]
-                elif len(rows):
-                    each = 0.5 * np.log(UNKNOWN) + np.log(size) + _NORMAL
-                    density = float(log[0] - log[k] - len(rows) * each)
-                    yield fold, Predicted(self._order[rows], density, size * UNKNOWN * left[k, rows])
-
 
 def by_run(block: FittedBlock) -> IntArray:
     """Number the rows (N,) by run; where there are few runs, by collect."""
     own = block.search.block
     return own.run if len(np.unique(own.run)) >= FEWEST_RUNS else own.rows
-
-
-def in_blocks(block: FittedBlock) -> IntArray:
-    """Number the rows (N,) by contiguous sixths of the campaign's runs."""
-    place = by_run(block)
-    return np.asarray((6 * (place - place.min())) // (np.ptp(place) + 1))

@@ -202,12 +202,12 @@ def test_what_predicts_held_out_rows_no_better_is_taken_back(
     assert [named.name for named in reading.names] == ["supply"]
     flat = np.ones((2, 4))
     proof = HeldOut(flat, flat, np.full(4, 8), np.stack([np.zeros(4), np.full(4, better)]), [])
-    left, reverted = _kept(posterior, reading, (proof, proof))
+    left, reverted = _kept(posterior, reading, proof)
     assert bool(left.names) is kept
     assert bool(reverted) is not kept
     assert left.found == (reading.found if kept else reading.mended)
     assert left.mistakes == posterior.mistakes(left.found)
-    assert _kept(posterior, replace(reading, names=()), (proof, proof))[1] == ()
+    assert _kept(posterior, replace(reading, names=()), proof)[1] == ()
 
 
 def test_of_drivers_as_sure_as_one_another_that_of_what_moves_averages_comes_first() -> None:

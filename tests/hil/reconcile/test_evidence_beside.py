@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 import pytest
@@ -14,8 +14,8 @@ from hil.campaign import Conditions, FloatArray
 from hil.model import load_model
 from hil.model.effects.base import Base
 from hil.model.effects.data import Mislabelled
-from hil.reconcile.proof.held_out import Rows, by_run, in_blocks
-from hil.reconcile.search.fitted import FittedBlock, fitted_block
+from hil.reconcile.proof.held_out import Rows, by_run
+from hil.reconcile.search.fitted import fitted_block
 from hil.reconcile.search.layout import searches
 from hil.reconcile.search.problem import pose
 from hil.reconcile.search.sets import SensorSearch
@@ -102,18 +102,15 @@ def test_one_number_in_two_blocks_has_the_evidence_that_a_joint_density_says(
 
 
 @pytest.mark.parametrize("scatter", ["", "MU_rr", "markov"])
-@pytest.mark.parametrize("cut", [by_run, in_blocks])
-def test_what_is_held_out_is_predicted_as_by_a_refit_without_it(
-    search: SensorSearch, scatter: str, cut: Callable[[FittedBlock], np.ndarray]
-) -> None:
-    """Each error and density, of runs and of sixths: base and effect refitted to the others by least squares."""
+def test_what_is_held_out_is_predicted_as_by_a_refit_without_it(search: SensorSearch, scatter: str) -> None:
+    """Each error and density: base and effect refitted to the others by least squares."""
     block = fitted_block(search, (term(search, "usual"),), frozenset(scatter.split()), 0)
-    own, folds = block.search.block, cut(block)
+    own, folds = block.search.block, by_run(block)
     noise = block.scale * block.search.noise.unit * covariance_of(block.search, block.at)
     design = np.hstack([own.base, block.columns])
     weight = np.concatenate([np.zeros(own.base.shape[1]), block.weighed.prior()[1] ** -2])
     rows, seen = Rows(block.search, set()), 0
-    for fold, predicted in rows.runs(block) if cut is by_run else rows.sixths(block):
+    for fold, predicted in rows.runs(block):
         out, rest = np.flatnonzero(folds == fold), np.flatnonzero(folds != fold)
         if len(predicted.error) != len(out):
             continue  # what the others say nothing about is left out of the fold

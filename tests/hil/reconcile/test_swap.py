@@ -69,12 +69,11 @@ def swap_beside_supply() -> Reconciliation:
 
 
 def test_the_gap_before_is_that_of_the_labels_in_the_file(swap_alone: Reconciliation) -> None:
-    """By run, by contiguous block, raw and standardised: much before, noise after."""
+    """Raw and standardised: much before, noise after."""
     gap = swap_alone.gap
     assert gap.before > 3.0 * gap.after
     assert gap.after == pytest.approx(gap.noise_floor, rel=0.3)
     assert gap.standardised_before > 5.0 * gap.standardised_after
-    assert gap.blocks["before"] > 3.0 * gap.blocks["after"]
     assert gap.improved_p_value < 1e-3
 
 
@@ -86,7 +85,6 @@ def test_the_gap_after_is_that_of_a_file_with_the_right_labels(
     clean = right_labels.gap
     assert swap_alone.gap.after == pytest.approx(clean.after, rel=ALIKE)
     assert swap_alone.gap.standardised_after == pytest.approx(clean.standardised_after, rel=ALIKE)
-    assert swap_alone.gap.blocks["after"] == pytest.approx(clean.blocks["after"], rel=ALIKE)
 
 
 def test_noise_alone_does_not_exchange_labels(swap_alone: Reconciliation) -> None:
