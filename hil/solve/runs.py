@@ -136,10 +136,7 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None, sensor: in
     for number, wrong in rows.items():
         solved = [*_solved(wrong.collects, model_name)]
         among, beside = _of_as_many(solved), _Beside.of(campaign, number, wrong)
-        found += [
-            _judged(_described(number, each, among, wrong.collects), campaign.sensors[number], beside)
-            for each in solved
-        ]
+        found += [_described(number, each, among, wrong.collects, beside) for each in solved]
     return sorted(found, key=lambda each: (each.runs[0], each.sensor))
 
 
@@ -234,6 +231,21 @@ class _Beside:
         told = campaign.largest_se, campaign.taken_as_zero
         return cls(judged, wrong.not_compared, wrong.judged.keys(), soak.keys(), lacking, *told)
 
+    def assumed(self, runs: Sequence[int], names: Sequence[str]) -> Iterator[str]:
+        """Yield what is assumed of runs: where nothing is there to compare them with, that each is what it says."""
+        if there := [self.not_compared[run] for run in runs if run in self.not_compared]:
+            alike = numbered("run", sorted(run for run, of in self.not_compared.items() if of == there[0]))
+            yield (
+                f"{f'{listed(there[0])} of {alike}' if there[0] else alike} cannot be compared with others (it takes "
+                "runs that repeat others, three of them at a temperature, or four temperatures): that each collect is "
+                "what it says, where no residual tells otherwise"
+            )
+        if as_zero := [name for name in names if name in self.as_zero]:
+            yield f"{listed(as_zero)}: {AS_ZERO}"
+        if lacking := [collect for run in runs for collect in self.lacking.get(run, ())]:
+            largest = "not all standard errors are stated: the largest of the others stands for the rest"
+            yield f"{numbered('collect', lacking)}: {largest}"
+
 
 def _off_gravity(conditions: Conditions) -> dict[int, Judgement]:
     """Return the runs with a collect in which f is not what a unit at rest feels: nobody knows what is per g there."""
@@ -246,33 +258,8 @@ def _off_gravity(conditions: Conditions) -> dict[int, Judgement]:
     return found
 
 
-def _judged(solution: RunSolution, rows: Collects, beside: _Beside) -> RunSolution:
-    """Return the solution with the worst of verdicts: of solving, of how it was measured, of what stands `beside`.
-
-    Where there is nothing to compare it with, that stands among what was assumed.
-    """
-    settled = beside.moving.isdisjoint(solution.runs)
-    solution = replace(solution, doubted=not (settled and beside.doubted.isdisjoint(solution.runs)), settled=settled)
-    if there := [beside.not_compared[run] for run in solution.runs if run in beside.not_compared]:
-        alike = numbered("run", sorted(run for run, of in beside.not_compared.items() if of == there[0]))
-        alone = (
-            f"{f'{listed(there[0])} of {alike}' if there[0] else alike} cannot be compared with others (it takes "
-            "runs that repeat others, three of them at a temperature, or four temperatures): that each collect is what "
-            "it says, where no residual tells otherwise"
-        )
-        solution = replace(solution, assumed=(*solution.assumed, alone), compared=False)
-    if as_zero := [name for name in solution.parameters if name in beside.as_zero]:
-        solution = replace(solution, assumed=(*solution.assumed, f"{listed(as_zero)}: {AS_ZERO}"))
-    if lacking := [collect for run in solution.runs for collect in beside.lacking.get(run, ())]:
-        largest = "not all standard errors are stated: the largest of the others stands for the rest"
-        solution = replace(solution, assumed=(*solution.assumed, f"{numbered('collect', lacking)}: {largest}"))
-    found = [of[run] for run in solution.runs for of in beside.judged if run in of]
-    errors = {name: (each.se, each.unit) for name, each in solution.parameters.items()}
-    found.append(measured_well_enough(errors, rows.conditions.sensor, beside.largest_se))
-    return replace(solution, beside=tuple(found))
-
-
-def _described(sensor: int, solved: _Solved, among: int, every: Collects) -> RunSolution:
+def _described(sensor: int, solved: _Solved, among: int, every: Collects, beside: _Beside) -> RunSolution:
+    """Return the solution with the worst of verdicts: of solving, of how it was measured, of what stands `beside`."""
     form, collects, solution = solved.form, solved.collects, solved.solution
     conditions, noise_stated = collects.conditions, solved.sigma is not None
     degrees = int(solution.degrees_of_freedom)
@@ -284,17 +271,20 @@ def _described(sensor: int, solved: _Solved, among: int, every: Collects) -> Run
     else:
         where = beyond_errors(list(conditions.sensor.channels), of_channels, among)
         judged = judge(float(solution.chi_square), degrees, equations, noise_stated, among, where)
-    unit = dict(zip(form.names, form.units, strict=True))
+    unit, runs = dict(zip(form.names, form.units, strict=True)), tuple(np.unique(conditions.run).tolist())
+    parameters = {
+        name: Estimate(finite(float(value)), finite(float(error)), unit[name])
+        for name, value, error in zip(form.names, solution.values, solution.se, strict=True)
+    }
+    errors = {name: (each.se, each.unit) for name, each in parameters.items()}
+    settled = beside.moving.isdisjoint(runs)
     return RunSolution(
         run=solved.run,
-        runs=tuple(int(run) for run in np.unique(conditions.run)),
+        runs=runs,
         sensor=sensor,
         model=form.name,
         method=METHOD if solved.as_contractor else LEAST_SQUARES,
-        parameters={
-            name: Estimate(finite(float(value)), finite(float(error)), unit)
-            for name, unit, value, error in zip(form.names, form.units, solution.values, solution.se, strict=True)
-        },
+        parameters=parameters,
         combinations={
             text: Estimate(finite(value), finite(se), _combined_unit(text, unit))
             for text, value, se in (solution.combinations() if unobservable else ())
@@ -306,9 +296,16 @@ def _described(sensor: int, solved: _Solved, among: int, every: Collects) -> Run
         unobservable=unobservable,
         judged=judged,
         form_reason=f"the contractor's solution: {METHOD}" if solved.as_contractor else form.reason,
-        assumed=_assumptions(form, collects, noise_stated),
+        assumed=(*_assumptions(form, collects, noise_stated), *beside.assumed(runs, form.names)),
+        beside=(
+            *(of[run] for run in runs for of in beside.judged if run in of),
+            measured_well_enough(errors, conditions.sensor, beside.largest_se),
+        ),
         chi_square=float(solution.chi_square) if solved.tells else None,
         of_channels=of_channels if degrees else None,
+        compared=beside.not_compared.keys().isdisjoint(runs),
+        doubted=not (settled and beside.doubted.isdisjoint(runs)),
+        settled=settled,
         among=among,
         per_noise=None if noise_stated else _per_noise(solution, len(conditions.sensor.channels)),
     )
