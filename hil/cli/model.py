@@ -37,7 +37,6 @@ def reconcile(
     from hil.reconcile.outcome.page import place_in_words
     from hil.reconcile.outcome.sentences import errors_in_words, of_few, summary, what_to_do
     from hil.reconcile.result import before_and_after_in_words
-    from hil.reconcile.rivals import rival_in_words
     from procedures.words import percent
 
     data = read_source(campaign)
@@ -63,7 +62,7 @@ def reconcile(
     if out is not None:
         write_result(result, out)
     document, stated_by = result.document(), {"values_of": _values, "before_and_after": before_and_after_in_words}
-    words = {"place_in_words": place_in_words, "rival_in_words": rival_in_words, "percent": percent, **stated_by}
+    words = {"place_in_words": place_in_words, "percent": percent, **stated_by}
     said = {
         "act": what_to_do(result)[1],
         "summary": summary(result),

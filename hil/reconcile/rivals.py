@@ -44,7 +44,7 @@ class Rival:
     @property
     def beside(self) -> bool:
         """Whether it mostly stands beside a rival that is more probable."""
-        return _beside(self.probability, self.share)
+        return self.probability >= LEAST and 2.0 * self.share < self.probability
 
     @property
     def told(self) -> float:
@@ -57,9 +57,25 @@ class Rival:
         return self.overlap > SAME_CLASS and not self.told < EXCLUDED
 
     @property
+    def told_apart(self) -> bool:
+        """Whether the data make it much more, or much less, probable than the name."""
+        return self.told < 0.5 or self.told > 2.0
+
+    @property
     def untold(self) -> bool:
         """Whether it is alike and the data say no more of it than of the name."""
-        return self.alike and _cannot_tell(self.told)
+        return self.alike and not self.told_apart
+
+    @property
+    def in_words(self) -> str:
+        """Say beside what it stands, what the data say of it, and how usual it is, as far as is known."""
+        beside = "mostly beside another of these" * self.beside
+        if self.prior_odds is None or not math.isfinite(self.told):
+            return beside
+        more = f"make it {in_times(self.told)} as probable as the first name"
+        told = more if self.told_apart else "cannot tell it apart"
+        said = f"the data {told}; by how usual it is at this size, {in_times(self.prior_odds)} as probable"
+        return f"{beside}, both together: {said}" if beside else said
 
     def document(self) -> dict[str, Any]:
         """Return the JSON object."""
@@ -67,26 +83,6 @@ class Rival:
             self,
             "id probability alone=share overlap title" + " bayes_factor prior_odds" * (self.bayes_factor is not None),
         )
-
-
-def rival_in_words(rival: Mapping[str, Any]) -> str:
-    """Say beside what a rival stands, what the data say of it, and how usual it is, as far as is known."""
-    data, before = rival.get("bayes_factor"), rival.get("prior_odds")
-    stands_beside = _beside(rival.get("probability", 0.0), rival.get("alone", 1.0))
-    beside = "mostly beside another of these" * stands_beside
-    if data is None or before is None or not math.isfinite(data):
-        return beside
-    told = "cannot tell it apart" if _cannot_tell(data) else f"make it {in_times(data)} as probable as the first name"
-    said = f"the data {told}; by how usual it is at this size, {in_times(before)} as probable"
-    return f"{beside}, both together: {said}" if beside else said
-
-
-def _beside(probability: float, alone: float) -> bool:
-    return probability >= LEAST and 2.0 * alone < probability
-
-
-def _cannot_tell(bayes_factor: float) -> bool:
-    return not (bayes_factor < 0.5 or bayes_factor > 2.0)
 
 
 def in_times(ratio: float) -> str:

@@ -26,7 +26,6 @@ from hil.reconcile.outcome.sentences import (
 )
 from hil.reconcile.outcome.stated import at_most
 from hil.reconcile.result import FoundEffect, Reconciliation, stated
-from hil.reconcile.rivals import rival_in_words
 from procedures.words import hours_minutes, numbered, unit_in_words
 
 if TYPE_CHECKING:
@@ -79,7 +78,6 @@ def page(result: Reconciliation) -> str:
         "chance": _chance,
         "apart": APART,
         "of_few": of_few(result.twin["draws"]) if result.twin else "",
-        "rival_in_words": rival_in_words,
     }
     return rendered("hil.reconcile.outcome", "page.html.j2", view)
 

@@ -18,7 +18,7 @@ from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.page import driver_of, page, panels_of, pictures
 from hil.reconcile.outcome.sentences import summary, titled, what_to_do
 from hil.reconcile.result import FoundEffect
-from hil.reconcile.rivals import Rival, rival_in_words
+from hil.reconcile.rivals import Rival
 from tests.hil.reconcile.hidden_effects import hidden_campaign
 
 
@@ -189,7 +189,7 @@ def test_what_the_data_exclude_is_not_said_to_be_the_same(
     first = FoundEffect("a", "A's title", 0.6, "ambiguous", confusable_with=rivals)
     told = summary(replace(aged, verdict="ambiguous", effects=[first]))[0]
     assert said in told
-    assert ("cannot tell" in told) == any("cannot tell it" in rival_in_words(each.document()) for each in rivals)
+    assert ("cannot tell" in told) == any("cannot tell it" in each.in_words for each in rivals)
 
 
 def test_physics_expects_no_curve(aged: Reconciliation) -> None:

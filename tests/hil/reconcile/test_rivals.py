@@ -11,7 +11,6 @@ from hil.campaign import FloatArray
 from hil.reconcile import reconcile
 from hil.reconcile.outcome.sentences import summary, what_to_do
 from hil.reconcile.result import Reconciliation
-from hil.reconcile.rivals import rival_in_words
 from procedures.words import percent
 from tests.hil.reconcile.hidden_effects import (
     EIGHT,
@@ -42,7 +41,7 @@ def test_what_stands_in_the_place_of_a_name_is_said_once() -> None:
         rivals = effect.confusable_with
         assert effect.probability + sum(rival.share for rival in rivals) < 1.001
         for rival in rivals:
-            assert rival.beside == ("mostly beside another" in rival_in_words(rival.document()))
+            assert rival.beside == ("mostly beside another" in rival.in_words)
     said = next(line for line in summary(result) if line.startswith(result.effects[0].title))
     assert not any(f"({rival.id})" in said for rival in together)
 

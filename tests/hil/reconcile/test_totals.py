@@ -10,7 +10,7 @@ from hil.model import load_model
 from hil.model.effects.catalogue import effect_by_id
 from hil.reconcile.outcome.values import before_and_after
 from hil.reconcile.result import before_and_after_in_words
-from hil.reconcile.rivals import rival_in_words
+from hil.reconcile.rivals import Rival
 from hil.reconcile.search.problem import pose
 from tests.hil.analysis.thermal.nights import PUBLISHED_DEGC, rotor_night, scaled
 
@@ -60,7 +60,9 @@ def test_a_term_without_a_name_says_how_far_it_moves_the_rate() -> None:
 
 def test_what_the_data_say_of_a_rival_stands_apart_from_what_was_known_before() -> None:
     """1.00 and 0.00 beside "ambiguous" is no contradiction where physics alone ranks the two, and says so."""
-    said = rival_in_words({"bayes_factor": 1.0, "prior_odds": 0.0004})
+    said = Rival("k2", 0.1, 0.0, bayes_factor=1.0, prior_odds=0.0004).in_words
     assert said == "the data cannot tell it apart; by how usual it is at this size, 0.0004 times as probable"
-    assert "the data make it 0.13 times as probable" in rival_in_words({"bayes_factor": 0.13, "prior_odds": 0.05})
-    assert rival_in_words({"id": "k2", "probability": 0.1}) == ""
+    assert (
+        "the data make it 0.13 times as probable" in Rival("k2", 0.1, 0.0, bayes_factor=0.13, prior_odds=0.05).in_words
+    )
+    assert Rival("k2", 0.1, 0.0).in_words == ""
