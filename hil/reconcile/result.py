@@ -11,7 +11,7 @@ from hil.model import Model
 from hil.model.effects.document import shape_in_words
 from hil.reconcile.rivals import Rival
 from hil.solve.both_sensors import BothSensors
-from hil.solve.document import not_passed_of, reasons
+from hil.solve.document import not_passed, not_passed_of, reasons
 from hil.solve.repeats import SensorRepeats, repeats
 from hil.solve.runs import solve_campaign
 from hil.solve.temperatures import runs_by_temperature
@@ -200,7 +200,7 @@ class Solved:
     @property
     def not_passed(self) -> dict[str, list[int]]:
         """The runs that some sensor does not pass, by verdict."""
-        return {verdict: sorted({run for own in of.values() for run in own}) for verdict, of in self.of_sensors.items()}
+        return not_passed(self.of_sensors)
 
     @classmethod
     def of(cls, campaign: Campaign, beside: str = "", solved: "Solved | None" = None) -> "Solved":

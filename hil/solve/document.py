@@ -48,21 +48,21 @@ def _solution_entry(each: RunSolution, shown: SensorRepeats) -> dict[str, Any]:
     }
 
 
-def not_passed(solutions: Sequence[RunSolution]) -> dict[Verdict, list[int]]:
-    """Return the runs to which somebody has to see, by verdict, the worst first."""
-    found: dict[Verdict, set[int]] = {}
-    for each in solutions:
-        if each.verdict is not Verdict.PASS:
-            found.setdefault(each.verdict, set()).update(each.runs)
-    return {verdict: sorted(found[verdict]) for verdict in reversed(Verdict) if verdict in found}
-
-
 def not_passed_of(solutions: Sequence[RunSolution]) -> dict[str, dict[str, list[int]]]:
-    """Return the same of each sensor, by verdict and sensor; of one that passes no run."""
-    own = {number: [each for each in solutions if each.sensor == number] for number in {s.sensor for s in solutions}}
-    every = {number: not_passed(of) for number, of in sorted(own.items())}
-    verdicts = [verdict for verdict in reversed(Verdict) if any(verdict in of for of in every.values())]
-    return {str(v): {str(number): of.get(v, []) for number, of in every.items()} for v in verdicts}
+    """Return the runs to which somebody has to see, by verdict, the worst first, and by sensor."""
+    found: dict[str, dict[str, list[int]]] = {}
+    for verdict in (each for each in reversed(Verdict) if each is not Verdict.PASS):
+        of: dict[str, list[int]] = {str(number): [] for number in sorted({each.sensor for each in solutions})}
+        for each in solutions:
+            of[str(each.sensor)] += each.runs if each.verdict is verdict else ()
+        if any(of.values()):
+            found[str(verdict)] = {number: sorted(set(runs)) for number, runs in of.items()}
+    return found
+
+
+def not_passed(of_sensors: Mapping[str, Mapping[str, Sequence[int]]]) -> dict[str, list[int]]:
+    """Return those that some sensor does not pass, by verdict alone."""
+    return {verdict: sorted({run for own in of.values() for run in own}) for verdict, of in of_sensors.items()}
 
 
 def of_sensors_in_words(
@@ -76,11 +76,6 @@ def of_sensors_in_words(
         for runs, sensors in ((runs, sensors) for runs, sensors in alike.items() if runs):
             where = f" of {numbered('sensor', sensors)}" if len(alike) > 1 else ""
             yield verdict, f"{numbered('run', runs)}{where} ({verdict})"
-
-
-def runs_in_words(by_verdict: Mapping[str, Sequence[int]]) -> str:
-    """Say which runs have which verdict, "run 5 (FAIL), runs 7–9 (MARGINAL)"; nothing of none."""
-    return ", ".join(f"{numbered('run', runs)} ({verdict})" for verdict, runs in by_verdict.items() if runs)
 
 
 def reasons(solutions: Sequence[RunSolution]) -> Iterator[tuple[Verdict, str, str]]:

@@ -26,13 +26,13 @@ _HARDLY = 0.1  # of what rates are wrong by with constants: who takes less away 
 
 def thermal_document(result: ThermalFit) -> dict[str, Any]:
     """Return what `hil thermal --json` prints: finite numbers, null where a thing is not known."""
-    solved = solve_campaign(pooled(result.campaign))
+    odd = not_passed_of(solve_campaign(pooled(result.campaign)))
     return {
         "schema": SCHEMA,
         **picked(result.campaign, "campaign=title simulated warnings"),
         **what_is_wrong(result.campaign),
-        "runs_not_solved": {str(v): runs for v, runs in not_passed(solved).items()},
-        "runs_not_solved_by_sensor": not_passed_of(solved),
+        "runs_not_solved": not_passed(odd),
+        "runs_not_solved_by_sensor": odd,
         "method": (
             "form chosen by leave-one-temperature-out, from every self-calibration with what repeats show in its "
             "uncertainty"

@@ -13,7 +13,7 @@ from hil.reconcile.result import LEFT_OUT, FoundEffect, Gap, Reconciliation
 from hil.reconcile.rivals import Rival, in_times
 from hil.reconcile.search.terms import NO_NAME
 from hil.reconcile.unrecorded import AGAIN
-from hil.solve.document import of_sensors_in_words, runs_in_words
+from hil.solve.document import of_sensors_in_words
 from hil.solve.repeats import MAY_FOLLOW, MISSTATED
 from hil.solve.temperatures import too_few
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED
@@ -48,7 +48,7 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     apart = after.get("p_value", 1.0) < APART
     beyond = result.left.beyond_errors
     kind = ("scatter" if beyond else "apart" if apart else kind) if kind == "none" else kind
-    doubts = runs_in_words(result.doubtful)
+    doubts = ", ".join(f"{numbered('run', runs)} ({verdict})" for verdict, runs in result.doubtful.items())
     first = ["what is missing of the measurement (hil report says what)"] * bool(result.without.get("missing"))
     first += [f"what was not measured well (hil report says why): {doubts}"] if doubts else []
     runs = numbered("run", result.contradicted) if result.contradicted else ""
