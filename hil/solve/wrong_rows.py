@@ -63,6 +63,14 @@ class Wrong:
     done: str
     why: str
 
+    @classmethod
+    def of(cls, collects: Collects, cause: Cause, done: str, why: str) -> Self:
+        """Return what is wrong with rows by the campaign's own names; no channel in particular is every one."""
+        conditions, names = collects.conditions, tuple(collects.conditions.sensor.channels)
+        collect = tuple(conditions.collect[list(cause.rows)].tolist())
+        channels = tuple(names[c] for c in cause.channels) or names
+        return cls(conditions.sensor.number, cause.run, collect, channels, done, why)
+
     def document(self) -> dict[str, Any]:
         """Return the entry of key `rows`."""
         return {**vars(self), "collects": list(self.collects), "channels": list(self.channels)}
@@ -186,7 +194,7 @@ def _wrong_rows(
     unsure = {cause.place: cause for way in hidden for cause in way}
     likeliest, may_be = collects, []
     for cause in unsure.values():
-        may_be.append(_of(filed, cause, _DONE.get(cause.what, _AS_FILED)[0], cause_in_words(filed, cause)))
+        may_be.append(Wrong.of(filed, cause, _DONE.get(cause.what, _AS_FILED)[0], cause_in_words(filed, cause)))
         likeliest = mended(likeliest, cause)
     alone, seen_from = beyond_others(collects, {*failed, *(run for each in found for run in each.used)})
     return WrongRows(collects, tuple(rows), every, alone, lost, seen_from, tuple(may_be), likeliest, shown)
@@ -201,7 +209,7 @@ def _as_the_unit_lay(collects: Collects, exchanged: Sequence[tuple[int, int]]) -
         laid = mended(collects, cause)
         if Asked(whitened(laid)).as_filed - Asked(whitened(collects)).as_filed > -AS_IT_LAY:
             collects = laid
-            out.append(_of(laid, cause, MENDED, f"{cause_in_words(laid, cause)}: {_LIES}"))
+            out.append(Wrong.of(laid, cause, MENDED, f"{cause_in_words(laid, cause)}: {_LIES}"))
     return collects, out
 
 
@@ -213,7 +221,7 @@ def _said(filed: Collects, found: Explained) -> Iterator[tuple[int, Wrong, Judge
         others = "; or ".join(["", *rivals, *_of_its_run(filed, cause)])
         done, verdict, because, hence = _DONE.get(cause.what, _AS_FILED)
         why = f"{cause_in_words(filed, cause)}{because}"
-        yield cause.run, _of(filed, cause, done, f"{why}{others}"), Judgement(verdict, f"{why}{hence}{others}")
+        yield cause.run, Wrong.of(filed, cause, done, f"{why}{others}"), Judgement(verdict, f"{why}{hence}{others}")
         return
     runs = sorted(found.runs or set(conditions.run.tolist()))
     may_be = dict.fromkeys(all_of([cause_in_words(filed, each) for each in way]) for way in found.ways[:_FEW])
@@ -233,7 +241,7 @@ def _said(filed: Collects, found: Explained) -> Iterator[tuple[int, Wrong, Judge
     for run in runs:
         own = Cause("run", run, tuple(np.flatnonzero(conditions.run == run).tolist()))
         at_best = Verdict.INCONCLUSIVE if found.nothing < HARDLY else Verdict.MARGINAL
-        yield run, _of(filed, own, USED, why), Judgement(at_best, why)
+        yield run, Wrong.of(filed, own, USED, why), Judgement(at_best, why)
 
 
 def _of_its_run(filed: Collects, cause: Cause) -> Iterator[str]:
@@ -271,22 +279,13 @@ def cause_in_words(collects: Collects, cause: Cause) -> str:
     }[cause.what]
 
 
-def _of(collects: Collects, cause: Cause, done: str, why: str) -> Wrong:
-    """Return what is wrong with rows by the campaign's own names; no channel in particular is every one."""
-    conditions, names = collects.conditions, tuple(collects.conditions.sensor.channels)
-    collect = tuple(conditions.collect[list(cause.rows)].tolist())
-    channels = tuple(names[c] for c in cause.channels) or names
-    return Wrong(conditions.sensor.number, cause.run, collect, channels, done, why)
-
-
 def clipped_rows(collects: Collects) -> list[Wrong]:
     """Return the averages that stand at a channel's limit, run by run."""
     conditions, out = collects.conditions, []
     for channel, rows, why in clipped(collects):
-        name = (list(conditions.sensor.channels)[channel],)
         for run in np.unique(conditions.run[rows]).tolist():
-            numbers = tuple(conditions.collect[rows & (conditions.run == run)].tolist())
-            out.append(Wrong(conditions.sensor.number, run, numbers, name, LEFT_OUT, why))
+            here = tuple(np.flatnonzero(rows & (conditions.run == run)).tolist())
+            out.append(Wrong.of(collects, Cause("rate", run, here, (channel,)), LEFT_OUT, why))
     return out
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -88,15 +87,19 @@ def _which(term: Term, posterior: Posterior, campaign: Campaign) -> tuple[str, f
     return "; or ".join(said) + ("; these rates cannot tell which" if ways else ""), p, p >= CERTAIN and not ways
 
 
-def _exchange(candidate: Candidate, campaign: Campaign) -> str:
-    """Say which labels are exchanged, as `hil solve` says it."""
-    collects = campaign.sensors[candidate.sensor]
+def _cause(candidate: Candidate, campaign: Campaign) -> Cause:
+    """Return which labels are exchanged, as `hil solve` has it."""
+    conditions = campaign.sensors[candidate.sensor].conditions
     run, exchange = int(candidate.shape["run"]), int(candidate.shape["exchange"])
-    rows = np.flatnonzero(np.any(candidate.columns != 0.0, axis=(1, 2)) & (collects.conditions.run == run))
+    rows = np.flatnonzero(np.any(candidate.columns != 0.0, axis=(1, 2)) & (conditions.run == run))
     what, channels = "exchanged" if exchange >= 0 else "sensors", tuple[int, ...]()
     if exchange <= OF_A_RUN:
-        what, channels = of_a_run(len(collects.conditions.sensor.channels))[OF_A_RUN - exchange]
-    return cause_in_words(collects, Cause(what, run, tuple(rows.tolist()), channels))
+        what, channels = of_a_run(len(conditions.sensor.channels))[OF_A_RUN - exchange]
+    return Cause(what, run, tuple(rows.tolist()), channels)
+
+
+def _exchange(candidate: Candidate, campaign: Campaign) -> str:
+    return cause_in_words(campaign.sensors[candidate.sensor], _cause(candidate, campaign))
 
 
 def certain(wrong: Sequence[Term], fit: Fitted, campaign: Campaign) -> list[Term]:
@@ -212,32 +215,29 @@ def rows_found(
     """Return what is wrong with the rows, in the form that every command gives it: key `rows`."""
     found = []
     for term in (each for each in wrong if each.candidate.effect is not None):
-        n, conditions = term.candidate.sensor, fit.conditions[term.candidate.sensor]
-        run, columns = int(term.candidate.shape["run"]), term.candidate.columns
-        here = np.any(columns != 0.0, axis=(1, 2)) & (conditions.run == run)
-        channels = tuple(compress(conditions.sensor.channels, np.any(columns != 0.0, axis=(0, 2))))
         which, _, sure = _which(term, fit.posterior, campaign)
         why = f"{which}: correct it in collects.csv; the model is not changed by this"
-        found.append(Wrong(n, run, tuple(conditions.collect[here].tolist()), channels, MENDED if sure else USED, why))
+        collects = campaign.sensors[term.candidate.sensor]
+        found.append(Wrong.of(collects, _cause(term.candidate, campaign), MENDED if sure else USED, why))
     for n, channel, run in wrong_runs(wrong):
-        conditions = fit.conditions[n]
-        name = list(conditions.sensor.channels)[channel]
-        collects = tuple(conditions.collect[conditions.run == run].tolist())
+        collects = campaign.sensors[n]
+        name = list(collects.conditions.sensor.channels)[channel]
+        whole = Cause("run", run, tuple(np.flatnonzero(collects.conditions.run == run).tolist()), (channel,))
         why = f"{name} does not agree with the other runs in any way that an effect does"
-        found.append(Wrong(n, run, collects, (name,), OMITTED, why))
+        found.append(Wrong.of(collects, whole, OMITTED, why))
     by_collect: dict[tuple[int, int, int], list[Mapping[str, Any]]] = {}
     for each in outliers:
         by_collect.setdefault((each["sensor"], each["run"], each["collect"]), []).append(each)
     for (n, run, collect), several in by_collect.items():
-        names = tuple(each["channel"] for each in several)
-        conditions = campaign.sensors[n].conditions
-        off = {each["channel"]: each["size_deg_per_hr"] for each in several}
-        place = int(np.flatnonzero((conditions.run == run) & (conditions.collect == collect))[0])
-        cause = Cause("collect", run, (place,), (), tuple(off.get(name, 0.0) for name in conditions.sensor.channels))
-        why = cause_in_words(campaign.sensors[n], cause)
+        collects = campaign.sensors[n]
+        place = int(np.flatnonzero((collects.conditions.run == run) & (collects.conditions.collect == collect))[0])
+        size = {each["channel"]: each["size_deg_per_hr"] for each in several}
+        off = tuple(size.get(name, 0.0) for name in collects.conditions.sensor.channels)
+        cause = Cause("collect", run, (place,), tuple(np.flatnonzero(off).tolist()), off)
+        why = cause_in_words(collects, cause)
         if instead := sorted({other for each in several for other in each.get("or_collects", ())}):
             why += f"; or {numbered('collect', instead)} may be, in its place: these rates cannot tell which is wrong"
-        found.append(Wrong(n, run, (collect,), names, OMITTED, why))
+        found.append(Wrong.of(collects, cause, OMITTED, why))
     found += [row for collects in campaign.sensors.values() for row in clipped_rows(collects)]
     return [each.document() for each in found]
 
