@@ -11,7 +11,7 @@ from hil.reconcile.outcome import findings, scatter, stated
 from hil.reconcile.outcome.answer import Answer
 from hil.reconcile.outcome.improve import improved
 from hil.reconcile.outcome.values import before_and_after
-from hil.reconcile.result import FoundEffect, Solved
+from hil.reconcile.result import FoundEffect
 from hil.reconcile.wander import Wander
 
 
@@ -20,15 +20,12 @@ class Added:
     """The model with what it lacked.
 
     `within` are the effects that show inside the collects, `values` what each parameter is without what was found and
-    with it; `solved` is what `hil solve` says of the campaign, and `left` what it would say with that taken off.
-    `wanders` is what noise is coloured inside the collects, `noise` what averages scatter by beyond it.
+    with it; `wanders` is what noise is coloured inside the collects, `noise` what averages scatter by beyond it.
     """
 
     model: Model
     within: Sequence[FoundEffect]
     values: Sequence[Mapping[str, Any]]
-    solved: Solved
-    left: Solved
     noise: Sequence[Mapping[str, Any]]
     wanders: Mapping[int, Wander]
 
@@ -53,4 +50,4 @@ def added(found: Answer, inside: Sequence[dict[str, Any]]) -> Added:
     if after != model or wanders:
         after = stated.with_white_noise(after, found.campaign, wanders=wanders)
         after = after.model_copy(update={"version": model.version + 1})
-    return Added(after, within, values, found.solved, found.left, noise, wanders)
+    return Added(after, within, values, noise, wanders)

@@ -38,12 +38,12 @@ def shown(campaign: Campaign, found: Answer, inside: Sequence[dict[str, Any]], a
     notes = [*asked.warnings, *in_words(beside), *found.problem.notes]
     notes += in_words({"rows": found.rows}, searched=True)
     notes += findings.laws_that_fail(fit, found.problem.sensors)
-    notes += [*_only_together(found), *_otherwise_asked(results, added.solved)]
+    notes += [*_only_together(found), *_otherwise_asked(results, found.solved)]
     notes += [] if both is None else both.together
-    notes += [*_why_left(added), *_not_proved(found), *values_off(standing, found.gap)]
+    notes += [*_why_left(found), *_not_proved(found), *values_off(standing, found.gap)]
     notes += [found.untold] if found.untold and not found.names else []
     notes += _may_be_too(found)
-    notes += [*added.left.errors, *scatter_in_words(found.noise), *stated_in_words(added.noise, added.wanders)]
+    notes += [*found.left.errors, *scatter_in_words(found.noise), *stated_in_words(added.noise, added.wanders)]
     notes += otherwise(campaign, found.rows)
     return Reconciliation(
         campaign=asked.title,
@@ -71,8 +71,8 @@ def shown(campaign: Campaign, found: Answer, inside: Sequence[dict[str, Any]], a
         contradicted=sorted({run for run, _ in asked.contradicted}),
         doubtful=_doubtful(asked),
         without=beside,
-        solved=added.solved,
-        left=added.left,
+        solved=found.solved,
+        left=found.left,
         both=both,
         to_record=lacking(campaign, found.scatter, added.noise),
         values=added.values,
@@ -125,9 +125,9 @@ def _may_be_too(found: Answer) -> Iterator[str]:
             yield f"{which}: {percent(share)}, and so not called missing at a rate of false alarms of {found.alpha:.2g}"
 
 
-def _why_left(added: Added) -> list[str]:
+def _why_left(found: Answer) -> list[str]:
     """Say why runs do not agree even with what is known taken off; nothing where that takes nothing off."""
-    return [] if added.left == added.solved else [f"what is known taken off: {each}" for each in added.left.reasons]
+    return [] if found.left == found.solved else [f"what is known taken off: {each}" for each in found.left.reasons]
 
 
 def _not_proved(found: Answer) -> Iterator[str]:
