@@ -4,7 +4,7 @@ reading = read(posterior, alpha)
 reading.names           # one Named per effect: probability, rivals, what data and what physics say
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
@@ -173,9 +173,16 @@ def _named(
         n: share * sum(weight for _, weight, f in sets if any(posterior.term(n, j).called == name for j in f.terms[n]))
         for n in own
     }
-    itself = Rival(name, probability, 1.0, bayes_factor=1.0, prior_odds=1.0)
-    told = [*_with_unasked(itself, name, beside, share)][1:]
-    told += [each for rival, of in rivals.items() for each in _with_unasked(of, rival, beside, share)]
+    told = [
+        Rival(of.effect.id, share * of.weight * probability, 1.0, of.effect.title, 1.0, of.weight, remedy=of.remedy)
+        for of in beside.get(name, ())
+    ]
+    for rival, of in rivals.items():
+        part = own_share(beside, rival)
+        told.append(_as_part(of, part, share))
+        for untried in beside.get(rival, ()):
+            other = replace(of, id=untried.effect.id, title=untried.effect.title, terms={}, remedy=untried.remedy)
+            told.append(_as_part(other, part * untried.weight, share))
     listed: dict[str, Rival] = {}
     for each in sorted(told, key=lambda r: -r.probability):
         if each.probability >= LEAST or each.alike:
@@ -184,25 +191,10 @@ def _named(
     return Named(name, kind, share * probability, [*listed.values()], own, effect, acts_on, of_sensor)
 
 
-def _with_unasked(rival: Rival, name: str, beside: Mapping[str, Sequence[Unasked]], share: float) -> Iterator[Rival]:
-    """Yield a rival with what is its own of its probability, and then what could not be tried and has the same history.
-
-    The name that they are held against has a `share` of its own.
-    """
-    own, odds = own_share(beside, name), rival.prior_odds
-    weighed = [(rival, 1.0)]
-    weighed += [
-        (replace(rival, id=of.effect.id, title=of.effect.title, terms={}, remedy=of.remedy), of.weight)
-        for of in beside.get(name, ())
-    ]
-    for each, weight in weighed:
-        part = own * weight
-        yield replace(
-            each,
-            probability=each.probability * part,
-            alone=each.share * part,
-            prior_odds=None if odds is None else odds * part / share,
-        )
+def _as_part(rival: Rival, part: float, share: float) -> Rival:
+    """Return a rival as probable as its own `part` is, beside a name of which a `share` is the name's own."""
+    odds = None if rival.prior_odds is None else rival.prior_odds * part / share
+    return replace(rival, probability=rival.probability * part, alone=rival.share * part, prior_odds=odds)
 
 
 def in_its_place(sets: Sequence[_Weighed], lead: frozenset[str], *, moves: bool) -> Mapping[str, Sequence[_Weighed]]:
