@@ -27,11 +27,11 @@ from hil.reconcile.outcome import scatter
 from hil.reconcile.outcome.answer import Answer
 from hil.reconcile.outcome.findings import id_of
 from hil.reconcile.outcome.stated import flicker_in_words, lacking, scatter_in_words, wanders
+from hil.reconcile.unrecorded import repeated
 from hil.reconcile.wander import Wander
 from hil.reconcile.workflow import INSIDE, searched
 from hil.solve.both_sensors import BothSensors, common_and_differential
 from hil.solve.omissions import in_words, otherwise, without
-from hil.solve.temperatures import runs_by_temperature
 from hil.solve.wrong_rows import pooled
 from procedures.words import listed, percent, unit_in_words
 
@@ -90,7 +90,7 @@ class Scattering:
             f"sensor {number}: no run was repeated: what changes from run to run is not known"
             + "; what is observed is what a smooth model leaves of single runs" * (number in left)
             for number, collects in found.campaign.sensors.items()
-            if not any(len(runs) > 1 for _, runs in runs_by_temperature(collects.conditions))
+            if not repeated([collects.conditions])
         ]
         instead = [
             f"{rival.title} ({percent(rival.probability)})"

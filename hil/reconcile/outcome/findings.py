@@ -203,16 +203,13 @@ def with_inside(model: Model, found: Sequence[FoundEffect], campaign: Campaign) 
     """Return the model with what was found inside the collects; the same model where nothing was."""
     if not found:
         return model
-    date = SystemClock().utc().astimezone(UTC).date().isoformat()
     new = [
         InsideCollects(
             effect=effect.id,
             sensor=effect.sensors[0],
             parameters={p["name"]: {"value": p["value"], "unit": p["unit"]} for p in effect.parameters},
             added={
-                "campaign": campaign.title,
-                "simulated": campaign.simulated,
-                "date": date,
+                **_made(campaign),
                 "probability": round(effect.probability, 4),
                 "where": effect.parameters[0]["at"] if effect.parameters else "",
             },
@@ -225,9 +222,7 @@ def with_inside(model: Model, found: Sequence[FoundEffect], campaign: Campaign) 
 def origin(campaign: Campaign, named: Named, gap: Gap) -> dict[str, Any]:
     """Return where a term came from, for the model file."""
     return {
-        "campaign": campaign.title,
-        "simulated": campaign.simulated,
-        "date": SystemClock().utc().astimezone(UTC).date().isoformat(),
+        **_made(campaign),
         "verdict": named.kind,
         "name": named.name,
         "probability": round(named.probability, 4),
@@ -236,6 +231,12 @@ def origin(campaign: Campaign, named: Named, gap: Gap) -> dict[str, Any]:
         "gap_after_deg_per_hr": _number(gap.after),
         "noise_floor_deg_per_hr": _number(gap.noise_floor),
     }
+
+
+def _made(campaign: Campaign) -> dict[str, Any]:
+    """Return which campaign something was found in, and when."""
+    date = SystemClock().utc().astimezone(UTC).date().isoformat()
+    return {**picked(campaign, "campaign=title simulated"), "date": date}
 
 
 def _number(value: float) -> float | None:

@@ -16,8 +16,8 @@ from hil.reconcile.search.likely_noise import DEPTH
 from hil.reconcile.search.points import Points
 from hil.reconcile.search.set_in_block import SetInBlock
 from hil.reconcile.search.sets import SensorSearch
+from hil.reconcile.unrecorded import repeated
 from hil.solve.repeats import SensorRepeats
-from hil.solve.temperatures import runs_by_temperature
 from hil.solve.uncertain import CONFIDENCE
 
 
@@ -177,7 +177,6 @@ def _of_channels(
     itself = weight @ by_itself
     more_than = (weight * scales) @ own.noise.variance(points) - itself
     relative = float(np.sqrt(2.0 / own.beside.freedom)) if own.beside.freedom else np.inf  # nothing is left to know by
-    repeated = any(len(of) > 1 for _, of in runs_by_temperature(own.noise.conditions))
     beside, errors = own.noise.stated_variance(), rows_of.sigma**2 * rows_of.sigma_stated
     for c in np.unique(rows_of.channel):
         rows, channel = rows_of.channel == c, list(own.noise.conditions.sensor.channels)[c]
@@ -209,7 +208,7 @@ def _of_channels(
             "stated_deg_per_hr": float(np.median(rows_of.sigma[rows])) if rows_of.sigma_stated else None,
             "explained_deg_per_hr": float(np.sqrt(known)) if rows_of.sigma_stated else None,
             "observed_deg_per_hr": float(np.sqrt(seen)) if own.beside.freedom else None,
-            "run_offset_deg_per_hr": offset if repeated or told else None,
+            "run_offset_deg_per_hr": offset if told or repeated([own.noise.conditions]) else None,
             "run_offset_se_deg_per_hr": offset_se if told else None,
             "collect_to_collect_deg_per_hr": size if own.beside.freedom else None,
             "collect_to_collect_se_deg_per_hr": 0.5 * error / size if (sure or noisier) and size > 0.0 else None,

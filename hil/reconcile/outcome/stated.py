@@ -133,22 +133,21 @@ def not_repeated(noise: Iterable[Mapping[str, Any]], shown: Mapping[int, SensorR
     That may be temperature as well as the runs themselves, and no repeat tells `hil solve` of it.
     """
     single = {number for number, each in shown.items() if not each.repeated}
-    differ = [
-        f"{of['channel']} of sensor {of['sensor']}"
-        for of in noise
-        if of["sensor"] in single and any(key == "run_to_run" for key, *_ in beyond_chance(of))
-    ]
-    return listed(differ) if differ else ""
+    return _named(of for of in noise if of["sensor"] in single and _differs(of))
 
 
 def not_between_repeats(noise: Iterable[Mapping[str, Any]]) -> str:
     """Name the channels that differ from run to run, and beyond chance less so between runs of one temperature."""
-    differ = [
-        f"{of['channel']} of sensor {of['sensor']}"
-        for of in noise
-        if of.get("repeats_p_value", 1.0) < ALPHA and any(key == "run_to_run" for key, *_ in beyond_chance(of))
-    ]
-    return listed(differ) if differ else ""
+    return _named(of for of in noise if of.get("repeats_p_value", 1.0) < ALPHA and _differs(of))
+
+
+def _differs(channel: Mapping[str, Any]) -> bool:
+    """Whether a channel has an offset of each run beyond chance."""
+    return any(key == "run_to_run" for key, *_ in beyond_chance(channel))
+
+
+def _named(channels: Iterable[Mapping[str, Any]]) -> str:
+    return listed(names) if (names := [f"{of['channel']} of sensor {of['sensor']}" for of in channels]) else ""
 
 
 def lacking(filed: Campaign, scatter: Iterable[FoundScatter], noise: Iterable[Mapping[str, Any]]) -> list[str]:
@@ -157,7 +156,7 @@ def lacking(filed: Campaign, scatter: Iterable[FoundScatter], noise: Iterable[Ma
     An offset of each run is like a turn-on bias.
     """
     changing: list[tuple[int, VarianceEffect]] = [(size.sensor, size.effect) for size in scatter]
-    changing += [(of["sensor"], TurnOnBias()) for of in noise for key, *_ in beyond_chance(of) if key == "run_to_run"]
+    changing += [(of["sensor"], TurnOnBias()) for of in noise if _differs(of)]
     return sorted({need for n, effect in changing for need in to_record(filed.sensors[n].conditions, effect)})
 
 

@@ -174,7 +174,7 @@ class Rows:
             label = by_run(block)[self._order]
             together = np.count_nonzero(np.diff(label)) < len(np.unique(label))
             point = self.search.points.take(np.array([block.at]))
-            by = self.search.noise.filter_at(point, label=label if together else np.zeros_like(label))
+            by = self.search.noise.filter_at(point, label if together else np.zeros_like(label))
             self._known[block.at] = by, dict(self._products(by, label))
         return self._known[block.at]
 

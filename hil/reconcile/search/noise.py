@@ -223,14 +223,14 @@ class Noise:
             self._chains[key] = joined([self.stated, self.offset, *kinds], len(self.order))
         return self._chains[key]
 
-    def filter_at(self, points: Points, further: FloatArray | None = None, label: IntArray | None = None) -> Filter:
-        """Return what whitens at points (t,) whose kinds hand on alike; with a `further` variance (t, N) of rows."""
+    def filter_at(self, points: Points, label: IntArray | None = None) -> Filter:
+        """Return what whitens at points (t,) whose kinds hand on alike, in pieces that a `label` (N,) cuts."""
         there = points.amount > 0.0
         kept, of = np.unique(there, axis=0, return_inverse=True)
         many = [len(self.stated), len(self.offset), *(len(kind.chain) for kind in self.kinds)]
         every = np.column_stack([np.ones(len(points)), points.offset, points.amount])
         sizes = [np.repeat(own, many * np.append([True, True], has)) for own, has in zip(every, there, strict=True)]
-        white = self._white(points.level) + (0.0 if further is None else further)
+        white = self._white(points.level)
         return filter_of([self._chain(has) for has in kept], of.ravel(), np.array(sizes), white, label)
 
     def log_odds(self, points: Points) -> FloatArray:
