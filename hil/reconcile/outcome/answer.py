@@ -150,7 +150,7 @@ class Answer:
         """The gap before and after."""
         return gap_of(self.proof, self.fit, self.before, self.reading.chance)
 
-    @property
+    @cached_property
     def gap_of_names(self) -> Gap:
         """What the names by themselves close of it, where mistakes in the data closed a part."""
         if not (self.reading.mistakes and self.proof):
