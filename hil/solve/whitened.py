@@ -36,6 +36,7 @@ _NOISIER = 1.5  # times: so much noisier one channel may seem than another by ch
 _OF_A_CHANNEL = 20.0  # degrees of freedom that tell its noise as well as is known before: that all are alike
 _LAGS = (1, 2)  # between repeats whose difference is taken
 _APART = 1e-9  # of the square of the largest: directions that are none
+_LOUD = 3.0  # times: so much more repeats hardly scatter at one temperature than at most by chance
 _REPEATED = 3  # collects in one place tell what it shows
 _TOLD = 1e-3  # of what a run's bias or MU shows: where others leave less, they tell nothing of it
 
@@ -71,6 +72,7 @@ class Whitened:
         at = np.array([np.isin(conditions.run, of) for _, of in groups])
         self._runs = conditions.of_each_run
         scatter = _scatter(conditions, form.names, columns, seen, groups, at)
+        group_of = {run: k for k, (_, runs) in enumerate(groups) for run in runs}
         self._keeps: dict[int, FloatArray] = {}
         self._own = {run: _flat(own[rows]) for run, rows in self._runs.items()}
         left = {}  # the covariance that is expected of what it keeps
@@ -79,7 +81,7 @@ class Whitened:
             basis = orthonormal(self._own[run][:, free])
             keeps, covariance = np.eye(len(basis)) - basis @ basis.T, np.diag(self.known[rows].reshape(-1) * 1.0)
             if scatter is not None:
-                bound, usual = (self._own[run][:, ~free] * each[of_run][~free] for each in scatter[:2])
+                bound, usual = (self._own[run][:, ~free] * of[group_of[run]][of_run][~free] for of in scatter[:2])
                 directions, size, _ = np.linalg.svd(keeps @ bound, full_matrices=False)
                 keeps = keeps - directions * (1.0 - 1.0 / np.sqrt(1.0 + size**2)) @ directions.T @ keeps
                 covariance += usual @ usual.T
@@ -199,11 +201,12 @@ def _scatter(
     groups: Sequence[tuple[float | None, Sequence[int]]],
     common: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """Return what a run's parameters (p,) are known within by those of others; None where too few tell of each other.
+    """Return what a run's parameters are known within by those of others; None where too few tell of each other.
 
-    That is more than their scatter (p,), for of few nobody knows it well, but no more than is typical at most where it
-    is less; and how they go from row to row by what all have in common, (q, n): by temperature, which is what those of
-    each of the `groups` have in `common` (g, n), or, where hardly any run repeats another, along a curve.
+    That is more than their scatter, for of few nobody knows it well, but no more than is typical at most where it is
+    less, both (g, p) by group: what scatters by far more at one temperature than at most is usual there. And how they
+    go from row to row by what all have in common, (q, n): by temperature, which is what those of each of the `groups`
+    have in `common` (g, n), or, where hardly any run repeats another, along a curve.
     """
     values: dict[int, FloatArray] = {}
     for run, rows in conditions.of_each_run.items():
@@ -212,8 +215,10 @@ def _scatter(
         if rank == design.shape[1]:
             values[run] = np.asarray(fitted)
     repeated = [[values[run] for run in of if run in values] for _, of in groups]
-    degrees = float(sum(max(len(of) - 1, 0) for of in repeated))
-    apart = [one - other for of in repeated for lag in _LAGS for one, other in zip(of, of[lag:], strict=False)]
+    degrees_of = np.array([max(len(of) - 1, 0) for of in repeated], dtype=np.float64)
+    degrees = float(degrees_of.sum())
+    apart_in = [[one - other for lag in _LAGS for one, other in zip(of, of[lag:], strict=False)] for of in repeated]
+    apart = [each for of in apart_in for each in of]
     typical = np.array([typical_scatter(name, conditions.sensor) for name in names])
     if degrees < _LEAST:
         degC = np.array([at for at, _ in groups], dtype=np.float64)
@@ -224,9 +229,19 @@ def _scatter(
         order, degrees = min(_CURVE, (len(met) - _LEAST) // 2), float(len(met) - 2)
         common = np.vander((degC - degC.mean()) / np.ptp(degC), order + 1).T @ common
         typical[:] = 0.0  # what is off a curve is also what the curve of a unit is off one of that order
-    scatter = np.maximum(_SIGMA * np.quantile(np.abs(np.array(apart)), _SHARE, axis=0, method="lower"), 1.0)
-    within = scatter * (1.0 + _FEW / degrees)
+    scatter = np.tile(_most_are_within(apart), (len(groups), 1))
+    known_by = np.full(scatter.shape, degrees)
+    for k, of in enumerate(apart_in):
+        if len(repeated[k]) >= _REPEATED:  # of which one that is wrong does not move what most are within
+            loud = (own := _most_are_within(of)) > _LOUD * scatter[k]
+            scatter[k, loud], known_by[k, loud] = own[loud], degrees_of[k]
+    within = scatter * (1.0 + _FEW / known_by)
     return np.where(scatter < typical, np.minimum(within, typical), within), scatter, common
+
+
+def _most_are_within(apart: Sequence[FloatArray]) -> FloatArray:
+    """Return the scatter (p,) of values by differences of two, (p,) each, which a few that are wrong do not move."""
+    return np.maximum(_SIGMA * np.quantile(np.abs(np.array(apart)), _SHARE, axis=0, method="lower"), 1.0)
 
 
 def _off_a_line(known: Sequence[tuple[float, FloatArray]]) -> list[FloatArray]:

@@ -49,6 +49,7 @@ _DONE = {
 }
 """What is done about a cause, the verdict of its run at best, what is said of it and of what is done; `_AS_FILED`."""
 _FEW = 4  # things that may be wrong are named
+_TOLD = 1e-6  # deg/hr: less is what arithmetic leaves of a channel of which nothing is told
 _ONLY = 0.99  # of its square: a parameter with so much in some rates is seen in no others
 
 
@@ -267,7 +268,7 @@ def cause_in_words(collects: Collects, cause: Cause) -> str:
     named = numbered("collect", collect)
     at = f", at positions {' and '.join(conditions.position[list(cause.rows)].tolist())}, look exchanged"
     if cause.what in ("rate", "collect", "bias"):
-        off = [f"{name} is {by:+.4g} deg/hr" for name, by in zip(names, cause.off, strict=True) if by]
+        off = [f"{name} is {by:+.4g} deg/hr" for name, by in zip(names, cause.off, strict=True) if abs(by) > _TOLD]
         return f"{named}: {' and '.join(off)}{_FROM}"
     return {
         "exchanged": f"{named}{at}",

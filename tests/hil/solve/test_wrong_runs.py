@@ -11,6 +11,7 @@ from hil.campaign import Campaign, Collects
 from hil.solve import repeats, solve_campaign
 from hil.solve.wrong_rows import LEFT_OUT, MENDED, USED, wrong_rows
 from procedures.verdict import Judgement, Verdict
+from tests.hil.reconcile.hidden_effects import base_rates, campaign_of, lay_out, noise
 from tests.hil.solve.test_other_runs import campaign, with_rates
 from tests.hil.solve.test_wrong_rows import made
 
@@ -124,3 +125,20 @@ def two_units() -> Campaign:
     sensor = replace(rows.conditions.sensor, number=1)
     first = Collects(replace(rows.conditions, sensor=sensor), other, rows.rates_se_deg_per_hr)
     return replace(one, sensors={1: first, 2: rows})
+
+
+def _with_mu_restless_at(degC: float, seed: int) -> Campaign:
+    """Return a night of four temperatures at one of which MU differs from run to run by ten times as much."""
+    rng = np.random.default_rng(seed)
+    rows = lay_out(rng, (-30.0, 0.0, 30.0, 60.0), 3, ("1", "2", "3"))
+    size = np.where(np.arange(-1, rows.run.max()) // 3 == (-30.0, 0.0, 30.0, 60.0).index(degC), 10.0, 1.0)
+    mu = (rng.normal(size=(2, len(size))) * size)[:, rows.run]
+    rates = base_rates(rows) + noise(rows, rng, sigma=0.5, run_bias=1.0)
+    return campaign_of(rows, rates + np.stack([mu[1], -mu[0]], 1) * rows.f[:, 2:], stated=0.5)
+
+
+@pytest.mark.parametrize("seed", [4, 7])
+def test_an_mu_that_differs_more_at_one_temperature_accuses_no_rate(seed: int) -> None:
+    """What repeats there are apart by is usual there, however much less those of other temperatures are."""
+    found = wrong_rows(_with_mu_restless_at(-30.0, seed))[2].rows
+    assert [row for row in found if row.done == LEFT_OUT] == []
