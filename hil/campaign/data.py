@@ -183,6 +183,7 @@ class Campaign:
     `identity` holds what is known of `model` and `serial` of the unit, the `operator`, their `note`, and what they went
     on `despite`. Where it is `rebuilt` from printed means, rows that were not printed are copies of others;
     parameters that nobody measured or printed, so that its rates were made without them, are `taken_as_zero`.
+    `run_scatter` is by sensor and parameter what a model that is read beside it states to scatter from run to run.
     """
 
     title: str
@@ -207,6 +208,7 @@ class Campaign:
     identity: Mapping[str, str] = field(default_factory=dict)
     pose: PoseTolerance = field(default_factory=PoseTolerance)
     largest_se: float | None = None
+    run_scatter: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
 
     def series(self, collect: int) -> Series | None:
         """Read the rates within a collect as an export has them: samples as means over `series_block_s`.

@@ -59,10 +59,12 @@ def solve(
     if model is None or model in MODEL_NAMES:
         solutions = solve_campaign(campaign, model)
     else:
-        from hil.model import load_model
-        from hil.solve.beside_terms import solve_beside
+        from hil.model import fitting_campaign
+        from hil.solve.beside_terms import beside, solve_beside
 
-        solutions = solve_beside(campaign, load_model(model))
+        chosen = fitting_campaign(model, campaign)
+        campaign = beside(campaign, chosen)
+        solutions = solve_beside(campaign, chosen)
     both = common_and_differential(campaign)
     document = solution_document(campaign, solutions)
     document["both_sensors"] = None if both is None else both.document()

@@ -115,6 +115,15 @@ class Model(Section):
         noise = self.noise.get(conditions.sensor.number)
         return () if noise is None else noise.parts(conditions, value_form(self.form, conditions.sensor))
 
+    def white_noise(self, conditions: Conditions) -> FloatArray | None:
+        """Return what the stated angle random walk scatters n averages by, deg/hr, (n,); None where none is stated.
+
+        Raises `InputError` where it follows a temperature that rows lack.
+        """
+        noise = self.noise.get(conditions.sensor.number, SensorNoise())
+        errors = noise.white(conditions)
+        return errors if np.all(errors > 0.0) else None
+
     def base_at(self, sensor: Sensor, temperature_degC: FloatArray) -> Base:
         """Return base terms and their slopes at temperatures (n,), °C; `rates` is zero, for it needs an orientation.
 

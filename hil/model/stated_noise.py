@@ -18,6 +18,7 @@ from hil.files.strict import Section
 from hil.model.curve import Constant, Curve, Polynomial, Table
 from hil.model.effects.base import VarianceEffect
 from hil.model.effects.catalogue import known_by, variance_effect_by_id
+from hil.model.effects.columns import HOUR_S
 from hil.model.effects.scatter import Scatter
 from hil.model.forms import LinearForm
 
@@ -107,6 +108,12 @@ class SensorNoise(Section):
                 parts = effect.scatter(conditions, term.shape)
                 out += [replace(part, columns=size[:, None, None] * part.columns) for part in parts]
         return out
+
+    def white(self, conditions: Conditions) -> FloatArray:
+        """Return what the angle random walk scatters n averages by, deg/hr, (n,); raises `InputError` as `parts`."""
+        temperature = conditions.columns.get("temperature_degC", np.full(len(conditions), np.nan))
+        walk = _at(self.angle_random_walk, temperature, "angle_random_walk")
+        return np.asarray(walk / np.sqrt(conditions.duration_s / HOUR_S))
 
     def mistake(self, units: Mapping[str, str], temperatures_degC: Sequence[float]) -> str:
         """Say what is wrong with the older keys, or with the size of a named effect, "key: what"; empty if nothing is.

@@ -1,36 +1,105 @@
-"""Solving beside a model file: what its named terms explain is taken off the rates, the rest is solved for.
+"""Solving beside a model file: what its terms explain is taken off the rates, what it states of noise is in the errors.
 
-    solutions = solve_beside(campaign, load_model("model.yaml"))
+    campaign, model = read_campaign("night"), load_model("model.yaml")
+    solutions = solve_campaign(beside(campaign, model), model.form)
 
-So the improved model that reconcile writes gives parameters that are no longer bent by the effect it names.
+So the improved model that reconcile writes gives parameters that are no longer bent by the effect it names, and a run
+is held against no less noise than reconcile holds it against. Whatever else is asked of the campaign is asked of this.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
-from hil.campaign import Campaign, Collects, Conditions
+import numpy as np
+
+from hil.campaign import Campaign, Collects, Conditions, FloatArray, IntArray
 from hil.campaign.stand_ins import with_stand_ins
 from hil.errors import InputError
 from hil.model import Model
+from hil.model.effects.scatter import Scatter
+from hil.model.forms import default_form
+from hil.solve.identifiability import orthonormal, project_out
 from hil.solve.runs import RunSolution, solve_campaign
+
+_NOTHING = 1e-6  # deg/hr, at 1 g: less is what arithmetic leaves
 
 
 def solve_beside(campaign: Campaign, model: Model) -> list[RunSolution]:
-    """Solve every run for the model's form, after its terms (their values are the model's, not refitted).
+    """Solve every run of a campaign that is `beside` a model for the model's form.
 
-    Raises `InputError` where a term needs a column that the data lacks, or the model has no values for a sensor on
-    which it has a term.
+    Its terms have the model's values, which are not refitted.
     """
     return [
         replace(each, model=model.full_title, assumed=(*each.assumed, *_assumed(campaign, each, model)))
-        for each in solve_campaign(less_terms(campaign, model), model.form)
+        for each in solve_campaign(campaign, model.form)
     ]
 
 
-def less_terms(campaign: Campaign, model: Model) -> Campaign:
-    """Return the campaign with what the model's terms make taken off the rates; raises `InputError` as above."""
+def beside(campaign: Campaign, model: Model) -> Campaign:
+    """Return the campaign less what a model's terms make of its rates, with the noise that the model states.
+
+    What scatters inside a run is in the standard errors; so is white noise where a sensor states none of its own; and
+    what differs from run to run stands in `run_scatter`. Raises `InputError` where a term or a size needs a column that
+    the data lacks, or the model has no values for a sensor on which it has a term.
+    """
     asked = {number: rows.conditions for number, rows in with_stand_ins(campaign).sensors.items()}
-    less = {number: _less(rows, asked[number], model) for number, rows in campaign.sensors.items()}
-    return replace(campaign, sensors=less)
+    sensors, run_scatter = {}, {}
+    for number, rows in campaign.sensors.items():
+        parts = model.stated_scatter(asked[number])
+        own = with_scatter(with_white_noise_of(model, _less(rows, asked[number], model), asked[number]), parts)
+        sensors[number], run_scatter[number] = own, scatter_of_runs(asked[number], parts)
+    return replace(campaign, sensors=sensors, run_scatter=run_scatter)
+
+
+def with_white_noise_of(model: Model, rows: Collects, conditions: Conditions) -> Collects:
+    """Return collects without standard errors with those that a model's angle random walk makes over each of them."""
+    white = model.white_noise(conditions)
+    errors = rows.rates_se_deg_per_hr
+    if white is None or np.any(errors[np.isfinite(rows.rates_deg_per_hr)] > 0.0):
+        return rows
+    return replace(rows, rates_se_deg_per_hr=np.broadcast_to(white[:, None], errors.shape).copy())
+
+
+def with_scatter(rows: Collects, parts: Sequence[Scatter]) -> Collects:
+    """Return collects whose standard errors have what scatters inside a run: what its own values take is none of it.
+
+    What white noise would have to be for them to leave as much: all of what changes from collect to collect.
+    """
+    conditions, stated = rows.conditions, rows.rates_se_deg_per_hr
+    if not parts:
+        return rows
+    variance = stated**2
+    for here in conditions.of_each_run.values():
+        own = conditions.rows(here)
+        values = default_form(own).columns(own)
+        basis = orthonormal(values.reshape(-1, values.shape[-1]), 1e-6)
+        of_white = np.maximum(1.0 - np.sum(basis**2, axis=1), 1e-6)
+        covariance = _covariance(own, parts, here)
+        left = project_out(basis, project_out(basis, covariance).T)
+        variance[here] += (np.diag(left) / of_white).reshape(variance[here].shape)
+    return replace(rows, rates_se_deg_per_hr=np.where(stated > 0.0, np.sqrt(variance), stated))
+
+
+def scatter_of_runs(conditions: Conditions, parts: Sequence[Scatter]) -> dict[str, float]:
+    """Return what the parameters of a run scatter by, by name, rms of all runs: what they take of what scatters."""
+    squares: dict[str, list[float]] = {}
+    for here in conditions.of_each_run.values() if parts else ():
+        own = conditions.rows(here)
+        form = default_form(own)
+        columns = form.columns(own)
+        response = np.linalg.pinv(columns.reshape(-1, len(form.names)), rcond=1e-3)
+        for name, square in zip(
+            form.names, np.diag(response @ _covariance(own, parts, here) @ response.T), strict=True
+        ):
+            squares.setdefault(name, []).append(float(square))
+    sizes = {name: float(np.sqrt(np.mean(of))) for name, of in squares.items()}
+    return {name: size if size > _NOTHING else 0.0 for name, size in sizes.items()}
+
+
+def _covariance(own: Conditions, parts: Sequence[Scatter], here: IntArray) -> FloatArray:
+    """Return the covariance of the rates of some rows of what scatters, (k·c, k·c)."""
+    there = [replace(p, columns=p.columns[here], group=None if p.group is None else p.group[here]) for p in parts]
+    return np.asarray(sum(part.covariance(own) for part in there))
 
 
 def _less(rows: Collects, conditions: Conditions, model: Model) -> Collects:
@@ -47,5 +116,6 @@ def _less(rows: Collects, conditions: Conditions, model: Model) -> Collects:
 
 
 def _assumed(campaign: Campaign, solution: RunSolution, model: Model) -> tuple[str, ...]:
-    terms = model.terms_for(campaign.sensors[solution.sensor].conditions.sensor)
-    return tuple(f"{term.effect} as model {model.title} has it" for term, _ in terms)
+    sensor = campaign.sensors[solution.sensor].conditions.sensor
+    terms = tuple(f"{term.effect} as model {model.title} has it" for term, _ in model.terms_for(sensor))
+    return (*terms, *([f"noise as model {model.title} states it"] if sensor.number in model.noise else []))

@@ -39,6 +39,7 @@ from hil.solve.wrong_rows import treated
 from procedures.words import counted, listed, numbered, significant
 
 MAY_FOLLOW = "{} in every collect, which what changes from run to run may follow"
+_STATED = "the model states to scatter from run to run"
 MISSTATED = 1.5
 """How many times as large noise has to be for anybody to see to it: it is known hardly better from unit to unit."""
 
@@ -166,6 +167,11 @@ class SensorRepeats:
                 "no parameter was told twice at one temperature: what changes from run to run is not known, and in no ±"
             )
             within = "each row is a mean of runs: by what these scattered is in its standard error, and so in every ±"
+            if stated := self.by_model:
+                by_name = (f"{name} by {beyond:.3g} {unit}" for name, beyond, unit in stated)
+                once = (
+                    f"no parameter was told twice at one temperature: each ± has what {_STATED}: {'; '.join(by_name)}"
+                )
             return [within if self.of_means else once, *self.widened]
         of, noise = self.spread, self.by_noise
         told = [
@@ -198,8 +204,14 @@ class SensorRepeats:
 
     @property
     def scatter_included(self) -> bool:
-        """Whether a ± has what changes from run to run, by repeats or by what its rows are means of."""
-        return self.repeated or self.of_means
+        """Whether a ± has what changes from run to run: by repeats, by what its rows are means of, or by a model."""
+        return self.repeated or self.of_means or bool(self.by_model)
+
+    @property
+    def by_model(self) -> list[tuple[str, float, str]]:
+        """What a model states to scatter from run to run, with its unit, of parameters of which no repeats tell it."""
+        every = zip(self.names, self.spread.beyond.tolist(), self.units, self.spread.degrees, strict=True)
+        return [(name, beyond, unit) for name, beyond, unit, degrees in every if beyond > 0.0 and not degrees]
 
     @property
     def widened(self) -> list[str]:
@@ -259,7 +271,8 @@ def repeats(campaign: Campaign, solutions: Sequence[RunSolution]) -> dict[int, S
         runs = collects.conditions.run.tolist()
         own = [each for each in solutions if each.sensor == number and not set(each.runs).isdisjoint(runs)]
         if own:
-            shown, filed = _of_sensor(own, collects, tuple(used.not_used[number])), campaign.sensors[number].conditions
+            shown = _of_sensor(own, collects, tuple(used.not_used[number]), campaign.run_scatter.get(number, {}))
+            filed = campaign.sensors[number].conditions
             groups = [*runs_by_temperature(filed), *runs_by_temperature(collects.conditions)]  # those of means, last
             shown = replace(shown, temperature_degC={run: at for at, runs in groups for run in runs})
             found[number] = _as_means(shown) if campaign.rebuilt and shown.stated else shown
@@ -282,12 +295,13 @@ def means_of(
     factor: FloatArray | float = 1.0,
     residuals: FloatArray | float = math.inf,
     common: FloatArray | float = 0.0,
+    stated_beyond: FloatArray | float = 0.0,
 ) -> SensorRepeats:
     """Return the means and the scatter of r runs' values (r, p), NaN where not told, with standard errors (r, p).
 
     `at` are the temperatures with their runs, `group` (r,) says at which of them each run was made.
     """
-    spread, names = Spread.of(values, errors, group, factor, residuals, common), tuple(units)
+    spread, names = Spread.of(values, errors, group, factor, residuals, common, stated_beyond), tuple(units)
     (sd, alike), means = spread.parts(errors), []
     for k, (temperature, runs) in enumerate(at):
         mean, scatter = {}, {}
@@ -305,7 +319,9 @@ def means_of(
     return SensorRepeats(names, tuple(units.values()), spread, spread, means)
 
 
-def _of_sensor(own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, ...]) -> SensorRepeats:
+def _of_sensor(
+    own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, ...], run_scatter: Mapping[str, float]
+) -> SensorRepeats:
     at, stated = list(runs_by_temperature(rows.conditions)), stated_noise(rows) is not None
     channels = list(rows.conditions.sensor.channels)
     noise, known_by = noise_left(own, len(channels))
@@ -334,8 +350,9 @@ def _of_sensor(own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, 
         known = 1.0 / np.sum(part**2 / np.maximum(behind, 1.0), axis=1)
     residuals = np.minimum(known, shares @ known_by if np.isfinite(known_by).all() else math.inf)
     changing = np.sqrt(variance.sum(axis=1) - common)
-    shown = means_of(units, values, errors, group, at, changing, residuals, np.sqrt(common))
-    by_noise = Spread.of(values, errors, group, np.sqrt(shares @ noise_times**2), residuals)
+    beyond = np.array([run_scatter.get(name, 0.0) for name in units])
+    shown = means_of(units, values, errors, group, at, changing, residuals, np.sqrt(common), beyond)
+    by_noise = Spread.of(values, errors, group, np.sqrt(shares @ noise_times**2), residuals, stated_beyond=beyond)
     shown, alike = replace(shown, left_deg_per_hr=noise), np.nan_to_num(shown.spread.parts(errors)[1]).tolist()
     return replace(
         shown,

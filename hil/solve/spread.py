@@ -26,6 +26,7 @@ class Spread:
     freedom of repeats of which each temperature has its own scatter, no more than `degrees` (Satterthwaite, Box: few
     where one temperature has most of it), by which rare events are told. `residuals` are the degrees of
     freedom of what a run's noise is known by, infinite where it is stated. Both are of each parameter, or of all.
+    Where nothing was repeated, `beyond` is what is `stated_beyond`, if anything is.
     `common` is how many times standard errors what residuals leave is that is the same in every run: no repeat shows
     it, and no mean averages it.
 
@@ -55,6 +56,7 @@ class Spread:
         factor: FloatArray | float = 1.0,
         residuals: FloatArray | float = math.inf,
         common: FloatArray | float = 0.0,
+        stated_beyond: FloatArray | float = 0.0,
     ) -> Spread:
         """Pool the scatter of r runs' values (r, p) about the mean of each `group` (r,) that they repeat.
 
@@ -88,6 +90,7 @@ class Spread:
         share, shows, weighed, beyond = by(weight)
         # The larger that is, the more alike runs show it (DerSimonian and Kacker's two steps).
         *_, beyond = by(weight / (1.0 + weight * beyond**2))
+        beyond = np.where(freedom > 0, beyond, stated_beyond)
         expected = explained + degrees * beyond**2
         odd = uneven(squares / np.where(expected > 0.0, expected, np.inf), degrees)
         of_each_4 = np.sum(squares**2 / (degrees + 2.0), axis=0)
@@ -116,8 +119,8 @@ class Spread:
         return np.asarray(np.hypot(*self.parts(errors)))
 
     def beyond_of(self, place: int) -> float | None:
-        """Return what one parameter scatters by beyond errors, None where no repeats show it."""
-        return float(self.beyond[place]) if self.degrees[place] else None
+        """Return what one parameter scatters by beyond errors, None where no repeats show it and nothing states it."""
+        return float(self.beyond[place]) if self.degrees[place] or self.beyond[place] > 0.0 else None
 
     @property
     def certain(self) -> BoolArray:

@@ -28,7 +28,7 @@ from hil.model.effects.catalogue import FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_E
 from hil.model.effects.document import shape_in_words
 from hil.model.effects.prior import ALPHA
 from hil.solve import repeats, solve_campaign
-from hil.solve.beside_terms import less_terms
+from hil.solve.beside_terms import beside, scatter_of_runs
 from hil.solve.changes import CHANGES
 from hil.solve.omissions import in_words, what_is_wrong
 from hil.solve.repeats import SensorRepeats
@@ -127,17 +127,32 @@ def sweep_document(sweep: Sweep, bench: Bench, model: Model | None = None) -> di
     check_sweep_against_bench(sweep, bench)
     conditions = planned_conditions(make_plan(sweep.procedure()), bench)
     noise = {n: NoiseLevel(float(bench.uncertainties.of_collects(of)[0, 0])) for n, of in conditions.items()}
+    if model is not None:
+        noise = {n: _planned(conditions[n], model, level) for n, level in noise.items()}
     return visibility_document(conditions, sweep.title, model, noise)
+
+
+def _planned(conditions: Conditions, model: Model, level: NoiseLevel) -> NoiseLevel:
+    """Return the noise of planned collects as a model states it; what it does not state is that of the level."""
+    white, parts = model.white_noise(conditions), model.stated_scatter(conditions)
+    if white is not None:
+        level = replace(level, collect_deg_per_hr=float(np.median(white)))
+    if parts:
+        known = _level(scatter_of_runs(conditions, parts))
+        level = replace(known, collect_deg_per_hr=level.collect_deg_per_hr, source="the model")
+    return level
 
 
 def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[str, object]:
     """Return the map of collects that were measured, with their own standard errors, gaps, and scatter of repeats.
 
-    What the terms of a `model` make is taken off; raises `InputError` where that cannot be known.
+    What the terms of a `model` make is taken off, and what it states of noise counts where the campaign states and
+    shows none; raises `InputError` where that cannot be known.
     """
     told = {"simulated": campaign.simulated, "warnings": list(campaign.warnings), **what_is_wrong(campaign)}
-    if model is not None and model.terms:
-        campaign, told = less_terms(campaign, model), {"taken_off": model.full_title, **told}
+    if model is not None:
+        campaign = beside(campaign, model)
+        told = {"taken_off": model.full_title, **told} if model.terms else told
     shown = repeats(campaign, solve_campaign(campaign))
     assumed = {number for number, each in shown.items() if not each.stated and np.isnan(each.left_deg_per_hr).all()}
     if assumed:
@@ -157,7 +172,7 @@ def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[st
     noise = {
         number: replace(
             _seen(each, assumed=number in assumed)
-            if each.repeated
+            if each.repeated or each.by_model
             else NoiseLevel(source="assumed" if number in assumed else "assumed, for no run was repeated"),
             collect_deg_per_hr=float(np.nanmedian(sigmas[number])),  # one that is huge says nothing of the others
             channels_deg_per_hr={
@@ -180,14 +195,21 @@ def _with_typical_noise(rows: Collects) -> Collects:
 
 
 def _seen(shown: SensorRepeats, *, assumed: bool) -> NoiseLevel:
-    """Return what repeats scatter by beyond white noise: bias and, of a rotor, MU, rms of both channels."""
-    beyond = [each for each in zip(shown.names, shown.by_noise.beyond, shown.spread.degrees, strict=True) if each[2]]
-    bias, mu = ([more**2 for name, more, _ in beyond if name.startswith(kind)] for kind in ("B", "MU"))
+    """Return what repeats, or else the model, scatter by beyond white noise: see `_level`."""
+    every = zip(shown.names, shown.by_noise.beyond.tolist(), shown.spread.degrees, strict=True)
+    level = _level({name: beyond for name, beyond, degrees in every if degrees or not shown.repeated})
+    some = level.run_bias_deg_per_hr > 0.0 or level.run_mu_deg_per_hr_per_g > 0.0
+    chance = ", within chance" if some and not np.any(shown.by_noise.certain) else ""
+    whose = f"its repeats{chance}" if shown.repeated else "the model"
+    stated = "; ".join([whose, *shown.noise_in_words])  # of assumed errors nothing is to be said
+    return replace(level, source=f"{whose}, beyond an assumed noise of collects" if assumed else stated)
+
+
+def _level(beyond: Mapping[str, float]) -> NoiseLevel:
+    """Return a noise level by what parameters scatter by from run to run: bias and, of a rotor, MU, rms of both."""
+    bias, mu = ([more**2 for name, more in beyond.items() if name.startswith(kind)] for kind in ("B", "MU"))
     size = [float(np.sqrt(np.mean(each))) if each else 0.0 for each in (bias, mu)]
-    chance = ", within chance" if any(size) and not np.any(shown.by_noise.certain) else ""
-    stated = "; ".join([f"its repeats{chance}", *shown.noise_in_words])  # of assumed errors nothing is to be said
-    source = "its repeats, beyond an assumed noise of collects" if assumed else stated
-    return NoiseLevel(run_bias_deg_per_hr=size[0], run_mu_deg_per_hr_per_g=size[1], source=source)
+    return NoiseLevel(run_bias_deg_per_hr=size[0], run_mu_deg_per_hr_per_g=size[1])
 
 
 def improvements(

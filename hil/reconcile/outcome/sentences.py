@@ -94,7 +94,7 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
         and not result.left.of_sensors
     ):
         doubts = ", ".join(told for _, told in of_sensors_in_words(result.solved.of_sensors, set()))
-        act += f" That is by the noise that the model states; hil solve, which takes none, does not pass {doubts}."
+        act += f" That is by the noise that the model states; hil solve without --model does not pass {doubts}."
     if kind in {"none", "named", "ambiguous"} and _follows_temperature(result):
         few = too_few(result.solved.temperatures)
         act += " The model's values follow temperature." * result.calibrated

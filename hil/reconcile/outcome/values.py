@@ -7,14 +7,13 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import Campaign, Collects, FloatArray
-from hil.model.effects.scatter import Scatter
 from hil.model.forms import default_form
 from hil.reconcile.outcome.scatter import FoundScatter
 from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.fitted import Values
 from hil.reconcile.search.problem import Problem, SensorProblem, fit_to
 from hil.solve import solve
-from hil.solve.identifiability import orthonormal, project_out
+from hil.solve.beside_terms import with_scatter
 from hil.solve.runs import OBSERVABLE
 from hil.solve.temperatures import level_degC, same_temperature, told_by
 
@@ -98,7 +97,7 @@ def taken_out(
         for found in (each for each in scatter if each.sensor == number):
             of_unit_size = found.effect.scatter(collects.conditions, found.shape)
             parts += [replace(part, columns=part.columns * found.value) for part in of_unit_size]
-        laid[number] = replace(collects, rates_se_deg_per_hr=_with_scatter(collects, parts)) if parts else collects
+        laid[number] = with_scatter(collects, parts)
     return replace(problem.campaign, sensors=laid, exchanged={})
 
 
@@ -107,23 +106,3 @@ def _less(sensor: SensorProblem, terms: Sequence[tuple[Candidate, Values]]) -> C
     own = len(sensor.form.names)
     made += columns[:, :, own:] @ fit_to(left, columns, sensor.collects.rates_se_deg_per_hr)[own:]
     return replace(sensor.collects, rates_deg_per_hr=sensor.collects.rates_deg_per_hr - made)
-
-
-def _with_scatter(collects: Collects, parts: Sequence[Scatter]) -> FloatArray:
-    """Return standard errors (n, c) with what scatters inside a run: what a run's own values take is none of it.
-
-    What white noise would have to be for them to leave as much: all of what changes from collect to collect.
-    """
-    conditions, stated = collects.conditions, collects.rates_se_deg_per_hr
-    variance = stated**2
-    for rows in conditions.of_each_run.values():
-        own = conditions.rows(rows)
-        values = default_form(own).columns(own)
-        basis = orthonormal(values.reshape(-1, values.shape[-1]), 1e-6)
-        of_white = np.maximum(1.0 - np.sum(basis**2, axis=1), 1e-6)
-        for part in parts:
-            there = part if part.group is None else replace(part, group=part.group[rows])
-            covariance = replace(there, columns=part.columns[rows]).covariance(own)
-            left = project_out(basis, project_out(basis, covariance).T)
-            variance[rows] += (np.diag(left) / of_white).reshape(variance[rows].shape)
-    return np.where(stated > 0.0, np.sqrt(variance), stated)

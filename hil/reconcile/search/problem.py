@@ -21,6 +21,7 @@ from hil.model.effects.prior import UNSEEN
 from hil.model.equation import pickoff_rates
 from hil.model.forms import LinearForm
 from hil.reconcile.search.candidates import Candidate, catalogue_candidates, effect_columns, second_tier
+from hil.solve.beside_terms import with_white_noise_of
 from hil.solve.identifiability import kept_shares, orthonormal, smallest_fit
 from hil.solve.precision import with_every_error
 from hil.solve.rows import Block, sensor_blocks
@@ -140,7 +141,10 @@ def _made(candidate: Candidate, sensor: SensorProblem) -> FloatArray:
 
 def fitted_sensors(campaign: Campaign, model: Model) -> dict[int, SensorProblem]:
     """Fit the model's form to every sensor, or its own to one of another kind; raises `InputError` if none fits."""
-    every = {number: with_every_error(stated) for number, stated in with_stand_ins(campaign).sensors.items()}
+    every = {
+        number: with_white_noise_of(model, with_every_error(rows), rows.conditions)
+        for number, rows in with_stand_ins(campaign).sensors.items()
+    }
     return {n: _sensor(n, collects, model, fitted_form(model, collects.conditions)) for n, collects in every.items()}
 
 

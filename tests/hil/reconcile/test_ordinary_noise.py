@@ -81,7 +81,7 @@ def test_what_is_asked_with_it_has_nothing_to_add(found: Reconciliation, tmp_pat
 def test_by_whose_noise_nobody_has_to_act_is_said(found: Reconciliation) -> None:
     """By that of the model that was read: what hil solve does not pass without it stands beside what needs nobody."""
     passed = replace(found, input_model=found.model_after, left=Solved(), solved=Solved({"FAIL": {2: [1]}}), noise=[])
-    said = "That is by the noise that the model states; hil solve, which takes none, does not pass run 1 (FAIL)."
+    said = "That is by the noise that the model states; hil solve without --model does not pass run 1 (FAIL)."
     assert what_to_do(passed)[1].startswith(f"Nobody has to act. {said}")
     assert said not in what_to_do(replace(passed, input_model=found.input_model))[1]
 

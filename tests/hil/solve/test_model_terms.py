@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +11,15 @@ import pytest
 from benchmarks.blind.cases import make_case, write_case
 from hil.campaign import Campaign
 from hil.campaign.reader import read_campaign
+from hil.config import load_bench, load_sweep
+from hil.design.visibility.document import campaign_document, sweep_document
 from hil.errors import InputError
 from hil.model import Model, load_model
-from hil.solve import solve_campaign
-from hil.solve.beside_terms import solve_beside
+from hil.reconcile.search.problem import fitted_sensors
+from hil.solve import repeats, solve_campaign
+from hil.solve.beside_terms import beside, solve_beside
 from tests.hil.audit.folders import FOLDERS
+from tests.hil.reconcile.hidden_effects import base_rates, campaign_of, lay_out
 
 MODEL_FILE = """
 schema: hil.model/1
@@ -48,7 +53,7 @@ def model(tmp_path: Path, terms: str, form: str = "matrix-6") -> Model:
 def test_a_named_bias_is_taken_off_the_bias(campaign: Campaign, tmp_path: Path) -> None:
     """A k2 term of +3 deg/hr/g² along A in both channels: Collects 1 and 2 lose 3, and so does the bias."""
     term = "terms:\n  - effect: k2\n    sensor: 2\n    parameters: {kAA_A: {unit: deg/hr/g^2, value: 3}}\n"
-    found = solve_beside(campaign, model(tmp_path, term))
+    found = solve_beside(beside(campaign, model(tmp_path, term)), model(tmp_path, term))
     plain = solve_campaign(campaign, "matrix-6")
     f_a = campaign.sensors[2].conditions.f_g[0, 0]
     for ours, theirs in zip(found, plain, strict=True):
@@ -73,14 +78,14 @@ def test_terms_without_values_are_refused(campaign: Campaign, tmp_path: Path) ->
     term = "terms:\n  - effect: k2\n    parameters: {kAA_A: {unit: deg/hr/g^2, value: 3}}\n"
     bare = model(tmp_path, term).model_copy(update={"sensors": {}})
     with pytest.raises(InputError, match="no values for sensor 2"):
-        solve_beside(campaign, bare)
+        solve_beside(beside(campaign, bare), bare)
 
 
 def test_the_campaign_is_not_changed(campaign: Campaign, tmp_path: Path) -> None:
     """Taking terms off makes new rates and leaves the measured ones."""
     before = campaign.sensors[2].rates_deg_per_hr.copy()
     term = "terms:\n  - effect: k2\n    sensor: 2\n    parameters: {kAA_A: {unit: deg/hr/g^2, value: 3}}\n"
-    solve_beside(campaign, model(tmp_path, term))
+    solve_beside(beside(campaign, model(tmp_path, term)), model(tmp_path, term))
     assert np.array_equal(campaign.sensors[2].rates_deg_per_hr, before)
 
 
@@ -89,10 +94,62 @@ def test_a_term_that_follows_temperature_takes_what_stands_in_for_it(tmp_path: P
     one = FOLDERS["no thermometer of its own"]()
     term = "terms:\n  - effect: bias_T\n    sensor: 2\n    parameters: {b1_A: {unit: deg/hr/degC, value: 2}}\n"
     chamber = one.sensors[2].conditions.columns["chamber_degC"]
-    for ours, theirs in zip(solve_beside(one, model(tmp_path, term)), solve_campaign(one, "matrix-6"), strict=True):
+    for ours, theirs in zip(
+        solve_beside(beside(one, model(tmp_path, term)), model(tmp_path, term)),
+        solve_campaign(one, "matrix-6"),
+        strict=True,
+    ):
         at = chamber[one.sensors[2].conditions.run == ours.run].mean()
         ba, before = ours.parameters["BA"].value, theirs.parameters["BA"].value
         assert ba is not None
         assert before is not None
         assert ba == pytest.approx(before - 2.0 * (at - 25.0), abs=0.5)
     assert "temperature_degC" not in one.sensors[2].conditions.columns
+
+
+NOISE = """terms: []
+noise:
+  2:
+    angle_random_walk: {unit: deg/sqrt(hr), value: 0.2}
+    run_to_run: {BA: {unit: deg/hr, value: 10}, MUB: {unit: deg/hr/g, value: 4}}
+"""
+
+
+def _once(*, stated: float | None) -> Campaign:
+    """Return two runs of all four positions, each at a temperature of its own."""
+    rows = lay_out(np.random.default_rng(1), (0.0, 30.0), 1)
+    return campaign_of(rows, base_rates(rows, thermal=False), stated=stated)
+
+
+def test_where_rates_have_no_errors_a_models_white_noise_is_theirs(tmp_path: Path) -> None:
+    """0.2 deg/√hr over a minute, for every command; errors that a campaign states stand."""
+    one, known = _once(stated=None), model(tmp_path, NOISE)
+    expected = pytest.approx(0.2 * np.sqrt(60.0))
+    assert beside(one, known).sensors[2].rates_se_deg_per_hr == expected
+    assert fitted_sensors(one, known)[2].collects.rates_se_deg_per_hr == expected
+    assert beside(_once(stated=0.7), known).sensors[2].rates_se_deg_per_hr == pytest.approx(0.7)
+
+
+def test_where_nothing_was_repeated_a_models_scatter_is_in_each_of_its_errors(tmp_path: Path) -> None:
+    """In the ± of hil solve, in words, and in what hil visibility reckons with, planned or measured."""
+    known = model(tmp_path, NOISE)
+    one = beside(_once(stated=0.7), known)
+    shown = repeats(one, solutions := solve_beside(one, known))[2]
+    told = shown.of_run(solutions[0])
+    assert told["BA"].sd == pytest.approx(np.hypot(10.0, solutions[0].parameters["BA"].se), rel=1e-3)
+    assert told["GSA"].sd < 1.0
+    said = "each ± has what the model states to scatter from run to run: BA by 10 deg/hr; MUB by 4 deg/hr/g"
+    assert shown.sentences()[0].endswith(said)
+    planned = sweep_document(load_sweep("quick"), load_bench("simulated"), known)["sensors"]["2"]  # type: ignore[index]
+    for noise in (campaign_document(_once(stated=0.7), known)["noise"], planned["noise"]):
+        assert (noise["run_bias_deg_per_hr"], noise["source"]) == (pytest.approx(np.sqrt(50.0)), "the model")  # type: ignore[index]
+
+
+def test_what_changes_from_collect_to_collect_is_in_a_runs_errors(tmp_path: Path) -> None:
+    """As reconcile judges a run beside the model: residuals that its noise explains are no fault of the run."""
+    one = _once(stated=0.7)
+    loud = model(tmp_path, NOISE + "    collect_to_collect: {BA: {unit: deg/hr, value: 5}}\n")
+    moved = one.sensors[2].rates_deg_per_hr + np.outer([4.0, 4.0, -4.0, -4.0] * 2, [1.0, 0.0])
+    one = replace(one, sensors={2: replace(one.sensors[2], rates_deg_per_hr=moved)})
+    assert all(each.exceeds_errors for each in solve_campaign(one))
+    assert not any(each.exceeds_errors for each in solve_beside(beside(one, loud), loud))
