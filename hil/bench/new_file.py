@@ -59,11 +59,11 @@ def new_bench(name: str, asked: Asked) -> str:
 
 
 def _limits(text: str) -> list[float]:
-    """Read "-40 to 85 degC", °C; the unit may stand once or twice, and is °C where it does not stand."""
+    """Read "-40 to 85 degC", °C; the unit may stand once or twice, and must: a chamber may be one in °F."""
     low, to, high = text.partition(" to ")
-    unit = re.sub(r"[-+.\d\s]", "", high) or "degC"
-    if not to:
-        raise InputError(f"limits: {text!r} is not a range; write -40 to 85 degC")
+    unit = re.sub(r"[-+.\d\s]", "", high)
+    if not (to and unit):
+        raise InputError(f"limits: {text!r} is not a range with its unit; write -40 to 85 degC")
     try:
         typed = [each if re.search(r"[a-zA-Z]", each) else f"{each} {unit}" for each in (low, high)]
         return [round(to_number(each, TEMPERATURE), 3) for each in typed]

@@ -15,7 +15,7 @@ from hil.campaign.data import SCHEMA, Campaign, Sensor, Technology
 from hil.errors import InputError
 from procedures.pose import PoseTolerance
 from procedures.verdict import Judgement, Verdict
-from procedures.words import harmless
+from procedures.words import harmless, listed
 
 _DATE = re.compile(r"\b\d{4}-[01]\d-[0-3]\d\b")
 _Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -113,7 +113,8 @@ def parse_header(text: str, path: Path) -> Header:
     try:
         said = _Keys.model_validate(known)
     except ValidationError as error:
-        raise InputError(f"{path}, key {first_mistake(error, known)}") from None
+        nothing = f"; nothing is known of {listed(extra)}" if extra else ""
+        raise InputError(f"{path}, key {first_mistake(error, known)}{nothing}") from None
     as_said = {field.name: getattr(said, field.name) for field in fields(Campaign) if hasattr(said, field.name)}
     otherwise = {
         "title": said.title or path.parent.name,

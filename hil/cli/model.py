@@ -43,6 +43,8 @@ def reconcile(
     if out is not None:  # a notebook asks without files
         check_result_folder(out, "reconciliation.json", model)
     result = search(data, model, alpha=alpha)
+    if out is not None:
+        write_result(result, out)  # what is found stays found where nobody waits for the twin
     if with_twin and out is not None:
         from hil.likeness import likeness
 
@@ -59,7 +61,6 @@ def reconcile(
             for name, of in (("before", before), ("after", after))
         }
         result = replace(result, twin={**asked, **halves})
-    if out is not None:
         write_result(result, out)
     document, stated_by = result.document(), {"values_of": _values, "before_and_after": before_and_after_in_words}
     words = {"place_in_words": place_in_words, "percent": percent, **stated_by}

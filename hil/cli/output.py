@@ -106,15 +106,17 @@ def listing(*headings: str, left: Collection[str] | None = None) -> Table:
 
 
 def check_result_folder(out: Path, own: str = "", given: str = "") -> None:
-    """Raise `InputError` for an --out that is a file, lies in a night, or holds a model that would be lost.
+    """Raise `InputError` for an --out that is a file, lies in a night, cannot be written, or holds what would be lost.
 
-    That is the `given` one, and any that is not beside `own`, the document that the command wrote with it. A command
-    without such a document writes no model.
+    That is the `given` model, and whatever is not beside `own`, the document that the command writes into the folder.
     """
     _refuse_night(out)
     for above in (out, *out.parents):
         if above.exists() and not above.is_dir():
             raise InputError(f"{above}: is a file; the result needs a folder")
+    there = next(above for above in (out, *out.absolute().parents) if above.exists())
+    if not os.access(there, os.W_OK):
+        raise InputError(f"{out}: cannot be written: nobody may who runs this; name another folder for the result")
     model = out / "model.yaml"
     if not own:
         return
@@ -122,8 +124,10 @@ def check_result_folder(out: Path, own: str = "", given: str = "") -> None:
         raise InputError(
             f"{model}: is the model to start from, which would be lost; name another folder for the result"
         )
-    if model.exists() and not (out / own).is_file():
-        raise InputError(f"{out}: holds a model.yaml beside no {own}, which would be lost; name another folder")
+    if out.is_dir() and any(out.iterdir()) and not (out / own).is_file():
+        raise InputError(
+            f"{out}: holds something, and no {own}; name a new folder, or one with a result of this command"
+        )
 
 
 def _refuse_night(folder: Path) -> None:

@@ -75,12 +75,12 @@ def config_folders(kind: str) -> list[Path]:
     return [folder for folder in (package / "configs" / kind, package.parent / "configs" / kind) if folder.is_dir()]
 
 
-def find_config(kind: str, name: str | Path, beside: Path | None = None) -> Path:
+def find_config(kind: str, name: str | Path, beside: Path | None = None, built_in: Sequence[str] = ()) -> Path:
     """Return the file for `name`, with or without `.yaml` (a table's `.csv`), from anywhere.
 
     An existing path wins, then a file of that name in the folder `beside` (where the file stands that names it), then
     what ships with hil, then what an installed distribution brings. `kind` is a key of `SINGULAR`. Raises `InputError`
-    naming the nearest.
+    naming the nearest, of those that are `built_in`, too.
     """
     what = SINGULAR.get(kind, kind)
     if not str(name).strip():
@@ -103,7 +103,9 @@ def find_config(kind: str, name: str | Path, beside: Path | None = None) -> Path
     shipped = sorted({file.stem for folder in config_folders(kind) for file in folder.glob(f"*{ending}")})
     if path.is_absolute() or "/" in str(name):
         raise InputError(f"{name}: there is no such file or folder")
-    raise InputError(f"{name}: there is no {what} of this name, nor such a file or folder{near(path.stem, shipped)}")
+    raise InputError(
+        f"{name}: there is no {what} of this name, nor such a file or folder{near(path.stem, [*built_in, *shipped])}"
+    )
 
 
 def _is(what: Callable[[Path], bool], path: Path) -> bool:

@@ -181,9 +181,9 @@ def load_model(path_or_name: str | Path) -> Model:
     if name in MODEL_NAMES:
         return built_in_model(name)
     try:
-        path = find_config("models", name)
+        path = find_config("models", name, built_in=MODEL_NAMES)
     except InputError as error:
-        raise InputError(f"model {error}; built in are {', '.join(MODEL_NAMES)}") from error
+        raise InputError(f"model {error}") from error
     document = parse_yaml(read_text(path), str(path))
     check_schema(document, SCHEMA, str(path))
     try:

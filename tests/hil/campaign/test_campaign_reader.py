@@ -170,6 +170,13 @@ def test_channels_may_be_listed_in_any_order(folder: Path) -> None:
     np.testing.assert_array_equal(read_campaign(folder).sensors[2].rates_deg_per_hr, before)
 
 
+def test_a_key_that_is_misspelt_is_named_beside_the_one_that_is_missing(folder: Path) -> None:
+    """Who wrote sensrs is not told only that there is no key sensors."""
+    (folder / "campaign.yaml").write_text(YAML.replace("sensors:", "sensrs:"))
+    with pytest.raises(InputError, match="key sensors: this key is missing; nothing is known of sensrs"):
+        read_campaign(folder)
+
+
 def test_a_title_turns_no_line(folder: Path) -> None:
     """What would reverse the writing, or steer a terminal, is replaced before it reaches a terminal or a page."""
     (folder / "campaign.yaml").write_text(YAML.replace("Two nights", '"night \\u202Egnp.exe \\x1B[2J"'))

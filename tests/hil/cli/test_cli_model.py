@@ -12,6 +12,8 @@ import pytest
 from benchmarks.blind.cases import make_case, write_case
 from benchmarks.blind.night import Design
 from hil.cli.model import _bar
+from hil.cli.output import check_result_folder
+from hil.errors import InputError
 from hil.model import load_model
 
 FOUR = Design(temperatures_degC=(23.0,), runs_per_temperature=8, positions=("1", "2", "3", "4"))
@@ -90,6 +92,25 @@ def test_a_result_folder_below_a_file_is_refused(hil: Any, contractors: Path, tm
     assert (tmp_path / "afile").read_text() == "kept"
 
 
+def test_a_folder_that_holds_something_else_is_no_place_for_a_result(tmp_path: Path) -> None:
+    """Only a new folder, an empty one, or one with an earlier result of the same command."""
+    check_result_folder(tmp_path, "reconciliation.json")
+    (tmp_path / "notes.txt").write_text("kept")
+    with pytest.raises(InputError, match=r"holds something, and no reconciliation\.json; name a new folder"):
+        check_result_folder(tmp_path, "reconciliation.json")
+    (tmp_path / "reconciliation.json").write_text("{}")
+    check_result_folder(tmp_path, "reconciliation.json")
+
+
+def test_that_a_result_cannot_be_written_is_said_before_the_search(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a sentence that says what to do, of a folder in which nobody may write."""
+    monkeypatch.setattr("os.access", lambda *_: False)
+    with pytest.raises(InputError, match=r"out: cannot be written: .* name another folder"):
+        check_result_folder(tmp_path / "out", "reconciliation.json")
+
+
 def test_a_result_goes_into_no_nights_folder(hil: Any, night: Path) -> None:
     """Neither a reconciliation nor curves nor a list among its blocks; nothing that was recorded is changed."""
     before = sorted(path.name for path in night.iterdir())
@@ -105,9 +126,9 @@ def test_a_result_goes_into_no_nights_folder(hil: Any, night: Path) -> None:
 
 def test_a_model_that_nobody_knows_is_refused(hil: Any, contractors: Path, tmp_path: Path) -> None:
     """One sentence, and no folder."""
-    ended = hil("reconcile", contractors, "--model", "nonsense", "--out", tmp_path / "out")
+    ended = hil("reconcile", contractors, "--model", "matrx-6", "--out", tmp_path / "out")
     assert ended.returncode == 2
-    assert "nonsense" in ended.stderr
+    assert "did you mean 'matrix-6'?" in ended.stderr
     assert not (tmp_path / "out").exists()
 
 

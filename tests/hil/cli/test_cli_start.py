@@ -94,7 +94,7 @@ def test_an_answer_that_cannot_be_read_is_asked_again(
 @pytest.mark.parametrize("chamber", sorted(CHAMBER_DRIVERS))
 def test_every_chamber_is_written(chamber: str) -> None:
     """Each driver of the catalogue but one that needs a description of its own."""
-    asked = Asked(chamber, "/dev/ttyUSB1", "-40 to 85", "stim300", "/dev/ttyUSB0", "-33.9 deg")
+    asked = Asked(chamber, "/dev/ttyUSB1", "-40 to 85 degC", "stim300", "/dev/ttyUSB0", "-33.9 deg")
     if chamber == "box":
         with pytest.raises(InputError, match="'box' is no chamber that hil knows"):
             new_bench("b", asked)
@@ -117,7 +117,8 @@ def test_every_unit_is_written(unit: str) -> None:
     ("option", "value", "says"),
     [
         ("--chamber", "espex", "'espex' is no chamber that hil knows; did you mean 'espec'?"),
-        ("--limits", "-40", "limits: '-40' is not a range; write -40 to 85 degC"),
+        ("--limits", "-40", "limits: '-40' is not a range with its unit; write -40 to 85 degC"),
+        ("--limits", "-40 to 85", "limits: '-40 to 85' is not a range with its unit"),
         ("--limits", "a to b degC", "limits: "),
         ("--limits", "85 to -40 degC", "must be below high"),
         ("--unit", "stim30", "did you mean 'stim300'"),
