@@ -84,7 +84,7 @@ class Answer:
     @property
     def untold(self) -> str:
         """Say between what these runs cannot tell; empty where a name is settled, or that there is none."""
-        if once := not_repeated(self.noise, self.left.shown):
+        if once := not_repeated(self.noise, self.left.shown, self.problem.model):
             return (
                 f"these collects cannot tell whether {once} changed from run to run or followed temperature: repeat one"
             )

@@ -67,7 +67,7 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     model = ", or the noise that the model states" * bool(result.input_model.noise)
     wrong = kind != "scatter" and result.left.misstated
     first += [f"standard errors{model}: repeats and residuals show others (notes)"] * wrong
-    if once := not_repeated(result.noise, result.left.shown):
+    if once := not_repeated(result.noise, result.left.shown, result.input_model):
         first.append(f"{AGAIN}: {once} may have followed it, or changed by the run")
     follow = not_between_repeats(result.noise) if kind in {"none", "apart"} else ""
     first += [f"what {follow} follows: runs of one temperature differ less (hil thermal)"] if follow else []

@@ -127,13 +127,19 @@ def beyond_chance(channel: Mapping[str, Any]) -> Iterator[tuple[str, float, floa
             yield key, size, se
 
 
-def not_repeated(noise: Iterable[Mapping[str, Any]], shown: Mapping[int, SensorRepeats]) -> str:
+def not_repeated(noise: Iterable[Mapping[str, Any]], shown: Mapping[int, SensorRepeats], model: Model) -> str:
     """Name the channels that differ from run to run though no run was repeated; empty where none does.
 
+    Beyond the model that was read, or as it states: asked again with what was written, these collects tell no more.
     That may be temperature as well as the runs themselves, and no repeat tells `hil solve` of it.
     """
+    differ = {(of["sensor"], of["channel"]) for of in noise if _differs(of)}
+    for number, each in shown.items():
+        stated = model.noise.get(number, SensorNoise()).run_to_run
+        biases = [name for name in each.names if name.startswith("B")]
+        differ |= {(number, channel) for channel, bias in zip(each.times_of, biases, strict=False) if bias in stated}
     single = {number for number, each in shown.items() if not each.repeated}
-    return _named(of for of in noise if of["sensor"] in single and _differs(of))
+    return _named({"sensor": n, "channel": channel} for n, channel in sorted(differ) if n in single)
 
 
 def not_between_repeats(noise: Iterable[Mapping[str, Any]]) -> str:

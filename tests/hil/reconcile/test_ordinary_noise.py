@@ -207,6 +207,8 @@ def test_what_single_runs_differ_by_may_be_temperature_and_is_in_no_error_that_i
     assert "Nobody has to act" not in act
     assert "the noise of model.yaml has it" in act
     assert "± of hil solve" not in act
+    again = what_to_do(reconcile(one, result.model_after, prove=False))[1]
+    assert "First see to a second run at a temperature that has one: RA of sensor 2 and RB of sensor 2 may" in again
 
 
 def test_what_a_channel_scatters_by_holds_what_moves_some_of_its_collects() -> None:
