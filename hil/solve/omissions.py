@@ -9,6 +9,8 @@ from hil.solve.temperatures import unsettled
 from hil.solve.wrong_rows import USED, Wrong, clipped_rows, failed, pooled, wrong_rows
 from procedures.words import listed, numbered, significant
 
+AS_ZERO = "taken as zero, neither measured nor printed"
+
 
 def what_is_wrong(campaign: Campaign) -> dict[str, Any]:
     """Return what is wrong with rows and runs of all sensors: keys `rows`, and those of `without`, of every document.
@@ -43,7 +45,8 @@ def _keys(campaign: Campaign, rows: Sequence[Wrong]) -> dict[str, Any]:
 def without(campaign: Campaign) -> dict[str, Any]:
     """Return keys `missing`, of what was asked for; `runs_not_used`, by sensor; `runs_not_settled`: sensor, runs, why.
 
-    And `runs_used_though_failed` where every run FAILs, so that all are used.
+    And `runs_used_though_failed` where every run FAILs, so that all are used; `taken_as_zero`, parameters that nobody
+    measured.
     """
     used = pooled(campaign)
     found: dict[str, Any] = {
@@ -61,7 +64,8 @@ def without(campaign: Campaign) -> dict[str, Any]:
         for number, own in runs.items()
         if not used.not_used[number] and own <= failed(used, number, unless_mended=True)
     }
-    return found | ({"runs_used_though_failed": every} if every else {})
+    found |= {"runs_used_though_failed": every} if every else {}
+    return found | ({"taken_as_zero": list(campaign.taken_as_zero)} if campaign.taken_as_zero else {})
 
 
 def in_words(wrong: Mapping[str, Any], *, searched: bool = False) -> list[str]:
@@ -78,6 +82,7 @@ def in_words(wrong: Mapping[str, Any], *, searched: bool = False) -> list[str]:
     where = "in no mean, in no other run's ±, in no search"
     return (
         [f"missing: {each}" for each in wrong.get("missing", ())]
+        + [f"{listed(names)}: {AS_ZERO}" for names in [wrong.get("taken_as_zero")] if names]
         + rows
         + [
             f"sensor {number}: {numbered('run', runs)} FAILed by what was recorded: {where}"

@@ -40,7 +40,6 @@ A thousandth of 1 g is a milliradian: less than that, and the error of the attit
 """
 
 LEAST_SQUARES = "weighted least squares"
-AS_ZERO = "taken as zero, neither measured nor printed: the ± says only what errors of the rates make"
 UNSTATED = "every rate of a channel has the same, unstated noise"
 
 
@@ -205,8 +204,8 @@ def _of_as_many(solved: Sequence[_Solved]) -> int:
 class _Beside:
     """What is known of a sensor's runs beside their solutions: judgements by run, and what no other run was held to.
 
-    `lacking` are the collects without a standard error, by run; `doubted` the runs with a row that
-    something is said against, `moving` those that had not settled; `as_zero` are parameters that nobody measured.
+    `lacking` are the collects without a standard error, by run; `doubted` the runs with a row that something is said
+    against, `moving` those that had not settled.
     """
 
     judged: Sequence[Mapping[int, Judgement]]
@@ -215,7 +214,6 @@ class _Beside:
     moving: Set[int]
     lacking: Mapping[int, list[int]]
     largest_se: float | None
-    as_zero: Sequence[str]
 
     @classmethod
     def of(cls, campaign: Campaign, sensor: int, wrong: WrongRows) -> _Beside:
@@ -228,10 +226,10 @@ class _Beside:
         for row in np.flatnonzero(unstated(rows).any(axis=1)):
             lacking.setdefault(int(rows.conditions.run[row]), []).append(int(rows.conditions.collect[row]))
         judged = (campaign.verdicts, here, wrong.judged, soak, weight)
-        told = campaign.largest_se, campaign.taken_as_zero
-        return cls(judged, wrong.not_compared, wrong.judged.keys(), soak.keys(), lacking, *told)
+        doubted, moving = wrong.judged.keys(), soak.keys()
+        return cls(judged, wrong.not_compared, doubted, moving, lacking, campaign.largest_se)
 
-    def assumed(self, runs: Sequence[int], names: Sequence[str]) -> Iterator[str]:
+    def assumed(self, runs: Sequence[int]) -> Iterator[str]:
         """Yield what is assumed of runs: where nothing is there to compare them with, that each is what it says."""
         if there := [self.not_compared[run] for run in runs if run in self.not_compared]:
             alike = numbered("run", sorted(run for run, of in self.not_compared.items() if of == there[0]))
@@ -240,8 +238,6 @@ class _Beside:
                 "runs that repeat others, three of them at a temperature, or four temperatures): that each collect is "
                 "what it says, where no residual tells otherwise"
             )
-        if as_zero := [name for name in names if name in self.as_zero]:
-            yield f"{listed(as_zero)}: {AS_ZERO}"
         if lacking := [collect for run in runs for collect in self.lacking.get(run, ())]:
             largest = "not all standard errors are stated: the largest of the others stands for the rest"
             yield f"{numbered('collect', lacking)}: {largest}"
@@ -296,7 +292,7 @@ def _described(sensor: int, solved: _Solved, among: int, every: Collects, beside
         unobservable=unobservable,
         judged=judged,
         form_reason=f"the contractor's solution: {METHOD}" if solved.as_contractor else form.reason,
-        assumed=(*_assumptions(form, collects, noise_stated), *beside.assumed(runs, form.names)),
+        assumed=(*_assumptions(form, collects, noise_stated), *beside.assumed(runs)),
         beside=(
             *(of[run] for run in runs for of in beside.judged if run in of),
             measured_well_enough(errors, conditions.sensor, beside.largest_se),

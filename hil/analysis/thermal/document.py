@@ -9,8 +9,8 @@ from hil.analysis.thermal.fit import DESCRIBES, ParameterFit, SensorFit, Thermal
 from hil.campaign.stand_ins import temperature_of
 from hil.files.document import picked, plain
 from hil.solve.document import not_passed, not_passed_of, of_sensors_in_words
-from hil.solve.omissions import what_is_wrong
-from hil.solve.runs import AS_ZERO, solve_campaign
+from hil.solve.omissions import AS_ZERO, what_is_wrong
+from hil.solve.runs import solve_campaign
 from hil.solve.uncertain import CONFIDENCE
 from hil.solve.wrong_rows import pooled
 from procedures.words import counted, listed, percent, significant

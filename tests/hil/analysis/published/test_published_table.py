@@ -14,9 +14,11 @@ from hil.analysis.thermal.document import thermal_document
 from hil.analysis.thermal.fit import fit_thermal
 from hil.campaign.reader import read_campaign
 from hil.campaign.writer import write_campaign
+from hil.cli.data import solve
+from hil.cli.design import budget
 from hil.errors import InputError
 from hil.solve import solve_campaign
-from hil.solve.runs import AS_ZERO
+from hil.solve.omissions import AS_ZERO, in_words, what_is_wrong
 
 HEADER = "temperature_C,parameter,mean_printed,sigma_printed,n_stated,flag\n"
 ROWS = [
@@ -45,15 +47,18 @@ def test_the_matrix_solution_of_the_rebuilt_collects_is_the_printed_one(tmp_path
 
 
 def test_of_what_is_not_printed_nothing_is_said_to_be_found(tmp_path: Path) -> None:
-    """GSA and GSB are taken as zero, in the folder too: so solutions and coefficients say, and of no other."""
+    """GSA and GSB are taken as zero, in the folder too: so every command says, and prints no ± of them."""
     at = [[f"{degC}{row[row.index(',') :]}" for row in ROWS] for degC in (0, 20, 40)]
     made = read_published_table(table(tmp_path, [row for rows in at for row in rows]))
     campaign = read_campaign(write_campaign(made, tmp_path / "campaign"))
-    assert f"GSA and GSB: {AS_ZERO}" in solve_campaign(campaign)[0].assumed
+    assert f"GSA and GSB: {AS_ZERO}" in in_words(what_is_wrong(campaign))
+    for answer in (solve(tmp_path / "campaign"), budget(str(tmp_path / "campaign"), draws=100)):
+        lines = repr(answer).splitlines()
+        assert f"GSA and GSB: {AS_ZERO}" in lines
+        assert [{"GSA", "GSB"} & {*line.split()} for line in lines if {"BA", "MUA"} <= {*line.split()}] == [set()]
     told = thermal_document(fit_thermal(campaign))["sensors"][0]["parameters"]
     assert [name for name, each in told.items() if each["verdict"] == AS_ZERO] == ["GSA", "GSB"]
-    measured = solve_campaign(replace(campaign, taken_as_zero=()))[0].assumed
-    assert not [text for text in measured if AS_ZERO in text]
+    assert not [text for text in in_words(what_is_wrong(replace(campaign, taken_as_zero=()))) if AS_ZERO in text]
 
 
 def test_flagged_cells_are_kept_and_said(tmp_path: Path) -> None:
