@@ -91,7 +91,7 @@ def scatter_of_runs(conditions: Conditions, parts: Sequence[Scatter]) -> dict[st
         for name, square in zip(
             form.names, np.diag(response @ _covariance(own, parts, here) @ response.T), strict=True
         ):
-            squares.setdefault(name, []).append(float(square))
+            squares.setdefault(name, []).append(max(float(square), 0.0))
     sizes = {name: float(np.sqrt(np.mean(of))) for name, of in squares.items()}
     return {name: size if size > _NOTHING else 0.0 for name, size in sizes.items()}
 

@@ -11,6 +11,7 @@ from hil.files.numbers import rounded
 from hil.model import Model
 from hil.model.curve import Constant, Curve, Table
 from hil.model.effects.base import VarianceEffect
+from hil.model.effects.columns import HOUR_S
 from hil.model.effects.inside import OF_NORMAL, OFTEN
 from hil.model.effects.noise import BiasInstability, TurnOnBias
 from hil.model.effects.prior import ALPHA
@@ -31,9 +32,14 @@ _FLICKER = 2.0  # times as much as averages scatter inside a run, from which on 
 def with_ordinary(model: Model, noise: Sequence[Mapping[str, Any]], conditions: Mapping[int, Conditions]) -> Model:
     """Return the model whose noise also states what is ordinary, and more than it and the standard errors explain.
 
-    Each bias is drawn anew in every run, or in every collect, beside what is drawn already.
+    Each bias is drawn anew in every run, or in every collect, beside what is drawn already. Of a sensor without
+    standard errors what collects scatter by is its white noise.
     """
     sections = dict(model.noise)
+    for number, size, se in _white_by_residuals(noise):
+        root_hr = float(np.sqrt(np.median(conditions[number].duration_s) / HOUR_S))
+        walk = Constant(unit=_WHITE, value=root_hr * size, se=root_hr * se)
+        sections[number] = sections.get(number, SensorNoise()).model_copy(update={"angle_random_walk": walk})
     for each in noise:
         own = conditions[each["sensor"]]
         name = bias_names(own.sensor)[list(own.sensor.channels).index(each["channel"])]
@@ -43,6 +49,15 @@ def with_ordinary(model: Model, noise: Sequence[Mapping[str, Any]], conditions: 
             grown = _grown(stated.get(name), size, se, own)
             sections[each["sensor"]] = section.model_copy(update={key: {**stated, name: grown}})
     return model.model_copy(update={"noise": sections})
+
+
+def _white_by_residuals(noise: Sequence[Mapping[str, Any]]) -> Iterator[tuple[int, float, float]]:
+    """Yield what collects scatter by, and its error, deg/hr, of sensors without standard errors: rms of channels."""
+    for number in sorted({each["sensor"] for each in noise if each["stated_deg_per_hr"] is None}):
+        own = [each for each in noise if each["sensor"] == number]
+        sizes, errors = ([each[f"collect_to_collect_{of}deg_per_hr"] for each in own] for of in ("", "se_"))
+        if None not in (*sizes, *errors):
+            yield number, *(float(np.sqrt(np.mean(np.square(of)))) for of in (sizes, errors))
 
 
 def wanders(
@@ -120,8 +135,12 @@ def with_white_noise(
 
 
 def beyond_chance(channel: Mapping[str, Any]) -> Iterator[tuple[str, float, float]]:
-    """Yield what a channel scatters by that no model stated: the key of a noise section, the size and its error."""
-    for key, called in (("run_to_run", "run_offset"), ("collect_to_collect", "collect_to_collect")):
+    """Yield what a channel scatters by that no model stated: the key of a noise section, the size and its error.
+
+    What collects scatter by is that only beyond standard errors; of rates without any it is their white noise.
+    """
+    collects = [("collect_to_collect", "collect_to_collect")] * (channel["stated_deg_per_hr"] is not None)
+    for key, called in (("run_to_run", "run_offset"), *collects):
         size, se = channel[f"{called}_deg_per_hr"], channel[f"{called}_se_deg_per_hr"]
         if se is not None and size > se:
             yield key, size, se
@@ -212,7 +231,12 @@ def stated_in_words(noise: Sequence[Mapping[str, Any]], wanders: Mapping[int, Wa
     errors = "the standard errors and " * any(each["stated_deg_per_hr"] is not None for each in noise)
     said = f"the noise of model.yaml states what averages scatter by beyond {errors}the model read"
     inside = [f"{each}, which model.yaml states" for each in flicker_in_words(wanders)]
-    return [*([f"{said}: {more}"] if more else []), *inside]
+    white = [
+        f"sensor {number}: no standard errors are stated; the white noise of model.yaml is what residuals show, "
+        f"{rounded(size, se)} deg/hr in a collect"
+        for number, size, se in _white_by_residuals(noise)
+    ]
+    return [*([f"{said}: {more}"] if more else []), *white, *inside]
 
 
 def flicker_in_words(wanders: Mapping[int, Wander]) -> list[str]:

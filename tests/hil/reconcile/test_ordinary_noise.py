@@ -19,6 +19,7 @@ from hil.reconcile.outcome.sentences import values_off, what_to_do
 from hil.reconcile.outcome.stated import with_ordinary
 from hil.reconcile.result import Solved
 from hil.reconcile.scattering import what_scatters
+from hil.solve.beside_terms import beside
 from hil.solve.identifiability import orthonormal, project_out
 from tests.hil.analysis.thermal.nights import rotor_night
 from tests.hil.model.effect_conditions import triad_poses
@@ -157,7 +158,7 @@ def test_what_was_stated_grows_in_square(curve: Curve | None) -> None:
     sizes = {} if curve is None else {"BA": curve}
     model = Model(schema="hil.model/1", title="unit", form="matrix-6", noise={2: SensorNoise(run_to_run=sizes)})
     seen = {"run_offset_deg_per_hr": 4.0, "run_offset_se_deg_per_hr": 0.4}
-    seen |= {"collect_to_collect_deg_per_hr": 1.0, "collect_to_collect_se_deg_per_hr": None}
+    seen |= {"stated_deg_per_hr": 0.9, "collect_to_collect_deg_per_hr": 1.0, "collect_to_collect_se_deg_per_hr": None}
     grown = with_ordinary(model, [{"sensor": 2, "channel": "RA", **seen}], {2: rows}).noise[2]
     there = curve is not None and curve.at([0.0])[0] > 0.0
     assert grown.run_to_run["BA"].at([0.0]) == pytest.approx([5.0 if there else 4.0])
@@ -209,6 +210,23 @@ def test_what_single_runs_differ_by_may_be_temperature_and_is_in_no_error_that_i
     assert "± of hil solve" not in act
     again = what_to_do(reconcile(one, result.model_after, prove=False))[1]
     assert "First see to a second run at a temperature that has one: RA of sensor 2 and RB of sensor 2 may" in again
+
+
+def test_of_rates_without_errors_what_collects_scatter_by_is_the_white_noise_of_the_model() -> None:
+    """Not beside a white noise that the twin assumes; and with it hil solve and the search have the errors of rates."""
+    rng = np.random.default_rng(3)
+    rows = lay_out(rng, (20.0, 50.0), 3)
+    one = campaign_of(rows, base_rates(rows, thermal=False) + noise(rows, rng, run_bias=0.0), stated=None)
+    result = reconcile(one, "matrix-6", prove=False)
+    known = result.model_after
+    assert [note for note in result.notes if "the white noise of model.yaml is what residuals show" in note]
+    assert not known.noise[2].collect_to_collect
+    errors = beside(one, known).sensors[2].rates_se_deg_per_hr
+    assert np.allclose(errors, errors[0, 0])
+    assert errors[0, 0] == pytest.approx(0.9, rel=0.2)
+    again = reconcile(one, known, prove=False)
+    assert again.model_after == again.input_model
+    assert [each["stated_deg_per_hr"] for each in again.noise] == pytest.approx([errors[0, 0]] * 2)
 
 
 def test_what_a_channel_scatters_by_holds_what_moves_some_of_its_collects() -> None:
