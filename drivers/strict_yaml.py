@@ -166,9 +166,10 @@ def check_schema(document: Mapping[str, Any], schema: str, source: str) -> None:
 
 
 def near(word: str, allowed: Sequence[str]) -> str:
-    """Return "; did you mean …?" where one of `allowed` is near, else "; allowed: …"."""
+    """Return "; did you mean …?" where one of `allowed` is near, else "; allowed: …", or that there is none."""
     close = difflib.get_close_matches(word, allowed, n=1)
-    return f"; did you mean {close[0]!r}?" if close else f"; allowed: {', '.join(sorted(allowed))}"
+    every = f"allowed: {', '.join(sorted(allowed))}" if allowed else "there is none at all"
+    return f"; did you mean {close[0]!r}?" if close else f"; {every}"
 
 
 def first_mistake(error: ValidationError, document: object) -> str:

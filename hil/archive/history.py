@@ -122,7 +122,12 @@ def _next(
     found = [(of["due_in_months"], p, of) for p in parameters for of in p["temperatures"]]
     due = [each for each in found if each[0] is not None]
     if not due:
-        return None, "no parameter reaches a limit within ten years" if judged else "it takes three calibrations"
+        return (
+            None,
+            "no parameter reaches a limit within ten years"
+            if judged
+            else "it takes three calibrations that tell something",
+        )
     months, parameter, of = min(due, key=lambda each: each[0])
     day = (datetime.fromisoformat(newest_utc) + timedelta(seconds=months * _MONTH_S)).date().isoformat()
     at = "" if of["temperature_degC"] is None else f" at {of['temperature_degC']:z.1f} °C"

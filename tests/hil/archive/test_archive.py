@@ -63,6 +63,10 @@ def test_a_life_tells_drift_from_jump(archive: Path, capsys: pytest.CaptureFixtu
     unknown = one | {"temperatures": [of | {"control": None} for of in one["temperatures"]]}
     for those, word in ((one, "no"), (unknown, "–")):  # limits that nobody knows are not kept
         assert f'<td class="wrap">{word}</td>' in history_page(document | {"parameters": [those]})
+    unused = [each | {"used": False} for each in document["campaigns"]]  # the page counts what its table lists
+    assert f"{len(unused)} calibrations in the archive, 0 of them used" in history_page(
+        document | {"campaigns": unused, "parameters": []}
+    )
     table, life = tmp_path / "values.csv", tmp_path / "life"
     asked = ["--archive", str(archive), "--csv", str(table), "--out", str(life)]
     assert hil(["history", "0042", *asked]) == 0

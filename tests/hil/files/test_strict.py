@@ -9,7 +9,7 @@ import pytest
 
 from hil.config import check_sweep_against_bench, load_bench, load_sweep
 from hil.errors import InputError
-from hil.files.strict import config_folders, find_config, parse_yaml
+from hil.files.strict import config_folders, find_config, near, parse_yaml
 from procedures.plan import StepKind, make_plan
 
 
@@ -38,6 +38,11 @@ def test_a_file_beside_the_one_that_names_it_is_found(tmp_path: Path) -> None:
     (tmp_path / "mfs.yaml").write_text("")
     assert find_config("imus", "mfs", tmp_path) == tmp_path / "mfs.yaml"
     assert find_config("imus", "mfs").parent != tmp_path
+
+
+def test_of_nothing_there_is_no_list() -> None:
+    """Who asks an empty archive for a unit is told that it has none."""
+    assert near("0042", []) == "; there is none at all"
 
 
 @pytest.mark.parametrize(
