@@ -13,7 +13,7 @@ from hil.reconcile.outcome.answer import Answer
 from hil.reconcile.outcome.sentences import values_off
 from hil.reconcile.outcome.stated import lacking, scatter_in_words, stated_in_words
 from hil.reconcile.proof.experiment import next_experiment
-from hil.reconcile.proof.places import channels_touched, places
+from hil.reconcile.proof.places import places
 from hil.reconcile.result import Disagreement, FoundEffect, Reconciliation, Solved, without_collects
 from hil.reconcile.search.terms import NO_NAME
 from hil.reconcile.unrecorded import own_share, unasked
@@ -83,7 +83,7 @@ def _where(found: Answer) -> list[Disagreement]:
     """Return where simulation and measurement disagree: by mistakes, by what moves averages, by what scatters them."""
     fit, chance = found.fit, found.reading.chance
     terms = [{(n, j) for n, js in named.terms.items() for j in js} for named in found.names if named.terms]
-    moved = (places(fit, terms, chance, found.alpha) or channels_touched(fit, chance)) if terms else []
+    moved = places(fit, terms, chance, found.alpha)
     spoiled = mistakes.mistake_places(found.reading.mistakes, fit, chance)
     return [*spoiled, *moved, *scatter.places(found.scatter, chance)]
 

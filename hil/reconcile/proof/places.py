@@ -19,7 +19,6 @@ from hil.campaign import BoolArray, Conditions, FloatArray, IntArray
 from hil.campaign.stand_ins import temperature_of
 from hil.reconcile.result import Disagreement
 from hil.reconcile.search.fitted import Fitted, FittedBlock
-from hil.solve.identifiability import orthonormal, project_out
 from hil.solve.rows import Block
 
 _MATERIAL = 0.25  # of an effect's largest contribution to the sensor: what is smaller is not a place of it
@@ -52,22 +51,6 @@ def places(fit: Fitted, terms: Sequence[set[tuple[int, int]]], p_value: float, a
     return sorted(_sure(out, p_value, alpha), key=lambda d: -abs(d.size_deg_per_hr))
 
 
-def channels_touched(fit: Fitted, p_value: float) -> list[Disagreement]:
-    """Where an effect is everywhere a little and nowhere enough for a place of its own: the channels it acts on."""
-    out = []
-    for block in fit.blocks:
-        effect = fit.effect(block)
-        if np.any(effect):
-            own = block.search.block
-            white = block.white(np.column_stack([own.base, effect]))
-            score = float(np.linalg.norm(project_out(orthonormal(white[:, :-1]), white[:, -1])))
-            size = float(np.sqrt(np.mean(effect**2)))
-            channels = list(block.search.noise.conditions.sensor.channels)
-            where = {"sensor": own.sensor, "channel": channels[int(own.channel[0])]}
-            out.append((score, Disagreement(where, size, size / max(score, 1e-9), p_value)))
-    return [d for _, d in sorted(out, key=lambda pair: -pair[0])]
-
-
 def _described(members: set[tuple[int, int]], fit: Fitted, own: Sequence[FittedBlock]) -> list[FloatArray]:
     """Return how the sensor's blocks follow the values of one effect, (N, p) each.
 
@@ -96,10 +79,12 @@ def _least_left(columns: FloatArray, rest: FloatArray) -> float:
 
 
 def _sure(found: Sequence[Disagreement], p_value: float, alpha: float) -> list[Disagreement]:
-    """Give every place its q-value, and keep those that hold."""
+    """Give every place its q-value, and keep those that hold; where none does by itself, the surest."""
     scores = [abs(d.size_deg_per_hr) / max(d.se_deg_per_hr, 1e-300) for d in found]
-    pairs = zip(found, false_discovery(2.0 * ndtr(-np.array(scores))), strict=True)
-    return [replace(d, q_value=float(max(q, p_value))) for d, q in pairs if q <= alpha]
+    q_values = false_discovery(2.0 * ndtr(-np.array(scores)))
+    least = max(alpha, float(q_values.min(initial=np.inf)))
+    pairs = zip(found, q_values.tolist(), strict=True)
+    return [replace(d, q_value=max(q, p_value)) for d, q in pairs if q <= least]
 
 
 def false_discovery(p_values: FloatArray) -> FloatArray:

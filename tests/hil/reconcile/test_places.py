@@ -12,7 +12,7 @@ from scipy.stats import false_discovery_control
 from hil.campaign import Campaign
 from hil.reconcile import Reconciliation, reconcile
 from hil.reconcile.outcome.page import page, place_in_words
-from hil.reconcile.proof.places import false_discovery
+from hil.reconcile.proof.places import _sure, false_discovery
 from hil.reconcile.result import Disagreement
 from tests.hil.reconcile.hidden_effects import Rows, base_rates, both, campaign_of, lay_out, noise
 
@@ -145,3 +145,12 @@ def test_false_discovery_rates_are_scipys() -> None:
     """Ours spares every reconciliation the import."""
     chances = np.random.default_rng(2).random(200) ** 3
     np.testing.assert_allclose(false_discovery(chances), false_discovery_control(chances), rtol=1e-14)
+
+
+def test_of_what_is_everywhere_a_little_the_surest_place_stands() -> None:
+    """No place holds by itself where a name does: the surest has its chance beside it; else only what holds is told."""
+    vague, surer, sure = (Disagreement({"runs": [n]}, size, 1.0, 1.0) for n, size in enumerate((0.3, 1.2, 9.0)))
+    assert [each.where for each in _sure([vague, surer], 1e-3, 0.05)] == [surer.where]
+    assert _sure([vague, surer], 1e-3, 0.05)[0].q_value > 0.05
+    assert [each.where for each in _sure([vague, surer, sure], 1e-3, 0.05)] == [sure.where]
+    assert _sure([], 1e-3, 0.05) == []
