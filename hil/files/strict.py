@@ -4,7 +4,7 @@ find_config("benches", "simulated")     # the file that ships with hil
 find_config("benches", "./my-bench.yaml")  # a path given in full wins
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Self, TypeVar
 
