@@ -214,7 +214,8 @@ def _parts(columns: FloatArray, largest: FloatArray, ends: IntArray, base: Float
     seen = (here > UNSEEN * largest) & (here > 0.0)
     seen[seen] = kept_shares(base, columns[:, seen]) > UNSEEN
     begins = np.append(0, ends)
-    acting = np.ascontiguousarray(np.logical_or.reduceat(columns != 0.0, begins, axis=1).T)
+    there = np.pad(columns != 0.0, ((0, 0), (0, 1)))  # the last of all may have no column
+    acting = np.ascontiguousarray(np.logical_or.reduceat(there, begins, axis=1).T)
     for begin, own, rows in zip(begins.tolist(), np.split(seen, ends), map(np.flatnonzero, acting), strict=True):
         parameters = np.flatnonzero(own)
         values = columns[rows[:, None], begin + parameters]
