@@ -11,7 +11,8 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import chain, combinations, pairwise
+from math import log
 
 import numpy as np
 
@@ -184,8 +185,13 @@ class SensorSearch:
         """Log Bayes factor in one block, (m, j), of data of which the base and what is added leave `squares` (t, m)."""
         own = replace(beside, rss=np.maximum(squares, LEAST))
         log_prior = search.points.log_prior[search.scanned[: len(squares)]][:, None]
-        by_point = log_factors(own, groups, products, len(self.terms)) + log_prior[..., None]
-        return np.asarray(log_sum(by_point) - log_sum(own.log_null() + log_prior)[:, None])
+        found, null = log_factors(own, groups, products, len(self.terms)), own.log_null()
+        absent = np.array([term.absent for term in self.terms])
+        may = np.flatnonzero(absent)
+        found[..., may] = np.logaddexp(
+            np.log(1.0 - absent[may]) + found[..., may], np.log(absent[may]) + null[..., None]
+        )
+        return np.asarray(log_sum(found + log_prior[..., None]) - log_sum(null + log_prior)[:, None])
 
     def evidence(self, sets: Sequence[Set]) -> list[list[FloatArray]]:
         """Log evidence of sets by block: (u,) each, of what scatters, without the odds of that."""
@@ -195,7 +201,7 @@ class SensorSearch:
 
     def weigh(self, sets: Iterable[Set]) -> None:
         """Weigh several sets in every block, all at once: what they are made of is laid out, and weighed, once."""
-        sets = [each for chosen in sets for each in {chosen: 0, self._untied(chosen): 0}]
+        sets = [each for own in sets for each in (self._untied(own), *(part for part, _ in self._in_part(own)))]
         for b, own in enumerate(self.blocks):
             new = dict.fromkeys(here for chosen in sets if ((here := self._here(chosen, b)), b) not in self._weighed)
             members = self._members_of({j for here in new for j in here}, b)
@@ -212,6 +218,15 @@ class SensorSearch:
     def _untied(self, chosen: Set) -> Set:
         """Return what of a set no block has in common with another."""
         return tuple(j for j in chosen if not self.terms[j].ties)
+
+    def _in_part(self, chosen: Set) -> list[tuple[Set, float]]:
+        """Return all of a set that may be in one block, with how probable (log) it is that the rest is absent there."""
+        may = [j for j in chosen if self.terms[j].absent]
+        out = []
+        for absent in chain.from_iterable(combinations(may, k) for k in range(len(may) + 1)):
+            priors = [own if j in absent else 1.0 - own for j in may if (own := self.terms[j].absent)]
+            out.append((tuple(j for j in chosen if j not in absent), sum(map(log, priors))))
+        return out
 
     def _here(self, chosen: Set, b: int) -> Set:
         """Return what of a set shows in a block."""
@@ -237,8 +252,7 @@ class SensorSearch:
             return [self.in_block(chosen, b) for b in range(len(self.blocks))]
 
         self.weigh(sets)
-        sorts = [len(search.noise.sorts) for search in self.blocks]
-        out = [[own.by_sort(many) for own, many in zip(weighed(s), sorts, strict=True)] for s in sets]
+        out = [[self._by_sort(chosen, b) for b in range(len(self.blocks))] for chosen in sets]
         tied = {m: others for m, s in enumerate(sets) if (others := self._untied(s)) != s}
         asked = [
             (weighed(sets[m]), weighed(own), [j for j in sets[m] if self.terms[j].ties]) for m, own in tied.items()
@@ -246,3 +260,9 @@ class SensorSearch:
         for m, gain in zip(tied, tied_gains(asked), strict=True):
             out[m][0] = out[m][0] + gain
         return out
+
+    def _by_sort(self, chosen: Set, b: int) -> FloatArray:
+        """Log evidence (u,) of a set in one block by what scatters, whatever of it is in others alone."""
+        sorts = len(self.blocks[b].noise.sorts)
+        parts = self._in_part(self._here(chosen, b))
+        return log_sum(np.array([self.in_block(part, b).by_sort(sorts) + prior for part, prior in parts]))

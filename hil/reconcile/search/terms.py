@@ -13,9 +13,10 @@ from functools import cached_property
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, IntArray
+from hil.model.effects.base import Effect
 from hil.model.effects.data import OTHER_SENSOR, Mislabelled
 from hil.model.effects.followed import driver_of
-from hil.model.effects.prior import SECOND_TIER, UNSEEN, ladder, middle, name_odds
+from hil.model.effects.prior import COMMON, SECOND_TIER, SHARED, UNSEEN, ladder, middle, name_odds
 from hil.reconcile.search.candidates import POWERS, Candidate
 from hil.reconcile.search.evidence import Amplitude
 from hil.solve.causes import ODDS
@@ -64,7 +65,8 @@ class Term:
     """Something that may be beside the base of one sensor. `parts` has one entry per block, None where it has none.
 
     Columns are of unit size, so that no unit matters: `scale` (p,) is what those of the candidate were divided by.
-    `log_odds` are those of this very shape and form against nothing; `ties`: a parameter acts on several blocks.
+    `log_odds` are those of this very shape and form against nothing; `ties`: a parameter acts on several blocks. Else
+    it may be in some blocks alone: from each it is `absent` with this probability.
     """
 
     name: str
@@ -75,6 +77,7 @@ class Term:
     scale: FloatArray
     log_odds: float
     ties: bool = False
+    absent: float = 0.0
 
     @cached_property
     def follows(self) -> str:
@@ -147,9 +150,12 @@ def terms(
         amplitudes = _amplitudes(candidate, scale, noise_deg_per_hr, known.get(candidate.name, ()))
         own = tuple(() if p is None else tuple(_of_part(a, p) for a in amplitudes) for p in parts)
         acting = [set(part.parameters.tolist()) for part in parts if part is not None]
-        ties = any(a & b for a, b in itertools.combinations(acting, 2)) and not _is_exact(candidate)
-        log_odds = float(np.log(odds))
-        out.append(Term(candidate.name, candidate.tier, candidate, parts, own, scale, log_odds, ties))
+        shared, sized = any(a & b for a, b in itertools.combinations(acting, 2)), not _is_exact(candidate)
+        ties = shared and sized
+        absent = 1.0 - _shared(candidate.effect) if len(acting) > 1 and sized and not shared and candidate.tier else 0.0
+        out.append(
+            Term(candidate.name, candidate.tier, candidate, parts, own, scale, float(np.log(odds)), ties, absent)
+        )
     return _undescribed(out, bases)
 
 
@@ -220,6 +226,11 @@ def _parts(columns: FloatArray, largest: FloatArray, ends: IntArray, base: Float
         parameters = np.flatnonzero(own)
         values = columns[rows[:, None], begin + parameters]
         yield Part(parameters, rows, values, len(columns)) if len(parameters) else None
+
+
+def _shared(effect: Effect | None) -> float:
+    """How probably what one block shows is in another, where each has parameters of its own."""
+    return COMMON if effect is not None and effect.common_to_sensors else SHARED
 
 
 def _is_exact(candidate: Candidate) -> bool:

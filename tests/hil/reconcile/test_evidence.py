@@ -98,7 +98,20 @@ def covariance_of(own: BlockSearch, t: int) -> FloatArray:
 
 
 def brute_force(search: SensorSearch, chosen: tuple[int, ...], b: int, *, near: bool = True) -> FloatArray:
-    """Log evidence by kind of scatter: Student t densities of the rows beside the base, summed over all that is open.
+    """Log evidence by kind of scatter of a set in a block, from which each of its terms may be absent."""
+    out = np.full(len(search.blocks[b].noise.sorts), -np.inf)
+    for there in itertools.product((True, False), repeat=len(chosen)):
+        absent = [search.terms[j].absent for j in chosen]
+        share = float(np.prod([1.0 - own if here else own for here, own in zip(there, absent, strict=True)]))
+        if share:
+            out = np.logaddexp(
+                out, np.log(share) + with_all_of(search, tuple(itertools.compress(chosen, there)), b, near)
+            )
+    return out
+
+
+def with_all_of(search: SensorSearch, chosen: tuple[int, ...], b: int, near: bool) -> FloatArray:
+    """The same with all of them: Student t densities of the rows beside the base, summed over all that is open.
 
     `near`: over the sizes about the best of each term alone, as the search does it.
     """

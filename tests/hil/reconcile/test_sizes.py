@@ -70,3 +70,18 @@ def test_of_one_run_in_six_poses_something_is_left_over() -> None:
     assert not any("not called missing" in note for note in quiet.notes)
     assert moved.verdict == "none"
     assert any("(drift): " in note and "not called missing" in note for note in moved.notes)
+
+
+def test_what_one_axis_shows_needs_not_be_in_all_three() -> None:
+    """Of a technology in which a slope is large, three had to be: .8 deg/hr/°C in one axis was noise of runs."""
+    rows = of_axes(0.8, 0.0, 0.0).sensors[1]
+    sensor = replace(rows.conditions.sensor, technology="MEMS")
+    campaign = replace(
+        of_axes(0.0, 0.0, 0.0), sensors={1: replace(rows, conditions=replace(rows.conditions, sensor=sensor))}
+    )
+    (found,) = reconcile(campaign, "triad-12", prove=False).effects
+    assert found.id == "bias_T"
+    assert found.probability > 0.7
+    of = {each["name"]: (each["value"], each["se"]) for each in found.parameters}
+    assert of["b1_X"][0] > 0.75
+    assert all(abs(value) < 3.0 * se < 0.1 for name, (value, se) in of.items() if name != "b1_X")
