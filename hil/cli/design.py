@@ -17,7 +17,8 @@ def budget(
     source: Annotated[str, Argument(help="A sweep file (or its name), a campaign folder, or a night.")],
     bench: Annotated[str | None, Option(help="The bench; default: the night's own, else simulated.")] = None,
     model: Annotated[
-        str | None, Option(help="Take GS and MU, on which errors of attitude act, from this model file.")
+        str | None,
+        Option(help="Take GS and MU, on which errors of attitude act, from this model file; its terms and noise too."),
     ] = None,
     run: Annotated[int | None, Option(help="Which self-calibration; default: the worst.")] = None,
     repeats: Annotated[int | None, Option(min=1, help="Repeats averaged; default: as many as were made.")] = None,
@@ -28,14 +29,17 @@ def budget(
     from hil.config import load_bench, load_sweep
     from hil.design.budget.document import Asked, budget_document
     from hil.design.budget.scenes import measured_scenes, planned_scenes
-    from hil.model import load_model
+    from hil.model import fitting_campaign, load_model
     from hil.solve import repeats as what_repeats_show
     from hil.solve import solve_campaign
+    from hil.solve.beside_terms import beside
     from hil.solve.omissions import what_is_wrong
 
     chosen = None if model is None else load_model(model)
     if Path(source).is_dir():
         campaign = read_source(Path(source))
+        if chosen is not None:  # as hil solve takes it
+            campaign = beside(campaign, fitting_campaign(chosen, campaign))
         its_bench = load_bench(bench) if bench is not None else _bench_of(Path(source))
         shown = what_repeats_show(campaign, solve_campaign(campaign))
         scenes, asked = measured_scenes(campaign, its_bench, shown, chosen), Asked(run, repeats, draws, seed)

@@ -11,6 +11,8 @@ import pytest
 from benchmarks.blind.cases import make_case, write_case
 from hil.campaign import Campaign
 from hil.campaign.reader import read_campaign
+from hil.campaign.writer import write_campaign
+from hil.cli.design import budget
 from hil.config import load_bench, load_sweep
 from hil.design.visibility.document import campaign_document, sweep_document
 from hil.errors import InputError
@@ -153,3 +155,14 @@ def test_what_changes_from_collect_to_collect_is_in_a_runs_errors(tmp_path: Path
     one = replace(one, sensors={2: replace(one.sensors[2], rates_deg_per_hr=moved)})
     assert all(each.exceeds_errors for each in solve_campaign(one))
     assert not any(each.exceeds_errors for each in solve_beside(beside(one, loud), loud))
+
+
+def test_budget_states_a_run_as_solve_does_beside_the_same_model(tmp_path: Path) -> None:
+    """With the noise of the model: it said "as hil solve states it" and left that out."""
+    one, known = beside(_once(stated=0.7), model(tmp_path, NOISE)), tmp_path / "model.yaml"
+    write_campaign(_once(stated=0.7), tmp_path / "campaign")
+    told = budget(str(tmp_path / "campaign"), model=str(known), draws=100).document["sensors"]["2"]
+    (own,) = (each for each in solve_beside(one, load_model(known)) if each.run == told["run"])
+    expected = {name: each.sd for name, each in repeats(one, solve_campaign(one))[2].of_run(own).items()}
+    assert told["as_solved"]["BA"] > 10.0
+    assert told["as_solved"] == pytest.approx(expected)
