@@ -24,8 +24,8 @@ from hil.solve.asked import DOUBTED, Asked, OtherSensor
 from hil.solve.causes import Cause
 from hil.solve.whitened import Whitened, whitened
 
-CERTAIN = 0.95
-"""Probability from which what is the likeliest is done."""
+SURE, CERTAIN = 0.99, 0.95
+"""Probability from which what is the likeliest is done: at once, and where nothing else need be."""
 HARDLY = 0.05
 """And of nothing being wrong, below which something is."""
 OF_THE_RUN = ("bias", "run")
@@ -57,8 +57,12 @@ class Explained:
     def likely(self) -> float:
         """How probable the likeliest is; what is only left out, among all that may be wrong, as the search has it."""
         p = self.rivals[0][1] if self.rivals else 0.0
-        leaves_out = self.likeliest is not None and self.likeliest.what in ("rate", "collect")
-        return p / (1.0 - self.nothing) if leaves_out else p
+        return p / (1.0 - self.nothing) if self.leaves_out else p
+
+    @property
+    def leaves_out(self) -> bool:
+        """Whether the likeliest is a row that need only be left out."""
+        return self.likeliest is not None and self.likeliest.what in ("rate", "collect")
 
     @property
     def runs(self) -> set[int]:
@@ -84,17 +88,26 @@ def explanations(
     """
     runs, left = collects.conditions.run, _Left(collects, beside, frozenset(distrusted))
     unsure: dict[int, Explained] = {}
-    done = 0
-    while (found := left.wrong(unsure)) is not None:
-        if found.likely < CERTAIN:
+    enough, done = SURE, 0
+    while True:
+        found = left.wrong(unsure)
+        if found is None:
+            if not unsure or enough == CERTAIN:
+                break
+            enough = CERTAIN
+            unsure.clear()
+            continue
+        needed = CERTAIN if found.leaves_out else enough
+        if found.likely < needed:
             found = left.whichever_else(found, unsure)
         cause = found.likeliest
-        if cause is None or found.likely < CERTAIN or done > _MOST * len(runs):
+        if cause is None or found.likely < needed or done > _MOST * len(runs):
             among = found.runs or {*runs.tolist()} - left.silent - {*unsure}
             unsure |= dict.fromkeys(among, replace(found, likeliest=None))
         else:
             yield found
-            unsure.clear()  # what hid behind this may be told now
+            enough = SURE  # what hid behind this may be told now
+            unsure.clear()
             done += len(cause.rows)
             left = left.without(cause)
     yield from dict.fromkeys(unsure.values())
