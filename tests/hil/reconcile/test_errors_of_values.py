@@ -33,7 +33,7 @@ def slopes(seed: int) -> list[tuple[float, bool]]:
 
 
 def test_an_error_is_over_all_that_runs_may_scatter_by() -> None:
-    """By the likeliest noise, in which four runs do not scatter, values of 9 were 7 times their errors off."""
+    """By the likeliest noise, in which four runs do not scatter, slopes were 6 and 7 times their errors off."""
     told = [each for seed in (9, 10) for each in slopes(seed)]
     assert len(told) == 4
     assert max(abs(off) for off, _ in told) < 2.5
