@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray
-from hil.model.effects.base import Effect, Parameter, VarianceEffect
+from hil.model.effects.base import Described, Effect, Parameter, VarianceEffect
 from hil.model.effects.catalogue import named
 
 ALPHA = 0.05
@@ -47,6 +47,11 @@ def scatter_log_odds(effects: Iterable[VarianceEffect]) -> dict[str, float]:
     """Share the odds (log) of an effect on the scatter out over these: one is no reason against another."""
     odds = {effect.id: effect.odds for effect in effects}
     return {name: float(np.log(SCATTER / (1.0 - SCATTER) * own / sum(odds.values()))) for name, own in odds.items()}
+
+
+def in_another(effect: Described | None) -> float:
+    """Return how probably what one sensor or channel has is in another; None is what no effect describes."""
+    return COMMON if effect is not None and effect.common_to_sensors else SHARED
 
 
 def log_in_one(effect: Effect, sensors: int) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 
 from hil.campaign import FloatArray
 from hil.model.effects.base import VarianceEffect
-from hil.model.effects.prior import COMMON, SCATTER, SHARED, scatter_log_odds
+from hil.model.effects.prior import COMMON, SCATTER, SHARED, in_another, scatter_log_odds
 from hil.reconcile.search.evidence import log_sum
 from hil.reconcile.search.sets import SensorSearch, Set
 from hil.reconcile.search.terms import Term
@@ -160,7 +160,7 @@ def shared_evidence(search: SensorSearch, sets: Sequence[Set], sorts: Sequence[f
     """Log evidence of sets (m,) with what scatters in the sensors, (m, n): each block may have any of it or not."""
     out = np.zeros((len(sets), len(sorts)))
     for block, by_sort in zip(search.blocks, zip(*search.evidence(sets), strict=True), strict=True):
-        has = {kind.name: COMMON if kind.effect.common_to_sensors else SHARED for kind in block.noise.kinds}
+        has = {kind.name: in_another(kind.effect) for kind in block.noise.kinds}
         log_share = np.array(
             [
                 [_log_share(own & has.keys(), here, has) if here <= own else -np.inf for own in sorts]

@@ -221,11 +221,11 @@ class SensorSearch:
 
     def _in_part(self, chosen: Set) -> list[tuple[Set, float]]:
         """Return all of a set that may be in one block, with how probable (log) it is that the rest is absent there."""
-        may = [j for j in chosen if self.terms[j].absent]
+        may = {j: own for j in chosen if (own := self.terms[j].absent)}
         out = []
         for absent in chain.from_iterable(combinations(may, k) for k in range(len(may) + 1)):
-            priors = [own if j in absent else 1.0 - own for j in may if (own := self.terms[j].absent)]
-            out.append((tuple(j for j in chosen if j not in absent), sum(map(log, priors))))
+            prior = sum(log(own if j in absent else 1.0 - own) for j, own in may.items())
+            out.append((tuple(j for j in chosen if j not in absent), prior))
         return out
 
     def _here(self, chosen: Set, b: int) -> Set:

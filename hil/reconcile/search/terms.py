@@ -13,10 +13,9 @@ from functools import cached_property
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, IntArray
-from hil.model.effects.base import Effect
 from hil.model.effects.data import OTHER_SENSOR, Mislabelled
 from hil.model.effects.followed import driver_of
-from hil.model.effects.prior import COMMON, SECOND_TIER, SHARED, UNSEEN, ladder, middle, name_odds
+from hil.model.effects.prior import SECOND_TIER, UNSEEN, in_another, ladder, middle, name_odds
 from hil.reconcile.search.candidates import POWERS, Candidate
 from hil.reconcile.search.evidence import Amplitude
 from hil.solve.causes import ODDS
@@ -152,7 +151,9 @@ def terms(
         acting = [set(part.parameters.tolist()) for part in parts if part is not None]
         shared, sized = any(a & b for a, b in itertools.combinations(acting, 2)), not _is_exact(candidate)
         ties = shared and sized
-        absent = 1.0 - _shared(candidate.effect) if len(acting) > 1 and sized and not shared and candidate.tier else 0.0
+        absent = (
+            1.0 - in_another(candidate.effect) if len(acting) > 1 and sized and not shared and candidate.tier else 0.0
+        )
         out.append(
             Term(candidate.name, candidate.tier, candidate, parts, own, scale, float(np.log(odds)), ties, absent)
         )
@@ -226,11 +227,6 @@ def _parts(columns: FloatArray, largest: FloatArray, ends: IntArray, base: Float
         parameters = np.flatnonzero(own)
         values = columns[rows[:, None], begin + parameters]
         yield Part(parameters, rows, values, len(columns)) if len(parameters) else None
-
-
-def _shared(effect: Effect | None) -> float:
-    """How probably what one block shows is in another, where each has parameters of its own."""
-    return COMMON if effect is not None and effect.common_to_sensors else SHARED
 
 
 def _is_exact(candidate: Candidate) -> bool:
