@@ -6,10 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import logsumexp
 
 from hil.campaign import Campaign, Collects, Conditions
+from hil.model import load_model
 from hil.model.effects.base import Parameter
+from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS
 from hil.reconcile import reconcile
+from hil.reconcile.search.layout import searches
+from hil.reconcile.search.problem import pose
 from tests.hil.reconcile.hidden_effects import TRIAD
 
 SIX = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float64)
@@ -72,16 +77,29 @@ def test_of_one_run_in_six_poses_something_is_left_over() -> None:
     assert any("(drift): " in note and "not called missing" in note for note in moved.notes)
 
 
+def in_one_axis() -> Campaign:
+    """Return 0.8 deg/hr/°C in one axis of a triad of a technology in which slopes are large."""
+    campaign = of_axes(0.8, 0.0, 0.0)
+    rows = campaign.sensors[1]
+    known = replace(rows.conditions, sensor=replace(rows.conditions.sensor, technology="MEMS"))
+    return replace(campaign, sensors={1: replace(rows, conditions=known)})
+
+
 def test_what_one_axis_shows_needs_not_be_in_all_three() -> None:
-    """Of a technology in which a slope is large, three had to be: .8 deg/hr/°C in one axis was noise of runs."""
-    rows = of_axes(0.8, 0.0, 0.0).sensors[1]
-    sensor = replace(rows.conditions.sensor, technology="MEMS")
-    campaign = replace(
-        of_axes(0.0, 0.0, 0.0), sensors={1: replace(rows, conditions=replace(rows.conditions, sensor=sensor))}
-    )
-    (found,) = reconcile(campaign, "triad-12", prove=False).effects
+    """Three had to have such a slope: that of one was noise of runs."""
+    (found,) = reconcile(in_one_axis(), "triad-12", prove=False).effects
     assert found.id == "bias_T"
     assert found.probability > 0.7
     of = {each["name"]: (each["value"], each["se"]) for each in found.parameters}
     assert of["b1_X"][0] > 0.75
     assert all(abs(value) < 3.0 * se < 0.1 for name, (value, se) in of.items() if name != "b1_X")
+
+
+def test_what_is_in_one_axis_is_proposed_as_it_is_weighed() -> None:
+    """The quick look at all terms does not ask for it in the other two either."""
+    problem = pose(in_one_axis(), load_model("triad-12"), (*BASE_EFFECTS, *EFFECTS))
+    search = searches(problem, EFFECTS, VARIANCE_EFFECTS)[1]
+    scanned = search.scan(())
+    j = max((k for k, term in enumerate(search.terms) if term.name == "bias_T"), key=lambda k: scanned[k])
+    alone, with_it = (sum(logsumexp(of) for of in own) for own in search.evidence([(), (j,)]))
+    assert scanned[j] == pytest.approx(with_it - alone, abs=1.0)
