@@ -90,9 +90,10 @@ _Key = tuple[int, int, Set, frozenset[str]]
 def held_out(posterior: Posterior, before: Found, lead: Found) -> HeldOut | None:
     """Predict every run from the others, before and after; None where none can be.
 
-    Rows that the lead calls wrong are predicted by nobody.
+    Rows that the lead calls wrong are predicted by nobody. Where nothing is added, after is before.
     """
-    sets = [before, lead, *(f for f in posterior.sets[:SETS] if f not in (before, lead))]
+    others = posterior.sets[:SETS] if lead != before else ()
+    sets = [before, lead, *(f for f in others if f not in (before, lead))]
     known: dict[_Key, dict[int, Predicted]] = {}
     for number, b in ((n, b) for n, search in posterior.searches.items() for b in range(len(search.blocks))):
         search = posterior.searches[number]

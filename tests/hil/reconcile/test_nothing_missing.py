@@ -62,6 +62,15 @@ def test_nothing_missing_is_never_named() -> None:
 
 
 @pytest.mark.slow
+def test_where_nothing_is_added_no_gap_shrinks() -> None:
+    """A supply effect too small to be found: folds that would add it do not make the model better that stands."""
+    few = hidden_campaign(0, lambda rows: both(rows.supply - 28.0, 1.5, -1.5), thermal=False, **FEW)
+    result = reconcile(few, "matrix-6", alpha=0.01)
+    assert result.verdict == "none"
+    assert result.gap.after == result.gap.before
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_nothing_missing_is_called_none_or_at_least_nothing_that_moves_averages(kind: str) -> None:
     """Two campaigns of each kind of noise at a level of 1 %; `benchmarks.blind.score --only nulls` asks hundreds.
