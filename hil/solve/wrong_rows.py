@@ -9,7 +9,7 @@ The quick form of what `hil reconcile` asks of every row: how the unit lay by it
 rates best, with the search's own odds of a mistake (`hil.solve.explained`).
 """
 
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Iterator, Mapping, Set
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from typing import Any, Self
@@ -108,12 +108,14 @@ def wrong_rows(campaign: Campaign) -> dict[int, WrongRows]:
     Of runs that FAIL by their records nothing is held against another's rows.
     """
     fails = {number: frozenset(failed(campaign, number)) for number in campaign.sensors}
+    laid = {n: _as_the_unit_lay(rows, tuple(campaign.exchanged.get(n, ()))) for n, rows in campaign.sensors.items()}
+    as_it_lay = replace(campaign, sensors={n: collects for n, (collects, _) in laid.items()})
     return {
         number: _wrong_rows(
-            rows,
-            tuple(campaign.exchanged.get(number, ())),
+            (*clipped_rows(rows), *laid[number][1]),
+            laid[number][0],
             fails[number],
-            alike(campaign, number),
+            alike(as_it_lay, number),
             frozenset().union(*(runs for other, runs in fails.items() if other != number)),
         )
         for number, rows in campaign.sensors.items()
@@ -145,8 +147,7 @@ def _other_sensor(collects: Collects, other: Collects | None, failed: Set[int]) 
     if other is None:
         return None
     # A run that FAILs by its records would hide in its noise whatever else the other's rates say of the rest.
-    told, runs = with_every_error(unclipped(other)), other.conditions.run
-    asked = cache(lambda silent: Asked(whitened(told.rows(~np.isin(runs, [*silent])))))
+    asked = cache(lambda silent: Asked(whitened(other.rows(~np.isin(other.conditions.run, [*silent])))))
     shown = beside(collects, other)
     same = {run for run, rows in collects.conditions.of_each_run.items() if np.isfinite(shown[rows]).any()}
     own, theirs = beside(other, collects), other.conditions.of_each_run
@@ -168,17 +169,15 @@ def failed(campaign: Campaign, number: int, *, unless_mended: bool = False) -> s
 
 @lru_cache(maxsize=8)
 def _wrong_rows(
+    known: tuple[Wrong, ...],
     collects: Collects,
-    exchanged: tuple[tuple[int, int], ...],
     failed: frozenset[int],
     other: Collects | None,
     failed_of_other: frozenset[int],
 ) -> WrongRows:
-    rows = clipped_rows(collects)
-    shown = _other_sensor(collects, other, failed_of_other)
-    collects, lay = _as_the_unit_lay(with_every_error(unclipped(collects)), exchanged)
-    rows += lay
-    judged = {each.run: [Judgement(Verdict.FAIL, each.why)] for each in lay}
+    """Ask of collects and those of the other sensor, as the unit lay in both, beside what is `known` to be wrong."""
+    rows, shown = [*known], _other_sensor(collects, other, failed_of_other)
+    judged = {each.run: [Judgement(Verdict.FAIL, each.why)] for each in known if each.done == MENDED}
     found = [*explanations(collects, failed, shown)]
     lost = {cause.run for each in found if (cause := each.likeliest) is not None and cause.what == "run"}
     # Where in the end nothing of a run holds, nothing of it was put right either.
@@ -201,9 +200,13 @@ def _wrong_rows(
     return WrongRows(collects, tuple(rows), every, alone, lost, seen_from, tuple(may_be), likeliest, shown)
 
 
-def _as_the_unit_lay(collects: Collects, exchanged: Sequence[tuple[int, int]]) -> tuple[Collects, list[Wrong]]:
-    """Put rates under the labels that accelerometers give them; not where other runs contradict it."""
-    out = []
+@lru_cache(maxsize=8)
+def _as_the_unit_lay(collects: Collects, exchanged: tuple[tuple[int, int], ...]) -> tuple[Collects, tuple[Wrong, ...]]:
+    """Put rates under the labels that accelerometers give them, but where other runs contradict it.
+
+    Every rate that was measured has a standard error then.
+    """
+    out, collects = [], with_every_error(unclipped(collects))
     for pair in (each for each in exchanged if np.isin(each, collects.conditions.collect).all()):
         i, j = np.flatnonzero(np.isin(collects.conditions.collect, pair)).tolist()
         cause = Cause("exchanged", int(collects.conditions.run[i]), (i, j))
@@ -211,7 +214,7 @@ def _as_the_unit_lay(collects: Collects, exchanged: Sequence[tuple[int, int]]) -
         if Asked(whitened(laid)).as_filed - Asked(whitened(collects)).as_filed > -AS_IT_LAY:
             collects = laid
             out.append(Wrong.of(laid, cause, MENDED, f"{cause_in_words(laid, cause)}: {_LIES}"))
-    return collects, out
+    return collects, tuple(out)
 
 
 def _said(filed: Collects, found: Explained) -> Iterator[tuple[int, Wrong, Judgement]]:

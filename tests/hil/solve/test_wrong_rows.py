@@ -63,6 +63,16 @@ def test_labels_of_a_body_are_exchanged_for_all_its_sensors() -> None:
     assert {(e.run, e.verdict) for e in solve_campaign(body) if e.run == 5} == {(5, Verdict.FAIL)}
 
 
+def test_what_accelerometers_put_right_the_other_sensor_does_not_exchange_back() -> None:
+    """Of a sensor that shows the same at both positions the other says what labels are, as it lay and not as filed."""
+    body, sound, rng = made("labels exchanged in a body"), made("two sensors").sensors[1], np.random.default_rng(0)
+    rates = sound.rates_deg_per_hr + rng.normal(0.0, 1.0, sound.rates_deg_per_hr.shape)
+    rates[1::3] = rates[::3] + rng.normal(0.0, 1.0, rates[1::3].shape)
+    first = replace(body.sensors[1], rates_deg_per_hr=rates, rates_se_deg_per_hr=np.ones(rates.shape))
+    (wrong,) = wrong_rows(replace(body, sensors={**body.sensors, 1: first}))[1].rows
+    assert (wrong.run, wrong.collects, wrong.done) == (5, (13, 14), MENDED)
+
+
 def test_of_one_sensor_that_is_solved_the_other_tells_as_much() -> None:
     """Both sensors' rates of run 3 stand under each other: whoever solves one of them knows it by the other."""
     filed = made("two sensors")
