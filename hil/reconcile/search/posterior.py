@@ -14,6 +14,7 @@ from hil.campaign import FloatArray
 from hil.model.effects.base import VarianceEffect
 from hil.model.effects.prior import COMMON, SCATTER, SHARED, in_another, scatter_log_odds
 from hil.reconcile.search.evidence import log_sum
+from hil.reconcile.search.lookalikes import exchanged, lookalikes
 from hil.reconcile.search.sets import SensorSearch, Set
 from hil.reconcile.search.terms import Term
 
@@ -25,6 +26,9 @@ PER_NAME = 3
 """Shapes of one name among these: what a name's best shapes cannot do its others cannot."""
 WORTH = 7.0
 """Sets this much (log) below the best of their sensor are not combined over sensors."""
+
+OTHERS = 16
+"""Likely sets of a sensor in which, too, what looks the same as a member of the likeliest is tried in its place."""
 
 
 @dataclass(frozen=True)
@@ -177,26 +181,46 @@ def _log_share(of: frozenset[str], here: frozenset[str], has: Mapping[str, float
 
 
 def weigh(searches: Mapping[int, SensorSearch]) -> Posterior:
-    """Weigh the likely sets of all sensors together: an effect that one has the others probably have too."""
-    sorts, log_sort = _log_sorts(list(searches.values()))
+    """Weigh the likely sets of all sensors together: an effect that one has the others probably have too.
+
+    What looks the same as a member of the likeliest is weighed, and kept, whatever it is worth.
+    """
     lists = {n: _with_the_others(n, searches) for n in searches}
-    sizes = [len(sets) for sets in lists.values()]
-    weights = _log_prior(searches, lists)[..., None] + log_sort
-    nothing = np.ones((*sizes, 1), dtype=bool) & (np.arange(len(sorts)) == 0)
-    for axis, (n, sets) in enumerate(lists.items()):
-        along = [size if k == axis else 1 for k, size in enumerate(sizes)]
-        weights = weights + shared_evidence(searches[n], sets, sorts).reshape(*along, -1)
+    weights, sorts = log_weights(searches, lists)
+    *first, sort = np.unravel_index(weights.argmax(), weights.shape)
+    lead = {n: sets[k] for (n, sets), k in zip(lists.items(), first, strict=True)}
+    alike = {n: lookalikes(search, lead[n]) for n, search in searches.items()}
+    same = {n: [lead[n], *exchanged(lead[n], alike[n])] for n in searches}
+    further = {n: [each for s in sets[:OTHERS] for each in exchanged(s, alike[n])] for n, sets in lists.items()}
+    lists = {n: list(dict.fromkeys([*sets, *same[n], *further[n]])) for n, sets in lists.items()}
+    weights, sorts = log_weights(searches, lists)
+    nothing, kept = np.arange(len(sorts)) == 0, np.arange(len(sorts)) == sort
+    for n, sets in lists.items():
         rows = [all(searches[n].terms[j].name == "row" for j in chosen) for chosen in sets]
-        nothing = nothing & np.reshape(rows, (*along, 1))
+        nothing = nothing[..., None, :] & np.array(rows)[:, None]
+        kept = kept[..., None, :] & np.array([chosen in same[n] for chosen in sets])[:, None]
     log_odds = float(np.logaddexp.reduce(weights[~nothing]) - np.logaddexp.reduce(weights[nothing]))
     total = float(np.logaddexp.reduce(weights, axis=None))
+    kept |= weights > total - 3.0 * WORTH
     order = np.argsort(-weights, axis=None, kind="stable")
     found = []
-    for i in order[weights.ravel()[order] > total - 3.0 * WORTH].tolist():
-        *at, sort = np.unravel_index(i, weights.shape)
-        chosen = {n: sets[k] for (n, sets), k in zip(lists.items(), at, strict=True)}
-        found.append(Found(chosen, sorts[sort], float(weights.flat[i] - total)))
+    for i in order[kept.ravel()[order]].tolist():
+        *at, k = np.unravel_index(i, weights.shape)
+        chosen = {n: sets[place] for (n, sets), place in zip(lists.items(), at, strict=True)}
+        found.append(Found(chosen, sorts[k], float(weights.flat[i] - total)))
     return Posterior(searches, found, log_odds, total)
+
+
+def log_weights(
+    searches: Mapping[int, SensorSearch], lists: Mapping[int, Sequence[Set]]
+) -> tuple[FloatArray, list[frozenset[str]]]:
+    """Return log weights, not normalised, of each sensor's sets together, (m, m', …, n), and what scatters in each."""
+    sorts, log_sort = _log_sorts(list(searches.values()))
+    weights = _log_prior(searches, lists)[..., None] + log_sort
+    for axis, (n, sets) in enumerate(lists.items()):
+        along = [len(sets) if k == axis else 1 for k in range(len(lists))]
+        weights = weights + shared_evidence(searches[n], sets, sorts).reshape(*along, -1)
+    return weights, sorts
 
 
 def _with_the_others(number: int, searches: Mapping[int, SensorSearch]) -> list[Set]:
@@ -220,7 +244,7 @@ def _log_prior(searches: Mapping[int, SensorSearch], lists: Mapping[int, Sequenc
         rest = np.zeros(len(sets))
         for m, chosen in enumerate(sets):
             for term, log_odds in zip((searches[n].terms[j] for j in chosen), searches[n].priced(chosen), strict=True):
-                own = priced.setdefault(term.shared, [np.full((1,) * out.ndim, -np.inf)] * out.ndim)
+                own = priced.setdefault(term.shared, [np.full((1,) * out.ndim, -np.inf) for _ in lists])
                 if own[axis].size != len(sets):
                     own[axis] = np.full(along, -np.inf)
                 if not term.shared or own[axis].flat[m] > -np.inf:

@@ -1,0 +1,53 @@
+"""What looks the same in these collects as a member of a set, however little it is believed.
+
+What is known before ranks the two, and the data say nothing of it. A search that keeps what is worth something may pass
+the other over, and would call the first certain.
+"""
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from hil.campaign import FloatArray
+from hil.reconcile.search.sets import SensorSearch, Set
+from hil.reconcile.search.terms import IDENTICAL
+from hil.solve.identifiability import orthonormal
+
+_NONE = 1e-6  # of columns of unit size: a direction of which the base leaves so little is none
+
+
+def lookalikes(search: SensorSearch, chosen: Set) -> dict[int, list[int]]:
+    """Return for each effect of a set those that do in every block just what it does beside the base."""
+    effects = [j for j, term in enumerate(search.terms) if term.tier == 1]
+    alike = {j: [k for k in effects if search.terms[k].name != search.terms[j].name] for j in chosen if j in effects}
+    for b, block in enumerate(search.blocks if alike else ()):
+        weighed = search.in_block(chosen, b)
+        at = np.array([np.argmax(weighed.terms_log + block.points.log_prior)])
+        laid = [(j, part.columns) for j in effects if (part := search.terms[j].parts[b]) is not None]
+        white = block.projected(np.hstack([columns for _, columns in laid]), at)[0] if laid else np.zeros((0, 0))
+        ends = np.cumsum([0, *(columns.shape[1] for _, columns in laid)])
+        left = {j: white[:, first:end] for (j, _), (first, end) in zip(laid, pairwise(ends), strict=True)}
+        alike = {j: _alike(left, j, others) for j, others in alike.items()}
+    return alike
+
+
+def exchanged(chosen: Set, alike: Mapping[int, Sequence[int]]) -> list[Set]:
+    """Return a set with one of its members exchanged, each for each that is alike."""
+    return [tuple(sorted({*chosen, k} - {j})) for j in chosen for k in alike.get(j, ())]
+
+
+def _alike(left: dict[int, FloatArray], own: int, others: Sequence[int]) -> list[int]:
+    """Return those of some terms of which a block shows just what it does of `own`; what it shows nothing of is alike.
+
+    `left` (N, q) is what the base leaves of each that shows.
+    """
+    if own not in left:
+        return [k for k in others if k not in left]
+    basis, out = orthonormal(left[own], _NONE), []
+    for k in (k for k in others if k in left):
+        other = orthonormal(left[k], _NONE)
+        same = other.shape[1] == basis.shape[1] > 0
+        if same and np.linalg.svd(basis.T @ other, compute_uv=False).min() > IDENTICAL:
+            out.append(k)
+    return out
