@@ -93,7 +93,7 @@ def read(posterior: Posterior, alpha: float) -> Reading:
     # Of what is as sure, that which moves averages comes first.
     names = sorted(names, key=lambda named: (-round(named.probability, 2), named.acts_on, -named.probability))
     mended = unnamed[0] if unnamed else as_filed
-    follows = _follows(posterior) if lead else ()
+    follows = _follows(posterior, beside) if lead else ()
     return Reading(found, as_filed, mended, names, chance, follows, posterior.mistakes(found))
 
 
@@ -269,16 +269,26 @@ def told_apart_by(follows: str, other: str) -> str:
     )
 
 
-def _follows(posterior: Posterior) -> list[tuple[str, float]]:
-    """What the disagreement follows, each driver with the probability that some term follows it, given that one is."""
+def _follows(posterior: Posterior, beside: Mapping[str, Sequence[Unasked]]) -> list[tuple[str, float]]:
+    """What the disagreement follows, each driver with the probability that some term follows it, given that one is.
+
+    A name shares with what is `beside` it, which may follow something else.
+    """
     totals: dict[str, float] = {}
     any_of_them = 0.0
     for f in posterior.sets:  # what moves averages comes first
-        drivers = dict.fromkeys(term.follows for term in posterior.members(f) if not term.is_mistake)
-        drivers |= dict.fromkeys(posterior.scatter[name].follows for name in sorted(f.scatter))
+        names = dict.fromkeys((term.called, term.follows) for term in posterior.members(f) if not term.is_mistake)
+        names |= dict.fromkeys((name, posterior.scatter[name].follows) for name in sorted(f.scatter))
+        by_none: dict[str, float] = {}  # how probable it is that nothing in the set follows a driver
+        for name, own in names:
+            share = own_share(beside, name)
+            drivers = {own: share}
+            for each in beside.get(name, ()):
+                drivers[each.effect.follows] = drivers.get(each.effect.follows, 0.0) + share * each.weight
+            by_none |= {driver: by_none.get(driver, 1.0) * (1.0 - part) for driver, part in drivers.items()}
         weight = float(np.exp(f.log_weight))
-        any_of_them += weight if drivers else 0.0
-        for driver in drivers:
-            totals[driver] = totals.get(driver, 0.0) + weight
+        any_of_them += weight if by_none else 0.0
+        for driver, none in by_none.items():
+            totals[driver] = totals.get(driver, 0.0) + weight * (1.0 - none)
     shares = [(driver, min(total / any_of_them, 1.0)) for driver, total in totals.items()]
     return sorted((s for s in shares if s[1] >= LEAST), key=lambda s: -round(s[1], 6))

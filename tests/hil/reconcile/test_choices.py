@@ -12,6 +12,7 @@ import pytest
 
 from hil.campaign import Campaign
 from hil.model import load_model
+from hil.model.effects.base import Effect
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS
 from hil.reconcile import naming, reconcile, workflow
 from hil.reconcile.naming import Reading, _surely_wrong, read
@@ -22,6 +23,7 @@ from hil.reconcile.search.problem import Problem, pose
 from hil.reconcile.search.set_in_block import CLOSE, Inner, Sets, instead
 from hil.reconcile.search.sets import SensorSearch
 from hil.reconcile.search.tied import tied_gains
+from hil.reconcile.unrecorded import Unasked
 from hil.reconcile.workflow import _kept
 from tests.hil.reconcile.hidden_effects import (
     EIGHT,
@@ -212,15 +214,18 @@ def test_what_predicts_held_out_rows_no_better_is_taken_back(
 
 
 def test_of_drivers_as_sure_as_one_another_that_of_what_moves_averages_comes_first() -> None:
-    """Whatever order a set of words has today."""
-    moves, scatters = SimpleNamespace(follows="temperature", is_mistake=False), SimpleNamespace(follows="run")
+    """Whatever order a set of words has today; a name that is half another's is half what follows something else."""
+    moves = SimpleNamespace(called="bias_T", follows="temperature", is_mistake=False)
+    scatters = SimpleNamespace(follows="run")
     posterior = SimpleNamespace(
         sets=[SimpleNamespace(scatter=frozenset({"MU_rr"}), log_weight=-0.7)] * 2,
         members=lambda _: [moves],
         scatter={"MU_rr": scatters},
     )
-    found = naming._follows(cast(Posterior, posterior))
+    found = naming._follows(cast(Posterior, posterior), {})
     assert found == [("temperature", 1.0), ("run", 1.0)]
+    could_be = Unasked(cast(Effect, SimpleNamespace(follows="temperature")), 1.0, "a second run")
+    assert naming._follows(cast(Posterior, posterior), {"MU_rr": [could_be]}) == [("temperature", 1.0), ("run", 0.5)]
 
 
 def test_a_tied_parameter_brings_its_gain_into_the_evidence(supplied: tuple[Posterior, Reading]) -> None:
