@@ -221,7 +221,11 @@ def fitting(model: Model | str | Path, sensors: Sequence[Sensor], temperatures_d
 
 def fitting_campaign(model: Model | str | Path, campaign: Campaign) -> Model:
     """Return a model that fits a campaign's sensors at their temperatures; raise `InputError` as `fitting` does."""
-    rows = [each.conditions for each in campaign.sensors.values()]
+    return fitting_conditions(model, [each.conditions for each in campaign.sensors.values()])
+
+
+def fitting_conditions(model: Model | str | Path, rows: Sequence[Conditions]) -> Model:
+    """Return a model that fits the sensors of these rows, as `fitting_campaign` does."""
     known = chain.from_iterable(each.columns.get("temperature_degC", ()) for each in rows)
     return fitting(model, [each.sensor for each in rows], known)
 

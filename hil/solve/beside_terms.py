@@ -118,4 +118,7 @@ def _less(rows: Collects, conditions: Conditions, model: Model) -> Collects:
 def _assumed(campaign: Campaign, solution: RunSolution, model: Model) -> tuple[str, ...]:
     sensor = campaign.sensors[solution.sensor].conditions.sensor
     terms = tuple(f"{term.effect} as model {model.title} has it" for term, _ in model.terms_for(sensor))
-    return (*terms, *([f"noise as model {model.title} states it"] if sensor.number in model.noise else []))
+    return (
+        *terms,
+        *([f"noise as the file of model {model.full_title} states it"] if sensor.number in model.noise else []),
+    )

@@ -21,7 +21,7 @@ from hil.design.budget.sources import Scene, Source, sources
 from hil.design.conditions import planned_conditions
 from hil.design.visibility.map import base_values
 from hil.errors import InputError
-from hil.model import Model, load_model
+from hil.model import Model, fitting_conditions, load_model
 from hil.model.effects.base import Base
 from hil.model.effects.geometry import local_frame
 from hil.model.forms import LinearForm, default_form
@@ -65,7 +65,11 @@ class RunScene:
 def planned_scenes(sweep: Sweep, bench: Bench, model: Model | None = None) -> dict[int, list[RunScene]]:
     """Return the runs of each sensor as the files plan them; raises `InputError` where they do not fit together."""
     check_sweep_against_bench(sweep, bench)
-    model = model or (load_model(bench.simulation_model) if bench.simulation_model else None)
+    planned = planned_conditions(make_plan(sweep.procedure()), bench)
+    if model is not None:
+        model = fitting_conditions(model, [*planned.values()])
+    elif bench.simulation_model:
+        model = load_model(bench.simulation_model)
     limit = sweep.restabilisation.unit_slope_degC_per_min
     walk = bench.uncertainties.angle_random_walk
     stated = "bench file's" if "angle_random_walk" in bench.uncertainties.model_fields_set else "default"
@@ -77,7 +81,7 @@ def planned_scenes(sweep: Sweep, bench: Bench, model: Model | None = None) -> di
         f"{stated} angle_random_walk {walk:g} deg/√hr over the collect",
     )
     found: dict[int, list[RunScene]] = {}
-    for number, conditions in planned_conditions(make_plan(sweep.procedure()), bench).items():
+    for number, conditions in planned.items():
         base, origin = _base(conditions, model)
         sigma = bench.uncertainties.of_collects(conditions)
         if np.any(sigma > _LARGEST_NOISE):

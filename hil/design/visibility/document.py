@@ -23,7 +23,7 @@ from hil.design.visibility.map import NoiseLevel, Sight, Sights, visibility
 from hil.design.visibility.promise import PROBABILITY
 from hil.files.document import picked
 from hil.files.text import filled
-from hil.model import Model, built_in_model
+from hil.model import Model, built_in_model, fitting_campaign, fitting_conditions
 from hil.model.effects.catalogue import FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS
 from hil.model.effects.document import shape_in_words
 from hil.model.effects.prior import ALPHA
@@ -127,9 +127,12 @@ def sweep_document(sweep: Sweep, bench: Bench, model: Model | None = None) -> di
     check_sweep_against_bench(sweep, bench)
     conditions = planned_conditions(make_plan(sweep.procedure()), bench)
     noise = {n: NoiseLevel(float(bench.uncertainties.of_collects(of)[0, 0])) for n, of in conditions.items()}
-    if model is not None:
-        noise = {n: _planned(conditions[n], model, level) for n, level in noise.items()}
-    return visibility_document(conditions, sweep.title, model, noise)
+    if model is None:
+        return visibility_document(conditions, sweep.title, None, noise)
+    model = fitting_conditions(model, [*conditions.values()])
+    noise = {n: _planned(conditions[n], model, level) for n, level in noise.items()}
+    found = visibility_document(conditions, sweep.title, model, noise)
+    return {"noise_of": model.full_title, **found} if model.noise else found
 
 
 def _planned(conditions: Conditions, model: Model, level: NoiseLevel) -> NoiseLevel:
@@ -138,8 +141,8 @@ def _planned(conditions: Conditions, model: Model, level: NoiseLevel) -> NoiseLe
     if white is not None:
         level = replace(level, collect_deg_per_hr=float(np.median(white)))
     if parts:
-        known = _level(scatter_of_runs(conditions, parts))
-        level = replace(known, collect_deg_per_hr=level.collect_deg_per_hr, source="the model")
+        known = _of_model(_level(scatter_of_runs(conditions, parts)))
+        level = replace(known, collect_deg_per_hr=level.collect_deg_per_hr)
     return level
 
 
@@ -151,8 +154,10 @@ def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[st
     """
     told = {"simulated": campaign.simulated, "warnings": list(campaign.warnings), **what_is_wrong(campaign)}
     if model is not None:
+        model = fitting_campaign(model, campaign)
         campaign = beside(campaign, model)
         told = {"taken_off": model.full_title, **told} if model.terms else told
+        told = {"noise_of": model.full_title, **told} if model.noise else told
     shown = repeats(campaign, solve_campaign(campaign))
     assumed = {number for number, each in shown.items() if not each.stated and np.isnan(each.left_deg_per_hr).all()}
     if assumed:
@@ -199,10 +204,21 @@ def _seen(shown: SensorRepeats, *, assumed: bool) -> NoiseLevel:
     every = zip(shown.names, shown.by_noise.beyond.tolist(), shown.spread.degrees, strict=True)
     level = _level({name: beyond for name, beyond, degrees in every if degrees or not shown.repeated})
     some = level.run_bias_deg_per_hr > 0.0 or level.run_mu_deg_per_hr_per_g > 0.0
-    chance = ", within chance" if some and not np.any(shown.by_noise.certain) else ""
-    whose = f"its repeats{chance}" if shown.repeated else "the model"
+    if shown.repeated:
+        whose = "its repeats" + ", within chance" * (some and not np.any(shown.by_noise.certain))
+    else:
+        level = _of_model(level)
+        whose = level.source
     stated = "; ".join([whose, *shown.noise_in_words])  # of assumed errors nothing is to be said
     return replace(level, source=f"{whose}, beyond an assumed noise of collects" if assumed else stated)
+
+
+def _of_model(level: NoiseLevel) -> NoiseLevel:
+    """Return a noise level that a model states to scatter from run to run; what it does not is as assumed."""
+    if level.run_bias_deg_per_hr > 0.0:
+        return replace(level, source="the model")
+    usual = NoiseLevel().run_bias_deg_per_hr
+    return replace(level, run_bias_deg_per_hr=usual, source="MU by the model, the bias assumed")
 
 
 def _level(beyond: Mapping[str, float]) -> NoiseLevel:

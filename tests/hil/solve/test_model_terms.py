@@ -14,7 +14,8 @@ from hil.campaign.reader import read_campaign
 from hil.campaign.writer import write_campaign
 from hil.cli.design import budget
 from hil.config import load_bench, load_sweep
-from hil.design.visibility.document import campaign_document, sweep_document
+from hil.design.visibility.document import campaign_document, sweep_document, visibility_text
+from hil.design.visibility.map import NoiseLevel
 from hil.errors import InputError
 from hil.model import Model, load_model
 from hil.reconcile.search.problem import fitted_sensors
@@ -142,9 +143,26 @@ def test_where_nothing_was_repeated_a_models_scatter_is_in_each_of_its_errors(tm
     assert told["GSA"].sd < 1.0
     said = "each ± has what the model states to scatter from run to run: BA by 10 deg/hr; MUB by 4 deg/hr/g"
     assert shown.sentences()[0].endswith(said)
-    planned = sweep_document(load_sweep("quick"), load_bench("simulated"), known)["sensors"]["2"]  # type: ignore[index]
+    assert f"noise as the file of model {known.full_title} states it" in solutions[0].assumed
+    planned = _planned(known)["sensors"]["2"]  # type: ignore[index]
     for noise in (campaign_document(_once(stated=0.7), known)["noise"], planned["noise"]):
         assert (noise["run_bias_deg_per_hr"], noise["source"]) == (pytest.approx(np.sqrt(50.0)), "the model")  # type: ignore[index]
+
+
+def test_what_a_model_does_not_state_of_noise_is_assumed_as_before(tmp_path: Path) -> None:
+    """A scatter of MU alone made every bias seem to be the same in each run; and nobody was told whose noise it is."""
+    known = model(tmp_path, "noise: {2: {run_to_run: {MUA: {unit: deg/hr/g, value: 4}}}}\n")
+    for told in (campaign_document(_once(stated=0.7), known), _planned(known)):
+        noise = told["sensors"]["2"]["noise"]  # type: ignore[index]
+        assert noise["run_bias_deg_per_hr"] == NoiseLevel().run_bias_deg_per_hr
+        assert noise["run_mu_deg_per_hr_per_g"] == pytest.approx(np.sqrt(8.0))
+        assert noise["source"] == "MU by the model, the bias assumed"
+        assert told["noise_of"] == known.full_title
+        assert f"neither state nor show is as the file of model {known.full_title} states it" in visibility_text(told)
+
+
+def _planned(known: Model) -> dict[str, object]:
+    return sweep_document(load_sweep("quick"), load_bench("simulated"), known)
 
 
 def test_what_changes_from_collect_to_collect_is_in_a_runs_errors(tmp_path: Path) -> None:
