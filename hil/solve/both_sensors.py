@@ -111,7 +111,7 @@ def common_and_differential(campaign: Campaign) -> BothSensors | None:
     chosen = replace(chosen, sensors={number: rows for number, rows in chosen.sensors.items() if number in rotors})
     solved: dict[int, dict[int, FloatArray]] = {}
     solutions = solve_campaign(chosen, "matrix-6")
-    noise = {number: noise_left([e for e in solutions if e.sensor == number], 2) for number in rotors}
+    noise = {number: noise_left([e.left_over for e in solutions if e.sensor == number], 2) for number in rotors}
     for each in solutions:
         pairs = [(e.value, math.nan if e.se is None else e.se) for e in each.by_noise(noise[each.sensor][0]).values()]
         if all(value is not None for value, _ in pairs):

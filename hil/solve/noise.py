@@ -12,7 +12,7 @@ from scipy.special import chdtr, chdtrc
 from hil.campaign import Collects, FloatArray, IntArray
 from hil.model.forms import default_form
 from hil.solve.identifiability import orthonormal
-from hil.solve.runs import RunSolution, stated_noise
+from hil.solve.precision import stated_noise
 from hil.solve.spread import RARE, uneven
 from hil.solve.temperatures import runs_by_temperature
 
@@ -28,13 +28,14 @@ def shares_of(collects: Collects) -> dict[str, FloatArray]:
     return dict(zip(form.names, of_each / np.maximum(of_each.sum(axis=1, keepdims=True), 1e-300), strict=True))
 
 
-def noise_left(own: Sequence[RunSolution], channels: int) -> tuple[FloatArray, FloatArray]:
+def noise_left(of_runs: Sequence[tuple[FloatArray, FloatArray] | None], channels: int) -> tuple[FloatArray, FloatArray]:
     """Return what residuals of all of a sensor's runs make of noise that is not stated, deg/hr, and how well known.
 
-    Those are degrees of freedom; (c,) each: of all channels together, or of each where it is another than chance makes
-    of one. NaN, and infinitely many, where there is no residual or standard errors are stated.
+    `of_runs` are the squares, in deg/hr, and degrees of freedom that each run has of every channel, (c,) each; None of
+    one that has none, or states its errors. How well known are degrees of freedom; both (c,): of all channels together,
+    or of each where it is another than chance makes of one. NaN, and infinitely many, where there is no residual.
     """
-    told = [np.array(each.of_channels) for each in own if each.of_channels and each.per_noise is not None]
+    told = [np.array(each) for each in of_runs if each is not None]
     squares, freedom = sum(told, np.zeros((2, channels)))
     if not np.any(freedom > 0.5):
         return np.full(channels, math.nan), np.full(channels, math.inf)

@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hil.campaign import BoolArray, Collects, Conditions, Sensor
+from hil.campaign import BoolArray, Collects, Conditions, FloatArray, Sensor
 from hil.campaign.stand_ins import OWN, temperature_of
 from hil.model.effects.base import VarianceEffect
 from hil.model.effects.catalogue import effect_by_id, variance_effect_by_id
@@ -38,6 +38,14 @@ def unstated(collects: Collects) -> BoolArray:
     measured, stated = np.isfinite(collects.rates_deg_per_hr), collects.rates_se_deg_per_hr > 0.0
     silent = np.any(measured, axis=0) & ~np.any(measured & stated, axis=0)
     return np.asarray(measured & ~stated & ~silent.any())
+
+
+def stated_noise(collects: Collects) -> FloatArray | None:
+    """Return the rates' standard errors (n, c), or None where a measured rate has none (0 is none): all weigh alike."""
+    measured = ~np.isnan(collects.rates_deg_per_hr)
+    if not np.all(collects.rates_se_deg_per_hr[measured] > 0.0):
+        return None
+    return collects.rates_se_deg_per_hr
 
 
 def with_every_error(collects: Collects) -> Collects:
@@ -101,7 +109,11 @@ def to_record(conditions: Conditions, effect: VarianceEffect) -> Iterator[str]:
 def measured_well_enough(
     errors: Mapping[str, tuple[float | None, str]], sensor: Sensor, accepted: float | None
 ) -> Judgement:
-    """Judge standard `errors` with their units, by parameter, against what is `accepted`, deg/hr (at 1 g), or usual."""
+    """Judge standard `errors` with their units, by parameter, against what is `accepted`, deg/hr (at 1 g), or usual.
+
+    By how much the unit itself changes from run to run is another question, which limits ask: no run is worse measured
+    for that.
+    """
     limits = {
         name: accepted or usual_size(name, sensor)
         for name, (se, unit) in errors.items()
@@ -114,6 +126,6 @@ def measured_well_enough(
     why = "is accepted" if accepted else "such a parameter usually is"
     return Judgement(
         Verdict.INCONCLUSIVE,
-        f"{listed(poor)} not measured well enough to say: the standard error of {worst} is {poor[worst]:.3g} "
-        f"{errors[worst][1]}, more than {why} ({limits[worst]:.3g})",
+        f"{listed(poor)} not measured well enough to say: the standard error of {worst}, without what runs "
+        f"scatter by beyond it, is {poor[worst]:.3g} {errors[worst][1]}, more than {why} ({limits[worst]:.3g})",
     )

@@ -30,8 +30,8 @@ from scipy.special import chdtrc
 from hil.campaign import Campaign, Collects, FloatArray, IntArray
 from hil.files.numbers import degrees
 from hil.solve.noise import changes, noise_left, shares_of, times_of
-from hil.solve.precision import to_record_of
-from hil.solve.runs import Estimate, RunSolution, stated_noise
+from hil.solve.precision import stated_noise, to_record_of
+from hil.solve.runs import Estimate, RunSolution
 from hil.solve.spread import RARE, Spread
 from hil.solve.temperatures import nearest, runs_by_temperature, told_by, unit_range_degC
 from hil.solve.uncertain import Uncertain
@@ -324,7 +324,7 @@ def _of_sensor(
 ) -> SensorRepeats:
     at, stated = list(runs_by_temperature(rows.conditions)), stated_noise(rows) is not None
     channels = list(rows.conditions.sensor.channels)
-    noise, known_by = noise_left(own, len(channels))
+    noise, known_by = noise_left([each.left_over for each in own], len(channels))
     units = {name: each.unit for solution in own for name, each in solution.parameters.items()}
     group = np.array([next((k for k, (_, runs) in enumerate(at) if each.runs[0] in runs), -1) for each in own])
     of_each = [[of.get(name, Estimate(None, None, "")) for name in units] for of in (e.by_noise(noise) for e in own)]

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hil.campaign import Campaign, Collects, Conditions, FloatArray
+from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor
 from hil.campaign.plausibility import accelerations_g
 from hil.campaign.warnings import off_gravity, off_in_words
 from hil.errors import InputError
@@ -26,10 +26,11 @@ from hil.solve.contractor import METHOD, can_follow, solve_as_contractor
 from hil.solve.identifiability import orthonormal
 from hil.solve.judged import beyond_errors, judge, what_lacks
 from hil.solve.least_squares import Solution, solve
+from hil.solve.noise import noise_left
 from hil.solve.omissions import not_settled
-from hil.solve.precision import measured_well_enough, unstated
+from hil.solve.precision import measured_well_enough, stated_noise, unstated
 from hil.solve.temperatures import law_not_told
-from hil.solve.wrong_rows import WrongRows, wrong_rows
+from hil.solve.wrong_rows import WrongRows, treated, wrong_rows
 from procedures.verdict import Judgement, Verdict
 from procedures.words import listed, numbered
 
@@ -99,6 +100,16 @@ class RunSolution:
         return {name: replace(each, se=se) for (name, each), se in zip(self.parameters.items(), errors, strict=True)}
 
     @property
+    def left_over(self) -> tuple[FloatArray, FloatArray] | None:
+        """What residuals say of noise that is not stated: `of_channels`; None where it is, or there are none."""
+        return None if self.per_noise is None else self.of_channels
+
+    def measured_well_enough(self, deg_per_hr: FloatArray, sensor: Sensor, accepted: float | None) -> RunSolution:
+        """Return it judged by how well its collects tell it, too, of this noise (c,) where they state none."""
+        errors = {name: (each.se, each.unit) for name, each in self.by_noise(deg_per_hr).items()}
+        return replace(self, beside=(*self.beside, measured_well_enough(errors, sensor, accepted)))
+
+    @property
     def causes(self) -> list[Judgement]:
         """What gives the verdict, then what gives a lesser one; of a PASS why it is one, and of which form."""
         worrying = [each for each in (*self.beside, self.judged) if each.verdict is not Verdict.PASS]
@@ -130,12 +141,15 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None, sensor: in
     it, constant otherwise with the reason. Raises InputError for a model that does not fit the sensor, or
     says how values follow temperature where these collects were made at too few to tell.
     """
-    every = wrong_rows(campaign)
+    every, used = wrong_rows(campaign), treated(campaign).sensors
     found, rows = [], every if sensor is None else {sensor: every[sensor]}
     for number, wrong in rows.items():
         solved = [*_solved(wrong.collects, model_name)]
         among, beside = _of_as_many(solved), _Beside.of(campaign, number, wrong)
-        found += [_described(number, each, among, wrong.collects, beside) for each in solved]
+        own = [_described(number, each, among, wrong.collects, beside) for each in solved]
+        runs, layout = set(used[number].conditions.run.tolist()), used[number].conditions.sensor
+        noise, _ = noise_left([each.left_over for each in own if not runs.isdisjoint(each.runs)], len(layout.channels))
+        found += [each.measured_well_enough(noise, layout, campaign.largest_se) for each in own]
     return sorted(found, key=lambda each: (each.runs[0], each.sensor))
 
 
@@ -213,7 +227,6 @@ class _Beside:
     doubted: Set[int]
     moving: Set[int]
     lacking: Mapping[int, list[int]]
-    largest_se: float | None
 
     @classmethod
     def of(cls, campaign: Campaign, sensor: int, wrong: WrongRows) -> _Beside:
@@ -227,7 +240,7 @@ class _Beside:
             lacking.setdefault(int(rows.conditions.run[row]), []).append(int(rows.conditions.collect[row]))
         judged = (campaign.verdicts, here, wrong.judged, soak, weight)
         doubted, moving = wrong.judged.keys(), soak.keys()
-        return cls(judged, wrong.not_compared, doubted, moving, lacking, campaign.largest_se)
+        return cls(judged, wrong.not_compared, doubted, moving, lacking)
 
     def assumed(self, runs: Sequence[int]) -> Iterator[str]:
         """Yield what is assumed of runs: where nothing is there to compare them with, that each is what it says."""
@@ -272,7 +285,6 @@ def _described(sensor: int, solved: _Solved, among: int, every: Collects, beside
         name: Estimate(finite(float(value)), finite(float(error)), unit[name])
         for name, value, error in zip(form.names, solution.values, solution.se, strict=True)
     }
-    errors = {name: (each.se, each.unit) for name, each in parameters.items()}
     settled = beside.moving.isdisjoint(runs)
     return RunSolution(
         run=solved.run,
@@ -293,10 +305,7 @@ def _described(sensor: int, solved: _Solved, among: int, every: Collects, beside
         judged=judged,
         form_reason=f"the contractor's solution: {METHOD}" if solved.as_contractor else form.reason,
         assumed=(*_assumptions(form, collects, noise_stated), *beside.assumed(runs)),
-        beside=(
-            *(of[run] for run in runs for of in beside.judged if run in of),
-            measured_well_enough(errors, conditions.sensor, beside.largest_se),
-        ),
+        beside=tuple(of[run] for run in runs for of in beside.judged if run in of),
         chi_square=float(solution.chi_square) if solved.tells else None,
         of_channels=of_channels if degrees else None,
         compared=beside.not_compared.keys().isdisjoint(runs),
@@ -313,14 +322,6 @@ def _per_noise(solution: Solution, channels: int) -> FloatArray:
     response[:, solution.measured] = np.linalg.pinv(solution.design[solution.measured])
     of_rows = response[: len(solution.names)].reshape(len(solution.names), -1, channels)
     return np.asarray(np.linalg.norm(of_rows, axis=1))
-
-
-def stated_noise(collects: Collects) -> FloatArray | None:
-    """Return the rates' standard errors (n, c), or None where a measured rate has none (0 is none): all weigh alike."""
-    measured = ~np.isnan(collects.rates_deg_per_hr)
-    if not np.all(collects.rates_se_deg_per_hr[measured] > 0.0):
-        return None
-    return collects.rates_se_deg_per_hr
 
 
 def _by_channel(solved: _Solved) -> tuple[FloatArray, FloatArray]:

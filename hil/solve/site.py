@@ -14,7 +14,7 @@ from hil.model.effects.geometry import local_frame
 from hil.model.effects.setup import EarthRateError
 from hil.model.forms import default_form
 from hil.solve.identifiability import orthonormal, project_out
-from hil.solve.runs import stated_noise
+from hil.solve.precision import stated_noise
 
 _SIGMAS = 3.0
 _LEFT = 1e-3  # of what an error does to the rates, beside the parameters: less is the rounding of f and w

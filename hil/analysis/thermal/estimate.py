@@ -23,7 +23,8 @@ from hil.campaign.stand_ins import OWN
 from hil.errors import InputError
 from hil.model.forms import LinearForm, default_form, named_form
 from hil.solve import Solution, solve
-from hil.solve.runs import solve_rates, stated_noise
+from hil.solve.precision import stated_noise
+from hil.solve.runs import solve_rates
 from hil.solve.spread import Spread
 from hil.solve.temperatures import runs_by_temperature, too_few
 from hil.solve.uncertain import CONFIDENCE

@@ -25,8 +25,9 @@ from hil.model import Model, fitting_conditions, load_model
 from hil.model.effects.base import Base
 from hil.model.effects.geometry import local_frame
 from hil.model.forms import LinearForm, default_form
+from hil.solve.precision import stated_noise
 from hil.solve.repeats import SensorRepeats
-from hil.solve.runs import finite, solve_rates, stated_noise
+from hil.solve.runs import finite, solve_rates
 from hil.solve.temperatures import level_degC, told_by
 from hil.solve.wrong_rows import treated
 from procedures.plan import make_plan

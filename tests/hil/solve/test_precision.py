@@ -13,10 +13,10 @@ from hil.campaign import Campaign, Sensor
 from hil.campaign.reader import HEADER_FILE, read_campaign
 from hil.campaign.writer import write_campaign
 from hil.errors import InputError
-from hil.solve import solve_campaign
+from hil.solve import repeats, solve_campaign
 from hil.solve.precision import usual_size
 from procedures.verdict import Verdict
-from tests.hil.solve.test_other_runs import campaign
+from tests.hil.solve.test_other_runs import campaign, repeated, with_rates
 
 ROTOR = Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"})
 TRIAD = Sensor(1, ("A", "B", "S"), {"RA": "A", "RB": "B", "RS": "S"})
@@ -48,6 +48,28 @@ def test_a_parameter_lost_in_its_error_is_no_pass(
     assert solved.verdict is verdict
     assert words in solved.reason
     assert ("not measured well enough to say" in solved.reason) is (verdict is not Verdict.PASS)
+
+
+def test_rates_without_errors_are_judged_by_the_noise_that_all_runs_show() -> None:
+    """As their ± is: by few residuals of its own a run was not measured well enough beside the ± of one that was."""
+    one = repeated(9, 3, (0, 1, 2, 1, 0), seed=63)
+    noise = np.random.default_rng(0).normal(0.0, 8.0, (45, 2))
+    rows = with_rates(one, one.sensors[2].rates_deg_per_hr + noise).sensors[2]
+    one = replace(one, sensors={2: replace(rows, rates_se_deg_per_hr=np.full((45, 2), np.nan))})
+    solutions = solve_campaign(one)
+    shown = repeats(one, solutions)[2]
+    assert max(each.parameters["MUA"].se or 0.0 for each in solutions) > 10.0
+    assert {round(shown.of_run(each)["MUA"].sd, 2) for each in solutions} == {8.22}
+    assert {each.verdict for each in solutions} == {Verdict.PASS}
+
+
+def test_what_runs_scatter_by_makes_none_of_them_worse_measured() -> None:
+    """It is in each ±, and what is too large to say anything is told to be the standard error without it."""
+    scattering = replace(noisy(0.7, None), run_scatter={2: {"MUA": 12.0}})
+    (well,), (badly,) = (solve_campaign(one) for one in (scattering, noisy(33.0, None)))
+    assert repeats(scattering, [well])[2].of_run(well)["MUA"].sd > 12.0
+    assert well.verdict is Verdict.PASS
+    assert "the standard error of MUA, without what runs scatter by beyond it, is 40.4 deg/hr/g" in badly.reason
 
 
 def test_what_is_usual_depends_on_the_sensor() -> None:
