@@ -8,7 +8,7 @@ The columns of bias, GS, MU and G stand here and nowhere else: the solver and th
 functions. Each is what the one equation gives for a unit of its parameter, signs and all (`hil.model.equation`).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -107,6 +107,12 @@ class LinearForm:
     def columns(self, conditions: Conditions) -> FloatArray:
         """Return the partial derivatives of the rates by the parameters, shape (n, c, p)."""
         return self.build(conditions)
+
+    def without(self, zero: Collection[str]) -> "LinearForm":
+        """Return the form without some of its parameters, and without what they have of temperature."""
+        kept = [p for p, name in enumerate(self.names) if name.partition("_per_")[0] not in zero]
+        names, units = (tuple(of[p] for p in kept) for of in (self.names, self.units))
+        return replace(self, names=names, units=units, build=lambda rows: self.build(rows)[..., kept])
 
     def terms(self, conditions: Conditions, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the bias (n, c) in deg/hr and K (n, c, 3) in deg/hr/g that `values`, shape (p,), mean at each row."""

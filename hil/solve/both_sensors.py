@@ -114,7 +114,7 @@ def common_and_differential(campaign: Campaign) -> BothSensors | None:
     noise = {number: noise_left([e.left_over for e in solutions if e.sensor == number], 2) for number in rotors}
     for each in solutions:
         pairs = [(e.value, math.nan if e.se is None else e.se) for e in each.by_noise(noise[each.sensor][0]).values()]
-        if all(value is not None for value, _ in pairs):
+        if len(pairs) == len(MATRIX_6) and all(value is not None for value, _ in pairs):
             solved.setdefault(each.runs[0], {})[each.sensor] = np.array(pairs, dtype=np.float64)
     both = {run: np.stack([of[n] for n in rotors]) for run, of in solved.items() if len(of) == 2}
     at = [

@@ -65,7 +65,8 @@ class RunSolution:
     something is said against a row of it, or it had not `settled`. `among`: of how many judgements it may be the one
     that differs most by chance. `per_noise` (p, c) are the standard errors of rates of which those of one channel have
     a noise of 1 deg/hr, None where standard errors are stated. It is `judged` by its residuals, and `beside` that by
-    how it was measured; `form_reason` says why no fuller form was taken.
+    how it was measured; `form_reason` says why no fuller form was taken. What the campaign has `taken_as_zero` is none
+    of the `parameters`.
     """
 
     run: int | None
@@ -218,6 +219,8 @@ def _of_as_many(solved: Sequence[_Solved]) -> int:
 class _Beside:
     """What is known of a sensor's runs beside their solutions: judgements by run, and what no other run was held to.
 
+    The `campaign` says what it has taken as zero.
+
     `lacking` are the collects without a standard error, by run; `doubted` the runs with a row that something is said
     against, `moving` those that had not settled.
     """
@@ -227,6 +230,7 @@ class _Beside:
     doubted: Set[int]
     moving: Set[int]
     lacking: Mapping[int, list[int]]
+    campaign: Campaign
 
     @classmethod
     def of(cls, campaign: Campaign, sensor: int, wrong: WrongRows) -> _Beside:
@@ -240,7 +244,7 @@ class _Beside:
             lacking.setdefault(int(rows.conditions.run[row]), []).append(int(rows.conditions.collect[row]))
         judged = (campaign.verdicts, here, wrong.judged, soak, weight)
         doubted, moving = wrong.judged.keys(), soak.keys()
-        return cls(judged, wrong.not_compared, doubted, moving, lacking)
+        return cls(judged, wrong.not_compared, doubted, moving, lacking, campaign)
 
     def assumed(self, runs: Sequence[int]) -> Iterator[str]:
         """Yield what is assumed of runs: where nothing is there to compare them with, that each is what it says."""
@@ -280,10 +284,12 @@ def _described(sensor: int, solved: _Solved, among: int, every: Collects, beside
     else:
         where = beyond_errors(list(conditions.sensor.channels), of_channels, among)
         judged = judge(float(solution.chi_square), degrees, equations, noise_stated, among, where)
-    unit, runs = dict(zip(form.names, form.units, strict=True)), tuple(np.unique(conditions.run).tolist())
+    told = form.without(beside.campaign.taken_as_zero)
+    unit, runs = dict(zip(told.names, told.units, strict=True)), tuple(np.unique(conditions.run).tolist())
+    places = [form.names.index(name) for name in told.names]
     parameters = {
-        name: Estimate(finite(float(value)), finite(float(error)), unit[name])
-        for name, value, error in zip(form.names, solution.values, solution.se, strict=True)
+        name: Estimate(finite(float(solution.values[p])), finite(float(solution.se[p])), unit[name])
+        for name, p in zip(told.names, places, strict=True)
     }
     settled = beside.moving.isdisjoint(runs)
     return RunSolution(
@@ -297,14 +303,14 @@ def _described(sensor: int, solved: _Solved, among: int, every: Collects, beside
             text: Estimate(finite(value), finite(se), _combined_unit(text, unit))
             for text, value, se in (solution.combinations() if unobservable else ())
         },
-        covariance=solution.covariance,
+        covariance=solution.covariance[np.ix_(places, places)],
         condition_number=finite(float(solution.condition_number)),
         residual_rms_deg_per_hr=finite(float(solution.residual_rms)),
         degrees_of_freedom=degrees,
         unobservable=unobservable,
         judged=judged,
         form_reason=f"the contractor's solution: {METHOD}" if solved.as_contractor else form.reason,
-        assumed=(*_assumptions(form, collects, noise_stated), *beside.assumed(runs)),
+        assumed=(*_assumptions(told, collects, noise_stated), *beside.assumed(runs)),
         beside=tuple(of[run] for run in runs for of in beside.judged if run in of),
         chi_square=float(solution.chi_square) if solved.tells else None,
         of_channels=of_channels if degrees else None,
@@ -312,7 +318,7 @@ def _described(sensor: int, solved: _Solved, among: int, every: Collects, beside
         doubted=not (settled and beside.doubted.isdisjoint(runs)),
         settled=settled,
         among=among,
-        per_noise=None if noise_stated else _per_noise(solution, len(conditions.sensor.channels)),
+        per_noise=None if noise_stated else _per_noise(solution, len(conditions.sensor.channels))[places],
     )
 
 

@@ -1,6 +1,6 @@
 """The result of `hil thermal` as one document (schema hil.thermal/1), and its findings in words."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from hil.analysis.thermal.choice import FALSE_ALARM, Improvement
@@ -9,7 +9,7 @@ from hil.analysis.thermal.fit import DESCRIBES, ParameterFit, SensorFit, Thermal
 from hil.campaign.stand_ins import temperature_of
 from hil.files.document import picked, plain
 from hil.solve.document import not_passed, not_passed_of, of_sensors_in_words
-from hil.solve.omissions import AS_ZERO, what_is_wrong
+from hil.solve.omissions import what_is_wrong
 from hil.solve.runs import solve_campaign
 from hil.solve.uncertain import CONFIDENCE
 from hil.solve.wrong_rows import pooled
@@ -39,7 +39,7 @@ def thermal_document(result: ThermalFit) -> dict[str, Any]:
         ),
         "confidence": CONFIDENCE,
         "false_alarm": FALSE_ALARM,
-        "sensors": [_sensor(each, result.campaign.taken_as_zero) for each in result.sensors.values()],
+        "sensors": [_sensor(each) for each in result.sensors.values()],
         "not_fitted": [{"sensor": number, "why": why} for number, why in result.not_fitted.items()],
     }
 
@@ -51,7 +51,7 @@ def first_in_words(document: Mapping[str, Any]) -> list[str]:
     return [f"{first}: {runs}"] if runs else []
 
 
-def _sensor(fit: SensorFit, as_zero: Sequence[str]) -> dict[str, Any]:
+def _sensor(fit: SensorFit) -> dict[str, Any]:
     stations = fit.layout.stations
     return {
         "sensor": fit.number,
@@ -60,7 +60,7 @@ def _sensor(fit: SensorFit, as_zero: Sequence[str]) -> dict[str, Any]:
         "temperatures_degC": stations.centre_degC.tolist(),
         "temperature_of": temperature_of(fit.layout.collects.conditions),
         "both_directions_degC": stations.centre_degC[stations.both_directions].tolist(),
-        "parameters": {name: _parameter(each, fit, as_zero) for name, each in fit.parameters.items()},
+        "parameters": {name: _parameter(each, fit) for name, each in fit.parameters.items()},
         "rates": {
             "unit": "deg/hr",
             "scatter_of_one_collect": fit.rate_noise_deg_per_hr,
@@ -72,7 +72,7 @@ def _sensor(fit: SensorFit, as_zero: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def _parameter(each: ParameterFit, fit: SensorFit, as_zero: Sequence[str]) -> dict[str, Any]:
+def _parameter(each: ParameterFit, fit: SensorFit) -> dict[str, Any]:
     choice, found, hysteresis = each.choice, each.coefficients, each.hysteresis
     is_polynomial, centre_degC = choice.form.order is not None, fit.layout.stations.centre_degC
     return {
@@ -106,7 +106,7 @@ def _parameter(each: ParameterFit, fit: SensorFit, as_zero: Sequence[str]) -> di
         "hysteresis": hysteresis and _hysteresis(hysteresis, each.unit),
         "improvement": _improvement(each.improvement),
         **picked(each, "finding confirmed=is_confirmed"),
-        "verdict": (words := AS_ZERO if each.name in as_zero else parameter_in_words(each)),
+        "verdict": (words := parameter_in_words(each)),
         "words": words,
     }
 

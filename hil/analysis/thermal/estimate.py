@@ -226,11 +226,12 @@ def layout_of(
     model_name: str | None,
     apart_degC: float | None,
     factor_of: Mapping[str, Sequence[float]],
+    as_zero: Sequence[str] = (),
 ) -> tuple[Layout, list[str]]:
     """Choose the form and the rows: temperatures at which no run tells every parameter are left out.
 
     `factor_of` has by parameter what its standard errors are times, the degrees of freedom of that, and what is common.
-    Raises `InputError` where fewer than three temperatures are left.
+    What is `as_zero` is in no form. Raises `InputError` where fewer than three temperatures are left.
     """
     notes: list[str] = []
     left = np.isnan(collects.conditions.columns.get(OWN, np.zeros(0)))
@@ -239,6 +240,7 @@ def layout_of(
         notes.append(f"sensor {number}: {counted(int(left.sum()), 'row')} without temperature: left out")
     stations = find_stations(collects.conditions, apart_degC)
     form = named_form(model_name, collects.conditions) if model_name else default_form(collects.conditions)
+    form = form.without(as_zero)
     if form.reason:
         notes.append(f"sensor {number}: {form.reason}")
     factor, residuals, common = np.array([factor_of.get(name, (1.0, math.inf, 0.0)) for name in form.names]).T

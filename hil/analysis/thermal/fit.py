@@ -17,7 +17,7 @@ from hil.campaign.stand_ins import with_stand_ins
 from hil.errors import InputError
 from hil.model import Model
 from hil.model.curve import Constant, Curve, Polynomial, Table, TableRows
-from hil.model.forms import MODEL_NAMES
+from hil.model.forms import MODEL_NAMES, named_form
 from hil.model.model_file import SCHEMA as MODEL_SCHEMA
 from hil.solve import Solution, repeats, solve, solve_campaign
 from hil.solve.repeats import SensorRepeats
@@ -97,7 +97,13 @@ class SensorFit:
     """
 
     def __init__(
-        self, collects: Collects, shown: SensorRepeats, model: str | None, order: int, apart_degC: float | None
+        self,
+        collects: Collects,
+        shown: SensorRepeats,
+        model: str | None,
+        order: int,
+        apart_degC: float | None,
+        as_zero: Sequence[str],
     ) -> None:
         number = collects.conditions.sensor.number
         if not shown.stated and np.isfinite(shown.left_deg_per_hr).all():
@@ -105,7 +111,7 @@ class SensorFit:
         of_errors = shown.spread.factor, shown.spread.residuals, shown.spread.common
         known = np.stack(np.broadcast_arrays(*of_errors), axis=1)
         factor_of = dict(zip(shown.names, known.tolist(), strict=True))
-        layout, notes = layout_of(number, collects, model, apart_degC, factor_of)
+        layout, notes = layout_of(number, collects, model, apart_degC, factor_of, as_zero)
         seen = Visits(layout)
         free, centre_degC = [seen.free(place) for place in range(len(layout.form.names))], layout.stations.centre_degC
         compared = [
@@ -149,6 +155,13 @@ class SensorFit:
         shown = replace(shown, by_noise=replace(shown.by_noise, beyond=beyond))
         self.rate_noise_deg_per_hr = shown.of_a_collect(layout.collects.rates_se_deg_per_hr, layout.columns)
 
+    @property
+    def curves(self) -> dict[str, Curve]:
+        """The curve of every parameter of the form, 0 of what the campaign has taken as zero."""
+        form = named_form(self.layout.form.name, self.layout.collects.conditions)
+        found = {name: each.curve for name, each in self.parameters.items()}
+        return {n: found.get(n, Constant(unit=u, value=0.0)) for n, u in zip(form.names, form.units, strict=True)}
+
 
 @dataclass(frozen=True)
 class ThermalFit:
@@ -169,7 +182,7 @@ class ThermalFit:
         forms = {each.layout.form.name for each in self.sensors.values()}
         if len(forms) > 1:
             raise InputError(f"the sensors have different forms ({', '.join(sorted(forms))}); fit them one by one")
-        curves = {n: {p.name: p.curve for p in each.parameters.values()} for n, each in self.sensors.items()}
+        curves = {n: each.curves for n, each in self.sensors.items()}
         title = f"{self.campaign.title}, against temperature"
         source = f"hil thermal on {self.campaign.title}" + (" (SIMULATED)" if self.campaign.simulated else "")
         return Model(schema=MODEL_SCHEMA, title=title, form=forms.pop(), source=source, sensors=curves)
@@ -190,7 +203,7 @@ def fit_thermal(
     for number, collects in with_stand_ins(treated(campaign)).sensors.items():
         try:
             shown = repeats(campaign, solve_campaign(campaign, model_name, number))[number]
-            sensors[number] = SensorFit(collects, shown, model_name, highest_order, apart_degC)
+            sensors[number] = SensorFit(collects, shown, model_name, highest_order, apart_degC, campaign.taken_as_zero)
         except InputError as error:
             without[number] = str(error)
     if not sensors:

@@ -51,16 +51,18 @@ def visibility_document(
     model: Model | None = None,
     noise: Mapping[int, NoiseLevel] | None = None,
     sigmas: Mapping[int, FloatArray] | None = None,
+    as_zero: Sequence[str] = (),
 ) -> dict[str, object]:
     """Return the document hil.visibility/1 of a campaign's or a planned sweep's conditions, by sensor.
 
     `sigmas` (n, c) are the averages' standard errors, deg/hr, and `noise` what each sensor scatters by (without:
     typical). `effects` has each effect once, as the sensor sees it that sees it best, with what cannot be told from it
-    in one sensor at least (each has its own MU); `sensors` has the map of each.
+    in one sensor at least (each has its own MU); `sensors` has the map of each. Parameters that were taken `as_zero`
+    show nothing, and nothing acts on them.
     """
     noise, sigmas = noise or {}, sigmas or {}
     maps = {
-        n: visibility(rows, model, noise.get(n), sigma=sigmas.get(n), sensors=len(sensors))
+        n: visibility(rows, model, noise.get(n), sigma=sigmas.get(n), sensors=len(sensors), as_zero=as_zero)
         for n, rows in sorted(sensors.items())
     }
     best: dict[str, tuple[int, Sight]] = {}
@@ -94,7 +96,7 @@ def visibility_document(
         "not_in_averages": sorted({entry.id for entry in (*VARIANCE_EFFECTS, *SERIES_EFFECTS)}),
         "runs": (runs := max(len(np.unique(rows.run)) for rows in sensors.values())),
         "changes_weighed_on_runs": min(MOST_RUNS, runs),
-        "changes": improvements(sensors, model, noise),
+        "changes": improvements(sensors, model, noise, as_zero),
     }
 
 
@@ -189,7 +191,7 @@ def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[st
         for number, each in shown.items()
         if number in used
     }
-    found = visibility_document(conditions, campaign.title, model, noise, sigmas)
+    found = visibility_document(conditions, campaign.title, model, noise, sigmas, campaign.taken_as_zero)
     return {**found, **told}
 
 
@@ -229,7 +231,10 @@ def _level(beyond: Mapping[str, float]) -> NoiseLevel:
 
 
 def improvements(
-    sensors: Mapping[int, Conditions], model: Model | None = None, noise: Mapping[int, NoiseLevel] | None = None
+    sensors: Mapping[int, Conditions],
+    model: Model | None = None,
+    noise: Mapping[int, NoiseLevel] | None = None,
+    as_zero: Sequence[str] = (),
 ) -> list[dict[str, Any]]:
     """Return what each change to the sweep would bring to its sensors, the most helpful first.
 
@@ -240,12 +245,13 @@ def improvements(
     """
     noise = noise or {}
     sensors = {n: _some_runs(rows) for n, rows in sensors.items()}
-    before = {n: visibility(rows, model, noise.get(n)) for n, rows in sensors.items()}
+    before = {n: visibility(rows, model, noise.get(n), as_zero=as_zero) for n, rows in sensors.items()}
     found = []
     for change in CHANGES:
         changed = {n: new for n, rows in sensors.items() if (new := change.apply(rows)) is not None}
         after = {
-            n: visibility(rows, model or built_in_model(before[n].form), noise.get(n)) for n, rows in changed.items()
+            n: visibility(rows, model or built_in_model(before[n].form), noise.get(n), as_zero=as_zero)
+            for n, rows in changed.items()
         }
         if after:
             found.append(_improvement(change.name, change.cost, before, after))

@@ -10,7 +10,7 @@ base's parameters: that is told too.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -100,18 +100,21 @@ def visibility(
     noise: NoiseLevel | None = None,
     sigma: FloatArray | None = None,
     sensors: int = 1,
+    as_zero: Sequence[str] = (),
 ) -> Sights:
     """Return what collects under these conditions can see beside a model's own parameters.
 
     Without a model it is the fullest that the collects are meant for, with temperature terms where temperature varies.
     `sigma` (n, c) gives standard errors known for each average (NaN: not measured) instead of the noise level's.
+    Parameters that were taken `as_zero` are none of the model's: what acts through them in any run shows in none.
     """
     noise = noise or NoiseLevel()
     fitted = named_form(default_model_name(conditions), conditions) if model is None else fitted_form(model, conditions)
     base = base_values(conditions, model)
     asked, reasons = askable(conditions, base)
     whiten = _noise(conditions, noise, sigma)
-    whitened = whiten @ flattened(fitted.columns(conditions))
+    told = fitted.without(as_zero)
+    whitened = whiten @ flattened(np.concatenate([told.columns(conditions), _in_each_run(conditions, as_zero)], -1))
     absorbed = orthonormal(whitened)
     tried = {effect.id: shapes_tried(effect, conditions) for effect in asked}
     shapes = {}
@@ -124,7 +127,7 @@ def visibility(
         sizes = np.array([parameter.size for parameter in effect.parameters_for(conditions)])
         grids = [whiten @ flattened(effect.columns(conditions, base, shape)) for shape in shapes[effect.id]]
         seen.append([visible(grid, absorbed, sizes) for grid in grids])
-        leaks.append(_leaks(whitened, grids[(len(grids) - 1) // 2] * sizes, fitted.names))
+        leaks.append(_leaks(whitened, grids[(len(grids) - 1) // 2] * sizes, told.names))
     overlaps = overlap_table(seen)
     kept = [float(np.median([one.kept for one in several])) for several in seen]
     groups = classes(overlaps * np.outer(np.array(kept) >= CANNOT_BE_SEEN, np.array(kept) >= CANNOT_BE_SEEN))
@@ -162,14 +165,25 @@ def base_values(conditions: Conditions, model: Model | None) -> Base:
     return Base(bias, k, rates, slope, np.zeros_like(k))
 
 
+def _in_each_run(conditions: Conditions, names: Collection[str]) -> FloatArray:
+    """Return the columns (n, c, q) of what these parameters may be in each run."""
+    form = default_form(conditions)
+    own = form.columns(conditions)[..., [form.names.index(name) for name in form.names if name in names]]
+    of_run = conditions.run[:, None] == np.unique(conditions.run)
+    return np.asarray(np.einsum("ncp,nr->ncpr", own, of_run).reshape(*own.shape[:2], -1))
+
+
 def _leaks(base: FloatArray, typical: FloatArray, names: Sequence[str]) -> dict[str, float]:
-    """Return by how many standard errors each base parameter moves where an effect of typical size is not modelled."""
+    """Return by how many standard errors an effect of typical size that is not modelled moves parameters, by name.
+
+    `base` has their columns first, in that order.
+    """
     inverse = np.linalg.pinv(base, rcond=1e-9)
     errors = np.sqrt(np.sum(inverse**2, axis=1))
     shifts = np.linalg.norm(inverse @ typical, axis=1)
     return {
         name: float(shift / error)
-        for name, shift, error in zip(names, shifts, errors, strict=True)
+        for name, shift, error in zip(names, shifts, errors, strict=False)
         if error > 0.0 and shift > 1e-6 * error
     }
 

@@ -16,7 +16,11 @@ from hil.campaign.reader import read_campaign
 from hil.campaign.writer import write_campaign
 from hil.cli.data import solve
 from hil.cli.design import budget
+from hil.design.visibility.document import campaign_document
 from hil.errors import InputError
+from hil.model import built_in_model
+from hil.model.curve import Constant
+from hil.report.content import gather
 from hil.solve import solve_campaign
 from hil.solve.omissions import AS_ZERO, in_words, what_is_wrong
 
@@ -47,7 +51,7 @@ def test_the_matrix_solution_of_the_rebuilt_collects_is_the_printed_one(tmp_path
 
 
 def test_of_what_is_not_printed_nothing_is_said_to_be_found(tmp_path: Path) -> None:
-    """GSA and GSB are taken as zero, in the folder too: so every command says, and prints no ± of them."""
+    """GSA and GSB are taken as zero, in the folder too: so every command says, and states no ± of them."""
     at = [[f"{degC}{row[row.index(',') :]}" for row in ROWS] for degC in (0, 20, 40)]
     made = read_published_table(table(tmp_path, [row for rows in at for row in rows]))
     campaign = read_campaign(write_campaign(made, tmp_path / "campaign"))
@@ -56,9 +60,28 @@ def test_of_what_is_not_printed_nothing_is_said_to_be_found(tmp_path: Path) -> N
         lines = repr(answer).splitlines()
         assert f"GSA and GSB: {AS_ZERO}" in lines
         assert [{"GSA", "GSB"} & {*line.split()} for line in lines if {"BA", "MUA"} <= {*line.split()}] == [set()]
-    told = thermal_document(fit_thermal(campaign))["sensors"][0]["parameters"]
-    assert [name for name, each in told.items() if each["verdict"] == AS_ZERO] == ["GSA", "GSB"]
+    solved, curves = solve_campaign(campaign)[0], fit_thermal(campaign)
+    assert solved.covariance.shape == (4, 4)
+    assert {*solved.parameters} == {*thermal_document(curves)["sensors"][0]["parameters"]} == {"BA", "BB", "MUA", "MUB"}
+    (report,) = gather(campaign, None).sensors
+    assert report.shown.names == ("BA", "BB", "MUA", "MUB")
+    assert curves.model().sensors[2]["GSA"] == Constant(unit="deg/hr/g", value=0.0)
     assert not [text for text in in_words(what_is_wrong(replace(campaign, taken_as_zero=()))) if AS_ZERO in text]
+
+
+def test_what_would_show_in_what_was_taken_as_zero_is_not_promised(reference: Path) -> None:
+    """Collects 1 and 2 are copies of one mean: no GS of any run differs between them, and none is moved."""
+    campaign = read_published_table(reference / "table1.csv")
+    seen, measured = (
+        {each["id"]: each for each in campaign_document(one, built_in_model("matrix-6"))["effects"]}
+        for one in (campaign, replace(campaign, taken_as_zero=()))
+    )
+    assert [name for name, each in measured.items() if each["visible"] and not seen[name]["visible"]] == [
+        "GS_T",
+        "phase",
+        "scale",
+    ]
+    assert {name for each in seen.values() for name in each["leaks"]} == {"BA", "BB", "MUA", "MUB"}
 
 
 def test_flagged_cells_are_kept_and_said(tmp_path: Path) -> None:
