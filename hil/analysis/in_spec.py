@@ -39,6 +39,7 @@ from procedures.verdict import NOT_GOOD, Judgement
 from procedures.words import counted, numbered
 
 _ALONE = "nothing was repeated, so what changes from run to run is not known: measure a temperature more than once"
+_ONCE = "no temperature was measured twice: measure one more than once"
 _UNEVEN = "it scatters more at some temperatures than at others, so that no one uncertainty holds at each"
 _NO_TEMPERATURE = "no temperature was recorded: runs at different ones may count as repeats"
 _NO_EARLIER = "no earlier campaign was given to compare with (--against)"
@@ -215,7 +216,7 @@ class _Judged:
         for those, why in ((self.bad, "not good (INCONCLUSIVE or FAIL)"), (self.moving, NOT_SETTLED)):
             if found := those.intersection(run for runs in told for run in runs):
                 return f"{numbered('run', found)}: {why}"
-        if not self._degrees and self.rule.sigmas:
+        if self.rule.sigmas and any(mean.values[self.name].beyond is None for mean in means):
             return _ALONE
         if self.shown.spread.uneven[self._place] and self.rule.sigmas:
             return _UNEVEN
@@ -253,7 +254,7 @@ class _Judged:
     def scatter(self) -> Iterator[Characteristic]:
         limits = (None, self.limits.scatter)
         doubt = self._doubt([e for e in self.shown.means if self.name in e.values and e.values[self.name].runs > 1])
-        doubt = doubt or (_ALONE if not self._degrees else "" if self.shown.told_by else _NO_TEMPERATURE)
+        doubt = doubt or (_ONCE if not self._degrees else "" if self.shown.told_by else _NO_TEMPERATURE)
         if self.limits.scatter is not None and doubt:
             yield self._told("scatter", limits, doubt)
         elif self.limits.scatter is not None:

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hil.campaign.data import EARTH_RATE_DEG_PER_HR, TELL_TEMPERATURE, BoolArray, Collects, Conditions
+from hil.campaign.data import EARTH_RATE_DEG_PER_HR, TELL_TEMPERATURE, BoolArray, Campaign, Collects, Conditions
 from hil.campaign.header import OF_A_SENSOR, Header
 from hil.campaign.stand_ins import OWN, instead_of_temperature, not_recorded
 from hil.campaign.table import Table, rows_in_words
@@ -46,20 +46,18 @@ def suspicions(
         rows = rows_in_words(np.take(table.rows, backwards))
         found.append(f"{table.path}, {rows}, column start_s: earlier than the row before; rows should be chronological")
     for number, collects in sensors.items():
-        found += _of_sensor(
-            f"{table.path}, sensor {number}", collects, np.asarray(lines[number]), header.campaign.centrifuge
-        )
+        found += _of_sensor(f"{table.path}, sensor {number}", collects, np.asarray(lines[number]), header.campaign)
     found += _zero_errors(table, sensors)
     return tuple(found)
 
 
-def _of_sensor(where: str, collects: Collects, rows: np.ndarray, centrifuge: bool) -> list[str]:
+def _of_sensor(where: str, collects: Collects, rows: np.ndarray, said: Campaign) -> list[str]:
     def at(chosen: np.ndarray) -> str:
         return f"{where}, {rows_in_words(rows[chosen])}"
 
     found = []
     conditions = collects.conditions
-    if np.any(off := off_gravity(conditions)) and not centrifuge:
+    if np.any(off := off_gravity(conditions)) and not said.centrifuge:
         found.append(f"{at(off)}: {off_in_words(conditions)}")
     runs, told = len(np.unique(conditions.run)), {*TELL_TEMPERATURE} & {*conditions.columns}
     if runs > 1 and not any(np.isfinite(conditions.columns[name]).any() for name in told):
@@ -76,9 +74,11 @@ def _of_sensor(where: str, collects: Collects, rows: np.ndarray, centrifuge: boo
         found.append(not_recorded(conditions, OWN, other[0]))
     elif (lacking := np.isnan(conditions.columns.get(OWN, np.zeros(len(conditions))))).any() and not lacking.all():
         found.append(f"{at(lacking)}: no {OWN}, and nothing that stands in for it: nothing there is asked to follow it")
-    if not conditions.w_deg_per_hr.any() and not centrifuge:
+    if said.centrifuge or said.rebuilt:
+        return found
+    if not conditions.w_deg_per_hr.any():
         found.append(f"{where}: w is 0 in every row: what there is of the earth rate (15 deg/hr) is in the parameters")
-    elif not centrifuge and (across := _across(conditions)) > _LEVEL_DEG_PER_HR:
+    elif (across := _across(conditions)) > _LEVEL_DEG_PER_HR:
         found.append(
             f"{where}: w is the vertical part of the earth rate: the horizontal part, up to {across:.1f} deg/hr in "
             "any channel, is in the rates, and in no standard error"

@@ -32,8 +32,11 @@ from hil.reconcile.wander import Wander
 from hil.reconcile.workflow import INSIDE, searched
 from hil.solve.both_sensors import BothSensors, common_and_differential
 from hil.solve.omissions import in_words, otherwise, without
+from hil.solve.repeats import OF_MEANS
 from hil.solve.wrong_rows import pooled
 from procedures.words import listed, percent, unit_in_words
+
+_NOT_REPEATED = "no run was repeated: what changes from run to run is not known"
 
 
 @dataclass(frozen=True)
@@ -87,7 +90,7 @@ class Scattering:
             and not ((number := of["sensor"]) in shown and shown[number].noise_told)
         }
         alone = [
-            f"sensor {number}: no run was repeated: what changes from run to run is not known"
+            f"sensor {number}: {OF_MEANS if found.campaign.rebuilt else _NOT_REPEATED}"
             + "; what is observed is what a smooth model leaves of single runs" * (number in left)
             for number, collects in found.campaign.sensors.items()
             if not repeated([collects.conditions])

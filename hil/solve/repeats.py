@@ -39,6 +39,8 @@ from hil.solve.wrong_rows import treated
 from procedures.words import counted, listed, numbered, significant
 
 MAY_FOLLOW = "{} in every collect, which what changes from run to run may follow"
+OF_MEANS = "each row is a mean of runs: by what these scattered is in its standard error, and so in every ±"
+_ONCE = "no parameter was told twice at one temperature"
 _STATED = "the model states to scatter from run to run"
 MISSTATED = 1.5
 """How many times as large noise has to be for anybody to see to it: it is known hardly better from unit to unit."""
@@ -163,16 +165,11 @@ class SensorRepeats:
     def sentences(self) -> list[str]:
         """Say what repeats show beyond standard errors, or that nothing was told twice."""
         if not self.repeated:
-            once = (
-                "no parameter was told twice at one temperature: what changes from run to run is not known, and in no ±"
-            )
-            within = "each row is a mean of runs: by what these scattered is in its standard error, and so in every ±"
+            said = [OF_MEANS] * self.of_means
             if stated := self.by_model:
                 by_name = (f"{name} by {beyond:.3g} {unit}" for name, beyond, unit in stated)
-                once = (
-                    f"no parameter was told twice at one temperature: each ± has what {_STATED}: {'; '.join(by_name)}"
-                )
-            return [within if self.of_means else once, *self.widened]
+                said.append(f"{_ONCE}: each ± has what {_STATED}: {'; '.join(by_name)}")
+            return [*(said or [f"{_ONCE}: what changes from run to run is not known, and in no ±"]), *self.widened]
         of, noise = self.spread, self.by_noise
         told = [
             f"{name} by {sd:.3g} {unit}" + f" ({stated:.2g} by noise)" * bool(stated > 0.0)

@@ -310,7 +310,7 @@ def _described(sensor: int, solved: _Solved, among: int, every: Collects, beside
         unobservable=unobservable,
         judged=judged,
         form_reason=f"the contractor's solution: {METHOD}" if solved.as_contractor else form.reason,
-        assumed=(*_assumptions(told, collects, noise_stated), *beside.assumed(runs)),
+        assumed=(*_assumptions(told, collects, noise_stated, beside.campaign.rebuilt), *beside.assumed(runs)),
         beside=tuple(of[run] for run in runs for of in beside.judged if run in of),
         chi_square=float(solution.chi_square) if solved.tells else None,
         of_channels=of_channels if degrees else None,
@@ -345,7 +345,7 @@ def _by_channel(solved: _Solved) -> tuple[FloatArray, FloatArray]:
     return squares.reshape(-1, count).sum(axis=0), freedom.reshape(-1, count).sum(axis=0)
 
 
-def _assumptions(form: LinearForm, collects: Collects, noise_stated: bool) -> tuple[str, ...]:
+def _assumptions(form: LinearForm, collects: Collects, noise_stated: bool, rebuilt: bool) -> tuple[str, ...]:
     conditions = collects.conditions
     said = [
         "f and the earth rate w are taken as given; local gravity is 1 g",
@@ -353,7 +353,9 @@ def _assumptions(form: LinearForm, collects: Collects, noise_stated: bool) -> tu
     ]
     if not np.isfinite(accelerations_g(collects)).any():
         said.append("the pose was not measured (no accelerations): that the unit lay as each position says")
-    if not np.any(conditions.w_deg_per_hr):
+    if rebuilt:
+        said.append("the earth rate is taken off what the table prints: the rates were made of that without it")
+    elif not np.any(conditions.w_deg_per_hr):
         said.append(
             "the earth rate is given as 0: what there is of it (up to 15.04 deg/hr) stands in the parameters, its "
             "vertical part looking like acceleration sensitivity"

@@ -31,7 +31,7 @@ from hil.solve import repeats, solve_campaign
 from hil.solve.beside_terms import beside, scatter_of_runs
 from hil.solve.changes import CHANGES
 from hil.solve.omissions import in_words, what_is_wrong
-from hil.solve.repeats import SensorRepeats
+from hil.solve.repeats import OF_MEANS, SensorRepeats
 from hil.solve.wrong_rows import treated
 from procedures.plan import make_plan
 from procedures.words import unit_in_words
@@ -179,7 +179,7 @@ def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[st
     noise = {
         number: replace(
             _seen(each, assumed=number in assumed)
-            if each.repeated or each.by_model
+            if each.scatter_included
             else NoiseLevel(source="assumed" if number in assumed else "assumed, for no run was repeated"),
             collect_deg_per_hr=float(np.nanmedian(sigmas[number])),  # one that is huge says nothing of the others
             channels_deg_per_hr={
@@ -202,12 +202,14 @@ def _with_typical_noise(rows: Collects) -> Collects:
 
 
 def _seen(shown: SensorRepeats, *, assumed: bool) -> NoiseLevel:
-    """Return what repeats, or else the model, scatter by beyond white noise: see `_level`."""
+    """Return what repeats, or else the model, scatter by beyond white noise, and means of runs not: see `_level`."""
     every = zip(shown.names, shown.by_noise.beyond.tolist(), shown.spread.degrees, strict=True)
     level = _level({name: beyond for name, beyond, degrees in every if degrees or not shown.repeated})
     some = level.run_bias_deg_per_hr > 0.0 or level.run_mu_deg_per_hr_per_g > 0.0
     if shown.repeated:
         whose = "its repeats" + ", within chance" * (some and not np.any(shown.by_noise.certain))
+    elif shown.of_means:
+        whose = OF_MEANS + "; beside it the model" * some
     else:
         level = _of_model(level)
         whose = level.source

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from hil.analysis.against import compare
-from hil.analysis.in_spec import _NO_TEMPERATURE, _UNEVEN, InSpec, Word, in_spec_of, judge
+from hil.analysis.in_spec import _ALONE, _NO_TEMPERATURE, _ONCE, _UNEVEN, InSpec, Word, in_spec_of, judge
 from hil.analysis.night_verdict import night_verdict
 from hil.campaign import Campaign
 from hil.config.limits import Limits, ParameterLimits
@@ -125,9 +125,18 @@ def test_the_uncertainty_is_that_of_the_units_parameter() -> None:
     assert said.word is Word.UNKNOWN
     assert all(each.interval and 3.0 < each.interval[1] - each.interval[0] < 16.0 for each in said.characteristics)
     alone = judged(night(runs=1), limits({"MUB": {"low": "-90 deg/hr/g", "scatter": "90 deg/hr/g"}}))
-    assert {each.reason for each in alone.characteristics} == {
-        "nothing was repeated, so what changes from run to run is not known: measure a temperature more than once"
-    }
+    assert {each.reason for each in alone.characteristics} == {_ALONE, _ONCE}
+
+
+def test_a_mean_of_runs_is_judged_by_its_error_which_has_their_scatter() -> None:
+    """As is a run of which a model states what it scatters by; how much the runs scattered nobody can tell from it."""
+    rule = limits({"MUB": {"low": "-90 deg/hr/g", "scatter": "90 deg/hr/g"}})
+    printed = replace(night(runs=1), rebuilt=True)
+    stated = replace(night(runs=1), run_scatter={2: {"MUB": 4.0}})
+    for one in (printed, stated):
+        *values, scatter = judged(one, rule).characteristics
+        assert {each.word for each in values} == {Word.IN}
+        assert (scatter.word, scatter.reason) == (Word.UNKNOWN, _ONCE)
 
 
 def test_simple_acceptance_takes_the_value() -> None:

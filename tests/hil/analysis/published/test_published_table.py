@@ -20,9 +20,11 @@ from hil.design.visibility.document import campaign_document
 from hil.errors import InputError
 from hil.model import built_in_model
 from hil.model.curve import Constant
+from hil.reconcile.scattering import what_scatters
 from hil.report.content import gather
 from hil.solve import solve_campaign
 from hil.solve.omissions import AS_ZERO, in_words, what_is_wrong
+from hil.solve.repeats import OF_MEANS
 
 HEADER = "temperature_C,parameter,mean_printed,sigma_printed,n_stated,flag\n"
 ROWS = [
@@ -76,12 +78,33 @@ def test_what_would_show_in_what_was_taken_as_zero_is_not_promised(reference: Pa
         {each["id"]: each for each in campaign_document(one, built_in_model("matrix-6"))["effects"]}
         for one in (campaign, replace(campaign, taken_as_zero=()))
     )
-    assert [name for name, each in measured.items() if each["visible"] and not seen[name]["visible"]] == [
-        "GS_T",
-        "phase",
-        "scale",
-    ]
+    assert [name for name, each in measured.items() if each["visible"] and not seen[name]["visible"]] == ["GS_T"]
     assert {name for each in seen.values() for name in each["leaks"]} == {"BA", "BB", "MUA", "MUB"}
+
+
+def test_what_the_printed_runs_scattered_by_is_in_every_error_whoever_is_asked(tmp_path: Path) -> None:
+    """And with a model also what that states; the earth rate, which the table's values are without, is in none."""
+    write_campaign(read_published_table(table(tmp_path, ROWS)), campaign := tmp_path / "campaign")
+    (known := tmp_path / "model.yaml").write_text(
+        "{schema: hil.model/1, title: mine, form: matrix-6, noise: {2: {run_to_run: {BA: {unit: deg/hr, value: 4}}}}}"
+    )
+    assert campaign_document(read_campaign(campaign))["noise"]["source"] == OF_MEANS  # type: ignore[index]
+    assert read_campaign(campaign).warnings == ()
+    for model, stated in ((None, False), (str(known), True)):
+        of_runs, sources = solve(campaign, model), budget(str(campaign), model=model, draws=100)
+        assert not [each for each in of_runs.document["solutions"][0]["assumed"] if "the earth rate is given" in each]
+        said, as_solved = repr(of_runs), sources.document["sensors"]["2"]["as_solved_for"]
+        assert as_solved[0] == OF_MEANS
+        assert [each for each in as_solved if each not in said] == []
+        assert "in none of these" not in repr(sources)
+        assert (len(as_solved) == 2) is stated
+
+
+@pytest.mark.slow
+def test_of_rows_that_are_means_of_runs_nobody_says_that_their_scatter_is_not_known(reference: Path) -> None:
+    """What a smooth model leaves of them is another thing, and said."""
+    said = what_scatters(read_published_table(reference / "table1.csv")).sentences()
+    assert said[0].startswith(f"sensor 2: {OF_MEANS}; what is observed is what a smooth model leaves")
 
 
 def test_flagged_cells_are_kept_and_said(tmp_path: Path) -> None:
