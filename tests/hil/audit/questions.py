@@ -203,6 +203,13 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
             if "its repeats" in of["noise"]["source"]
         },
     },
+    "of which parameters anything is told": {
+        "solve": lambda document: {
+            int(n): {name for mean in of["means"] for name in mean["parameters"]}
+            for n, of in document["repeats"].items()
+        },
+        "thermal": lambda document: {each["sensor"]: {*each["parameters"]} for each in document["sensors"]},
+    },
     "the mean at a temperature": {
         "solve": lambda document: _solved_means(document, "value"),
         "thermal": lambda document: _thermal_means(document, "value"),
@@ -368,6 +375,7 @@ IN_COMMON = (
     "of how many repeats, and how sure, what a history keeps is",
     "whose its temperatures are",
     "which sensors' standard errors are used",
+    "of which parameters anything is told",
     "the mean at a temperature",
     "how sure that mean is",
     "how sure one run is",
