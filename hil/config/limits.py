@@ -19,7 +19,7 @@ from hil.campaign import Sensor
 from hil.errors import InputError
 from hil.files.strict import Section, WholeFile, find_config, near, read_text, validated_inside
 from hil.files.units import RATE, RATE_PER_G, to_number
-from hil.model.forms import bias_names, rotor_names, sensitivity_names
+from hil.model.forms import parameter_names
 from procedures.words import counted
 
 _Above = Annotated[float, Field(gt=0.0)] | None
@@ -101,13 +101,11 @@ class Limits(WholeFile):
                 there = ", ".join(map(str, sensors))
                 raise InputError(f"{self.source}: sensors.{number}: there is no such sensor; allowed: {there}")
             sensor = sensors[number]
-            biases = bias_names(sensor)
-            names = rotor_names(sensor) if sensor.is_rotor else (*biases, *sensitivity_names(sensor))
+            names = parameter_names(sensor)
             for name in of:
                 if name not in names:
-                    kind = (
-                        "a two-channel rotor sensor" if sensor.is_rotor else f"one of {counted(len(biases), 'channel')}"
-                    )
+                    channels = counted(len(sensor.channels), "channel")
+                    kind = "a two-channel rotor sensor" if sensor.is_rotor else f"one of {channels}"
                     raise InputError(
                         f"{self.source}: sensors.{number}.{name}: sensor {number} is {kind}, without such a parameter"
                         f"{near(name, names)}"

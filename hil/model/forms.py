@@ -54,6 +54,11 @@ def sensitivity_names(sensor: Sensor) -> tuple[str, ...]:
 
 
 def bias_columns(conditions: Conditions) -> FloatArray:
+def parameter_names(sensor: Sensor) -> tuple[str, ...]:
+    """Name what the fullest of a sensor's built-in models has: the report's six, or bias and the full matrix G."""
+    return rotor_names(sensor) if sensor.is_rotor else bias_names(sensor) + sensitivity_names(sensor)
+
+
     """Columns of one bias per channel: 1 in its own channel, shape (n, c, c)."""
     channels = len(conditions.sensor.channels)
     return _columns(conditions, np.eye(channels), np.zeros((channels, channels, 3)))

@@ -28,6 +28,8 @@ from hil.config import Bench
 from hil.config.recorded import bench_of_record
 from hil.errors import Damaged, InputError
 from hil.files.folder import is_new, whole_or_nothing
+from hil.files.strict import near
+from hil.model.forms import parameter_names
 from hil.records.blocks import SAMPLES, Block, read_samples
 from hil.records.damage import refuse_damaged_samples
 from hil.records.identity import night_identity
@@ -155,18 +157,27 @@ def _verdicts(
 
 
 def open_source(folder: Path | str) -> Campaign:
-    """Read a night or a campaign folder; raise `InputError` where it is neither, or as `export_campaign` does."""
+    """Read a night or a campaign folder; raise `InputError` where it is neither, or as these do."""
     folder = Path(folder)
     if is_night(folder):
         return campaign_of_night(folder)
     if (folder / HEADER_FILE).is_file():
-        return read_campaign(folder)
+        return _with_known_names(read_campaign(folder), folder / HEADER_FILE)
     neither = f"neither a campaign folder (no {HEADER_FILE}) nor a night (no {JOURNAL_NAME})"
     check_folder(folder)
     inside = sorted(each.name for each in folder.iterdir() if (each / HEADER_FILE).is_file() or is_night(each))
     more = [f"{len(inside) - _NAMED} more"] if len(inside) > _NAMED else []
     holds = f"; name one that it holds: {listed(inside[:_NAMED] + more)}" if inside else ""
     raise InputError(f"{folder}: {neither}{holds}")
+
+def _with_known_names(campaign: Campaign, header: Path) -> Campaign:
+    """Return the campaign; raise `InputError` where what it takes as zero is no parameter of any of its sensors."""
+    names = {name for each in campaign.sensors.values() for name in parameter_names(each.conditions.sensor)}
+    for name in campaign.taken_as_zero:
+        if name not in names:
+            raise InputError(f"{header}, key taken_as_zero: {name!r} is no parameter{near(name, sorted(names))}")
+    return campaign
+
 
 
 def _campaign(journal: JournalReader) -> Campaign:

@@ -21,6 +21,7 @@ from hil.errors import InputError
 from hil.model import built_in_model
 from hil.model.curve import Constant
 from hil.reconcile.scattering import what_scatters
+from hil.records.export import open_source
 from hil.report.content import gather
 from hil.solve import solve_campaign
 from hil.solve.omissions import AS_ZERO, in_words, what_is_wrong
@@ -105,6 +106,14 @@ def test_of_rows_that_are_means_of_runs_nobody_says_that_their_scatter_is_not_kn
     """What a smooth model leaves of them is another thing, and said."""
     said = what_scatters(read_published_table(reference / "table1.csv")).sentences()
     assert said[0].startswith(f"sensor 2: {OF_MEANS}; what is observed is what a smooth model leaves")
+
+
+def test_what_is_taken_as_zero_is_a_parameter(tmp_path: Path) -> None:
+    """A name that no parameter of the campaign has would be passed over in silence: the file, the key, what is near."""
+    made = replace(read_published_table(table(tmp_path, ROWS)), taken_as_zero=("GSA", "GBS"))
+    header = write_campaign(made, tmp_path / "campaign") / "campaign.yaml"
+    with pytest.raises(InputError, match=f"^{header}, key taken_as_zero: 'GBS' is no .*did you mean 'GSB'"):
+        open_source(tmp_path / "campaign")
 
 
 def test_flagged_cells_are_kept_and_said(tmp_path: Path) -> None:
