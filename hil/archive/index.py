@@ -27,7 +27,7 @@ from hil.errors import InputError
 if TYPE_CHECKING:  # a list of units loads no arithmetic
     from hil.solve.uncertain import Uncertain
 
-_VERSION = 2
+_VERSION = 3
 _BUSY_S = 30.0
 _TABLES = Path(__file__).with_name("index.sql")
 
@@ -68,7 +68,7 @@ def calibrations(entries: Sequence[Entry]) -> list[Entry]:
 
 @dataclass(frozen=True)
 class ArchivedMean:
-    """A parameter's mean at a temperature, and what the unit's own thermometer showed."""
+    """A parameter's mean at a temperature, and the mean of what the unit's own thermometer showed."""
 
     entry: str
     sensor: int

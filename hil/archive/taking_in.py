@@ -123,10 +123,9 @@ def _entry(
 def _means(name: str, shown: Mapping[int, SensorRepeats]) -> Iterator[tuple[Any, ...]]:
     for number, of_sensor in shown.items():
         for mean in of_sensor.means:
-            own = None if mean.unit_degC is None else sum(mean.unit_degC) / 2.0
             for parameter, of in mean.values.items():
                 known = (finite(of.sd), finite(of.freedom), of.runs, of.unit, of.beyond)
-                yield name, number, parameter, mean.temperature_degC, own, of.value, *known
+                yield name, number, parameter, mean.temperature_degC, finite(mean.own_degC), of.value, *known
 
 
 def _settings(facts: Mapping[str, Any], configuration: Mapping[str, Any]) -> dict[str, Any]:

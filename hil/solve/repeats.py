@@ -33,7 +33,7 @@ from hil.solve.noise import changes, noise_left, shares_of, times_of
 from hil.solve.precision import stated_noise, to_record_of
 from hil.solve.runs import Estimate, RunSolution
 from hil.solve.spread import RARE, Spread
-from hil.solve.temperatures import nearest, runs_by_temperature, told_by, unit_range_degC
+from hil.solve.temperatures import nearest, runs_by_temperature, told_by, unit_mean_degC, unit_range_degC
 from hil.solve.uncertain import Uncertain
 from hil.solve.wrong_rows import treated
 from procedures.words import counted, listed, numbered, significant
@@ -51,7 +51,7 @@ class MeanAt:
     """The runs at one temperature and the mean of each parameter over those that could tell it.
 
     `scatter` is the standard deviation of those very runs (n - 1), NaN of a single one; `unit_degC` what the unit's own
-    thermometer showed through them, lowest and highest.
+    thermometer showed through them, lowest and highest, and `own_degC` in the mean, NaN where it did not.
     """
 
     temperature_degC: float | None
@@ -59,6 +59,7 @@ class MeanAt:
     values: Mapping[str, Uncertain]
     scatter: Mapping[str, float]
     unit_degC: tuple[float, float] | None = None
+    own_degC: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -353,7 +354,12 @@ def _of_sensor(
     shown, alike = replace(shown, left_deg_per_hr=noise), np.nan_to_num(shown.spread.parts(errors)[1]).tolist()
     return replace(
         shown,
-        means=[replace(m, unit_degC=unit_range_degC(rows.conditions, m.runs)) for m in shown.means if m.runs],
+        means=[
+            replace(mean, unit_degC=unit_range_degC(*of), own_degC=unit_mean_degC(*of))
+            for mean in shown.means
+            for of in [(rows.conditions, mean.runs)]
+            if mean.runs
+        ],
         told_by=told_by(rows.conditions),
         not_used=not_used,
         of_each={e.runs[0]: {n: u.sd for n, u in shown.of_run(e).items()} for e in own},

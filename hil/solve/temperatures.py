@@ -162,9 +162,14 @@ def told_by(conditions: Conditions, apart_degC: float | None = None) -> str | No
 
 def unit_range_degC(conditions: Conditions, runs: Sequence[int]) -> tuple[float, float] | None:
     """Return the lowest and highest that the unit's own thermometer showed in some runs; None where it did not."""
-    own = conditions.columns.get("temperature_degC", np.full(len(conditions), np.nan))[np.isin(conditions.run, runs)]
+    own = own_degC(conditions)[np.isin(conditions.run, runs)]
     known = own[np.isfinite(own)]
     return (float(known.min()), float(known.max())) if len(known) else None
+
+
+def unit_mean_degC(conditions: Conditions, runs: Sequence[int]) -> float:
+    """Return the mean over their collects of what the unit's own thermometer showed in some runs; NaN where nothing."""
+    return known_mean(own_degC(conditions)[np.isin(conditions.run, runs)])
 
 
 def unsettled(conditions: Conditions) -> dict[int, str]:

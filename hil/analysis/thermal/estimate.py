@@ -26,7 +26,7 @@ from hil.solve import Solution, solve
 from hil.solve.precision import stated_noise
 from hil.solve.runs import solve_rates
 from hil.solve.spread import Spread
-from hil.solve.temperatures import runs_by_temperature, too_few
+from hil.solve.temperatures import runs_by_temperature, too_few, unit_mean_degC
 from hil.solve.uncertain import CONFIDENCE
 from procedures.words import counted
 
@@ -208,8 +208,9 @@ def find_stations(conditions: Conditions, apart_degC: float | None = None) -> St
         raise InputError(
             f"sensor {conditions.sensor.number}: the campaign {what}: record it, there is nothing to fit against"
         )
-    groups = [np.isin(conditions.run, runs) for _, runs in runs_by_temperature(conditions, apart_degC)]
-    number, centre = np.argmax(groups, axis=0), np.array([np.mean(temperature[here]) for here in groups])
+    groups = [runs for _, runs in runs_by_temperature(conditions, apart_degC)]
+    number = np.argmax([np.isin(conditions.run, runs) for runs in groups], axis=0)
+    centre = np.array([unit_mean_degC(conditions, runs) for runs in groups])
     rising = np.argsort(centre, kind="stable")
     number = np.argsort(rising)[number]
     direction, came = np.zeros(len(number)), 0.0

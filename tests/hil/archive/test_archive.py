@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hil.analysis.thermal.estimate import find_stations
 from hil.archive.folder import read_entry, take_up
 from hil.archive.history import history
 from hil.archive.index import opened_index
@@ -105,7 +106,7 @@ def test_the_live_page_has_the_units_and_each_ones_life(archive: Path, campaigns
 
 
 def test_the_index_says_what_solve_says(archive: Path, measured: Campaign) -> None:
-    """Means and uncertainties to the digit, and nothing of the index is the truth: made again it is the same."""
+    """Means and uncertainties to the digit, at the temperatures of `hil thermal`."""
     campaign = of_life(measured, 3)
     shown = repeats(campaign, solve_campaign(campaign))
     with opened_index(archive) as index:
@@ -117,6 +118,23 @@ def test_the_index_says_what_solve_says(archive: Path, measured: Campaign) -> No
             for parameter, value in mean.values.items():
                 assert told[number, parameter, mean.temperature_degC] == value
 
+        own_degC = sorted({each.own_degC for each in known if each.sensor == number})
+        assert own_degC == find_stations(campaign.sensors[number].conditions).centre_degC.tolist()
+
+
+def test_a_unit_of_which_nothing_is_usable_has_no_table_of_findings(
+    measured: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of a model that nobody named; the archive was made for it, which is said, for its name may have been misspelt."""
+    known = {run: Judgement(Verdict.FAIL, "the unit moved") for run in range(1, 5)}
+    bad = write_campaign(replace(of_life(measured, 1, model=""), verdicts=known), tmp_path / "bad")
+    asked = ["archive", str(tmp_path / "new"), str(bad)]
+    assert hil(asked) == hil(asked) == 0
+    assert capsys.readouterr().out.count("new: a new archive, 1 campaign, 1 of them read now\n") == 1
+    assert hil(["history", "0042", "--archive", str(tmp_path / "new")]) == 0
+    first, *rest = capsys.readouterr().out.splitlines()
+    assert first == "unit 0042: 1 calibration (0 good enough to tell anything), 2024-04-01"
+    assert rest == ["next calibration: no date (no limits are known: --limits names them)"]
 
 def test_a_night_takes_the_place_of_its_export(night: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Whichever comes first, the night is there in the end, once, with what only a night has."""
