@@ -121,9 +121,9 @@ def thermal(
     apart_degC = None if apart is None else quantity("--apart", apart, DIFFERENCE)
     if apart_degC == 0.0:
         raise InputError("--apart: two temperatures must be more than 0 °C apart")
-    if out is not None:
-        check_result_folder(out, "thermal.json")
     campaign = read_source(source)
+    if out is not None:
+        check_result_folder(out, "thermal.json", of=campaign)
     result = fit_thermal(campaign, model, highest_order=highest_order, apart_degC=apart_degC)
     written = [] if out is None else write_thermal(result, out)
     document = thermal_document(result)

@@ -41,7 +41,7 @@ def reconcile(
 
     data = read_source(campaign)
     if out is not None:  # a notebook asks without files
-        check_result_folder(out, "reconciliation.json", model)
+        check_result_folder(out, "reconciliation.json", model, of=data)
     result = search(data, model, alpha=alpha)
     if out is not None:
         write_result(result, out)  # what is found stays found where nobody waits for the twin

@@ -1,11 +1,13 @@
 """Results to standard output, everything else to standard error."""
 
+from __future__ import annotations
+
 import json
 import os
 import sys
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from rich.console import Console
 from rich.measure import Measurement
@@ -14,6 +16,9 @@ from typer import Argument, Option
 
 from hil.errors import InputError
 from procedures.words import harmless
+
+if TYPE_CHECKING:  # most commands read no campaign
+    from hil.campaign import Campaign
 
 _ANY_WIDTH = 10_000
 
@@ -105,10 +110,11 @@ def listing(*headings: str, left: Collection[str] | None = None) -> Table:
     return table
 
 
-def check_result_folder(out: Path, own: str = "", given: str = "") -> None:
+def check_result_folder(out: Path, own: str = "", given: str = "", of: Campaign | None = None) -> None:
     """Raise `InputError` for an --out that is a file, lies in a night, cannot be written, or holds what would be lost.
 
-    That is the `given` model, and whatever is not beside `own`, the document that the command writes into the folder.
+    That is the `given` model, and whatever is not beside `own`, the document that the command writes into the folder
+    `of` the same campaign.
     """
     _refuse_night(out)
     for above in (out, *out.parents):
@@ -128,6 +134,21 @@ def check_result_folder(out: Path, own: str = "", given: str = "") -> None:
         raise InputError(
             f"{out}: holds something, and no {own}; name a new folder, or one with a result of this command"
         )
+    if of is not None and (out / own).is_file():
+        _refuse_another(out / own, of)
+
+
+def _refuse_another(own: Path, campaign: Campaign) -> None:
+    """Raise `InputError` where a command's document is of another campaign than this, which would be lost."""
+    from hil.files.strict import read_text
+
+    try:
+        there = json.loads(read_text(own))
+        title, source = there["campaign"], there["source"]
+    except (ValueError, KeyError, TypeError):
+        raise InputError(f"{own}: does not say of which campaign it is; name a new folder for the result") from None
+    if (title, source) != (campaign.title, campaign.source):
+        raise InputError(f"{own}: is of another campaign, {title} ({source}), and would be lost; name a new folder")
 
 
 def _refuse_night(folder: Path) -> None:

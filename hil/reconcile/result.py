@@ -233,6 +233,7 @@ class Reconciliation:
     """What the workflow found. `picture` is for the page: residuals by row before and after, on one scale."""
 
     campaign: str
+    source: str
     model_before: str
     verdict: str
     disagreements: Sequence[Disagreement]
@@ -275,7 +276,7 @@ class Reconciliation:
         """Return the JSON document of formats/reconciliation.md; keys beyond the contract are additions."""
         document = {
             "schema": SCHEMA,
-            **picked(self, "campaign simulated model_before"),
+            **picked(self, "campaign source simulated model_before"),
             "model_after": "model.yaml",
             **picked(self, "verdict tested contradicted_runs=contradicted"),
             "doubtful_runs": self.doubtful,

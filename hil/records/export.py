@@ -203,10 +203,14 @@ def _campaign(journal: JournalReader) -> Campaign:
     tables = {n: _of_sensor([row for row in rows if row.sensor == n], bench, n) for n in sorted({n for n, *_ in seen})}
     columns = {name for table in tables.values() for name in table.conditions.columns}
     axes = dict.fromkeys(axis for number in bench.sensors for axis in bench.sensor(number).axes)
+    identity = night_identity(journal)
+    recorded = f"recorded by hil on bench {bench.name} from {night.began_utc:%Y-%m-%d %H:%M} UTC, by {night.who}"
+    unit = f"unit {identity['serial']}" if "serial" in identity else ""
+    seed = f"seed {bench.simulation.seed}" if bench.simulation else ""  # clocks of simulated nights all begin alike
     shown = {f"accelerometer_{axis}_g": f"mean of the unit's own accelerometer along {axis}, g" for axis in axes}
     campaign = Campaign(
         title=night.title,
-        source=f"recorded by hil on bench {bench.name} from {night.began_utc:%Y-%m-%d %H:%M} UTC, by {night.who}",
+        source=", ".join(filter(None, (recorded, unit, seed))),
         sensors=tables,
         condition_units={name: meaning for name, meaning in (_MEANINGS | shown).items() if name in columns},
         simulated=night.simulated,
@@ -225,7 +229,7 @@ def _campaign(journal: JournalReader) -> Campaign:
             if (other := instead_of_temperature(rows.conditions))
         ],
         missing=in_brief(missing_in_words(journal.plan, done, attempts)),
-        identity=night_identity(journal),
+        identity=identity,
         pose=bench.pose,
         largest_se=bench.largest_standard_error,
     )

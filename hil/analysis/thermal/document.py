@@ -29,7 +29,7 @@ def thermal_document(result: ThermalFit) -> dict[str, Any]:
     odd = not_passed_of(solve_campaign(pooled(result.campaign)))
     return {
         "schema": SCHEMA,
-        **picked(result.campaign, "campaign=title simulated warnings"),
+        **picked(result.campaign, "campaign=title source simulated warnings"),
         **what_is_wrong(result.campaign),
         "runs_not_solved": not_passed(odd),
         "runs_not_solved_by_sensor": odd,

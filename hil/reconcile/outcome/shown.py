@@ -47,6 +47,7 @@ def shown(campaign: Campaign, found: Answer, inside: Sequence[dict[str, Any]], a
     notes += otherwise(campaign, found.rows)
     return Reconciliation(
         campaign=asked.title,
+        source=asked.source,
         model_before=found.problem.model.title,
         verdict=findings.verdict_of(found.names, [*wrong, *added.within], unresolved=certain),
         disagreements=_where(found),

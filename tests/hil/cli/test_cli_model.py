@@ -11,6 +11,7 @@ import pytest
 
 from benchmarks.blind.cases import make_case, write_case
 from benchmarks.blind.night import Design
+from hil.campaign.reader import read_campaign
 from hil.cli.model import _bar
 from hil.cli.output import check_result_folder
 from hil.errors import InputError
@@ -33,6 +34,7 @@ def test_reconcile_writes_its_three_files_and_prints_the_document(hil: Any, cont
     assert ended.returncode == 0, ended.stderr
     told = json.loads(ended.stdout)
     assert told == json.loads((out / "reconciliation.json").read_text())
+    check_result_folder(out, "reconciliation.json", of=read_campaign(contractors))  # its own may be made anew
     assert told["schema"] == "hil.reconciliation/1"
     assert told["verdict"] == "named"
     assert [effect["id"] for effect in told["effects"]] == ["MU_real"]
@@ -100,6 +102,19 @@ def test_a_folder_that_holds_something_else_is_no_place_for_a_result(tmp_path: P
         check_result_folder(tmp_path, "reconciliation.json")
     (tmp_path / "reconciliation.json").write_text("{}")
     check_result_folder(tmp_path, "reconciliation.json")
+
+
+def test_the_result_of_another_campaign_is_not_lost(hil: Any, contractors: Path, tmp_path: Path) -> None:
+    """It is another's by its title or by where it comes from; either command names it before it begins."""
+    for command, own in (("reconcile --model collins-4", "reconciliation.json"), ("thermal", "thermal.json")):
+        for key in ("campaign", "source"):
+            campaign = read_campaign(contractors)
+            there = {"campaign": campaign.title, "source": campaign.source, key: "another"}
+            (tmp_path / "out" / own).parent.mkdir(exist_ok=True)
+            (tmp_path / "out" / own).write_text(json.dumps(there))
+            ended = hil(*command.split(), contractors, "--out", tmp_path / "out")
+            assert ended.returncode == 2
+            assert f"{own}: is of another campaign, {there['campaign']} ({there['source']})" in ended.stderr
 
 
 def test_that_a_result_cannot_be_written_is_said_before_the_search(

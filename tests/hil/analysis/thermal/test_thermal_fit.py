@@ -14,8 +14,10 @@ from hil.analysis.thermal.document import thermal_document
 from hil.analysis.thermal.fit import ParameterFit, ThermalFit, fit_thermal
 from hil.bench import build_bench
 from hil.campaign import Campaign, Collects
+from hil.campaign.reader import read_campaign
 from hil.campaign.writer import write_campaign
 from hil.cli.app import run
+from hil.cli.output import check_result_folder
 from hil.errors import InputError
 from hil.files.strict import find_config
 from hil.model import load_model, save_model
@@ -385,6 +387,7 @@ def test_the_command_prints_one_document_and_writes_its_files(
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"model.yaml", "thermal.json", "sensor-2.svg"}
     assert load_model(tmp_path / "out" / "model.yaml").sensors[2]["MUA"].valid_degC == (-29.72, 60.0)
     assert run(["thermal", str(tmp_path / "t1")]) == 0
+    check_result_folder(tmp_path / "out", "thermal.json", of=read_campaign(tmp_path / "t1"))  # its own: made anew
     assert "MUB: differs between temperatures beyond its noise" in capsys.readouterr().out
     assert run(["thermal", str(tmp_path / "nothing")]) == 2
     assert run(["thermal", str(tmp_path / "t1"), "--apart", "80 degC"]) == 2
