@@ -139,10 +139,12 @@ def _told(good: Sequence[Entry]) -> Iterator[str]:
     """Yield what is odd about a unit's entries: two nights at one time, nights that are not where they were."""
     for one, other in pairwise(good):
         if one.night and other.night and one.night != other.night and other.began_utc < one.ended_utc:
-            yield (
-                f"{one.name} and {other.name} were measured at the same time: two units with one serial number, or one "
-                "clock is wrong"
+            why = (
+                "clocks of simulated nights begin alike, and nothing is told by time"
+                if one.simulated
+                else "two units with one serial number, or one clock is wrong"
             )
+            yield f"{one.name} and {other.name} were measured at the same time: {why}"
     yield from (
         f"{each.name}: its night is not at {each.whence} any more; what was averaged of it is here"
         for each in good

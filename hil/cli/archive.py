@@ -57,17 +57,20 @@ def certificate(
 
 
 def archive(
-    folder: Annotated[Path, Argument(metavar="ARCHIVE", help="The archive's folder.")],
+    folder: Annotated[
+        Path, Argument(metavar="ARCHIVE", help="The archive's folder; the first that is taken up makes a new one.")
+    ],
     sources: Annotated[list[Path] | None, Argument(metavar="[NIGHT_OR_CAMPAIGN]...", help="What to take up.")] = None,
     serial: Annotated[str | None, Option(help="Of which unit, where the records do not say.")] = None,
     day: Annotated[str | None, Option("--date", help="When, where they do not say: 2026-03-01.")] = None,
     rebuild: Annotated[bool, Option("--rebuild", help="Make the index anew from the folders.")] = False,
     found: Annotated[
-        bool, Option("--found", help="Make a new archive, or again one that lost its archive.yaml.")
+        bool, Option("--found", help="Make a new one with nothing in it, or again one that lost its archive.yaml.")
     ] = False,
 ) -> Answer:
     """Take nights and campaigns up into the laboratory's archive, and bring its index to what is in the folders."""
     from hil.archive.folder import found_archive, take_up
+    from hil.archive.places import MARK
     from hil.archive.taking_in import update
     from hil.files.strict import NAME, one_line
     from hil.records.reader import units_in
@@ -77,6 +80,7 @@ def archive(
     except ValueError:
         raise InputError(f"--date {day}: is no date; write it as 2026-03-01") from None
     who = None if serial is None else one_line("--serial", serial, NAME)
+    new = not (folder / MARK).is_file()
     if found:
         found_archive(folder)
     taken, refused = [], {}
@@ -92,6 +96,7 @@ def archive(
     document = {
         "schema": "hil.archive/1",
         "archive": str(folder),
+        "new": new,
         "taken_up": [vars(each) for each in taken],
         "not_taken_up": refused,
         **picked(done, "entries=all_of read=new gone cannot_be_read=broken unfinished"),

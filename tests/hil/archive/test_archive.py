@@ -34,6 +34,7 @@ from hil.night import start_night
 from hil.records import open_readonly
 from hil.records.export import export_campaign
 from hil.solve import repeats, solve_campaign
+from procedures.verdict import Judgement, Verdict
 from tests.hil.archive.conftest import COUNT, DAYS, DRIFT, JUMP, of_life
 from tests.hil.dashboard.live_page import TOKEN, served
 from tests.hil.report.report_pages import TWO
@@ -117,7 +118,6 @@ def test_the_index_says_what_solve_says(archive: Path, measured: Campaign) -> No
         for mean in of.means:
             for parameter, value in mean.values.items():
                 assert told[number, parameter, mean.temperature_degC] == value
-
         own_degC = sorted({each.own_degC for each in known if each.sensor == number})
         assert own_degC == find_stations(campaign.sensors[number].conditions).centre_degC.tolist()
 
@@ -135,6 +135,7 @@ def test_a_unit_of_which_nothing_is_usable_has_no_table_of_findings(
     first, *rest = capsys.readouterr().out.splitlines()
     assert first == "unit 0042: 1 calibration (0 good enough to tell anything), 2024-04-01"
     assert rest == ["next calibration: no date (no limits are known: --limits names them)"]
+
 
 def test_a_night_takes_the_place_of_its_export(night: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Whichever comes first, the night is there in the end, once, with what only a night has."""
@@ -282,7 +283,7 @@ def test_a_night_is_taken_up_at_its_end_and_outlived_by_what_was_averaged(
     assert hil(["history", "SIM-0001", "--archive", str(tmp_path / "archive")]) == 0
     out = capsys.readouterr()
     assert "its night is not at" in out.err
-    assert "were measured at the same time: two units with one serial number" in out.err
+    assert "were measured at the same time: clocks of simulated nights begin alike" in out.err
     assert "SIMULATED" in out.out
     assert "bench.title: bench 0 → bench 1" in out.out
     facts, campaign, _ = read_entry(tmp_path / "archive", found(tmp_path / "archive")[0][0])
