@@ -189,8 +189,8 @@ def first_mistake(error: ValidationError, document: object) -> str:
         parts = [*(parts[:-1] if parts[-1:] == own[1].split(".")[:1] else parts), *own[1].split(".")]
         sentence = sentence[own.end() :]
     place = as_written(parts, document)
-    distinct = {(as_written(list(each["loc"]), document), each["msg"]) for each in problems}
-    more = f" (and {len(distinct) - 1} more)" if len(distinct) > 1 else ""
+    others = dict.fromkeys(as_written(list(each["loc"]), document) for each in problems[1:])
+    more = f" (also {', '.join(each)})" if (each := [where for where in others if where not in ("", place)]) else ""
     return f"{place}: {sentence}{more}" if place else f"{sentence}{more}"
 
 

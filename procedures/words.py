@@ -1,7 +1,8 @@
 """Steps, numbers and durations as a technician would say them."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from typing import TypeVar
 
 from procedures.plan import Step, StepKind
 
@@ -16,6 +17,7 @@ _STEPS = {
 }
 _STEERS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 """Control characters but tab and newline, and what turns the direction of writing."""
+_Thing = TypeVar("_Thing")
 _MOST, _SHOWN = 12, 5  # numbers in a row: if there are more, so many of them are shown
 
 
@@ -105,9 +107,21 @@ def choice(numbers: Iterable[object]) -> str:
     return ", ".join(found if len(found) <= _MOST else [*found[:_SHOWN], "…", found[-1]])
 
 
-def listed(names: Iterable[object]) -> str:
-    """Write names one after another: A, B and C."""
-    *before, last = map(str, names)
+def first_few(things: Sequence[_Thing], most: int) -> tuple[Sequence[_Thing], int]:
+    """Return the first of things and how many are left: never one, which is told as fast as that there is one more.
+
+    >>> first_few("abcd", 3), first_few("abcde", 3)
+    (('abcd', 0), ('abc', 2))
+    """
+    shown = things if len(things) <= most + 1 else things[:most]
+    return shown, len(things) - len(shown)
+
+
+def listed(names: Iterable[object], most: int | None = None) -> str:
+    """Write names one after another: A, B and C; of many the first, at `most` so many: A, B and 7 more."""
+    found = [str(name) for name in names]
+    shown, left = first_few(found, len(found) if most is None else most)
+    *before, last = [*shown, f"{left} more"] if left else shown
     return f"{', '.join(before)} and {last}" if before else last
 
 

@@ -24,7 +24,7 @@ from hil.solve.repeats import MeanAt
 from hil.solve.temperatures import NOT_SETTLED, apart, nearest, runs_by_temperature
 from hil.solve.uncertain import Uncertain
 from procedures.verdict import NOT_GOOD
-from procedures.words import listed, numbered
+from procedures.words import first_few, listed, numbered
 
 SIGMAS = 3.0
 _BY_CHANCE = 0.00135  # of a normal distribution, beyond three sigma on one side
@@ -115,7 +115,7 @@ class Comparison:
     @property
     def first(self) -> Sequence[Difference]:
         """The first few of the differences beyond three sigma."""
-        return self.flagged[:_SHOWN]
+        return first_few(self.flagged, _SHOWN)[0]
 
     def sentences(self) -> list[str]:
         """Say what was found, the first of it, and what contradicts that."""

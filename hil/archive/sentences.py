@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from hil.archive.trend import LEAST
+from procedures.words import first_few
 
 _SHOWN = 8  # things of one kind in a sentence; the document has all
 
@@ -22,7 +23,8 @@ def sentences(document: Mapping[str, Any]) -> Iterator[str]:
             )
     for campaign in document["campaigns"]:
         if changed := campaign["changed_since_the_last"]:
-            yield f"changed by {campaign['began_utc'][:10]}: {'; '.join(changed[:_SHOWN])}{more(changed)}"
+            shown, left = first_few(changed, _SHOWN)
+            yield f"changed by {campaign['began_utc'][:10]}: {'; '.join(shown)}{f' and {left} more' * bool(left)}"
     if 1 < sum(each["used"] for each in document["campaigns"]) < LEAST:
         yield (
             f"drift and jump are told from {LEAST} calibrations on; of two hil report --against says what differs "
@@ -34,11 +36,7 @@ def sentences(document: Mapping[str, Any]) -> Iterator[str]:
 
 def some(lines: Sequence[str]) -> Iterator[str]:
     """Yield the first of many lines, and how many more there are."""
-    yield from lines[:_SHOWN]
-    if rest := more(lines):
-        yield f"…{rest}: --json has all"
-
-
-def more(things: Sequence[object]) -> str:
-    """Say how many things are beyond those that are shown; nothing where none is."""
-    return f" and {len(things) - _SHOWN} more" if len(things) > _SHOWN else ""
+    shown, left = first_few(lines, _SHOWN)
+    yield from shown
+    if left:
+        yield f"… and {left} more: --json has all"

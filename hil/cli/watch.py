@@ -19,6 +19,7 @@ from hil.records.live import snapshot_of
 from hil.records.status import in_brief, night_status, recorded_verdict, without_samples
 from hil.records.troubles import to_do
 from procedures.progress import Snapshot
+from procedures.words import first_few
 
 EVERY_S = 1.0
 _WORKING = ("running", "paused")
@@ -107,11 +108,11 @@ def say(folder: Path, status: dict[str, Any], now: Snapshot | None, console: Con
         console.print(_cut(_unit_in_words(unit)))
     for name, text in status["identity"].items():
         console.print(f"{name}: {text}")
-    left = in_brief(status["missing"])
-    for line in left[:_MOST_LEFT]:
+    shown, left = first_few(in_brief(status["missing"]), _MOST_LEFT)
+    for line in shown:
         console.print(_cut(f"{'still to come' if working else 'missing'}: {_without(said, line)}"))
-    if len(left) > _MOST_LEFT:
-        console.print(f"… and {len(left) - _MOST_LEFT} more (hil status {folder} --json has all)")
+    if left:
+        console.print(f"… and {left} more (hil status {folder} --json has all)")
     if not working and status["state"] != "complete":
         console.print(f"hil {'verify' if judged == ', ERROR' else 'report'} {folder} shows it all")
 
@@ -182,10 +183,10 @@ def _cut(line: str) -> str:
 
 def _first(line: str) -> str:
     """Return the first causes of a line, each whole, and how many more there are."""
-    first, *more = line.split("; ")
-    while more and len(first) < _HEAD:
-        first += f"; {more.pop(0)}"
-    return first + f"; and {len(more)} more (hil report says all)" * bool(more)
+    causes = line.split("; ")
+    fit = sum(len("; ".join(causes[:number])) < _HEAD for number in range(len(causes)))
+    shown, left = first_few(causes, fit)
+    return "; ".join(shown) + f"; and {left} more (hil report says all)" * bool(left)
 
 
 def _asked(status: dict[str, Any]) -> list[str]:

@@ -166,9 +166,9 @@ def open_source(folder: Path | str) -> Campaign:
     neither = f"neither a campaign folder (no {HEADER_FILE}) nor a night (no {JOURNAL_NAME})"
     check_folder(folder)
     inside = sorted(each.name for each in folder.iterdir() if (each / HEADER_FILE).is_file() or is_night(each))
-    more = [f"{len(inside) - _NAMED} more"] if len(inside) > _NAMED else []
-    holds = f"; name one that it holds: {listed(inside[:_NAMED] + more)}" if inside else ""
+    holds = f"; name one that it holds: {listed(inside, _NAMED)}" if inside else ""
     raise InputError(f"{folder}: {neither}{holds}")
+
 
 def _with_known_names(campaign: Campaign, header: Path) -> Campaign:
     """Return the campaign; raise `InputError` where what it takes as zero is no parameter of any of its sensors."""
@@ -177,7 +177,6 @@ def _with_known_names(campaign: Campaign, header: Path) -> Campaign:
         if name not in names:
             raise InputError(f"{header}, key taken_as_zero: {name!r} is no parameter{near(name, sorted(names))}")
     return campaign
-
 
 
 def _campaign(journal: JournalReader) -> Campaign:
@@ -203,11 +202,11 @@ def _campaign(journal: JournalReader) -> Campaign:
     tables = {n: _of_sensor([row for row in rows if row.sensor == n], bench, n) for n in sorted({n for n, *_ in seen})}
     columns = {name for table in tables.values() for name in table.conditions.columns}
     axes = dict.fromkeys(axis for number in bench.sensors for axis in bench.sensor(number).axes)
+    shown = {f"accelerometer_{axis}_g": f"mean of the unit's own accelerometer along {axis}, g" for axis in axes}
     identity = night_identity(journal)
     recorded = f"recorded by hil on bench {bench.name} from {night.began_utc:%Y-%m-%d %H:%M} UTC, by {night.who}"
     unit = f"unit {identity['serial']}" if "serial" in identity else ""
     seed = f"seed {bench.simulation.seed}" if bench.simulation else ""  # clocks of simulated nights all begin alike
-    shown = {f"accelerometer_{axis}_g": f"mean of the unit's own accelerometer along {axis}, g" for axis in axes}
     campaign = Campaign(
         title=night.title,
         source=", ".join(filter(None, (recorded, unit, seed))),

@@ -4,7 +4,18 @@ from __future__ import annotations
 
 import pytest
 
-from procedures.words import choice, counted, duration, hours_minutes, listed, numbered, percent, ranges, spelled
+from procedures.words import (
+    choice,
+    counted,
+    duration,
+    first_few,
+    hours_minutes,
+    listed,
+    numbered,
+    percent,
+    ranges,
+    spelled,
+)
 
 
 @pytest.mark.parametrize(
@@ -34,6 +45,12 @@ def test_how_many_there_are() -> None:
 def test_names_one_after_another() -> None:
     """A comma between all but the last two."""
     assert [listed("A"), listed("AB"), listed("ABC"), listed([1, 2])] == ["A", "A and B", "A, B and C", "1 and 2"]
+
+
+def test_nothing_is_left_out_that_is_as_short_as_to_say_so() -> None:
+    """One more than the most is shown; of two more, how many."""
+    assert [first_few("ABCD"[:n], 2) for n in (1, 2, 3, 4)] == [("A", 0), ("AB", 0), ("ABC", 0), ("AB", 2)]
+    assert [listed("ABCD"[:n], 2) for n in (2, 3, 4)] == ["A and B", "A, B and C", "A, B and 2 more"]
 
 
 def test_a_long_choice_is_cut_short() -> None:

@@ -14,7 +14,7 @@ from hil.files.figure import LOOKS, blank
 from hil.files.page import in_style, inline_svg, rendered
 from hil.reconcile.campaigns import LEVEL, Screened, ScreenedUnit
 from hil.solve.omissions import in_words
-from procedures.words import counted, listed, numbered
+from procedures.words import counted, first_few, listed, numbered
 
 _MOST_WRONG = 5  # of which it is said what is left out
 _MOST_NAMES = 4  # that have a look of their own in a picture
@@ -88,9 +88,10 @@ def fleet_sentences(found: Screened) -> Iterator[str]:
     if bad := [f"{each.folder} ({numbered('run', runs)})" for each in found.units if (runs := each.runs_in_use)]:
         yield f"FAIL by what was recorded, and screened all the same: {listed(bad)}; hil solve says why"
     wrong = [(each.folder, lines) for each in found.units if (lines := in_words(each.wrong))]
-    yield from (f"{folder}: {line}" for folder, lines in wrong[:_MOST_WRONG] for line in lines)
-    if (more := len(wrong) - _MOST_WRONG) > 0:
-        yield f"and of {counted(more, 'calibration')} more: --json has all"
+    shown, left = first_few(wrong, _MOST_WRONG)
+    yield from (f"{folder}: {line}" for folder, lines in shown for line in lines)
+    if left:
+        yield f"and of {counted(left, 'calibration')} more: --json has all"
     yield from _warnings(found.units)
     yield (
         "a screen asks for one thing that moves averages, by noise as it is without that; a full hil reconcile looks "
@@ -112,10 +113,10 @@ def _warnings(units: Sequence[ScreenedUnit]) -> Iterator[str]:
     for each in units:
         for warning in each.wrong.get("warnings", ()):
             said.setdefault(warning.removeprefix(f"{each.folder}/"), []).append(each.folder)
-    for warning, (folder, *others) in list(said.items())[:_MOST_WRONG]:
-        yield f"{folder}{f' and {len(others)} more' * bool(others)}: warning: {warning}"
-    if (more := len(said) - _MOST_WRONG) > 0:
-        yield f"and {counted(more, 'more warning')}: --json has all"
+    shown, left = first_few([*said.items()], _MOST_WRONG)
+    yield from (f"{listed(folders, 1)}: warning: {warning}" for warning, folders in shown)
+    if left:
+        yield f"and {counted(left, 'more warning')}: --json has all"
 
 
 def _counted(units: Sequence[ScreenedUnit]) -> str:

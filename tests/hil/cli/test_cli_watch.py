@@ -211,5 +211,8 @@ def test_a_cause_of_the_verdict_is_said_whole_or_counted(journal: SqliteJournal)
     console = _console(terminal=False)
     console.width = 1000
     say(journal.folder, status, None, console)
+    judged["reason"] = judged["reason"].removesuffix("; late")
+    say(journal.folder, status, None, console)
+    assert f"FAIL: {judged['reason']}" in console.file.getvalue()  # to count one takes as long
     (said,) = [line for line in console.file.getvalue().splitlines() if line.startswith("FAIL: ")]
     assert said == f"FAIL: 2 of 8 solutions; the first is {cause}; and 2 more (hil report says all)"

@@ -78,10 +78,10 @@ def test_a_wrong_entry_is_one_sentence_that_names_file_and_key(old: str, new: st
     assert "\n" not in str(refusal.value)
 
 
-def test_several_errors_are_counted_and_the_first_is_told() -> None:
-    """A technician mends one thing at a time."""
+def test_the_first_of_several_errors_is_told_and_where_the_others_are() -> None:
+    """A technician mends one thing at a time, and all before the next trial."""
     text = _changed(_changed(_BENCH, "clock: virtual", "clock: wall"), "seed: 861", "seed: x")
-    with pytest.raises(InputError, match=r"clock: .* \(and 1 more\)$"):
+    with pytest.raises(InputError, match=r"clock: .* \(also simulation\.seed\)$"):
         parse_bench(text, "my-bench.yaml")
 
 

@@ -310,7 +310,7 @@ def test_what_reading_folders_warned_of_is_said_once_of_all(tmp_path: Path) -> N
     assert fails.startswith("collect 3: ")
     assert told["u1"]["warnings"] == warned
     said = "\n".join(fleet_sentences(found))
-    assert said.count(" and 1 more: warning: collects.csv, sensor 2: w is 0 in every row") == 1
+    assert len(re.findall(r"u\d and \S+/u\d: warning: collects.csv, sensor 2: w is 0 in every row", said)) == 1
     assert "u1: warning: collects.csv, sensor 2, row 4: |f| is off 1 g" in said
 
 
