@@ -25,6 +25,7 @@ EVERY_S = 1.0
 _WORKING = ("running", "paused")
 _MOST_LEFT = 6
 _HEAD, _TAIL = 170, 50  # of a long line
+_PHRASES = re.compile(r"(?<=[;:,])\s|\s(?=\()")  # what parts them
 _WORTH_SAYING_ONCE = 30  # characters
 
 
@@ -175,10 +176,14 @@ def _without(said: list[str], text: str) -> str:
 
 
 def _cut(line: str) -> str:
-    """Return what can be read at a glance: how it begins and how it ends; what a device said is between."""
-    if len(line) <= _HEAD + _TAIL:
-        return line
-    return re.sub(r"\s\S{0,15}$", "", line[:_HEAD]) + " … " + re.sub(r"^\S{0,15}\s", "", line[-_TAIL:])
+    """Return what can be read at a glance, in whole phrases: how it begins and how it ends; a device's are between."""
+    first, *phrases = _PHRASES.split(line)
+    while phrases and len(first) + len(phrases[0]) < _HEAD:
+        first += f" {phrases.pop(0)}"
+    last = ""
+    while phrases and len(last) + len(phrases[-1]) < _TAIL:
+        last = f" {phrases.pop()}{last}"
+    return f"{first} …{last}" if phrases else f"{first}{last}"
 
 
 def _first(line: str) -> str:
