@@ -195,8 +195,9 @@ def _in_unit(table: Columns, kind: Kind, names: list[str], scale: str | None) ->
     where, instead = f"{table.path}, columns {', '.join(names)}", f"give {sought.option}-scale, such as {sought.units}"
     for name in names:
         if name in table.texts:
-            row = next(i for i, cell in enumerate(table.texts[name], start=2) if not is_number(cell))
-            raise InputError(f"{table.path}, row {row}, column {name}: {table.texts[name][row - 2]!r} is no number")
+            cells = enumerate(table.texts[name].tolist(), start=2)
+            row, text = next((i, cell) for i, cell in cells if not is_number(cell))
+            raise InputError(f"{table.path}, row {row}, column {name}: {text!r} is no number")
         if name not in table.values:
             raise InputError(f"{table.path}: there is no column {name}; there are {choice(table.values)}")
     stated = {table.units.get(name) or _unit(name) for name in names}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -230,6 +231,9 @@ def test_two_columns_that_could_be_meant_are_a_question(sound: Simulated, tmp_pa
     with pytest.raises(InputError, match=r"the rates is not clear \(by their names: none\).*there are c0, c1"):
         made_of(unnamed)
     assert made_of(path, gyro="GX_deg_per_hr,GY_deg_per_hr,GZ_deg_per_hr").document["stretches"]
+    path.write_text(re.sub(r"\A(.*\n[^,]*,)[^,]*", r"\1high", path.read_text()))
+    with pytest.raises(InputError, match=r"log.csv, row 2, column GX_deg_per_hr: 'high' is no number"):
+        made_of(path, gyro="GX_deg_per_hr,GY_deg_per_hr,GZ_deg_per_hr")
 
 
 @pytest.mark.parametrize("turn", ["f turns by", pytest.param("turns by", marks=pytest.mark.slow)])
