@@ -17,6 +17,7 @@ import numpy as np
 from hil.campaign import Conditions, FloatArray, Sensor
 from hil.campaign.stand_ins import told
 from hil.errors import InputError
+from hil.files.strict import near
 from hil.model.equation import pickoff_rates, rotor_matrix
 from procedures.words import counted
 
@@ -53,12 +54,12 @@ def sensitivity_names(sensor: Sensor) -> tuple[str, ...]:
     return tuple(f"G{row}{axis}" for row in rows for axis in sensor.axes)
 
 
-def bias_columns(conditions: Conditions) -> FloatArray:
 def parameter_names(sensor: Sensor) -> tuple[str, ...]:
     """Name what the fullest of a sensor's built-in models has: the report's six, or bias and the full matrix G."""
     return rotor_names(sensor) if sensor.is_rotor else bias_names(sensor) + sensitivity_names(sensor)
 
 
+def bias_columns(conditions: Conditions) -> FloatArray:
     """Columns of one bias per channel: 1 in its own channel, shape (n, c, c)."""
     channels = len(conditions.sensor.channels)
     return _columns(conditions, np.eye(channels), np.zeros((channels, channels, 3)))
@@ -193,7 +194,7 @@ def matrix_6_thermal_form(conditions: Conditions) -> LinearForm:
 def named_form(name: str, conditions: Conditions) -> LinearForm:
     """Return the built-in model `name` for these collects; raise InputError where it does not fit the sensor."""
     if name not in MODEL_NAMES:
-        raise InputError(f"model {name!r} is not built in; the built-in models are {', '.join(MODEL_NAMES)}")
+        raise InputError(f"model {name!r} is not built in{near(name, MODEL_NAMES)}")
     return matrix_6_thermal_form(conditions) if name == "matrix-6-thermal" else value_form(name, conditions.sensor)
 
 

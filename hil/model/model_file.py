@@ -22,7 +22,7 @@ from drivers.strict_yaml import check_schema, first_mistake
 from hil.campaign import Campaign, Conditions, FloatArray, Sensor
 from hil.errors import InputError
 from hil.files.durable import RealDisk, write_durably
-from hil.files.strict import Section, find_config, parse_yaml, read_text
+from hil.files.strict import Section, find_config, near, parse_yaml, read_text
 from hil.model.curve import Curve
 from hil.model.effects.base import Base, Described, Effect
 from hil.model.effects.catalogue import SERIES_EFFECTS, effect_by_id, known_by, variance_effect_by_id
@@ -171,7 +171,7 @@ class Model(Section):
 def built_in_model(name: str) -> Model:
     """Return a built-in by name, without values; raise `InputError` naming the ones that exist."""
     if name not in MODEL_NAMES:
-        raise InputError(f"model {name}: no built-in has this name; there are {', '.join(sorted(MODEL_NAMES))}")
+        raise InputError(f"model {name}: no built-in has this name{near(name, MODEL_NAMES)}")
     return Model(schema=SCHEMA, title=name, form=name)
 
 
@@ -245,7 +245,7 @@ def _plain(value: Any) -> Any:
 
 def _check(path: Path, model: Model) -> None:
     if model.form not in MODEL_NAMES:
-        raise InputError(f"{path}: form: unknown form {model.form}; there are {', '.join(sorted(MODEL_NAMES))}")
+        raise InputError(f"{path}: form: unknown form {model.form}{near(model.form, MODEL_NAMES)}")
     for index, known in enumerate(model.inside_collects):
         if known.effect not in {effect.id for effect in SERIES_EFFECTS}:
             names = ", ".join(sorted({effect.id for effect in SERIES_EFFECTS}))

@@ -15,6 +15,7 @@ from hil.analysis.thermal.estimate import Estimates, Layout, Visits, layout_of
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.campaign.stand_ins import with_stand_ins
 from hil.errors import InputError
+from hil.files.strict import near
 from hil.model import Model
 from hil.model.curve import Constant, Curve, Polynomial, Table, TableRows
 from hil.model.forms import MODEL_NAMES, named_form
@@ -196,9 +197,10 @@ def fit_thermal(
     apart_degC: float | None = None,
 ) -> ThermalFit:
     """Fit each sensor of a campaign that can be; raise `InputError` where none can, as it takes three temperatures."""
-    if model_name is not None and (model_name not in MODEL_NAMES or model_name == "matrix-6-thermal"):
-        choices = ", ".join(name for name in MODEL_NAMES if name != "matrix-6-thermal")
-        raise InputError(f"model {model_name}: hil thermal finds the dependence itself, of one of {choices}")
+    forms = [name for name in MODEL_NAMES if name != "matrix-6-thermal"]
+    if model_name is not None and model_name not in forms:
+        of = f"of a form without one{near(model_name, forms)}"
+        raise InputError(f"model {model_name}: hil thermal finds the dependence itself, {of}")
     sensors, without = {}, {}
     for number, collects in with_stand_ins(treated(campaign)).sensors.items():
         try:

@@ -146,7 +146,7 @@ def test_other_layouts_get_the_bias_with_the_reason() -> None:
 @pytest.mark.parametrize(
     ("name", "sensor", "message"),
     [
-        ("matrix-7", ROTOR, "built-in models are matrix-6, collins-4"),
+        ("matrix-7", ROTOR, "not built in; did you mean 'matrix-6'"),
         ("matrix-6", TRIAD, "not a two-channel rotor sensor"),
         ("collins-4", TRIAD, "not a two-channel rotor sensor"),
         ("triad-12", ROTOR, "three axes"),

@@ -363,9 +363,9 @@ def test_the_document_is_the_contract(tmp_path: Path) -> None:
 
 
 def test_models_that_do_not_fit_are_refused(tmp_path: Path) -> None:
-    """An unknown name lists the names; a triad's model does not fit a rotor sensor."""
+    """Of an unknown name the nearest is told; a triad's model does not fit a rotor sensor."""
     campaign = rotor(tmp_path, [rotor_row(1, "1")])
-    with pytest.raises(InputError, match="built-in models are"):
+    with pytest.raises(InputError, match="not built in; did you mean 'matrix-6'"):
         solve_campaign(campaign, "matrix-12")
     with pytest.raises(InputError, match="three axes"):
         solve_campaign(campaign, "triad-12")

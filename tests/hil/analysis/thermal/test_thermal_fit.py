@@ -367,6 +367,8 @@ def test_what_cannot_be_fitted_is_refused() -> None:
         fit_thermal(refused(night, stuck))
     with pytest.raises(InputError, match="finds the dependence itself"):
         fit_thermal(night, "matrix-6-thermal")
+    with pytest.raises(InputError, match="did you mean 'matrix-6'"):
+        fit_thermal(night, "matrx-6")
 
 
 @pytest.mark.slow
@@ -385,9 +387,9 @@ def test_the_command_prints_one_document_and_writes_its_files(
     assert mua["coefficients"][1]["unit"] == "deg/hr/g/degC"
     assert mua["reference_degC"] == 15.0
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"model.yaml", "thermal.json", "sensor-2.svg"}
+    check_result_folder(tmp_path / "out", "thermal.json", of=read_campaign(tmp_path / "t1"))  # its own: made anew
     assert load_model(tmp_path / "out" / "model.yaml").sensors[2]["MUA"].valid_degC == (-29.72, 60.0)
     assert run(["thermal", str(tmp_path / "t1")]) == 0
-    check_result_folder(tmp_path / "out", "thermal.json", of=read_campaign(tmp_path / "t1"))  # its own: made anew
     assert "MUB: differs between temperatures beyond its noise" in capsys.readouterr().out
     assert run(["thermal", str(tmp_path / "nothing")]) == 2
     assert run(["thermal", str(tmp_path / "t1"), "--apart", "80 degC"]) == 2
