@@ -5,8 +5,8 @@
 Table 1 of RD-GC-86-1 prints no rates. It prints two biases per channel and temperature: the matrix solution's, which
 is the mean of Collects 1 and 2 (eqs. 9, 10), and the contractor's, which is Collect 3 (eqs. 5, 6). With G = (1, 0, 0)
 these are the rates that Collects 1 and 2 have in common and the rate of Collect 3. What the table does not determine
-(GSA, GSB, earth rate) is taken as zero and said so. Printed digits are kept; flagged cells are named in
-the notes, which stay with the campaign.
+(GSA, GSB, earth rate) is taken as zero and said so. Printed digits are kept; flagged cells, and cells that contradict
+each other, are named in the notes, which stay with the campaign.
 """
 
 from dataclasses import dataclass
@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from hil.analysis.published.audit import audit_table
 from hil.analysis.published.printed import check_sizes, check_units
 from hil.campaign import Campaign, Collects, Conditions, Sensor
 from hil.campaign.table import ABSOLUTE_ZERO_DEGC, Table
@@ -88,10 +89,18 @@ def read_published_table(table: Path) -> Campaign:
         title=f"{path.stem}, rebuilt from printed means",
         source=f"{path.name}, a published table",
         sensors={2: Collects(conditions, np.array(rates), np.array(errors))},
-        notes="\n".join([_NOTE, *(f"{path.name}: {each}" for each in kept)]),
+        notes="\n".join([_NOTE, *(f"{path.name}: {each}" for each in (*kept, _audited(path)))]),
         rebuilt=True,
         taken_as_zero=_NOT_PRINTED,
     )
+
+
+def _audited(path: Path) -> str:
+    """Say what `hil audit` says of the table: which cells contradict each other, whether or not they are flagged."""
+    try:
+        return f"hil audit: {audit_table(path).summary()}"
+    except InputError as error:
+        return f"hil audit: {str(error).removeprefix(f'{path}: ')}"
 
 
 def _read(path: Path) -> dict[tuple[float, str], _Cell]:

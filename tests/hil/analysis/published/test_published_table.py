@@ -119,7 +119,17 @@ def test_what_is_taken_as_zero_is_a_parameter(tmp_path: Path) -> None:
 def test_flagged_cells_are_kept_and_said(tmp_path: Path) -> None:
     """A doubtful cell is named in the notes, which stay with the campaign, and never corrected."""
     campaign = read_published_table(table(tmp_path, ROWS))
-    assert campaign.notes.splitlines()[1:] == ["table.csv: at 20 °C flagged inconsistent, kept as printed: BA2_collins"]
+    flagged, audited = campaign.notes.splitlines()[1:]
+    assert flagged == "table.csv: at 20 °C flagged inconsistent, kept as printed: BA2_collins"
+    assert audited.startswith("table.csv: hil audit: no temperature has contractor's bias, matrix bias and MU")
+
+
+def test_cells_that_contradict_each_other_are_said_whoever_flagged_them(tmp_path: Path) -> None:
+    """The contractor's bias less the matrix bias is MUB: in the import's notes as `hil audit` says it."""
+    ties = "collins - matrix = MU*G1: {} of 2 inconsistent"
+    for mub, said in (("9.0", ties.format("1") + " (20.0 degC, axis A)"), ("4.0", "all 4 identities hold")):
+        rows = [*ROWS, f"20.0,MUB2_matrix,{mub},2.0,3,ok", "20.0,MUA2_matrix,2.0,2.0,3,ok"]
+        assert f"\ntable.csv: hil audit: {said}" in read_published_table(table(tmp_path, rows)).notes
 
 
 @pytest.mark.parametrize(
