@@ -114,6 +114,30 @@ def test_an_effect_of_both_signs_has_places_of_both_signs_largest_first(supplied
 
 
 @pytest.mark.slow
+def test_of_an_effect_that_the_base_imitates_in_part_the_places_are_what_is_left() -> None:
+    """A bias by how much warmer the case is: 8 °C of that are in the base's bias, and nobody knows how much is there.
+
+    160 deg/hr in every run would be called the place of what differs from run to run by ten.
+    """
+    rows = lay_out(np.random.default_rng(6), (-20.0, 5.0, 30.0, 50.0))
+    warmer = np.random.default_rng(15).normal(0.0, 0.4, rows.run.max() + 1)[rows.run]
+    rates = base_rates(rows) + noise(rows, np.random.default_rng(7)) + both(8.0 + warmer, 20.0, 0.0)
+    made = campaign_of(rows, rates).sensors[2]
+    columns = {**made.conditions.columns, "case_degC": rows.temperature + 8.0 + warmer}
+    night = replace(made, conditions=replace(made.conditions, columns=columns))
+    result = reconcile(replace(campaign_of(rows, rates), sensors={2: night}), "matrix-6-thermal", prove=False)
+    assert [effect.id for effect in result.effects] == ["bias_grad"]
+    seen = 20.0 * (warmer - warmer.mean())
+    places = list(result.disagreements)
+    assert {place.size_deg_per_hr > 0.0 for place in places} == {True, False}
+    for place in places:
+        here = seen[np.isin(rows.run, place.where["runs"])]
+        assert place.where["channel"] == "RA"
+        assert np.all(here * place.size_deg_per_hr > 0.0)
+        assert abs(place.size_deg_per_hr) < np.abs(seen).max()
+
+
+@pytest.mark.slow
 def test_where_nothing_is_missing_there_are_no_places() -> None:
     """Noise alone."""
     campaign, _ = with_hidden(lambda rows: np.zeros((len(rows), 2)))
