@@ -8,7 +8,8 @@
     python -m benchmarks.reliability.kill power --take 1000 --seed 1
 
 It forks from a process that has everything loaded and runs no threads, one night at a time, and prints one JSON
-document; the exit status is 1 where anything was found. `--mutation` breaks the program on purpose.
+document; the exit status is 1 where anything was found. `--mutation` breaks the program on purpose; `--until` ends
+where that was found.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import hashlib
 import json
 import os
 import random
+import re
 import shutil
 import signal
 import sys
@@ -25,7 +27,7 @@ import tempfile
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -56,12 +58,20 @@ class Findings:
     problems: list[str] = field(default_factory=list)
 
 
-class Killer:
-    """Kills nights below `base`. `only_new` carries on only from states of journal and files not seen before."""
+class FoundOut(Exception):
+    """The problem that was looked for was found."""
 
-    def __init__(self, base: Path, mutation: str, *, only_new: bool = False) -> None:
+
+class Killer:
+    """Kills nights below `base`. `only_new` carries on only from states of journal and files not seen before.
+
+    Raises `FoundOut` at the first problem in whose words `until` is found.
+    """
+
+    def __init__(self, base: Path, mutation: str, *, only_new: bool = False, until: str | None = None) -> None:
         self._base = base
         self._mutate = MUTATIONS[mutation]
+        self._until = until
         self._only_new = only_new
         self._seen: set[str] = set()
         nights.warm_up(base)
@@ -185,6 +195,8 @@ class Killer:
                 return [f"{type(error).__name__}: {error}"]
 
         findings.problems += [f"{what}: {problem}" for problem in _in_fork(wrong)]
+        if self._until and any(re.search(self._until, problem) for problem in findings.problems):
+            raise FoundOut
 
     def _mutated(self, work: Callable[[Path], int], root: Path) -> Callable[[], int]:
         def mutated() -> int:
@@ -267,6 +279,7 @@ def main() -> None:
     parser.add_argument("--part", default="1/1", help="only this share of the points, such as 2/4")
     parser.add_argument("--only-new", action="store_true", help="carry on only from states that were not seen before")
     parser.add_argument("--mutation", choices=MUTATIONS, default="none")
+    parser.add_argument("--until", help="end at the first problem in whose words this expression is found")
     parser.add_argument("--folder", help="where the nights are kept meanwhile; memory where there is such a disk")
     asked = parser.parse_args()
     if not traceable():
@@ -280,7 +293,7 @@ def _campaign(asked: argparse.Namespace) -> int:
     memory = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None  # noqa: S108 - a folder in memory
     findings = Findings(asked.kind)
     with tempfile.TemporaryDirectory(prefix="hil-kill-", dir=asked.folder or memory) as base:
-        killer = Killer(Path(base), asked.mutation, only_new=asked.only_new)
+        killer = Killer(Path(base), asked.mutation, only_new=asked.only_new, until=asked.until)
         findings.operations = len(killer.trace.operations)
         findings.problems += killer.unrecorded()
         part, of = map(int, asked.part.split("/"))
@@ -288,17 +301,18 @@ def _campaign(asked: argparse.Namespace) -> int:
         wanted = (i for i, (kind, on) in enumerate(kinds) if asked.before in (None, kind) and asked.on in (None, on))
         points = list(wanted)[part - 1 :: of]
         chosen = points if asked.take is None else sorted(draw.sample(points, min(asked.take, len(points))))
-        match asked.kind:
-            case "points":
-                killer.points(chosen, findings)
-            case "twice":
-                killer.twice(chosen, findings, draw)
-            case "resuming":
-                killer.resuming(asked.take, findings, draw)
-            case "instants":
-                killer.instants(asked.take or 200, findings, draw)
-            case _:
-                killer.power(asked.take or 1000, findings, draw)
+        with suppress(FoundOut):
+            match asked.kind:
+                case "points":
+                    killer.points(chosen, findings)
+                case "twice":
+                    killer.twice(chosen, findings, draw)
+                case "resuming":
+                    killer.resuming(asked.take, findings, draw)
+                case "instants":
+                    killer.instants(asked.take or 200, findings, draw)
+                case _:
+                    killer.power(asked.take or 1000, findings, draw)
     print(json.dumps({**vars(findings), "seconds": round(time.monotonic() - began_s, 1)}, indent=1))
     return 1 if findings.problems else 0
 
