@@ -81,6 +81,7 @@ def test_the_quick_commands_agree(ask: Ask) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("searched_once")
 @pytest.mark.parametrize("ask", FOLDERS, indirect=True)
 def test_all_commands_agree(ask: Ask) -> None:
     """And those that search: what is wrong with rows, and that what is printed is simulated."""
