@@ -88,8 +88,11 @@ def test_the_gap_after_is_that_of_a_file_with_the_right_labels(
 
 
 def test_noise_alone_does_not_exchange_labels(swap_alone: Reconciliation) -> None:
-    """The chance of the exchange counts: the search over the mended rates found nothing."""
+    """The chance of the exchange counts: the search over the mended rates found nothing, nor a rate that is wrong."""
     assert swap_alone.verdict == "named"
+    assert [effect.id for effect in swap_alone.effects] == ["swap"]
+    assert swaps(swap_alone) == [6.0]
+    assert swap_alone.outliers == []
     assert 0.0 < swap_alone.p_value < 1e-3
     assert all(place.q_value < 1e-3 for place in swap_alone.disagreements)
 

@@ -140,7 +140,7 @@ def test_a_wrong_number_called_pass_is_found(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_long_night_needs_no_more_memory_than_a_short_one() -> None:
     """From its third tenth on memory stands still; the status of it is quick; what is kept is its collects."""
-    _, found = told("benchmarks.reliability.long_night", "--hours", 5, "--rate", 100)
+    _, found = told("benchmarks.reliability.long_night", "--hours", 2.5, "--rate", 100)
     assert found["state"] == "complete"
     assert found["verify_complete"]
     assert found["rss_at_end_mb"] < 300.0

@@ -89,13 +89,13 @@ def test_slow_noise_sampled_at_instants_shows_no_white_noise(slow: dict[str, flo
 @pytest.mark.slow
 @pytest.mark.parametrize("truth", [(1.0, 0.3, 0.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.01), (0.0, 1.0, 0.01)])
 def test_the_intervals_of_mixtures_that_octaves_hardly_part_cover(truth: tuple[float, float, float]) -> None:
-    """Of 100 records of white, flicker and random walk, alone or two together, 93 and more hold each of N, B, K."""
+    """Of 30 records of white, flicker and random walk, alone or two together, 28 and more hold each of N, B, K."""
     held = np.zeros(3)
-    for seed in range(100):
+    for seed in range(30):
         n, b, k = truth
         fit = NoiseFit(octaves([rates(np.random.default_rng(seed), 1 << 13, n=n, b=b, k=k)], 1.0))
         held += [fit.terms[name].low <= of <= fit.terms[name].high for name, of in zip("NBK", truth, strict=True)]
-    assert np.all(held >= 93), held
+    assert np.all(held >= 28), held
 
 
 @pytest.mark.slow
