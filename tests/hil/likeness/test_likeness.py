@@ -212,6 +212,6 @@ def test_where_nothing_tells_a_temperature_none_is_named(tmp_path: Path) -> None
 @pytest.mark.slow(seconds=31)
 def test_a_triads_campaign_is_told_from_the_model_that_lacks_its_sensitivity(tmp_path: Path) -> None:
     """By hand or by another program: whatever the axes are called, with the full matrix it cannot be told."""
-    write_triad(1, 20.0, tmp_path / "campaign")
-    assert ask(tmp_path / "campaign", tmp_path / "with", "triad-12", draws=5)["p_value"] > 0.01
-    assert ask(tmp_path / "campaign", tmp_path / "without", "constant", draws=8)["p_value"] < 0.001
+    write_triad(1, 60.0, tmp_path / "campaign")
+    assert ask(tmp_path / "campaign", tmp_path / "with", "triad-12")["p_value"] > 0.01
+    assert ask(tmp_path / "campaign", tmp_path / "without", "constant", draws=5)["p_value"] < 0.001

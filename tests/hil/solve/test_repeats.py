@@ -55,7 +55,7 @@ def held(seed: int, run_to_run: dict[str, float]) -> tuple[list[bool], list[bool
 
 
 @pytest.mark.parametrize(
-    ("seeds", "low", "high"), [(3, 0.9, 0.99), pytest.param(200, 0.93, 0.97, marks=pytest.mark.slow)]
+    ("seeds", "low", "high"), [(3, 0.9, 0.99), pytest.param(60, 0.93, 0.97, marks=pytest.mark.slow)]
 )
 @pytest.mark.parametrize("run_to_run", [RUN_TO_RUN, {}], ids=["run to run", "white"])
 def test_intervals_of_means_and_of_single_runs_hold_the_units_model(
@@ -215,13 +215,13 @@ def test_repeats_share_few_degrees_of_freedom_where_one_temperature_has_most_of_
 
 @pytest.mark.slow
 def test_even_scatter_is_seldom_called_uneven() -> None:
-    """Of 200 sound campaigns at most 1 in 33, whether or not runs differ."""
+    """Of 66 sound campaigns at most 1 in 33, whether or not runs differ."""
     found = 0
-    for seed in range(100):
+    for seed in range(33):
         for scatter in (0.0, 2.0):
             one = runs_at_their_temperatures(16, 4, seed=1000 + seed, scatter=scatter)
             found += repeats(one, solve_campaign(one))[2].spread.uneven.any()
-    assert found <= 6
+    assert found <= 2
 
 
 @pytest.mark.parametrize(("times", "said"), [(0.25, "times too small"), (1.0, "scatter as"), (4.0, "times too large")])

@@ -191,11 +191,11 @@ def test_sound_logs_lose_a_row_in_one_of_a_hundred() -> None:
     poses = made("poses")
     rows = poses.sensors[1]
     lost = 0
-    for seed in range(100):
+    for seed in range(50):
         rng = np.random.default_rng(seed)
         rates = rows.rates_deg_per_hr + rng.normal(0.0, 40.0, rows.rates_deg_per_hr.shape)
         lost += bool(wrong_rows(with_rates(poses, rates, 1))[1].rows)
-    assert lost <= 3
+    assert lost <= 1
 
 
 def test_a_channel_in_another_unit_is_no_pass() -> None:

@@ -37,7 +37,7 @@ _STEPS = 0.003  # deg/hr, of the stream
 
 
 def _night(
-    folder: Path, terms: Sequence[Any] = (), times: int = 2, duration: str = "60 s", soak: str = "15 min"
+    folder: Path, terms: Sequence[Any] = (), times: int = 2, duration: str = "20 s", soak: str = "15 min"
 ) -> tuple[Campaign, Model]:
     """Carry the sweep out on a bench without noise, through bytes."""
     folder.mkdir()

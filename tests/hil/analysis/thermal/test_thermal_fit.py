@@ -163,8 +163,8 @@ def test_a_clear_line_at_three_temperatures_is_found() -> None:
 @pytest.mark.slow
 def test_few_repeats_beside_noise_make_no_dependence() -> None:
     """No parameter of a flat unit depends on temperature, in 95 of 100 nights of three temperatures, twice each."""
-    found = [of_three_temperatures(seed, (20.0, 20.0)) for seed in range(120)]
-    assert sum(each.p_value < 0.05 for each in found) <= 3  # of one of six: one expected, more than three 2 %
+    found = [of_three_temperatures(seed, (20.0, 20.0)) for seed in range(60)]
+    assert sum(each.p_value < 0.05 for each in found) <= 2  # of one of six: a half expected, more than two 1 %
 
 
 @pytest.mark.parametrize(
