@@ -137,7 +137,7 @@ class _Raised:
         places = []
         for (inner, shown, index), precision in zip(self.parts, noise, strict=True):
             alone, pairs = (each[:, None], own := index[some]), (each[:, None, None], own[:, :, None], own[:, None])
-            of_block, far = (precision[:, None] @ inner[some]).reshape(*own.shape, -1), deviation[alone]
+            of_block, far = (precision[:, None] @ inner[some]).reshape(*own.shape, own.shape[1]), deviation[alone]
             gram[pairs] += of_block * (far[:, :, None] * far[:, None])
             score[alone] += far * ((precision[:, None] @ shown[some])[:, 0] - _times(of_block, mean[alone]))
             places.append((alone, pairs))

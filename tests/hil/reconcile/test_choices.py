@@ -240,6 +240,14 @@ def test_a_tied_parameter_brings_its_gain_into_the_evidence(supplied: tuple[Post
     assert together[0][0] + together[1][0] == pytest.approx(apart[0][0] + apart[1][0] + gain)
 
 
+def test_what_one_block_alone_has_gains_nothing_by_being_one_number(supplied: tuple[Posterior, Reading]) -> None:
+    """Of an axis in which nothing is missing there are no amplitudes, and no fewer than none."""
+    search = supplied[0].searches[2]
+    place = next(j for j, term in enumerate(search.terms) if term.ties)
+    weighed, without = ([search.in_block(own, b) for b, own in enumerate(each)] for each in (((place,), ()), ((), ())))
+    assert tied_gains([(weighed, without, [place])]) == pytest.approx([0.0], abs=1e-9)
+
+
 def test_sets_that_are_weighed_side_by_side_gain_what_each_gains_by_itself(
     supplied: tuple[Posterior, Reading],
 ) -> None:
