@@ -8,7 +8,7 @@ from datetime import date
 from pathlib import Path
 from typing import Annotated, Self
 
-from pydantic import BaseModel, BeforeValidator, Field, StrictBool, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, Field, StrictBool, ValidationError, field_validator, model_validator
 
 from drivers.strict_yaml import Section, check_schema, first_mistake, parse_yaml
 from hil.campaign.data import SCHEMA, Campaign, Sensor, Technology
@@ -88,6 +88,13 @@ class _Keys(Section):
     rebuilt: StrictBool = False
     taken_as_zero: tuple[_Text, ...] = ()
     largest_standard_error_deg_per_hr: Annotated[_Number, Field(gt=0.0)] | None = None
+
+    @field_validator("site")
+    @classmethod
+    def _on_earth(cls, site: dict[str, float]) -> dict[str, float]:
+        if abs(latitude := site.get("latitude_deg", 0.0)) > 90.0:
+            raise ValueError(f"latitude_deg {latitude:g}: it must be from -90 to +90 deg")
+        return site
 
 
 @dataclass(frozen=True)

@@ -208,10 +208,10 @@ def _conditions(campaign: Campaign, content: ReportContent) -> Iterator[str]:
         chamber = rows.conditions.columns.get("chamber_degC")
         air = "" if chamber is None else f", the chamber at {min(chamber):z.1f} … {max(chamber):z.1f} °C"
         inside = f"; inside the unit {min(own):z.1f} … {max(own):z.1f} °C" if own else ""
+        durations = dict.fromkeys(f"{of:.6g} s" for of in sorted(rows.conditions.duration_s.tolist()))
         yield (
             f"sensor {each.number}: {how_many(rows.conditions)}{air}{inside}; collects of "
-            f"{listed(f'{s:g} s' for s in sorted({float(s) for s in rows.conditions.duration_s}))} at positions "
-            f"{listed(sorted({str(label) for label in rows.conditions.position}))}, after restabilisation"
+            f"{listed(durations)} at positions {listed(sorted({str(label) for label in rows.conditions.position}))}"
         )
     told = ", ".join(
         f"{name.removesuffix('_deg').replace('_', ' ')} {value:.4g}°" for name, value in campaign.site.items()

@@ -78,6 +78,13 @@ def of_sensors_in_words(
             yield verdict, f"{numbered('run', runs)}{where} ({verdict})"
 
 
+def first_in_words(found: Mapping[str, Mapping[str, Sequence[int]]], what: str) -> list[str]:
+    """Say to which runs somebody has to see before `what` is used; nothing where all pass."""
+    runs = ", ".join(said for _, said in of_sensors_in_words(found))
+    first = f"before {what} is used, see to what hil solve does not pass (hil report says why)"
+    return [f"{first}: {runs}"] if runs else []
+
+
 def reasons(solutions: Sequence[RunSolution]) -> Iterator[tuple[Verdict, str, str]]:
     """Yield each reason once, the worst first: the verdict that it gives, for which sensors and runs, and itself.
 

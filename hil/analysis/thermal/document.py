@@ -1,6 +1,5 @@
 """The result of `hil thermal` as one document (schema hil.thermal/1), and its findings in words."""
 
-from collections.abc import Mapping
 from typing import Any
 
 from hil.analysis.thermal.choice import FALSE_ALARM, Improvement
@@ -8,7 +7,7 @@ from hil.analysis.thermal.estimate import Estimates
 from hil.analysis.thermal.fit import DESCRIBES, ParameterFit, SensorFit, ThermalFit
 from hil.campaign.stand_ins import temperature_of
 from hil.files.document import picked, plain
-from hil.solve.document import not_passed, not_passed_of, of_sensors_in_words
+from hil.solve.document import not_passed, not_passed_of
 from hil.solve.omissions import what_is_wrong
 from hil.solve.runs import solve_campaign
 from hil.solve.uncertain import CONFIDENCE
@@ -42,13 +41,6 @@ def thermal_document(result: ThermalFit) -> dict[str, Any]:
         "sensors": [_sensor(each) for each in result.sensors.values()],
         "not_fitted": [{"sensor": number, "why": why} for number, why in result.not_fitted.items()],
     }
-
-
-def first_in_words(document: Mapping[str, Any]) -> list[str]:
-    """Say what has to be seen to before any curve is used: which of the runs it goes through do not pass."""
-    runs = ", ".join(said for _, said in of_sensors_in_words(document["runs_not_solved_by_sensor"]))
-    first = "before a curve is used, see to what hil solve does not pass (hil report says why)"
-    return [f"{first}: {runs}"] if runs else []
 
 
 def _sensor(fit: SensorFit) -> dict[str, Any]:

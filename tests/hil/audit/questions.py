@@ -320,6 +320,7 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
         ),
         "reconcile": lambda document: _no_pass(document["runs_not_solved"]),
         "thermal": lambda document: _no_pass(document["runs_not_solved"]),
+        "budget": lambda document: _no_pass(document["runs_not_solved"]),
     },
     "which runs FAIL by what was recorded": {
         "reconcile": lambda document: {"runs": document["contradicted_runs"]},

@@ -290,6 +290,7 @@ REFUSED_HEADERS = {
     ),
     "two columns of one name": (YAML.replace("RB: B", "w_A: B"), "would share the column w_A_deg_per_hr"),
     "site": (YAML + "site: {latitude_deg: north}\n", r"key site\.latitude_deg: must be a number, not 'north'"),
+    "no place on earth": (YAML + "site: {latitude_deg: 134.6}\n", r"site: latitude_deg 134\.6: it must be from -90 to"),
     "simulated": (YAML + "simulated: perhaps\n", "key simulated"),
 }
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from hil.analysis.published.table import read_published_table
-from hil.analysis.thermal.document import first_in_words, parameter_in_words, thermal_document, verdict_in_words
+from hil.analysis.thermal.document import parameter_in_words, thermal_document, verdict_in_words
 from hil.analysis.thermal.files import ardupilot_parameters, px4_parameters
 from hil.analysis.thermal.fit import SensorFit, fit_thermal
 from hil.campaign import Campaign
@@ -20,6 +20,7 @@ from hil.campaign.writer import write_campaign
 from hil.cli.app import run
 from hil.model import Model, load_model, save_model
 from hil.reconcile import reconcile
+from hil.solve.document import first_in_words
 from procedures.verdict import Judgement, Verdict
 from tests.hil.analysis.thermal.nights import PUBLISHED_DEGC, Curve, rotor_night, scaled, triad_night
 
@@ -282,11 +283,11 @@ def test_curves_that_take_next_to_nothing_away_hardly_improve_a_unit(triad: Sens
 def test_before_a_curve_is_used_the_runs_are_named_that_do_not_pass() -> None:
     """That modelling improves a unit stands beside no run that says nothing without saying so."""
     found = {"FAIL": {"1": [3], "2": [3]}, "INCONCLUSIVE": {"1": [], "2": [1, 2]}}
-    words = first_in_words({"runs_not_solved_by_sensor": found})
+    words = first_in_words(found, "a curve")
     assert words == [
         (
             "before a curve is used, see to what hil solve does not pass (hil report says why): "
             "run 3 (FAIL), runs 1–2 of sensor 2 (INCONCLUSIVE)"
         )
     ]
-    assert first_in_words({"runs_not_solved_by_sensor": {}}) == []
+    assert first_in_words({}, "a curve") == []
