@@ -117,7 +117,6 @@ def thermal(
     from hil.analysis.thermal.files import write_thermal
     from hil.analysis.thermal.fit import fit_thermal
     from hil.files.units import DIFFERENCE
-    from hil.solve.document import first_in_words
 
     apart_degC = None if apart is None else quantity("--apart", apart, DIFFERENCE)
     if apart_degC == 0.0:
@@ -136,17 +135,7 @@ def thermal(
         return draw_fit(result.of(which_sensor(source, campaign, sensor)), campaign)
 
     status = Exit.INCOMPLETE if result.not_fitted else Exit.DONE
-    return Answer(
-        document,
-        told(
-            document,
-            first=first_in_words(document["runs_not_solved_by_sensor"], "a curve"),
-            out=out,
-            written_to=written,
-        ),
-        drawn,
-        status,
-    )
+    return Answer(document, told(document, out=out, written_to=written), drawn, status)
 
 
 def reproduce(

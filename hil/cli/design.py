@@ -33,9 +33,8 @@ def budget(
     from hil.solve import repeats as what_repeats_show
     from hil.solve import solve_campaign
     from hil.solve.beside_terms import beside
-    from hil.solve.document import first_in_words, not_passed, not_passed_of
+    from hil.solve.document import not_solved
     from hil.solve.omissions import what_is_wrong
-    from hil.solve.wrong_rows import pooled
 
     chosen = None if model is None else load_model(model)
     if Path(source).is_dir():
@@ -44,16 +43,14 @@ def budget(
             campaign = beside(campaign, fitting_campaign(chosen, campaign))
         its_bench = load_bench(bench) if bench is not None else _bench_of(Path(source))
         shown = what_repeats_show(campaign, solve_campaign(campaign))
-        odd = not_passed_of(solve_campaign(pooled(campaign)))
         scenes, asked = measured_scenes(campaign, its_bench, shown, chosen), Asked(run, repeats, draws, seed)
         document = budget_document(scenes, campaign.title, asked, simulated=campaign.simulated, observed=shown)
-        document |= {"warnings": list(campaign.warnings), **what_is_wrong(campaign)}
-        document |= {"runs_not_solved": not_passed(odd), "runs_not_solved_by_sensor": odd}
+        document |= {"warnings": list(campaign.warnings), **what_is_wrong(campaign), **not_solved(campaign)}
     else:
         sweep, its_bench = load_sweep(source), load_bench(bench or "simulated")
         asked = Asked(run, repeats or sweep.self_calibrations_per_temperature, draws, seed)
-        document, odd = budget_document(planned_scenes(sweep, its_bench, chosen), sweep.title, asked), {}
-    return Answer(document, told(document, first=first_in_words(odd, "any of these")))
+        document = budget_document(planned_scenes(sweep, its_bench, chosen), sweep.title, asked)
+    return Answer(document, told(document))
 
 
 def _bench_of(folder: Path) -> Any:

@@ -17,6 +17,7 @@ from hil.archive.sentences import sentences, some
 from hil.cli.output import Aside, listing
 from hil.files.numbers import WHOSE, rounded
 from hil.files.text import templates
+from hil.solve.document import first_in_words
 from hil.solve.omissions import in_words
 from procedures.words import counted, harmless
 
@@ -60,6 +61,6 @@ def _environment() -> Environment:
         "written": lambda value, form: "–" if value is None else format(value, form),
         "chance": lambda p: "not asked" if p is None else "below 0.0001" if p < 1e-4 else f"{p:.2g}",
     }
-    known = (counted, in_words, rounded, sentences, some, zip)
+    known = (counted, first_in_words, in_words, rounded, sentences, some, zip)
     environment.globals |= {each.__name__: each for each in known} | {"whose": WHOSE}
     return environment

@@ -11,7 +11,8 @@ from hil.files.document import picked, plain
 from hil.solve.judged import EXCESS
 from hil.solve.omissions import what_is_wrong
 from hil.solve.repeats import SensorRepeats, repeats
-from hil.solve.runs import RunSolution
+from hil.solve.runs import RunSolution, solve_campaign
+from hil.solve.wrong_rows import pooled
 from procedures.verdict import Judgement, Verdict
 from procedures.words import numbered
 
@@ -78,9 +79,15 @@ def of_sensors_in_words(
             yield verdict, f"{numbered('run', runs)}{where} ({verdict})"
 
 
-def first_in_words(found: Mapping[str, Mapping[str, Sequence[int]]], what: str) -> list[str]:
-    """Say to which runs somebody has to see before `what` is used; nothing where all pass."""
-    runs = ", ".join(said for _, said in of_sensors_in_words(found))
+def not_solved(campaign: Campaign) -> dict[str, Any]:
+    """Return the runs in means to which somebody has to see, as every document that rests on them has them."""
+    odd = not_passed_of(solve_campaign(pooled(campaign)))
+    return {"runs_not_solved": not_passed(odd), "runs_not_solved_by_sensor": odd}
+
+
+def first_in_words(document: Mapping[str, Any], what: str) -> list[str]:
+    """Say to which runs a document has somebody see before `what` is used; nothing where all pass."""
+    runs = ", ".join(said for _, said in of_sensors_in_words(document.get("runs_not_solved_by_sensor", {})))
     first = f"before {what} is used, see to what hil solve does not pass (hil report says why)"
     return [f"{first}: {runs}"] if runs else []
 

@@ -219,10 +219,8 @@ def _of_as_many(solved: Sequence[_Solved]) -> int:
 class _Beside:
     """What is known of a sensor's runs beside their solutions: judgements by run, and what no other run was held to.
 
-    The `campaign` says what it has taken as zero.
-
     `lacking` are the collects without a standard error, by run; `doubted` the runs with a row that something is said
-    against, `moving` those that had not settled.
+    against, `moving` those that had not settled; the `campaign` says what it has taken as zero.
     """
 
     judged: Sequence[Mapping[int, Judgement]]

@@ -112,13 +112,12 @@ def wrong_rows(campaign: Campaign) -> dict[int, WrongRows]:
     as_it_lay = replace(campaign, sensors={n: collects for n, (collects, _) in laid.items()})
     return {
         number: _wrong_rows(
-            (*clipped_rows(rows), *laid[number][1]),
-            laid[number][0],
+            *laid[number],
             fails[number],
             alike(as_it_lay, number),
             frozenset().union(*(runs for other, runs in fails.items() if other != number)),
         )
-        for number, rows in campaign.sensors.items()
+        for number in campaign.sensors
     }
 
 
@@ -169,8 +168,8 @@ def failed(campaign: Campaign, number: int, *, unless_mended: bool = False) -> s
 
 @lru_cache(maxsize=8)
 def _wrong_rows(
-    known: tuple[Wrong, ...],
     collects: Collects,
+    known: tuple[Wrong, ...],
     failed: frozenset[int],
     other: Collects | None,
     failed_of_other: frozenset[int],
@@ -202,11 +201,11 @@ def _wrong_rows(
 
 @lru_cache(maxsize=8)
 def _as_the_unit_lay(collects: Collects, exchanged: tuple[tuple[int, int], ...]) -> tuple[Collects, tuple[Wrong, ...]]:
-    """Put rates under the labels that accelerometers give them, but where other runs contradict it.
+    """Put rates under the labels that accelerometers give them, but where other runs contradict it, and say so.
 
-    Every rate that was measured has a standard error then.
+    Averages at a channel's limit are left out, and every rate that was measured has a standard error then.
     """
-    out, collects = [], with_every_error(unclipped(collects))
+    out, collects = clipped_rows(collects), with_every_error(unclipped(collects))
     for pair in (each for each in exchanged if np.isin(each, collects.conditions.collect).all()):
         i, j = np.flatnonzero(np.isin(collects.conditions.collect, pair)).tolist()
         cause = Cause("exchanged", int(collects.conditions.run[i]), (i, j))

@@ -7,11 +7,9 @@ from hil.analysis.thermal.estimate import Estimates
 from hil.analysis.thermal.fit import DESCRIBES, ParameterFit, SensorFit, ThermalFit
 from hil.campaign.stand_ins import temperature_of
 from hil.files.document import picked, plain
-from hil.solve.document import not_passed, not_passed_of
+from hil.solve.document import not_solved
 from hil.solve.omissions import what_is_wrong
-from hil.solve.runs import solve_campaign
 from hil.solve.uncertain import CONFIDENCE
-from hil.solve.wrong_rows import pooled
 from procedures.words import counted, listed, percent, significant
 
 SCHEMA = "hil.thermal/1"
@@ -25,13 +23,11 @@ _HARDLY = 0.1  # of what rates are wrong by with constants: who takes less away 
 
 def thermal_document(result: ThermalFit) -> dict[str, Any]:
     """Return what `hil thermal --json` prints: finite numbers, null where a thing is not known."""
-    odd = not_passed_of(solve_campaign(pooled(result.campaign)))
     return {
         "schema": SCHEMA,
         **picked(result.campaign, "campaign=title source simulated warnings"),
         **what_is_wrong(result.campaign),
-        "runs_not_solved": not_passed(odd),
-        "runs_not_solved_by_sensor": odd,
+        **not_solved(result.campaign),
         "method": (
             "form chosen by leave-one-temperature-out, from every self-calibration with what repeats show in its "
             "uncertainty"

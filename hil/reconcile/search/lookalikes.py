@@ -19,12 +19,12 @@ _NONE = 1e-6  # of columns of unit size: a direction of which the base leaves so
 
 def lookalikes(search: SensorSearch, chosen: Set) -> dict[int, list[int]]:
     """Return for each effect of a set those that do in every block just what it does beside the base."""
-    effects = [j for j, term in enumerate(search.terms) if term.tier == 1]
-    alike = {j: [k for k in effects if search.terms[k].name != search.terms[j].name] for j in chosen if j in effects}
+    names = {j: term.name for j, term in enumerate(search.terms) if term.tier == 1}
+    alike = {j: [k for k, name in names.items() if name != names[j]] for j in chosen if j in names}
     for b, block in enumerate(search.blocks if alike else ()):
         weighed = search.in_block(chosen, b)
         at = np.array([np.argmax(weighed.terms_log + block.points.log_prior)])
-        laid = [(j, part.columns) for j in effects if (part := search.terms[j].parts[b]) is not None]
+        laid = [(j, part.columns) for j in names if (part := search.terms[j].parts[b]) is not None]
         white = block.projected(np.hstack([columns for _, columns in laid]), at)[0] if laid else np.zeros((0, 0))
         ends = np.cumsum([0, *(columns.shape[1] for _, columns in laid)])
         left = {j: white[:, first:end] for (j, _), (first, end) in zip(laid, pairwise(ends), strict=True)}
@@ -32,9 +32,9 @@ def lookalikes(search: SensorSearch, chosen: Set) -> dict[int, list[int]]:
     return alike
 
 
-def exchanged(chosen: Set, alike: Mapping[int, Sequence[int]]) -> list[Set]:
-    """Return a set with one of its members exchanged, each for each that is alike."""
-    return [tuple(sorted({*chosen, k} - {j})) for j in chosen for k in alike.get(j, ())]
+def exchanged(sets: Sequence[Set], alike: Mapping[int, Sequence[int]]) -> list[Set]:
+    """Return sets with one of their members exchanged, each for each that is alike."""
+    return [tuple(sorted({*chosen, k} - {j})) for chosen in sets for j in chosen for k in alike.get(j, ())]
 
 
 def _alike(left: dict[int, FloatArray], own: int, others: Sequence[int]) -> list[int]:

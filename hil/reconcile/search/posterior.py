@@ -190,10 +190,11 @@ def weigh(searches: Mapping[int, SensorSearch]) -> Posterior:
     *first, sort = np.unravel_index(weights.argmax(), weights.shape)
     lead = {n: sets[k] for (n, sets), k in zip(lists.items(), first, strict=True)}
     alike = {n: lookalikes(search, lead[n]) for n, search in searches.items()}
-    same = {n: [lead[n], *exchanged(lead[n], alike[n])] for n in searches}
-    further = {n: [each for s in sets[:OTHERS] for each in exchanged(s, alike[n])] for n, sets in lists.items()}
-    lists = {n: list(dict.fromkeys([*sets, *same[n], *further[n]])) for n, sets in lists.items()}
-    weights, sorts = log_weights(searches, lists)
+    same = {n: [lead[n], *exchanged([lead[n]], alike[n])] for n in searches}
+    with_same = {n: list(dict.fromkeys([*s, *same[n], *exchanged(s[:OTHERS], alike[n])])) for n, s in lists.items()}
+    if with_same != lists:
+        lists = with_same
+        weights, sorts = log_weights(searches, lists)
     nothing, kept = np.arange(len(sorts)) == 0, np.arange(len(sorts)) == sort
     for n, sets in lists.items():
         rows = [all(searches[n].terms[j].name == "row" for j in chosen) for chosen in sets]

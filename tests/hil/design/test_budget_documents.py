@@ -260,3 +260,12 @@ def test_what_is_too_large_for_a_calculation_is_told_with_what_the_draws_have(tm
     drawn = ", ".join(f"{name} {source['parameters'][name]['monte_carlo']:.2g}" for name in ("GXY", "GZX"))
     told = [line for line in lines_of(document, {}) if isinstance(line, str)]
     assert f"too large for a linear calculation: {source['title']}; Monte Carlo has {drawn}" in told
+
+
+def test_a_budget_begins_with_the_runs_that_do_not_pass(tmp_path: Path) -> None:
+    """Its ± are of runs that hil solve FAILs, too: in the words and under the keys of hil thermal; none of a sweep."""
+    status, out, _ = cli("budget", written("labels exchanged", tmp_path), "--draws", 100, "--json")
+    assert (status, json.loads(out)["runs_not_solved"]) == (0, {"FAIL": [5]})
+    _, said, _ = cli("budget", written("labels exchanged", tmp_path / "again"), "--draws", 100)
+    assert "before any of these is used, see to what hil solve does not pass (hil report says why): run 5" in said
+    assert "does not pass" not in cli("budget", "quick", "--draws", 100)[1]

@@ -51,7 +51,7 @@ def test_what_looks_the_same_is_found_by_its_columns_and_not_by_its_name() -> No
     search, lead = posterior.searches[2], posterior.sets[0].terms[2]
     (drift,) = (j for j in lead if search.terms[j].name == "drift")
     assert {search.terms[j].name for j in lookalikes(search, lead)[drift]} == {"k2", "index"}
-    instead = exchanged(lead, {drift: [0]})
+    instead = exchanged([lead], {drift: [0]})
     assert instead == [tuple(sorted({0, *lead} - {drift}))]
     alone, _ = log_weights(posterior.searches, {n: [lead] for n in (1, 2)})
     among, _ = log_weights(posterior.searches, {n: [(), lead] for n in (1, 2)})

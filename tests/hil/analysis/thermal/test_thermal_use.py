@@ -283,7 +283,7 @@ def test_curves_that_take_next_to_nothing_away_hardly_improve_a_unit(triad: Sens
 def test_before_a_curve_is_used_the_runs_are_named_that_do_not_pass() -> None:
     """That modelling improves a unit stands beside no run that says nothing without saying so."""
     found = {"FAIL": {"1": [3], "2": [3]}, "INCONCLUSIVE": {"1": [], "2": [1, 2]}}
-    words = first_in_words(found, "a curve")
+    words = first_in_words({"runs_not_solved_by_sensor": found}, "a curve")
     assert words == [
         (
             "before a curve is used, see to what hil solve does not pass (hil report says why): "
