@@ -319,16 +319,18 @@ def test_a_folder_whose_name_is_no_text_hides_no_other_night(night: Watched, tmp
     assert watcher.night("b\\xff").folder.is_dir()
 
 
-def test_a_number_that_is_none_is_not_shown_and_breaks_nothing(night: Watched, tmp_path: Path) -> None:
-    """JSON has no NaN, and a page that was sent one would read nothing at all."""
-    shutil.copytree(night[0], tmp_path / "a")
-    live = tmp_path / "a" / LIVE_NAME
+def test_a_number_that_is_none_is_not_shown_and_breaks_nothing(killed: Path, tmp_path: Path) -> None:
+    """JSON has no NaN, and a page that was sent one would read nothing at all: of a night that is at work."""
+    shutil.copytree(killed, tmp_path / "nights" / "a")
+    live = tmp_path / "nights" / "a" / LIVE_NAME
     document = json.loads(live.read_text()) | {"chamber_degC": math.nan, "stream_hz": math.inf}
     live.write_text(json.dumps(document | {"pid": os.getpid()}))
-    watcher = Watcher(tmp_path)
-    with FolderLock(tmp_path / "a").acquire():
+    watcher = Watcher(tmp_path / "nights")
+    with FolderLock(tmp_path / "nights" / "a").acquire():
         frame = watcher.frame(watcher.look())
-    json.loads(frame[6:], parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))  # random links may spell it
+    told = json.loads(frame[6:], parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+    now = told["nights"]["a"]["head"]["now"]
+    assert (now["chamber_degC"], now["stream"]["hz"]) == (None, None)
 
 
 def test_a_folder_that_has_gone_is_not_taken_for_one_without_nights(night: Watched, tmp_path: Path) -> None:
