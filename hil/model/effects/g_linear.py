@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, Sensor
-from hil.model.effects.base import Base, Effect, Parameter, VarianceEffect
+from hil.model.effects.base import Base, Effect, Parameter, VarianceEffect, required_base
 from hil.model.effects.columns import above_reference, channel_labels
 from hil.model.effects.scatter import Scatter
 from hil.model.forms import bias_columns, gs_columns, mu_columns, sensitivity_columns, sensitivity_names
@@ -110,6 +110,29 @@ class RotorSensitivityTemperature(_FollowsTemperature):
     plain_form = "line"
     odds = 3.0
     experiment = "Report GSA and GSB of every run; modulus and angle tell gain from phase."
+
+
+class RotorSensitivityGain(Effect):
+    """GS that follows temperature with its angle kept: a torquer or a magnet that weakens moves GSA and GSB alike."""
+
+    id = "GS_gain"
+    title = "GSA, GSB temperature dependence, both in proportion"
+    equation = "GS *= 1 + a (T - 25 degC), for GSA and GSB"
+    rotor_only = True
+    needs_base = True
+    follows = "temperature"
+    needs = frozenset({"temperature_degC"})
+    parameters = (Parameter("a", "1/degC", (0.001, 0.004)),)
+    signature = "GSA and GSB change by the same share of themselves; neither MU nor the bias does."
+    confusable_with = ("scale", "convection", "mag")
+    known_as = "GS_T"
+    experiment = "Report GSA and GSB of every run: their ratio stays."
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        """Return what GS makes of the rates, times ΔT, (n, c, 1)."""
+        lateral = conditions.f_g * (1.0, 1.0, 0.0)
+        rates = np.einsum("nca,na->nc", required_base(self, base).k, lateral)
+        return np.asarray(rates * np.nan_to_num(above_reference(conditions))[:, None])[..., None]
 
 
 class AxialDriftTemperature(_FollowsTemperature):

@@ -69,3 +69,19 @@ def test_what_looks_the_same_is_kept_where_nobody_believes_it() -> None:
     alike = {rival.id: rival.probability for rival in effect.confusable_with if rival.overlap > 0.99}
     assert {"drift", "k2"} <= alike.keys()
     assert max(alike["drift"], alike["k2"]) < 1e-20
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("gsb", "named"), [(25.0, ["a"]), (-25.0, ["GSA1", "GSB1"])])
+def test_gs_that_follows_temperature_in_proportion_is_no_scale_factor(gsb: float, named: list[str]) -> None:
+    """GSA and GSB that change by the same share had been a scale factor of eight times the largest usual size."""
+    rows = lay_out(np.random.default_rng(1), (-10.0, 20.0, 50.0), 2)
+    warm = rows.temperature - 25.0
+    hidden = both(0.004 * warm * rows.f[:, 0], 60.0, gsb) + both(0.5 * warm, 1.0, -1.0)
+    rates = base_rates(rows, thermal=False) + hidden + noise(rows, np.random.default_rng(11), run_bias=0.0)
+    result = reconcile(campaign_of(rows, rates), "matrix-6", prove=False)
+    effect = next(effect for effect in result.effects if effect.id == "GS_T")
+    assert effect.kind == "named"
+    assert [parameter["name"] for parameter in effect.parameters] == named
+    value, error = effect.parameters[0]["value"], effect.parameters[0]["se"]
+    assert value == pytest.approx(0.004 if len(named) == 1 else 0.24, abs=3.0 * error)

@@ -142,10 +142,10 @@ def test_two_usual_causes_are_weighed_against_one_that_is_not() -> None:
     since = np.full(len(plain.sensors[2]), 30.0)
     result = reconcile(with_columns(plain, time_since_index_s=since), "collins-4", prove=False)
     assert result.effects[0].id == "MU_real"
-    (other,) = result.effects[1:]  # the data say the same of a phase that turns, which nobody needs to believe in
+    (other,) = result.effects[1:]  # across GS, as this does, a phase turns it; what weakens does not
     assert other.kind == "ambiguous"
     both_of_it = {other.id: other.probability} | {rival.id: rival.probability for rival in other.confusable_with}
-    assert both_of_it["GS_T"] > 0.3
+    assert both_of_it["GS_T"] > 0.05
     assert both_of_it["convection"] < 0.05
 
 
