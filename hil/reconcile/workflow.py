@@ -32,10 +32,11 @@ from hil.reconcile.result import Reconciliation
 from hil.reconcile.search.layout import may_be_calibrated, searches, values_follow
 from hil.reconcile.search.posterior import Posterior, weigh
 from hil.reconcile.search.problem import Problem, pose
-from hil.reconcile.search.terms import PLAIN
 from hil.solve.wrong_rows import pooled, sound
 
 INSIDE = 0.2  # share of the rate of false alarms that the series' tests have, where there are series
+FOLLOW = 20.0
+"""That the values of a unit follow temperature is so many times as probable as that all of them stand."""
 
 
 def reconcile(
@@ -86,15 +87,14 @@ def _weighed(problem: Problem, scattering: Sequence[VarianceEffect], alpha: floa
     """Weigh and read what may be missing beside the form's values, or beside values that follow temperature.
 
     The more probable of the two is read: a smooth curve with a roughness, of all of the base's values, against as many
-    laws of temperature as the form's own need. Nobody asks where they explain nothing, and a form in which values stand
-    is as much more probable before the data as a value that is one number.
+    laws of temperature as the form's own need. Nobody asks where they explain nothing.
     """
     plain = weigh(searches(problem, EFFECTS, scattering))
     reading = read(plain, alpha)
     if not may_be_calibrated(problem) or not values_follow(problem, plain, reading.found):
         return plain, reading
     calibrated = weigh(searches(problem, EFFECTS, scattering, plain.searches))
-    stands = plain.log_evidence + np.log(PLAIN) >= calibrated.log_evidence
+    stands = plain.log_evidence >= calibrated.log_evidence + np.log(FOLLOW)
     return (plain, reading) if stands else (calibrated, read(calibrated, alpha))
 
 

@@ -6,7 +6,7 @@ follow temperature then costs matrices of the size of a sweep, however many rows
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -90,10 +90,7 @@ class _Rows:
         return log_sum(student(rss[None], log_base, self.scales, freedom))
 
     def climb(self) -> list[tuple[Profile, FloatArray]]:
-        """Return of each variant how values likeliest follow, and the heights (κ,) beside that.
-
-        Nothing else is weighed: with a step of three between sizes, other ways add nothing.
-        """
+        """Return of each variant how values likeliest follow, and the heights (κ,) beside that."""
         stand = self.noise.profiles[0]
         if not self.noise.calibrated:
             return [(stand, self.everywhere(v, stand)) for v in range(len(self.variants))]
@@ -118,6 +115,19 @@ class _Rows:
         first, own = self.noise.by_station.shape[1] + self.base, len(self.variants[v])
         index = np.append(np.arange(first), first + np.append(self.variants[v], self.data[v]))
         return replace(self, gram=self.gram[:, index[:, None], index], variants=[np.arange(own)], data=[own])
+
+    def log_width(self, v: int, at: int, profile: Profile, others: Container[Profile]) -> float:
+        """Log of how probable beside a profile all are for which it stands: one value goes a way of none of `others`.
+
+        Values are weighed one by one: what they do beside each other is all but independent.
+        """
+        only, out = self._only(v), 0.0
+        for place in range(len(profile)):
+            near = [(*profile[:place], way, *profile[place + 1 :]) for way in FOLLOWS]
+            near = [profile, *(own for own in near if own != profile and own not in others)]
+            heights = only.heights(np.array([at]), near).ravel()
+            out += float(log_sum(heights - heights[0]))
+        return out
 
     def _climb(self, v: int, at: int, best: Profile) -> tuple[Profile, FloatArray]:
         """Climb by turns to the likeliest way for each value, and to the likeliest noise beside these."""
@@ -163,6 +173,7 @@ def likely_points(
         rows = rows.grown(columns)
         found = [(best, rows.everywhere(v, best)) for v, (best, _) in enumerate(found)]
     grid = noise.grid
+    seen = {best: (v, int(np.argmax(beside))) for v, (best, beside) in reversed([*enumerate(found)])}
     profiles = list(dict.fromkeys(best for best, _ in found))
     near = np.flatnonzero(
         np.any([(b > b.max() - 2.0 * DEPTH) | _highest(b, grid.sort) for _, b in found], axis=0) | _quiet(grid)
@@ -174,7 +185,8 @@ def likely_points(
     at, which = (part.ravel() for part in np.indices(heights.shape[1:]))
     every = grid.take(near[at])
     places = np.array([noise.place(p) for p in profiles])[which]
-    prior = np.array([noise.log_profile(p) for p in profiles])[which]
+    log_width = [rows.log_width(*seen[p], p, seen) if noise.calibrated else 0.0 for p in profiles]
+    prior = (np.array([noise.log_profile(p) for p in profiles]) + log_width)[which]
     every = replace(every, profile=places, log_prior=every.log_prior + prior)
     first, best = heights[0].ravel(), np.max(heights, axis=0).ravel()
     kept = _kept(every, best)

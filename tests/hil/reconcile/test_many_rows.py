@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import product
 
 import numpy as np
 import pytest
@@ -217,3 +218,29 @@ def test_every_set_climbs_by_its_own_heights(monkeypatch: pytest.MonkeyPatch) ->
     search = BlockSearch.of(problem.blocks[0], noise)
     search.choose([np.zeros((len(search.y), 0)), (np.arange(len(search.y)) % 7 > 3)[:, None].astype(np.float64)])
     assert checked[1] > 0.1
+
+
+def test_a_way_of_following_stands_for_all_that_are_nearly_as_likely(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else values that stand, of which no way is left out, would be weighed against one way of hundreds."""
+    campaign = hidden_campaign(5, lambda rows: both(0.3 * rows.temperature, 1.0, -1.0), thermal=False)
+    problem, climb, checked = pose(campaign, load_model("collins-4"), ()), _Rows.climb, []
+
+    def compared(rows: _Rows) -> list[tuple[Profile, FloatArray]]:
+        found = climb(rows)
+        best, beside = found[0]
+        at, every = int(np.argmax(beside)), [*product(FOLLOWS, repeat=len(best))]
+        heights = rows.heights(np.array([at]), every).ravel()
+        exact = np.logaddexp.reduce(heights) - heights[every.index(best)]
+        checked.append((rows.log_width(0, at, best, ()), exact, rows.log_width(0, at, best, every)))
+        return found
+
+    monkeypatch.setattr(_Rows, "climb", compared)
+    noise = Noise(problem.blocks[0], problem.sensors[2].collects.conditions, ()).at_each_temperature()
+    points = BlockSearch.of(problem.blocks[0], noise).points
+    for width, exact, none_left in checked:
+        assert exact > 0.5
+        assert width == pytest.approx(exact, abs=0.35)
+        assert none_left == 0.0
+    monkeypatch.setattr(_Rows, "log_width", lambda *_: 0.0)
+    alone = BlockSearch.of(problem.blocks[0], noise).points
+    np.testing.assert_allclose(points.log_prior - alone.log_prior, checked[0][0])
