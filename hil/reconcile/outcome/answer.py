@@ -67,7 +67,7 @@ class Answer:
     @cached_property
     def scatter(self) -> Sequence[FoundScatter]:
         """What the effect on the scatter is, if one was found, channel by channel."""
-        return [each for n in self.names if n.acts_on == "scatter" for each in found_scatter(self.fit, n.name)]
+        return [each for n in self.names if n.acts_on == "scatter" for each in found_scatter(self.posterior, n.name)]
 
     @cached_property
     def scatters_by(self) -> Mapping[str, tuple[str, float]]:

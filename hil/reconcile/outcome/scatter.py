@@ -13,9 +13,10 @@ from hil.model.forms import bias_names
 from hil.reconcile.result import Disagreement
 from hil.reconcile.search.fitted import Fitted, FittedBlock
 from hil.reconcile.search.likely_noise import DEPTH
-from hil.reconcile.search.points import Points
+from hil.reconcile.search.points import Kind, Points
+from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.set_in_block import SetInBlock
-from hil.reconcile.search.sets import SensorSearch
+from hil.reconcile.search.sets import SensorSearch, Set
 from hil.reconcile.unrecorded import repeated
 from hil.solve.repeats import SensorRepeats
 from hil.solve.uncertain import CONFIDENCE
@@ -49,40 +50,87 @@ class FoundScatter:
         return {"low": self.value / wide, "high": self.value * wide}
 
 
-def found_scatter(fit: Fitted, name: str) -> list[FoundScatter]:
-    """Return what was found of one effect on the scatter, one entry per block in which it is more probable than not."""
-    out = []
-    for block in fit.blocks:
-        own, sensor = block.search, block.search.block.sensor
-        total = block.weighed.terms_log + own.points.log_prior
-        kinds = np.array([kind.name == name for kind in own.noise.kinds], dtype=bool)
-        here = np.any(own.points.amount[:, kinds], axis=1)
-        within = np.array([sort <= fit.found.scatter for sort in own.noise.sorts])[own.points.sort]
-        here, others = here & within, ~here & within
-        if not here.any() or np.logaddexp.reduce(total[here]) < np.logaddexp.reduce(total[others]):
-            continue
-        here &= total > total[here].max() - DEPTH
-        points, weighed = _finely(fit, block, own.points.take(np.flatnonzero(here)), kinds)
-        total = weighed.terms_log + points.log_prior
-        weight = np.exp(total - np.logaddexp.reduce(total))
-        sizes = points.amount[:, kinds].max(axis=1) * np.sqrt(weighed.scales_left) * own.unit
-        best = own.noise.kinds[int(np.argmax(points.amount[np.argmax(weight)] * kinds))]
-        log_mean = float(weight @ np.log(sizes))
-        spread = float(np.sqrt(weight @ (np.log(sizes) - log_mean) ** 2))
-        size = float(np.exp(log_mean))
-        value = size / best.unit_deg_per_hr
-        channel = list(own.noise.conditions.sensor.channels)[int(own.block.channel[0])]
-        out.append(FoundScatter(best.effect, sensor, channel, best.shape, best.parameter, value, spread, size))
+def found_scatter(posterior: Posterior, name: str) -> list[FoundScatter]:
+    """Return what was found of one effect on the scatter, one entry per block in which it is more probable than not.
+
+    Beside all that is likely to move the mean: what of that is not so sure that it is called missing scatters nothing.
+    """
+    likely, out = _sets_with(posterior, name), []
+    for number, search in posterior.searches.items():
+        shares: dict[tuple[Set, frozenset[str]], float] = {}
+        for found, share in likely:
+            own = found.terms[number], found.scatter
+            shares[own] = shares.get(own, 0.0) + share
+        for b, block in enumerate(search.blocks):
+            if not any(kind.name == name for kind in block.noise.kinds):
+                continue
+            each = [_sized(search, b, name, *beside) for beside in shares]
+            sizes = np.concatenate([known.sizes for known in each])
+            weight = np.concatenate([share * known.weight for known, share in zip(each, shares.values(), strict=True)])
+            if weight.sum() < 0.5:
+                continue
+            weight, kind = weight / weight.sum(), each[0].kind
+            log_mean = float(weight @ np.log(sizes))
+            spread = float(np.sqrt(weight @ (np.log(sizes) - log_mean) ** 2))
+            size = float(np.exp(log_mean))
+            value = size / kind.unit_deg_per_hr
+            channel = list(block.noise.conditions.sensor.channels)[int(block.block.channel[0])]
+            out.append(FoundScatter(kind.effect, number, channel, kind.shape, kind.parameter, value, spread, size))
     return out
 
 
-def _finely(fit: Fitted, block: FittedBlock, likely: Points, kinds: BoolArray) -> tuple[Points, SetInBlock]:
-    """Weigh the set in a block again, at amounts and offsets all over the factor of two that a point stands for.
+def _sets_with(posterior: Posterior, name: str) -> list[tuple[Found, float]]:
+    """Return the likeliest set with an effect on the scatter beside each that is likely of all else, with its share.
+
+    What is less than a tenth as probable as the likeliest moves no size by as much as its error.
+    """
+    first: dict[frozenset[str], Found] = {}
+    shares: dict[frozenset[str], float] = {}
+    for found in posterior.sets:
+        if name in found.scatter:
+            names = posterior.names(found)
+            first.setdefault(names, found)
+            shares[names] = shares.get(names, 0.0) + float(np.exp(found.log_weight))
+    likely = [names for names, share in shares.items() if share > _LEAST * max(shares.values())]
+    return [(first[names], shares[names] / sum(shares[own] for own in likely)) for names in likely]
+
+
+@dataclass(frozen=True)
+class _Sized:
+    """Sizes of an effect on the scatter in a block, (t,) deg/hr, with how probable each is, and its likeliest shape.
+
+    What the probabilities leave to one is that the block has none of it.
+    """
+
+    sizes: FloatArray
+    weight: FloatArray
+    kind: Kind
+
+
+def _sized(search: SensorSearch, b: int, name: str, chosen: Set, scatter: frozenset[str]) -> _Sized:
+    """Size an effect in one block beside a set of terms, and what else scatters."""
+    own, weighed = search.blocks[b], search.in_block(chosen, b)
+    total = weighed.terms_log + own.points.log_prior
+    kinds = np.array([kind.name == name for kind in own.noise.kinds], dtype=bool)
+    within = np.array([sort <= scatter for sort in own.noise.sorts])[own.points.sort]
+    here = np.any(own.points.amount[:, kinds], axis=1) & within
+    there = float(np.exp(np.logaddexp.reduce(total[here]) - np.logaddexp.reduce(total[within])))
+    here &= total > total[here].max() - DEPTH
+    points, weighed = _finely(search, b, chosen, own.points.take(np.flatnonzero(here)), kinds)
+    total = weighed.terms_log + points.log_prior
+    weight = np.exp(total - np.logaddexp.reduce(total))
+    sizes = points.amount[:, kinds].max(axis=1) * np.sqrt(weighed.scales_left) * own.unit
+    kind = own.noise.kinds[int(np.argmax(points.amount[np.argmax(weight)] * kinds))]
+    return _Sized(sizes, there * weight, kind)
+
+
+def _finely(search: SensorSearch, b: int, chosen: Set, likely: Points, kinds: BoolArray) -> tuple[Points, SetInBlock]:
+    """Weigh a set in a block again, at amounts and offsets all over the factor of two that a point stands for.
 
     At every point of the whole grid that is probable beside the set, of the sorts and profiles of some `likely` ones:
     the search keeps what was so before there was a set, and its grid is coarser than what a night tells of a size.
     """
-    noise, profiles = block.search.noise, np.unique(likely.profile)
+    noise, profiles = search.blocks[b].noise, np.unique(likely.profile)
     grid = noise.grid
     grid = grid.take(np.flatnonzero(np.isin(grid.sort, likely.sort)))
     prior = [noise.log_profile(noise.profiles[p]) for p in profiles]
@@ -92,7 +140,7 @@ def _finely(fit: Fitted, block: FittedBlock, likely: Points, kinds: BoolArray) -
         profile=np.repeat(profiles, len(grid)),
         log_prior=every.log_prior + np.repeat(prior, len(grid)),
     )
-    total = _at_points(fit, block, every).terms_log + every.log_prior
+    total = _at_points(search, b, chosen, every).terms_log + every.log_prior
     coarse = every.take(np.flatnonzero(total > total.max() - DEPTH))
     amounts, offsets = (np.exp(_GRID * ((np.arange(n) + 0.5) / n - 0.5)) for n in _STEPS)
     fine = coarse.take(np.repeat(np.arange(len(coarse)), len(amounts) * len(offsets)))
@@ -101,19 +149,18 @@ def _finely(fit: Fitted, block: FittedBlock, likely: Points, kinds: BoolArray) -
         amount=fine.amount * np.where(kinds, np.tile(np.repeat(amounts, len(offsets)), len(coarse))[:, None], 1.0),
         offset=fine.offset * np.tile(offsets, len(coarse) * len(amounts)),
     )
-    return fine, _at_points(fit, block, fine)
+    return fine, _at_points(search, b, chosen, fine)
 
 
-def _at_points(fit: Fitted, block: FittedBlock, points: Points) -> SetInBlock:
-    """Weigh the set in a block at other points."""
-    number, own = block.search.block.sensor, replace(block.search, points=points, _filters=())
+def _at_points(search: SensorSearch, b: int, chosen: Set, points: Points) -> SetInBlock:
+    """Weigh a set in a block at other points."""
+    own = replace(search.blocks[b], points=points, _filters=())
     own.measure(own.y)
-    search = fit.posterior.searches[number]
-    here = [other is block.search for other in search.blocks]
-    blocks = [own if at else other for at, other in zip(here, search.blocks, strict=True)]
-    return SensorSearch(blocks, search.terms).in_block(fit.found.terms[number], here.index(True))
+    blocks = [own if place == b else other for place, other in enumerate(search.blocks)]
+    return SensorSearch(blocks, search.terms).in_block(chosen, b)
 
 
+_LEAST = 0.1  # how probable a set is beside the likeliest, for a size
 _GRID = float(np.log(2.0))
 _STEPS = (8, 3)  # of an amount, and of an offset, which only stands beside it
 _BEYOND = 3.0  # what is explained is as uncertain as what is seen: so many such errors more, for the model to state it

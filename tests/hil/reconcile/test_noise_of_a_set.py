@@ -45,3 +45,16 @@ def test_a_jump_in_a_life_is_found_whatever_the_noise() -> None:
     assert sum("jump" in each for each in names) >= 4
     without = [{each.id for each in reconcile(life(seed, 0.0), "matrix-6", prove=False).effects} for seed in range(5)]
     assert not any("jump" in each for each in without)
+
+
+@pytest.mark.slow
+def test_what_probably_follows_temperature_is_no_part_of_what_changes_from_run_to_run() -> None:
+    """MU follows temperature at 87 %, which calls nothing missing: all of that had been in the size of `MU_rr`, 6.4."""
+    rng = np.random.default_rng(1)
+    rows = lay_out(rng, (-20.0, 0.0, 20.0, 40.0), 2)
+    mu = 0.25 * np.outer(rows.temperature - 10.0, [1.0, -1.0]) + rng.normal(0.0, 3.5, (9, 2))[rows.run]
+    rates = base_rates(rows, thermal=False) + mu * rows.f[:, 2:] + rng.normal(0.0, 0.9, (len(rows), 2))
+    result = reconcile(campaign_of(rows, rates), "matrix-6", prove=False)
+    assert [each.id for each in result.effects] == ["MU_rr"]
+    (size,) = result.effects[0].parameters
+    assert size["value"] == pytest.approx(3.5, abs=size["se"])
