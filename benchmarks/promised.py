@@ -55,7 +55,8 @@ def promises(sweep: str, bench: str) -> tuple[Mapping[int, Conditions], str, Map
 
 def drawn(effect: Effect, rows: Conditions, rng: np.random.Generator) -> dict[str, float]:
     """Return one of the shapes that are searched, or one between them."""
-    tried = shapes_tried(effect, rows)
+    base = base_values(rows, None)
+    tried = [shape for shape, _ in shapes_tried(effect, rows, lambda shape: effect_columns(effect, rows, base, shape))]
     shape = dict(tried[int(rng.integers(len(tried)))])
     for each in effect.shapes_for(rows):
         if each.continuous and len(each.grid) > 1:

@@ -20,14 +20,14 @@ Every command that states an uncertainty asks here.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from scipy.special import chdtrc
 
-from hil.campaign import Campaign, Collects, FloatArray, IntArray
+from hil.campaign import Campaign, Collects, Conditions, FloatArray, IntArray
 from hil.files.numbers import degrees
 from hil.solve.noise import changes, noise_left, shares_of, times_of
 from hil.solve.precision import stated_noise, to_record_of
@@ -38,6 +38,8 @@ from hil.solve.uncertain import Uncertain
 from hil.solve.wrong_rows import treated
 from procedures.words import counted, listed, numbered, significant
 
+Grouping = Callable[[Conditions], Sequence[tuple[float | None, tuple[int, ...]]]]
+"""Which runs repeat each other, with their temperature."""
 MAY_FOLLOW = "{} in every collect, which what changes from run to run may follow"
 OF_MEANS = "each row is a mean of runs: by what these scattered is in its standard error, and so in every ±"
 _ONCE = "no parameter was told twice at one temperature"
@@ -261,15 +263,17 @@ class SensorRepeats:
         return [f"{listed(told)} {how}: no one ± holds at each"] if told else []
 
 
-def repeats(campaign: Campaign, solutions: Sequence[RunSolution]) -> dict[int, SensorRepeats]:
-    """Return what repeats show of each sensor that some run was solved for."""
+def repeats(
+    campaign: Campaign, solutions: Sequence[RunSolution], alike: Grouping = runs_by_temperature
+) -> dict[int, SensorRepeats]:
+    """Return what repeats show of each sensor that some run was solved for: of one temperature, or as told `alike`."""
     found = {}
     used = treated(campaign)
     for number, collects in used.sensors.items():
         runs = collects.conditions.run.tolist()
         own = [each for each in solutions if each.sensor == number and not set(each.runs).isdisjoint(runs)]
         if own:
-            shown = _of_sensor(own, collects, tuple(used.not_used[number]), campaign.run_scatter.get(number, {}))
+            shown = _of_sensor(own, collects, alike, tuple(used.not_used[number]), campaign.run_scatter.get(number, {}))
             filed = campaign.sensors[number].conditions
             groups = [*runs_by_temperature(filed), *runs_by_temperature(collects.conditions)]  # those of means, last
             shown = replace(shown, temperature_degC={run: at for at, runs in groups for run in runs})
@@ -318,9 +322,13 @@ def means_of(
 
 
 def _of_sensor(
-    own: Sequence[RunSolution], rows: Collects, not_used: tuple[int, ...], run_scatter: Mapping[str, float]
+    own: Sequence[RunSolution],
+    rows: Collects,
+    grouped: Grouping,
+    not_used: tuple[int, ...],
+    run_scatter: Mapping[str, float],
 ) -> SensorRepeats:
-    at, stated = list(runs_by_temperature(rows.conditions)), stated_noise(rows) is not None
+    at, stated = list(grouped(rows.conditions)), stated_noise(rows) is not None
     channels = list(rows.conditions.sensor.channels)
     noise, known_by = noise_left([each.left_over for each in own], len(channels))
     units = {name: each.unit for solution in own for name, each in solution.parameters.items()}

@@ -8,6 +8,7 @@ Repeats, noise, a calibration per temperature, parameters against temperature, t
 
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
+from itertools import groupby
 
 import numpy as np
 
@@ -75,6 +76,19 @@ def runs_by_temperature(
     return tuple(
         (None if at < 0 else known_mean(np.array([means[run] for run in of])), tuple(of)) for at, of in ordered
     )
+
+
+def runs_by_visit(conditions: Conditions) -> tuple[tuple[float | None, tuple[int, ...]], ...]:
+    """Group the runs of one visit to a temperature, in time: of two visits the unit's history may differ.
+
+    Where no visit has two runs, those of one temperature are a group, as in `runs_by_temperature`.
+    """
+    groups = runs_by_temperature(conditions)
+    place = {run: k for k, (_, runs) in enumerate(groups) for run in runs}
+    begins_s = {run: float(np.min(conditions.start_s[rows])) for run, rows in conditions.of_each_run.items()}
+    in_time = groupby(sorted(place, key=begins_s.__getitem__), place.__getitem__)
+    visits = tuple((groups[k][0], tuple(runs)) for k, runs in in_time)
+    return visits if any(len(runs) > 1 for _, runs in visits) else groups
 
 
 def how_many(conditions: Conditions) -> str:

@@ -32,6 +32,7 @@ from hil.solve.beside_terms import beside, scatter_of_runs
 from hil.solve.changes import CHANGES
 from hil.solve.omissions import in_words, what_is_wrong
 from hil.solve.repeats import OF_MEANS, SensorRepeats
+from hil.solve.temperatures import runs_by_visit
 from hil.solve.wrong_rows import treated
 from procedures.plan import make_plan
 from procedures.words import unit_in_words
@@ -160,12 +161,12 @@ def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[st
         campaign = beside(campaign, model)
         told = {"taken_off": model.full_title, **told} if model.terms else told
         told = {"noise_of": model.full_title, **told} if model.noise else told
-    shown = repeats(campaign, solve_campaign(campaign))
+    shown = repeats(campaign, solve_campaign(campaign), runs_by_visit)
     assumed = {number for number, each in shown.items() if not each.stated and np.isnan(each.left_deg_per_hr).all()}
     if assumed:
         typical = {n: _with_typical_noise(rows) if n in assumed else rows for n, rows in campaign.sensors.items()}
         campaign = replace(campaign, sensors=typical)
-        shown = repeats(campaign, solve_campaign(campaign))
+        shown = repeats(campaign, solve_campaign(campaign), runs_by_visit)
     used = with_stand_ins(usable(treated(campaign))).sensors
     conditions = {number: rows.conditions for number, rows in used.items()}
     sigmas = {  # as large as residuals and repeats show them to be

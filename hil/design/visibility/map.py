@@ -12,16 +12,17 @@ base's parameters: that is told too.
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray
-from hil.design.visibility.promise import Rows, Smallest, found_from
+from hil.design.visibility.promise import Asked, Rows, Smallest, found_from
 from hil.model import Model
 from hil.model.effects.base import Base, Effect
 from hil.model.effects.catalogue import askable, named
 from hil.model.effects.columns import flattened
-from hil.model.effects.prior import log_in_one, name_odds, shapes_tried
+from hil.model.effects.prior import UNSEEN, log_in_one, name_odds, shapes_tried
 from hil.model.equation import pickoff_rates
 from hil.model.forms import default_form, mu_columns, named_form
 from hil.solve.identifiability import (
@@ -112,32 +113,48 @@ def visibility(
     fitted = named_form(default_model_name(conditions), conditions) if model is None else fitted_form(model, conditions)
     base = base_values(conditions, model)
     asked, reasons = askable(conditions, base)
+    if sigma is None:
+        sigma = np.full((len(conditions), len(conditions.sensor.channels)), noise.collect_deg_per_hr)
     whiten = _noise(conditions, noise, sigma)
     told = fitted.without(as_zero)
     whitened = whiten @ flattened(np.concatenate([told.columns(conditions), _in_each_run(conditions, as_zero)], -1))
     absorbed = orthonormal(whitened)
-    tried = {effect.id: shapes_tried(effect, conditions) for effect in asked}
-    shapes = {}
-    for name, every in tried.items():  # a few from all over the grid
-        picks = np.linspace(0, len(every) - 1, min(len(every), _MOST_SHAPES)).round().astype(int)
-        shapes[name] = [every[i] for i in np.unique(picks)]
     seen: list[list[Visible]] = []
     leaks: list[dict[str, float]] = []
+    shapes: list[list[Mapping[str, float]]] = []
+    many: list[int] = []
     for effect in asked:
         sizes = np.array([parameter.size for parameter in effect.parameters_for(conditions)])
-        grids = [whiten @ flattened(effect.columns(conditions, base, shape)) for shape in shapes[effect.id]]
+        laid = partial(effect.columns, conditions, base)
+        tried = [shape for shape, _ in shapes_tried(effect, conditions, laid)] or [*effect.shape_grid(conditions)][:1]
+        picks = np.linspace(0, len(tried) - 1, min(len(tried), _MOST_SHAPES)).round().astype(int)
+        shapes.append([tried[i] for i in np.unique(picks)])  # a few from all over the grid
+        grids = [whiten @ flattened(laid(shape)) for shape in shapes[-1]]
         seen.append([visible(grid, absorbed, sizes) for grid in grids])
+        many.append(round(len(tried) * np.mean([one.kept > UNSEEN for one in seen[-1]])))
         leaks.append(_leaks(whitened, grids[(len(grids) - 1) // 2] * sizes, told.names))
     overlaps = overlap_table(seen)
     kept = [float(np.median([one.kept for one in several])) for several in seen]
     groups = classes(overlaps * np.outer(np.array(kept) >= CANNOT_BE_SEEN, np.array(kept) >= CANNOT_BE_SEEN))
     members = {index: tuple(asked[other].id for other in group) for group in groups for index in group}
-    rows, odds = Rows(whiten, absorbed, len(conditions.sensor.channels)), name_odds(asked, conditions)
-    sights = []
-    for index, effect in enumerate(asked):
-        log_prior = math.log(odds[named(effect).id] / len(tried[effect.id])) + log_in_one(effect, sensors)
-        smallest = found_from(effect, conditions, shapes[effect.id], seen[index], log_prior, rows)
-        sights.append(Sight(effect, kept[index], members[index], smallest, leaks[index]))
+    # What these collects do not show is no other name for what they do, nor another shape of it.
+    odds = name_odds((effect for effect, shown in zip(asked, many, strict=True) if shown), conditions)
+    every = [
+        Asked(
+            effect,
+            effect.parameters_for(conditions),
+            shapes[index],
+            seen[index],
+            math.log(odds.get(named(effect).id, 1.0) / max(many[index], 1)) + log_in_one(effect, sensors),
+        )
+        for index, effect in enumerate(asked)
+    ]
+    sights = [
+        Sight(effect, kept[index], members[index], smallest, leaks[index])
+        for index, (effect, smallest) in enumerate(
+            zip(asked, found_from(every, Rows(whiten, absorbed, sigma)), strict=True)
+        )
+    ]
     return Sights(fitted.name, tuple(sights), overlaps, reasons, noise)
 
 
@@ -188,11 +205,9 @@ def _leaks(base: FloatArray, typical: FloatArray, names: Sequence[str]) -> dict[
     }
 
 
-def _noise(conditions: Conditions, noise: NoiseLevel, sigma: FloatArray | None) -> Whitener:
+def _noise(conditions: Conditions, noise: NoiseLevel, sigma: FloatArray) -> Whitener:
     """Return what whitens the rates that are measured."""
-    channels = len(conditions.sensor.channels)
-    given = np.full((len(conditions), channels), noise.collect_deg_per_hr) if sigma is None else sigma
     scattering: list[tuple[FloatArray, float]] = []
     if conditions.sensor.is_rotor and noise.run_mu_deg_per_hr_per_g > 0.0:
         scattering.append((mu_columns(conditions), noise.run_mu_deg_per_hr_per_g))
-    return whitener(conditions, given, np.full(channels, noise.run_bias_deg_per_hr), scattering)
+    return whitener(conditions, sigma, np.full(sigma.shape[1], noise.run_bias_deg_per_hr), scattering)

@@ -1,9 +1,9 @@
 """From which size on `hil reconcile` names an effect: what its search asks for, in closed form, without any data.
 
-An effect is called missing where sets with it are (1 - α)/α times as probable as nothing, the prior odds of its name,
-its shape and its size included. Columns X beside the base with amplitudes N(0, S) make the rows exp(½ s) / √det (1 +
-X'X S) times as probable as none, s being the square of what they explain, shrunk. What explains much may also be noise
-that is larger: of what a whole run has in common so many runs tell how large it is, of the rest so many rows.
+Something is called missing where sets with effects are (1 - α)/α times as probable as nothing, the prior odds of names,
+shapes and sizes included. Columns X beside the base with amplitudes N(0, S) cost √det (1 + X'X S), and leave of what
+shows what is not like them. Nothing has to explain it by noise that is larger: of a scale, and with offsets from run to
+run, that the search has priors of, and of which so many runs and rows beside the base tell how large they are.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,17 +13,23 @@ from functools import cached_property
 import numpy as np
 from scipy.special import gammaln, ndtr, ndtri
 
-from hil.campaign import Conditions, FloatArray
+from hil.campaign import FloatArray
 from hil.model.effects.base import Effect, Parameter
-from hil.model.effects.prior import ALPHA, HOLDS, UNSEEN, ladder, middle
+from hil.model.effects.prior import ALPHA, HOLDS, UNSEEN, ladder, log_offset, middle, sizes_up_to
 from hil.solve.causes import ODDS
 from hil.solve.identifiability import Visible, Whitener
 
 PROBABILITY = 0.9
 """How probably what is promised is found."""
 _SURE = float(ndtri(PROBABILITY))
-_LEFT = 4.0
-"""Squares that a value may leave of what it explains, as noise of four more rows would."""
+_DEVIATIONS = np.append(0.0, np.geomspace(0.1, 1e4, 160))
+"""Deviations that an effect may show, (d,): what is between is as near as a search's own sizes are."""
+_ALIKE = 0.5
+"""What explains less of the squares explains nothing."""
+_SIZES = 40
+"""As many as any ladder of sizes has at most."""
+_LARGEST = 100.0
+"""Of an offset from run to run, in white noises."""
 _HALVINGS = 20
 """Of a factor: to one in ten thousand, between shapes that differ by a million."""
 
@@ -42,19 +48,31 @@ class Smallest:
     easiest_shape: Mapping[str, float]
 
 
+@dataclass(frozen=True)
+class Asked:
+    """An effect in some `shapes` (k,), how each is `seen` (k,), and the `log_prior` of each before the data."""
+
+    effect: Effect
+    parameters: tuple[Parameter, ...]
+    shapes: Sequence[Mapping[str, float]]
+    seen: Sequence[Visible]
+    log_prior: float
+
+
 class Rows:
-    """Rows as they are whitened, run by run, and an orthonormal `base` (N, b).
+    """Rows as they are whitened, run by run, an orthonormal `base` (N, b), and white noise `sigma` (n, c), deg/hr.
 
     `starts` (r,) is where runs begin, `channel` (N, c) which channel a row is of, in ones and zeros, and `alike` (N, c)
     what moves a channel alike.
     """
 
-    def __init__(self, whiten: Whitener, base: FloatArray, channels: int) -> None:
+    def __init__(self, whiten: Whitener, base: FloatArray, sigma: FloatArray) -> None:
+        channels = sigma.shape[1]
         rows = np.concatenate([np.zeros(0, dtype=np.int64), *(own.ravel() for own, _ in whiten.blocks)])
         sizes = np.array([size for own, _ in whiten.blocks for size in [own.shape[1]] * len(own)], dtype=np.int64)
         self.starts, self.channel = np.cumsum(sizes) - sizes, np.eye(channels)[rows % channels]
-        self.alike = whiten @ np.tile(np.eye(channels), (rows.max(initial=-1) // channels + 1, 1))
-        self.base, self.whiten = base, whiten
+        self.alike = whiten @ np.tile(np.eye(channels), (len(sigma), 1))
+        self.base, self.whiten, self.white = base, whiten, sigma.ravel()[rows, None] ** 2
 
     def squares(self, white: FloatArray) -> FloatArray:
         """Return the squares (2c, p) of columns (N, p) by channel: of what a whole run has in common, then the rest."""
@@ -75,23 +93,56 @@ class Rows:
         """How many directions (2c,) the base leaves, as `squares` has them."""
         runs = np.sum(np.add.reduceat(self.channel, self.starts) > 0.0, axis=0)
         every = np.concatenate([runs, self.channel.sum(axis=0) - runs])
-        return np.asarray(every - self.squares(self.base).sum(axis=1))
+        return np.asarray(np.maximum(every - self.squares(self.base).sum(axis=1), 0.0))
+
+    @cached_property
+    def known(self) -> FloatArray:
+        """By how many directions (2c,) it is known how large the noise is: white noise by stated errors, too."""
+        stated = 2.0 * HOLDS[0][0] * HOLDS[0][2]
+        within = np.arange(len(self.freedom)) >= len(self.freedom) // 2
+        return np.asarray(np.maximum(self.freedom, 1.0) + stated * within)
+
+    @cached_property
+    def offsets(self) -> tuple[FloatArray, FloatArray]:
+        """The log priors (t,) of offsets from run to run, and by what they multiply the variance of a run, (c, t)."""
+        sizes = np.array([0.0, *sizes_up_to(_LARGEST)])
+        rows = np.add.reduceat(self.channel, self.starts)
+        there = rows > 0.0
+        assumed = np.add.reduceat(self.alike**2, self.starts)  # what is known of a run's mean, over its variance
+        mean = np.divide(
+            1.0, np.add.reduceat(self.channel / self.white, self.starts), where=there, out=np.zeros(rows.shape)
+        )
+        usual = np.sum(self.channel * self.white, axis=0) / self.channel.sum(axis=0)
+        every = assumed[..., None] * (mean[..., None] + usual[:, None] * sizes**2)  # (r, c, t)
+        return -np.array([log_offset(size) for size in sizes]), every.sum(axis=0) / there.sum(axis=0)[:, None]
+
+    def log_evidence(self, shares: FloatArray) -> FloatArray:
+        """Return how probable noise makes rows (log) that show deviations as tabulated, (…, d), up to a constant.
+
+        `shares` (…, 2c) of squares are by channel, as `squares` has them; other directions have what noise makes. It is
+        of any scale, as far as stated errors hold, and has offsets of any size from run to run, as in a search.
+        """
+        squares = np.maximum(shares[..., None, :] * (_DEVIATIONS[:, None] ** 2 - 1.0) + self.freedom, 0.0)
+        of_runs, rest = np.split(squares[..., None], 2, axis=-2)  # (…, d, c, 1)
+        (runs, others), (log_prior, times) = np.split(self.freedom[:, None], 2), self.offsets
+        out = []
+        for a, b, weight in HOLDS:
+            power = a + 0.5 * (runs + others)
+            log_scale = np.log(weight) + a * np.log(b) - gammaln(a) + gammaln(power)
+            fits = power * np.log(b + 0.5 * (of_runs / times + rest)) + 0.5 * runs * np.log(times)
+            out.append(np.logaddexp.reduce(log_prior + log_scale - fits, axis=-1))
+        return np.asarray(np.logaddexp.reduce(out, axis=0).sum(axis=-1))
 
 
-def found_from(
-    effect: Effect,
-    conditions: Conditions,
-    shapes: Sequence[Mapping[str, float]],
-    seen: Sequence[Visible],
-    log_prior: float,
-    rows: Rows,
-) -> tuple[Smallest, ...]:
-    """Return from which size on each parameter is found; `log_prior` is that of each of the shapes (k,), `seen` so."""
-    parameters = effect.parameters_for(conditions)
-    reach, needed = thresholds(effect, conditions, seen, log_prior, rows)
+def found_from(every: Sequence[Asked], rows: Rows) -> list[tuple[Smallest, ...]]:
+    """Return of each effect from which size on each parameter is found."""
+    return [_smallest(*each) for each in zip(every, *thresholds(every, rows), strict=True)]
+
+
+def _smallest(asked: Asked, reach: FloatArray, needed: FloatArray) -> tuple[Smallest, ...]:
     with np.errstate(divide="ignore"):
         alone = (needed + _SURE) / reach
-    largest = np.array([each.largest for each in parameters])
+    largest = np.array([each.largest for each in asked.parameters])
     low, high = np.minimum([alone.min(axis=0), alone.max(axis=0)], largest)
     ever = (high < largest) | (_share(largest, reach, needed) >= PROBABILITY)
     for _ in range(_HALVINGS if np.any(ever & (low < high)) else 0):
@@ -99,10 +150,10 @@ def found_from(
         enough = _share(size, reach, needed) >= PROBABILITY
         low, high = np.where(enough, low, size), np.where(enough, size, high)
     most, hardest = np.where(ever, high, np.inf), np.where(alone <= high, alone, 0.0).argmax(axis=0)
-    easiest = np.where(alone <= largest, alone, np.inf)
+    easiest, shapes = np.where(alone <= largest, alone, np.inf), asked.shapes
     return tuple(
         Smallest(each, float(most[p]), shapes[hardest[p]], float(easiest[k, p]), shapes[k])
-        for p, (each, k) in enumerate(zip(parameters, easiest.argmin(axis=0).tolist(), strict=True))
+        for p, (each, k) in enumerate(zip(asked.parameters, easiest.argmin(axis=0).tolist(), strict=True))
     )
 
 
@@ -111,60 +162,79 @@ def _share(size: FloatArray, reach: FloatArray, needed: FloatArray) -> FloatArra
     return np.asarray(ndtr(size * reach - needed).sum(axis=0) / len(needed))
 
 
-def thresholds(
-    effect: Effect, conditions: Conditions, seen: Sequence[Visible], log_prior: float, rows: Rows
-) -> tuple[FloatArray, FloatArray]:
-    """Return by how many deviations a unit of each parameter shows in each shape, and how many it takes, (k, p)."""
-    parameters = effect.parameters_for(conditions)
-    columns = np.stack([one.residual * (one.kept > UNSEEN) for one in seen])  # (k, N, p)
-    centre = np.array([middle(each) for each in parameters])
-    sizes, log_weights = ladder(parameters[0].typical)
-    blocks = rows.channel.T > 0.0 if effect.per_channel else [slice(None)]  # else a value acts on all channels
-    gram = np.stack([np.swapaxes(own, 1, 2) @ own for own in (columns[:, each] for each in blocks)], axis=1)
+def thresholds(every: Sequence[Asked], rows: Rows) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Return of each effect by how many deviations a unit of each parameter shows, and how many it takes, (k, p).
+
+    What shows is explained by the effect, by any other as far as it is like it, or by nothing: by noise that is as
+    large, or by one rate that is wrong. How much it takes scatters with the noise that rows show.
+    """
+    shown = [np.concatenate([one.residual * (one.kept > UNSEEN) for one in asked.seen], axis=1) for asked in every]
+    directions = np.concatenate(shown, axis=1)  # (N, m), shape by shape
+    whole = np.linalg.norm(directions, axis=0)
+    directions /= np.maximum(whole, 1e-300)
+    priced = [_sizes(asked, columns, rows) for asked, columns in zip(every, shown, strict=True)]
+    odds, share = (np.concatenate(each) for each in zip(*priced, strict=True))  # (m, o)
+    many = [len(asked.parameters) for asked in every for _ in asked.shapes]
+    shape = np.repeat(np.arange(len(many)), many)
+    shares = rows.squares(directions).T
+    table, alike, in_one = rows.log_evidence(shares), (directions.T @ directions) ** 2, rows.in_one(directions)
+    log_wrong = np.log((ODDS["rate"] + ODDS["collect"]) / len(rows.channel))
+    needed = np.full(len(whole), np.inf)
+    for m in np.flatnonzero(whole > 0.0).tolist():
+        near = np.flatnonzero(alike[m] > _ALIKE)
+        sizes = _at(table[m], 1.0 - alike[m, near, None] * share[near]) + odds[near, :, None]
+        of_column = np.logaddexp.reduce(sizes, axis=1)
+        of_shape = np.maximum.reduceat(of_column, np.flatnonzero(np.diff(shape[near], prepend=-1)))
+        nothing = np.logaddexp(table[m], log_wrong + _at(table[m], 1.0 - in_one[m]))
+        needed[m] = _first(np.logaddexp.reduce(of_shape, axis=0) - nothing - np.log(1.0 / ALPHA - 1.0))
+    scatter = np.ones(len(whole))
+    found = np.isfinite(needed)
+    scatter[found] = np.hypot(1.0, needed[found] * np.sqrt(0.5 * np.sum(shares[found] ** 2 / rows.known, axis=1)))
+    ends = np.cumsum([columns.shape[1] for columns in shown])[:-1]
+
+    def by_effect(each: FloatArray) -> list[FloatArray]:
+        parts = zip(every, np.split(each / scatter, ends), strict=True)
+        return [own.reshape(len(asked.seen), -1) for asked, own in parts]
+
+    return by_effect(whole), by_effect(needed)
+
+
+def _sizes(asked: Asked, columns: FloatArray, rows: Rows) -> tuple[FloatArray, FloatArray]:
+    """Return of each column (N, m) and size the log prior odds, others at rest, and the share that it explains, (m, o).
+
+    An amplitude that is larger than it may be pays for it in what is left.
+    """
+    centre = np.array([middle(each) for each in asked.parameters])
+    sizes, log_weights = ladder(asked.parameters[0].typical)
+    by_shape = np.moveaxis(columns.reshape(len(columns), len(asked.seen), -1), 1, 0)  # (k, N, p)
+    blocks = rows.channel.T > 0.0 if asked.effect.per_channel else [slice(None)]  # else a value acts on all channels
+    gram = np.stack([np.swapaxes(own, 1, 2) @ own for own in (by_shape[:, each] for each in blocks)], axis=1)
     values, vectors = np.linalg.eigh(gram * np.multiply.outer(centre, centre))
     values = np.maximum(values, 0.0)
     shrunk = 1.0 + values[..., None] * sizes**2  # (k, b, p, o)
     price = log_weights - 0.5 * np.log(shrunk).sum(axis=2)  # (k, b, o)
     idle = np.logaddexp.reduce(price, axis=2)
-    own = np.arange(len(seen))[:, None], np.argmax(np.diagonal(gram, axis1=2, axis2=3), axis=1)  # block of each, (k, p)
-    at_rest = idle.sum(axis=1)[:, None] - idle[own]
-    log_odds = np.log(1.0 / ALPHA - 1.0) - log_prior - at_rest
-    squares = np.stack([rows.squares(one) for one in columns])  # (k, 2c, p)
-    shares = squares / np.maximum(squares.sum(axis=1, keepdims=True), 1e-300)
-    needed = noise_unknown(2.0 * (log_odds[..., None] - price[own]), shares, rows.freedom)
-    # One rate that is wrong, as large, explains what shows in it: the rest has to tell, or the odds of the two.
-    log_wrong = np.log((ODDS["rate"] + ODDS["collect"]) / len(rows.channel))
-    beside = np.maximum(1.0 - np.stack([rows.in_one(one) for one in columns]), 1e-12)
-    needed = np.maximum(needed, np.sqrt(2.0 * np.maximum(log_odds + log_wrong, 0.0) / beside)[..., None])
+    whole = np.diagonal(gram, axis1=2, axis2=3)  # (k, b, p)
+    own = np.arange(len(asked.seen))[:, None], np.argmax(whole, axis=1)  # block of each, (k, p)
     turned = (vectors * values[:, :, None] / centre[:, None]) ** 2
-    reach = np.sqrt(turned @ (sizes**2 / shrunk))[*own, np.arange(len(parameters))]  # (k, p, o)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        # What a value far beyond its usual size leaves would have to be noise.
-        whole = np.diagonal(gram, axis1=2, axis2=3)[*own, np.arange(len(parameters))][..., None]
-        needed = np.where(needed**2 * (whole / reach**2 - 1.0) > _LEFT, np.inf, needed)
-        best = np.argmin((needed + _SURE) / reach, axis=2)[..., None]
-    return np.take_along_axis(reach, best, 2)[..., 0], np.take_along_axis(needed, best, 2)[..., 0]
+    explained = (turned @ (sizes**2 / shrunk))[*own, np.arange(len(centre))]  # (k, p, o)
+    share = explained / np.maximum(whole[*own, np.arange(len(centre))], 1e-300)[..., None]
+    odds = asked.log_prior + price[own] + (idle.sum(axis=1)[:, None] - idle[own])[..., None]
+    more = ((0, 0), (0, _SIZES - len(sizes)))
+    return (
+        np.pad(odds.reshape(-1, len(sizes)), more, constant_values=-np.inf),
+        np.pad(np.minimum(share, 1.0).reshape(-1, len(sizes)), more),
+    )
 
 
-def noise_unknown(log_factor: FloatArray, shares: FloatArray, freedom: FloatArray) -> FloatArray:
-    """Return the deviations (k, p, o) that make twice a log Bayes factor, where only rows tell how large the noise is.
-
-    Where ν rows do, squares x make ν log(1 + x/ν). Where `shares` f (k, s, p) of x have a `freedom` ν each, that holds
-    to the second order with 1/ν = Σ f²/ν. That errors hold is as good as rows to what differs from collect to collect;
-    and if nobody knows how wrong they are, as little is left of them: either has to be less probable.
-    """
-    several = np.arange(len(freedom)) >= len(freedom) // 2
-    needed, (right, *_) = [], HOLDS
-    for a, _, weight in HOLDS:
-        own = np.maximum(freedom + 2.0 * a * several, 1.0)
-        per = np.maximum(np.einsum("ksp,s->kp", shares**2, 1.0 / own), 1e-12)[..., None]
-        rows = np.maximum(1.0 / per - 2.0 * a, 1.0)
-        less = 2.0 * (np.log(right[2] / weight) + _evidence(right[0], rows) - _evidence(a, rows))
-        with np.errstate(over="ignore"):
-            needed.append(np.sqrt(np.expm1(np.maximum(log_factor - less, 0.0) * per) / per))
-    return np.asarray(np.max(needed, axis=0))
+def _at(table: FloatArray, share: FloatArray) -> FloatArray:
+    """Return a log evidence, of deviations as tabulated (d,), where a share (…) of squares is left, (…, d)."""
+    return np.asarray(np.interp(_DEVIATIONS * np.sqrt(np.maximum(share, 0.0))[..., None], _DEVIATIONS, table))
 
 
-def _evidence(a: float, rows: FloatArray) -> FloatArray:
-    """Return the log evidence of rows that scatter as they are stated, by errors that are right to inverse-gamma a."""
-    return np.asarray(gammaln(a + 0.5 * rows) - gammaln(a) + a * np.log(a) - (a + 0.5 * rows) * np.log(a + 0.5 * rows))
+def _first(excess: FloatArray) -> float:
+    """Return the deviations from which on a log (d,) is more than nothing; infinite where it never is."""
+    if not np.any(excess > 0.0):
+        return np.inf
+    at = max(int(np.argmax(excess > 0.0)), 1)
+    return float(np.interp(0.0, excess[at - 1 : at + 1], _DEVIATIONS[at - 1 : at + 1]))

@@ -26,7 +26,6 @@ POWERS: Mapping[str, int] = {"line": 2, "quadratic": 3, "cubic": 4}
 """How many values a form in powers of temperature has."""
 MANY = 80
 """Places of one sort that are asked about: every row of a night, and of a year of nights those that are odd."""
-_NOTHING = 1e-4  # deg/hr: what an effect of the largest typical size does not reach is not measured by any bench
 _SLOPE = "dTdt_degC_per_min"
 _FEWEST_VALUES = 6
 _CURVE_ORDER = 3
@@ -87,15 +86,12 @@ def catalogue_candidates(
     for effect in catalogue:
         if not effect.searched or not effect.applies_to(conditions.sensor) or effect.missing(conditions):
             continue
-        tried = set[int]()
-        for shape in shapes_tried(effect, conditions):
-            columns = effect_columns(effect, conditions, base_beside(effect, shape), shape)
-            parameters = effect.parameters_for(conditions)
-            high = np.array([item.typical[1] if 0 < item.typical[1] < np.inf else 1.0 for item in parameters])
-            same = hash((columns.round(9) + 0.0).tobytes())
-            if float(np.abs(columns * high).max(initial=0.0)) < _NOTHING or same in tried:
-                continue  # as where nothing tells one room before the night from another
-            tried.add(same)
+        parameters = effect.parameters_for(conditions)
+
+        def laid(shape: Mapping[str, float], effect: Effect = effect) -> FloatArray:
+            return effect_columns(effect, conditions, base_beside(effect, shape), shape)
+
+        for shape, columns in shapes_tried(effect, conditions, laid):
             called = named(effect)
             plain = Candidate(
                 name=called.id,

@@ -20,11 +20,11 @@ import numpy as np
 
 from hil.campaign import BoolArray, Conditions, FloatArray, IntArray
 from hil.model.effects.base import VarianceEffect
-from hil.model.effects.prior import scatter_log_odds
+from hil.model.effects.prior import OFFSETS, log_offset, scatter_log_odds, sizes_up_to
 from hil.model.effects.scatter import Scatter
 from hil.reconcile.search.chains import COMPARED, PIECE, Chain, chain_of, grouped, in_time, joined
 from hil.reconcile.search.filters import Filter, filter_of
-from hil.reconcile.search.points import LEVELS, OFFSETS, Kind, Points, log_offset, sizes_up_to
+from hil.reconcile.search.points import LEVELS, Kind, Points
 from hil.reconcile.search.profiles import FIXED, Profile, log_profile, values_over_temperature
 from hil.solve.rows import Block
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,11 +12,6 @@ from hil.campaign import BoolArray, FloatArray, IntArray
 from hil.model.effects.base import Parameter, VarianceEffect
 from hil.reconcile.search.chains import Chain
 
-OFFSETS = (0.0, 0.7, 1.4, 2.8, 5.6, 11.0)
-"""Of an offset per run, and of an effect on the scatter, in white noises: 24 runs tell no less than a factor of two.
-
-What may be larger is tried as far as that goes: a walk larger than all that is tried looks as if it came back, and of
-offsets the largest would be jumps."""
 LEVELS = {0.15: 0.3, 1.0: 0.7}
 """Share of the usual variance in every row's own, with its prior: standard errors leave out what differs by collect."""
 
@@ -84,14 +78,3 @@ class Points:
     def beside(self, other: Points) -> Points:
         """Return these points and others."""
         return Points(*(np.concatenate([getattr(own, n) for own in (self, other)]) for n in self.__dataclass_fields__))
-
-
-def sizes_up_to(largest: float) -> tuple[float, ...]:
-    """Return sizes that are tried, each twice the one before, up to the largest and as far as `OFFSETS` at least."""
-    larger = math.ceil(math.log2(max(largest / OFFSETS[-1], 1.0)) - 0.5)
-    return (*OFFSETS[1:], *(OFFSETS[-1] * 2.0 ** (k + 1) for k in range(larger)))
-
-
-def log_offset(offset: float) -> float:
-    """Return how much less probable an offset is for its size (log)."""
-    return float(np.log1p((offset / 4.0) ** 2))

@@ -19,13 +19,12 @@ from hil.model import load_model
 from hil.model.effects.base import Base, Effect, Parameter
 from hil.model.effects.catalogue import effect_by_id, variance_effect_by_id
 from hil.model.effects.columns import per_channel
-from hil.model.effects.prior import SCATTER, SECOND_TIER, scatter_log_odds
+from hil.model.effects.prior import OFFSETS, SCATTER, SECOND_TIER, scatter_log_odds
 from hil.reconcile.search import set_in_block
 from hil.reconcile.search.block_search import BlockSearch
 from hil.reconcile.search.evidence import Amplitude, log_sum, shrunk
 from hil.reconcile.search.layout import searches
 from hil.reconcile.search.noise import Noise
-from hil.reconcile.search.points import OFFSETS
 from hil.reconcile.search.problem import pose
 from hil.reconcile.search.scan import Group, log_factors
 from hil.reconcile.search.set_in_block import Sets

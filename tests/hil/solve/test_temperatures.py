@@ -9,7 +9,15 @@ import pytest
 
 from hil.campaign import Conditions, Sensor
 from hil.campaign.stand_ins import WIDEST_DEGC
-from hil.solve.temperatures import NOT_SETTLED, nearest, runs_by_temperature, same_temperature, told_by, unsettled
+from hil.solve.temperatures import (
+    NOT_SETTLED,
+    nearest,
+    runs_by_temperature,
+    runs_by_visit,
+    same_temperature,
+    told_by,
+    unsettled,
+)
 
 SENSOR = Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"})
 
@@ -43,6 +51,14 @@ def test_what_runs_were_made_at_is_gone_through_once() -> None:
     asked = conditions({"temperature_degC": [20.0, 20.1, 40.0]})
     assert runs_by_temperature(asked) is runs_by_temperature(asked)
     assert asked.of_each_run is asked.of_each_run
+
+
+def test_two_visits_to_a_temperature_are_two_groups() -> None:
+    """They may differ by what the unit went through; where every visit has one run, only the temperature repeats."""
+    several = conditions({"temperature_degC": [-10.0, -10.0, 20.0, 20.0, -10.0, -10.0]})
+    assert [runs for _, runs in runs_by_visit(several)] == [(1, 2), (3, 4), (5, 6)]
+    single = conditions({"temperature_degC": [-10.0, 20.0, -10.0]})
+    assert runs_by_visit(single) == runs_by_temperature(single)
 
 
 def test_a_run_of_unknown_temperature_repeats_no_other() -> None:
