@@ -11,16 +11,19 @@ is for an index axis along the sensor's second axis, as on the report's bench. A
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.campaign import Conditions
+from hil.campaign import Conditions, FloatArray, IntArray
 from hil.model.effects.geometry import local_frame
-from hil.model.effects.history import collect_interval_s, joined
+from hil.model.effects.history import collect_interval_s, joined, setpoint_step
 from hil.model.equation import Orientation
+from hil.solve.temperatures import visits
 
 _INDEX_ANGLES = {"4": 180.0, "at 45 deg": 45.0, "at 135 deg": 135.0}
+_ROOM_DEGC = 23.0  # from which the first setpoint is approached
 _NEXT_COLLECT_S = 90.0  # from a campaign's last collect of a run to one more in it
 _NEXT_CAMPAIGN_S = 3600.0  # from a campaign's last collect to the first of a further one
 
@@ -75,17 +78,19 @@ def with_second_heading(conditions: Conditions) -> Conditions | None:
 
 
 def with_both_directions(conditions: Conditions) -> Conditions | None:
-    """Repeat everything with the runs' temperatures in reverse order: each approached from the other side.
+    """Repeat everything with the temperatures in reverse order: each approached as that order has it.
 
-    Soak, settling and order within each run stay as they were; the plateau and the sign of its approach change.
+    Soaks and the order within each visit stay as they were. None where the reverse is the same sweep again.
     """
     temperature = conditions.columns.get("temperature_degC")
     if temperature is None or not np.ptp(temperature[np.isfinite(temperature)]) > 5.0:
         return None
-    rows = np.concatenate([np.flatnonzero(conditions.run == run) for run in np.unique(conditions.run)[::-1]])
-    back = _approached_from_the_other_side(_again(conditions, _after_a_sweep_s(conditions)))
-    columns = {name: values[rows] if name.endswith("degC") else values for name, values in back.columns.items()}
-    return _beside(conditions, replace(back, columns=columns))
+    every = visits(conditions)
+    if [at for at, _ in every] == [at for at, _ in every[::-1]]:
+        return None
+    runs = [run for _, of in every[::-1] for run in of]
+    order = np.concatenate([_in_time(conditions, np.flatnonzero(conditions.run == run)) for run in runs])
+    return _beside(conditions, _in_order(conditions, order, _after_a_sweep_s(conditions)))
 
 
 def with_every_run_twice(conditions: Conditions) -> Conditions | None:
@@ -120,9 +125,14 @@ def additions(conditions: Conditions) -> list[Addition]:
         out.append(Addition("the same positions at a heading 90 deg on", _again(turned, later_s), 3.0))
     out.append(Addition("the same collects once more, afterwards", _again(conditions, later_s), 1.8))
     if len(np.unique(conditions.run)) > 1:
-        rows = _back_to_front(conditions, later_s)
+        rows = _in_order(conditions, _in_time(conditions, np.arange(len(conditions)))[::-1], later_s)
         out.append(Addition("the same runs in reverse order of temperature and time", rows, 2.5))
     return out
+
+
+def _in_time(conditions: Conditions, rows: IntArray) -> IntArray:
+    """Return some rows (k,) in the order of time."""
+    return rows[np.argsort(conditions.start_s[rows], kind="stable")]
 
 
 def _beside(conditions: Conditions, further: Conditions) -> Conditions:
@@ -189,18 +199,44 @@ def _again(conditions: Conditions, by_s: float) -> Conditions:
     )
 
 
-def _back_to_front(conditions: Conditions, by_s: float) -> Conditions:
-    """The same collects again, the last one first: coming back through the temperatures and through every run."""
-    back = _approached_from_the_other_side(_again(conditions, by_s).rows(np.argsort(-conditions.run, kind="stable")))
-    ends = (back.start_s.min() + back.start_s.max(), back.run.min() + back.run.max())
-    return replace(back, start_s=ends[0] - back.start_s, run=ends[1] - back.run, collect=np.sort(back.collect))
+def _in_order(conditions: Conditions, order: IntArray, by_s: float) -> Conditions:
+    """The same rows again in another order (n,), at the same times of a later sweep, as new runs.
+
+    Temperatures, and how fast they change, are what the step of the setpoint leaves that is made in this order.
+    """
+    again, clock = _again(conditions, by_s), _in_time(conditions, np.arange(len(conditions)))
+    laid = conditions.rows(order)
+    number = {run: again.run.min() + k for k, run in enumerate(dict.fromkeys(laid.run.tolist()))}
+    run = np.array([number[each] for each in laid.run.tolist()])
+    now = {name: again.columns[name][clock] for name in ("time_since_power_on_s",) if name in again.columns}
+    laid = replace(laid, start_s=again.start_s[clock], run=run, collect=again.collect, columns={**laid.columns, **now})
+    step = setpoint_step(conditions, _ROOM_DEGC)
+    changed = setpoint_step(joined(conditions, laid), _ROOM_DEGC)[len(conditions) :] - step[order]
+    per_degC = _left_of_steps(conditions, step)
+    columns = {name: laid.columns[name] + changed * of[order] for name, of in per_degC.items()}
+    return replace(laid, columns={**laid.columns, **columns})
 
 
-def _approached_from_the_other_side(conditions: Conditions) -> Conditions:
-    columns = dict(conditions.columns)
-    if "dTdt_degC_per_min" in columns:
-        columns["dTdt_degC_per_min"] = -columns["dTdt_degC_per_min"]
-    return replace(conditions, columns=columns)
+def _left_of_steps(conditions: Conditions, step: FloatArray) -> dict[str, FloatArray]:
+    """Return what temperatures, beside the setpoint's, and their rates show of each degree of a `step`, (n,) each.
+
+    By straight lines through what the same collects of all visits show.
+    """
+    place = np.zeros(len(conditions), dtype=np.int64)
+    for _, runs in visits(conditions):
+        rows = _in_time(conditions, np.flatnonzero(np.isin(conditions.run, runs)))
+        place[rows] = np.arange(len(rows))
+    shown = {name: values for name, values in conditions.columns.items() if name == "dTdt_degC_per_min"}
+    if "setpoint_degC" in conditions.columns:
+        thermometers = {"temperature_degC", "case_degC", "chamber_degC"} & conditions.columns.keys()
+        shown |= {name: conditions.columns[name] - conditions.columns["setpoint_degC"] for name in thermometers}
+    found = {name: np.zeros(len(left)) for name, left in shown.items()}
+    for (name, left), k in product(shown.items(), range(int(place.max()) + 1)):
+        here = np.flatnonzero((place == k) & np.isfinite(left))
+        if len(here):
+            off = step[here] - step[here].mean()
+            found[name][place == k] = off @ left[here] / max(float(off @ off), 1e-300)
+    return found
 
 
 def _later(conditions: Conditions, by_s: float) -> Conditions:

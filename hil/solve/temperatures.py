@@ -78,17 +78,22 @@ def runs_by_temperature(
     )
 
 
-def runs_by_visit(conditions: Conditions) -> tuple[tuple[float | None, tuple[int, ...]], ...]:
-    """Group the runs of one visit to a temperature, in time: of two visits the unit's history may differ.
-
-    Where no visit has two runs, those of one temperature are a group, as in `runs_by_temperature`.
-    """
+def visits(conditions: Conditions) -> tuple[tuple[float | None, tuple[int, ...]], ...]:
+    """Return in the order of time which temperatures were gone to, and the runs that were made there."""
     groups = runs_by_temperature(conditions)
     place = {run: k for k, (_, runs) in enumerate(groups) for run in runs}
     begins_s = {run: float(np.min(conditions.start_s[rows])) for run, rows in conditions.of_each_run.items()}
     in_time = groupby(sorted(place, key=begins_s.__getitem__), place.__getitem__)
-    visits = tuple((groups[k][0], tuple(runs)) for k, runs in in_time)
-    return visits if any(len(runs) > 1 for _, runs in visits) else groups
+    return tuple((groups[k][0], tuple(runs)) for k, runs in in_time)
+
+
+def runs_by_visit(conditions: Conditions) -> tuple[tuple[float | None, tuple[int, ...]], ...]:
+    """Group the runs of one visit to a temperature: of two visits the unit's history may differ.
+
+    Where no visit has two runs, those of one temperature are a group, as in `runs_by_temperature`.
+    """
+    every = visits(conditions)
+    return every if any(len(runs) > 1 for _, runs in every) else runs_by_temperature(conditions)
 
 
 def how_many(conditions: Conditions) -> str:

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from hil.campaign import Conditions
-from hil.solve.changes import additions, with_collect_4, with_every_run_twice, with_second_heading
+from hil.model.effects.history import setpoint_step
+from hil.solve.changes import (
+    additions,
+    with_both_directions,
+    with_collect_4,
+    with_every_run_twice,
+    with_second_heading,
+)
 from tests.hil.model.effect_conditions import campaign, triad_poses
 
 ROWS = campaign()
@@ -58,15 +67,16 @@ def test_a_heading_turns_what_is_level_and_leaves_what_is_vertical() -> None:
 
 
 def test_backwards_begins_with_what_was_last() -> None:
-    """Runs and collects in reverse order of time, each at its own temperature, approached from the other side."""
-    rows = added("the same runs in reverse order")
-    in_time = rows.rows(np.argsort(rows.start_s))
-    assert in_time.position.tolist() == ROWS.position[np.argsort(-ROWS.start_s)].tolist()
-    assert np.all(np.diff(in_time.run) >= 0)
-    temperature, slope = (in_time.columns[name] for name in ("temperature_degC", "dTdt_degC_per_min"))
-    np.testing.assert_allclose(temperature, ROWS.columns["temperature_degC"][::-1])
-    np.testing.assert_allclose(slope, -ROWS.columns["dTdt_degC_per_min"][::-1])
-    assert rows.start_s.min() > ROWS.start_s.max()
+    """Runs and collects in reverse order of time, each at its own setpoint, approached from the other side."""
+    sweep = swept(-20.0, 0.0, 40.0, 50.0)
+    rows = added("the same runs in reverse order", sweep)
+    assert np.all(np.diff(rows.start_s) > 0.0)
+    assert rows.position.tolist() == sweep.position[np.argsort(-sweep.start_s)].tolist()
+    assert np.all(np.diff(rows.run) >= 0)
+    setpoint, slope = (rows.columns[name] for name in ("setpoint_degC", "dTdt_degC_per_min"))
+    np.testing.assert_allclose(setpoint, sweep.columns["setpoint_degC"][::-1])
+    assert np.all(slope[setpoint < 50.0] < 0.0)
+    assert rows.start_s.min() > sweep.start_s.max()
 
 
 def test_a_triad_is_turned_upside_down() -> None:
@@ -74,3 +84,25 @@ def test_a_triad_is_turned_upside_down() -> None:
     poses = triad_poses()
     np.testing.assert_allclose(added("every pose upside down", poses).f_g, -poses.f_g)
     assert not any(one.name.startswith("Collect") for one in additions(poses))
+
+
+def swept(*temperatures: float) -> Conditions:
+    """Return a sweep of two runs at each temperature, of which each is approached as the order has it."""
+    rows = campaign(temperatures=temperatures, runs_each=2)
+    step = setpoint_step(rows, 23.0)
+    left = np.exp(-rows.columns["time_since_setpoint_s"] / 1800.0) * step
+    columns = {"temperature_degC": rows.columns["setpoint_degC"] - left, "dTdt_degC_per_min": left / 30.0}
+    columns["case_degC"] = rows.columns["setpoint_degC"] - 0.5 * left
+    return replace(rows, columns={**rows.columns, **columns})
+
+
+def test_temperatures_in_reverse_order_are_reached_as_that_order_has_it() -> None:
+    """What a sweep through the reversed temperatures shows; of a sweep that is its own reverse there is no other."""
+    assert with_both_directions(swept(-10.0, 20.0, 50.0, 20.0, -10.0)) is None
+    both = with_both_directions(swept(-20.0, 0.0, 40.0, 50.0))
+    assert both is not None
+    back, wanted = both.rows(np.arange(len(both) // 2, len(both))), swept(50.0, 40.0, 0.0, -20.0)
+    assert np.all(np.diff(back.run) >= 0)
+    away = np.arange(6, len(wanted))  # the first setpoint is the last of the sweep before
+    for name in ("setpoint_degC", "temperature_degC", "case_degC", "dTdt_degC_per_min", "time_since_setpoint_s"):
+        np.testing.assert_allclose(back.columns[name][away], wanted.columns[name][away], atol=1e-6)
