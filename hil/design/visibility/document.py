@@ -7,7 +7,7 @@ campaign_document(campaign, model)
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -23,13 +23,13 @@ from hil.design.visibility.map import NoiseLevel, Sight, Sights, visibility
 from hil.design.visibility.promise import PROBABILITY
 from hil.files.document import picked
 from hil.files.text import filled
-from hil.model import Model, built_in_model, fitting_campaign, fitting_conditions
-from hil.model.effects.catalogue import FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS
+from hil.model import Model, fitting_campaign, fitting_conditions
+from hil.model.effects.catalogue import EFFECTS, FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS
 from hil.model.effects.document import shape_in_words
 from hil.model.effects.prior import ALPHA
 from hil.solve import repeats, solve_campaign
 from hil.solve.beside_terms import beside, scatter_of_runs
-from hil.solve.changes import CHANGES
+from hil.solve.changes import CHANGES, Change
 from hil.solve.omissions import in_words, what_is_wrong
 from hil.solve.repeats import OF_MEANS, SensorRepeats
 from hil.solve.temperatures import runs_by_visit
@@ -61,18 +61,11 @@ def visibility_document(
     in one sensor at least (each has its own MU); `sensors` has the map of each. Parameters that were taken `as_zero`
     show nothing, and nothing acts on them.
     """
-    noise, sigmas = noise or {}, sigmas or {}
-    maps = {
-        n: visibility(rows, model, noise.get(n), sigma=sigmas.get(n), sensors=len(sensors), as_zero=as_zero)
-        for n, rows in sorted(sensors.items())
-    }
-    best: dict[str, tuple[int, Sight]] = {}
+    maps = _maps(sensors, model, noise or {}, sigmas or {}, as_zero)
     alike: dict[str, set[str]] = {}
-    for number, sights in maps.items():
+    for sights in maps.values():
         for sight in sights.effects:
             alike.setdefault(sight.effect.id, set()).update(sight.members)
-            if sight.effect.id not in best or sight.kept > best[sight.effect.id][1].kept:
-                best[sight.effect.id] = (number, sight)
     first = next(iter(maps.values()))
     return {
         "schema": "hil.visibility/1",
@@ -84,7 +77,7 @@ def visibility_document(
         "noise_level": vars(first.noise),
         "effects": [
             {"sensor": number, **_effect_document(sight, maps[number]), "class": sorted(alike[sight.effect.id])}
-            for number, sight in best.values()
+            for number, sight in _best(maps).values()
         ],
         "sensors": {
             str(number): {
@@ -94,11 +87,36 @@ def visibility_document(
             }
             for number, sights in maps.items()
         },
-        "not_in_averages": sorted({entry.id for entry in (*VARIANCE_EFFECTS, *SERIES_EFFECTS)}),
+        "not_in_averages": sorted(
+            {each.id for each in (*VARIANCE_EFFECTS, *SERIES_EFFECTS)} - {each.id for each in EFFECTS}
+        ),
         "runs": (runs := max(len(np.unique(rows.run)) for rows in sensors.values())),
         "changes_weighed_on_runs": min(MOST_RUNS, runs),
         "changes": improvements(sensors, model, noise, as_zero),
     }
+
+
+def _maps(
+    sensors: Mapping[int, Conditions],
+    model: Model | None,
+    noise: Mapping[int, NoiseLevel],
+    sigmas: Mapping[int, FloatArray],
+    as_zero: Sequence[str],
+) -> dict[int, Sights]:
+    return {
+        n: visibility(rows, model, noise.get(n), sigma=sigmas.get(n), sensors=len(sensors), as_zero=as_zero)
+        for n, rows in sorted(sensors.items())
+    }
+
+
+def _best(maps: Mapping[int, Sights]) -> dict[str, tuple[int, Sight]]:
+    """Return each effect once, with the sensor that sees it best."""
+    best: dict[str, tuple[int, Sight]] = {}
+    for number, sights in maps.items():
+        for sight in sights.effects:
+            if sight.effect.id not in best or sight.kept > best[sight.effect.id][1].kept:
+                best[sight.effect.id] = (number, sight)
+    return best
 
 
 def _effect_document(sight: Sight, sights: Sights) -> dict[str, object]:
@@ -112,12 +130,14 @@ def _effect_document(sight: Sight, sights: Sights) -> dict[str, object]:
         **picked(sight.effect, "id title"),
         "kept": round(sight.kept, 6),
         "visible": sight.visible,
+        "in_sight": sight.in_sight,
         "in_model": sight.effect.id in FORM_EFFECTS.get(sights.form, ()),
         "class": list(sight.members),
         "smallest_visible": {
             **picked(best, "value shape"),
             **picked(best.parameter, "unit parameter=name typical"),
             "probability": PROBABILITY,
+            **picked(sight, "of_largest_typical=least"),
             "easiest": picked(best, "value=easiest shape=easiest_shape"),
         },
         "leaks": {name: round(leak, 3) for name, leak in sight.leaks.items() if leak > 1.0},
@@ -241,31 +261,29 @@ def improvements(
 ) -> list[dict[str, Any]]:
     """Return what each change to the sweep would bring to its sensors, the most helpful first.
 
-    In sight is what no sensor saw; apart, what any sensor could not tell apart; protected are effects with the base
-    parameters that they leak into no more; `size_ratio` is the median of the smallest visible sizes, after by before.
+    In sight is what was not, as the map of the changed collects has it; apart, what any sensor could not tell apart;
+    protected are effects with the base parameters that they leak into no more; `size_ratio` is the median of the
+    smallest visible sizes, after by before.
 
     Before and after are weighed with the same `noise`: further rows have no standard errors.
     """
-    noise = noise or {}
     sensors = {n: _some_runs(rows) for n, rows in sensors.items()}
-    before = {n: visibility(rows, model, noise.get(n), as_zero=as_zero) for n, rows in sensors.items()}
+    before = _maps(sensors, model, noise or {}, {}, as_zero)
+    hidden = {name for name, (_, sight) in _best(before).items() if not sight.visible}
     found = []
     for change in CHANGES:
         changed = {n: new for n, rows in sensors.items() if (new := change.apply(rows)) is not None}
-        after = {
-            n: visibility(rows, model or built_in_model(before[n].form), noise.get(n), as_zero=as_zero)
-            for n, rows in changed.items()
-        }
-        if after:
-            found.append(_improvement(change.name, change.cost, before, after))
-    return sorted(found, key=_worth, reverse=True)
+        if changed:
+            found.append(_improvement(change, before, _maps(changed, model, noise or {}, {}, as_zero)))
+    return sorted(found, key=lambda one: _worth(one, hidden), reverse=True)
 
 
-def _worth(one: Mapping[str, Any]) -> float:
-    """Return the rank of a change: in sight, apart and clean count one each, a halved size of everything two."""
+def _worth(one: Mapping[str, Any], hidden: Collection[str]) -> float:
+    """Return the rank of a change: one for each that was hidden and is found, apart or clean, two for half a size."""
     clean = sum(map(len, one["protected_in"].values()))
     halved = math.log2(max(one["size_ratio"], 1e-3))
-    return float(len(one["newly_visible"]) + len(one["separated"]) + clean - 2.0 * halved)
+    shown = sum(name in hidden for name in one["newly_visible"])
+    return float(shown + len(one["separated"]) + clean - 2.0 * halved)
 
 
 def _some_runs(conditions: Conditions) -> Conditions:
@@ -276,27 +294,26 @@ def _some_runs(conditions: Conditions) -> Conditions:
     return conditions.rows(np.isin(conditions.run, chosen))
 
 
-def _improvement(name: str, cost: str, before: Mapping[int, Sights], after: Mapping[int, Sights]) -> dict[str, Any]:
+def _improvement(change: Change, before: Mapping[int, Sights], after: Mapping[int, Sights]) -> dict[str, Any]:
     pairs = {
         n: [(sight, other) for sight in before[n].effects if (other := after[n].sight(sight.effect.id)) is not None]
         for n in after
     }
     every = [pair for of in pairs.values() for pair in of]
-    seen = {sight.effect.id for sights in before.values() for sight in sights.effects if sight.visible}
-    newly = dict.fromkeys(o.effect.id for s, o in every if o.visible and s.effect.id not in seen)
+    seen, sees = ([name for name, (_, sight) in _best(maps).items() if sight.in_sight] for maps in (before, after))
     separated = dict.fromkeys(
         (sight.effect.id, rival)
         for sight, other in every
         for rival in sight.members
-        if sight.effect.id < rival and rival not in other.members and other.visible
+        if sight.effect.id < rival and rival not in other.members and other.in_sight
     )
     protected = {n: found for n, of in pairs.items() if (found := tuple(_protected(of)))}
-    ratios = [other.best.value / sight.best.value for sight, other in every if sight.visible and other.visible]
-    known = [ratio for ratio in ratios if 0.0 < ratio < math.inf]  # both are of a size that occurs
+    ratios = [other.least / sight.least for sight, other in every if sight.visible and other.visible and other.least]
+    known = [ratio for ratio in ratios if 0.0 < ratio < math.inf]  # both are of a size that is searched for
     return {
-        "change": name,
-        "cost": cost,
-        "newly_visible": list(newly),
+        "change": change.name,
+        "cost": change.cost,
+        "newly_visible": [name for name in sees if name not in seen],
         "separated": list(separated),
         "protected": list(dict.fromkeys(pair for of in protected.values() for pair in of)),
         "size_ratio": float(np.median(known)) if known else 1.0,
@@ -315,6 +332,7 @@ def _protected(pairs: Sequence[tuple[Sight, Sight]]) -> Iterator[tuple[str, str]
 def visibility_text(document: Mapping[str, Any]) -> str:
     """Return a screenful of plain lines from the document hil.visibility/1."""
     seen = [effect for effect in document["effects"] if effect["visible"]]
+    seen.sort(key=lambda effect: effect["smallest_visible"]["of_largest_typical"] or math.inf)
     asked = {effect["id"] for effect in document["effects"]}
     reasons = {
         name: why
@@ -322,17 +340,15 @@ def visibility_text(document: Mapping[str, Any]) -> str:
         for name, why in sensor["cannot_be_asked"].items()
         if name not in asked and "cannot" in why
     }
-    occurring = [effect for effect in seen if _against_typical(effect) <= 1.0]
     helps = ("newly_visible", "separated", "protected")
     return filled(
         "hil.design.visibility",
         "text.txt.j2",
         r=document,
         wrong=list(in_words(document)),
-        seen=sorted(occurring, key=_against_typical),
-        small=sorted((effect for effect in seen if effect not in occurring), key=_against_typical),
-        alike=sorted({tuple(effect["class"]) for effect in occurring if len(effect["class"]) > 1}),
-        scattering=[name for name in document["not_in_averages"] if name not in {*asked, *reasons}],
+        seen=[effect for effect in seen if effect["in_sight"]],
+        small=[effect for effect in seen if not effect["in_sight"]],
+        alike=sorted({tuple(effect["class"]) for effect in seen if effect["in_sight"] and len(effect["class"]) > 1}),
         needing={name: why.removeprefix("cannot be asked: ") for name, why in reasons.items()},
         changes=[
             each for each in document["changes"] if any(each[key] for key in helps) or each["size_ratio"] < _WORTH
@@ -341,10 +357,3 @@ def visibility_text(document: Mapping[str, Any]) -> str:
         unit_in_words=unit_in_words,
         shape_in_words=shape_in_words,
     ).rstrip("\n")
-
-
-def _against_typical(effect: Mapping[str, Any]) -> float:
-    smallest = effect["smallest_visible"]
-    sizes = [each or float("inf") for each in (smallest["value"], smallest["easiest"]["value"])]
-    least = sizes[0] if sizes[0] <= smallest["typical"][1] else sizes[1]
-    return float(least / max(smallest["typical"][1], 1e-300))

@@ -75,6 +75,17 @@ class Sight:
         return min(self.smallest, key=lambda one: (one.value / one.parameter.size, one.easiest / one.parameter.size))
 
     @property
+    def least(self) -> float:
+        """Its smallest visible size over the largest typical one: in any shape, or, where that is more, the easiest."""
+        largest = max(self.best.parameter.typical[1], 1e-300)
+        return (self.best.value if self.best.value <= largest else self.best.easiest) / largest
+
+    @property
+    def in_sight(self) -> bool:
+        """Whether it is found at a size that occurs."""
+        return self.visible and self.least <= 1.0
+
+    @property
     def visible(self) -> bool:
         """Whether the base leaves enough of it to be seen at all."""
         return self.kept >= CANNOT_BE_SEEN
@@ -132,7 +143,7 @@ def visibility(
         grids = [whiten @ flattened(laid(shape)) for shape in shapes[-1]]
         seen.append([visible(grid, absorbed, sizes) for grid in grids])
         many.append(round(len(tried) * np.mean([one.kept > UNSEEN for one in seen[-1]])))
-        leaks.append(_leaks(whitened, grids[(len(grids) - 1) // 2] * sizes, told.names))
+        leaks.append(_leaks(whitened, np.array(grids) * sizes, told.names))
     overlaps = overlap_table(seen)
     kept = [float(np.median([one.kept for one in several])) for several in seen]
     groups = classes(overlaps * np.outer(np.array(kept) >= CANNOT_BE_SEEN, np.array(kept) >= CANNOT_BE_SEEN))
@@ -193,11 +204,11 @@ def _in_each_run(conditions: Conditions, names: Collection[str]) -> FloatArray:
 def _leaks(base: FloatArray, typical: FloatArray, names: Sequence[str]) -> dict[str, float]:
     """Return by how many standard errors an effect of typical size that is not modelled moves parameters, by name.
 
-    `base` has their columns first, in that order.
+    In half of its shapes (k, N, p) by more. `base` has their columns first, in that order.
     """
     inverse = np.linalg.pinv(base, rcond=1e-9)
     errors = np.sqrt(np.sum(inverse**2, axis=1))
-    shifts = np.linalg.norm(inverse @ typical, axis=1)
+    shifts = np.median(np.linalg.norm(inverse @ typical, axis=2), axis=0)
     return {
         name: float(shift / error)
         for name, shift, error in zip(names, shifts, errors, strict=False)

@@ -22,10 +22,10 @@ from hil.solve.identifiability import Visible, Whitener
 PROBABILITY = 0.9
 """How probably what is promised is found."""
 _SURE = float(ndtri(PROBABILITY))
-_DEVIATIONS = np.append(0.0, np.geomspace(0.1, 1e4, 160))
+_DEVIATIONS = np.append(0.0, np.geomspace(0.3, 1e4, 100))
 """Deviations that an effect may show, (d,): what is between is as near as a search's own sizes are."""
-_ALIKE = 0.5
-"""What explains less of the squares explains nothing."""
+_ALIKE = 0.75
+"""What explains a smaller part of the squares hardly adds to the odds of what explains them."""
 _SIZES = 40
 """As many as any ladder of sizes has at most."""
 _LARGEST = 100.0
@@ -130,7 +130,7 @@ class Rows:
             power = a + 0.5 * (runs + others)
             log_scale = np.log(weight) + a * np.log(b) - gammaln(a) + gammaln(power)
             fits = power * np.log(b + 0.5 * (of_runs / times + rest)) + 0.5 * runs * np.log(times)
-            out.append(np.logaddexp.reduce(log_prior + log_scale - fits, axis=-1))
+            out.append(_log_sum(log_prior + log_scale - fits, -1))
         return np.asarray(np.logaddexp.reduce(out, axis=0).sum(axis=-1))
 
 
@@ -183,10 +183,10 @@ def thresholds(every: Sequence[Asked], rows: Rows) -> tuple[list[FloatArray], li
     for m in np.flatnonzero(whole > 0.0).tolist():
         near = np.flatnonzero(alike[m] > _ALIKE)
         sizes = _at(table[m], 1.0 - alike[m, near, None] * share[near]) + odds[near, :, None]
-        of_column = np.logaddexp.reduce(sizes, axis=1)
+        of_column = _log_sum(sizes, 1)
         of_shape = np.maximum.reduceat(of_column, np.flatnonzero(np.diff(shape[near], prepend=-1)))
         nothing = np.logaddexp(table[m], log_wrong + _at(table[m], 1.0 - in_one[m]))
-        needed[m] = _first(np.logaddexp.reduce(of_shape, axis=0) - nothing - np.log(1.0 / ALPHA - 1.0))
+        needed[m] = _first(_log_sum(of_shape, 0) - nothing - np.log(1.0 / ALPHA - 1.0))
     scatter = np.ones(len(whole))
     found = np.isfinite(needed)
     scatter[found] = np.hypot(1.0, needed[found] * np.sqrt(0.5 * np.sum(shares[found] ** 2 / rows.known, axis=1)))
@@ -218,7 +218,8 @@ def _sizes(asked: Asked, columns: FloatArray, rows: Rows) -> tuple[FloatArray, F
     own = np.arange(len(asked.seen))[:, None], np.argmax(whole, axis=1)  # block of each, (k, p)
     turned = (vectors * values[:, :, None] / centre[:, None]) ** 2
     explained = (turned @ (sizes**2 / shrunk))[*own, np.arange(len(centre))]  # (k, p, o)
-    share = explained / np.maximum(whole[*own, np.arange(len(centre))], 1e-300)[..., None]
+    all_of_it = whole[*own, np.arange(len(centre))][..., None]
+    share = np.divide(explained, all_of_it, where=all_of_it > 0.0, out=np.zeros_like(explained))
     odds = asked.log_prior + price[own] + (idle.sum(axis=1)[:, None] - idle[own])[..., None]
     more = ((0, 0), (0, _SIZES - len(sizes)))
     return (
@@ -230,6 +231,12 @@ def _sizes(asked: Asked, columns: FloatArray, rows: Rows) -> tuple[FloatArray, F
 def _at(table: FloatArray, share: FloatArray) -> FloatArray:
     """Return a log evidence, of deviations as tabulated (d,), where a share (…) of squares is left, (…, d)."""
     return np.asarray(np.interp(_DEVIATIONS * np.sqrt(np.maximum(share, 0.0))[..., None], _DEVIATIONS, table))
+
+
+def _log_sum(values: FloatArray, axis: int) -> FloatArray:
+    """Return the log of a sum of exponentials along an axis; quicker than logaddexp.reduce."""
+    peak = values.max(axis=axis, keepdims=True)
+    return np.asarray(np.log(np.exp(values - peak).sum(axis=axis)) + np.squeeze(peak, axis))
 
 
 def _first(excess: FloatArray) -> float:

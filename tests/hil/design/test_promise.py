@@ -155,9 +155,9 @@ def test_noise_that_few_rows_tell_may_be_what_is_seen() -> None:
     against = []
     for values in (1, 12, 19):
         rows = Rows(WHITEN, white[:, :values], SIGMA)
-        at_rest, *_, shown = rows.log_evidence(np.array([1.0, 0.0, 0.0, 0.0]))[:100]  # of so many deviations
+        at_rest, *_, shown = rows.log_evidence(np.array([1.0, 0.0, 0.0, 0.0]))[:31]  # of six deviations
         against.append(float(at_rest - shown))
-    assert against[0] > 1.5 * against[1] > 2.0 * against[2] > 0.0
+    assert 18.0 > against[0] > 1.2 * against[1] > 1.5 * against[2] > 0.0  # were the noise known: half of 36
 
 
 def test_what_one_sensor_of_two_has_is_asked_for_more() -> None:
