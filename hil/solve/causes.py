@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hil.model.effects.prior import COMMON
+
 ODDS = {
     "rate": 0.05,
     "collect": 0.05,
@@ -21,6 +23,8 @@ ODDS = {
 """Prior odds that a campaign has one of a kind; the search has these, too."""
 AS_IT_LAY = float(np.log(1e4))
 """Log odds that labels are exchanged where the unit's accelerometers say so, rather than that these are wrong."""
+MOSTLY = float(np.log(COMMON / (1.0 - COMMON)))
+"""Log odds that labels which are exchanged in one sensor are so in another that was recorded with it."""
 AGAIN = 0.3
 """How probably labels that are exchanged, or signs turned, in one run are so in more: whoever did it did so again."""
 

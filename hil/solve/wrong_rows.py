@@ -9,7 +9,7 @@ The quick form of what `hil reconcile` asks of every row: how the unit lay by it
 rates best, with the search's own odds of a mistake (`hil.solve.explained`).
 """
 
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from typing import Any, Self
@@ -20,7 +20,7 @@ from hil.campaign import Campaign, Collects, FloatArray
 from hil.campaign.plausibility import clipped, unclipped
 from hil.model.forms import default_form
 from hil.solve.asked import Asked, OtherSensor
-from hil.solve.causes import AS_IT_LAY, Cause, all_of
+from hil.solve.causes import AS_IT_LAY, MOSTLY, Cause, all_of
 from hil.solve.explained import HARDLY, Explained, beyond_others, explanations, mended
 from hil.solve.precision import with_every_error
 from hil.solve.whitened import whitened
@@ -28,7 +28,7 @@ from procedures.verdict import Judgement, Verdict, combine
 from procedures.words import listed, numbered, significant
 
 LEFT_OUT, MENDED, USED = "left out", "mended", "used"
-_LIES = "in each the unit lies, by its accelerometers, as in the other's position"
+_LIES = ": in each the unit lies, by its accelerometers, as in the other's position"
 _FROM = " from what all others show"
 _AS_FILED = MENDED, Verdict.FAIL, ": so all rates agree with each other, and not as they are filed", ""
 _DONE = {
@@ -107,26 +107,9 @@ def wrong_rows(campaign: Campaign) -> dict[int, WrongRows]:
 
     Of runs that FAIL by their records nothing is held against another's rows.
     """
-    fails = {number: frozenset(failed(campaign, number)) for number in campaign.sensors}
-    laid = {n: _as_the_unit_lay(rows, tuple(campaign.exchanged.get(n, ()))) for n, rows in campaign.sensors.items()}
-    as_it_lay = replace(campaign, sensors={n: collects for n, (collects, _) in laid.items()})
-    return {
-        number: _wrong_rows(
-            *laid[number],
-            fails[number],
-            alike(as_it_lay, number),
-            frozenset().union(*(runs for other, runs in fails.items() if other != number)),
-        )
-        for number in campaign.sensors
-    }
-
-
-def alike(campaign: Campaign, number: int) -> Collects | None:
-    """Return what the other of two sensors that are alike shows."""
-    own = campaign.sensors[number].conditions.sensor
-    others = [rows for n, rows in campaign.sensors.items() if n != number]
-    same = len(others) == 1 and len(others[0].conditions.sensor.channels) == len(own.channels)
-    return others[0] if same else None
+    fails = tuple(frozenset(failed(campaign, number)) for number in campaign.sensors)
+    exchanged = tuple(tuple(campaign.exchanged.get(number, ())) for number in campaign.sensors)
+    return dict(zip(campaign.sensors, _wrong_rows(tuple(campaign.sensors.values()), fails, exchanged), strict=True))
 
 
 def beside(collects: Collects, other: Collects | None) -> FloatArray:
@@ -141,10 +124,11 @@ def beside(collects: Collects, other: Collects | None) -> FloatArray:
     return out
 
 
-def _other_sensor(collects: Collects, other: Collects | None, failed: Set[int]) -> OtherSensor | None:
-    """Return what another sensor, some runs of which `failed`, shows in the same collects, and says of their labels."""
-    if other is None:
+def _other_sensor(sensors: Sequence[Collects], fails: Sequence[Set[int]], k: int) -> OtherSensor | None:
+    """Return what the other of two sensors that are alike shows in the same collects, and says of their labels."""
+    if len(sensors) != 2 or len({len(each.conditions.sensor.channels) for each in sensors}) > 1:
         return None
+    collects, other, failed = sensors[k], sensors[1 - k], fails[1 - k]
     # A run that FAILs by its records would hide in its noise whatever else the other's rates say of the rest.
     asked = cache(lambda silent: Asked(whitened(other.rows(~np.isin(other.conditions.run, [*silent])))))
     shown = beside(collects, other)
@@ -166,22 +150,111 @@ def failed(campaign: Campaign, number: int, *, unless_mended: bool = False) -> s
     return recorded | contradicted
 
 
-@lru_cache(maxsize=8)
+@dataclass(frozen=True)
+class _Laid:
+    """The `collects` of all sensors, with labels put right that are certain, and what is `known` to be wrong with each.
+
+    Averages at a channel's limit are left out, and every rate that was measured has a standard error.
+    """
+
+    collects: list[Collects]
+    known: list[list[Wrong]]
+
+    def likelier(self, k: int, cause: Cause) -> float:
+        """Return how much likelier, in logs, a sensor's rates are with labels put right."""
+        filed = self.collects[k]
+        return Asked(whitened(mended(filed, cause))).as_filed - Asked(whitened(filed)).as_filed
+
+    def exchange(self, causes: Mapping[int, Cause], why: str) -> None:
+        """Put labels of collects right that some sensors took together, and say so of each."""
+        of = {k: Wrong.of(self.collects[k], cause, MENDED, "") for k, cause in causes.items()}
+        named = {k: f"{numbered('collect', each.collects)} of sensor {each.sensor}" for k, each in of.items()}
+        for k, cause in causes.items():
+            others = listed(name for other, name in named.items() if other != k)
+            with_it = f"; the same of {others}, recorded with them" if others else ""
+            said = f"{cause_in_words(self.collects[k], cause)}{why}{with_it}"
+            self.known[k].append(replace(of[k], why=said))
+            self.collects[k] = mended(self.collects[k], cause)
+
+
+@lru_cache(maxsize=4)
 def _wrong_rows(
-    collects: Collects,
-    known: tuple[Wrong, ...],
-    failed: frozenset[int],
-    other: Collects | None,
-    failed_of_other: frozenset[int],
+    sensors: tuple[Collects, ...],
+    failed: tuple[frozenset[int], ...],
+    exchanged: tuple[tuple[tuple[int, int], ...], ...],
+) -> tuple[WrongRows, ...]:
+    """Ask every sensor, and again with labels put right in all that one is certain of: they are a collect's."""
+    laid = _Laid([with_every_error(unclipped(each)) for each in sensors], [clipped_rows(each) for each in sensors])
+    for causes in _as_the_unit_lay(sensors, exchanged):
+        if sum(laid.likelier(k, cause) for k, cause in causes.items()) > -AS_IT_LAY:
+            laid.exchange(causes, _LIES)
+    every, known = range(len(sensors)), list[Mapping[int, Cause]]()
+    while True:
+        shown = [_other_sensor(laid.collects, failed, k) for k in every]
+        found = [_found(laid.collects[k], failed[k], shown[k]) for k in every]
+        new = next((each for each in _in_common(laid, failed, found) if each not in known), None)
+        if new is None:
+            return tuple(_told(laid.collects[k], laid.known[k], failed[k], found[k], shown[k]) for k in every)
+        known.append(new)
+        laid.exchange(new, _AS_FILED[2])
+
+
+def _as_the_unit_lay(
+    sensors: Sequence[Collects], exchanged: Sequence[Collection[tuple[int, int]]]
+) -> list[dict[int, Cause]]:
+    """Return the labels that accelerometers exchange: how the unit lay is the body's, and so is whether it is true."""
+    out: dict[tuple[int, tuple[int, ...]], dict[int, Cause]] = {}
+    for k, (collects, pairs) in enumerate(zip(sensors, exchanged, strict=True)):
+        for pair in (each for each in pairs if np.isin(each, collects.conditions.collect).all()):
+            rows = np.flatnonzero(np.isin(collects.conditions.collect, pair))
+            run = int(collects.conditions.run[rows[0]])
+            place = np.searchsorted(collects.conditions.of_each_run[run], rows)
+            same = out.setdefault((run, tuple(place.tolist())), {})
+            same[k] = Cause("exchanged", run, tuple(rows.tolist()))
+    return [*out.values()]
+
+
+def _in_common(
+    laid: _Laid, failed: Sequence[Set[int]], found: Sequence[Sequence[Explained]]
+) -> Iterator[dict[int, Cause]]:
+    """Yield labels that are certain to be exchanged in one sensor, with those of others that were recorded with them.
+
+    But for sensors whose own rates contradict it by more than it is usual that labels are exchanged for all.
+    """
+    for k, each in ((k, each.likeliest) for k, of in enumerate(found) for each in of):
+        if each is None or each.what != "exchanged" or each.run in failed[k]:
+            continue
+        own, out = laid.collects[k].conditions, {k: each}
+        place = np.searchsorted(own.of_each_run[each.run], each.rows)
+        for other, collects in enumerate(laid.collects):
+            theirs = collects.conditions.of_each_run.get(each.run, np.zeros(0, dtype=np.int64))
+            labels = own.position[own.of_each_run[each.run]]
+            if other != k and np.array_equal(labels, collects.conditions.position[theirs]):
+                same = replace(each, rows=tuple(theirs[place].tolist()))
+                if laid.likelier(other, same) > -MOSTLY:
+                    out[other] = same
+        if len(out) > 1:
+            yield out
+
+
+def _found(collects: Collects, failed: Set[int], other: OtherSensor | None) -> list[Explained]:
+    """Return what is wrong with collects; where in the end nothing of a run holds, nothing of it was put right."""
+    found = [*explanations(collects, failed, other)]
+    lost = _lost(found)
+    return [each for each in found if (c := each.likeliest) is None or c.what == "run" or c.run not in lost]
+
+
+def _lost(found: Iterable[Explained]) -> set[int]:
+    """Return the runs of which nothing holds."""
+    return {each.likeliest.run for each in found if each.likeliest is not None and each.likeliest.what == "run"}
+
+
+def _told(
+    collects: Collects, known: Sequence[Wrong], failed: Set[int], found: Sequence[Explained], other: OtherSensor | None
 ) -> WrongRows:
-    """Ask of collects and those of the other sensor, as the unit lay in both, beside what is `known` to be wrong."""
-    rows, shown = [*known], _other_sensor(collects, other, failed_of_other)
+    """Do what was found to be wrong with collects, beside what is `known`, and say so."""
+    rows, filed = [*known], collects
     judged = {each.run: [Judgement(Verdict.FAIL, each.why)] for each in known if each.done == MENDED}
-    found = [*explanations(collects, failed, shown)]
-    lost = {cause.run for each in found if (cause := each.likeliest) is not None and cause.what == "run"}
-    # Where in the end nothing of a run holds, nothing of it was put right either.
-    found = [each for each in found if (c := each.likeliest) is None or c.what == "run" or c.run not in lost]
-    filed = collects
     for each in found:
         for run, wrong, judgement in _said(filed, each):
             judged.setdefault(run, []).append(judgement)
@@ -196,24 +269,7 @@ def _wrong_rows(
         may_be.append(Wrong.of(filed, cause, _DONE.get(cause.what, _AS_FILED)[0], cause_in_words(filed, cause)))
         likeliest = mended(likeliest, cause)
     alone, seen_from = beyond_others(collects, {*failed, *(run for each in found for run in each.used)})
-    return WrongRows(collects, tuple(rows), every, alone, lost, seen_from, tuple(may_be), likeliest, shown)
-
-
-@lru_cache(maxsize=8)
-def _as_the_unit_lay(collects: Collects, exchanged: tuple[tuple[int, int], ...]) -> tuple[Collects, tuple[Wrong, ...]]:
-    """Put rates under the labels that accelerometers give them, but where other runs contradict it, and say so.
-
-    Averages at a channel's limit are left out, and every rate that was measured has a standard error then.
-    """
-    out, collects = clipped_rows(collects), with_every_error(unclipped(collects))
-    for pair in (each for each in exchanged if np.isin(each, collects.conditions.collect).all()):
-        i, j = np.flatnonzero(np.isin(collects.conditions.collect, pair)).tolist()
-        cause = Cause("exchanged", int(collects.conditions.run[i]), (i, j))
-        laid = mended(collects, cause)
-        if Asked(whitened(laid)).as_filed - Asked(whitened(collects)).as_filed > -AS_IT_LAY:
-            collects = laid
-            out.append(Wrong.of(laid, cause, MENDED, f"{cause_in_words(laid, cause)}: {_LIES}"))
-    return collects, tuple(out)
+    return WrongRows(collects, tuple(rows), every, alone, _lost(found), seen_from, tuple(may_be), likeliest, other)
 
 
 def _said(filed: Collects, found: Explained) -> Iterator[tuple[int, Wrong, Judgement]]:

@@ -15,6 +15,7 @@ from hil.solve.asked import _in_common
 from hil.solve.explained import explanations
 from hil.solve.wrong_rows import MENDED, USED, treated, wrong_rows
 from procedures.verdict import Verdict
+from procedures.words import numbered
 from tests.hil.model.effect_conditions import TRIAD
 from tests.hil.solve.test_other_runs import campaign, repeated, with_rates
 
@@ -238,8 +239,11 @@ def test_rates_that_nothing_explains_are_no_measurement() -> None:
     assert {each.verdict for each in solve_campaign(with_rates(one, rates))} == {Verdict.INCONCLUSIVE}
 
 
-def _of_two_sensors(seed: int, exchanged: tuple[int, ...]) -> tuple[Campaign, int, tuple[int, int]]:
-    """Two temperatures, three runs of three collects at each; of a run two collects exchanged in those sensors."""
+def _of_two_sensors(seed: int, exchanged: tuple[int, ...], felt: float = 1.0) -> tuple[Campaign, int, tuple[int, int]]:
+    """Two temperatures, three runs of three collects at each; of a run two collects exchanged in those sensors.
+
+    Of what the second sensor feels of a pose the first feels a share.
+    """
     rng = np.random.default_rng(seed)
     f = np.tile([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], (6, 1))
     run, bad, sensors = np.repeat(np.arange(6), 3), int(rng.integers(6)), {}
@@ -253,7 +257,12 @@ def _of_two_sensors(seed: int, exchanged: tuple[int, ...]) -> tuple[Campaign, in
             np.zeros((18, 3)), columns,
         )  # fmt: skip
         bias, mu = rng.normal(size=(2, 6, 2))
-        rates = f @ np.array(own).T + bias[run] + mu[run] * f[:, 2:] + 0.7 * rng.normal(size=(18, 2))
+        rates = (
+            (felt if number == 1 else 1.0) * f @ np.array(own).T
+            + bias[run]
+            + mu[run] * f[:, 2:]
+            + 0.7 * rng.normal(size=(18, 2))
+        )
         if number in exchanged:
             rates[[3 * bad + first, 3 * bad + second]] = rates[[3 * bad + second, 3 * bad + first]]
         sensors[number] = Collects(conditions, rates, np.full((18, 2), 0.7))
@@ -269,6 +278,26 @@ def test_labels_are_a_collects_which_two_sensors_have_in_common(seed: int) -> No
         assert [(each.run, each.collects, each.done) for each in found.rows] == [(run, collects, MENDED)]
     in_one, *_ = _of_two_sensors(seed, (1,))
     assert wrong_rows(in_one)[2].rows == ()
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_what_one_sensor_is_certain_of_is_put_right_in_one_that_hardly_feels_it(seed: int) -> None:
+    """Whoever has the labels of one corrected by what is said of it is told of the other's in the same sentence."""
+    campaign, run, collects = _of_two_sensors(seed, (1, 2), 0.1)
+    for number, found in wrong_rows(campaign).items():
+        (wrong,) = found.rows
+        assert (wrong.run, wrong.collects, wrong.done) == (run, collects, MENDED)
+        assert wrong.why.endswith(
+            f"; the same of {numbered('collect', collects)} of sensor {3 - number}, recorded with them"
+        )
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_accelerometers_that_one_sensor_contradicts_exchange_nothing_in_another(seed: int) -> None:
+    """How the unit lay is the body's: labels of a sensor that hardly feels it are not turned where the other's stay."""
+    campaign, _, collects = _of_two_sensors(seed, (), 0.1)
+    for found in wrong_rows(replace(campaign, exchanged={1: [collects], 2: [collects]})).values():
+        assert found.rows == ()
 
 
 def test_the_other_sensor_can_say_no_more_than_that_labels_are_mostly_exchanged_for_both() -> None:
