@@ -185,7 +185,8 @@ def weigh(searches: Mapping[int, SensorSearch]) -> Posterior:
 
     What looks the same as a member of the likeliest is weighed, and kept, whatever it is worth.
     """
-    lists = {n: _with_the_others(n, searches) for n in searches}
+    likely = {n: likely_sets(search) for n, search in searches.items()}
+    lists = {n: _with_the_others(n, searches, likely) for n in searches}
     weights, sorts = log_weights(searches, lists)
     *first, sort = np.unravel_index(weights.argmax(), weights.shape)
     lead = {n: sets[k] for (n, sets), k in zip(lists.items(), first, strict=True)}
@@ -224,12 +225,20 @@ def log_weights(
     return weights, sorts
 
 
-def _with_the_others(number: int, searches: Mapping[int, SensorSearch]) -> list[Set]:
-    """Return a sensor's sets that are worth combining; with several sensors fewer, for their product is what counts."""
-    search = searches[number]
-    sets = likely_sets(search)
+def _with_the_others(
+    number: int, searches: Mapping[int, SensorSearch], likely: Mapping[int, Sequence[Set]]
+) -> list[Set]:
+    """Return a sensor's likely sets that are worth combining; with several sensors fewer, for their product counts.
+
+    And those with the mistakes that others have and it would have, too: by itself it may hardly show them.
+    """
+    sets = likely[number]
     most = 4000 if len(searches) == 1 else int(4000 ** (1.0 / len(searches)))
-    return sets[:most] if () in sets[:most] else [*sets[: most - 1], ()]
+    sets = list(sets[:most] if () in sets[:most] else [*sets[: most - 1], ()])
+    led = [searches[n].terms[j] for n, own in likely.items() if n != number for j in own[0]]
+    theirs = {term.shared for term in led if term.is_mistake and term.shared}
+    same = {j for j, term in enumerate(searches[number].terms) if term.is_mistake and term.shared in theirs}
+    return list(dict.fromkeys([*sets, *(tuple(sorted({*chosen, *same})) for chosen in sets[:OTHERS])]))
 
 
 def _log_prior(searches: Mapping[int, SensorSearch], lists: Mapping[int, Sequence[Set]]) -> FloatArray:

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, IntArray
-from hil.model.effects.data import OTHER_SENSOR, Mislabelled
+from hil.model.effects.data import OF_A_RUN, OTHER_SENSOR, Mislabelled
 from hil.model.effects.followed import driver_of
 from hil.model.effects.prior import SECOND_TIER, UNSEEN, in_another, ladder, middle, name_odds
 from hil.reconcile.search.candidates import POWERS, Candidate
@@ -98,11 +98,15 @@ class Term:
 
     @property
     def shared(self) -> str:
-        """Under which name several sensors have it together; none of a mistake that is in one alone."""
+        """Under which name several sensors have it together; none of a mistake that is in one alone.
+
+        Labels are a collect's, which all sensors have in common, and so are rates of one under another.
+        """
         shape = self.candidate.shape
         if not self.is_mistake:
             return self.name
-        return f"{self.name} {shape['run']:g}" if shape.get("exchange") == OTHER_SENSOR else ""
+        exchange = shape.get("exchange", OF_A_RUN)
+        return f"{self.name} {shape['run']:g} {exchange:g}" if exchange > OF_A_RUN else ""
 
     @property
     def alike(self) -> float | None:

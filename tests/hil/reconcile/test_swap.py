@@ -20,6 +20,7 @@ from hil.solve.omissions import otherwise
 from hil.solve.wrong_rows import MENDED, USED, wrong_rows
 from tests.hil.analysis.thermal.nights import rotor_night
 from tests.hil.reconcile.hidden_effects import TRIAD, Hidden, both, hidden_campaign
+from tests.hil.solve.test_explained import of_two_sensors
 from tests.hil.solve.test_other_runs import campaign
 
 
@@ -349,3 +350,12 @@ def test_what_solve_doubts_and_the_search_does_not_is_said_by_its_collects() -> 
     assert [row.run for row in doubted] == [2]
     assert any("hil solve doubts" in words and "collect 5" in words for words in otherwise(wrong, ()))
     assert not any("doubts" in words for words in otherwise(wrong, [row.document() for row in doubted]))
+
+
+def test_labels_are_put_right_in_a_sensor_that_hardly_feels_it_by_what_the_other_shows() -> None:
+    """They are a collect's: whoever exchanged them did so for both, and the search had mended one sensor alone."""
+    two, run, collects = of_two_sensors(1, (1, 2), 0.1)
+    rows = found(two, "matrix-6").rows
+    assert [(row["sensor"], row["run"], row["collects"], row["done"]) for row in rows] == [
+        (number, run, [*collects], MENDED) for number in (1, 2)
+    ]

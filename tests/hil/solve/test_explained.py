@@ -239,7 +239,7 @@ def test_rates_that_nothing_explains_are_no_measurement() -> None:
     assert {each.verdict for each in solve_campaign(with_rates(one, rates))} == {Verdict.INCONCLUSIVE}
 
 
-def _of_two_sensors(seed: int, exchanged: tuple[int, ...], felt: float = 1.0) -> tuple[Campaign, int, tuple[int, int]]:
+def of_two_sensors(seed: int, exchanged: tuple[int, ...], felt: float = 1.0) -> tuple[Campaign, int, tuple[int, int]]:
     """Two temperatures, three runs of three collects at each; of a run two collects exchanged in those sensors.
 
     Of what the second sensor feels of a pose the first feels a share.
@@ -273,17 +273,17 @@ def _of_two_sensors(seed: int, exchanged: tuple[int, ...], felt: float = 1.0) ->
 @pytest.mark.parametrize("seed", range(6))
 def test_labels_are_a_collects_which_two_sensors_have_in_common(seed: int) -> None:
     """What one sensor alone could not tell both tell together, and the same; a sound one is left alone."""
-    campaign, run, collects = _of_two_sensors(seed, (1, 2))
+    campaign, run, collects = of_two_sensors(seed, (1, 2))
     for found in wrong_rows(campaign).values():
         assert [(each.run, each.collects, each.done) for each in found.rows] == [(run, collects, MENDED)]
-    in_one, *_ = _of_two_sensors(seed, (1,))
+    in_one, *_ = of_two_sensors(seed, (1,))
     assert wrong_rows(in_one)[2].rows == ()
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_what_one_sensor_is_certain_of_is_put_right_in_one_that_hardly_feels_it(seed: int) -> None:
     """Whoever has the labels of one corrected by what is said of it is told of the other's in the same sentence."""
-    campaign, run, collects = _of_two_sensors(seed, (1, 2), 0.1)
+    campaign, run, collects = of_two_sensors(seed, (1, 2), 0.1)
     for number, found in wrong_rows(campaign).items():
         (wrong,) = found.rows
         assert (wrong.run, wrong.collects, wrong.done) == (run, collects, MENDED)
@@ -295,7 +295,7 @@ def test_what_one_sensor_is_certain_of_is_put_right_in_one_that_hardly_feels_it(
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_accelerometers_that_one_sensor_contradicts_exchange_nothing_in_another(seed: int) -> None:
     """How the unit lay is the body's: labels of a sensor that hardly feels it are not turned where the other's stay."""
-    campaign, _, collects = _of_two_sensors(seed, (), 0.1)
+    campaign, _, collects = of_two_sensors(seed, (), 0.1)
     for found in wrong_rows(replace(campaign, exchanged={1: [collects], 2: [collects]})).values():
         assert found.rows == ()
 
