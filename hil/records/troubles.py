@@ -19,7 +19,7 @@ _BY_VERDICT = {
     "PASS": "nothing; hil report {} has the parameters",
     "OUT OF SPEC": "with the measurement nothing, but the unit is out of spec: hil report {} has the limits",
     "MARGINAL": "read the reasons before its numbers are used: hil report {}",
-    "FAIL": "use no number that FAILED; hil report {} names them and why: mend that, and measure them again",
+    "FAIL": "use no number that FAILED; hil report {} names them, why, and what to do",
     "INCONCLUSIVE": "measure again what could not be told; hil report {} names it and why",
 }
 

@@ -24,6 +24,7 @@ from hil.solve import RunSolution, repeats, solve_campaign
 from hil.solve.both_sensors import BothSensors, common_and_differential
 from hil.solve.contractor import METHOD
 from hil.solve.document import not_passed_of, of_sensors_in_words
+from hil.solve.judged import LACKS
 from hil.solve.repeats import MAY_FOLLOW, MeanAt, SensorRepeats
 from hil.solve.site import smallest_seen_deg
 from hil.solve.temperatures import how_many
@@ -177,7 +178,10 @@ def to_do(content: ReportContent) -> Iterator[str]:
         yield f"{night.to_do}; what is missing is listed below."
     wrong = of_sensors_in_words(not_passed_of(content.solutions))
     yield from (f"{_DO[Verdict(verdict)]} {runs}." for verdict, runs in wrong)
-    if set(NOT_GOOD) & set(content.verdict_counts()):
+    lacks = {LACKS in each.reason for each in content.solutions if each.verdict in NOT_GOOD}
+    if True in lacks:
+        yield "Ask hil reconcile what the model lacks: measured again it lacks the same."
+    if False in lacks:
         yield "Mend what is said under Why; then measure again."
     if misstated := [sensor.number for sensor in content.sensors if sensor.shown.misstated]:
         yield f"State the standard errors of {numbered('sensor', misstated)} that repeats and residuals show; below."

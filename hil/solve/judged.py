@@ -14,6 +14,8 @@ from procedures.words import counted, listed, plural, significant, spelled
 PASS_PROBABILITY = 0.05
 FAIL_PROBABILITY = 0.001
 EXCESS = "the residuals are {} times what the standard errors allow"
+LACKS = "the model lacks something (ask hil reconcile), or they are too small, and with them the ± of its parameters"
+"""Why runs FAIL that would FAIL again if they were measured again."""
 
 
 def beyond_errors(names: Sequence[str], of_channels: tuple[FloatArray, FloatArray], among: int) -> str:
@@ -56,10 +58,7 @@ def judge(
     excess = f"{EXCESS.format(significant(factor))}{where} ({found})"
     if probability >= FAIL_PROBABILITY / among:
         return Judgement(Verdict.MARGINAL, excess)
-    return Judgement(
-        Verdict.FAIL,
-        f"{excess}: the model lacks something, or they are too small, and with them the ± of its parameters",
-    )
+    return Judgement(Verdict.FAIL, f"{excess}: {LACKS}")
 
 
 def _positions(collects: Collects) -> set[str]:

@@ -121,7 +121,11 @@ def test_a_controller_that_was_killed_leaves_a_chamber_that_nobody_looks_after(j
 # What stands of a night, and what is to be done: words that must be in it, and words that must not.
 STANDING = [
     ({}, "nothing; hil report n", "resume"),
-    ({"verdict": {"verdict": "FAIL"}}, "use no number that FAILED; hil report n names them and why", "nothing"),
+    (
+        {"verdict": {"verdict": "FAIL"}},
+        "hil report n names them, why, and what to do",
+        "nothing",
+    ),
     ({"verdict": {"verdict": "INCONCLUSIVE"}}, "measure again", "nothing"),
     ({"verdict": {"verdict": "MARGINAL"}}, "read the reasons", "nothing"),
     ({"verdict": None}, "hil report n judges it", "nothing"),

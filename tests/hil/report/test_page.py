@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,11 @@ from benchmarks.blind.cases import Case, make_case, write_case
 from benchmarks.blind.night import Design
 from hil.campaign.reader import read_campaign
 from hil.config.sweep import PUBLISHED
-from hil.report.content import gather, headline
+from hil.report.content import gather, headline, to_do
 from hil.report.page import render
+from hil.solve.judged import judge
 from hil.solve.temperatures import runs_by_temperature
+from procedures.verdict import Judgement, Verdict
 
 
 @pytest.fixture(scope="module")
@@ -116,6 +119,16 @@ def test_a_missing_collect_is_inconclusive_in_the_headline(case: Case, folder: P
     content = gather(read_campaign(folder))
     assert "23 PASS" in headline(content)
     assert "1 INCONCLUSIVE" in headline(content)
+
+
+def test_what_is_the_same_in_every_run_is_not_to_be_measured_again(folder: Path) -> None:
+    """Of residuals that the model leaves hil reconcile is asked; what was wrong with a measurement is mended first."""
+    content = gather(read_campaign(folder))
+    moved, lacks = Judgement(Verdict.FAIL, "moved"), judge(300.0, 8, 14, True)
+    for judged, said in ((moved, ["then measure again"]), (lacks, ["hil reconcile"])):
+        sensors = [replace(of, solutions=[replace(e, judged=judged) for e in of.solutions]) for of in content.sensors]
+        do = [each for each in to_do(replace(content, sensors=sensors)) if not each.startswith("Do not use")]
+        assert [words in each for words, each in zip(said, do, strict=True)] == [True]
 
 
 def test_without_temperatures_all_runs_are_one_group(case: Case, tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from hil.solve import RunSolution, solve_campaign
 from hil.solve.document import not_passed, not_passed_of, of_sensors_in_words, reasons
-from hil.solve.judged import judge
+from hil.solve.judged import LACKS, judge
 from procedures.verdict import Judgement, Verdict
 from tests.hil.solve.test_other_runs import campaign
 
@@ -56,8 +56,7 @@ def test_runs_whose_residuals_are_too_large_share_a_line() -> None:
         _solved(Verdict.FAIL, judge(chi, 8, 14, True).reason, run) for run, chi in ((4, 40.0), (5, 300.0), (7, 80.0))
     ]
     alone = _solved(Verdict.MARGINAL, judge(18.0, 8, 14, True, where=", in RA 2.1 times").reason, 6)
-    lacks = "the model lacks something, or they are too small, and with them the ± of its parameters"
-    between = f"the residuals are 2.2 to 6.1 times what the standard errors allow: {lacks}"
+    between = f"the residuals are 2.2 to 6.1 times what the standard errors allow: {LACKS}"
     assert list(reasons([*many, alone])) == [
         (Verdict.FAIL, "sensor 2, runs 4–5, 7", between),
         (Verdict.MARGINAL, "sensor 2, run 6", alone.reason),
