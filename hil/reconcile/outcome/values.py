@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import Campaign, Collects, FloatArray
+from hil.model.effects.followed import driver_of
 from hil.model.forms import default_form
 from hil.reconcile.outcome.scatter import FoundScatter
 from hil.reconcile.search.candidates import Candidate
@@ -26,7 +27,8 @@ def before_and_after(
 ) -> list[dict[str, Any]]:
     """Return what each parameter that the terms change is at three temperatures, without and with them: key `values`.
 
-    A model is told by the parameters that its rates would be solved for, whatever its own are.
+    As the improved model has them: what parameters do with temperature is theirs, and what else was found stands beside
+    them. A model is told by the parameters that its rates would be solved for, whatever its own are.
     """
     out = []
     for number in sorted({candidate.sensor for candidate, _ in terms}):
@@ -34,13 +36,14 @@ def before_and_after(
         conditions = sensor.collects.conditions
         form, station, level = default_form(conditions), same_temperature(conditions), level_degC(conditions)
         columns, known = form.columns(conditions), sensor.known_rates() - conditions.w_channels_deg_per_hr
+        own = left_by(sensor, [each for each in terms if _is_of_parameters(each[0], form.names)])[2]
         places = np.unique(station[station >= 0])
         rows: list[tuple[float | None, FloatArray, FloatArray]] = []
         for k in np.unique(places[[0, len(places) // 2, -1]]) if len(places) else ():
             here = station == k
             is_ = []
-            for chosen in ((), terms):
-                base, left, made = left_by(sensor, chosen)
+            for chosen, made in (((), np.zeros_like(own)), (terms, own)):
+                base, left, _ = left_by(sensor, chosen)
                 fitted = here if number in calibrated else np.isfinite(left).any(axis=1)
                 fit = fit_to(left[fitted], base[fitted], sensor.collects.rates_se_deg_per_hr[fitted])
                 rates = known[here] + made[here] + base[here] @ fit
@@ -65,6 +68,13 @@ def before_and_after(
             if np.isfinite(was[p] + now[p])
         ]
     return out
+
+
+def _is_of_parameters(candidate: Candidate, names: Sequence[str]) -> bool:
+    """Whether a term is what parameters of these names are at a temperature, whatever else a collect has."""
+    own = candidate.effect is not None and {each.name for each in candidate.parameters} <= {*names}
+    follows = driver_of(candidate.driver) if candidate.effect is None else candidate.effect.follows
+    return own or follows == "temperature"
 
 
 def left_by(

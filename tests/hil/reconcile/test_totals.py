@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from hil.cli.model import _values
 from hil.model import load_model
 from hil.model.effects.catalogue import effect_by_id
+from hil.reconcile.outcome.improve import improved
 from hil.reconcile.outcome.values import before_and_after
 from hil.reconcile.result import before_and_after_in_words
 from hil.reconcile.rivals import Rival
@@ -40,6 +43,25 @@ def test_what_is_printed_is_what_a_parameter_is_before_and_after() -> None:
     constant = next(each for each in problem.candidates if each.name == "MU_real" and each.form == "constant")
     found = before_and_after(problem.sensors, [(constant, {0: (0.0, 0.1), 1: (7.0, 0.1)})], frozenset())
     assert {(each["name"], each["temperature_degC"]) for each in found} == {("BA", None), ("MUB", None)}
+
+
+def test_what_follows_no_temperature_is_in_no_parameter() -> None:
+    """A drift through each run stands beside the base in the improved model, and BA is printed as it is there."""
+    curves = {"BA": lambda t: 30.0 + 10.0 * scaled(t)}
+    campaign = rotor_night(np.random.default_rng(0), curves, run_to_run={}, white=1e-6)
+    problem = pose(campaign, load_model("matrix-6"), [effect_by_id("drift")])
+    drift, rows = next(each for each in problem.candidates if each.name == "drift"), campaign.sensors[2]
+    drifting = replace(rows, rates_deg_per_hr=rows.rates_deg_per_hr + 20.0 * drift.columns[:, :, 0])
+    sensors = {2: replace(problem.sensors[2], collects=drifting)}
+    terms = [(drift, {0: (20.0, 0.1)})]
+    model = improved(problem.model, sensors, terms, [], {"drift": {}}, frozenset({2}))
+    found = before_and_after(sensors, terms, frozenset({2}))
+    assert "BA" in {each["name"] for each in found}
+    for each in found:
+        degC = each["temperature_degC"]
+        assert each["after"] == pytest.approx(model.sensors[2][each["name"]].at(degC), abs=0.05)
+        assert each["after"] == pytest.approx(curves.get(each["name"], np.zeros_like)(np.array(degC)), abs=0.05)
+        assert abs(each["before"] - each["after"]) > 1.0
 
 
 def test_a_term_without_a_name_says_how_far_it_moves_the_rate() -> None:
