@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -70,6 +71,9 @@ def solve(
     document["both_sensors"] = None if both is None else both.document()
     comparison = None if against is None else compare(campaign, read_source(against, EARLIER))
     unit = in_spec_of(source, campaign, solutions, limits, comparison)
+    if against is not None and (unit is None or all(each.of != "change" for each in unit.characteristics)):
+        compared = f"hil report {shlex.quote(str(source))} --against {shlex.quote(str(against))}"
+        raise InputError(f"--against is for limits of changes, and none are given (--limits): {compared} compares them")
     document["in_spec"] = None if unit is None else unit.document()
     of_all = [*(() if both is None else both.sentences()), *(() if unit is None else unit.sentences())]
 

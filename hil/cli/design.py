@@ -49,7 +49,9 @@ def budget(
     else:
         sweep, its_bench = load_sweep(source), load_bench(bench or "simulated")
         asked = Asked(run, repeats or sweep.self_calibrations_per_temperature, draws, seed)
-        document = budget_document(planned_scenes(sweep, its_bench, chosen), sweep.title, asked)
+        document = budget_document(
+            planned_scenes(sweep, its_bench, chosen), sweep.title, asked, simulated=its_bench.simulated
+        )
     return Answer(document, told(document))
 
 

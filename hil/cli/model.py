@@ -15,6 +15,7 @@ from typer import Argument, Option
 from hil.cli.answer import Answer, told
 from hil.cli.data import Source, read_source
 from hil.cli.output import check_named, check_result_folder, messages
+from hil.errors import InputError
 from procedures.words import hours_minutes
 
 _ModelName = Annotated[str, Option("--model", help="A model file, or the name of a built-in.")]
@@ -150,7 +151,7 @@ def _bar(draws: int) -> Iterator[Callable[[int], None]]:
 
 def visibility(
     source: Annotated[str, Argument(help="A sweep file (or its name), or a campaign folder.")],
-    bench: Annotated[str, Option(help="For a sweep: the bench that would run it.")] = "simulated",
+    bench: Annotated[str | None, Option(help="For a sweep: the bench that would run it; default: simulated.")] = None,
     model: Annotated[str | None, Option(help="A model file, or the name of a built-in.")] = None,
 ) -> Answer:
     """Before a night is spent: say which effects these collects can see, and which look alike.
@@ -163,9 +164,11 @@ def visibility(
 
     chosen = None if model is None else load_model(model)
     if Path(source).is_dir():
+        if bench is not None:
+            raise InputError(f"--bench is for a sweep: {source} was measured, and nothing of a bench is asked of it")
         document = campaign_document(read_source(Path(source)), chosen)
     else:
-        document = sweep_document(load_sweep(source), load_bench(bench), chosen)
+        document = sweep_document(load_sweep(source), load_bench(bench or "simulated"), chosen)
     return Answer(document, lambda: [visibility_text(document)])
 
 

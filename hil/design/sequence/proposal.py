@@ -23,6 +23,7 @@ def design_document(proposal: Proposal, goal: Goal, sweep: Sweep, bench: Bench) 
     """Return what `hil design --json` prints."""
     return {
         "schema": SCHEMA,
+        "simulated": bench.simulated,
         "bench": bench.name,
         "sweep": sweep.title,
         "goal": {

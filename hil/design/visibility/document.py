@@ -150,12 +150,12 @@ def sweep_document(sweep: Sweep, bench: Bench, model: Model | None = None) -> di
     check_sweep_against_bench(sweep, bench)
     conditions = planned_conditions(make_plan(sweep.procedure()), bench)
     noise = {n: NoiseLevel(float(bench.uncertainties.of_collects(of)[0, 0])) for n, of in conditions.items()}
-    if model is None:
-        return visibility_document(conditions, sweep.title, None, noise)
-    model = fitting_conditions(model, [*conditions.values()])
-    noise = {n: _planned(conditions[n], model, level) for n, level in noise.items()}
-    found = visibility_document(conditions, sweep.title, model, noise)
-    return {"noise_of": model.full_title, **found} if model.noise else found
+    told: dict[str, object] = {"simulated": bench.simulated}
+    if model is not None:
+        model = fitting_conditions(model, [*conditions.values()])
+        noise = {n: _planned(conditions[n], model, level) for n, level in noise.items()}
+        told |= {"noise_of": model.full_title} if model.noise else {}
+    return {**told, **visibility_document(conditions, sweep.title, model, noise)}
 
 
 def _planned(conditions: Conditions, model: Model, level: NoiseLevel) -> NoiseLevel:
