@@ -44,7 +44,7 @@ class Rival:
     @property
     def beside(self) -> bool:
         """Whether it mostly stands beside a rival that is more probable."""
-        return self.probability >= LEAST and 2.0 * self.share < self.probability
+        return 2.0 * self.share < self.probability
 
     @property
     def told(self) -> float:

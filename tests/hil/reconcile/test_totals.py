@@ -88,3 +88,11 @@ def test_what_the_data_say_of_a_rival_stands_apart_from_what_was_known_before() 
         "the data make it 0.13 times as probable" in Rival("k2", 0.1, 0.0, bayes_factor=0.13, prior_odds=0.05).in_words
     )
     assert Rival("k2", 0.1, 0.0).in_words == ""
+
+
+def test_what_stands_only_beside_a_likelier_rival_is_no_further_name() -> None:
+    """However improbable: its share in the first sentence was 0.0 %, beside 0.4 % further down."""
+    spin = Rival("spin", 0.004, 0.98, alone=0.0, bayes_factor=0.05, prior_odds=0.07)
+    assert spin.beside
+    assert spin.in_words.startswith("mostly beside another of these")
+    assert not Rival("demod", 0.004, 0.98, alone=0.004).beside
