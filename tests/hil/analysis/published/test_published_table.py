@@ -66,6 +66,8 @@ def test_of_what_is_not_printed_nothing_is_said_to_be_found(tmp_path: Path) -> N
     solved, curves = solve_campaign(campaign)[0], fit_thermal(campaign)
     assert solved.covariance.shape == (4, 4)
     assert {*solved.parameters} == {*thermal_document(curves)["sensors"][0]["parameters"]} == {"BA", "BB", "MUA", "MUB"}
+    of_all = solve_campaign(campaign, "matrix-6-thermal")[0].parameters
+    assert {name.partition("_per_")[0] for name in of_all} == {*solved.parameters}
     (report,) = gather(campaign, None).sensors
     assert report.shown.names == ("BA", "BB", "MUA", "MUB")
     assert curves.model().sensors[2]["GSA"] == Constant(unit="deg/hr/g", value=0.0)
