@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import Campaign, Collects, FloatArray
+from hil.model.effects.catalogue import named as known_as
+from hil.model.effects.catalogue import over_temperature
 from hil.model.effects.followed import driver_of
 from hil.model.forms import default_form
 from hil.reconcile.outcome.scatter import FoundScatter
@@ -36,7 +38,7 @@ def before_and_after(
         conditions = sensor.collects.conditions
         form, station, level = default_form(conditions), same_temperature(conditions), level_degC(conditions)
         columns, known = form.columns(conditions), sensor.known_rates() - conditions.w_channels_deg_per_hr
-        own = left_by(sensor, [each for each in terms if _is_of_parameters(each[0], form.names)])[2]
+        own = left_by(sensor, [each for each in terms if _is_of_parameters(each[0])])[2]
         places = np.unique(station[station >= 0])
         rows: list[tuple[float | None, FloatArray, FloatArray]] = []
         for k in np.unique(places[[0, len(places) // 2, -1]]) if len(places) else ():
@@ -70,11 +72,11 @@ def before_and_after(
     return out
 
 
-def _is_of_parameters(candidate: Candidate, names: Sequence[str]) -> bool:
-    """Whether a term is what parameters of these names are at a temperature, whatever else a collect has."""
-    own = candidate.effect is not None and {each.name for each in candidate.parameters} <= {*names}
-    follows = driver_of(candidate.driver) if candidate.effect is None else candidate.effect.follows
-    return own or follows == "temperature"
+def _is_of_parameters(candidate: Candidate) -> bool:
+    """Whether a term is what parameters are at a temperature, whatever else a collect has: bias_T, MU_real, GS_T."""
+    effect = candidate.effect
+    follows = driver_of(candidate.driver) if effect is None else over_temperature(known_as(effect)).follows
+    return follows == "temperature"
 
 
 def left_by(
