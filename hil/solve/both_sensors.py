@@ -35,6 +35,7 @@ from procedures.words import listed
 FALSE_ALARM = 0.05
 """The chance that `shared` names any pair at all where the sensors have nothing in common."""
 
+PAIRS = len(MATRIX_6) ** 2
 UNITS = dict(zip(MATRIX_6, (RATE,) * 2 + (PER_G,) * 4, strict=True))
 
 
@@ -72,7 +73,7 @@ class BothSensors:
             return [f"sensors {one} and {two}: {found}; as far as these runs tell, each scatters alone"]
         pairs = [
             f"{pair.first} of the one and {pair.second} of the other (correlation {pair.correlation:+.2f}, "
-            f"p = {pair.p:.1g})"
+            f"p = {min(pair.p * PAIRS, 1.0):.1g} of {PAIRS} pairs)"
             for pair in self.shared
         ]
         cause = "a common cause, such as base, supply, mount or temperature"
@@ -180,6 +181,6 @@ def _shared(correlation: FloatArray, degrees: int) -> tuple[SharedPair, ...]:
         r = float(correlation[i, j])
         tangent = abs(r) * math.sqrt((degrees - 1) / max(1.0 - r**2, 1e-12))
         p = float(2.0 * stdtr(degrees - 1, -tangent))
-        if p < FALSE_ALARM / correlation.size:
+        if p < FALSE_ALARM / PAIRS:
             found.append(SharedPair(MATRIX_6[i], MATRIX_6[j], r, p))
     return tuple(sorted(found, key=lambda pair: pair.p))

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import chdtrc
 
-from hil.campaign import Collects, FloatArray
+from hil.campaign import BoolArray, Collects, FloatArray
 from procedures.verdict import Judgement, Verdict
 from procedures.words import counted, listed, plural, significant, spelled
 
@@ -61,13 +61,15 @@ def judge(
     return Judgement(Verdict.FAIL, f"{excess}: {LACKS}")
 
 
-def _positions(collects: Collects) -> set[str]:
-    """Return the positions at which every channel was measured."""
-    return set(collects.conditions.position[np.isfinite(collects.rates_deg_per_hr).all(axis=1)].tolist())
+def _positions(collects: Collects, channels: BoolArray) -> set[str]:
+    """Return the positions at which all of some `channels` (c,) were measured."""
+    known = np.isfinite(collects.rates_deg_per_hr)[:, channels]
+    return set(collects.conditions.position[known.all(axis=1)].tolist())
 
 
 def what_lacks(collects: Collects, every: Collects, unobservable: Sequence[str]) -> str:
-    """Say what was measured, and what lacks: positions that other runs of `every` have, else what is not seen."""
+    """Say what was measured, and what lacks: a channel or positions that other runs of `every` have, or the unseen."""
+    here, elsewhere = (np.isfinite(own.rates_deg_per_hr).any(axis=0) for own in (collects, every))
     channels: dict[str, list[str]] = {}
     for name, known in zip(collects.conditions.sensor.channels, np.isfinite(collects.rates_deg_per_hr).T, strict=True):
         count, places = int(known.sum()), len(set(collects.conditions.position[known].tolist()))
@@ -75,7 +77,11 @@ def what_lacks(collects: Collects, every: Collects, unobservable: Sequence[str])
         channels.setdefault(f"{spelled(count)} {plural('collect', count)}{at}", []).append(name)
     measured = listed(f"{listed(names)} in {where}" for where, names in channels.items())
     few = f"measured are {measured}: these cannot support every parameter"
-    if lacks := sorted(_positions(every) - _positions(collects)):
+    if silent := [
+        name for name, lost in zip(collects.conditions.sensor.channels, elsewhere & ~here, strict=True) if lost
+    ]:
+        return f"{plural('channel', len(silent))} {listed(silent)}, which other runs have, gave no rate here; {few}"
+    if lacks := sorted(_positions(every, here) - _positions(collects, here)):
         gone = "is missing or left out: collect it" if len(lacks) == 1 else "are missing or left out: collect them"
         return f"{plural('position', len(lacks))} {listed(lacks)}, which other runs have, {gone} again; {few}"
     return f"{few}: {'; '.join(unobservable)}"

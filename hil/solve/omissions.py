@@ -45,8 +45,8 @@ def _keys(campaign: Campaign, rows: Sequence[Wrong]) -> dict[str, Any]:
 def without(campaign: Campaign) -> dict[str, Any]:
     """Return keys `missing`, of what was asked for; `runs_not_used`, by sensor; `runs_not_settled`: sensor, runs, why.
 
-    And `runs_used_though_failed` where every run FAILs, so that all are used; `taken_as_zero`, parameters that nobody
-    measured.
+    And `runs_used_though_failed` where every run FAILs, so that all are used; `runs_without_rows` of a sensor where
+    another has some; `taken_as_zero`, parameters that nobody measured.
     """
     used = pooled(campaign)
     found: dict[str, Any] = {
@@ -65,6 +65,9 @@ def without(campaign: Campaign) -> dict[str, Any]:
         if not used.not_used[number] and own <= failed(used, number, unless_mended=True)
     }
     found |= {"runs_used_though_failed": every} if every else {}
+    made = {number: set(rows.conditions.run.tolist()) for number, rows in campaign.sensors.items()}
+    absent = {str(n): sorted(lacks) for n, own in made.items() if (lacks := set().union(*made.values()) - own)}
+    found |= {"runs_without_rows": absent} if absent else {}
     return found | ({"taken_as_zero": list(campaign.taken_as_zero)} if campaign.taken_as_zero else {})
 
 
@@ -91,6 +94,10 @@ def in_words(wrong: Mapping[str, Any], *, searched: bool = False) -> list[str]:
         + [
             f"sensor {number}: every run FAILed by what was recorded: no number of it is to be used"
             for number in wrong.get("runs_used_though_failed", {})
+        ]
+        + [
+            f"sensor {number}: no row of {numbered('run', runs)}, which another sensor has"
+            for number, runs in wrong.get("runs_without_rows", {}).items()
         ]
         + [
             f"sensor {each['sensor']}, {numbered('run', each['runs'])}: {each['why']}"

@@ -93,6 +93,7 @@ def test_the_same_bias_in_both_is_common() -> None:
     """A common BA is found by its name, its correlation covers 1, and the common part scatters more than the other."""
     found = both_of(night(2, common_bias=6.0))
     assert (found.shared[0].first, found.shared[0].second) == ("BA", "BA")
+    assert f"p = {36.0 * found.shared[0].p:.1g} of 36 pairs" in found.sentences()[0], "of all that were looked at"
     low = found.correlations["BA"][1]
     assert low is not None
     assert low > 0.8

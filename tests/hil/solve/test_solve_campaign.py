@@ -155,6 +155,17 @@ def test_positions_that_a_run_lacks_and_others_have_are_to_be_collected_again(tm
     assert solution.unobservable
 
 
+def test_a_channel_that_a_run_lacks_is_no_position_to_collect_again(tmp_path: Path) -> None:
+    """All positions are there; what gave nothing at any of them is named."""
+    one = rotor(tmp_path, [rotor_row(run, label) for run in (1, 2, 3) for label in "1234"])
+    rates = one.sensors[2].rates_deg_per_hr.copy()
+    rates[one.sensors[2].conditions.run == 2, 1] = np.nan
+    lost = replace(one, sensors={2: replace(one.sensors[2], rates_deg_per_hr=rates)})
+    reason = solve_campaign(lost)[1].reason
+    assert "channel RB, which other runs have, gave no rate here; measured are RA in four collects" in reason
+    assert "position" not in reason.partition(";")[0]
+
+
 @pytest.mark.parametrize(
     ("labels", "known", "unknown"),
     [("12", ["BA", "BB"], ["MUA", "MUB"]), ("13", [], ["BA", "MUB", "GSA"]), ("3", [], NAMES)],

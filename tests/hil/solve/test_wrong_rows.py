@@ -384,3 +384,13 @@ def test_the_rates_of_each_of_two_sensors_are_whitened_once(monkeypatch: pytest.
     monkeypatch.setattr(Whitened, "__init__", counted)
     assert not any(found.rows for found in wrong_rows(Campaign("made", "", {1: first, 2: one})).values())
     assert len(laid) == 2
+
+
+def test_a_sensor_that_was_not_there_in_some_runs_is_told() -> None:
+    """Its means are of fewer runs than the other's, and nothing else would say so."""
+    one = campaign(12, 3, seed=2)
+    both = replace(one, sensors={1: one.sensors[2], 2: one.sensors[2].rows(one.sensors[2].conditions.run < 9)})
+    told = what_is_wrong(both)
+    assert told["runs_without_rows"] == {"2": [9, 10, 11, 12]}
+    assert "sensor 2: no row of runs 9–12, which another sensor has" in in_words(told)
+    assert "runs_without_rows" not in what_is_wrong(one)
