@@ -192,11 +192,13 @@ def _wrong_rows(
     while True:
         shown = [_other_sensor(laid.collects, failed, k) for k in every]
         found = [_found(laid.collects[k], failed[k], shown[k]) for k in every]
-        new = next((each for each in _in_common(laid, failed, found) if each not in known), None)
-        if new is None:
+        before = len(known)
+        for causes in _in_common(laid, failed, found):
+            if causes not in known:  # either sensor may be certain of it
+                known.append(causes)
+                laid.exchange(causes, _AS_FILED[2])
+        if len(known) == before:
             return tuple(_told(laid.collects[k], laid.known[k], failed[k], found[k], shown[k]) for k in every)
-        known.append(new)
-        laid.exchange(new, _AS_FILED[2])
 
 
 def _as_the_unit_lay(
