@@ -61,6 +61,11 @@ def judge(
     return Judgement(Verdict.FAIL, f"{excess}: {LACKS}")
 
 
+def _heard(collects: Collects) -> BoolArray:
+    """Tell the channels that gave any rate, (c,)."""
+    return np.asarray(np.isfinite(collects.rates_deg_per_hr).any(axis=0))
+
+
 def _positions(collects: Collects, channels: BoolArray) -> set[str]:
     """Return the positions at which all of some `channels` (c,) were measured."""
     known = np.isfinite(collects.rates_deg_per_hr)[:, channels]
@@ -69,7 +74,7 @@ def _positions(collects: Collects, channels: BoolArray) -> set[str]:
 
 def what_lacks(collects: Collects, every: Collects, unobservable: Sequence[str]) -> str:
     """Say what was measured, and what lacks: a channel or positions that other runs of `every` have, or the unseen."""
-    here, elsewhere = (np.isfinite(own.rates_deg_per_hr).any(axis=0) for own in (collects, every))
+    here, elsewhere = _heard(collects), _heard(every)
     channels: dict[str, list[str]] = {}
     for name, known in zip(collects.conditions.sensor.channels, np.isfinite(collects.rates_deg_per_hr).T, strict=True):
         count, places = int(known.sum()), len(set(collects.conditions.position[known].tolist()))
