@@ -286,11 +286,11 @@ def test_quiet_noise_and_every_scatter_are_asked_about_however_loud_a_night_is()
         assert not quiet[int(np.argmax(block.beside.log_null() + block.points.log_prior))]
 
 
-@pytest.mark.parametrize(("likelier", "follows"), [(np.log(4.9), False), (np.log(5.1), True)])
-def test_a_form_in_which_values_stand_is_five_times_as_probable_before_the_data(
+@pytest.mark.parametrize(("likelier", "follows"), [(-np.log(20.5), False), (-np.log(19.5), True)])
+def test_values_that_follow_temperature_are_twenty_times_as_probable_before_the_data(
     monkeypatch: pytest.MonkeyPatch, likelier: float, follows: bool
 ) -> None:
-    """Values that follow temperature are read where the data make them so much likelier, and no sooner."""
+    """Values that stand are read where the data make them so much likelier, and no sooner."""
     weighed = iter([SimpleNamespace(log_evidence=0.0, searches={}), SimpleNamespace(log_evidence=likelier)])
     monkeypatch.setattr(workflow, "weigh", lambda _: next(weighed))
     monkeypatch.setattr(workflow, "searches", lambda *_, **__: {})
@@ -298,7 +298,7 @@ def test_a_form_in_which_values_stand_is_five_times_as_probable_before_the_data(
     for asked in ("may_be_calibrated", "values_follow"):
         monkeypatch.setattr(workflow, asked, lambda *_: True)
     posterior, _ = workflow._weighed(cast(Problem, None), (), 0.05)
-    assert (posterior.log_evidence > 0.0) == follows
+    assert (posterior.log_evidence < 0.0) == follows
 
 
 @pytest.mark.slow
