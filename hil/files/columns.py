@@ -89,19 +89,25 @@ def _numpy(path: Path) -> Columns:
 
 
 def _text(path: Path, delimiter: str | None) -> Columns:
-    """Read CSV, or columns between blanks; the first row names the columns, or they are numbered from 1."""
+    """Read CSV, or columns between blanks; the first row names the columns, or they are numbered from 1.
+
+    Where a spreadsheet writes semicolons between cells, it may write commas in numbers.
+    """
     with opened(path, RECORDING_MB) as file:
         lines = enumerate(line.decode("utf-8-sig") for line in file)
         before, first = next((each for each in lines if each[1].strip() and not each[1].startswith("#")), (0, ""))
         if not first:
             raise ValueError("it is empty")
+        point = "."
+        if delimiter == "," and ";" in first and "," not in first:
+            delimiter, point = ";", "," if "," in next(lines, (0, ""))[1] else "."
         cells = [cell.strip() for cell in first.split(delimiter)]
         named = not all(is_number(cell) for cell in cells)
         names = cells if named else [str(place + 1) for place in range(len(cells))]
         check_names(path, names)
         file.seek(0)
-        if delimiter == "," and not before:
-            table = read_csv(path, file, None if named else names)
+        if delimiter and not before:
+            table = read_csv(path, file, None if named else names, delimiter, point)
             if not table.num_rows:
                 raise ValueError("no row stands under the names of its columns")
             return Columns(path, _numbers(table), texts=_words(table))
@@ -161,10 +167,13 @@ def read_parquet(path: Path) -> pa.Table:
         raise InputError(f"{path}: it is no Parquet file that can be read ({' '.join(str(error).split())})") from error
 
 
-def read_csv(path: Path, file: BinaryIO, names: list[str] | None = None) -> pa.Table:
+def read_csv(
+    path: Path, file: BinaryIO, names: list[str] | None = None, delimiter: str = ",", point: str = "."
+) -> pa.Table:
     """Return the table of an opened CSV file, whose first row names the columns unless `names` are given.
 
-    Raises `InputError` where it names a column twice, and `pyarrow.ArrowInvalid` where it is no table.
+    `point` is what numbers have before their decimals. Raises `InputError` where it names a column twice, and
+    `pyarrow.ArrowInvalid` where it is no table.
     """
     odd: list[pyarrow.csv.InvalidRow] = []
 
@@ -172,9 +181,10 @@ def read_csv(path: Path, file: BinaryIO, names: list[str] | None = None) -> pa.T
         odd.append(row)
         return "error"
 
-    told = pyarrow.csv.ParseOptions(invalid_row_handler=at_the_first)
-    try:  # with threads an error would not say which row it is about
-        table = pyarrow.csv.read_csv(file, pyarrow.csv.ReadOptions(column_names=names, use_threads=False), told)
+    reading = pyarrow.csv.ReadOptions(column_names=names, use_threads=False)  # else no error says which row it is about
+    told = pyarrow.csv.ParseOptions(delimiter=delimiter, invalid_row_handler=at_the_first)
+    try:
+        table = pyarrow.csv.read_csv(file, reading, told, pyarrow.csv.ConvertOptions(decimal_point=point))
     except pa.ArrowInvalid as error:
         if not odd:
             raise
