@@ -137,7 +137,8 @@ def summary(result: Reconciliation) -> list[str]:
     said += [f"{effect.title}: left out." for effect in result.effects if LEFT_OUT in effect.shape]
     for effect in added:
         when = f", {effect.shape_in_words}," if effect.shape_in_words else ""
-        sentence = f"{effect.title} ({effect.id}){when} is missing from {model}"
+        missing = "is missing" if effect.probability >= 0.5 else "may be missing"
+        sentence = f"{effect.title} ({effect.id}){when} {missing} from {model}"
         sentence += _or_else(result, effect) if effect.kind == "ambiguous" or effect.probability < CERTAIN else ""
         if effect.inside_collects:
             sentence += "; it shows inside the collects and leaves no trace in their averages"
@@ -160,7 +161,7 @@ def _or_else(result: Reconciliation, effect: FoundEffect) -> str:
     """Say how probable an ambiguous name is, what it may be instead, and what the data and physics say of those."""
     others = [each for each in effect.confusable_with[:_MOST] if not each.beside]
     if not others:
-        return f" – probably ({effect.sure}), not certainly"
+        return f" – probably ({effect.sure}), not certainly" if effect.probability >= 0.5 else f" ({effect.sure})"
     instead = "".join(f", or – {percent(each.share)} – {titled(result, each.id)}" for each in others)
     said = f" ({effect.sure}){instead}"
     if same := [each for each in others if each.untold]:

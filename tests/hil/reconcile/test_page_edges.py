@@ -157,10 +157,11 @@ def test_of_two_names_the_more_probable_is_said_though_the_other_is_written(plai
     jump = Rival("jump", 0.71, 0.1, title="A jump")
     ice = FoundEffect("frost", "Ice", 0.27, "ambiguous", confusable_with=[jump], acts_on="scatter")
     said = " ".join(summary(replace(plain, effects=[ice])))
-    assert "Ice (frost) is missing from" in said
+    assert "Ice (frost) may be missing from" in said
     assert "(27 %), or – 71 % – A jump (jump): what may be no more than scatter is written as scatter." in said
-    alone = " ".join(summary(replace(plain, effects=[replace(ice, confusable_with=[])])))
-    assert "– probably (27 %), not certainly." in alone
+    alone, likely = (replace(ice, confusable_with=[], probability=probability) for probability in (0.27, 0.7))
+    assert "Ice (frost) may be missing from another unit (27 %)." in " ".join(summary(replace(plain, effects=[alone])))
+    assert "is missing from another unit – probably (70 %), not" in " ".join(summary(replace(plain, effects=[likely])))
 
 
 def test_an_advice_has_one_full_stop() -> None:
