@@ -38,8 +38,11 @@ class Rival:
 
     @property
     def share(self) -> float:
-        """How probable it is that this stands in the name's place, and no rival that is more probable."""
-        return self.probability if self.alone is None else self.alone
+        """How probable it is that this stands in the name's place, and no rival that is more probable.
+
+        What looks the same always does, however little is left to it by how usual it is.
+        """
+        return self.probability if self.alone is None or self.untold else self.alone
 
     @property
     def beside(self) -> bool:

@@ -96,3 +96,4 @@ def test_what_stands_only_beside_a_likelier_rival_is_no_further_name() -> None:
     assert spin.beside
     assert spin.in_words.startswith("mostly beside another of these")
     assert not Rival("demod", 0.004, 0.98, alone=0.004).beside
+    assert not Rival("k2", 1e-20, 1.0, alone=0.0, bayes_factor=1.0).beside, "it looks the same"
