@@ -35,7 +35,7 @@ from hil.reconcile.search.problem import Problem, pose
 from hil.solve.wrong_rows import pooled, sound
 
 INSIDE = 0.2  # share of the rate of false alarms that the series' tests have, where there are series
-FOLLOW = 20.0
+FOLLOW = 5.0
 """That the values of a unit follow temperature is so many times as probable as that all of them stand."""
 
 

@@ -170,8 +170,8 @@ class _Laid:
         of = {k: Wrong.of(self.collects[k], cause, MENDED, "") for k, cause in causes.items()}
         named = {k: f"{numbered('collect', each.collects)} of sensor {each.sensor}" for k, each in of.items()}
         for k, cause in causes.items():
-            others = listed(name for other, name in named.items() if other != k)
-            with_it = f"; the same of {others}, recorded with them" if others else ""
+            others = [name for other, name in named.items() if other != k]
+            with_it = f"; the same of {listed(others)}, recorded with them" if others else ""
             said = f"{cause_in_words(self.collects[k], cause)}{why}{with_it}"
             self.known[k].append(replace(of[k], why=said))
             self.collects[k] = mended(self.collects[k], cause)

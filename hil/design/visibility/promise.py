@@ -112,9 +112,12 @@ class Rows:
         mean = np.divide(
             1.0, np.add.reduceat(self.channel / self.white, self.starts), where=there, out=np.zeros(rows.shape)
         )
-        usual = np.sum(self.channel * self.white, axis=0) / self.channel.sum(axis=0)
+        usual = np.sum(self.channel * self.white, axis=0) / np.maximum(self.channel.sum(axis=0), 1.0)
         every = assumed[..., None] * (mean[..., None] + usual[:, None] * sizes**2)  # (r, c, t)
-        return -np.array([log_offset(size) for size in sizes]), every.sum(axis=0) / there.sum(axis=0)[:, None]
+        runs = there.sum(axis=0)[:, None]
+        none = np.ones((len(runs), len(sizes)))  # of a channel without rows nothing is more
+        times = np.divide(every.sum(axis=0), runs, where=runs > 0, out=none)
+        return -np.array([log_offset(size) for size in sizes]), times
 
     def log_evidence(self, shares: FloatArray) -> FloatArray:
         """Return how probable noise makes rows (log) that show deviations as tabulated, (…, d), up to a constant.

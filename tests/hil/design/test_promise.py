@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.special import ndtr
 
 from hil.campaign import Campaign, Collects, Conditions
+from hil.design.visibility.document import campaign_document
 from hil.design.visibility.map import NoiseLevel, base_values, visibility
 from hil.design.visibility.promise import Asked, Rows, Smallest, found_from, thresholds
 from hil.model import Model, built_in_model
@@ -17,6 +20,7 @@ from hil.reconcile.search.candidates import effect_columns
 from hil.reconcile.search.layout import searches
 from hil.reconcile.search.problem import pose
 from hil.solve.identifiability import Visible, orthonormal, visible, whitener
+from tests.hil.audit.folders import FOLDERS
 from tests.hil.model.effect_conditions import campaign
 
 MATRIX_6 = built_in_model("matrix-6")
@@ -175,3 +179,10 @@ def test_one_value_of_both_channels_is_seen_in_both() -> None:
     seen = [visible(own, np.zeros((len(both), 0)), np.ones(1)) for own in (both, alone)]
     sizes = [found_from([asked("T_lag", own)], rows)[0][0].value for own in seen]
     assert sizes[1] / sizes[0] == pytest.approx(np.sqrt(2.0), rel=0.05)
+
+
+def test_a_channel_that_measured_nothing_asks_for_no_noise() -> None:
+    """Of no rows nothing was divided by nothing, and the command ended in an internal error."""
+    found: Any = campaign_document(FOLDERS["dead channel"]())
+    assert all(effect["smallest_visible"]["value"] != 0.0 for effect in found["effects"])
+    assert any(effect["visible"] for effect in found["effects"])

@@ -286,8 +286,8 @@ def test_quiet_noise_and_every_scatter_are_asked_about_however_loud_a_night_is()
         assert not quiet[int(np.argmax(block.beside.log_null() + block.points.log_prior))]
 
 
-@pytest.mark.parametrize(("likelier", "follows"), [(-np.log(20.5), False), (-np.log(19.5), True)])
-def test_values_that_follow_temperature_are_twenty_times_as_probable_before_the_data(
+@pytest.mark.parametrize(("likelier", "follows"), [(-np.log(5.1), False), (-np.log(4.9), True)])
+def test_values_that_follow_temperature_are_five_times_as_probable_before_the_data(
     monkeypatch: pytest.MonkeyPatch, likelier: float, follows: bool
 ) -> None:
     """Values that stand are read where the data make them so much likelier, and no sooner."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hil.campaign import FloatArray
-from hil.reconcile import reconcile
+from hil.reconcile import reconcile, workflow
 from hil.reconcile.outcome.sentences import summary, what_to_do
 from hil.reconcile.result import Reconciliation
 from procedures.words import percent
@@ -57,14 +57,18 @@ def warm_unit(temperatures: tuple[float, ...]) -> Reconciliation:
 
 
 @pytest.mark.slow
-def test_nothing_makes_the_earth_turn_faster() -> None:
-    """What GSA and MUB follow is theirs, and no term without a name of a rate that is known."""
+def test_nothing_makes_the_earth_turn_faster(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of values that stand: what GSA and MUB follow is theirs, and no term without a name of a rate that is known."""
+    monkeypatch.setattr(workflow, "FOLLOW", 1e-9)
     assert {"GS_T", "MU_real"} <= {effect.id for effect in warm_unit(EIGHT).effects}
 
 
 @pytest.mark.slow
-def test_a_rival_is_as_probable_as_what_the_data_say_of_it_and_what_was_known_make_it() -> None:
+def test_a_rival_is_as_probable_as_what_the_data_say_of_it_and_what_was_known_make_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Of the name's own part, where more of its history could not be asked about."""
+    monkeypatch.setattr(workflow, "FOLLOW", 1e-9)
     effects = [*with_bias(0, lambda rows: 0.0 * rows.start_s).effects, *warm_unit(EIGHT).effects]
     rivals = [(effect, rival) for effect in effects for rival in effect.confusable_with]
     assert {"demod", "k2"} <= {rival.id for _, rival in rivals}  # nobody recorded the case, and three poses tell no k2

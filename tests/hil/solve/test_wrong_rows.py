@@ -61,6 +61,8 @@ def test_labels_of_a_body_are_exchanged_for_all_its_sensors() -> None:
     np.testing.assert_array_equal(mended, sound)
     assert all(5 in rows.conditions.run for rows in pooled(body).sensors.values())
     assert {(e.run, e.verdict) for e in solve_campaign(body) if e.run == 5} == {(5, Verdict.FAIL)}
+    (alone,) = what_is_wrong(replace(body, sensors={2: body.sensors[2]}))["rows"]
+    assert (alone["done"], "recorded with" in alone["why"]) == (MENDED, False), "nothing was recorded with it"
 
 
 def test_what_accelerometers_put_right_the_other_sensor_does_not_exchange_back() -> None:
