@@ -184,7 +184,7 @@ def _names(table: Columns, kind: Kind, given: str | None) -> list[str]:
         raise InputError(
             f"{table.path}: which columns hold the {sought.words} is not clear (by their names: "
             f"{', '.join(names) or 'none'}); give {options}{' X,Y,Z' * (kind is not TIME)}; there are "
-            f"{choice({**table.values, **table.texts})}"
+            f"{choice([*table.values, *table.texts])}"
         )
     return names
 
