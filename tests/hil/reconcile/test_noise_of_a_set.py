@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
 from hil.campaign import Campaign
 from hil.reconcile import reconcile
+from hil.reconcile.outcome.scatter import _sets_with
+from hil.reconcile.search.posterior import Found, Posterior
 from tests.hil.reconcile.hidden_effects import base_rates, campaign_of, lay_out
 
 FROM_RUN = 19
@@ -58,3 +62,17 @@ def test_what_probably_follows_temperature_is_no_part_of_what_changes_from_run_t
     assert [each.id for each in result.effects] == ["MU_rr"]
     (size,) = result.effects[0].parameters
     assert size["value"] == pytest.approx(3.5, abs=size["se"])
+
+
+def test_a_size_is_over_all_sets_that_are_likely_by_how_probable_they_are() -> None:
+    """Those of the same names count together; those without the effect, or a tenth as probable, do not at all."""
+    found = [
+        Found({2: (k,)}, frozenset(scatter), float(np.log(share)))
+        for k, (scatter, share) in enumerate(
+            [(["MU_rr"], 0.4), (["MU_rr"], 0.3), ([], 0.2), (["MU_rr"], 0.05), (["MU_rr"], 0.04)]
+        )
+    ]
+    names = [frozenset(each.split()) for each in ("MU_real", "", "", "MU_real", "k2")]
+    asked = SimpleNamespace(sets=found, names=lambda one: names[one.terms[2][0]])
+    shares = {one.terms[2]: share for one, share in _sets_with(cast(Posterior, asked), "MU_rr")}
+    assert shares == pytest.approx({(0,): 0.6, (1,): 0.4})
