@@ -25,8 +25,8 @@ from hil.campaign.stand_ins import WIDEST_DEGC
 from hil.errors import InputError
 from hil.model import Model, fitting_campaign
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS
+from hil.model.effects.prior import log_sum
 from hil.reconcile.proof.places import false_discovery
-from hil.reconcile.search.evidence import log_sum
 from hil.reconcile.search.layout import may_be_calibrated, searches
 from hil.reconcile.search.problem import pose
 from hil.reconcile.search.sets import LEADING, SensorSearch

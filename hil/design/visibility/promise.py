@@ -15,7 +15,7 @@ from scipy.special import gammaln, ndtr, ndtri
 
 from hil.campaign import FloatArray
 from hil.model.effects.base import Effect, Parameter
-from hil.model.effects.prior import ALPHA, HOLDS, UNSEEN, ladder, log_offset, middle, sizes_up_to
+from hil.model.effects.prior import ALPHA, HOLDS, UNSEEN, ladder, log_offset, log_sum, middle, sizes_up_to
 from hil.solve.causes import ODDS
 from hil.solve.identifiability import Visible, Whitener
 
@@ -133,7 +133,7 @@ class Rows:
             power = a + 0.5 * (runs + others)
             log_scale = np.log(weight) + a * np.log(b) - gammaln(a) + gammaln(power)
             fits = power * np.log(b + 0.5 * (of_runs / times + rest)) + 0.5 * runs * np.log(times)
-            out.append(_log_sum(log_prior + log_scale - fits, -1))
+            out.append(log_sum(log_prior + log_scale - fits, -1))
         return np.asarray(np.logaddexp.reduce(out, axis=0).sum(axis=-1))
 
 
@@ -186,10 +186,10 @@ def thresholds(every: Sequence[Asked], rows: Rows) -> tuple[list[FloatArray], li
     for m in np.flatnonzero(whole > 0.0).tolist():
         near = np.flatnonzero(alike[m] > _ALIKE)
         sizes = _at(table[m], 1.0 - alike[m, near, None] * share[near]) + odds[near, :, None]
-        of_column = _log_sum(sizes, 1)
+        of_column = log_sum(sizes, 1)
         of_shape = np.maximum.reduceat(of_column, np.flatnonzero(np.diff(shape[near], prepend=-1)))
         nothing = np.logaddexp(table[m], log_wrong + _at(table[m], 1.0 - in_one[m]))
-        needed[m] = _first(_log_sum(of_shape, 0) - nothing - np.log(1.0 / ALPHA - 1.0))
+        needed[m] = _first(log_sum(of_shape, 0) - nothing - np.log(1.0 / ALPHA - 1.0))
     scatter = np.ones(len(whole))
     found = np.isfinite(needed)
     scatter[found] = np.hypot(1.0, needed[found] * np.sqrt(0.5 * np.sum(shares[found] ** 2 / rows.known, axis=1)))
@@ -234,12 +234,6 @@ def _sizes(asked: Asked, columns: FloatArray, rows: Rows) -> tuple[FloatArray, F
 def _at(table: FloatArray, share: FloatArray) -> FloatArray:
     """Return a log evidence, of deviations as tabulated (d,), where a share (…) of squares is left, (…, d)."""
     return np.asarray(np.interp(_DEVIATIONS * np.sqrt(np.maximum(share, 0.0))[..., None], _DEVIATIONS, table))
-
-
-def _log_sum(values: FloatArray, axis: int) -> FloatArray:
-    """Return the log of a sum of exponentials along an axis; quicker than logaddexp.reduce."""
-    peak = values.max(axis=axis, keepdims=True)
-    return np.asarray(np.log(np.exp(values - peak).sum(axis=axis)) + np.squeeze(peak, axis))
 
 
 def _first(excess: FloatArray) -> float:

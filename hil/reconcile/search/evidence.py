@@ -16,6 +16,7 @@ import numpy as np
 from scipy.special import gammaln
 
 from hil.campaign import FloatArray, IntArray
+from hil.model.effects.prior import log_sum
 from hil.reconcile.search.noise import Noise
 from hil.reconcile.search.points import Points
 
@@ -193,11 +194,3 @@ def eliminated(both: FloatArray) -> tuple[FloatArray, FloatArray]:
         half_log_det += 0.5 * np.log(both[i, i])
         both[i + 1 :, i + 1 :] -= both[i + 1 :, i, None] * (both[i, i + 1 :] / both[i, i])
     return both[left, left], half_log_det
-
-
-def log_sum(values: FloatArray) -> FloatArray:
-    """Log of the sum of exponentials along the first axis, (m,) of (k, m); quicker than logaddexp.reduce."""
-    peak = values.max(axis=0, initial=-np.inf)
-    peak = np.where(np.isfinite(peak), peak, 0.0)
-    with np.errstate(divide="ignore"):
-        return np.asarray(peak + np.log(np.sum(np.exp(values - peak), axis=0)))

@@ -14,7 +14,8 @@ from itertools import pairwise
 import numpy as np
 
 from hil.campaign import BoolArray, FloatArray, IntArray
-from hil.reconcile.search.evidence import LEAST, ROUNDING, SEEN, Scale, eliminated, log_sum, student
+from hil.model.effects.prior import log_sum
+from hil.reconcile.search.evidence import LEAST, ROUNDING, SEEN, Scale, eliminated, student
 from hil.reconcile.search.noise import Noise
 from hil.reconcile.search.points import Points
 from hil.reconcile.search.profiles import FOLLOWS, Profile

@@ -12,8 +12,7 @@ import numpy as np
 
 from hil.campaign import FloatArray
 from hil.model.effects.base import VarianceEffect
-from hil.model.effects.prior import COMMON, SCATTER, SHARED, in_another, scatter_log_odds
-from hil.reconcile.search.evidence import log_sum
+from hil.model.effects.prior import COMMON, SCATTER, SHARED, in_another, log_sum, scatter_log_odds
 from hil.reconcile.search.lookalikes import exchanged, lookalikes
 from hil.reconcile.search.sets import SensorSearch, Set
 from hil.reconcile.search.terms import Term

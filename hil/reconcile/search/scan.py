@@ -9,7 +9,8 @@ import numpy as np
 from scipy.sparse import csc_array
 
 from hil.campaign import FloatArray, IntArray
-from hil.reconcile.search.evidence import LEAST, Amplitude, Beside, log_sum, student
+from hil.model.effects.prior import log_sum
+from hil.reconcile.search.evidence import LEAST, Amplitude, Beside, student
 from hil.reconcile.search.terms import Part
 
 _NONE_LEFT = 1e-10  # of the squares of a column that nothing is beside

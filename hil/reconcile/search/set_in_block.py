@@ -15,7 +15,8 @@ from types import MappingProxyType
 import numpy as np
 
 from hil.campaign import BoolArray, FloatArray, IntArray
-from hil.reconcile.search.evidence import LEAST, Beside, Options, log_sum, shrunk, student
+from hil.model.effects.prior import log_sum
+from hil.reconcile.search.evidence import LEAST, Beside, Options, shrunk, student
 from hil.reconcile.search.likely_noise import DEPTH
 from hil.reconcile.search.noise import LARGEST
 from hil.reconcile.search.points import Points

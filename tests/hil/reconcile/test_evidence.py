@@ -19,10 +19,10 @@ from hil.model import load_model
 from hil.model.effects.base import Base, Effect, Parameter
 from hil.model.effects.catalogue import effect_by_id, variance_effect_by_id
 from hil.model.effects.columns import per_channel
-from hil.model.effects.prior import OFFSETS, SCATTER, SECOND_TIER, scatter_log_odds
+from hil.model.effects.prior import OFFSETS, SCATTER, SECOND_TIER, log_sum, scatter_log_odds
 from hil.reconcile.search import set_in_block
 from hil.reconcile.search.block_search import BlockSearch
-from hil.reconcile.search.evidence import Amplitude, log_sum, shrunk
+from hil.reconcile.search.evidence import Amplitude, shrunk
 from hil.reconcile.search.layout import searches
 from hil.reconcile.search.noise import Noise
 from hil.reconcile.search.problem import pose
