@@ -112,7 +112,7 @@ def log_offset(offset: float) -> float:
 
 
 def log_sum(values: FloatArray, axis: int = 0) -> FloatArray:
-    """Return the log of the sum of exponentials along an axis; quicker than logaddexp.reduce."""
+    """Return the log of the sum of exponentials along an axis of (k, n), say: (n,); quicker than logaddexp."""
     peak = values.max(axis=axis, keepdims=True, initial=-np.inf)
     peak = np.where(np.isfinite(peak), peak, 0.0)
     with np.errstate(divide="ignore"):
