@@ -36,27 +36,24 @@ _STEADY = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)  # which goes on
 
 
 class SystemClock:
-    """The bench's clock: the operating system's monotonic and wall clocks; a computer that sleeps is no exception."""
+    """The bench's `Clock`: the operating system's monotonic and wall clocks; a computer that sleeps is no exception."""
 
     def __init__(self) -> None:
         self._origin = time.clock_gettime(_STEADY)
 
     def now(self) -> float:
-        """Return monotonic seconds since this clock was made."""
         return time.clock_gettime(_STEADY) - self._origin
 
     def utc(self) -> datetime:
-        """Return the wall time, timezone-aware, in UTC."""
         return datetime.now(UTC)
 
     def sleep(self, seconds: float) -> None:
-        """Let `seconds` pass."""
         if seconds > 0:
             time.sleep(seconds)
 
 
 class VirtualClock:
-    """A clock that jumps: sleeping advances it at once. `start` is the wall time at which it begins."""
+    """A `Clock` that jumps: sleeping advances it at once. `start` is the wall time at which it begins."""
 
     def __init__(self, start: datetime = SIMULATED_EPOCH, now_s: float = 0.0) -> None:
         self._start = start
@@ -64,11 +61,9 @@ class VirtualClock:
         self._wall_jumps: list[tuple[float, float]] = []
 
     def now(self) -> float:
-        """Return seconds since this clock was made."""
         return self._now
 
     def utc(self) -> datetime:
-        """Return the simulated wall time."""
         jumped_s = sum(by_s for at_s, by_s in self._wall_jumps if at_s <= self._now)
         return self._start + timedelta(seconds=self._now + jumped_s)
 
@@ -77,7 +72,6 @@ class VirtualClock:
         self._wall_jumps.append((at_s, by_s))
 
     def sleep(self, seconds: float) -> None:
-        """Jump forward by `seconds`."""
         if seconds > 0:
             self._now += seconds
 

@@ -1,5 +1,7 @@
 """Docstrings say what cannot be seen from a signature: the shape of an array, and the exceptions a caller may meet.
 
+Each says it once: a method that carries out one of a base class or a protocol needs none of its own.
+
 A shape is a tuple, such as (n,), (n, 3) or (..., 6). An exception is called by the name of its class or of one that it
 derives from, as in "Raises `InputError` where …"; those that a file's private functions raise are their callers' too.
 Pydocstyle has no rule for either; those of numpydoc and ruff want sections, and this house writes prose: so the source
@@ -83,6 +85,14 @@ class Source:
             if self._ancestry(name).isdisjoint(re.findall(r"\w+", self._said(scope)))
         ]
 
+    def without_docstring(self) -> list[str]:
+        """Return a complaint for each method that neither has a docstring nor carries out one that has."""
+        return [
+            scope.complain("has no docstring, nor has a method that it carries out")
+            for scope in self._public()
+            if scope.owner and not scope.node.name.startswith("_") and not self._documented(scope)
+        ]
+
     def with_arrays(self) -> Iterator[_Scope]:
         """Find the public definitions with an array in their signature or fields."""
         for scope in self._public():
@@ -115,6 +125,11 @@ class Source:
                 if isinstance(scope.node, ast.ClassDef):
                     inside = (node for node in scope.node.body if isinstance(node, Definition))
                     scopes += [_Scope(path, node, scope.node) for node in inside]
+
+    def _documented(self, scope: _Scope) -> bool:
+        lineage = self._lineage(scope.owner) if scope.owner else []
+        alike = (node for kind in lineage for node in kind.body if isinstance(node, Definition))
+        return any(ast.get_docstring(node) for node in alike if node.name == scope.node.name)
 
     def _said(self, scope: _Scope) -> str:
         """Return all docstrings that speak for a definition: its own, its class's, and those that it inherits."""
@@ -265,6 +280,11 @@ def test_docstrings_name_the_exceptions(project: Source) -> None:
     assert project.without_exception() == []
 
 
+def test_methods_have_docstrings(project: Source) -> None:
+    """A method says what it does, unless a base class or a protocol whose method it carries out has said it."""
+    assert project.without_docstring() == []
+
+
 _NO_SHAPE = "gives no shape, such as (n,), of its arrays"
 _ALIAS = "FloatArray = NDArray[np.float64]\n"
 
@@ -299,6 +319,24 @@ def test_a_missing_shape_is_found(text: str, complaints: list[str]) -> None:
     known += 'class Promise(Protocol):\n    def f(self, x: Rows) -> float:\n        """Return x (n,)."""\n'
     known += "Rows = NDArray[np.uint8]"
     assert Source({"hil/a.py": _ALIAS + text, "hil/b.py": known}).without_shape() == complaints
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("class A:\n    'A.'\n    def f(self): ...", True),
+        ("class A:\n    'A.'\n    def f(self):\n        'Do.'", False),
+        ("class A(Base):\n    'A.'\n    def f(self): ...", False),
+        ("class A(Base):\n    'A.'\n    def g(self): ...", True),
+        ("class A:\n    'A `Promise`.'\n    def f(self): ...", False),
+        ("class A:\n    'A.'\n    def _f(self): ...", False),
+        ("class _A:\n    def f(self): ...", False),
+    ],
+)
+def test_a_missing_docstring_is_found(text: str, found: bool) -> None:
+    """What a base class or a promised protocol says of a method need not be said again."""
+    known = "class Base:\n    def f(self):\n        'Do.'\nclass Promise(Protocol):\n    def f(self):\n        'Do.'"
+    assert bool(Source({"hil/a.py": text, "hil/b.py": known}).without_docstring()) is found
 
 
 @pytest.mark.parametrize(

@@ -54,11 +54,9 @@ class RampedChamber:
 
     @property
     def wear_warning(self) -> str | None:
-        """What the chamber itself says about the wear of its memory."""
         return self.chamber.wear_warning
 
     def identify(self) -> ChamberIdentity:
-        """Ask who is there."""
         return self.chamber.identify()
 
     def prepare(self) -> None:
@@ -94,12 +92,10 @@ class RampedChamber:
         self._target = setpoint_degC
 
     def safe_state(self) -> SafeState:
-        """End the ramp and bring the chamber to its safe state."""
         self._target = None
         return self.chamber.safe_state()
 
     def close(self) -> None:
-        """Release the port; the chamber goes on as it is."""
         self.chamber.close()
 
     def _write(self, step_degC: float) -> None:

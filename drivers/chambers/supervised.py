@@ -96,7 +96,6 @@ class SupervisedChamber:
 
     @property
     def wear_warning(self) -> str | None:
-        """Say so where the controller's memory would be worn out within a year at this rate."""
         return self.wear.warning()
 
     def identify(self) -> ChamberIdentity:
@@ -213,7 +212,6 @@ class SupervisedChamber:
                 self._clock.sleep(_MODE_CHANGE_S)
 
     def close(self) -> None:
-        """Release the port; the chamber goes on as it is."""
         self._controller.close()
 
     def _believable(self) -> ControllerState:

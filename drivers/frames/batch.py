@@ -100,7 +100,6 @@ class VariedBatch(FrameBatch):
         return values
 
     def present(self, field: str) -> NDArray[np.bool_]:
-        """Return in which frames a numeric field is there, shape (n,)."""
         there = np.zeros(len(self), np.bool_)
         for place, part in zip(self.places, self.parts, strict=True):
             there[place] |= part.told(field)
@@ -115,7 +114,6 @@ class VariedBatch(FrameBatch):
         return texts
 
     def select(self, keep: NDArray[np.bool_], sequence: IntArray) -> FrameBatch:
-        """Return the frames to keep, shape (n,) of bool, with their `sequence`, shape (kept,)."""
         renumbered = np.cumsum(keep) - 1
         parts = [part.select(keep[place], part.sequence) for part, place in zip(self.parts, self.places, strict=True)]
         places = [renumbered[place[keep[place]]] for place in self.places]
@@ -123,7 +121,6 @@ class VariedBatch(FrameBatch):
 
     @cached_property
     def columns(self) -> Mapping[str, FloatArray]:
-        """All numeric fields in their units, each of shape (n,); NaN where a frame does not have the field."""
         columns: dict[str, FloatArray] = {name: np.full(len(self), np.nan) for name in self._lacking}
         for place, part in zip(self.places, self.parts, strict=True):
             for name, values in part.columns.items():

@@ -98,7 +98,6 @@ class SumKind(_Checksum):
     negate: bool = False
 
     def check_span(self, covered: int) -> None:
-        """Raise `ValueError` where the covered bytes are not whole words."""
         if covered % self.word:
             raise ValueError(f"checksum.word: {covered} covered bytes are not whole words of {self.word} bytes")
 

@@ -81,7 +81,6 @@ class ItemsFamily(FrameFamily):
         self._filled = lru_cache(_MOST_FORMS)(self._layout_of_items)
 
     def form(self, frame: bytes) -> FrameLayout | Flaw:
-        """Return the layout of a whole frame with the items that it has, or what is wrong with it."""
         base = super().form(frame)
         if isinstance(base, Flaw):
             return base
@@ -89,7 +88,6 @@ class ItemsFamily(FrameFamily):
         return Flaw.CHECKSUM if walked is None else self._filled(len(frame), tuple(walked))
 
     def alike(self, rows: Rows, layout: FrameLayout) -> NDArray[np.bool_]:
-        """Tell which of n stretches as long as a good frame, the first, (n, length), are good frames of its form."""
         walked = self._walked(rows[0].tobytes(), layout)
         same = [byte for item in walked or () for byte in range(item.at, item.data)]  # what tells the form
         return np.asarray(super().alike(rows, layout) & (rows[:, same] == rows[0, same]).all(axis=1))
@@ -123,11 +121,9 @@ class TextFamily(FrameFamily):
         return TextLayout(self._stream, self.name, self._tokens, length=length, offsets={}, delimiter=self.delimiter)
 
     def length_of(self, data: bytes, start: int) -> int | None:
-        """Return the length of the line at `start`: 0 where it is none, None where its end is not there."""
         return self._text.length_of(data, start, len(self.headers[0]), self.delimiter)
 
     def form(self, frame: bytes) -> FrameLayout | Flaw:
-        """Return the layout of a whole line, or what is wrong with it."""
         text, header = self._text, len(self.headers[0])
         good = text.is_good(frame, self.delimiter)
         good = good and text.cells(frame, header, self.delimiter, self._tokens) is not None

@@ -251,11 +251,9 @@ class TextLayout(FrameLayout):
         )
 
     def wire_values(self, rows: Rows, field: str) -> NDArray[Any]:
-        """Return the numbers of one field as they stand in n lines, shape (n,)."""
         return np.array(numbers((cells[field] for cells in self._cells(rows)), self.numeric[field]), np.float64)
 
     def columns(self, rows: Rows) -> dict[str, FloatArray]:
-        """Return all numbers of n lines in their units, each of shape (n,)."""
         lines = self._cells(rows)
         return {
             name: np.array(numbers([cells[name] for cells in lines], field), np.float64) * field.scale + field.offset

@@ -56,5 +56,4 @@ class OperatorPositioner:
         self._position = position
 
     def position(self) -> str | None:
-        """Return the position last confirmed, or None where the unit may lie anywhere."""
         return self._position

@@ -27,12 +27,10 @@ class MemoryTransport(Transport):
         self._pulled.append((begins_s, ends_s))
 
     def write(self, data: bytes) -> None:
-        """Send all of `data`."""
         self._check()
         self._device.receive(data, self._clock.now())
 
     def close(self) -> None:
-        """Release the port. Closing twice is allowed."""
         self._closed = True
 
     def _check(self) -> None:

@@ -177,14 +177,12 @@ class SimulatedImu:
             self._line.clear()
 
     def transmit(self, now_s: float) -> bytes:
-        """Return everything sent since the last call, up to `now_s`."""
         self._stream(now_s)
         sent = b"".join(self._outbox)
         self._outbox.clear()
         return sent
 
     def next_transmission(self, now_s: float) -> float | None:
-        """Return when the next frame is due, or `now_s` where something waits to be taken."""
         return now_s if self._outbox else max(now_s, self._time(self._next))
 
     def _time(self, number: int) -> float:

@@ -49,16 +49,13 @@ class Line(Framing):
     terminator: bytes
 
     def packed(self, text: bytes) -> bytes:
-        """Return the text and its terminator."""
         return text + self.terminator
 
     def received(self, transport: Transport, timeout_s: float, length: int | None = None) -> bytes:
-        """Return the next line without its terminator."""
         del length
         return transport.read_until(self.terminator, timeout_s)[: -len(self.terminator)].strip()
 
     def cut(self, data: bytes) -> tuple[bytes, bytes] | None:
-        """Return the first line and what follows."""
         text, ended, rest = data.partition(self.terminator)
         return (text.strip(), rest) if ended else None
 
@@ -153,7 +150,6 @@ class Frame(Framing):
         return b"".join(whole.get(part) or self._fixed(part) for part in self.parts)
 
     def received(self, transport: Transport, timeout_s: float, length: int | None = None) -> bytes:
-        """Return the text of the next frame."""
         del length
         data = transport.read(1, timeout_s) if self.alone else b""
         while (found := self.cut(data)) is None:

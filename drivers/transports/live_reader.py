@@ -48,11 +48,9 @@ class LiveReader(Transport):
         return overflow
 
     def write(self, data: bytes) -> None:
-        """Send all of `data`."""
         self._port.write(data)
 
     def close(self) -> None:
-        """End the thread and release the port. Closing twice is allowed."""
         self._ending.set()
         self._thread.join()
         self._port.close()

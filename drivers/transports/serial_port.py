@@ -68,7 +68,6 @@ class SerialTransport(Transport):
         self._open()
 
     def write(self, data: bytes) -> None:
-        """Send all of `data`."""
         self._guarded(lambda port: port.write(data))
 
     def wait(self, timeout_s: float) -> bool:
@@ -78,7 +77,6 @@ class SerialTransport(Transport):
         return self._guarded(lambda port: bool(_ready(port, self._clock, timeout_s)))
 
     def close(self) -> None:
-        """Release the port, and tell `on_close`. Closing twice is allowed."""
         self._closed = True
         self._release()
         self._on_close()

@@ -113,7 +113,6 @@ class ClosedPort(Transport):
         self._reason = reason
 
     def write(self, data: bytes) -> None:
-        """Send nothing."""
         del data
         self._fill()
 

@@ -47,24 +47,20 @@ class BorrowedController(Controller):
         return self._identity
 
     def state(self) -> ControllerState:
-        """Read both values, and what it does."""
         conditions = self._running is None or bool(self._running.get())
         temperature, setpoint = float(self._temperature.get()), float(self._setpoint.get())
         mode: Mode = "CONSTANT" if conditions else "OFF"
         return ControllerState(temperature, setpoint, mode, self._alarms(), unit=self._identity.unit)
 
     def write(self, which: Which, value: float) -> None:
-        """Set the setpoint; it has no limits of its own."""
         if which == "setpoint":
             self._setpoint.put(value)
 
     def start(self) -> None:
-        """Let it condition."""
         if self._running is not None:
             self._running.put(True)
 
     def stop(self, *, off: bool) -> None:
-        """Let it stop."""
         del off
         if self._running is not None:
             self._running.put(False)
@@ -73,6 +69,5 @@ class BorrowedController(Controller):
         """Do nothing: a device that is driven by its setpoint runs no program."""
 
     def close(self) -> None:
-        """Release the device, and the port."""
         self._release()
         super().close()

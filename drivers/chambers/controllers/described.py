@@ -87,7 +87,6 @@ class SetpointBox(Controller):
         return ControllerState(found[id(box.temperature)], found[id(box.setpoint)], mode, alarms, low, high, unit)
 
     def write(self, which: Which, value: float) -> None:
-        """Send the setpoint or a limit."""
         quantity = {"low": self._box.low_limit, "setpoint": self._box.setpoint, "high": self._box.high_limit}[which]
         if quantity is not None:
             self._medium.set(quantity, value, self._known)
@@ -97,16 +96,13 @@ class SetpointBox(Controller):
                 self.start()
 
     def start(self) -> None:
-        """Start conditioning."""
         self._do(self._box.start)
 
     def stop(self, *, off: bool) -> None:
-        """Stop conditioning."""
         self._seen = None
         self._do(self._box.stop if off or not self._box.standby else self._box.standby)
 
     def end_program(self) -> None:
-        """End a program, where the box has such a command."""
         self._do(self._box.end_program)
 
     def set_ramp_rate(self, degC_per_min: float) -> bool:

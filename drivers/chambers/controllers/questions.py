@@ -41,7 +41,6 @@ class Number(Question):
     numeric = True
 
     def meaning(self, word: str) -> float:
-        """Return the number."""
         try:
             return number_in(word)
         except ValueError:
@@ -116,7 +115,6 @@ class Listing(Question):
     name: Plain = "{value}"
 
     def meaning(self, word: str) -> tuple[str, ...]:
-        """Return the names of all."""
         count, *codes = (each.strip() for each in word.split(","))
         if not all(map(str.isdecimal, (count, *codes))) or int(count) != len(codes):
             raise ValueError(f"answered {self.ask!r} with {word!r}, which is no number and so many codes")
@@ -140,7 +138,6 @@ class Requirement(Question):
     otherwise: Plain
 
     def meaning(self, word: str) -> str:
-        """Return the word."""
         if (self.one_of and word not in self.one_of) or word in self.none_of:
             raise ValueError(self.otherwise.replace("{value}", word))
         return word
@@ -188,7 +185,6 @@ class UnitQuestion(Question):
         return self
 
     def meaning(self, word: str) -> str:
-        """Return the unit."""
         for unit, words in (("degC", self.celsius), ("degF", self.fahrenheit)):
             if any(fnmatchcase(word, each) for each in words):
                 return unit
@@ -226,7 +222,6 @@ class AlarmQuestion(Question):
     bits: dict[Annotated[int, Field(ge=0, le=15)], Plain] | None = None
 
     def meaning(self, word: str) -> tuple[str, ...]:
-        """Return the alarms that stand."""
         if any(fnmatchcase(word, each) for each in self.none):
             return ()
         if not any(fnmatchcase(word, each) for each in self.some):

@@ -98,16 +98,13 @@ class VoetschAscii(Controller):
         self._send(self._bits)
 
     def start(self) -> None:
-        """Set the start bit and the channel's."""
         self._send(self._with(self._run_bits(), "1"))
 
     def stop(self, *, off: bool) -> None:
-        """Clear the start bit; there is no other stop."""
         del off
         self._send(self._with([self._layout.start_bit], "0"))
 
     def end_program(self) -> None:
-        """Stop whatever program runs."""
         self._exchange.command(f"{self._address}P0000", _acknowledged)
 
     def set_ramp_rate(self, degC_per_min: float) -> bool:

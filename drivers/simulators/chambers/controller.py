@@ -117,7 +117,6 @@ class SimulatedController(ABC):
             self._take(request, now_s)
 
     def transmit(self, now_s: float) -> bytes:
-        """Return the replies that are due."""
         if not self._pending:
             return b""
         self._suffer(now_s)
@@ -126,7 +125,6 @@ class SimulatedController(ABC):
         return b"".join(due)
 
     def next_transmission(self, now_s: float) -> float | None:
-        """Return when the next reply is due, None where none is."""
         return max(now_s, min(at_s for at_s, _ in self._pending)) if self._pending else None
 
     # What a protocol says.
