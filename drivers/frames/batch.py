@@ -45,16 +45,9 @@ class FrameBatch:
         """Return a text field of every frame, without its padding; bytes that are not ASCII become `?`."""
         return self.layout.texts(self.rows, field)
 
-    def present(self, field: str) -> NDArray[np.bool_] | None:
-        """Return in which frames a numeric field is there, shape (n,); None for all."""
-        if field not in self.layout.numeric:
-            return np.zeros(len(self), np.bool_)
-        return self.layout.present(self.rows, field)
-
     def told(self, field: str) -> NDArray[np.bool_]:
         """Return in which frames a numeric field is there, shape (n,)."""
-        present = self.present(field)
-        return np.ones(len(self), np.bool_) if present is None else present
+        return self.layout.told(self.rows, field) if field in self.layout.numeric else np.zeros(len(self), np.bool_)
 
     def select(self, keep: NDArray[np.bool_], sequence: IntArray) -> FrameBatch:
         """Return the frames to keep, shape (n,) of bool, with their `sequence`, shape (kept,)."""
@@ -99,7 +92,7 @@ class VariedBatch(FrameBatch):
             values[place] = wire
         return values
 
-    def present(self, field: str) -> NDArray[np.bool_]:
+    def told(self, field: str) -> NDArray[np.bool_]:
         there = np.zeros(len(self), np.bool_)
         for place, part in zip(self.places, self.parts, strict=True):
             there[place] |= part.told(field)

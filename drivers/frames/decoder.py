@@ -1,24 +1,187 @@
-"""The incremental decoder: bytes as they arrive become columns of good frames, and every byte is accounted for."""
+"""The incremental decoder: bytes as they arrive become columns of good frames, and every byte is accounted for.
 
-from collections.abc import Sequence
+A unit may spread a sample over several frames: acceleration in one, rates in the next.
+
+    frames:
+      acceleration: {id: "51", …}
+      rate: {id: "52", …}
+      sample: {parts: [acceleration, rate]}           # in this order; or, with `by: count`, those of one count
+
+A sample begins with a frame that does not come behind the one before it in the list (or whose `by` is another). A part
+that did not arrive is NaN, and counts as lost. The sample whose parts may still come is kept for the next feed.
+"""
+
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from drivers.frames.batch import Decoded, FrameBatch, join
+from drivers.frames.batch import Decoded, FrameBatch, VariedBatch, join
 from drivers.frames.counts import StreamCounts
-from drivers.frames.description import StreamDescription
+from drivers.frames.description import FrameDescription, StreamDescription
 from drivers.frames.families import families_of
-from drivers.frames.joining import SampleJoiner
 from drivers.frames.layout import FrameLayout
 from drivers.frames.packets import LONGEST
 from drivers.frames.scan import Group, PacketScanner, Scan, Scanner, Standing
-from drivers.frames.sequence import FrameSequence
+from drivers.frames.wire import IntArray
 
 _FEW = 4096  # bytes below which looking at frames one by one is faster
 _PIECE = 16384  # frames that are verified at once; their bytes stay in the processor's cache
 _USUAL_LENGTH = 64  # bytes; a type whose frames may be much longer is not looked at in larger pieces
 _OF_A_SCAN = ("bad_checksum", "bad_delimiter", "unknown_id", "resyncs")
+
+Mask = NDArray[np.bool_]
+
+
+class FrameSequence:
+    """Follows the counter of one frame type over any number of feeds.
+
+    A frame whose counter did not move repeats the one before it: it is counted and left out. A counter that moved by
+    more than one step means lost frames; outages of a whole turn of the counter and more cannot be seen in it, and are
+    resolved by arrival time elsewhere. Without a counter, the unit's own time tells, and without that, frames are
+    numbered as they arrive.
+    """
+
+    def __init__(self, frame: FrameDescription, rate_hz: float) -> None:
+        self._counter = frame.counter
+        self._time = frame.time if frame.counter is None else None
+        self._rate_hz = rate_hz
+        self.last: float | None = None  # counter (or time) of the last frame
+        self.number = -1  # its unwrapped number, in frames
+        self._continuous = True
+
+    def interrupt(self) -> None:
+        """Frames are left out on purpose from here to the next one: they are not lost, and it repeats nothing."""
+        self._continuous = False
+
+    def take(
+        self, n: int, told: Callable[[str], Mask], wire: Callable[[str], NDArray[Any]]
+    ) -> tuple[Mask, IntArray, int]:
+        """Make n frames a part of the sequence; `told` says which have a field, `wire` gives its values.
+
+        Return which rows are no repetitions, shape (n,), their numbers, shape (kept,), and how many frames were lost
+        between them. Frames that lack the counter (it may be an item) do not move it: they get the number of the one
+        before.
+        """
+        told_by = self._counter or self._time
+        if told_by is None or not n:
+            first, self.number = self.number + 1, self.number + n
+            return np.ones(n, np.bool_), first + np.arange(n, dtype=np.int64), 0
+        there = told(told_by.field)
+        if not there.any():
+            return np.ones(n, np.bool_), np.full(n, self.number), 0
+        first, values = self.number, wire(told_by.field)[there]
+        # Decimals of a line of text stay what they are.
+        numbers, lost, moved = self._follow(
+            self._steps(values if values.dtype.kind == "f" else values.astype(np.int64))
+        )
+        if there.all():
+            return moved, numbers[moved], lost
+        keep, before = np.ones(n, np.bool_), np.cumsum(there) - 1
+        keep[there] = moved
+        return keep, np.where(before >= 0, numbers[before], first)[keep], lost
+
+    def _steps(self, values: NDArray[Any]) -> IntArray:
+        """Return by how many frames each frame is ahead of the one before."""
+        if self._counter is not None:
+            moved, step = self._moved(values, self._counter.step, self._counter.modulus), self._counter.step
+            # A counter between two steps belongs to the nearer; one that moved at all is no repetition.
+            steps = np.ones(len(moved), np.int64)
+            if not (moved == step).all():
+                steps = np.where(moved == 0, 0, np.maximum(1, (moved + step // 2) // step)).astype(np.int64)
+        else:
+            time = self._time
+            modulus = None if time is None else time.modulus
+            moved = self._moved(values, 0, modulus)
+            frames = np.rint(moved * (self._rate_hz * (1.0 if time is None else time.resolution)))
+            steps = np.maximum(1, frames).astype(np.int64)  # no time is twice the same by mistake, nor goes back
+        self.last = values[-1].item()
+        return steps
+
+    def _follow(self, steps: IntArray) -> tuple[IntArray, int, NDArray[np.bool_]]:
+        """Return the sequence after `steps`, how many frames were lost, and which are no repetitions."""
+        if not self._continuous:
+            steps[0] = max(1, int(steps[0]))
+        moved, sequence = steps != 0, self.number + np.cumsum(steps)
+        left_out = 0 if self._continuous else int(steps[0]) - 1
+        lost = int(sequence[-1]) - self.number - int(np.count_nonzero(moved)) - left_out
+        self.number, self._continuous = int(sequence[-1]), True
+        return sequence, lost, moved
+
+    def _moved(self, values: NDArray[Any], step: int, modulus: int | None) -> NDArray[Any]:
+        """Return by how much each value is ahead of the one before; the very first is one step ahead of nothing."""
+        before = values[0] - step if self.last is None else self.last
+        moved = values.copy()
+        moved[1:] -= values[:-1]
+        moved[0] -= before
+        if modulus is not None:
+            moved %= modulus
+        return moved
+
+
+class SampleJoiner:
+    """Puts the samples `name` of one stream together; `parts` are the numbers of their frame types in `names`."""
+
+    def __init__(self, description: StreamDescription, name: str, names: Sequence[str]) -> None:
+        self.name, self.layout = name, FrameLayout(description, name, fields={}, offsets={})
+        frame = self.layout.description
+        self.parts, self._by = [names.index(part) for part in frame.parts], frame.by
+        self.sequence = FrameSequence(frame, description.sample_rate_hz)
+        self.interrupt()
+
+    def interrupt(self) -> None:
+        """Forget the unfinished sample; the next may have begun before."""
+        self._held: list[list[Group]] = [[] for _ in self.parts]
+        self._begun = False
+        self.sequence.interrupt()
+
+    def take(self, groups: Sequence[list[Group]], *, last: bool) -> tuple[FrameBatch | None, int, int]:
+        """Return samples that groups of bytes, (n, length), complete (with `last` all), and frames in them and lost."""
+        groups = [held + new for held, new in zip(self._held, groups, strict=True)]
+        there = [(number, join(each)) for number, each in enumerate(groups) if each]
+        if not there:
+            return None, 0, 0
+        starts = np.concatenate([batch.starts for _, batch in there])
+        part = np.repeat([number for number, _ in there], [len(batch) for _, batch in there])
+        order = np.argsort(starts, kind="stable")
+        part = part[order]
+        begins = np.ones(len(part), np.bool_)
+        if self._by is None:
+            begins[1:] = part[1:] <= part[:-1]
+        else:
+            count = np.concatenate([batch.wire(self._by) for _, batch in there])[order]
+            begins[1:] = count[1:] != count[:-1]
+        sample = np.cumsum(begins) - 1
+        first = int(np.flatnonzero(begins)[-1])
+        whole = len(part) - first == len(self.parts) if self._by else part[-1] == len(self.parts) - 1
+        cut = np.inf if whole or last else starts[order[first]]
+        self._held = [_from(each, cut) for each in groups]
+        n = int(sample[-1]) + int(cut == np.inf)
+        if not n:
+            return None, 0, 0
+        numbers = np.empty(len(order), np.int64)
+        numbers[order] = sample
+        edges = np.cumsum([0, *(len(batch) for _, batch in there)])
+        parts, places = [], []
+        for edge, (_, batch) in zip(edges, there, strict=False):
+            place = numbers[edge : edge + len(batch)]
+            keep = place < n
+            parts.append(batch.select(keep, batch.sequence[keep]))
+            places.append(place[keep])
+        frames = sum(map(len, places))
+        missing = n * len(self.parts) - sum(len(np.unique(place)) for place in places)
+        if self._by is None:
+            missing -= 0 if self._begun else int(part[0])
+            missing -= len(self.parts) - 1 - int(part[-1]) if last and not whole else 0
+        self._begun = True
+        return VariedBatch(parts, places, np.arange(n), self.layout), frames, missing
+
+
+def _from(groups: list[Group], cut: float) -> list[Group]:
+    """Return the frames of `groups`, bytes (n, length) and places (n,), from place `cut` on."""
+    return [(layout, rows[at >= cut], at[at >= cut]) for layout, rows, at in groups if (at >= cut).any()]
 
 
 class StreamDecoder:
@@ -177,7 +340,7 @@ class StreamDecoder:
 
 def _numbered(batch: FrameBatch, sequence: FrameSequence) -> tuple[FrameBatch, int, int]:
     """Return a batch without repetitions and with its numbers, how many frames were lost, and were repeated."""
-    keep, numbers, missing = sequence.take(len(batch), batch.present, batch.wire)
+    keep, numbers, missing = sequence.take(len(batch), batch.told, batch.wire)
     repeated = len(batch) - len(numbers)
     if repeated:
         return batch.select(keep, numbers), missing, repeated

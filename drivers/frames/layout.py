@@ -109,11 +109,11 @@ class FrameLayout:
             return sign_extended(values, found.bits) if found.type[0] == "i" else values
         return np.ndarray(len(rows), self.record, rows if len(rows) else None)[field]
 
-    def present(self, rows: Rows, field: str) -> NDArray[np.bool_] | None:
-        """Return in which of n frames a field is there that takes turns with others, shape (n,); None for always."""
+    def told(self, rows: Rows, field: str) -> NDArray[np.bool_]:
+        """Return in which of n frames a field is there, shape (n,): it may take turns with others."""
         when = self.numeric[field].when
         if when is None:
-            return None
+            return np.ones(len(rows), np.bool_)
         told = self.wire_values(rows, when.field)
         mask = told.dtype.type(when.mask) if when.mask is not None else ~told.dtype.type(0)
         return np.asarray((told & mask) == when.equals)
@@ -143,8 +143,7 @@ class FrameLayout:
             if offsets.any():
                 part += offsets
             for row, name in turns:
-                if (there := self.present(block, name)) is not None:
-                    part[row, ~there] = np.nan
+                part[row, ~self.told(block, name)] = np.nan
         columns = dict(zip(self.numeric, values, strict=True))
         for name in self.absent:
             columns[name] = np.full(n, np.nan)
