@@ -29,7 +29,7 @@ import yaml
 from pydantic import Discriminator, Field, Tag, ValidationError, field_validator, model_validator
 
 from drivers.errors import InputError
-from drivers.frames.checksum_kinds import ChecksumDescription, NoChecksum
+from drivers.frames.checksums import ChecksumDescription, NoChecksum
 from drivers.frames.fields import (
     LONGEST,
     TOKENS,
@@ -41,9 +41,18 @@ from drivers.frames.fields import (
     field_offsets,
 )
 from drivers.frames.items import ItemsDescription
-from drivers.frames.notation import ByteOrder, Factor, Header, HexBytes, HexHeader, Name
+from drivers.frames.notation import (
+    ByteOrder,
+    Factor,
+    Header,
+    HexBytes,
+    HexHeader,
+    Name,
+    ParameterDescription,
+    put_in,
+    values_of,
+)
 from drivers.frames.packets import PacketDescription
-from drivers.frames.parameters import ParameterDescription, put_in, values_of
 from drivers.frames.roles import CounterDescription, Roles, StatusBit, TimeDescription, check_roles
 from drivers.frames.text_frames import TextDescription
 from drivers.given_file import read_text

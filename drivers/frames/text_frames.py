@@ -15,8 +15,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from drivers.frames.checksum_kinds import CrcParameters
-from drivers.frames.checksums import message_crc
+from drivers.frames.checksums import CrcParameters, message_crc
 from drivers.frames.fields import FieldDescription
 from drivers.strict_yaml import Section
 

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drivers.frames.batch import Decoded, FrameBatch
-from drivers.frames.checksum_kinds import CrcKind, NoChecksum
+from drivers.frames.checksums import CrcKind, NoChecksum
 from drivers.frames.counts import StreamCounts
 from drivers.frames.decoder import StreamDecoder
 from drivers.frames.description import StreamDescription, load_description

@@ -20,8 +20,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
-from drivers.frames.checksum_kinds import ChecksumDescription
-from drivers.frames.checksums import FrameChecksum
+from drivers.frames.checksums import ChecksumDescription, FrameChecksum
 from drivers.given_file import opened
 from drivers.strict_yaml import packaged
 from hil.bench.decode_advice import that_read

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.frames.checksum_kinds import CrcKind, FletcherKind, SumKind, XorKind
-from drivers.frames.checksums import Crc, FrameChecksum
+from drivers.frames.checksums import Crc, CrcKind, FletcherKind, FrameChecksum, SumKind, XorKind
 
 # Catalogue of parametrised CRC algorithms (reveng): name, width, poly, init, refin, refout, xorout, CRC of "123456789".
 CATALOGUE = [
