@@ -27,13 +27,13 @@ from drivers.chambers.controllers.questions import (
     Identity,
     Listing,
     Messages,
+    ModbusSection,
     Quantity,
     Requirement,
     Setting,
     StateQuestion,
     Timer,
 )
-from drivers.chambers.controllers.registers import ModbusSection
 from drivers.chambers.supervised import SupervisedChamber, Supervision
 from drivers.clock import VirtualClock
 from drivers.simulators.chambers.catalogue import CHAMBER_SIMULATORS

@@ -16,26 +16,24 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, PositiveFloat, ValidationError, model_validator
 
 from drivers.chambers.controllers.questions import (
+    Address,
     AlarmQuestion,
     Command,
     Identity,
     Listing,
     Messages,
+    ModbusSection,
     Number,
+    Plain,
     Quantity,
     Question,
     Ramp,
+    Registers,
     Requirement,
+    Several,
     StateQuestion,
     Timer,
     UnitQuestion,
-)
-from drivers.chambers.controllers.registers import (
-    Address,
-    ModbusSection,
-    Plain,
-    Registers,
-    Several,
     Word,
 )
 from drivers.chambers.controllers.templates import Reply, addressed_to

@@ -17,8 +17,7 @@ from typing import Any
 
 from drivers.chambers import ChamberLimits
 from drivers.chambers.controllers.description import BoxDescription, Why
-from drivers.chambers.controllers.questions import AlarmQuestion, Command, Quantity, Question, Setting
-from drivers.chambers.controllers.registers import ModbusSection
+from drivers.chambers.controllers.questions import AlarmQuestion, Command, ModbusSection, Quantity, Question, Setting
 from drivers.chambers.controllers.templates import filled, number_in, reply_with, taken_from
 from drivers.simulators.chambers.controller import (
     ChamberFault,
