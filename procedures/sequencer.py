@@ -20,10 +20,11 @@ Only a chamber that is not the one the bench file names is left alone. SIGKILL i
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from datetime import datetime
+from itertools import takewhile
 
-from drivers.errors import DeviceError
+from drivers.errors import CommandRefused, DeviceError, SetpointOutOfLimits, WrongDevice
 from procedures.actions import Actions
 from procedures.attended import Attendant
 from procedures.collect import Times
@@ -33,22 +34,14 @@ from procedures.pause import rest
 from procedures.plan import Plan, Step, StepKind, lasting_s
 from procedures.requests import PauseAsked
 from procedures.safe_air import Left
-from procedures.settings import Restabilisation
+from procedures.settings import CollectSettings, Restabilisation
 from procedures.stop import StopRequested
 from procedures.sweep_outcome import SweepOutcome, outcome_of, state_after, why
-from procedures.tries import Ends, Tries
+from procedures.verdict import NOT_GOOD
 from procedures.watch import Position, Watch
 
-# What each kind of step stands on, in the order in which it has to be restored.
-_STANDS_ON: Mapping[StepKind, tuple[StepKind, ...]] = {
-    StepKind.IDENTIFY: (),
-    StepKind.SETPOINT: (StepKind.IDENTIFY,),
-    StepKind.RESTABILISE: (StepKind.IDENTIFY, StepKind.SETPOINT),
-    StepKind.INDEX: (StepKind.IDENTIFY, StepKind.SETPOINT, StepKind.RESTABILISE),
-    StepKind.COLLECT: (StepKind.IDENTIFY, StepKind.SETPOINT, StepKind.RESTABILISE, StepKind.INDEX),
-    StepKind.SAFE_STATE: (),
-}
-_WHY_AGAIN: Mapping[StepKind, str] = {
+# What steps stand on, in the order in which it has to be restored, each on those before it; and why it is done again.
+_STANDS_ON: Mapping[StepKind, str] = {
     StepKind.IDENTIFY: "another device may have been connected",
     StepKind.SETPOINT: "a chamber that nobody commands drifts away",
     StepKind.RESTABILISE: "nothing shows that the unit stayed in equilibrium",
@@ -56,6 +49,9 @@ _WHY_AGAIN: Mapping[StepKind, str] = {
 }
 # A pause lets a collect be finished: its samples are good, and it is over in a minute or two.
 _INTERRUPTED_BY_A_PAUSE = (StepKind.SETPOINT, StepKind.RESTABILISE, StepKind.INDEX)
+_NEVER_RETRIED = (WrongDevice, SetpointOutOfLimits, CommandRefused)
+Ends = Sequence[tuple[Step, StepResult]]
+"""How steps of a stage ended: they are committed at once."""
 
 
 @dataclass(eq=False)
@@ -157,7 +153,8 @@ class Sequencer:
 
     def _prepare(self, steps: Sequence[Step]) -> str:
         """Put into effect what `steps` stand on; return the key of what cannot be, or nothing."""
-        for kind in _STANDS_ON[steps[0].kind] if steps else ():
+        stands = bool(steps) and steps[0].kind is not StepKind.SAFE_STATE
+        for kind in takewhile(lambda each: each is not steps[0].kind, _STANDS_ON) if stands else ():
             going = self._going_on(steps)
             units = {step.unit for step in going}
             lacking = [
@@ -184,7 +181,7 @@ class Sequencer:
         """Do steps again that are DONE in the journal, as events; return whether they are in effect now."""
         steps = self._going_on(steps)
         for step in steps:
-            message = f"doing {step.key} again, because {_WHY_AGAIN[step.kind]}"
+            message = f"doing {step.key} again, because {_STANDS_ON[step.kind]}"
             self.watch.event("restoring", message, step=step.key)
         results = self._with_retries(steps, recorded=False)
         steps = self._going_on(steps)
@@ -233,7 +230,7 @@ class Sequencer:
                 self._end(ended)
             kept.update((step.key, result) for step, result in ended)
 
-        tries = Tries(steps, self.watch.polling.device_attempts)
+        tries = _Tries(steps, self.watch.polling.device_attempts)
         while steps := self._going_on(steps):
             blocked = self._hold(steps)
             steps = self._going_on(steps)
@@ -327,3 +324,36 @@ class Sequencer:
             return False
         self._in_effect[step.kind, step.unit] = step.stage
         return True
+
+
+class _Tries:
+    """What is left of the attempts of some steps: at a device as many as are said, of a collect as its settings say."""
+
+    def __init__(self, steps: Sequence[Step], device_attempts: int) -> None:
+        self._collects = {step.key: int(CollectSettings.from_parameters(step.parameters).attempts) for step in steps}
+        self._devices = {step.key: device_attempts for step in steps}
+
+    def judge(
+        self, steps: Sequence[Step], results: Mapping[str, StepResult | DeviceError], aside: Mapping[str, str]
+    ) -> tuple[Ends, Mapping[str, DeviceError], Mapping[str, str]]:
+        """Return how steps ended, errors of those given up, why others are tried again; `aside` says why by unit."""
+        ended, given_up, again = list[tuple[Step, StepResult]](), dict[str, DeviceError](), dict[str, str]()
+        for step in steps:
+            if step.unit in aside:
+                ended.append((step, StepResult(Outcome.ERROR, aside[step.unit or ""])))
+            elif isinstance(result := results[step.key], DeviceError):
+                self._devices[step.key] -= 1
+                ended.append((step, StepResult(Outcome.ERROR, str(result))))
+                if (tries := self._devices[step.key]) <= 0 or isinstance(result, _NEVER_RETRIED):
+                    given_up[step.key] = result
+                else:
+                    again[step.key] = f"{step.key}: {result}; {tries} more tries"
+            else:
+                self._collects[step.key] -= 1
+                # A collect's own samples are asked: a soak that was not good is no reason to take it again.
+                good = result.outcome is Outcome.DONE and result.data.get("samples_verdict") not in NOT_GOOD
+                if step.kind is StepKind.COLLECT and self._collects[step.key] > 0 and not good:
+                    result = replace(result, outcome=Outcome.FAILED)
+                    again[step.key] = f"{step.key} is taken again: {result.reason}"
+                ended.append((step, result))
+        return ended, given_up, again
