@@ -13,7 +13,7 @@ from drivers.chambers import SafeState
 from drivers.errors import DeviceError, WrongDevice
 from drivers.imu import ImuIdentity
 from drivers.positioners.positioner import move_all
-from procedures.collect import Collected, Times, take_collects
+from procedures.collect import Times, take_collects
 from procedures.interlocks import InterlockTripped
 from procedures.journal_protocol import Outcome, StepResult, of_unit
 from procedures.plan import Step, StepKind
@@ -21,7 +21,7 @@ from procedures.restabilisation import restabilise
 from procedures.safe_air import Left, Word, not_commanded, watch_air
 from procedures.settings import CollectSettings, Restabilisation
 from procedures.sweep_outcome import why
-from procedures.verdict import Judgement, Verdict, combine
+from procedures.verdict import Judgement, Verdict
 from procedures.watch import Watch
 
 _LEAST_WAIT_S = 0.1
@@ -171,25 +171,12 @@ class Actions:
         return {name: StepResult(Outcome.DONE, f"at position {position}", data) for name in reached} | found
 
     def _collect(self, step: Step, units: Sequence[str]) -> Results:
-        """Take a collect. FAILED, with its samples, where it gives no usable mean; before any where the pose is wrong.
-
-        Its verdict is never better than that of the soak before it: after a resume that soak is not the one in the
-        journal. `samples_verdict` is the collect's own.
-        """
+        """Take a collect. After a resume the soak that counts for it is not the one in the journal."""
         settings = CollectSettings.from_parameters(step.parameters)
         those = {name: self.devices.units[name] for name in units}
-        taken = take_collects(self.watch, those, settings, step.position or "", self.times)
-        return {name: self._collected(name, each) for name, each in taken.items()}
-
-    def _collected(self, unit: str, taken: Collected | str) -> StepResult:
-        if isinstance(taken, str):
-            return StepResult(Outcome.FAILED, taken, {"verdict": Verdict.FAIL.value, "wrong_pose": taken})
-        outcome = Outcome.DONE if taken.usable else Outcome.FAILED
-        own, soak = taken.judgement, of_unit(self._soak, unit)
-        soaked = [Judgement(Verdict(soak["verdict"]), soak["reason"])] if soak else []
-        whole = combine([own, *soaked], passed=own.reason)
-        verdicts = {"verdict": whole.verdict.value, "samples_verdict": own.verdict.value, "reason": whole.reason}
-        return StepResult(outcome, whole.reason, {**taken.data, **verdicts}, taken.samples)
+        soaks = {name: of_unit(self._soak, name) for name in units}
+        soaked = {n: [Judgement(Verdict(it["verdict"]), it["reason"])] if it else [] for n, it in soaks.items()}
+        return take_collects(self.watch, those, settings, step.position or "", self.times, soaked)
 
     def _safe_state(self) -> StepResult:
         """Leave the chamber as it may be left."""

@@ -18,6 +18,7 @@ from drivers.imu.samples import FloatArray, finite_mean, means, rate_fields
 from drivers.imu.stream import StreamImu
 from procedures.averaging import Average, average_series
 from procedures.devices import BenchDevices
+from procedures.journal_protocol import Outcome, StepResult
 from procedures.quality import longest_run, missing_in_gaps, moved, not_measured, same_samples, slope_per_min
 from procedures.settings import CollectSettings
 from procedures.verdict import Judgement, Verdict, combine
@@ -30,20 +31,6 @@ _RATE_TOLERANCE = 0.005  # of the nominal sample rate
 _WORTH_AVERAGING = 3
 _LEAST_BATCHES = 3  # polls whose means scatter enough to say something about the running mean
 _SHORT_LOSS = 0.002  # of the samples: more than this is worth a remark
-
-
-@dataclass(frozen=True)
-class Collected:
-    """A collect: its data as JSON can hold it, its judgement, and its samples (times in campaign seconds)."""
-
-    data: Mapping[str, Any]
-    judgement: Judgement
-    samples: SampleBlock
-
-    @property
-    def usable(self) -> bool:
-        """True where every channel has a mean and a standard error."""
-        return int(self.data["n_samples"]) >= _WORTH_AVERAGING
 
 
 def join(blocks: Iterable[SampleBlock]) -> SampleBlock:
@@ -230,20 +217,32 @@ class Times:
 
 
 def take_collects(
-    watch: Watch, units: Mapping[str, BenchDevices], settings: CollectSettings, position: str, times: Times
-) -> Mapping[str, Collected | str]:
+    watch: Watch,
+    units: Mapping[str, BenchDevices],
+    settings: CollectSettings,
+    position: str,
+    times: Times,
+    soaked: Mapping[str, Sequence[Judgement]],
+) -> Mapping[str, StepResult]:
     """Settle, sample and reduce a collect of each of `units`, at once, at the position where they stand.
 
-    A unit that is set aside meanwhile is missing in it; of one that does not lie as it should, by its accelerations
-    at the end of settling, no sample is taken, and how it lies is returned. A position that is not confirmed before and
-    after, or that accelerations over the collect contradict, is a FAIL. Raises what a poll raises.
+    FAILED, with its samples, where it gives no usable mean. A unit that is set aside meanwhile is missing in it; of one
+    that does not lie as it should, by its accelerations at the end of settling, no sample is taken. A position that is
+    not confirmed before and after, or that accelerations over the collect contradict, is a FAIL. A verdict is never
+    better than that of the soak before (`soaked`, by unit); `samples_verdict` is the collect's own. Raises what a poll
+    raises.
     """
     before = {name: devices.positioner.position() for name, devices in units.items()}
-    taken, watch.note = dict[str, Collected | str](), "settling"
+    taken, watch.note = dict[str, StepResult](), "settling"
     if settings.settle_s > 0.0:
         last = _settled(watch, units, settings.settle_s)
         found = {name: _pose(devices, position, last[name]) for name, devices in units.items() if name in last}
-        taken.update((name, lies) for name, lies in found.items() if lies)
+        fail = Verdict.FAIL.value
+        taken.update(
+            (name, StepResult(Outcome.FAILED, lies, {"verdict": fail, "wrong_pose": lies}))
+            for name, lies in found.items()
+            if lies
+        )
         units = {name: units[name] for name in found if name not in taken}
     if not units:
         return taken
@@ -268,10 +267,11 @@ def take_collects(
         data, judgement = reduce_collect(samples, end_s - start_s, devices.imu, settings)
         after, lies = devices.positioner.position(), _pose(devices, position, samples)
         contradicted = [Judgement(Verdict.FAIL, lies)] if lies else []
-        confirmed = _confirmed(position, before[name], after)
-        judgement = combine([*contradicted, judgement, *confirmed], passed=judgement.reason)
-        data |= {**of_all, "verdict": judgement.verdict.value, "reason": judgement.reason}
-        taken[name] = Collected(data, judgement, samples)
+        own = combine([*contradicted, judgement, *_confirmed(position, before[name], after)], passed=judgement.reason)
+        whole = combine([own, *soaked[name]], passed=own.reason)
+        data |= {**of_all, "verdict": whole.verdict.value, "reason": whole.reason, "samples_verdict": own.verdict.value}
+        outcome = Outcome.DONE if data["n_samples"] >= _WORTH_AVERAGING else Outcome.FAILED
+        taken[name] = StepResult(outcome, whole.reason, data, samples)
     return taken
 
 
