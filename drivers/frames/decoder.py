@@ -194,15 +194,10 @@ class StreamDecoder:
 
     def __init__(self, description: StreamDescription) -> None:
         self._description = description
-        self._delimiter = description.optional_delimiter
         plain = families_of(description)
         packets = description.packets
         self._packets = None if packets is None else PacketScanner(description.sync, plain, packets)
-        self._scanner = Scanner(description.sync, [] if self._packets else plain, watch=self._delimiter)
-        self._delimited_scanner = self._scanner
-        if self._delimiter:
-            self._delimited_scanner = Scanner(description.sync, families_of(description, self._delimiter))
-        self._delimited: bool | None = None  # whether the unit sends the optional delimiter; the first frame tells
+        self._scanner = Scanner(description.sync, [] if self._packets else plain)
         self._names = [family.name for family in plain]
         rate_hz = description.sample_rate_hz
         self._sequences = [FrameSequence(family.description, rate_hz) for family in plain]
@@ -211,9 +206,9 @@ class StreamDecoder:
             SampleJoiner(description, name, self._names) for name, each in description.frames.items() if each.parts
         ]
         self._taken = {part for each in self._joined for part in each.parts}
-        longest = max(family.longest for family in plain)
-        self._piece_bytes = max(_PIECE * min(longest, _USUAL_LENGTH), 4 * (longest + len(self._delimiter)), 4 * LONGEST)
-        self._least_bytes = max(_FEW, 4 * (longest + len(self._delimiter)))
+        longest = max(family.longest + len(family.optional) for family in plain)
+        self._piece_bytes = max(_PIECE * min(longest, _USUAL_LENGTH), 4 * longest, 4 * LONGEST)
+        self._least_bytes = max(_FEW, 4 * longest)
         self._run_bytes = self._piece_bytes  # of the last frames without a flaw; the next ones probably go on as long
         self._runs, self._stretch_bytes = True, self._least_bytes  # whether, else how far not, runs are looked for
         self._rest = b""
@@ -239,8 +234,7 @@ class StreamDecoder:
         self._position += len(self._rest)
         self._rest = b""
         self._standing = Standing()
-        self._delimited = None
-        self._scanner.newest.clear()
+        self._scanner.interrupt()
         for sequence in self._sequences:
             sequence.interrupt()
         for joiner in self._joined:
@@ -249,51 +243,33 @@ class StreamDecoder:
     def _decode(self, data: bytes, *, give_up: bool) -> Decoded:
         buffer = self._rest + data if self._rest else data
         scans: list[tuple[int, Scan]] = []  # with the place of its piece in the buffer
-        at = timed_out = delimiters = 0
+        at = timed_out = 0
         while at < len(buffer):
             end = min(at + self._piece_bytes, len(buffer))
-            if self._delimiter and self._delimited is None and not self._look_for_delimiter(buffer, at, end, give_up):
-                break
             scan = self._scan(buffer, at, end, give_up=give_up)
             scans.append((at, scan))
             at += scan.stop
             self._standing = scan.standing
-            if scan.delimited:
-                at += len(self._delimiter)
-                delimiters += len(self._delimiter)
-                self._delimited = True
-            elif scan.waits:  # for bytes that have not arrived
+            if scan.waits:  # for bytes that have not arrived
                 if not give_up:
                     break
                 reach = scan.waiting_end - scan.stop
                 timed_out += self._standing.claimed == 0
                 at += 1
                 self._standing = Standing(False, max(self._standing.claimed, reach)).moved(1)
-        decoded = self._account(scans, consumed=at - delimiters, timed_out=timed_out, last=give_up)
+        decoded = self._account(scans, consumed=at, timed_out=timed_out, last=give_up)
         self._rest = buffer[at:]
         self._position += at
         return decoded
-
-    def _look_for_delimiter(self, buffer: bytes, at: int, end: int, give_up: bool) -> bool:
-        """Let the first good frame tell whether the unit sends the delimiter; False where it does not tell yet."""
-        scan = self._scanner.scan_few(buffer[at:end], self._standing, last=give_up, first_only=True)
-        if not scan.frames:
-            return True
-        behind = buffer[at + scan.stop : at + scan.stop + len(self._delimiter)]
-        if len(behind) < len(self._delimiter) and self._delimiter.startswith(behind) and not give_up:
-            return False
-        self._delimited = behind == self._delimiter
-        return True
 
     def _scan(self, buffer: bytes, at: int, end: int, *, give_up: bool) -> Scan:
         """Look at what lies between two places, or at a part of it; it waits only where more is to arrive."""
         if self._packets is not None:
             scan = self._packets.scan(buffer[at:end], self._standing, last=give_up and end == len(buffer))
         else:
-            scanner = self._delimited_scanner if self._delimited else self._scanner
             clean = None
             if self._runs and end - at >= _FEW:
-                clean = scanner.scan_clean(buffer[at : min(end, at + 2 * self._run_bytes)], self._standing)
+                clean = self._scanner.scan_clean(buffer[at : min(end, at + 2 * self._run_bytes)], self._standing)
             self._runs = clean is None or clean.stop >= _FEW
             if clean is not None:
                 # Where runs are short, looking for them costs more than looking at frames one by one.
@@ -302,7 +278,7 @@ class StreamDecoder:
                 self._run_bytes = max(clean.stop, self._least_bytes)
                 return clean
             end = min(end, at + self._stretch_bytes)
-            scan = scanner.scan_few(buffer[at:end], self._standing, last=give_up and end == len(buffer))
+            scan = self._scanner.scan_few(buffer[at:end], self._standing, last=give_up and end == len(buffer))
         scan.waits &= end == len(buffer)
         return scan
 

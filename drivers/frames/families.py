@@ -24,33 +24,28 @@ class Flaw(IntEnum):
 
 
 class FrameFamily:
-    """One frame type, whose length is fixed or stands in the frame; `delimiter` follows each frame besides."""
+    """One frame type, whose length is fixed or stands in the frame; what is `optional` may follow each frame."""
 
-    def __init__(self, description: StreamDescription, name: str, delimiter: bytes = b"") -> None:
+    def __init__(self, description: StreamDescription, name: str) -> None:
         self.name = name
         self.description = description.frames[name]
         self.headers = description.headers(name)
         self.confirm = self.description.checksum.confirm
-        self.shortest = self.description.shortest + len(delimiter)
-        self.longest = self.description.longest + len(delimiter)
-        self.delimiter = delimiter or self.description.delimiter
+        self.shortest, self.longest = self.description.shortest, self.description.longest
+        self.delimiter = self.description.delimiter
+        self.optional = b"" if self.description.text else description.optional_delimiter
         length = self.description.length
         self._told = length if isinstance(length, LengthDescription) else None
         self._stream = description
-        self._extra = len(delimiter)
         self._layout_of = lru_cache(_MOST_FORMS)(self._layout)
         self.shortest_layout = self._layout_of(self.shortest)
 
     def _layout(self, length: int) -> FrameLayout:
-        """Return the layout of frames of this length, with the fields at fixed places."""
-        return FrameLayout(self._stream, self.name, length=length, delimiter=self.delimiter)
+        return FrameLayout(self._stream, self.name, length=length)
 
     def length_of(self, data: bytes, start: int) -> int | None:
         """Return the length of the frame at `start`: 0 where it is none, None where it is not told yet."""
-        if self._told is None:
-            return self.shortest
-        length = self._told.of(data, start)
-        return length + self._extra if length else length
+        return self.shortest if self._told is None else self._told.of(data, start)
 
     def form(self, frame: bytes) -> FrameLayout | Flaw:
         """Return the layout of a whole frame, or what is wrong with it."""
@@ -73,10 +68,8 @@ class FrameFamily:
 class ItemsFamily(FrameFamily):
     """A frame type with items, of which each frame has its own."""
 
-    def __init__(
-        self, description: StreamDescription, name: str, items: ItemsDescription, delimiter: bytes = b""
-    ) -> None:
-        super().__init__(description, name, delimiter)
+    def __init__(self, description: StreamDescription, name: str, items: ItemsDescription) -> None:
+        super().__init__(description, name)
         self._items = items
         self._filled = lru_cache(_MOST_FORMS)(self._layout_of_items)
 
@@ -105,9 +98,7 @@ class ItemsFamily(FrameFamily):
         fields, offsets = dict(base.fields), dict(base.offsets)
         for name, field, offset in self._items.placed(walked):
             fields[name], offsets[name] = field, offset
-        return FrameLayout(
-            self._stream, self.name, length=length, fields=fields, offsets=offsets, delimiter=self.delimiter
-        )
+        return FrameLayout(self._stream, self.name, length=length, fields=fields, offsets=offsets)
 
 
 class TextFamily(FrameFamily):
@@ -118,7 +109,7 @@ class TextFamily(FrameFamily):
         super().__init__(description, name)
 
     def _layout(self, length: int) -> FrameLayout:
-        return TextLayout(self._stream, self.name, self._tokens, length=length, offsets={}, delimiter=self.delimiter)
+        return TextLayout(self._stream, self.name, self._tokens, length=length, offsets={})
 
     def length_of(self, data: bytes, start: int) -> int | None:
         return self._text.length_of(data, start, len(self.headers[0]), self.delimiter)
@@ -135,16 +126,14 @@ class TextFamily(FrameFamily):
         return np.asarray(np.arange(len(rows)) == 0)
 
 
-def families_of(description: StreamDescription, delimiter: bytes = b"") -> list[FrameFamily]:
-    """Return the frame types of a stream; `delimiter` is the optional one where the unit sends it."""
+def families_of(description: StreamDescription) -> list[FrameFamily]:
+    """Return the frame types of a stream."""
     families: list[FrameFamily] = []
     for name, frame in description.frames.items():
-        if frame.parts:
-            continue
         if frame.text is not None:
             families.append(TextFamily(description, name, frame.text))
         elif frame.items is not None:
-            families.append(ItemsFamily(description, name, frame.items, delimiter))
-        else:
-            families.append(FrameFamily(description, name, delimiter))
+            families.append(ItemsFamily(description, name, frame.items))
+        elif not frame.parts:
+            families.append(FrameFamily(description, name))
     return families

@@ -22,7 +22,7 @@ class FrameLayout:
     """Frames of one type that are alike: header, length, where each field lies, checksum, template.
 
     A type of fixed length has one layout. A type of varying length or of items has one for every form, given by
-    `length`, `fields` and `offsets`; fields that this form lacks are `absent`. `delimiter` replaces the description's.
+    `length`, `fields` and `offsets`; fields that this form lacks are `absent`.
     """
 
     def __init__(
@@ -33,14 +33,13 @@ class FrameLayout:
         length: int | None = None,
         fields: Mapping[str, FieldDescription] | None = None,
         offsets: Mapping[str, int] | None = None,
-        delimiter: bytes | None = None,
     ) -> None:
         frame = description.frames[name]
         self.name = name
         self.description = frame
         self.in_packets = description.packets is not None
         self.header = description.headers(name)[0]
-        self.delimiter = frame.delimiter if delimiter is None else delimiter
+        self.delimiter = frame.delimiter
         self.length = frame.shortest if length is None else length
         self.checksum = FrameChecksum(frame.checksum, self.length - len(self.delimiter))
         self.fields = frame.fields if fields is None else fields

@@ -48,8 +48,7 @@ class Scan:
     `stop` is the first byte that is not decided yet; `waits` says that something may begin there whose end, expected at
     `waiting_end`, is beyond the piece (otherwise what follows `stop`, if anything, has not been looked at). `found`
     holds, per frame type, the good frames: bytes (n, length) and places (n,) of each form. `standing` is that of the
-    reader at `stop`. `stuffing` counts bytes around or within good frames that are no part of them. `delimited` says
-    that an optional delimiter follows there that was not expected.
+    reader at `stop`. `stuffing` counts bytes around or within good frames that are no part of them.
     """
 
     stop: int
@@ -57,17 +56,11 @@ class Scan:
     found: list[list[Group]]
     waits: bool = False
     waiting_end: int = 0
-    delimited: bool = False
     bad_checksum: int = 0
     bad_delimiter: int = 0
     unknown_id: int = 0
     stuffing: int = 0
     resyncs: int = 0
-
-    @property
-    def frames(self) -> int:
-        """How many good frames were found."""
-        return sum(len(starts) for groups in self.found for _, _, starts in groups)
 
 
 def grouped(found: Iterable[Found]) -> list[list[Group]]:
@@ -86,12 +79,11 @@ _TELLING = 64  # frames after which a counter comes round, at least, for it to c
 
 
 class Scanner:
-    """Looks for the frames of one stream. Where the optional delimiter to `watch` for follows one, a scan ends."""
+    """Looks for the frames of one stream, and for what may follow each of them: the first good one tells whether."""
 
-    def __init__(self, sync: bytes, families: Sequence[FrameFamily], watch: bytes = b"") -> None:
+    def __init__(self, sync: bytes, families: Sequence[FrameFamily]) -> None:
         self._sync = sync
         self._families = families
-        self._watch = watch
         self._headers = [(header, index) for index, family in enumerate(families) for header in family.headers]
         self._longest_header = max((len(header) for header, _ in self._headers), default=0)
         known = b"|".join(b"(" + header.pattern + b")" for header, _ in self._headers)
@@ -100,7 +92,13 @@ class Scanner:
         begun = b"|".join(header.begun for header, _ in self._headers if header.begun)
         self._begun = re.compile(b"(?:" + (begun or b"(?!)") + rb")\Z", re.DOTALL)
         self._confirms = any(family.confirm for family in families)
-        self.newest: dict[int, tuple[FrameLayout, bytes]] = {}  # by frame type, for counters that confirm
+        self._optional = max((family.optional for family in families), default=b"")
+        self.interrupt()
+
+    def interrupt(self) -> None:
+        """Forget what was seen of the unit."""
+        self._newest: dict[int, tuple[FrameLayout, bytes]] = {}  # by frame type, for counters that confirm
+        self._delimited: bool | None = None  # whether it sends the optional delimiter
 
     def _which(self, match: re.Match[bytes] | None) -> tuple[Header, int] | None:
         """Return the header that was found with its frame type, None where it is the sync alone, or nothing."""
@@ -117,12 +115,17 @@ class Scanner:
                 return place
         return None
 
-    def _watched(self, data: bytes, at: int) -> bool | None:
-        """Tell whether the delimiter that is watched for stands at `at`; None where its rest is not there yet."""
-        rest = data[at : at + len(self._watch)]
-        if not self._watch or not rest or not self._watch.startswith(rest):
-            return False
-        return True if len(rest) == len(self._watch) else None
+    def _behind(self, optional: bytes, data: bytes, end: int, last: bool) -> bytes | Flaw | None:
+        """Return what of the optional delimiter stands behind a good frame, or its flaw; None where more may come."""
+        behind = data[end : end + len(optional)]
+        if not optional.startswith(behind):
+            self._delimited = bool(self._delimited)
+            return Flaw.DELIMITER if self._delimited else b""
+        if len(behind) < len(optional) and not last and (behind or self._delimited is not False):
+            return None
+        if behind and behind == optional:
+            self._delimited = True
+        return behind
 
     def _confirmed(
         self, index: int, layout: FrameLayout, frame: bytes, data: bytes, end: int, last: bool
@@ -135,7 +138,7 @@ class Scanner:
         return False
 
     def _goes_on(self, index: int, layout: FrameLayout, frame: bytes) -> bool:
-        counter, before = layout.description.counter, self.newest.get(index)
+        counter, before = layout.description.counter, self._newest.get(index)
         if counter is None or before is None or counter.modulus < _TELLING * counter.step:
             return False
         values = []
@@ -146,20 +149,18 @@ class Scanner:
         moved = (values[1] - values[0]) % counter.modulus
         return moved % counter.step == 0 and 1 <= moved // counter.step <= _GOES_ON
 
-    def scan_few(self, data: bytes, standing: Standing, *, last: bool = False, first_only: bool = False) -> Scan:
-        """Scan frame by frame; `last`: nothing follows. With `first_only`, stop behind the first, remember nothing."""
+    def scan_few(self, data: bytes, standing: Standing, *, last: bool = False) -> Scan:
+        """Scan frame by frame; `last`: nothing follows."""
         found: list[Found] = [{} for _ in self._families]
         result = Scan(len(data), standing, [])
         in_step, claimed = standing.in_step, standing.claimed
-        at = end = 0  # the byte that is looked at; the end of the last good frame
+        # Of a unit that sent none, one may begin behind a frame that was not held back for it.
+        begun = self._behind(self._optional, data, 0, last) if in_step and self._delimited is False else b""
+        if not isinstance(begun, bytes):
+            return Scan(0, standing, grouped(found), waits=True, waiting_end=len(self._optional))
+        at = end = result.stuffing = len(begun)  # the byte that is looked at; the end of the last good frame
         size = len(data)
         while True:
-            if self._watch and at == end and in_step:
-                watched = self._watched(data, end)
-                if watched is not False:
-                    result.stop, result.waits, result.delimited = end, watched is None, bool(watched)
-                    result.waiting_end = end + len(self._watch)
-                    break
             match = self._header.search(data, at)
             start = size if match is None else match.start()
             early = self._tail(data, at, min(start + 1, size))
@@ -180,8 +181,14 @@ class Scanner:
                 break
             frame = data[start : start + length]
             form = family.form(frame) if length else Flaw.CHECKSUM
+            behind = b"" if isinstance(form, Flaw) else self._behind(family.optional, data, start + length, last)
+            if behind is None:
+                result.stop, result.waits, result.waiting_end = start, True, start + length + len(family.optional)
+                break
+            if isinstance(behind, Flaw):
+                form, behind = behind, b""
             if not isinstance(form, Flaw) and family.confirm and not (in_step and start == end):
-                confirmed = self._confirmed(index, form, frame, data, start + length, last)
+                confirmed = self._confirmed(index, form, frame, data, start + length + len(behind), last)
                 if confirmed is None:
                     result.stop, result.waits, result.waiting_end = start, True, start + length
                     break
@@ -197,12 +204,10 @@ class Scanner:
             starts.append(start)
             result.resyncs += start != end or not in_step
             in_step, claimed = True, 0
-            at = end = start + length
-            if first_only:
-                result.stop = end
-                break
+            at = end = start + length + len(behind)
+            result.stuffing += len(behind)
             if self._confirms:
-                self.newest[index] = (form, frame)
+                self._newest[index] = (form, frame)
         result.standing = Standing(in_step and end == result.stop, claimed).moved(result.stop)
         result.found = grouped(found)
         return result
@@ -215,24 +220,36 @@ class Scanner:
         header, index = which
         family = self._families[index]
         length = family.length_of(data, 0)
-        if not length or length > len(data) or (family.confirm and not standing.in_step):
+        behind = family.optional if self._delimited else b""
+        size = length + len(behind) if length else 0
+        undecided = bool(family.optional) and self._delimited is None
+        if not length or size > len(data) or undecided or (family.confirm and not standing.in_step):
             return None
         form = family.form(data[:length])
         if isinstance(form, Flaw):
             return None
-        rows = np.frombuffer(data, np.uint8, len(data) // length * length).reshape(-1, length)
+        whole = np.frombuffer(data, np.uint8, len(data) // size * size).reshape(-1, size)
+        rows = np.ascontiguousarray(whole[:, :length])
         begins = rows[:, : len(header)] == np.frombuffer(header, np.uint8)
         if None in header.told:
             begins |= [byte is None for byte in header.told]
         run = family.alike(rows, form)
         if not begins.all():
             run &= begins.all(axis=1)
+        if behind:
+            run &= (whole[:, length:] == np.frombuffer(behind, np.uint8)).all(axis=1)
         n = len(rows) if run.all() else int(np.argmin(run))
+        more = b"" if behind else self._behind(family.optional, data, n * length, last=False)
+        if more is None:
+            n, more = n - 1, b""
+        if not n or isinstance(more, Flaw):
+            return None
         if self._confirms:
-            self.newest[index] = (form, rows[n - 1].tobytes())
-        group = (form, rows[:n], np.arange(n, dtype=np.int64) * length)
+            self._newest[index] = (form, rows[n - 1].tobytes())
+        group = (form, rows[:n], np.arange(n, dtype=np.int64) * size)
         found: list[list[Group]] = [[group] if other is family else [] for other in self._families]
-        return Scan(n * length, Standing(), found, resyncs=int(not standing.in_step))
+        stuffing = n * len(behind) + len(more)
+        return Scan(n * size + len(more), Standing(), found, stuffing=stuffing, resyncs=int(not standing.in_step))
 
 
 class PacketScanner:

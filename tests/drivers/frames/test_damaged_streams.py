@@ -338,3 +338,12 @@ def test_a_delimiter_is_looked_at_in_every_frame() -> None:
     for pieces in (frames, [b"".join(frames)]):
         counts = decode(shipped("stim300"), pieces).counts
         assert counts == StreamCounts(ok=3, bad_delimiter=1, skipped_bytes=40, resyncs=1, lost=1)
+
+
+def test_a_recording_that_ends_within_an_optional_delimiter_keeps_its_last_frame() -> None:
+    """The frame is whole; only a part of what need not be there is missing."""
+    sent = encode(shipped("stim300"), "rate_acc_incl", {"counter": np.arange(2) * 16})
+    for end in (b"\r\n", b"\r", b""):
+        decoder = StreamDecoder(shipped("stim300"))
+        counts = decoder.feed(sent[:38] + b"\r\n" + sent[38:] + end).counts + decoder.finish().counts
+        assert counts == StreamCounts(ok=2)
