@@ -1,6 +1,5 @@
 """Frame types made ready for work: which frame begins here, how long is it, is it good, and what form has it."""
 
-from enum import IntEnum
 from functools import lru_cache
 
 import numpy as np
@@ -9,18 +8,11 @@ from numpy.typing import NDArray
 from drivers.frames.description import StreamDescription
 from drivers.frames.fields import LengthDescription
 from drivers.frames.items import Item, ItemsDescription
-from drivers.frames.layout import FrameLayout, TextLayout
+from drivers.frames.layout import Flaw, FrameLayout, TextLayout
 from drivers.frames.text_frames import TextDescription
 from drivers.frames.wire import Rows
 
 _MOST_FORMS = 1024  # forms of one type that are kept ready; a stream has a handful
-
-
-class Flaw(IntEnum):
-    """Why a candidate is not a good frame."""
-
-    CHECKSUM = 0  # or a length, an item or a number that cannot be
-    DELIMITER = 1
 
 
 class FrameFamily:
@@ -50,9 +42,8 @@ class FrameFamily:
     def form(self, frame: bytes) -> FrameLayout | Flaw:
         """Return the layout of a whole frame, or what is wrong with it."""
         layout = self._layout_of(len(frame))
-        if not layout.checksum.matches(frame):
-            return Flaw.CHECKSUM
-        return layout if frame.endswith(self.delimiter) else Flaw.DELIMITER
+        flaw = layout.flaw(frame)
+        return layout if flaw is None else flaw
 
     def alike(self, rows: Rows, layout: FrameLayout) -> NDArray[np.bool_]:
         """Tell which of n stretches as long as a good frame, the first, (n, length), are good frames of its form."""
@@ -105,20 +96,14 @@ class TextFamily(FrameFamily):
     """Lines of text. They are few, and looked at one by one."""
 
     def __init__(self, description: StreamDescription, name: str, text: TextDescription) -> None:
-        self._text, self._tokens = text, text.tokens(description.frames[name].fields)
+        self._text = text
         super().__init__(description, name)
 
     def _layout(self, length: int) -> FrameLayout:
-        return TextLayout(self._stream, self.name, self._tokens, length=length, offsets={})
+        return TextLayout(self._stream, self.name, self._text, length)
 
     def length_of(self, data: bytes, start: int) -> int | None:
         return self._text.length_of(data, start, len(self.headers[0]), self.delimiter)
-
-    def form(self, frame: bytes) -> FrameLayout | Flaw:
-        text, header = self._text, len(self.headers[0])
-        good = text.is_good(frame, self.delimiter)
-        good = good and text.cells(frame, header, self.delimiter, self._tokens) is not None
-        return self._layout_of(len(frame)) if good else Flaw.CHECKSUM
 
     def alike(self, rows: Rows, layout: FrameLayout) -> NDArray[np.bool_]:
         """Tell that the first of n stretches, (n, length), is a line: of the others nothing is looked at."""

@@ -1,7 +1,7 @@
 """A frame type made ready for work: where its fields lie, frames as columns, and frames made from columns."""
 
-import re
 from collections.abc import Mapping, Sequence
+from enum import IntEnum
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -11,11 +11,18 @@ from numpy.typing import ArrayLike, NDArray
 from drivers.frames.checksums import FrameChecksum
 from drivers.frames.description import StreamDescription
 from drivers.frames.fields import FIXED_POINT, FieldDescription, LengthDescription
-from drivers.frames.text_frames import LINE_END, numbers
+from drivers.frames.text_frames import LINE_END, TextDescription, numbers
 from drivers.frames.wire import ByteOrder, FloatArray, Rows, native_type, read_column, sign_extended, write_column
 
 _MOST_SETS = 8  # of fields that are stored together: a device stores one or two
 _BLOCK = 8192  # rows whose bytes stay in the processor's cache while all their columns are read
+
+
+class Flaw(IntEnum):
+    """Why a candidate is not a good frame."""
+
+    CHECKSUM = 0  # or a length, an item or a number that cannot be
+    DELIMITER = 1
 
 
 class FrameLayout:
@@ -77,6 +84,12 @@ class FrameLayout:
     def order(self, field: FieldDescription) -> ByteOrder:
         """Return the byte order of `field`: its own, or the stream's."""
         return field.byte_order or self._order
+
+    def flaw(self, frame: bytes) -> Flaw | None:
+        """Return what is wrong with a whole frame of this form, if anything is."""
+        if not self.checksum.matches(frame):
+            return Flaw.CHECKSUM
+        return None if frame.endswith(self.delimiter) else Flaw.DELIMITER
 
     def blank(self, n: int) -> Rows:
         """Return n frames with header and delimiter, everything else 0, shape (n, length)."""
@@ -238,21 +251,24 @@ def _to_integers(values: NDArray[Any], field: FieldDescription, name: str) -> ND
 class TextLayout(FrameLayout):
     """Lines of text of one type and length."""
 
-    def __init__(self, description: StreamDescription, name: str, tokens: re.Pattern[bytes], **form: Any) -> None:
-        super().__init__(description, name, **form)
-        self._tokens = tokens
+    def __init__(self, description: StreamDescription, name: str, text: TextDescription, length: int) -> None:
+        super().__init__(description, name, length=length, offsets={})
+        self._text, self._tokens = text, text.tokens(self.fields)
 
-    def _cells(self, rows: Rows) -> list[dict[str, bytes]]:
-        text, size = self.description.text, len(self.header)
-        return (
-            [] if text is None else [text.cells(bytes(row), size, self.delimiter, self._tokens) or {} for row in rows]
-        )
+    def flaw(self, frame: bytes) -> Flaw | None:
+        return None if self._cells(frame) is not None else Flaw.CHECKSUM
+
+    def _cells(self, line: bytes) -> dict[str, bytes] | None:
+        return self._text.cells(line, len(self.header), self.delimiter, self._tokens)
+
+    def _lines(self, rows: Rows) -> list[dict[str, bytes]]:
+        return [self._cells(bytes(row)) or {} for row in rows]
 
     def wire_values(self, rows: Rows, field: str) -> NDArray[Any]:
-        return np.array(numbers((cells[field] for cells in self._cells(rows)), self.numeric[field]), np.float64)
+        return np.array(numbers((cells[field] for cells in self._lines(rows)), self.numeric[field]), np.float64)
 
     def columns(self, rows: Rows) -> dict[str, FloatArray]:
-        lines = self._cells(rows)
+        lines = self._lines(rows)
         return {
             name: np.array(numbers([cells[name] for cells in lines], field), np.float64) * field.scale + field.offset
             for name, field in self.numeric.items()
@@ -261,7 +277,7 @@ class TextLayout(FrameLayout):
     def texts(self, rows: Rows, field: str) -> list[str]:
         """Return the words of n lines, (n, length), or the lines without their delimiters."""
         if self.fields[field].type == "word":
-            return [cells[field].decode("ascii") for cells in self._cells(rows)]
+            return [cells[field].decode("ascii") for cells in self._lines(rows)]
         return [bytes(row).removesuffix(self.delimiter).rstrip(LINE_END).decode("ascii", "replace") for row in rows]
 
 

@@ -87,17 +87,15 @@ class TextDescription(Section):
                 return None if end - start < self.most else 0
         return 0
 
-    def is_good(self, line: bytes, delimiter: bytes) -> bool:
-        """Tell whether one of the checksums of a line matches, or it has none."""
-        line = _without_end(line, delimiter)
-        return not self.checksums or any(each.matches(line) for each in self.checksums)
-
     def cells(
         self, line: bytes, header_size: int, delimiter: bytes, tokens: re.Pattern[bytes]
     ) -> dict[str, bytes] | None:
-        """Return the `tokens` of a line by field, None where it has others than these."""
-        body = _without_end(line, delimiter)[header_size:]
+        """Return the `tokens` of a line by field, None where it has others, or checksums of which none matches."""
+        line = line.removesuffix(delimiter) if delimiter else line.rstrip(LINE_END)
+        body = line[header_size:]
         if self.checksums:
+            if not any(each.matches(line) for each in self.checksums):
+                return None
             body = body[: body.rfind(self.checksums[0].mark.encode())]
         match = tokens.fullmatch(body)
         return None if match is None else match.groupdict()
@@ -114,10 +112,6 @@ class TextDescription(Section):
             label = re.escape(field.label.encode()) + rb"\s*" if field.label else b""
             cells.append(rb"\s*" + label + b"(?P<" + name.encode() + b">" + what + rb")\s*")
         return re.compile((b"[" + separator + b"]").join(cells) + b"[" + separator + b"]?")
-
-
-def _without_end(line: bytes, delimiter: bytes) -> bytes:
-    return line.removesuffix(delimiter) if delimiter else line.rstrip(LINE_END)
 
 
 def numbers(cells: Iterable[bytes], field: FieldDescription) -> list[float]:
