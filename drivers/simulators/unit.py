@@ -93,35 +93,6 @@ class IndexSettings:
     move_s: float = 10.0
 
 
-class SimulatedIndex:
-    """Moves to commanded positions. A command during a move begins a new one from where it is."""
-
-    failed = False  # the last command
-    _arrives_s = -math.inf
-
-    def __init__(self, settings: IndexSettings, faults: FaultPlan) -> None:
-        self._settings, self._faults = settings, faults
-        self.code = settings.positions[settings.first]  # where it is, or where it is going
-
-    def command(self, label: str, now_s: float) -> list[tuple[str, float, float]]:
-        """Take the command to go to `label`; return the move (target, begins_s, ends_s) that begins, if one does."""
-        if self._faults.active(ImuFault.INDEX_REFUSED, now_s):
-            self.failed = True
-            return []
-        self.failed = False
-        if self._faults.active(ImuFault.INDEX_WRONG_POSITION, now_s):
-            label = next(other for other in self._settings.positions if other != label)
-        stuck = self._faults.active(ImuFault.INDEX_NEVER_FINISHES, now_s)
-        slips = self._faults.active(ImuFault.INDEX_SLIPS, now_s)
-        self.code = self._settings.positions[label]
-        self._arrives_s = math.inf if stuck else now_s + self._settings.move_s
-        return [] if stuck or slips else [(label, now_s, float(self._arrives_s))]
-
-    def moving(self, times_s: FloatArray) -> NDArray[np.bool_]:
-        """Return when it moves of `times_s`, shape (n,), all after the last command and before the next one."""
-        return np.asarray(times_s < self._arrives_s)
-
-
 DEFAULT_INDEX = IndexSettings(positions={"1": 1, "2": 2, "3": 3, "4": 4}, first="1")
 DEFAULT_IDENTITY = ImuIdentity(model="MFS", serial="SIM-0001", firmware="simulated")
 
@@ -141,6 +112,8 @@ class SimulatedImu:
     _frozen: dict[str, float] | None = field(default=None, init=False)
     _next = 0  # number of the next frame
     _rejected = False
+    _index_failed = False  # at the last command
+    _arrives_s = -math.inf
 
     def __post_init__(self) -> None:
         roles, starts_s = self.description.roles, self.starts_s
@@ -151,7 +124,7 @@ class SimulatedImu:
         self._faults = FaultPlan(self.faults)
         self._rng = np.random.default_rng(self.seed)
         self._layout = FrameLayout(self.description, roles.frame)
-        self._index = SimulatedIndex(self.index, self._faults)
+        self._code = self.index.positions[self.index.first]  # where it is, or where it is going
         self.physics.start_move(self.index.first, starts_s, starts_s)
         self._outbox: list[bytes] = []
         self._line = bytearray()
@@ -199,11 +172,22 @@ class SimulatedImu:
             return True
         for label, code in self.index.positions.items():
             if commands.index is not None and line == commands.line(commands.index.replace("{code}", str(code))):
-                after_s = max(now_s, self._time(self._next - 1))
-                for target, begins_s, ends_s in self._index.command(label, after_s):
-                    self.physics.start_move(target, begins_s, ends_s)
+                self._turn(label, max(now_s, self._time(self._next - 1)))
                 return True
         return False
+
+    def _turn(self, label: str, now_s: float) -> None:
+        """Move to a commanded position, from where it is if it is moving."""
+        on = {fault for fault in ImuFault if self._faults.active(fault, now_s)}
+        self._index_failed = ImuFault.INDEX_REFUSED in on
+        if self._index_failed:
+            return
+        if ImuFault.INDEX_WRONG_POSITION in on:
+            label = next(other for other in self.index.positions if other != label)
+        self._code = self.index.positions[label]
+        self._arrives_s = math.inf if ImuFault.INDEX_NEVER_FINISHES in on else now_s + self.index.move_s
+        if on.isdisjoint({ImuFault.INDEX_NEVER_FINISHES, ImuFault.INDEX_SLIPS}):
+            self.physics.start_move(label, now_s, self._arrives_s)
 
     def _identity_frame(self, another: bool) -> bytes:
         role = self._roles.identity
@@ -261,10 +245,10 @@ class SimulatedImu:
     def _write_index(
         self, role: IndexRole, columns: dict[str, FloatArray | NDArray[np.int64]], times_s: FloatArray
     ) -> None:
-        moving = self._index.moving(times_s)
-        columns[role.position] = ~moving * np.int64(self._index.code)  # 0 while it moves
+        moving = times_s < self._arrives_s
+        columns[role.position] = ~moving * np.int64(self._code)  # 0 while it moves
         bits = {role.moving: moving, role.in_position: ~moving}
-        if self._index.failed and role.fault is not None:
+        if self._index_failed and role.fault is not None:
             bits[role.fault] = np.ones(len(times_s), np.bool_)
         if self._rejected and role.rejected is not None:
             bits[role.rejected] = np.ones(len(times_s), np.bool_)

@@ -37,7 +37,7 @@ def test_a_move_that_was_made_before_costs_few_looks_and_is_confirmed_as_promptl
     bench.imu.read_block = lambda: looks.append(bench.clock.now()) or read_block()  # type: ignore[method-assign,func-returns-value]
 
     def move(position: str, move_s: float) -> float:
-        bench.device._index._settings = replace(bench.device.index, move_s=move_s)
+        bench.device.index = replace(bench.device.index, move_s=move_s)
         begins_s = bench.clock.now()
         looks.clear()
         bench.positioner.move_to(position, timeout_s=60.0)
