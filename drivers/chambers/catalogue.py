@@ -96,23 +96,13 @@ def _speaks(path: Path | None) -> Build:
 
 
 def _described(path: Path) -> ChamberDriver:
-    """Return the driver of a description."""
     box = load_box(path)
     return ChamberDriver(box.title or box.name, box.line, _speaks(path), box.dead_man_s is not None, path)
 
 
-_BOXES = Path(__file__).parent / "boxes"
-
-
 SHIPPED: Mapping[str, ChamberDriver] = {
-    "espec": _described(_BOXES / "espec.yaml"),
-    "watlow-f4": _described(_BOXES / "watlow-f4.yaml"),
-    "ezt-570i": _described(_BOXES / "ezt-570i.yaml"),
+    **{path.stem: _described(path) for path in sorted((Path(__file__).parent / "boxes").glob("*.yaml"))},
     "voetsch-ascii2": ChamberDriver("Vötsch and Weiss, ASCII-2", SerialLine(9600), _ascii2),
-    "simserv": _described(_BOXES / "simserv.yaml"),
-    "thermotron": _described(_BOXES / "thermotron.yaml"),
-    "julabo": _described(_BOXES / "julabo.yaml"),
-    "watlow-f4t": _described(_BOXES / "watlow-f4t.yaml"),
     "box": ChamberDriver("Any chamber that a file describes", SerialLine(9600), _speaks(None), dead_man=True),
 }
 

@@ -92,15 +92,6 @@ def test_the_drivers_are_found() -> None:
 
 
 @of_a_driver
-def test_class_and_methods_say_what_they_do(role: str, kind: type) -> None:
-    """Every public thing has a docstring, and the class says which interface it is."""
-    assert kind.__doc__
-    for name, member in inspect.getmembers(kind):
-        if not name.startswith("_") and (inspect.isfunction(member) or isinstance(member, property)):
-            assert inspect.getdoc(member), f"{kind.__name__}.{name}"
-
-
-@of_a_driver
 def test_the_module_begins_with_a_worked_example(role: str, kind: type) -> None:
     """How it is made, in code, with its own name."""
     assert kind.__name__ in (_module(kind).__doc__ or "") + (kind.__doc__ or "") or role == "positioner"

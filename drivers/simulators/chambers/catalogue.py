@@ -20,7 +20,6 @@ class SimulatorOptions(Spoken):
     begins_s: float = 0.0
 
 
-_ALL = "faults", "begins_s"  # what is said of every one
 Build = Callable[[ChamberPlant, SimulatorOptions], SimulatedController]
 
 
@@ -31,7 +30,7 @@ def _box(description: Path | None) -> Build:
         path = options.description or description
         if path is None:
             raise ValueError("it has no description, and no simulator of its own")
-        return simulated_box(plant, options.box(path), **options.said(*_ALL))
+        return simulated_box(plant, options.box(path), faults=options.faults, begins_s=options.begins_s)
 
     return build
 
@@ -44,7 +43,9 @@ def _brought(entry: ChamberDriver | str | Path) -> Build:
 
 _SHIPPED: Mapping[str, Build] = {
     **{name: _box(driver.description) for name, driver in SHIPPED.items()},
-    "voetsch-ascii2": lambda plant, o: SimulatedVoetschAscii(plant, **o.said(*_ALL, "address", "terminator", "layout")),
+    "voetsch-ascii2": lambda plant, o: SimulatedVoetschAscii(
+        plant, faults=o.faults, begins_s=o.begins_s, **o.said("address", "terminator", "layout")
+    ),
 }
 
 CHAMBER_SIMULATORS: Mapping[str, Build] = Catalogue("hil.chambers", _SHIPPED, _brought)
