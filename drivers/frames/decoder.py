@@ -69,15 +69,16 @@ class FrameSequence:
         if told_by is None or not n:
             first, self.number = self.number + 1, self.number + n
             return np.ones(n, np.bool_), first + np.arange(n, dtype=np.int64), 0
-        there = told(told_by.field)
+        first, there = self.number, told(told_by.field)
         if not there.any():
-            return np.ones(n, np.bool_), np.full(n, self.number), 0
-        first, values = self.number, wire(told_by.field)[there]
+            return np.ones(n, np.bool_), np.full(n, first), 0
+        values, every = wire(told_by.field), there.all()
+        values = values if every else values[there]
         # Decimals of a line of text stay what they are.
         numbers, lost, moved = self._follow(
             self._steps(values if values.dtype.kind == "f" else values.astype(np.int64))
         )
-        if there.all():
+        if every:
             return moved, numbers[moved], lost
         keep, before = np.ones(n, np.bool_), np.cumsum(there) - 1
         keep[there] = moved
