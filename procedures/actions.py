@@ -150,7 +150,6 @@ class Actions:
         return StepResult(outcome, soak["reason"], {"setpoint_degC": step.temperature_degC, **soak})
 
     def _index(self, step: Step, units: Sequence[str]) -> Results:
-        """Bring the units to their position and see it confirmed."""
         position, timeout_s = step.position or "", step.parameters["index_timeout_s"]
         began_s = self.watch.now_s
         self.watch.note = f"moving to position {position}"
@@ -179,7 +178,6 @@ class Actions:
         return take_collects(self.watch, those, settings, step.position or "", self.times, soaked)
 
     def _safe_state(self) -> StepResult:
-        """Leave the chamber as it may be left."""
         self.watch.commanded(None)
         self._setpoint_degC = None
         left = self.watch_air(self.devices.chamber.safe_state())

@@ -135,7 +135,6 @@ class _Kept:
     rates: Sequence[str]
 
     def sensor(self, channels: SensorRole) -> dict[str, Any]:
-        """Return the data of one sensor."""
         temperature, slope = channels.temperature, None
         if temperature is not None:
             slope = slope_per_min(self.samples.time_s, _column(self.samples, temperature))
@@ -148,7 +147,6 @@ class _Kept:
         }
 
     def means(self, fields: Mapping[str, str]) -> dict[str, float | None]:
-        """Return the means of fields by what they are."""
         return {what: self._mean(name) for what, name in fields.items()}
 
     def _mean(self, name: str | None) -> float | None:
@@ -171,7 +169,6 @@ class _Kept:
         return {name: float(value) if np.isfinite(value) else None for name, value in values.items()}
 
     def judge(self) -> Iterable[Judgement]:
-        """Judge motion, drift, frozen and clipped values."""
         samples, rate_hz, limit_g = self.samples, self.imu.sample_rate_hz, self.settings.motion_limit_g
         if _INDEX_FIELD in samples.fields and longest_run(samples.fields[_INDEX_FIELD]) < len(samples):
             yield Judgement(Verdict.FAIL, "the unit left its index position during the collect")

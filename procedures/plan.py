@@ -155,14 +155,12 @@ def _steps(procedure: SweepProcedure) -> Iterator[_Entry]:
 
 
 def _setpoint(key: str, procedure: SweepProcedure, from_degC: float, to_degC: float) -> _Entry:
-    """Command the chamber and let it arrive."""
     ramp_s = 60.0 * abs(to_degC - from_degC) / procedure.ramp_degC_per_min
     parameters = {"ramp_degC_per_min": procedure.ramp_degC_per_min, "band_degC": procedure.restabilisation.band_degC}
     return key, StepKind.SETPOINT, ramp_s, (to_degC, None, None), parameters
 
 
 def _self_calibration(key: str, procedure: SweepProcedure, temperature_degC: float, number: int) -> Iterator[_Entry]:
-    """Restabilise, then index and collect at each position in order."""
     soak, collect = procedure.restabilisation, procedure.collect
     soak_s = max(soak.at_least_s, soak.window_s)
     place = (temperature_degC, number, None)

@@ -191,7 +191,6 @@ class Sequencer:
         return not [step for step in steps if not self._now_in_effect(step, results[step.key])]
 
     def _do(self, steps: Sequence[Step]) -> None:
-        """Do the steps of a stage and commit their results."""
         results = self._with_retries(steps, recorded=True)
         for step in self._going_on(steps):
             if not self._now_in_effect(step, results[step.key]):

@@ -53,7 +53,6 @@ class _Checksum(Section):
 
     @property
     def size(self) -> int:
-        """Bytes on the wire."""
         return (int(getattr(self, "width", self._bits)) + 7) // 8
 
     def position(self, body_end: int) -> int:

@@ -82,7 +82,6 @@ class SerialTransport(Transport):
         self._on_close()
 
     def _fill(self) -> None:
-        """Take over what the operating system holds."""
         while len(self._arrived) < _MOST_AT_ONCE:
             data = self._guarded(lambda port: port.read(_READ_SIZE))
             if not data:

@@ -131,7 +131,6 @@ class _Described(SimulatedController, ABC):
         return [*modes, *timers]
 
     def _adopt(self, name: str, value: float) -> None:
-        """Set a quantity, in the unit of the panel."""
         match name:
             case "setpoint":
                 self.setpoint_degC = self._rounded(value)
@@ -237,7 +236,6 @@ class SimulatedSetpointBox(_Described, SimulatedLines):
 
     @property
     def _questions(self) -> set[str]:
-        """All that it can be asked."""
         asked = {each.ask for each, _ in self._answers(self._now_s) if each and each.ask}
         return asked | self._box.simulated.answers.keys()
 
