@@ -118,7 +118,7 @@ class Desk:
         return True, "confirmed" if confirmed else "refused"
 
     def put(self, question: str, timeout_s: float, *, wants_words: bool = False) -> Prompt:
-        """Let a question stand, for whoever reads the journal, until `settle` or `withdraw`."""
+        """Let a question stand, for whoever reads the journal, until `settle`."""
         self._prompts += 1
         self.prompt = Prompt(self._prompts, question, wants_words)
         self.record("prompt", question, prompt=self._prompts, timeout_s=timeout_s, wants_words=wants_words)

@@ -24,6 +24,7 @@ from drivers.frames.description import FrameDescription, StreamDescription
 from drivers.frames.families import families_of
 from drivers.frames.layout import FrameLayout
 from drivers.frames.packets import LONGEST
+from drivers.frames.roles import CounterDescription, TimeDescription
 from drivers.frames.scan import Group, PacketScanner, Scan, Scanner, Standing
 from drivers.frames.wire import IntArray
 
@@ -45,8 +46,7 @@ class FrameSequence:
     """
 
     def __init__(self, frame: FrameDescription, rate_hz: float) -> None:
-        self._counter = frame.counter
-        self._time = frame.time if frame.counter is None else None
+        self._told_by = frame.counter or frame.time
         self._rate_hz = rate_hz
         self.last: float | None = None  # counter (or time) of the last frame
         self.number = -1  # its unwrapped number, in frames
@@ -65,7 +65,7 @@ class FrameSequence:
         between them. Frames that lack the counter (it may be an item) do not move it: they get the number of the one
         before.
         """
-        told_by = self._counter or self._time
+        told_by = self._told_by
         if told_by is None or not n:
             first, self.number = self.number + 1, self.number + n
             return np.ones(n, np.bool_), first + np.arange(n, dtype=np.int64), 0
@@ -76,7 +76,7 @@ class FrameSequence:
         values = values if every else values[there]
         # Decimals of a line of text stay what they are.
         numbers, lost, moved = self._follow(
-            self._steps(values if values.dtype.kind == "f" else values.astype(np.int64))
+            self._steps(told_by, values if values.dtype.kind == "f" else values.astype(np.int64))
         )
         if every:
             return moved, numbers[moved], lost
@@ -84,19 +84,16 @@ class FrameSequence:
         keep[there] = moved
         return keep, np.where(before >= 0, numbers[before], first)[keep], lost
 
-    def _steps(self, values: NDArray[Any]) -> IntArray:
+    def _steps(self, told_by: CounterDescription | TimeDescription, values: NDArray[Any]) -> IntArray:
         """Return by how many frames each frame is ahead of the one before."""
-        if self._counter is not None:
-            moved, step = self._moved(values, self._counter.step, self._counter.modulus), self._counter.step
+        if isinstance(told_by, CounterDescription):
+            moved, step = self._moved(values, told_by.step, told_by.modulus), told_by.step
             # A counter between two steps belongs to the nearer; one that moved at all is no repetition.
             steps = np.ones(len(moved), np.int64)
             if not (moved == step).all():
                 steps = np.where(moved == 0, 0, np.maximum(1, (moved + step // 2) // step)).astype(np.int64)
         else:
-            time = self._time
-            modulus = None if time is None else time.modulus
-            moved = self._moved(values, 0, modulus)
-            frames = np.rint(moved * (self._rate_hz * (1.0 if time is None else time.resolution)))
+            frames = np.rint(self._moved(values, 0, told_by.modulus) * (self._rate_hz * told_by.resolution))
             steps = np.maximum(1, frames).astype(np.int64)  # no time is twice the same by mistake, nor goes back
         self.last = values[-1].item()
         return steps

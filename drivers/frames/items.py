@@ -79,11 +79,6 @@ class ItemsDescription(Section):
                 names[field] = name
         return self
 
-    @property
-    def header_size(self) -> int:
-        """Bytes before an item's data."""
-        return SIZES[self.id] + SIZES[self.length]
-
     def all_fields(self) -> dict[str, FieldDescription]:
         """Return the fields of every known item."""
         return {name: field for item in self.known.values() for name, field in item.fields.items()}
@@ -92,7 +87,7 @@ class ItemsDescription(Section):
         """Return the items between `begin` and `end`; None where they do not fill it exactly."""
         id_size, length_size = SIZES[self.id], SIZES[self.length]
         id_at, length_at = (0, id_size) if self.order == "id_first" else (length_size, 0)
-        items, at, header = [], begin, self.header_size
+        items, at, header = [], begin, id_size + length_size
         while at < end:
             if at + header > end:
                 return None
