@@ -315,7 +315,7 @@ class SimulatedLines(SimulatedController):
         return self._text(request)
 
     def _carry_out(self, request: bytes, now_s: float) -> bytes:
-        return self._line(self._respond(self._text(request), now_s))
+        return self._line(self._respond(self._name(request), now_s))
 
     def _refused(self, request: bytes, refusal: Refusal) -> bytes:
         del request

@@ -214,9 +214,6 @@ class SimulatedSetpointBox(_Described, SimulatedLines):
         if fault.kind is ChamberFaultKind.SENSOR_BROKEN:
             self._shown_instead = fault.text if on else None
 
-    def _carry_out(self, request: bytes, now_s: float) -> bytes:
-        return self._line(self._respond(self._name(request), now_s))
-
     def _respond(self, request: str, now_s: float) -> str | None:
         if (answer := self._answer_to(request, now_s)) is not None:
             return answer
