@@ -9,9 +9,9 @@ devices and cannot tell.
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime
-from functools import cache
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
@@ -108,16 +108,11 @@ def build_bench(
     if unopened is None:
         check_ports(bench)
     clock = clock_of(bench, start_utc, speed)
-
-    @cache
-    def simulators() -> SimulatedBench:
-        return simulate_devices(bench, begins_s=clock.now(), resumed=resumed)
-
     with ExitStack() as opened:
-        ports = _Ports(bench, clock, opened, unopened)
+        ports = _Ports(bench, clock, opened, unopened, resumed)
         faults = FaultInjector(bench.faults, clock, resumed)
-        imus = {name: _imu(name, own, ports, simulators, clock) for name, own in bench.each.items()}
-        chamber = _chamber(bench, ports, clock, simulators, night=True)
+        imus = {name: _imu(name, own, ports) for name, own in bench.each.items()}
+        chamber = _chamber(ports, night=True)
         fixture, turned = _fixture(bench, clock, faults, ask), dict[str, Positioner]()
         for name, own in bench.each.items():  # its own index turns each unit, or one operator or fixture all of them
             if fixture is None:
@@ -131,8 +126,8 @@ def build_bench(
         opened.pop_all()
     if not any(port.startswith(SIMULATED_SCHEME) for _, port in ports_of(bench)):
         return LiveBench(bench, devices)
-    faults.inject(simulators(), ports.simulated)
-    return LiveBench(bench, devices, simulators(), faults)
+    faults.inject(ports.devices, ports.simulated)
+    return LiveBench(bench, devices, ports.devices, faults)
 
 
 @dataclass(frozen=True)
@@ -149,13 +144,8 @@ def open_chamber(bench: Bench) -> Iterator[LiveChamber]:
     """Give the chamber of a bench alone, and close it; raise `InputError` and `DeviceError` as `build_bench` does."""
     _check_port(bench, "chamber.port", bench.chamber.port)
     clock = clock_of(bench)
-
-    @cache
-    def simulated() -> SimulatedBench:
-        return simulate_devices(bench, begins_s=clock.now())
-
     with ExitStack() as opened:
-        chamber = _chamber(bench, _Ports(bench, clock, opened, None), clock, simulated, night=False)
+        chamber = _chamber(_Ports(bench, clock, opened), night=False)
         opened.pop_all()
     try:
         yield LiveChamber(bench, clock, chamber)
@@ -194,50 +184,60 @@ def _check_port(bench: Bench, key: str, port: str) -> None:
         raise InputError(f"{bench.source or bench.name}: {key}: {there}; {closed_port_advice(there, port, bench)}")
 
 
+@dataclass(eq=False)
 class _Ports:
-    """Opens the ports of a bench and leaves closing them to `opened`, until that is emptied."""
+    """Opens the ports of a bench, or what they simulate, and leaves closing them to `opened`, until that is emptied."""
 
-    def __init__(self, bench: Bench, clock: Clock, opened: ExitStack, unopened: Unopened | None) -> None:
-        self._bench = bench
-        self._clock = clock
-        self._opened = opened
-        self._unopened = unopened
-        self.simulated: dict[str, MemoryTransport] = {}  # by key
+    bench: Bench
+    clock: Clock
+    opened: ExitStack
+    unopened: Unopened | None = None
+    resumed: Resumed = FROM_THE_START
+    simulated: dict[str, MemoryTransport] = field(default_factory=dict)  # by key
 
-    def open(self, key: str, url: str, line: SerialLine, device: Callable[[], SimulatedDevice]) -> Transport:
-        """Open `url`, or what it simulates."""
+    @cached_property
+    def devices(self) -> SimulatedBench:
+        """The simulated devices, of a bench that has any."""
+        return simulate_devices(self.bench, begins_s=self.clock.now(), resumed=self.resumed)
+
+    def chamber(self) -> Transport:
+        """Open the chamber's port."""
+        section = self.bench.chamber
+        return self._open("chamber.port", section.port, section.line, lambda: self.devices.chamber)
+
+    def unit(self, name: str, url: str, line: SerialLine) -> Transport:
+        """Open a unit's port. A real one is drained by a thread from then on; a simulated one needs none."""
+        port = self._open(unit_port(name), url, line, lambda: self.devices.imus[name])
+        if not isinstance(port, SerialTransport) or isinstance(self.clock, VirtualClock):
+            return port
+        reader = LiveReader(port, self.clock)
+        self.opened.callback(reader.close)
+        return reader
+
+    def _open(self, key: str, url: str, line: SerialLine, device: Callable[[], SimulatedDevice]) -> Transport:
         if url.startswith(SIMULATED_SCHEME):
-            port: Transport = self.simulated.setdefault(key, MemoryTransport(device(), self._clock, url))
+            port: Transport = self.simulated.setdefault(key, MemoryTransport(device(), self.clock, url))
         elif url.startswith(OWN_SCHEME):
-            port = own_port(url, self._clock)
+            port = own_port(url, self.clock)
         else:
             port = self._real(key, url, line)
-        self._opened.callback(port.close)
+        self.opened.callback(port.close)
         return port
-
-    def open_stream(self, key: str, url: str, line: SerialLine, device: Callable[[], SimulatedDevice]) -> Transport:
-        """Open a unit's port. A real one is drained by a thread from then on; a simulated one needs none."""
-        port = self.open(key, url, line, device)
-        if not isinstance(port, SerialTransport) or isinstance(self._clock, VirtualClock):
-            return port
-        reader = LiveReader(port, self._clock)
-        self._opened.callback(reader.close)
-        return reader
 
     def _real(self, key: str, url: str, line: SerialLine) -> Transport:
         try:
             release = port_lock(url)
             form: dict[str, Any] = {"baudrate": line.baud, "bytesize": line.data_bits, "parity": line.parity}
             try:
-                return open_port(url, clock=self._clock, **form, on_close=release)
+                return open_port(url, clock=self.clock, **form, on_close=release)
             except BaseException:
                 release()
                 raise
         except TransportError as error:
-            if self._unopened is None:
+            if self.unopened is None:
                 raise
-            self._unopened(key, error)
-            return ClosedPort(url, self._clock, error)
+            self.unopened(key, error)
+            return ClosedPort(url, self.clock, error)
 
 
 def clock_of(bench: Bench, start_utc: datetime | None = None, speed: float | None = None) -> Clock:
@@ -252,11 +252,8 @@ def clock_of(bench: Bench, start_utc: datetime | None = None, speed: float | Non
     return PacedClock(speed, start_utc)
 
 
-def _chamber(
-    bench: Bench, ports: _Ports, clock: Clock, simulated: Callable[[], SimulatedBench], *, night: bool
-) -> Chamber:
-    section = bench.chamber
-    port = ports.open("chamber.port", section.port, section.line, lambda: simulated().chamber)
+def _chamber(ports: _Ports, *, night: bool) -> Chamber:
+    bench, clock, section, port = ports.bench, ports.clock, ports.bench.chamber, ports.chamber()
     options = ChamberOptions(
         limits=section.limits,
         safe=section.safe_state,
@@ -275,13 +272,13 @@ def _chamber(
         raise InputError(f"{bench.source or bench.name}: chamber: {error}") from error
 
 
-def _imu(name: str, bench: Bench, ports: _Ports, simulated: Callable[[], SimulatedBench], clock: Clock) -> StreamImu:
+def _imu(name: str, bench: Bench, ports: _Ports) -> StreamImu:
     """Open one unit; `bench` is as that unit has it."""
     line = SerialLine(bench.imu.baud or bench.frames.baudrate)
     # Nothing is expected where the unit says no serial number, or nobody knows yet which.
     serial = bench.unit.serial if bench.frames.tells_serial and bench.unit.serial != ASK else ""
-    port = ports.open_stream(unit_port(name), bench.imu.port, line, lambda: simulated().imus[name])
-    return StreamImu(port, bench.frames, clock, expected=ImuIdentity(bench.unit.model, serial))
+    port = ports.unit(name, bench.imu.port, line)
+    return StreamImu(port, bench.frames, ports.clock, expected=ImuIdentity(bench.unit.model, serial))
 
 
 def _fixture(bench: Bench, clock: Clock, faults: FaultInjector, ask: AskOperator | None) -> Positioner | None:
