@@ -110,20 +110,14 @@ class SqliteJournal(JournalReader):
         was written. The lock of a controller that has died is taken over, and an event says so.
         """
         path = journal_of(folder)
-        if lock is None:
-            lock = FolderLock(folder).acquire()
-        try:
+        lock = lock or FolderLock(folder).acquire()
+        with contextlib.ExitStack() as held:
+            held.callback(lock.release)
             with reading(folder):
                 pass  # it is what was written
-            connection = _connect(path)
-            try:
-                journal = cls(folder, connection, lock, clock, who, keep_raw)
-            except BaseException:
-                connection.close()
-                raise
-        except BaseException:
-            lock.release()
-            raise
+            connection = held.enter_context(contextlib.closing(_connect(path)))
+            journal = cls(folder, connection, lock, clock, who, keep_raw)
+            held.pop_all()
         if lock.taken_over_from is not None:
             journal.event("lock_taken_over", f"the lock of {lock.taken_over_from} was taken over: that process is gone")
         return journal
