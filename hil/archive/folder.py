@@ -35,8 +35,7 @@ from hil.campaign.header import day_of
 from hil.campaign.reader import read_campaign
 from hil.campaign.writer import write_campaign
 from hil.errors import InputError
-from hil.files.durable import PARTIAL, RealDisk, make_folders, write_durably
-from hil.files.folder import is_new, whole_or_nothing
+from hil.files.durable import PARTIAL, RealDisk, is_new, make_folders, whole_or_nothing, write_durably
 from hil.files.strict import parse_yaml, read_text
 from hil.model.effects.history import joined
 from hil.records import reading

@@ -30,9 +30,9 @@ from drivers.given_file import opened
 from drivers.strict_yaml import packaged
 from hil.bench.decode_advice import CounterHabit, misfit
 from hil.errors import InputError
-from hil.files.folder import whole_file
+from hil.files.durable import whole_file
+from hil.files.page import filled
 from hil.files.strict import find_config
-from hil.files.text import filled
 
 if TYPE_CHECKING:
     import pyarrow as pa

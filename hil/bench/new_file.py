@@ -12,8 +12,8 @@ from drivers.chambers import CHAMBER_DRIVERS
 from drivers.frames.description import StreamDescription, load_description
 from hil.config.bench import parse_bench
 from hil.errors import InputError
+from hil.files.page import filled
 from hil.files.strict import find_config, near
-from hil.files.text import filled
 from hil.files.units import TEMPERATURE, to_number
 
 

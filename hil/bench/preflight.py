@@ -24,7 +24,7 @@ from hil.bench.assemble import LiveBench, build_bench, ports_of
 from hil.bench.at_rest import at_rest
 from hil.bench.decode_advice import wrong_counter
 from hil.config import Bench, Sweep, planned
-from hil.config.notify import addresses_of, messenger_of
+from hil.config.people import addresses_of, messenger_of
 from hil.config.ports import SIMULATED_SCHEME, unit_port
 from hil.config.sweep import left_hot_or_cold
 from hil.errors import InputError

@@ -28,8 +28,7 @@ from hil.campaign.header import Header, parse_header
 from hil.campaign.reader import IDENTITY, NUMBERED, collects_from, columns_for
 from hil.campaign.writer import columns_of, header_of
 from hil.errors import InputError
-from hil.files.durable import check_new
-from hil.files.folder import whole_file
+from hil.files.durable import check_new, whole_file
 from procedures.verdict import Verdict
 
 PIECE = 256

@@ -2,7 +2,7 @@
 
     write_campaign(campaign, "my-campaign")
 
-The folder appears whole or not at all (hil.files.folder).
+The folder appears whole or not at all (hil.files.durable).
 """
 
 import csv
@@ -17,8 +17,7 @@ import yaml
 from hil.campaign.data import SCHEMA, Campaign, Collects, Sensor
 from hil.campaign.reader import COLLECTS_FILE, HEADER_FILE, IDENTITY, SERIES_FOLDER, STANDARD_CONDITIONS, columns_for
 from hil.errors import InputError
-from hil.files.durable import RealDisk
-from hil.files.folder import is_new, whole_or_nothing
+from hil.files.durable import RealDisk, is_new, whole_or_nothing
 from procedures.pose import PoseTolerance
 
 

@@ -16,7 +16,7 @@ from rich.table import Table
 from hil.archive.sentences import sentences, some
 from hil.cli.output import Aside, listing
 from hil.files.numbers import WHOSE, rounded
-from hil.files.text import templates
+from hil.files.page import templates
 from hil.solve.document import first_in_words
 from hil.solve.omissions import in_words
 from procedures.words import counted, harmless

@@ -28,9 +28,8 @@ from hil.campaign.data import Technology
 from hil.campaign.header import hangs_together
 from hil.config.chamber import ChamberSection
 from hil.config.faults import Fault
-from hil.config.laboratory import InstrumentSection, LaboratorySection, each_once
-from hil.config.notify import NotifySection
 from hil.config.orientation import build_orientations
+from hil.config.people import InstrumentSection, LaboratorySection, NotifySection, each_once
 from hil.config.ports import SIMULATED_SCHEME
 from hil.config.sections import settings_of
 from hil.config.simulation import SimulationSection

@@ -21,9 +21,8 @@ from hil.dashboard.curves import NightCurves
 from hil.errors import Damaged
 from hil.files.lock import Owner, living_owner
 from hil.records import JournalReader, reading
-from hil.records.heartbeat import read_heartbeat
 from hil.records.ledger import HEAD_NAME
-from hil.records.live import LIVE_NAME, OLD_AFTER_S, age_s, read_live
+from hil.records.live import LIVE_NAME, OLD_AFTER_S, age_s, read_heartbeat, read_live
 from hil.records.reader import JOURNAL_NAME, proven_once
 from hil.records.rows import Event
 from hil.records.status import night_status, recorded_verdict, without_samples

@@ -1,4 +1,7 @@
-"""Pages for people: one self-contained HTML file in one design, light or dark as its reader is, pictures inside it."""
+"""Pages for people, one HTML file in one design, light or dark, pictures inside it; and texts without markup.
+
+Templates stand beside the code that fills them.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ import html
 import re
 from pathlib import Path
 from textwrap import shorten
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from jinja2 import Environment, PackageLoader, PrefixLoader, StrictUndefined
 from markupsafe import Markup
@@ -77,3 +80,20 @@ def inline_svg(figure: Figure, says: str) -> str:
     prefix = "f" + hashlib.sha256(text.encode()).hexdigest()[:10]
     text = re.sub(r' id="([^"]+)"', lambda found: f' id="{prefix}{found[1]}"' if found[1] in used else "", text)
     return re.sub(r'(["(])#([^")]+)', rf"\1#{prefix}\2", text)
+
+
+def templates(room: str, folder: str = ".", **more: Any) -> Environment:
+    """Return the templates of texts in a folder of the package `room`; `more` are options of jinja2."""
+    return Environment(  # noqa: S701 - nothing in it is HTML
+        loader=PackageLoader(room, folder),
+        extensions=["jinja2.ext.do"],
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        **more,
+    )
+
+
+def filled(room: str, template: str, **known: Any) -> str:
+    """Return the text that `template` of the package `room` makes of what is known."""
+    return templates(room).get_template(template).render(known)

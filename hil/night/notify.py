@@ -21,7 +21,7 @@ from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 from hil.config import Bench
-from hil.config.notify import NotifySection, addresses_of, messenger_of
+from hil.config.people import NotifySection, addresses_of, messenger_of
 from hil.errors import InputError
 from hil.records import SqliteJournal
 from hil.records.status import recorded_end

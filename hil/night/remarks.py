@@ -7,7 +7,6 @@ from hil.bench import LiveBench
 from hil.errors import InputError
 from hil.files.strict import one_line
 from hil.records import SqliteJournal
-from hil.records.identity import night_identity
 from procedures.attended import Attendant
 from procedures.interlocks import InterlockTripped
 
@@ -33,7 +32,7 @@ class Remarks:
 
     def record(self, journal: SqliteJournal, who: str) -> None:
         """Write down the serial number, and what was passed over; the note stands with the beginning."""
-        if self.serial and "serial" not in night_identity(journal):
+        if self.serial and "serial" not in journal.identity():
             told = f"the serial number of the unit is {self.serial}, as {who} typed it"
             journal.event("unit-serial", told, serial=self.serial, who=who)
         if self.despite:
@@ -46,7 +45,7 @@ def ask_serial(journal: SqliteJournal, live: LiveBench, attendant: Attendant) ->
 
     Raises `InterlockTripped` where nobody does.
     """
-    if not live.bench.asks_serial or "serial" in night_identity(journal):
+    if not live.bench.asks_serial or "serial" in journal.identity():
         return
     question = f"Type or scan the serial number of the unit ({live.bench.unit.model}): it does not tell its own."
     while True:

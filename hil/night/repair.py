@@ -21,8 +21,7 @@ from drivers.given_file import opened
 from hil.config import planned
 from hil.config.recorded import CONFIGURATION, configuration_of
 from hil.errors import Damaged, InputError
-from hil.files.durable import RealDisk, write_durably
-from hil.files.folder import whole_or_nothing
+from hil.files.durable import RealDisk, whole_or_nothing, write_durably
 from hil.files.lock import living_owner
 from hil.night.run import judge
 from hil.records import SqliteJournal, open_readonly

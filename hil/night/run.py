@@ -35,7 +35,7 @@ from hil.bench.lock import bench_lock
 from hil.config import Bench, Sweep, check_sweep_against_bench, planned
 from hil.config.recorded import CONFIGURATION, configuration_of, configuration_text
 from hil.errors import InputError
-from hil.files.folder import whole_or_nothing
+from hil.files.durable import whole_or_nothing
 from hil.files.lock import FolderLock
 from hil.files.strict import NAME, one_line
 from hil.night.log import NightLog, logged
@@ -44,10 +44,8 @@ from hil.night.remarks import Remarks, ask_serial
 from hil.records import SqliteJournal, reading
 from hil.records.blocks import FieldMeaning
 from hil.records.damage import damaged_self_calibrations
-from hil.records.heartbeat import HeartbeatFile
-from hil.records.identity import night_identity
 from hil.records.ledger import read_key
-from hil.records.live import TRACE_NAME, LiveFiles
+from hil.records.live import TRACE_NAME, HeartbeatFile, LiveFiles
 from hil.records.reader import proven_once, refuse_existing
 from hil.records.requests import user
 from hil.records.rows import Night
@@ -166,7 +164,7 @@ def resume_night(
         withdrawn = {key for key in reader.completed() if reader.steps_by_key()[key].self_calibration in damaged}
         done = reader.completed().keys() - withdrawn
         begun = {each.step_key for each in reader.attempts()}
-        serial = night_identity(reader).get("serial", said.serial)
+        serial = reader.identity().get("serial", said.serial)
     if said.serial not in ("", serial):
         raise InputError(f"{folder}: it is a night of unit {serial}, and {said.serial} was typed; which?")
     if len(done) == len(plan.steps):
@@ -255,9 +253,7 @@ def _carry_out(
             vital=heartbeat.alive,
             disk_free_mb=lambda: shutil.disk_usage(journal.folder).free / 1e6,
         )
-        simulated = (
-            live.bench.simulation if live.simulators else None
-        )  # of others nobody knows when they were switched on
+        simulated = live.bench.simulation if live.faults else None  # of others nobody knows when they were switched on
         on = clock.utc() - timedelta(seconds=simulated.start.powered_for) if simulated else None
         first = partial(ask_serial, journal, live, attendant)
         sequencer = Sequencer(journal.plan, watch, powered_on=on, attendant=attendant, first=first)

@@ -32,7 +32,7 @@ from hil.config import Bench
 from hil.errors import InputError
 from hil.files.lock import LOCK_NAME, FolderLock, Owner, living_owner, read_owner
 from hil.records import SqliteJournal, open_readonly
-from hil.records.heartbeat import SILENCE_BORNE_S, read_heartbeat
+from hil.records.live import SILENCE_BORNE_S, read_heartbeat
 from hil.records.requests import who_asks
 from procedures.safe_air import Left, not_commanded, watch_air
 from procedures.stop import StopRequest

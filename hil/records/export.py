@@ -27,12 +27,11 @@ from hil.campaign.writer import write_campaign
 from hil.config import Bench
 from hil.config.recorded import bench_of_record
 from hil.errors import Damaged, InputError
-from hil.files.folder import is_new, whole_or_nothing
+from hil.files.durable import is_new, whole_or_nothing
 from hil.files.strict import near
 from hil.model.forms import parameter_names
 from hil.records.blocks import SAMPLES, Block, read_samples
 from hil.records.damage import refuse_damaged_samples
-from hil.records.identity import night_identity
 from hil.records.reader import JOURNAL_NAME, JournalReader, is_night, reading
 from hil.records.rows import Attempt
 from hil.records.status import in_brief, missing_in_words
@@ -203,7 +202,7 @@ def _campaign(journal: JournalReader) -> Campaign:
     columns = {name for table in tables.values() for name in table.conditions.columns}
     axes = dict.fromkeys(axis for number in bench.sensors for axis in bench.sensor(number).axes)
     shown = {f"accelerometer_{axis}_g": f"mean of the unit's own accelerometer along {axis}, g" for axis in axes}
-    identity = night_identity(journal)
+    identity = journal.identity()
     recorded = f"recorded by hil on bench {bench.name} from {night.began_utc:%Y-%m-%d %H:%M} UTC, by {night.who}"
     unit = f"unit {identity['serial']}" if "serial" in identity else ""
     seed = f"seed {bench.simulation.seed}" if bench.simulation else ""  # clocks of simulated nights all begin alike

@@ -1,9 +1,10 @@
-"""What a running controller shows to other processes: its newest state, and a trace of the night at one second.
+"""What a running controller shows to other processes: its newest state, a trace at one second, that it lives.
 
-    live.json     the newest state (schema hil.live/1), replaced at most once a second of real time
-    live.trace    a line of JSON that names the columns, then float32 rows, one for each second of the campaign
+    live.json       the newest state (schema hil.live/1), replaced at most once a second of real time
+    live.trace      a line of JSON that names the columns, then float32 rows, one for each second of the campaign
+    heartbeat.json  changes at least every few seconds, in place: a watchdog judges by that, on a clock of its own
 
-Both are for onlookers. They are not durable, nothing is derived from them, and a night without them is as good: the
+They are for onlookers. They are not durable, nothing is derived from them, and a night without them is as good: the
 journal is the truth, but it is written once a minute, which is too seldom to look at.
 """
 
@@ -24,26 +25,78 @@ from numpy.typing import NDArray
 from drivers.clock import Clock, SystemClock
 from drivers.frames.counts import StreamCounts
 from drivers.frames.roles import SensorRole
-from drivers.given_file import opened, read_text
+from drivers.given_file import opened, read_bytes, read_text
 from drivers.imu.samples import rate_fields
 from hil.errors import InputError
 from hil.files.durable import PARTIAL
-from hil.records.heartbeat import Heartbeat
 from hil.records.rows import to_json
 from hil.records.units import unit_folder
 from procedures.plan import Step
 from procedures.progress import Progress, Snapshot
 
-LIVE_NAME, TRACE_NAME = "live.json", "live.trace"
+LIVE_NAME, TRACE_NAME, HEARTBEAT_NAME = "live.json", "live.trace", "heartbeat.json"
 SCHEMA = "hil.live/1"
 OLD_AFTER_S = 4.0
 """A state of a living controller that is older is called old: with a look a second, people know within 5 s."""
+SILENCE_BORNE_S = 60.0
+"""A living controller that has not beaten for so long, beyond what it asked for, hangs."""
 
 _EVERY_S = 1.0
+_SIZE = 160  # bytes of a heartbeat, always: a shorter text must leave no rest of a longer one
 _LATE_POLLS = 3.0
 _TOO_CLOSE_S = 0.95  # of the campaign: polls are a little less than a second apart now and then
 
 Rows = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Heartbeat:
+    """One beat. `silent_s` is for how long none may follow: a device is being waited for."""
+
+    pid: int
+    count: int
+    utc: str
+    silent_s: float
+
+    @property
+    def at(self) -> datetime:
+        """When it was, by the wall clock."""
+        return datetime.fromisoformat(self.utc)
+
+
+class HeartbeatFile:
+    """Writes the heartbeat of this process; real time also where the night's is simulated. Close it."""
+
+    def __init__(self, folder: Path) -> None:
+        self._clock = SystemClock()
+        self._file = os.open(folder / HEARTBEAT_NAME, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        self._count = 0
+        self._last_s = -_EVERY_S
+        self._silent_s = 0.0
+
+    def alive(self, silent_s: float = 0.0) -> None:
+        """Beat, unless the last one is younger than a second and promised as much. Never raises `OSError`."""
+        now_s = self._clock.now()
+        if now_s - self._last_s < _EVERY_S and silent_s == self._silent_s:
+            return
+        self._count += 1
+        self._last_s, self._silent_s = now_s, silent_s
+        beat = Heartbeat(os.getpid(), self._count, self._clock.utc().isoformat(), silent_s)
+        with suppress(OSError):
+            os.pwrite(self._file, json.dumps(asdict(beat)).ljust(_SIZE).encode(), 0)
+
+    def close(self) -> None:
+        """Release the file. It stays where it is."""
+        os.close(self._file)
+
+
+def read_heartbeat(folder: Path) -> Heartbeat | None:
+    """Return the newest heartbeat in `folder`, None where there is none (or it is just being written)."""
+    try:
+        beat = Heartbeat(**json.loads(read_bytes(folder / HEARTBEAT_NAME)))
+        return beat if beat.at.tzinfo is not None else None
+    except (InputError, ValueError, TypeError):
+        return None
 
 
 def trace_columns(sensors: Mapping[int, SensorRole]) -> list[str]:

@@ -14,26 +14,30 @@ import sqlite3
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import fields, replace
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
 from textwrap import shorten
-from typing import Any, Self
+from typing import Self, TypeVar
 from urllib.parse import quote
 
 from drivers.given_file import check_folder
 from hil.errors import Damaged, InputError
-from hil.files.folder import is_new
+from hil.files.durable import is_new
 from hil.files.lock import Owner, living_owner
 from hil.records import schema as journal_schema
 from hil.records.blocks import BLOCKS, SAMPLES, SUFFIXES, Block
 from hil.records.ledger import HEAD_NAME, breaks
-from hil.records.rows import Attempt, BlockRow, Controller, Event, Heartbeat, Night, RequestRow, step_of
+from hil.records.rows import MEANS, Attempt, BlockRow, Controller, Event, Heartbeat, Night, RequestRow, step_of
 from hil.records.units import JOURNAL_NAME as JOURNAL_NAME
 from hil.records.units import night_of, place_of, unit_folder
 from hil.records.witnesses import Witnesses, contradictions, forgotten
 from procedures.journal_protocol import Outcome, StepResult, of_unit
-from procedures.plan import Plan, Step
+from procedures.plan import Plan, Step, StepKind
+from procedures.words import listed
+
+RowT = TypeVar("RowT", Attempt, Event, RequestRow, Heartbeat, Controller)
 
 _BUSY_S = 30.0
 _once = threading.local()  # its `journal` is that of the night that is proven once
@@ -141,25 +145,29 @@ class JournalReader:
     def _own_steps(self) -> frozenset[str]:
         return frozenset(step.key for step in self.plan.steps)
 
+    def _rows(self, kind: type[RowT], table: str, more: str = "", *values: object) -> Iterator[RowT]:
+        """Yield rows of a table as objects, whose fields are columns."""
+        names = [each.name for each in fields(kind)]
+        columns = ", ".join(names).replace("number", "id", 1)
+        for row in self._connection.execute(f"SELECT {columns} FROM {table} {more} ORDER BY id", values):  # noqa: S608
+            cells = zip(names, row, strict=True)
+            yield kind(**{name: MEANS[name](cell) if name in MEANS else cell for name, cell in cells})
+
     def attempts(self) -> tuple[Attempt, ...]:
         """Return every attempt, in the order in which they began; one without an outcome never ended.
 
         One that was DONE and withdrawn later is FAILED here, with the reason why it counts no more.
         """
-        rows = self._connection.execute(
-            "SELECT step_key, attempt, controller, began_s, ended_s, CASE WHEN withdrawn IS NULL THEN outcome "
-            "ELSE 'FAILED' END, coalesce(withdrawn, reason, ''), data FROM attempts ORDER BY id"
-        )
+        rows = (each for each in self._rows(Attempt, "attempts") if not self.unit or each.step_key in self._own_steps)
         return tuple(
-            Attempt(*(*row, Outcome(outcome) if outcome else None, reason, of_unit(_mapping(data), self.unit)))
-            for *row, outcome, reason, data in rows
-            if not self.unit or row[0] in self._own_steps
+            replace(
+                each,
+                outcome=Outcome.FAILED if each.withdrawn else each.outcome,
+                reason=each.withdrawn or each.reason,
+                data=of_unit(each.data, self.unit),
+            )
+            for each in rows
         )
-
-    def withdrawn(self) -> frozenset[tuple[str, int]]:
-        """Return step key and number of the attempts that were DONE and count no more."""
-        rows = self._connection.execute("SELECT step_key, attempt FROM attempts WHERE withdrawn IS NOT NULL")
-        return frozenset((key, attempt) for key, attempt in rows)
 
     def done_attempts(self) -> Mapping[str, Attempt]:
         """Return the one DONE attempt of every step that has one, by step key."""
@@ -178,20 +186,11 @@ class JournalReader:
 
     def events(self, after: int = 0) -> tuple[Event, ...]:
         """Return what happened, in order; only events with a number above `after`."""
-        rows = self._connection.execute(
-            "SELECT id, controller, at_s, kind, message, evidence FROM events WHERE id > ? ORDER BY id", (after,)
-        )
-        return tuple(Event(*(*row, _mapping(evidence))) for *row, evidence in rows)
+        return tuple(self._rows(Event, "events", "WHERE id > ?", after))
 
     def requests(self) -> tuple[RequestRow, ...]:
         """Return what was asked of the controllers of this night, in order, with what they answered."""
-        rows = self._connection.execute(
-            "SELECT id, controller, kind, who, why, prompt, answered_s, accepted, coalesce(answer, '') "
-            "FROM requests ORDER BY id"
-        )
-        return tuple(
-            RequestRow(*(*row, None if accepted is None else bool(accepted), answer)) for *row, accepted, answer in rows
-        )
+        return tuple(self._rows(RequestRow, "requests"))
 
     def standing(self, begins: str, ends: str) -> Event | None:
         """Return the newest event of the kind `begins` by the newest controller, unless one of `ends` came after it.
@@ -208,10 +207,8 @@ class JournalReader:
 
     def heartbeats(self, after: int = 0) -> tuple[Heartbeat, ...]:
         """Return the signs of life, in order; only those with a number above `after`."""
-        rows = self._connection.execute(
-            "SELECT id, controller, at_s, step_key, readings FROM heartbeats WHERE id > ? ORDER BY id", (after,)
-        )
-        return tuple(Heartbeat(*(*row, self._own(_mapping(readings)))) for *row, readings in rows)
+        beats = self._rows(Heartbeat, "heartbeats", "WHERE id > ?", after)
+        return tuple(replace(each, readings=self._own(each.readings)) for each in beats)
 
     def _own(self, readings: Mapping[str, float]) -> Mapping[str, float]:
         """Return the readings of the chamber and of the unit that was named, as a night of it alone has them."""
@@ -231,10 +228,32 @@ class JournalReader:
 
     def controllers(self) -> tuple[Controller, ...]:
         """Return the controller processes that worked on this night, in order."""
-        rows = self._connection.execute(
-            "SELECT id, pid, host, who, began_s, seen_s, seen_utc, ended FROM controllers ORDER BY id"
-        )
-        return tuple(Controller(*(*row, datetime.fromisoformat(seen_utc), ended)) for *row, seen_utc, ended in rows)
+        return tuple(self._rows(Controller, "controllers"))
+
+    def identity(self, events: Sequence[Event] | None = None) -> dict[str, str]:
+        """Return `model` and `serial` of the unit, `operator`, `note`, and `despite`; what is not known is not there.
+
+        What the unit tells of itself counts more than what was typed; `despite` is what `hil check` called NOT when
+        somebody went on, with the reason. `events` are the journal's, where they have been read already.
+        """
+        found = {"operator": self.night.who}
+        notes, despite = [], []
+        for event in self.events() if events is None else events:
+            said = event.evidence
+            if event.kind == "night-begins":
+                found |= {name: text for name, text in said.get("unit", {}).items() if text != "ask"}
+            elif event.kind == "unit-serial":
+                found["serial"] = said["serial"]
+            elif event.kind == "despite":
+                despite.append(event.message)
+            notes.append(said.get("note", "") if event.kind in ("night-begins", "night-resumed") else "")
+        done = self.completed()
+        identified = [done[step.key].data for step in self.plan.of_kind(StepKind.IDENTIFY) if step.key in done]
+        for name in ("model", "serial"):
+            if told := dict.fromkeys(each["imu"][name] for each in identified if each.get("imu", {}).get(name)):
+                found[name] = listed(told)
+        found |= {"note": "; ".join(filter(None, notes)), "despite": "; ".join(despite)}
+        return {name: text for name, text in found.items() if text}
 
     def damage(self, witnesses: Witnesses | None = None) -> list[str]:
         """Return in words what is not as it was written: SQLite's own check, the chain, what stands beside it.
@@ -378,7 +397,3 @@ def proven_once(night: Path) -> Iterator[None]:
         with suppress(InputError):
             _once.journal = held.enter_context(reading(night, damaged_too=True))
         yield
-
-
-def _mapping(text: str | None) -> Mapping[str, Any]:
-    return dict(json.loads(text)) if text else {}

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
@@ -47,6 +47,7 @@ class Attempt:
     outcome: Outcome | None
     reason: str
     data: Mapping[str, Any]
+    withdrawn: str | None  # why it counts no more, where it was DONE
 
 
 @dataclass(frozen=True)
@@ -108,6 +109,20 @@ class Controller:
     seen_s: float
     seen_utc: datetime  # by the operating system's clock, in simulation too
     ended: str | None
+
+
+def _mapping(text: str | None) -> Mapping[str, Any]:
+    return dict(json.loads(text)) if text else {}
+
+
+MEANS: Mapping[str, Callable[[Any], Any]] = {
+    "outcome": lambda word: word and Outcome(word),
+    "accepted": lambda told: None if told is None else bool(told),
+    "seen_utc": datetime.fromisoformat,
+    **dict.fromkeys(("reason", "answer"), lambda text: text or ""),
+    **dict.fromkeys(("data", "evidence", "readings"), _mapping),
+}
+"""What the cells of a column stand for, by its name, where that is not what SQLite gives."""
 
 
 def to_json(value: object) -> str:

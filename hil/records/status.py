@@ -19,9 +19,7 @@ from typing import Any, Self
 from drivers.clock import SystemClock
 from hil.files.lock import Owner
 from hil.records.damage import LostBlock, lost_blocks
-from hil.records.heartbeat import SILENCE_BORNE_S, Heartbeat, read_heartbeat
-from hil.records.identity import night_identity
-from hil.records.live import age_s, read_live
+from hil.records.live import SILENCE_BORNE_S, Heartbeat, age_s, read_heartbeat, read_live
 from hil.records.reader import JournalReader, reading
 from hil.records.requests import forsaken_chamber
 from hil.records.rows import Attempt, Controller, Event
@@ -131,7 +129,7 @@ def _document(facts: _Facts) -> dict[str, Any]:
         "eta_utc": _eta(facts, present) if working else None,
         "missing": missing_in_words(plan, facts.done, facts.attempts),
         "simulated": night.simulated,
-        "identity": night_identity(facts.journal, facts.events),
+        "identity": facts.journal.identity(facts.events),
         "units": [] if facts.journal.unit else _units(facts, state, reason),
         "set_aside": facts.journal.unit in _aside(facts) and state == "incomplete",
         "began_utc": night.began_utc.isoformat(),

@@ -53,10 +53,10 @@ def verify_night(folder: Path | str, key: Path | None = None) -> dict[str, Any]:
             simulated = journal.night.simulated
             rows = journal.blocks()
             attempts = {(each.step_key, each.attempt): each for each in journal.attempts()}
-            withdrawn = journal.withdrawn()
             for row in rows:
-                found = _check_block(folder, row, attempts.get((row.step_key, row.attempt)))
-                if (row.step_key, row.attempt) in withdrawn:
+                attempt = attempts.get((row.step_key, row.attempt))
+                found = _check_block(folder, row, attempt)
+                if attempt and attempt.withdrawn:
                     notes += [f"{each}; it counts no more, and was done again" for each in found]
                 else:
                     problems += found

@@ -63,7 +63,7 @@ class NightContent:
     to_do: str = ""  # about a night that is not whole, its chamber first
     asked: str = ""
     done: str = ""
-    identity: Mapping[str, str] = field(default_factory=dict)  # as `night_identity` has it
+    identity: Mapping[str, str] = field(default_factory=dict)  # as `JournalReader.identity` has it
     self_calibrations: tuple[int, int] = (0, 0)  # done, asked for
     missing: Sequence[str] = ()
     events: Sequence[tuple[str, str, str]] = ()
@@ -226,14 +226,12 @@ def _margins(ended: Sequence[tuple[Step, Attempt]]) -> Iterator[Margin]:
 def _rejected(journal: JournalReader, *, going_on: bool) -> list[tuple[str, str, str]]:
     """Return every attempt that does not count, and why; not the one that is going on now."""
     attempts, steps = journal.attempts(), journal.steps_by_key()
-    withdrawn = journal.withdrawn()
     newest = attempts[-1] if attempts and going_on and attempts[-1].outcome is None else None
     found = []
     for each in attempts:
         if each is newest or each.outcome is Outcome.DONE:
             continue
-        gone = (each.step_key, each.attempt) in withdrawn
-        word = "withdrawn" if gone else "never ended" if each.outcome is None else each.outcome.value.lower()
+        word = "withdrawn" if each.withdrawn else "never ended" if each.outcome is None else each.outcome.value.lower()
         why = each.reason or "the controller was killed, or lost its power; nothing of it is used"
         what = f"{step_in_words(steps[each.step_key])}, attempt {each.attempt}"
         found.append((_utc(journal, each.began_s), what, f"{word}: {why}"))

@@ -20,7 +20,7 @@ from hil.campaign import Campaign, FloatArray
 from hil.errors import InputError
 from hil.files.durable import write_result
 from hil.files.figure import drawn, marked
-from hil.files.text import filled
+from hil.files.page import filled
 from hil.model import save_model
 from hil.model.forms import bias_names
 

@@ -22,7 +22,7 @@ from hil.design.conditions import planned_conditions
 from hil.design.visibility.map import NoiseLevel, Sight, Sights, visibility
 from hil.design.visibility.promise import PROBABILITY
 from hil.files.document import picked
-from hil.files.text import filled
+from hil.files.page import filled
 from hil.model import Model, fitting_campaign, fitting_conditions
 from hil.model.effects.catalogue import EFFECTS, FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS
 from hil.model.effects.document import shape_in_words

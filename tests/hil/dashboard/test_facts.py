@@ -29,9 +29,8 @@ from hil.files.lock import FolderLock
 from hil.night import start_night
 from hil.records import open_readonly
 from hil.records.export import campaign_of_night
-from hil.records.heartbeat import HEARTBEAT_NAME, HeartbeatFile
 from hil.records.ledger import HEAD_NAME, enter_everything
-from hil.records.live import LIVE_NAME, LiveFiles
+from hil.records.live import HEARTBEAT_NAME, LIVE_NAME, HeartbeatFile, LiveFiles
 from hil.records.reader import JOURNAL_NAME
 from hil.records.witnesses import LOG_NAME
 from hil.solve import solve_campaign

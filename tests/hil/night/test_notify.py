@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from hil.config import Bench, load_bench, parse_bench, parse_sweep
-from hil.config.notify import NotifySection, addresses_of
+from hil.config.people import NotifySection, addresses_of
 from hil.errors import InputError
 from hil.night import start_night
 from hil.night.notify import Notifier, send

@@ -15,7 +15,7 @@ from hil.files.lock import FolderLock, Owner, process_start
 from hil.night import start_night
 from hil.night.watchdog import Patience, Watchdog
 from hil.records import SqliteJournal
-from hil.records.heartbeat import HEARTBEAT_NAME, HeartbeatFile, read_heartbeat
+from hil.records.live import HEARTBEAT_NAME, HeartbeatFile, read_heartbeat
 from procedures.stop import StopRequest
 from tests.hil.night.test_watchdog import SWEEP
 

@@ -25,8 +25,8 @@ from hil.files.lock import LOCK_NAME, FolderLock, Owner
 from hil.night import start_night
 from hil.night.watchdog import Patience, Watchdog, Watched
 from hil.records import JournalReader, SqliteJournal, open_readonly
-from hil.records.heartbeat import HEARTBEAT_NAME, read_heartbeat
 from hil.records.journal import JOURNAL_NAME
+from hil.records.live import HEARTBEAT_NAME, read_heartbeat
 from hil.records.requests import request
 from hil.records.rows import Night
 from hil.records.status import night_status
@@ -158,7 +158,7 @@ HUNG = """
 import signal, sys
 from pathlib import Path
 from drivers.clock import SystemClock, VirtualClock
-from hil.records.heartbeat import HeartbeatFile
+from hil.records.live import HeartbeatFile
 from hil.records.journal import SqliteJournal
 journal = SqliteJournal.open(Path(sys.argv[1]), clock=SystemClock())
 HeartbeatFile(Path(sys.argv[1])).alive()

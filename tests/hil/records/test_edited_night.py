@@ -18,9 +18,9 @@ from hil.errors import Damaged
 from hil.night import resume_night, start_night
 from hil.records import SqliteJournal, open_readonly
 from hil.records.damage import damaged_self_calibrations
-from hil.records.heartbeat import SILENCE_BORNE_S, HeartbeatFile
 from hil.records.journal import JOURNAL_NAME
 from hil.records.ledger import HEAD_NAME
+from hil.records.live import SILENCE_BORNE_S, HeartbeatFile
 from hil.records.status import night_status
 from hil.records.verify import verify_night
 from procedures.stop import StopRequest

@@ -1,22 +1,73 @@
-"""The notify section of a bench file: whom to tell what. Addresses are secrets, so the file only says where they stand.
+"""The people of a bench: who measures, and with what, which certificates state; and whom to tell of a night.
 
+laboratory: {name: Gyro laboratory, address: "Street 1, Town", method: WI-17, edition: "3"}
+equipment:
+  - {name: chamber thermometer, number: KA-0012, certificate: D-K-15070 2025-11, traceable_to: PTB, due: 2026-11-30}
 notify:
-  to: [env:HIL_NOTIFY, file:/etc/hil/notify]      # one address per line or word there
+  to: [env:HIL_NOTIFY, file:/etc/hil/notify]      # one address per line or word there: they are secrets
   about: [started, needs-you, fault, finished]
 """
 
 import logging
 import os
+from collections.abc import Sequence
+from datetime import date
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
-from pydantic import Field, field_validator
+from pydantic import AfterValidator, BeforeValidator, Field, field_validator
 
 from drivers.given_file import read_text
 from hil.errors import InputError
-from hil.files.strict import Section
+from hil.files.strict import NAME, REMARK, Section, one_line
 
 Topic = Literal["started", "needs-you", "fault", "finished"]
+
+
+def _day(value: object) -> object:
+    try:
+        return value if isinstance(value, date) else date.fromisoformat(str(value))
+    except ValueError:
+        raise ValueError(f"{value!r} is no date; write it as 2026-11-30") from None
+
+
+def _name(value: str) -> str:
+    if not (said := one_line("a name", value, 2 * NAME)):
+        raise ValueError("it is empty")
+    return said
+
+
+_Name = Annotated[str, AfterValidator(_name)]
+_Text = Annotated[str, Field(max_length=REMARK)]
+
+
+class LaboratorySection(Section):
+    """Who answers for a certificate, and by which `method` in which `edition` it was measured."""
+
+    name: _Name
+    address: _Text = ""
+    accreditation: _Text = ""
+    method: _Name
+    edition: Annotated[_Name, BeforeValidator(str)]
+
+
+class InstrumentSection(Section):
+    """An instrument that a number rests upon: its `number`, its own certificate, and until when that is good."""
+
+    name: _Name
+    number: Annotated[_Name, BeforeValidator(str)]
+    certificate: _Text = ""
+    traceable_to: _Text = ""
+    due: Annotated[date, BeforeValidator(_day)]
+
+
+def each_once(given: Sequence[InstrumentSection]) -> Sequence[InstrumentSection]:
+    """Return instruments; raise `ValueError` where two have one number."""
+    numbers = [each.number for each in given]
+    for number in numbers:
+        if numbers.count(number) > 1:
+            raise ValueError(f"{number}: two instruments have this number")
+    return given
 
 
 class NotifySection(Section):
