@@ -89,10 +89,7 @@ def _table(folder: str, campaign: Campaign) -> pa.Table:
     about: dict[str, Any] = {"folder": folder, "title": campaign.title, "source": campaign.source, "layout": layout}
     about |= {"serial": campaign.identity.get("serial", ""), "simulated": campaign.simulated}
     found = {name: pa.array([about[name]] * rows) for name in ABOUT}
-    for name, values in columns.items():
-        kind = pa.string() if name == "position" else pa.int64() if name in NUMBERED else pa.float64()
-        found[name] = pa.array(values, kind, from_pandas=True)
-    return pa.table(found)
+    return pa.table(found | {name: pa.array(values, from_pandas=True) for name, values in columns.items()})
 
 
 def pieces_of(path: Path) -> int:

@@ -37,13 +37,15 @@ def write_file(campaign: Campaign, path: Path, form: Format) -> None:
     """
     check_new(path)
     given = columns_of(campaign)
-    columns = {re.sub(r"^(?=[\W\d_])", "c", re.sub(r"\W", "_", name)): _array(cells) for name, cells in given.items()}
+    columns = {re.sub(r"^(?=[\W\d_])", "c", re.sub(r"\W", "_", name)): cells for name, cells in given.items()}
     if len(columns) < len(given) or max(map(len, columns)) > _LONGEST_NAME:
         names = ", ".join(name for name in given if not name.isidentifier() or len(name) > _LONGEST_NAME)
         raise InputError(f"{path}: the names of these columns cannot be told apart in it: {names}; name them otherwise")
     attributes: dict[str, str | int] = {name: getattr(campaign, name) for name in ("title", "source", "notes")}
     attributes["simulated"] = int(campaign.simulated)
-    write_result(path, _WRITERS[form](columns | _samples(campaign), attributes))
+    columns |= _samples(campaign)  # NetCDF has no whole numbers of eight bytes
+    short = {name: cells.astype(np.int32) if cells.dtype.kind == "i" else cells for name, cells in columns.items()}
+    write_result(path, _WRITERS[form](short, attributes))
 
 
 def unit_of(column: str) -> str:
@@ -51,21 +53,15 @@ def unit_of(column: str) -> str:
     return next((unit for end, unit in _UNITS.items() if column.endswith(f"_{end}")), "")
 
 
-def _array(cells: list[Any]) -> np.ndarray[Any, Any]:
-    """Return cells as one array: whole numbers, text, or numbers with NaN for what is not known."""
-    if all(isinstance(cell, int | str) for cell in cells):
-        return np.array(cells, dtype=np.int32 if isinstance(cells[0], int) else np.str_)
-    return np.array([np.nan if cell is None else cell for cell in cells], dtype=np.float64)
-
-
 def _samples(campaign: Campaign) -> dict[str, np.ndarray[Any, Any]]:
     """Return all series, one below the other; a column that a series lacks is NaN there."""
     parts: list[dict[str, Any]] = [{"collect": number, **each} for number, each in columns_of_series(campaign)]
-    stacked = {}
-    for name in dict.fromkeys(name for columns in parts for name in columns):
-        pieces = [np.broadcast_to(columns.get(name, np.nan), len(columns["t_s"])) for columns in parts]
-        stacked[f"series_{name}"] = np.concatenate(pieces).astype(np.int32 if name == "collect" else np.float64)
-    return stacked
+    return {
+        f"series_{name}": np.concatenate(
+            [np.broadcast_to(columns.get(name, np.nan), len(columns["t_s"])) for columns in parts]
+        )
+        for name in dict.fromkeys(name for columns in parts for name in columns)
+    }
 
 
 def _hdf5(columns: _Columns, attributes: _Attributes) -> bytes:

@@ -7,14 +7,15 @@ The folder appears whole or not at all (hil.files.durable).
 
 import csv
 import io
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 
-from hil.campaign.data import SCHEMA, Campaign, Collects, Sensor
+from hil.campaign.data import SCHEMA, Campaign, Collects, FloatArray, Sensor
 from hil.campaign.reader import COLLECTS_FILE, HEADER_FILE, IDENTITY, SERIES_FOLDER, STANDARD_CONDITIONS, columns_for
 from hil.errors import InputError
 from hil.files.durable import RealDisk, is_new, whole_or_nothing
@@ -76,44 +77,45 @@ def _layout(sensor: Sensor) -> dict[str, Any]:
     return known | ({"technology": sensor.technology} if sensor.technology else {})
 
 
-def columns_of(campaign: Campaign) -> dict[str, list[Any]]:
-    """Return the columns of collects.csv, one cell per collect and sensor in the order of time; None, NaN: not known.
+def columns_of(campaign: Campaign) -> dict[str, NDArray[Any]]:
+    """Return the columns of collects.csv, (n,) each: a cell per collect and sensor in the order of time.
 
-    The columns are the union of all sensors'.
+    The columns are the union of all sensors'; what is not known is NaN.
     """
-    lines = [line for rows in campaign.sensors.values() for line in _lines(rows)]
-    lines.sort(key=lambda line: (line["start_s"], line["collect"]))
-    present = {name for line in lines for name in line}
+    of_each = [_columns(rows) for rows in campaign.sensors.values()]
+    present = {name for columns in of_each for name in columns}
     own = [columns_for(rows.conditions.sensor) for rows in campaign.sensors.values()]
     order = [*IDENTITY, *(name for kind in ("f", "w", "rate", "se") for names in own for name in names[kind])]
     order += [*STANDARD_CONDITIONS, *campaign.condition_units, *sorted(present)]
-    return {name: [line.get(name) for line in lines] for name in dict.fromkeys(order) if name in present}
+    whole = {
+        name: np.concatenate([columns.get(name, np.full(len(columns["run"]), np.nan)) for columns in of_each])
+        for name in dict.fromkeys(order)
+        if name in present
+    }
+    in_time = np.lexsort((whole["collect"], whole["start_s"]))
+    return {name: values[in_time] for name, values in whole.items()}
 
 
-def _lines(rows: Collects) -> list[dict[str, Any]]:
+def _columns(rows: Collects) -> dict[str, NDArray[Any]]:
     c = rows.conditions
-    columns: dict[str, Any] = {"collect": c.collect, "run": c.run, "sensor": np.full(len(c), c.sensor.number)}
-    columns |= {"position": c.position, "start_s": c.start_s, "duration_s": c.duration_s}
+    columns: dict[str, NDArray[Any]] = {name: getattr(c, name) for name in IDENTITY if name != "sensor"}
+    columns["sensor"] = np.full(len(c), c.sensor.number)
     stated = [] if np.all(np.isnan(rows.rates_se_deg_per_hr)) else [rows.rates_se_deg_per_hr]
     blocks = (c.f_g, c.w_deg_per_hr, rows.rates_deg_per_hr, *stated)
     for names, values in zip(columns_for(c.sensor).values(), blocks, strict=False):
         columns |= zip(names, values.T, strict=True)
-    columns |= c.columns
-    cells = zip(*(values.tolist() for values in columns.values()), strict=True)
-    return [dict(zip(columns, line, strict=True)) for line in cells]
+    return columns | dict(c.columns)
 
 
-def _cell(value: float | int | str | None) -> str:
+def _cell(value: float | int | str) -> str:
     """Write a cell: shortest digits that read back exactly, whole numbers without a point, nothing for NaN."""
-    if value is None or (isinstance(value, float) and np.isnan(value)):
-        return ""
     if isinstance(value, float):
-        return repr(value).removesuffix(".0")
+        return "" if np.isnan(value) else repr(value).removesuffix(".0")
     return str(value)
 
 
-def columns_of_series(campaign: Campaign) -> Iterator[tuple[int, dict[str, list[float]]]]:
-    """Yield each collect that has series with the columns of its file, those that are known: read one at a time."""
+def columns_of_series(campaign: Campaign) -> Iterator[tuple[int, dict[str, FloatArray]]]:
+    """Yield each collect that has series with the columns of its file, (k,), that are known: read one at a time."""
     every = [rows.conditions for rows in campaign.sensors.values()]
     for collect, sensor in sorted((n, each.sensor.number) for each in every for n in each.collect.tolist()):
         if (series := campaign.series(collect)) is None:
@@ -121,13 +123,12 @@ def columns_of_series(campaign: Campaign) -> Iterator[tuple[int, dict[str, list[
         rates = columns_for(campaign.sensors[sensor].conditions.sensor)["rate"]
         columns = {"t_s": series.t_s, **dict(zip(rates, series.rates_deg_per_hr.T, strict=True))}
         more = {"temperature_degC": series.temperature_degC, "n_samples": series.n_samples}
-        columns |= {name: values for name, values in more.items() if values is not None}
-        yield collect, {name: values.tolist() for name, values in columns.items()}
+        yield collect, columns | {name: values for name, values in more.items() if values is not None}
 
 
-def _csv(columns: Mapping[str, Sequence[Any]]) -> bytes:
+def _csv(columns: Mapping[str, NDArray[Any]]) -> bytes:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    writer.writerows(map(_cell, row) for row in zip(*columns.values(), strict=True))
+    writer.writerows(map(_cell, row) for row in zip(*(values.tolist() for values in columns.values()), strict=True))
     return text.getvalue().encode()

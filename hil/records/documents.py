@@ -61,7 +61,7 @@ def documents_of(journal: JournalReader) -> Iterator[Document]:
     streams: dict[str, _Rows] = {}
     for number, collects in campaign.sensors.items():
         columns = columns_of(replace(campaign, sensors={number: collects}))
-        lines = [dict(zip(columns, plain(line), strict=True)) for line in zip(*columns.values(), strict=True)]
+        lines = [dict(zip(columns, line, strict=True)) for line in zip(*map(plain, columns.values()), strict=True)]
         streams[f"sensor_{number}"] = [(float(line["start_s"]), line) for line in lines]
     streams["steps"] = [
         (

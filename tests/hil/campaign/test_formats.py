@@ -80,7 +80,7 @@ def test_a_file_reads_back_to_the_last_bit(form: Format, campaign: Campaign, tmp
     known = columns_of(campaign)
     assert set(columns) == set(known)
     for name, values in known.items():
-        assert np.array_equal(columns[name], [np.nan if v is None else v for v in values], equal_nan=name != "position")
+        assert np.array_equal(columns[name], values, equal_nan=name != "position")
     assert np.isnan(columns["RA_deg_per_hr"]).sum() == 2
     assert np.isnan(columns["temperature_degC"]).sum() == len(known["run"]) / 2
     assert (units["RA_deg_per_hr"], units["temperature_degC"], units["position"].strip("[]")) == ("deg/hr", "degC", "")

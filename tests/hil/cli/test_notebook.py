@@ -127,7 +127,7 @@ def test_the_collects_are_the_files(folder: Path) -> None:
     frame = hil.read_campaign(folder).to_dataframe()
     known = columns_of(read_campaign(folder))
     assert list(frame) == [*known, "simulated"]
-    assert frame["RA_deg_per_hr"].tolist() == known["RA_deg_per_hr"]
+    assert frame["RA_deg_per_hr"].tolist() == known["RA_deg_per_hr"].tolist()
 
 
 @pytest.mark.parametrize("simulated", [True, False])
