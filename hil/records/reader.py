@@ -108,6 +108,10 @@ class JournalReader:
             raise InputError(f"{self.folder}: a night of several units; {self._units_there()}")
         return self.unit or self.whole_plan.units[0] if self.plan else ""  # a unit that is not there has no plan
 
+    def of_unit(self, unit: str) -> JournalReader:
+        """Return what is read of one of the units, at the same instant."""
+        return JournalReader(self.folder, self._connection, unit, self)
+
     def _units_there(self) -> str:
         named = ", ".join(filter(None, self.whole_plan.units))
         return f"name one by its folder: {unit_folder(self.folder, 'UNIT')}, of {named}" if named else "it lists none"
@@ -198,12 +202,9 @@ class JournalReader:
         `standing("pause", "continue")` is the pause that is in effect, `standing("prompt", "prompt-ended")` the
         question that waits for an answer.
         """
-        row = self._connection.execute(
-            "SELECT max(id) FROM events WHERE kind IN (?, ?) AND controller = (SELECT max(id) FROM controllers)",
-            (begins, ends),
-        ).fetchone()
-        newest = self.events(row[0] - 1)[0] if row[0] else None
-        return newest if newest is not None and newest.kind == begins else None
+        newest = max((each.number for each in self.controllers()), default=0)
+        told = [each for each in self.events() if each.controller == newest and each.kind in (begins, ends)]
+        return told[-1] if told and told[-1].kind == begins else None
 
     def heartbeats(self, after: int = 0) -> tuple[Heartbeat, ...]:
         """Return the signs of life, in order; only those with a number above `after`."""
@@ -230,15 +231,15 @@ class JournalReader:
         """Return the controller processes that worked on this night, in order."""
         return tuple(self._rows(Controller, "controllers"))
 
-    def identity(self, events: Sequence[Event] | None = None) -> dict[str, str]:
+    def identity(self) -> dict[str, str]:
         """Return `model` and `serial` of the unit, `operator`, `note`, and `despite`; what is not known is not there.
 
         What the unit tells of itself counts more than what was typed; `despite` is what `hil check` called NOT when
-        somebody went on, with the reason. `events` are the journal's, where they have been read already.
+        somebody went on, with the reason.
         """
         found = {"operator": self.night.who}
         notes, despite = [], []
-        for event in self.events() if events is None else events:
+        for event in self.events():
             said = event.evidence
             if event.kind == "night-begins":
                 found |= {name: text for name, text in said.get("unit", {}).items() if text != "ask"}
@@ -377,7 +378,7 @@ def reading(folder: Path, *, damaged_too: bool = False) -> Iterator[JournalReade
 def _proven(folder: Path) -> Iterator[JournalReader]:
     night, unit = place_of(folder)
     if (known := getattr(_once, "journal", None)) is not None and known.folder == night:
-        yield JournalReader(night, known._connection, unit, known)
+        yield known.of_unit(unit)
         return
     owner = living_owner(night)  # before the journal: who ends in between has written its end
     witnesses = Witnesses.of(night)

@@ -45,6 +45,7 @@ _MISSING = {
     StepKind.COLLECT: "collect at position {0.position}",
     StepKind.SAFE_STATE: "the last step, which brings the chamber to its safe state",
 }
+_OF_A_UNIT = ("state", "reason", "set_aside", "self_calibrations_done", "self_calibrations_total", "in_spec")
 _SETPOINT = re.compile(r"setpoint \S+ °C")
 _WHOLE = re.compile(r"(?P<whose>units? .*: )?self-calibration (?P<run>\d+) (?P<at>at .*): all of it")
 
@@ -129,8 +130,8 @@ def _document(facts: _Facts) -> dict[str, Any]:
         "eta_utc": _eta(facts, present) if working else None,
         "missing": missing_in_words(plan, facts.done, facts.attempts),
         "simulated": night.simulated,
-        "identity": facts.journal.identity(facts.events),
-        "units": [] if facts.journal.unit else _units(facts, state, reason),
+        "identity": facts.journal.identity(),
+        "units": [] if facts.journal.unit else _units(facts),
         "set_aside": facts.journal.unit in _aside(facts) and state == "incomplete",
         "began_utc": night.began_utc.isoformat(),
         "last_utc": night.utc(facts.last_s).isoformat(),
@@ -140,7 +141,7 @@ def _document(facts: _Facts) -> dict[str, Any]:
         "paused": _paused(facts) if state == "paused" else None,
         "prompt": _prompt(facts) if state == "running" else None,
         "killed": facts.owner is None and facts.controller is not None and facts.controller.ended is None,
-        "in_spec": None if working or facts.journal.found else recorded_end(facts.journal).get("in_spec"),
+        "in_spec": None if facts.journal.found else recorded_end(facts.journal).get("in_spec"),
         "chamber": left.word.value if left else None,
         "chamber_in_words": forsaken or str(left or (_NOT_TOLD if facts.journal.found else "")),
         "problems": [
@@ -289,26 +290,14 @@ def _aside(facts: _Facts) -> Mapping[str, str]:
     return {event.evidence["unit"]: f"set aside at {at[event.number]}: {event.evidence['why']}" for event in said}
 
 
-def _units(facts: _Facts, state: str, reason: str) -> list[dict[str, Any]]:
+def _units(facts: _Facts) -> list[dict[str, Any]]:
     """Return how each of several units stands; nothing where the bench lists none."""
-    aside, told, over = _aside(facts), [], state not in ("running", "paused")
+    told = []
     for unit in filter(None, facts.journal.plan.units):
-        plan = facts.journal.plan.of_unit(unit)
-        runs, whole = plan.self_calibrations, all(step.key in facts.done for step in plan.steps)
-        done = sum(all(step.key in facts.done for step in steps) for steps in runs.values())
-        lacks = ("incomplete", aside[unit]) if unit in aside else (state, reason)
-        stands = ("complete", "every planned step is done") if whole else lacks
-        told.append(
-            {
-                "unit": unit,
-                "folder": str(unit_folder(facts.journal.folder, unit)),
-                **dict(zip(("state", "reason"), stands, strict=True)),
-                "set_aside": unit in aside and not whole,
-                "self_calibrations_done": done,
-                "self_calibrations_total": len(runs),
-                **{key: recorded_end(facts.journal, unit).get(key) if over else None for key in ("verdict", "in_spec")},
-            }
-        )
+        own = _document(_Facts.of(facts.journal.of_unit(unit)))
+        verdict = recorded_end(facts.journal, unit).get("verdict")
+        folder = str(unit_folder(facts.journal.folder, unit))
+        told.append({"unit": unit, "folder": folder, **{key: own[key] for key in _OF_A_UNIT}, "verdict": verdict})
     return told
 
 
