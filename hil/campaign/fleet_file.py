@@ -11,7 +11,6 @@ stand together and in one row group.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import replace
 from functools import lru_cache
 from itertools import chain, pairwise
@@ -22,12 +21,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from drivers.given_file import opened
 from hil.campaign.data import Campaign, Collects, FloatArray, Sensor
 from hil.campaign.header import Header, parse_header
 from hil.campaign.reader import IDENTITY, NUMBERED, collects_from, columns_for
 from hil.campaign.writer import columns_of, header_of
 from hil.errors import InputError
+from hil.files.columns import opened_parquet
 from hil.files.durable import check_new, whole_file
 from procedures.verdict import Verdict
 
@@ -94,7 +93,7 @@ def _table(folder: str, campaign: Campaign) -> pa.Table:
 
 def pieces_of(path: Path) -> int:
     """Return how many pieces a file has; raises `InputError` where it is none, or a column is not what it must be."""
-    with _opened(path) as file:
+    with opened_parquet(path) as file:
         schema = file.schema_arrow
         for name in (*ABOUT, *IDENTITY):
             if name not in schema.names:
@@ -116,7 +115,7 @@ def read_piece(path: Path, piece: int) -> Iterator[tuple[str, Campaign | str]]:
 
     Raises `InputError` where the file cannot be read. Warnings are those of the folder, which its reader gives.
     """
-    with _opened(path) as file:
+    with opened_parquet(path) as file:
         table = file.read_row_group(piece, use_threads=False)
     about = {name: table.column(name).to_pylist() for name in ABOUT}
     position = np.array(table.column("position").to_pylist(), dtype=str)
@@ -161,12 +160,3 @@ def _collects(where: str, sensor: Sensor, numbers: Mapping[str, FloatArray], pos
     known = {*IDENTITY, *chain.from_iterable(own.values())}
     others = {name: values for name, values in numbers.items() if name not in known and not np.all(np.isnan(values))}
     return collects_from(sensor, position, {**numbers, **errors}, others)
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[pq.ParquetFile]:
-    try:
-        with opened(path, None) as file, pq.ParquetFile(file, pre_buffer=False) as found:
-            yield found
-    except pa.ArrowException as error:
-        raise InputError(f"{path}: it is no Parquet file that can be read ({' '.join(str(error).split())})") from error

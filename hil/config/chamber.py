@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field, NonNegativeInt, PositiveInt, model_validator
+from pydantic import AfterValidator, Field, NonNegativeInt, PositiveInt, model_validator
 
 from drivers.chambers import CHAMBER_DRIVERS, ChamberLimits, SafeState
 from drivers.chambers.catalogue import SerialLine, WarningLimits
@@ -11,7 +11,7 @@ from drivers.chambers.controllers.voetsch_ascii import AsciiLayout
 from drivers.chambers.setpoints import COLDEST_POSSIBLE_DEGC, HOTTEST_POSSIBLE_DEGC
 from drivers.transports.framing import Terminator
 from hil.config.ports import SIMULATED_SCHEME, ChamberPort
-from hil.config.sections import settings_of, to_settings
+from hil.config.sections import settings_of
 from hil.files.strict import Section
 from hil.files.units import CelsiusDifference, CelsiusPerMinute, Seconds
 from procedures.words import listed
@@ -47,10 +47,6 @@ def _possible(limits: ChamberLimits) -> ChamberLimits:
     return limits
 
 
-def _layout(given: object) -> AsciiLayout | None:
-    return None if given is None else to_settings(given, AsciiLayout)
-
-
 class ChamberSection(Section):
     """The chamber's port, its controller, its limits and its safe state.
 
@@ -74,7 +70,7 @@ class ChamberSection(Section):
     ramp: Annotated[CelsiusPerMinute, Field(gt=0.0, le=100.0)] | None = None
     dead_man: Annotated[Seconds, Field(ge=600.0, le=7 * 86400.0)] | None = None
     description: str | None = None
-    layout: Annotated[AsciiLayout | None, BeforeValidator(_layout)] = None
+    layout: Annotated[AsciiLayout, settings_of(AsciiLayout)] | None = None
     warning_limits: WarningLimits | None = None
     model: str = ""
     celsius_confirmed: bool = False

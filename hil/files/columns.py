@@ -10,7 +10,8 @@ What a cell holds is not looked at; a table that this project wrote says units a
 import csv
 import io
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -60,11 +61,22 @@ def read_columns(path: Path) -> Columns:
         raise InputError(f"{path}: cannot be read as a table of numbers ({' '.join(str(error).split())})") from None
 
 
+def _of_table(path: Path, table: pa.Table, units: Mapping[str, str] | None = None, simulated: bool = False) -> Columns:
+    """Return the columns of numbers, NaN where a cell is empty, and those of words, empty there."""
+    numbers, words = dict[str, NDArray[np.float64]](), dict[str, NDArray[np.str_]]()
+    for name, kind in zip(table.schema.names, table.schema.types, strict=True):
+        plain = name.removeprefix("\ufeff").strip()
+        if pa.types.is_floating(kind) or pa.types.is_integer(kind):
+            numbers[plain] = np.asarray(table[name].cast(pa.float64()).to_numpy(zero_copy_only=False))
+        elif pa.types.is_string(kind):
+            words[plain] = np.array([cell or "" for cell in table[name].to_pylist()], dtype=np.str_)
+    return Columns(path, numbers, units or {}, simulated, words)
+
+
 def _parquet(path: Path) -> Columns:
     table = read_parquet(path)
     units = {each.name: ((each.metadata or {}).get(b"unit") or b"").decode() for each in table.schema}
-    simulated = (table.schema.metadata or {}).get(b"simulated") == b"true"
-    return Columns(path, _numbers(table), units, simulated, _words(table))
+    return _of_table(path, table, units, (table.schema.metadata or {}).get(b"simulated") == b"true")
 
 
 def _numpy(path: Path) -> Columns:
@@ -110,7 +122,7 @@ def _text(path: Path, delimiter: str | None) -> Columns:
             table = read_csv(path, file, None if named else names, delimiter, point)
             if not table.num_rows:
                 raise ValueError("no row stands under the names of its columns")
-            return Columns(path, _numbers(table), texts=_words(table))
+            return _of_table(path, table)
         try:
             rows = np.loadtxt(file, delimiter=delimiter, skiprows=before + named, ndmin=2, encoding="utf-8-sig")
         except ValueError:
@@ -130,22 +142,6 @@ def _first_odd_row(file: BinaryIO, delimiter: str | None, before: int, count: in
     return f"{counted(count, 'column')} named, and no row holds so many numbers"
 
 
-def _numbers(table: pa.Table) -> dict[str, NDArray[np.float64]]:
-    """Return the columns of numbers, (n,) each, NaN where a cell is empty."""
-    numeric = [each.name for each in table.schema if pa.types.is_floating(each.type) or pa.types.is_integer(each.type)]
-    columns = {name: table[name].cast(pa.float64()).to_numpy(zero_copy_only=False) for name in numeric}
-    return {name.removeprefix("\ufeff").strip(): np.asarray(values) for name, values in columns.items()}
-
-
-def _words(table: pa.Table) -> dict[str, NDArray[np.str_]]:
-    """Return the columns of words, (n,) each, empty where a cell is."""
-    words = [each.name for each in table.schema if pa.types.is_string(each.type)]
-    return {
-        name.removeprefix("\ufeff").strip(): np.array([cell or "" for cell in table[name].to_pylist()], dtype=np.str_)
-        for name in words
-    }
-
-
 def is_number(cell: str) -> bool:
     """Tell whether a cell holds a number, and nothing else."""
     try:
@@ -155,16 +151,23 @@ def is_number(cell: str) -> bool:
     return True
 
 
-def read_parquet(path: Path) -> pa.Table:
-    """Return a Parquet file's table; raise `InputError` where it is none, too large, or names a column twice."""
+@contextmanager
+def opened_parquet(path: Path, largest_mb: float | None = None) -> Iterator[pyarrow.parquet.ParquetFile]:
+    """Open a Parquet file of at most so many MB; raise `InputError` where it is none, or is damaged."""
     try:
-        with opened(path, RECORDING_MB) as file, pyarrow.parquet.ParquetFile(file, pre_buffer=False) as table:
-            # A few bytes may stand for any number of equal values.
-            check_size(path, 8 * table.metadata.num_rows * table.metadata.num_columns, RECORDING_MB, "read, it takes")
-            check_names(path, table.schema_arrow.names)
-            return table.read(use_threads=False)
+        with opened(path, largest_mb) as file, pyarrow.parquet.ParquetFile(file, pre_buffer=False) as found:
+            yield found
     except pa.ArrowException as error:
         raise InputError(f"{path}: it is no Parquet file that can be read ({' '.join(str(error).split())})") from error
+
+
+def read_parquet(path: Path) -> pa.Table:
+    """Return a Parquet file's table; raise `InputError` where it is none, too large, or names a column twice."""
+    with opened_parquet(path, RECORDING_MB) as table:
+        # A few bytes may stand for any number of equal values.
+        check_size(path, 8 * table.metadata.num_rows * table.metadata.num_columns, RECORDING_MB, "read, it takes")
+        check_names(path, table.schema_arrow.names)
+        return table.read(use_threads=False)
 
 
 def read_csv(
