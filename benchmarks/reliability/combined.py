@@ -24,7 +24,7 @@ from benchmarks.reliability import nights
 from benchmarks.reliability.rehearsal import rehearse, with_faults
 from benchmarks.reliability.rehearse import bench
 from hil.config import parse_sweep
-from hil.config.faults import CATALOGUE, Fault
+from hil.config.simulation import CATALOGUE, Fault
 from procedures.plan import make_plan
 
 SWEEP = parse_sweep(nights._SWEEP.replace("23 degC", "40 degC") + "final: 23 degC\n", "combined.yaml")

@@ -6,7 +6,7 @@ import math
 import random
 from collections.abc import Callable, Mapping
 
-from hil.config.faults import CATALOGUE, Device, Fault
+from hil.config.simulation import CATALOGUE, Device, Fault
 from procedures.plan import Plan
 
 _OFTEN: Mapping[Device, int] = {"imu": 4, "chamber": 4, "disk": 1, "clock": 1, "controller": 1}

@@ -3,10 +3,10 @@
     for night in rehearse(sweep, bench, nights=100, seed=1, folder=Path("rehearsals")):
         night.document()     # faults, how it ended and why, whether the chamber is safe, what is wrong (nothing)
 
-Every night runs in a process of its own, through the production path, with faults of `hil.config.faults` drawn by its
-seed. Where one of them kills the controller the night is carried on, as a service would. A night is survived when it is
-complete, or incomplete with a reason that one of its faults explains and a safe chamber; when its records are sound;
-and when no self-calibration that is called PASS has a parameter that the simulated unit does not have.
+Every night runs in a process of its own, through the production path, with faults of `hil.config.simulation` drawn by
+its seed. Where one of them kills the controller the night is carried on, as a service would. A night is survived when
+it is complete, or incomplete with a reason that one of its faults explains and a safe chamber; when its records are
+sound; and when no self-calibration that is called PASS has a parameter that the simulated unit does not have.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ import yaml
 from benchmarks.reliability.random_faults import draw_faults
 from hil.bench import LiveBench
 from hil.config import Bench, Sweep, check_sweep_against_bench, parse_bench, planned
-from hil.config.faults import Fault
+from hil.config.simulation import Fault
 from hil.errors import Damaged, InputError
 from hil.files.strict import parse_yaml
 from hil.night import NightOutcome, resume_night, start_night

@@ -27,14 +27,12 @@ from hil.campaign import FloatArray, Sensor
 from hil.campaign.data import Technology
 from hil.campaign.header import hangs_together
 from hil.config.chamber import ChamberSection
-from hil.config.faults import Fault
-from hil.config.orientation import build_orientations
 from hil.config.people import InstrumentSection, LaboratorySection, NotifySection, each_once
 from hil.config.ports import SIMULATED_SCHEME
 from hil.config.sections import settings_of
-from hil.config.simulation import SimulationSection
+from hil.config.simulation import Fault, SimulationSection
 from hil.config.site import UncertaintySection, site_of
-from hil.config.unit import ASK, ImuSection, UnitSection, labels, of_each, where_listed
+from hil.config.unit import ASK, ImuSection, UnitSection, build_orientations, labels, of_each, where_listed
 from hil.errors import InputError
 from hil.files.strict import NAME, Section, WholeFile, find_config, near, parse_yaml, read_text
 from hil.files.units import DegreesPerHour, Seconds

@@ -1,22 +1,39 @@
-"""The simulation section of a bench file: what the simulated unit and chamber are like."""
+"""What the simulated unit and chamber of a bench file are like, and what goes wrong with them, and when.
 
-from typing import Annotated
+    faults:
+      - {at: 2 h, device: imu, kind: silence, duration: 10 min}
+      - {at: T1/S1/restabilise, device: chamber, kind: alarm}     # as the step begins
+      - {at: 95 min, device: imu, kind: corrupted_bytes, size: 0.2, duration: 5 min}
 
-from pydantic import BeforeValidator, Field, NonNegativeInt
+`CATALOGUE` says what there is. `hil.twin.faults` makes it happen.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated, Literal, Self
+
+from pydantic import BeforeValidator, Field, NonNegativeInt, model_validator
 
 from drivers.simulators.chambers.controller import ChamberFault
 from drivers.simulators.unit import FaultWindow
+from drivers.strict_yaml import packaged
 from hil.config.sections import settings_of
-from hil.files.strict import Section
+from hil.files.strict import Section, near
 from hil.files.units import (
+    DIFFERENCE,
+    TEMPERATURE,
+    TIME,
     Celsius,
     CelsiusDifference,
     CelsiusPerMinute,
     DegreesPerHour,
     Gravities,
+    Kind,
     RandomWalk,
     Seconds,
     Volts,
+    to_number,
 )
 
 PositiveSeconds = Annotated[Seconds, Field(gt=0.0)]
@@ -91,3 +108,102 @@ class SimulationSection(Section):
     chamber: SimulatedChamberSection = SimulatedChamberSection()
     imu_faults: tuple[Annotated[FaultWindow, settings_of(FaultWindow)], ...] = ()
     chamber_faults: tuple[Annotated[ChamberFault, settings_of(ChamberFault)], ...] = ()
+
+
+Device = Literal["imu", "chamber", "disk", "clock", "operator", "controller"]
+
+_JUMP = Kind("a time", "second", "-90 s")
+
+
+def _text(value: object) -> object:
+    """A number without its unit is said to be one by `to_number`."""
+    return str(value) if isinstance(value, int | float) else value
+
+
+@dataclass(frozen=True)
+class FaultKind:
+    """One thing that can go wrong: what it is in words and to a simulator, and what its size is and `sets` there.
+
+    `size` is a kind of quantity, or "share" for a fraction of the frames; None where it has none, and then `usual` is
+    meaningless. `lasts` is True for a state, which has a duration, and False for something that happens in a moment.
+    """
+
+    means: str
+    simulated: str
+    size: Kind | Literal["share"] | None = None
+    sets: str = ""
+    usual: float = 0.0
+    lasts: bool = True
+
+
+_SIZES = {"time": TIME, "jump": _JUMP, "temperature": TEMPERATURE, "difference": DIFFERENCE}
+CATALOGUE: Mapping[Device, Mapping[str, FaultKind]] = {
+    device: {
+        kind: FaultKind(**{"simulated": kind} | said | {"size": _SIZES.get(said.get("size"), said.get("size"))})
+        for kind, said in of.items()
+    }
+    for device, of in packaged("hil.config", "faults.yaml").items()
+}
+
+
+class Fault(Section):
+    """One fault. `at` is a time since the night began, or the key of a step as `hil plan --json` shows it.
+
+    `unit` is the serial number of the unit that it happens to; of several it happens to all where none is said.
+    """
+
+    at: Annotated[str, BeforeValidator(_text)]
+    device: Device
+    kind: str
+    size: float | str | None = None
+    duration: Annotated[str | None, BeforeValidator(_text)] = None
+    unit: Annotated[str, BeforeValidator(str)] = ""
+
+    @model_validator(mode="after")
+    def _makes_sense(self) -> Self:
+        kinds = CATALOGUE[self.device]
+        if self.kind not in kinds:
+            raise ValueError(f"kind: {self.kind!r} is nothing that happens to {self.device}{near(self.kind, [*kinds])}")
+        if not self.at.strip():
+            raise ValueError("at: a time such as 2 h, or a step's key such as T1/S1/restabilise, is needed")
+        _ = self.at_s, self.amount
+        if self.unit and self.device != "imu":
+            raise ValueError(f"unit: what happens to {self.device} happens to no unit; leave it out")
+        if self.duration is not None and not self.meaning.lasts:
+            raise ValueError(f"duration: {self.kind} happens in a moment; leave the duration out")
+        _ = self.duration_s
+        return self
+
+    @cached_property
+    def amount(self) -> float:
+        """The size in s, °C or as a share: the file's, or the usual one; `ValueError` where it cannot be."""
+        kind = self.meaning
+        if self.size is None:
+            return kind.usual
+        if kind.size is None:
+            raise ValueError(f"size: {self.kind} has no size; leave it out")
+        if not isinstance(kind.size, str):
+            return to_number(self.size, kind.size)
+        if isinstance(self.size, str) or not 0.0 < self.size <= 1.0:
+            raise ValueError(f"size: {self.size!r} is not a share of the frames; write a number above 0 and up to 1")
+        return float(self.size)
+
+    @cached_property
+    def at_s(self) -> float | None:
+        """Seconds since the night began; None where it waits for the step `at`."""
+        return to_number(self.at, TIME) if self.at[0] in "0123456789+-." else None
+
+    @cached_property
+    def duration_s(self) -> float | None:
+        """How long it lasts, s; None for the rest of the night."""
+        return None if self.duration is None else to_number(self.duration, TIME)
+
+    @property
+    def meaning(self) -> FaultKind:
+        """What the catalogue says about it."""
+        return CATALOGUE[self.device][self.kind]
+
+    def __str__(self) -> str:
+        size = "" if self.size is None else f" {self.size}"
+        lasts = "" if self.duration is None else f" for {self.duration}"
+        return f"{self.device}{f' {self.unit}' if self.unit else ''} {self.kind}{size} at {self.at}{lasts}"

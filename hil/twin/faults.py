@@ -21,8 +21,8 @@ from drivers.positioners.operator import AskOperator
 from drivers.simulators.chambers.controller import ChamberFault, ChamberFaultKind
 from drivers.simulators.memory import MemoryTransport
 from drivers.simulators.unit import FaultWindow, ImuFault
-from hil.config.faults import Fault
 from hil.config.ports import unit_port
+from hil.config.simulation import Fault
 from hil.files.durable import RealDisk
 from hil.twin.devices import SimulatedBench
 from hil.twin.motion import FROM_THE_START, Resumed

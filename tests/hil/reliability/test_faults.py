@@ -14,7 +14,7 @@ from drivers.clock import VirtualClock
 from drivers.errors import TransportError
 from hil.bench import build_bench
 from hil.config import Bench, load_bench, parse_bench, parse_sweep
-from hil.config.faults import CATALOGUE, Fault
+from hil.config.simulation import CATALOGUE, Fault
 from hil.errors import InputError
 from hil.night import resume_night, start_night
 from hil.records import open_readonly

@@ -16,7 +16,7 @@ import yaml
 from benchmarks.reliability.rehearsal import Witness, begun, rehearse, wrong_end, wrong_records
 from benchmarks.reliability.rehearse import bench, sweep
 from hil.config import load_bench, load_sweep
-from hil.config.faults import Fault
+from hil.config.simulation import Fault
 from hil.errors import InputError
 from hil.night import start_night
 from hil.records.status import night_status

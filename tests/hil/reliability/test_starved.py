@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.reliability.combined import lies, pairs
-from hil.config.faults import CATALOGUE
+from hil.config.simulation import CATALOGUE
 from procedures.sweep_outcome import SweepState, state_after, why
 
 _ROOT = Path(__file__).resolve().parents[3]
