@@ -32,10 +32,8 @@ from drivers.transports.transport import ClosedPort
 from hil.config import Bench
 from hil.config.recorded import configuration_of
 from hil.errors import Damaged, InputError
-from hil.files.document import picked
-from hil.records import JournalReader, reading
+from hil.records import reading
 from hil.records.blocks import RAW, SAMPLES, Block, DamagedBlock, Samples, read_raw, read_samples
-from hil.records.units import night_of
 from procedures.collect import reduce_collect
 from procedures.plan import StepKind
 from procedures.settings import CollectSettings
@@ -51,67 +49,50 @@ def replay_night(folder: Path | str) -> dict[str, Any]:
     `raw_missing` names the collects whose raw bytes are not there, `differences` says in words what does not come out
     as recorded. `identical` is true where at least one collect was checked and both lists are empty.
     """
-    folder = Path(folder)
-    replay = _Replay(night_of(folder))
     simulated: bool | None = None
+    checked, raw_missing, differences = 0, list[str](), list[str]()
     try:
-        with reading(folder, damaged_too=True) as journal:
-            replay.differences += journal.found
+        with reading(Path(folder), damaged_too=True) as journal:
+            differences += journal.found
             simulated = journal.night.simulated
-            replay.averages(journal)
+            streams = _Stream.of_each(journal.night.configuration)
+            blocks = {(row.step_key, row.attempt, row.block.kind): row.block for row in journal.blocks()}
+            done = journal.done_attempts()
+            for step in (step for step in journal.plan.of_kind(StepKind.COLLECT) if step.key in done):
+                attempt = done[step.key]
+                raw, stored = (blocks.get((step.key, attempt.attempt, kind)) for kind in (RAW, SAMPLES))
+                if raw is None or not (journal.folder / raw.path).exists():
+                    raw_missing.append(step.key)
+                    continue
+                checked += stored is not None
+                different = _different_collect(journal.folder, attempt.data, streams[step.unit or ""], raw, stored)
+                differences += [f"{step.key}: {each}" for each in different]
     except Damaged as error:
-        replay.differences += [] if replay.differences else [str(error)]  # damage, which has been named by then
-    return {
-        "schema": SCHEMA,
-        "simulated": simulated,
-        "identical": bool(replay.checked) and not replay.differences and not replay.raw_missing,
-        **picked(replay, "collects_checked=checked differences raw_missing"),
-    }
+        differences += [] if differences else [str(error)]  # damage, which has been named by then
+    identical = bool(checked) and not differences and not raw_missing
+    told = {"schema": SCHEMA, "simulated": simulated, "identical": identical, "collects_checked": checked}
+    return told | {"differences": differences, "raw_missing": raw_missing}
 
 
-class _Replay:
-    """What has been computed again so far, and what did not come out as recorded."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self.checked = 0
-        self.differences: list[str] = []
-        self.raw_missing: list[str] = []
-
-    def averages(self, journal: JournalReader) -> None:
-        """Compute every collect that is done again."""
-        streams = _Stream.of_each(journal.night.configuration)
-        blocks = {(row.step_key, row.attempt, row.block.kind): row.block for row in journal.blocks()}
-        done = journal.done_attempts()
-        for step in journal.plan.of_kind(StepKind.COLLECT):
-            if step.key not in done:
-                continue
-            attempt = done[step.key]
-            raw, stored = (blocks.get((step.key, attempt.attempt, kind)) for kind in (RAW, SAMPLES))
-            if raw is None or not (self._folder / raw.path).exists():
-                self.raw_missing.append(step.key)
-            elif stored is None:
-                self.differences.append(f"{step.key}: no samples are recorded with the collect")
-            else:
-                self._collect(step.key, attempt.data, streams[step.unit or ""], raw, stored)
-
-    def _collect(self, key: str, data: Mapping[str, Any], stream: _Stream, raw: Block, stored: Block) -> None:
-        self.checked += 1
-        try:
-            samples, content = read_samples(self._folder, stored), read_raw(self._folder, raw)
-        except DamagedBlock as damage:
-            self.differences.append(f"{key}: {damage}")
-            return
-        columns = stream.decode(content, len(samples.time_s))
-        different = list(_different_samples(samples, columns))
-        self.differences += [f"{key}: {each}" for each in different]
-        if different and any(len(column) != len(samples.time_s) for column in columns.values()):
-            return  # without the frames that belong to the stored times nothing can be averaged
-        computed = stream.reduce(samples.time_s, columns, data)
-        for name, value in computed.items():
-            if name != _TAKEN:
-                said = _different((name,), data.get(name), value)
-                self.differences += [f"{key}: {each}" for each in said]
+def _different_collect(
+    folder: Path, data: Mapping[str, Any], stream: _Stream, raw: Block, stored: Block | None
+) -> Iterator[str]:
+    """Yield a sentence for everything in which a collect that is computed again is not what was recorded."""
+    if stored is None:
+        yield "no samples are recorded with the collect"
+        return
+    try:
+        samples, content = read_samples(folder, stored), read_raw(folder, raw)
+    except DamagedBlock as damage:
+        yield str(damage)
+        return
+    columns = stream.decode(content, len(samples.time_s))
+    yield from (different := list(_different_samples(samples, columns)))
+    if different and any(len(column) != len(samples.time_s) for column in columns.values()):
+        return  # without the frames that belong to the stored times nothing can be averaged
+    for name, value in stream.reduce(samples.time_s, columns, data).items():
+        if name != _TAKEN:
+            yield from _different((name,), data.get(name), value)
 
 
 @dataclass(frozen=True)
