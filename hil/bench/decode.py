@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from decimal import Decimal
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -62,13 +63,10 @@ def decode_file(path: Path, description: StreamDescription, *, out: Path | None 
         raise InputError(f"{out}: the table is written as .parquet or .csv; give a name that ends so")
     if out is not None and out.exists() and path.exists() and out.samefile(path):
         raise InputError(f"{out}: is the file of raw bytes itself, which the table would replace; name another file")
-    summary = _Summary(description)
-    for decoded in _decoded(path, description):
-        summary.add(decoded)
-    document = {"schema": SCHEMA, "file": str(path), "description": description.name, **summary.document()}
-    document["warnings"] = [*misfit(path, description, summary.counts), *summary.mistakes()]
+    summary, seen = _summary(path, description)
+    document = {"schema": SCHEMA, "file": str(path), "description": description.name, **summary}
     if out is not None:
-        _write_table(path, description, summary.seen, out)
+        _write_table(path, description, seen, out)
         document["out"] = str(out)
     return document
 
@@ -82,53 +80,39 @@ def _decoded(path: Path, description: StreamDescription) -> Iterator[Decoded]:
     yield decoder.finish()
 
 
-class _Summary:
-    """What a file holds: counts, frames by type, and its first and last good frame."""
+def _summary(path: Path, description: StreamDescription) -> tuple[dict[str, Any], dict[str, set[str]]]:
+    """Return what a file holds: counts, frames by type, its first and last good frame, what does not fit.
 
-    def __init__(self, description: StreamDescription) -> None:
-        self.counts = StreamCounts()
-        self._habits = {
-            name: CounterHabit(name, frame, description.sample_rate_hz) for name, frame in description.frames.items()
-        }
-        self._frames = dict.fromkeys(description.frames, 0)
-        self._first: tuple[str, FrameBatch, int] | None = None
-        self._last: tuple[str, FrameBatch, int] | None = None
-        self.seen: dict[str, set[str]] = {}
-        """By frame type that occurs, the fields that occur."""
-
-    def add(self, decoded: Decoded) -> None:
-        """Take the frames of one chunk."""
-        self.counts += decoded.counts
+    And by the type of frame that occurs, the fields that occur.
+    """
+    counts, numbers, seen = StreamCounts(), dict.fromkeys(description.frames, 0), dict[str, set[str]]()
+    habits = {name: CounterHabit(name, frame, description.sample_rate_hz) for name, frame in description.frames.items()}
+    first: tuple[str, FrameBatch] | None = None
+    last: tuple[str, FrameBatch] | None = None
+    for decoded in _decoded(path, description):
+        counts += decoded.counts
         found = [(name, batch) for name, batch in decoded.frames.items() if len(batch)]
         for name, batch in found:
-            self._frames[name] += len(batch)
-            if name in self._habits:
-                self._habits[name].add(batch)
+            numbers[name] += len(batch)
+            habits[name].add(batch)
             fields = batch.layout.description.all_fields
-            told = {field for field in fields if fields[field].is_text or batch.told(field).any()}
-            self.seen.setdefault(name, set()).update(told)
+            seen.setdefault(name, set()).update(of for of in fields if fields[of].is_text or batch.told(of).any())
         if found:
-            if self._first is None:
-                self._first = (*min(found, key=lambda each: int(each[1].starts[0])), 0)
-            self._last = (*max(found, key=lambda each: int(each[1].starts[-1])), -1)
-
-    def mistakes(self) -> Iterator[str]:
-        """Say what does not fit about counters."""
-        if self.counts.duplicate > self.counts.ok:
-            yield "most frames repeat the counter of the one before and are left out: compare counter.modulus and step"
-        for habit in self._habits.values():
-            yield from habit.mistakes()
-
-    def document(self) -> dict[str, Any]:
-        """Return the part of the document that is about the frames."""
-        return {
-            "frames": {name: count for name, count in self._frames.items() if count},
-            **vars(self.counts),
-            "first": None if self._first is None else _fields_of(*self._first[1:]),
-            "last": None if self._last is None else _fields_of(*self._last[1:]),
-            "first_frame": None if self._first is None else self._first[0],
-            "last_frame": None if self._last is None else self._last[0],
-        }
+            first = first or min(found, key=lambda each: int(each[1].starts[0]))
+            last = max(found, key=lambda each: int(each[1].starts[-1]))
+    warnings = list(misfit(path, description, counts))
+    if counts.duplicate > counts.ok:
+        repeated = "most frames repeat the counter of the one before and are left out"
+        warnings.append(f"{repeated}: compare counter.modulus and step")
+    return {
+        "frames": {name: count for name, count in numbers.items() if count},
+        **vars(counts),
+        "first": first and _fields_of(first[1], 0),
+        "last": last and _fields_of(last[1], -1),
+        "first_frame": first and first[0],
+        "last_frame": last and last[0],
+        "warnings": [*warnings, *chain.from_iterable(habit.mistakes() for habit in habits.values())],
+    }, seen
 
 
 def _fields_of(batch: FrameBatch, at: int) -> dict[str, Any]:
