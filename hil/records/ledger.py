@@ -16,6 +16,7 @@ import hashlib
 import hmac
 import json
 import os
+import re
 import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -28,6 +29,7 @@ HEAD_NAME = "journal.head"
 TABLES = ("night", "steps", "controllers", "attempts", "blocks", "events", "heartbeats", "requests")
 """Every table whose rows are chained. The first column of each is its row number."""
 
+_HEAD = re.compile(rb"hil\.head/1 (\d+) ([0-9a-f]{64})(?: [0-9a-f]{64})? *")
 _HEAD_SIZE = 180  # bytes, always, so that it is written in place, within one sector
 _UNSIGNED_SIZE = 100  # as nights were recorded that could not be signed
 _SHORTEST_KEY = 16  # bytes
@@ -108,14 +110,10 @@ def read_head(folder: Path) -> tuple[int, str] | None:
     try:
         while (text := _head_bytes(path)) != _head_bytes(path):
             pass  # it was just being written
-        kind, number, link, *signature = words = text.decode().split()
-        whole = kind == "hil.head/1" and [*map(len, signature)] in ([], [64])
-        whole = (
-            whole and len(text) in (_HEAD_SIZE, _UNSIGNED_SIZE) and " ".join(words).ljust(len(text)).encode() == text
-        )
-        return (int(number), link) if whole else (0, "damaged")
-    except (OSError, ValueError, InputError):
-        return 0, "damaged"
+        found = _HEAD.fullmatch(text) if len(text) in (_HEAD_SIZE, _UNSIGNED_SIZE) else None
+    except InputError:
+        found = None
+    return (int(found[1]), found[2].decode()) if found else (0, "damaged")
 
 
 def _head_bytes(path: Path) -> bytes:
