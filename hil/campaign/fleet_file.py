@@ -11,6 +11,7 @@ stand together and in one row group.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import lru_cache
 from itertools import chain, pairwise
@@ -46,36 +47,30 @@ def write_fleet_file(campaigns: Iterable[tuple[str, Campaign | str]], path: Path
     """
     check_new(path)
     told: dict[str, str] = {}
-    with whole_file(path) as partial:
+    with whole_file(path) as partial, ExitStack() as opened:
         writer: pq.ParquetWriter | None = None
         kept: list[pa.Table] = []
-        try:
-            for folder, campaign in campaigns:
-                if isinstance(campaign, str):
-                    told[folder] = campaign
-                    continue
-                table = _table(folder, campaign)
-                writer = writer or pq.ParquetWriter(partial, table.schema, compression="zstd")
-                if table.schema != writer.schema:
-                    apart = sorted({*table.schema.names} ^ {*writer.schema.names})
-                    told[folder] = (
-                        f"left out: of it and the first campaign, one lacks {', '.join(apart)}; "
-                        "such campaigns need a file of their own"
-                    )
-                    continue
-                kept.append(table)
-                if len(kept) == PIECE:
-                    writer.write_table(pa.concat_tables(kept))
-                    kept = []
-            if writer is None:
-                raise InputError(
-                    "; ".join(f"{folder}: {why}" for folder, why in list(told.items())[:3]) or "no campaign"
+        for folder, campaign in campaigns:
+            if isinstance(campaign, str):
+                told[folder] = campaign
+                continue
+            table = _table(folder, campaign)
+            writer = writer or opened.enter_context(pq.ParquetWriter(partial, table.schema, compression="zstd"))
+            if table.schema != writer.schema:
+                apart = sorted({*table.schema.names} ^ {*writer.schema.names})
+                told[folder] = (
+                    f"left out: of it and the first campaign, one lacks {', '.join(apart)}; "
+                    "such campaigns need a file of their own"
                 )
-            if kept:
+                continue
+            kept.append(table)
+            if len(kept) == PIECE:
                 writer.write_table(pa.concat_tables(kept))
-        finally:
-            if writer is not None:
-                writer.close()
+                kept = []
+        if writer is None:
+            raise InputError("; ".join(f"{folder}: {why}" for folder, why in list(told.items())[:3]) or "no campaign")
+        if kept:
+            writer.write_table(pa.concat_tables(kept))
     return told
 
 

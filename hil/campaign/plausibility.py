@@ -269,24 +269,17 @@ def _laws(campaign: Campaign, series: Mapping[int, FloatArray]) -> Iterator[_Fou
     What two sensors contradict of each other is no fault of the one where other laws tell that it is the other's.
     """
     for group in _together(campaign):
-        pairs = [
-            (each, beside if beside is not each else None)
-            for each, beside in zip(group, [*group[1:], group[0]], strict=True)
-        ]
-        lost = {id(each): list(_lost(each, f"sensor {each.conditions.sensor.number}")) for each in group}
+        lost = [list(_lost(each, f"sensor {each.conditions.sensor.number}")) for each in group]
         # What a thermometer shows that has lost the air is held against no other record.
-        told = {id(each): _without_temperature(each, [rows for _, rows, _ in lost[id(each)]]) for each in group}
-        of = [
-            list(laws(told[id(each)], campaign.site, None if beside is None else told[id(beside)], series))
-            for each, beside in pairs
-        ]
+        told = [_without_temperature(each, [rows for _, rows, _ in own]) for each, own in zip(group, lost, strict=True)]
+        beside = [*told[1:], told[0]] if len(told) > 1 else [None]
+        of = [list(laws(each, campaign.site, other, series)) for each, other in zip(told, beside, strict=True)]
         alone = [np.any([law.broken for law in own if not law.mutual], axis=0) for own in of]
-        for collects, own, other in zip(group, of, [*alone[1:], alone[0]], strict=True):
-            name = f"sensor {collects.conditions.sensor.number}"
-            yield from lost[id(collects)]
+        for k, (collects, own) in enumerate(zip(group, of, strict=True)):
+            yield from lost[k]
             for law in own:
-                if (broken := law.broken & ~other if law.mutual else law.broken).any():
-                    yield [collects], broken, f"{name}: {law.words}"
+                if (broken := law.broken & ~alone[(k + 1) % len(group)] if law.mutual else law.broken).any():
+                    yield [collects], broken, f"sensor {collects.conditions.sensor.number}: {law.words}"
 
 
 def _off_the_case(campaign: Campaign, but: Collection[tuple[int, int]]) -> Iterator[str]:

@@ -32,9 +32,8 @@ def with_stand_ins(campaign: Campaign) -> Campaign:
     """Give every sensor the conditions that effects ask for under the names that they ask by.
 
     In a run in which it is off, the unit's temperature is what its case says; in runs without it, its mean through the
-    same setpoint; where that is not known either, the
-    case's, the chamber's or the setpoint's stands in for it in all; other spellings of a condition are recognised. Said
-    in the campaign's warnings.
+    same setpoint; where that is not known either, the case's, the chamber's or the setpoint's stands in for it in all;
+    other spellings of a condition are recognised. Said in the campaign's warnings.
     """
     sensors, said = dict(campaign.sensors), []
     for number, collects in campaign.sensors.items():
