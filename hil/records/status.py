@@ -46,8 +46,9 @@ _MISSING = {
     StepKind.SAFE_STATE: "the last step, which brings the chamber to its safe state",
 }
 _OF_A_UNIT = ("state", "reason", "set_aside", "self_calibrations_done", "self_calibrations_total", "in_spec")
-_SETPOINT = re.compile(r"setpoint \S+ °C")
-_WHOLE = re.compile(r"(?P<whose>units? .*: )?self-calibration (?P<run>\d+) (?P<at>at .*): all of it")
+_UNTOUCHED = re.compile(
+    r"(?P<whose>units? .*: )?self-calibration (?P<run>\d+) (?P<at>at .*): all of it|setpoint \S+ °C"
+)
 
 
 def night_status(folder: Path | str) -> dict[str, Any]:
@@ -356,17 +357,13 @@ def _missing(plan: Plan, done: Mapping[str, object], reasons: Mapping[str, str])
 def in_brief(missing: Sequence[str]) -> list[str]:
     """Return what is missing with neighbours that are wholly missing, and the setpoints between them, in one line."""
     told: list[str] = []
-
-    def alike(line: str) -> tuple[bool, str]:
-        whole = _WHOLE.fullmatch(line)
-        return bool(whole or _SETPOINT.fullmatch(line)), (whole and whole["whose"]) or ""
-
-    for (untouched, whose), group in groupby(missing, key=alike):
-        lines = list(group)
-        whole = [found for line in lines if (found := _WHOLE.fullmatch(line))]
-        if untouched and len(whole) > 1:
+    each = [(line, _UNTOUCHED.fullmatch(line)) for line in missing]
+    for whose, group in groupby(each, key=lambda pair: pair[1] and (pair[1]["whose"] or "")):
+        lines, found = zip(*group, strict=True)
+        whole = [one for one in found if one and one["run"]]
+        if len(whole) > 1:
             first, last = whole[0], whole[-1]
             where = first["at"] if first["at"] == last["at"] else f"{first['at']} to {last['at'].removeprefix('at ')}"
-            lines = [f"{whose}self-calibrations {first['run']}–{last['run']} {where}: all of them"]
+            lines = (f"{whose}self-calibrations {first['run']}–{last['run']} {where}: all of them",)
         told += lines
     return told
