@@ -62,19 +62,15 @@ def configuration_text(bench: Bench, sweep: Sweep, seed: int | None = None) -> s
         "sweep_file": sweep.source,
         "bench": parse_yaml(bench.text, bench.source),
         "sweep": parse_yaml(sweep.text, sweep.source),
-        "imu": whole_text(bench.imu_description),
     }
     if "unit" in document["bench"]:
         document["bench"]["unit"]["serial"] = bench.unit.serial  # which somebody may have typed
-    for name in (each for each in _files(document) if each not in _FILES):
+    for name in _files(document):
         kind, _, serial = name.partition("-")
-        model = bench.units[serial].simulation_model
-        own = whole_text(bench.units[serial].imu_description) if kind == "imu" else model and read_text(model)
-        document[name] = own
-    if bench.simulation_model is not None:
-        document["model"] = read_text(bench.simulation_model)
-    if bench.chamber_description is not None:
-        document["chamber"] = read_text(bench.chamber_description)
+        own = bench.units[serial] if serial else bench
+        path = {"imu": own.imu_description, "model": own.simulation_model, "chamber": own.chamber_description}.get(kind)
+        if path is not None:
+            document[name] = whole_text(path) if kind == "imu" else read_text(path)
     if (limits := limits_of(sweep, bench)) is not None:
         document |= {"limits": limits.text, "limits_file": limits.source}
     if seed is not None:
