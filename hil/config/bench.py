@@ -149,6 +149,8 @@ class Bench(WholeFile):
         for serial, bench in found.units.items():  # each is a bench of one unit
             bench._text = yaml.safe_dump(own[serial], sort_keys=False, allow_unicode=True)
             bench._source = source
+        for each in found.each.values():
+            _ = each.imu_description, each.simulation_model, each.chamber_description
         return found
 
     @model_validator(mode="after")
@@ -281,15 +283,10 @@ class Bench(WholeFile):
             raise InputError(f"{self._source or self.name}: {key}: {error}") from error
 
 
+parse_bench = Bench.parse
+
+
 def load_bench(name: str | Path) -> Bench:
     """Read a bench file, by path or by the name of one that ships with hil; raise `InputError` in one sentence."""
     path = find_config("benches", name)
     return parse_bench(read_text(path), str(path))
-
-
-def parse_bench(text: str, source: str) -> Bench:
-    """Read a bench from YAML text, such as the copy that a record kept; `source` names it in messages."""
-    bench = Bench.parse(text, source)
-    for each in bench.each.values():
-        _ = each.imu_description, each.simulation_model, each.chamber_description
-    return bench

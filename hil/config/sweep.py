@@ -61,15 +61,13 @@ class Sweep(WholeFile):
         )
 
 
+parse_sweep = Sweep.parse
+
+
 def load_sweep(name: str | Path) -> Sweep:
     """Read a sweep file, by path or by the name of one that ships with hil; raise `InputError` in one sentence."""
     path = find_config("sweeps", name)
     return parse_sweep(read_text(path), str(path))
-
-
-def parse_sweep(text: str, source: str) -> Sweep:
-    """Read a sweep from YAML text, such as the copy that a record kept; `source` names it in messages."""
-    return Sweep.parse(text, source)
 
 
 def planned(sweep: Sweep, bench: Bench) -> Plan:
