@@ -1,5 +1,7 @@
 """What other installed distributions bring, under entry points: chambers, positioners, effects, frame descriptions.
 
+And libraries that only some need: loaded where they are used, and a sentence where they are absent.
+
     BRINGS = Catalogue("hil.chambers", {"espec": ESPEC}, described)
     BRINGS["acme-oven"]               # what a distribution names in its [project.entry-points."hil.chambers"]
 
@@ -8,6 +10,7 @@ Names are known without loading anything: what is broken is told to who asks for
 
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
+from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Generic, TypeVar
 
@@ -61,3 +64,11 @@ class Catalogue(Mapping[str, Entry], Generic[Entry]):
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
+
+
+def library(name: str, extra: str) -> Any:
+    """Return the module `name`; raise `InputError` saying which `extra` of hil brings it where it is absent."""
+    try:
+        return import_module(name)
+    except ImportError:
+        raise InputError(f"this needs {name}, which is not installed: pip install 'hil[{extra}]' brings it") from None

@@ -15,11 +15,11 @@ from typing import Any, Literal
 
 import numpy as np
 
+from drivers.outside import library
 from hil.campaign.data import Campaign
 from hil.campaign.writer import columns_of, columns_of_series
 from hil.errors import InputError
 from hil.files.durable import check_new, write_result
-from hil.files.optional import library
 
 Format = Literal["hdf5", "netcdf", "mat"]
 

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
+from drivers.outside import library
 from drivers.strict_yaml import packaged
 from hil.cli.output import Aside, Lasting, messages, print_json, results
 from hil.errors import InputError
-from hil.files.optional import library
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -13,11 +13,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from drivers.outside import library
 from hil.campaign import Campaign
 from hil.cli.answer import Answer, Picture
 from hil.config import load_bench
 from hil.errors import InputError
-from hil.files.optional import library
 from hil.records.export import open_source
 from hil.records.reader import JOURNAL_NAME, is_night
 from procedures.words import counted, numbered
