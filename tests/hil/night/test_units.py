@@ -146,11 +146,17 @@ def test_a_name_that_a_simulated_unit_cannot_say_is_told_before_anything(
 def test_a_damaged_unit_has_no_report_and_the_others_have_theirs(
     finished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Told on the page over all of them and by the exit status; folders of units that were deleted come back."""
+    """Told on the page over all of them and by the exit status; folders of units that were deleted come back.
+
+    It is not complete, whether it is asked for by itself or as one of the night's.
+    """
     night = Path(shutil.copytree(finished, tmp_path / "night"))
     with reading(night / "units" / "0041") as journal:
         block = next(row.block for row in journal.blocks() if row.block.kind == "samples")
     (night / block.path).write_bytes(b"")
+    own, (one, *_) = night_status(night / "units" / "0041"), night_status(night)["units"]
+    assert (one["state"], one["reason"]) == (own["state"], own["reason"])
+    assert (one["state"], one["set_aside"], one["self_calibrations_done"]) == ("incomplete", False, 1)
     shutil.rmtree(night / "units")
     assert cli(["report", str(night)]) == 4
     out = capsys.readouterr()
