@@ -4,6 +4,7 @@
     document["ok"], document["lost"], document["first"]
     print(explain_frames(load_frames_named("stim300")))
 
+A counter that is described wrongly gives good frames with a false account of what is missing, which is said in words.
 The file is read in chunks, so that memory does not grow with it; with `out` it is read twice, the first time to know
 which fields occur. Columns are those of the description, in its units: the time, place in the file and number of each
 frame come first.
@@ -12,6 +13,7 @@ frame come first.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from decimal import Decimal
 from itertools import chain
@@ -24,12 +26,13 @@ from drivers.frames.batch import Decoded, FrameBatch
 from drivers.frames.checksums import CrcKind, NoChecksum
 from drivers.frames.counts import StreamCounts
 from drivers.frames.decoder import StreamDecoder
-from drivers.frames.description import StreamDescription, load_description
+from drivers.frames.description import FrameDescription, StreamDescription, load_description
 from drivers.frames.fields import FieldDescription
+from drivers.frames.roles import CounterDescription
 from drivers.frames.wire import FloatArray
 from drivers.given_file import opened
 from drivers.strict_yaml import packaged
-from hil.bench.decode_advice import CounterHabit, misfit
+from hil.bench.guess import misfit
 from hil.errors import InputError
 from hil.files.durable import whole_file
 from hil.files.page import filled
@@ -42,6 +45,9 @@ SCHEMA = "hil.decode/1"
 _CHUNK = 1 << 22  # bytes
 _SUFFIXES = (".parquet", ".csv")
 _PLACES = 6  # decimals up to which rounding a 32-bit count times its scale gives the nearest float
+_FEW = 10  # frames from which on a counter's habit can be told
+_JITTER = 0.01  # of a clock that stamps frames
+_OFF = 0.05  # a clock, and a rate that was heard for two seconds, may be off by so much
 _PLACE = ("frame", "position", "sequence")  # the columns before the fields
 _TYPES = {"fp12.20": "12.20 fixed point", "fp16.32": "16.32 fixed point", "item": "in the item's number format"}
 _TYPES |= {"f16": "half precision", "f32": "single precision", "f64": "double precision"}
@@ -224,3 +230,89 @@ def _warnings(description: StreamDescription) -> Iterator[str]:
         frame = description.frames[roles.frame]
         if frame.counter is None and frame.time is None:
             yield f"{roles.frame} has neither counter nor time: a lost frame shows only in when the others arrive"
+
+
+class CounterHabit:
+    """How the counter (or the clock) of one frame type really moves, to be held against its description.
+
+    `rate_hz` is at which frames come: as described, or better, as heard.
+    """
+
+    def __init__(self, name: str, frame: FrameDescription, rate_hz: float) -> None:
+        self._name = name
+        self._told_by = frame.counter or frame.time
+        self._rate_hz = rate_hz
+        self._moves: Counter[int] = Counter()
+        self._last: int | None = None
+        self._most = 0
+
+    def add(self, batch: FrameBatch) -> None:
+        """Take the next good frames."""
+        if self._told_by is None:
+            return
+        told = batch.told(self._told_by.field)
+        values = batch.wire(self._told_by.field)[told].astype(np.int64)
+        if not len(values):
+            return
+        self._most = max(self._most, int(values.max()))
+        moves, times = np.unique(np.diff(values if self._last is None else [self._last, *values]), return_counts=True)
+        self._moves.update(dict(zip(moves.tolist(), times.tolist(), strict=True)))
+        self._last = int(values[-1])
+        for move, _ in self._moves.most_common()[256:]:
+            del self._moves[move]
+
+    def mistakes(self) -> Iterator[str]:
+        """Say where step, resolution or modulus are not what the frames show; nothing where too few were seen."""
+        told_by = self._told_by
+        if told_by is None:
+            return
+        place = f"frames.{self._name}.{'counter' if isinstance(told_by, CounterDescription) else 'time'}"
+        so_lost, field, modulus = "lost and duplicate mean nothing", told_by.field, told_by.modulus
+        if modulus is not None and self._most >= modulus:
+            yield f"{place}.modulus: is {modulus}, but {field} goes up to {self._most}; {so_lost}"
+            return
+        ahead = sorted(Counter({move: times for move, times in self._moves.items() if move > 0}).elements())
+        back = Counter({move: times for move, times in self._moves.items() if move < 0})
+        if len(ahead) + back.total() < _FEW or not ahead:
+            return
+        usual = ahead[len(ahead) // 2]
+        near = [move for move in ahead if abs(move - usual) <= max(1.0, _JITTER * usual)]
+        if 2 * len(near) <= len(ahead) + back.total():
+            return
+        step = sum(near) / len(near)
+        asks = f"{so_lost}. Is the sample rate (--rate, imu.rate) the unit's?"
+        if not isinstance(told_by, CounterDescription):
+            if abs(step * told_by.resolution * self._rate_hz - 1.0) > _OFF:
+                yield (
+                    f"{place}.resolution: is {told_by.resolution:.4g} s, but {field} moves by {step:.6g} from frame to "
+                    f"frame, which at {self._rate_hz:.4g} Hz is {_tick(step * self._rate_hz)}; {asks}"
+                )
+        elif near[0] != near[-1] and abs(step - told_by.step) > 0.5 and usual > 2:
+            tick = _tick(step * self._rate_hz)
+            yield (
+                f"{place}: {field} counts no frames: it moves by {near[0]} to {near[-1]} from frame to frame, so that "
+                f"at {self._rate_hz:.4g} Hz the counter is a clock of {tick}; describe it as time: {{field: {field}, "
+                f"resolution: {tick.removesuffix(' s')}, modulus: {modulus}}} in the place of counter. {asks}"
+            )
+        elif usual != told_by.step:
+            yield f"{place}.step: is {told_by.step}, but {field} moves by {usual} from frame to frame; {asks}"
+        if not back:
+            return
+        fall, turns = back.most_common(1)[0]
+        if turns > 1 and 2 * turns > back.total() and near[0] == near[-1] and usual - fall != modulus:
+            yield f"{place}.modulus: is {modulus}, but {field} comes round at {usual - fall}; {so_lost}"
+
+
+def _tick(per_second: float) -> str:
+    """Return what one count of a clock is worth: one that clocks have, where it is near."""
+    usual = [2.0**n for n in range(10, 25)] + [10.0**n for n in range(2, 10)]
+    nearest = min(usual, key=lambda each: abs(math.log(per_second / each)))
+    return f"1/{nearest if abs(nearest / per_second - 1.0) < _OFF else round(per_second):.0f} s"
+
+
+def wrong_counter(description: StreamDescription, raw: bytes, rate_hz: float) -> Iterator[str]:
+    """Say what a described counter or clock is not, by the frames in `raw`, which came at `rate_hz`."""
+    name = "" if description.roles is None else description.roles.frame
+    habit = CounterHabit(name, description.frames[name], rate_hz)
+    habit.add(StreamDecoder(description).feed(raw)[name])
+    yield from habit.mistakes()

@@ -3,12 +3,15 @@
     document = guess_file(Path("unknown.bin"))
     document["fits"], document["length"], document["description"]
 
+And what to say of one that a frame description does not fit: a wrong one gives no wrong numbers, but no numbers either.
 Which shipped descriptions read it; how often it repeats itself; which bytes come again and again at that distance;
 which checksum stands where; what counts. Nothing of it is certain, and the description says so.
 """
 
 import contextlib
+import re
 from collections import Counter
+from collections.abc import Iterator
 from functools import cache
 from itertools import product
 from pathlib import Path
@@ -21,13 +24,18 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from drivers.frames.checksums import ChecksumDescription, FrameChecksum
+from drivers.frames.counts import StreamCounts
+from drivers.frames.decoder import StreamDecoder
+from drivers.frames.description import StreamDescription, load_description
 from drivers.given_file import opened
 from drivers.strict_yaml import packaged
-from hil.bench.decode_advice import that_read
 from hil.errors import InputError
+from hil.files.strict import config_folders
+from procedures.words import counted
 
 SCHEMA = "hil.frames-guess/1"
 _LOOK = 1 << 17  # bytes from the beginning of a file
+_TRY = 1 << 16  # bytes from there that are tried with other descriptions
 _LONGEST = 512  # bytes of a frame that is looked for
 _MOST = 0.9  # of frames agree where something is taken for a rule
 _FEW = 12  # frames, fewer of which show nothing
@@ -194,3 +202,47 @@ def _counter(rows: Bytes, first: int, end: int, taken: set[int]) -> dict[str, An
             shown = size if moves else 0  # a byte that never counts is not shown to belong
             found.append((times, shown, -step, told))
     return max(found, key=lambda each: each[:3])[3] if found else None
+
+
+def misfit(path: Path, description: StreamDescription, counts: StreamCounts) -> Iterator[str]:
+    """Say what was seen in a file of which most is in no frame, and which shipped description reads it; else nothing.
+
+    `counts` are those of the whole file. Raise `InputError` where the file cannot be read.
+    """
+    size = path.stat().st_size
+    if not counts.skipped_bytes or 2 * counts.skipped_bytes <= size:
+        return
+    with opened(path) as file:
+        data = file.read(_TRY)
+    headers = [
+        header for name, each in description.frames.items() if not each.parts for header in description.headers(name)
+    ]
+    begun = sum(1 for header in headers for _ in re.finditer(header.pattern, data, re.DOTALL))
+    what = "no good frame is" if not counts.ok else f"{counts.skipped_bytes} of {size} bytes are in no frame"
+    said = f"{what} in {size} bytes" if not counts.ok else what
+    times = "once" if begun == 1 else f"{begun} times"
+    yield f"{said}: in the first {len(data)}, what begins a frame of {description.name} is there {times}"
+    others = sorted(that_read(data), reverse=True)
+    for share, ok, name in others[:2]:
+        read = f"{share:.1%} of the first {len(data)} bytes as {counted(ok, 'good frame')}"
+        yield f"{name} reads {read}: try --frames {name}"
+    if others:
+        return
+    if counts.bad_checksum > begun / 2 > 2:
+        advice = "compare length, checksum and the byte order of both with the manual"
+        yield f"frames begin as described, but their checksums do not match: {advice}"
+    yield "no shipped description reads it: compare baud rate, word length and the unit's settings with the manual"
+
+
+def that_read(data: bytes, least: float = 0.5) -> Iterator[tuple[float, int, str]]:
+    """Try the shipped descriptions: of those that read more than `least`, the share, how many frames, and the name."""
+    paths = {path.stem: path for folder in config_folders("imus") for path in folder.glob("*.yaml")}
+    for name, path in paths.items():
+        try:
+            decoder = StreamDecoder(load_description(path))
+        except InputError:
+            continue
+        counts = decoder.feed(data).counts + decoder.finish().counts
+        share = 1.0 - counts.skipped_bytes / len(data)
+        if share > least and counts.ok:
+            yield share, counts.ok, name

@@ -22,7 +22,7 @@ from drivers.imu import SampleBlock
 from hil.bench.advice import ADVICE, Device, Finding, advice_for, closed_port_advice, line_words
 from hil.bench.assemble import LiveBench, build_bench, ports_of
 from hil.bench.at_rest import at_rest
-from hil.bench.decode_advice import wrong_counter
+from hil.bench.decode import wrong_counter
 from hil.config import Bench, Sweep, planned
 from hil.config.people import addresses_of, messenger_of
 from hil.config.ports import SIMULATED_SCHEME, unit_port
