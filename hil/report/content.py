@@ -24,7 +24,6 @@ from hil.solve import RunSolution, repeats, solve_campaign
 from hil.solve.both_sensors import BothSensors, common_and_differential
 from hil.solve.contractor import METHOD
 from hil.solve.document import not_passed_of, of_sensors_in_words
-from hil.solve.judged import LACKS
 from hil.solve.repeats import MAY_FOLLOW, MeanAt, SensorRepeats
 from hil.solve.site import smallest_seen_deg
 from hil.solve.temperatures import how_many
@@ -178,7 +177,7 @@ def to_do(content: ReportContent) -> Iterator[str]:
         yield f"{night.to_do}; what is missing is listed below."
     wrong = of_sensors_in_words(not_passed_of(content.solutions))
     yield from (f"{_DO[Verdict(verdict)]} {runs}." for verdict, runs in wrong)
-    lacks = {LACKS in each.reason for each in content.solutions if each.verdict in NOT_GOOD}
+    lacks = {each.exceeds_errors for each in content.solutions if each.verdict in NOT_GOOD}
     if True in lacks:
         yield "Ask hil reconcile what the model lacks: measured again it lacks the same."
     if False in lacks:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,6 @@ from hil.campaign.reader import read_campaign
 from hil.config.sweep import PUBLISHED
 from hil.report.content import gather, headline, to_do
 from hil.report.page import render
-from hil.solve.judged import judge
 from hil.solve.temperatures import runs_by_temperature
 from procedures.verdict import Judgement, Verdict
 
@@ -122,11 +122,13 @@ def test_a_missing_collect_is_inconclusive_in_the_headline(case: Case, folder: P
 
 
 def test_what_is_the_same_in_every_run_is_not_to_be_measured_again(folder: Path) -> None:
-    """Of residuals that the model leaves hil reconcile is asked; what was wrong with a measurement is mended first."""
+    """Of residuals that the model leaves hil reconcile is asked, in whatever words they are judged; else one mends."""
     content = gather(read_campaign(folder))
-    moved, lacks = Judgement(Verdict.FAIL, "moved"), judge(300.0, 8, 14, True)
-    for judged, said in ((moved, ["then measure again"]), (lacks, ["hil reconcile"])):
-        sensors = [replace(of, solutions=[replace(e, judged=judged) for e in of.solutions]) for of in content.sensors]
+    failed = Judgement(Verdict.FAIL, "in any words")
+    moved: dict[str, Any] = {"beside": (failed,)}
+    lacks: dict[str, Any] = {"judged": failed, "chi_square": 300.0, "degrees_of_freedom": 8}
+    for odd, said in ((moved, ["then measure again"]), (lacks, ["hil reconcile"])):
+        sensors = [replace(of, solutions=[replace(e, **odd) for e in of.solutions]) for of in content.sensors]
         do = [each for each in to_do(replace(content, sensors=sensors)) if not each.startswith("Do not use")]
         assert [words in each for words, each in zip(said, do, strict=True)] == [True]
 
