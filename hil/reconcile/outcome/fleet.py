@@ -71,19 +71,21 @@ def fleet_page(found: Screened) -> str:
 
 def fleet_sentences(found: Screened) -> Iterator[str]:
     """Yield what was found in a screenful: how many units, which effects, what many have in common."""
-    worth = [each for each in found.units if each.worth]
+    worth, shared = [each for each in found.units if each.worth], _shared(found)
     called = f": of those called, at most {LEVEL:.0%} on average lack nothing"
+    beside = sorted({number for number, _ in shared} - {each.layout for each in worth})
+    few = f"; a few of {numbered('layout', beside)} do, for what they share" if beside else ""
     yield (
         f"{len(worth) or 'none'} of {_counted(found.units)} deserve{'s' * (len(worth) < 2)} a full hil reconcile"
-        f"{called * bool(worth)}"
+        f"{called * bool(worth)}{few}"
     )
     for name, _, _ in _by_effect(worth):
         yield f"{name} leads in {_counted([each for each in worth if each.finding.leader == name])}"
-    for number, each in _shared(found):
+    for number, each in shared:
         own = [unit for unit in found.units if unit.layout == number]
         yield (
             f"layout {number}: its {_counted(own)} together seem to lack {each.name} (p = {each.p_value:.1g}), most "
-            f"probably {each.fraction:.0%} of them; a few of them deserve a full hil reconcile"
+            f"probably {each.fraction:.0%} of them"
         )
     if bad := [f"{each.folder} ({numbered('run', runs)})" for each in found.units if (runs := each.runs_in_use)]:
         yield f"FAIL by what was recorded, and screened all the same: {listed(bad)}; hil solve says why"
