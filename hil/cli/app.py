@@ -10,7 +10,7 @@ import typer
 from typer import Option
 from typer.core import TyperGroup
 
-from hil.cli import archive, chamber, coefficients, data, design, frames, imports, model, night, report, start, watchdog
+from hil.cli import archive, chamber, coefficients, data, design, model, night, recordings, start, watchdog
 from hil.cli import requests as beside
 from hil.cli.exit_status import run_to_exit, with_status
 from hil.cli.output import always_writable
@@ -61,7 +61,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-for room in (night, data, report, archive, model, frames, beside, watchdog, coefficients, design, start):
+for room in (night, data, archive, model, recordings, beside, watchdog, coefficients, design, start):
     for command in room.COMMANDS:
         app.command()(with_status(command))
 app.command("continue")(with_status(beside.go_on))
@@ -69,8 +69,8 @@ app.command()(with_status(chamber.simulate))
 # An argument such as -20 is a temperature, not an option that nobody knows.
 app.command(context_settings={"ignore_unknown_options": True})(with_status(chamber.chamber))
 for below, commands in (
-    (frames.frames_app, (frames.check, frames.guess)),
-    (imports.import_app, imports.COMMANDS),
+    (recordings.frames_app, (recordings.check, recordings.guess)),
+    (recordings.import_app, (recordings.table, recordings.log)),
     (data.plot_app, data.PLOTS),
 ):
     for command in commands:

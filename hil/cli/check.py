@@ -8,12 +8,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from rich.console import Console
 from typer import Argument, Option
 
 from drivers.errors import DeviceError
+from hil.cli.answer import Answer
 from hil.cli.exit_status import Exit
-from hil.cli.output import JsonFlag, messages, printed, results, warn
+from hil.cli.output import messages, warn
 from hil.errors import InputError
 
 if TYPE_CHECKING:
@@ -25,8 +25,7 @@ def check(
     target: Annotated[str, Argument(metavar="BENCH", help="A bench; with --bench, the sweep.")],
     bench: Annotated[str | None, Option(help="The bench, where the argument is the sweep.")] = None,
     sweep: Annotated[str | None, Option(help="What is to be run: a sweep file, or a name.")] = None,
-    as_json: JsonFlag = False,
-) -> int:
+) -> Answer:
     """Look before anything moves: ports, identity, frames, chamber, limits, disk, clock, end; and what to do.
 
     `hil check BENCH`, `hil check BENCH --sweep SWEEP` and `hil check SWEEP --bench BENCH` are the three forms.
@@ -37,12 +36,10 @@ def check(
     found = _look(asked, on, Path.cwd())
     good, findings = all(each.good for each in found), [asdict(each) for each in found]
     document = {"schema": "hil.check/1", "good": good, "simulated": on.simulated, "findings": findings}
-    if not printed(document, as_json):
-        results().print(f"{on.name}{'  SIMULATED' if on.simulated else ''}")
-        _show(results(), found)
+    status = Exit.DONE if good else Exit.STOPPED_SAFE
     if any(is_missing(port) for _, port in ports_of(on)):
-        return Exit.BAD_INPUT
-    return Exit.DONE if good else Exit.STOPPED_SAFE
+        status = Exit.BAD_INPUT
+    return Answer(document, lambda: [on.name + "  SIMULATED" * on.simulated, *_in_words(found)], status=status)
 
 
 def look_first(sweep: Sweep, bench: Bench, folder: Path, despite: str, done: Collection[str] = ()) -> list[str]:
@@ -54,7 +51,8 @@ def look_first(sweep: Sweep, bench: Bench, folder: Path, despite: str, done: Col
 
     check_ports(bench)
     wrong = [each for each in _look(sweep, bench, folder, done) if not each.good]
-    _show(messages(), wrong)
+    for line in _in_words(wrong):
+        messages().print(line)
     if wrong and not despite:
         subjects = ", ".join(finding.subject for finding in wrong)
         raise DeviceError(
@@ -93,11 +91,11 @@ def _archive(archive: Path | None) -> Iterator[Finding]:
             yield Finding("archive", True, f"{archive}: takes the night up at its end")
 
 
-def _show(console: Console, findings: Sequence[Finding]) -> None:
+def _in_words(findings: Sequence[Finding]) -> Iterator[str]:
     for finding in findings:
-        console.print(f"{'ok  ' if finding.good else 'NOT '} {finding.subject}: {finding.message}")
+        yield f"{'ok  ' if finding.good else 'NOT '} {finding.subject}: {finding.message}"
         if finding.advice:
-            console.print(f"     {'note' if finding.good else 'TO DO'}: {finding.advice}")
+            yield f"     {'note' if finding.good else 'TO DO'}: {finding.advice}"
 
 
 def _bench_and_sweep(target: str, bench: str | None, sweep: str | None) -> tuple[Sweep | None, Bench]:

@@ -20,7 +20,7 @@ from hil.cli.answer import Answer, told
 from hil.cli.ask import TerminalQuestions, ask_words, must_agree
 from hil.cli.check import check, look_first
 from hil.cli.exit_status import Exit, Strict, of_unit
-from hil.cli.output import Folder, JsonFlag, messages, printed, results, warn
+from hil.cli.output import Folder, JsonFlag, messages, print_json, results, warn
 from hil.cli.progress import TerminalProgress, onlooker
 from hil.cli.watchdog import WatchdogBeside
 from hil.errors import InputError
@@ -218,7 +218,9 @@ def status(
     if watch:
         keep_looking(folder, results())
     document, now = look_at(folder)
-    if not printed(document, as_json):
+    if as_json:
+        print_json(document)
+    else:
         say(folder, document, now, results())
     well = document["state"] in {"complete", "running", "paused"} and not document["problems"]
     well = well and (document["verdict"] or {}).get("verdict") != "ERROR"
@@ -255,7 +257,7 @@ def demo(
     quiet: Quiet = False,
 ) -> int:
     """Carry out the published sweep of RD-GC-86-1 on the simulated bench, to a report."""
-    from hil.cli.report import write_report
+    from hil.cli.data import write_report
     from hil.config import load_bench, load_sweep
 
     sweep, bench = load_sweep("rd-gc-86-1"), load_bench("simulated")

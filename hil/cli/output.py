@@ -94,13 +94,6 @@ def print_json(document: Mapping[str, Any]) -> None:
         results().on_broken_pipe()
 
 
-def printed(document: Mapping[str, Any], as_json: bool) -> bool:
-    """Print a document where JSON is asked for; say whether."""
-    if as_json:
-        print_json(document)
-    return as_json
-
-
 def listing(*headings: str, left: Collection[str] | None = None) -> Table:
     """Return an empty table for people. Columns stand on the right but those of `left`; without it all on the left."""
     table = Table(box=None, pad_edge=False, header_style="bold")
