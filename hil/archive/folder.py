@@ -42,7 +42,7 @@ from hil.records import reading
 from hil.records.export import open_source
 from hil.records.ledger import read_head
 from hil.records.reader import is_night
-from hil.records.status import night_status
+from hil.records.status import WORKING, night_status
 from procedures.words import counted
 
 SCHEMA = "hil.archived/1"
@@ -50,7 +50,6 @@ _MARK_TEXT = (
     "schema: hil.archive/1\n# Taken up by hil archive. The folders are the truth; index.sqlite is made from them.\n"
 )
 _DIGITS = 12
-_WORKING = ("running", "paused")
 
 
 @dataclass(frozen=True)
@@ -205,7 +204,7 @@ def _facts(source: Path, campaign: Campaign, day: date | None, state: str | None
         began = datetime(on.year, on.month, on.day, tzinfo=UTC)
         state = "incomplete" if campaign.missing else "complete"
     else:
-        if (state := state or str(night_status(source)["state"])) in _WORKING:
+        if (state := state or str(night_status(source)["state"])) in WORKING:
             raise InputError(f"{source}: is {state}; it is taken up at its end")
         with reading(source) as journal:
             night = journal.night

@@ -24,7 +24,6 @@ from hil.archive.trend import (
     Trend,
     at_one_temperature,
     at_usual_temperatures,
-    control_half_width,
     control_limits,
     differs,
     predicted,
@@ -44,6 +43,7 @@ if TYPE_CHECKING:  # where no limits are known, nothing that reads them is loade
     from hil.config.limits import Limits, ParameterLimits
 
 _MONTH_S = 365.25 / 12.0 * 86400.0
+_SIGMAS = 3.0  # chance passes control limits as rarely
 _AHEAD_MONTHS = np.linspace(0.0, 120.0, 1201)
 
 
@@ -251,7 +251,7 @@ def _control(y: FloatArray, sd: FloatArray, since: BoolArray, freedom: float) ->
     limits = control_limits(y[:-1][since[:-1]], sd[:-1][since[:-1]], float(sd[-1]), freedom)
     if limits is None:
         return None
-    half = control_half_width(limits)
+    half = limits.expanded(_SIGMAS)
     return {"centre": limits.value, **_ends(limits.value, half), "outside": bool(abs(y[-1] - limits.value) > half)}
 
 

@@ -37,7 +37,6 @@ _EACH_SIDE = 2
 _UNKNOWN, _NOTHING, _SCATTERS = "cannot tell", "nothing shown", "scatters beyond its ±"
 _BEYOND = 3.0  # times the stated deviations: few repeats, by which these are known, explain no more
 _OF_A_PAIR = math.sqrt(2.0 / math.pi)  # how far two values are apart on average, by that difference's own deviation
-_SIGMAS = 3.0
 _OTHERWISE = 0.01  # as improbable as this a jump must be alike at all temperatures, to be called a change with them
 
 
@@ -186,11 +185,6 @@ def _weighed(values: FloatArray, sd: FloatArray) -> tuple[float, float]:
     """Return the mean of values (n,) by their standard deviations (n,), and its own."""
     weight = sd**-2.0
     return float(weight @ values / weight.sum()), float(weight.sum()) ** -0.5
-
-
-def control_half_width(limits: Uncertain) -> float:
-    """Return half the width of control limits: what chance passes as rarely as three sigma."""
-    return limits.expanded(_SIGMAS)
 
 
 Values = Mapping[float | None, Mapping[str, tuple[float, float]]]

@@ -13,7 +13,7 @@ from typing import Any
 from jinja2 import Environment
 from rich.table import Table
 
-from hil.archive.sentences import sentences, some
+from hil.archive.page import sentences, some
 from hil.cli.output import Aside, listing
 from hil.files.numbers import WHOSE, rounded
 from hil.files.page import templates

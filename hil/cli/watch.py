@@ -16,13 +16,12 @@ from hil.errors import Damaged
 from hil.records import reading
 from hil.records.damage import refuse_damaged_samples
 from hil.records.live import snapshot_of
-from hil.records.status import in_brief, night_status, recorded_verdict, without_samples
+from hil.records.status import WORKING, in_brief, night_status, recorded_verdict, without_samples
 from hil.records.troubles import to_do
 from procedures.progress import Snapshot
 from procedures.words import first_few
 
 EVERY_S = 1.0
-_WORKING = ("running", "paused")
 _MOST_LEFT = 6
 _HEAD, _TAIL = 170, 50  # of a long line
 _PHRASES = re.compile(r"(?<=[;:,])\s|\s(?=\()")  # what parts them
@@ -37,7 +36,7 @@ def watch(folder: Path, console: Console, clock: Clock | None = None) -> None:
         while True:
             status, now = look_at(folder)
             show(folder, status, now)
-            if status["state"] not in _WORKING:
+            if status["state"] not in WORKING:
                 return
             clock.sleep(EVERY_S)
 
@@ -48,7 +47,7 @@ def look_at(folder: Path) -> tuple[dict[str, Any], Snapshot | None]:
     Raises `InputError` where the folder holds no night.
     """
     status, verdict = night_status(folder), None
-    if status["state"] not in _WORKING:
+    if status["state"] not in WORKING:
         try:
             with reading(folder) as journal:
                 refuse_damaged_samples(journal)
@@ -67,7 +66,7 @@ def say(folder: Path, status: dict[str, Any], now: Snapshot | None, console: Con
     """Print once how it stands, then what to do: a chamber that is not safe before all else, and nothing twice."""
     verdict, said = status["verdict"], list[str]()
     mark = "  SIMULATED" if status["simulated"] else ""
-    working, judged = status["state"] in _WORKING, f", {verdict['verdict']}" if verdict else ""
+    working, judged = status["state"] in WORKING, f", {verdict['verdict']}" if verdict else ""
 
     def alarm(word: str, text: str, short: Callable[[str], str] = _cut) -> None:
         if text:

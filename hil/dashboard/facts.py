@@ -25,17 +25,15 @@ from hil.records.ledger import HEAD_NAME
 from hil.records.live import LIVE_NAME, OLD_AFTER_S, age_s, read_heartbeat, read_live
 from hil.records.reader import JOURNAL_NAME, proven_once
 from hil.records.rows import Event
-from hil.records.status import night_status, recorded_verdict, without_samples
+from hil.records.status import WORKING, night_status, recorded_verdict, without_samples
 from hil.records.troubles import to_do
 from hil.records.units import night_of, unit_folder
-from hil.solve import RunSolution
 from hil.solve.document import solution_document
 from procedures.journal_protocol import StepResult
 from procedures.plan import Plan, Step, StepKind
 from procedures.words import step_in_words
 
 _EVENTS = 80
-_WORKING = ("running", "paused")
 _BAD = {"interlock", "failed", "error", "aborted", "safe-state-not-reached", "incomplete", "watchdog"}
 _PLAIN = {"night-begins", "night-resumed", "resumed", "restored", "continue", "prompt-ended", "safe-state", "wear"}
 
@@ -102,12 +100,6 @@ class NightFacts:
         made, recorded = _stamp(path), _stamp(self.night / HEAD_NAME)
         return path if made and recorded and made[2] >= recorded[2] else None
 
-    def _verdict(self) -> Part | None:
-        """Return what its end recorded, as `hil status` does, or that records are damaged."""
-        if self._results.damage:
-            return {"verdict": "ERROR", "reason": self._results.damage.removeprefix("ERROR: ")}
-        return self._recorded
-
     @property
     def working(self) -> bool:
         """True while a controller is at work."""
@@ -136,17 +128,18 @@ class NightFacts:
 
     def _head(self) -> Part:
         """Return what is going on at this moment."""
-        status, live, damage = self._status, self._live, [self._results.damage] if self._results.damage else []
-        status = without_samples(status) if damage else status
+        status, live, damage, verdict = self._status, self._live, self._results.damage, self._recorded
+        if damage:
+            status, verdict = without_samples(status), {"verdict": "ERROR", "reason": damage}
         theirs = live is not None and self._owner is not None and live["pid"] == self._owner.pid
-        now = live if theirs and status["state"] in _WORKING else None
+        now = live if theirs and status["state"] in WORKING else None
         key = now["step"] if now else status["step"]
         silent_s, old = self._age(now)
         head = {
             **status,
             "bench": self._bench,
-            "problems": [*status["problems"], *damage],
-            "verdict": None if status["state"] in _WORKING else self._verdict(),
+            "problems": [*status["problems"], *([f"ERROR: {damage}"] if damage else [])],
+            "verdict": None if status["state"] in WORKING else verdict,
             "report": self.report is not None,
             "age_s": None if silent_s is None else round(silent_s),
             "old": old,
@@ -222,11 +215,6 @@ def _stamp(path: Path) -> tuple[int, int, int] | None:
     return (found.st_ino, found.st_size, found.st_mtime_ns) if found.st_size else None
 
 
-def unreadable(identity: str, error: Exception) -> Part:
-    """Return the head of a night that cannot be read."""
-    return {"head": {"title": identity, "state": "unreadable", "reason": str(error), "working": False}}
-
-
 class ResultsSoFar:
     """The results of one night, read again when it has got on; solved again when a self-calibration was finished.
 
@@ -237,7 +225,6 @@ class ResultsSoFar:
         self._folder = folder
         self.damage = ""  # which records are not what was written, so that no parameters are shown
         self._solved: tuple[int, ...] = ()
-        self.solutions: list[RunSolution] = []
         self._solutions: dict[int, list[dict[str, Any]]] = {}
 
     def read(self, journal: JournalReader) -> list[dict[str, Any]]:
@@ -265,14 +252,14 @@ class ResultsSoFar:
         ]
 
     def _solve(self) -> dict[int, list[dict[str, Any]]]:
-        self.damage, self.solutions = "", []
+        self.damage = ""
         try:
-            campaign, self.solutions = night_solutions(self._folder)
+            campaign, solutions = night_solutions(self._folder)
         except Damaged as damage:
-            self.damage = f"ERROR: {damage}"
+            self.damage = str(damage)
             return {}
         rows: dict[int, list[dict[str, Any]]] = {}
-        for each in () if campaign is None else solution_document(campaign, self.solutions)["solutions"]:
+        for each in () if campaign is None else solution_document(campaign, solutions)["solutions"]:
             rows.setdefault(each["run"] or 0, []).append({key: each[key] for key in _SHOWN})
         return rows
 

@@ -19,7 +19,7 @@ from contextlib import asynccontextmanager, nullcontext, suppress
 from pathlib import Path
 
 from drivers.clock import SystemClock
-from hil.dashboard.facts import NightFacts, Part, Stamp, unreadable
+from hil.dashboard.facts import NightFacts, Part, Stamp
 from hil.errors import InputError
 from hil.records.reader import JOURNAL_NAME, proven_once
 from hil.records.units import UNITS
@@ -120,7 +120,8 @@ class Watcher:
             if self._broken.pop(identity, None):
                 parts = night.whole()  # pages have forgotten what they knew of it
         except Exception as error:  # one night that cannot be read must not hide the others
-            parts = unreadable(identity, error)
+            head = {"title": identity, "state": "unreadable", "reason": str(error), "working": False}
+            parts = {"head": head}
             parts = {} if self._broken.get(identity) == parts else parts
             self._broken[identity] = parts or self._broken[identity]
         return parts

@@ -32,6 +32,7 @@ from procedures.words import counted, hours_minutes, listed, plural, step_in_wor
 
 _UNSAFE = "safe-state-not-reached"
 VERDICT = "verdict"
+WORKING = ("running", "paused")
 STALE_AFTER_S = 180.0
 """A living controller without a heartbeat file that has written nothing for so long is not called running."""
 
@@ -113,7 +114,7 @@ def _document(facts: _Facts) -> dict[str, Any]:
     night, plan = facts.journal.night, facts.journal.plan
     state, reason = _state(facts)
     runs = plan.self_calibrations
-    working = state in {"running", "paused"}
+    working = state in WORKING
     going_on, newest = [each for each in facts.attempts if each.outcome is None], facts.controller
     present = going_on[-1] if working and going_on and newest and going_on[-1].controller == newest.number else None
     standing, over = _troubles(facts)

@@ -26,7 +26,7 @@ from hil.config.recorded import understood
 from hil.records import JournalReader, reading
 from hil.records.curve import temperatures
 from hil.records.rows import Attempt
-from hil.records.status import night_status, recorded_end
+from hil.records.status import WORKING, night_status, recorded_end
 from hil.records.troubles import to_do
 from procedures.journal_protocol import Outcome
 from procedures.plan import Plan, Step, StepKind
@@ -107,7 +107,7 @@ def night_content(folder: Path) -> NightContent:
             collects=[_collect(journal, step, each) for step, each in ended if step.kind is StepKind.COLLECT],
             margins=sorted(_margins(ended), key=lambda each: -each.used),
             vocabulary=str(understood(journal.night.configuration).get("sweep", {}).get("vocabulary", "plain")),
-            rejected=_rejected(journal, going_on=status["state"] in {"running", "paused"}),
+            rejected=_rejected(journal, going_on=status["state"] in WORKING),
             provenance=night_provenance(journal, identity),
             files=[(row.block.path, row.block.size, row.block.sha256) for row in journal.blocks()],
         )

@@ -7,12 +7,11 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from hil.archive.sentences import sentences
+from hil.archive.page import sentences
 from hil.archive.trend import (
     Fit,
     Trend,
     at_one_temperature,
-    control_half_width,
     control_limits,
     differs,
     predicted,
@@ -89,7 +88,7 @@ def test_control_limits_are_passed_by_chance_as_three_sigma_are() -> None:
         for life in lives:
             limits = control_limits(life[:-1], np.full(count, 0.1), 0.1)
             assert limits is not None
-            outside += abs(life[-1] - limits.value) > control_half_width(limits)
+            outside += abs(life[-1] - limits.value) > limits.expanded(3.0)
         assert outside / len(lives) < 0.008
     assert control_limits(np.zeros(2), np.ones(2), 1.0) is None
 
@@ -100,7 +99,7 @@ def test_of_three_values_as_near_as_they_say_control_limits_are_no_wider_than_ne
     for life in rng.normal(0.0, 1.0, (1000, 4)):
         limits = control_limits(life[:-1], sd, 1.0, 20.0)
         assert limits is not None
-        wide.append(control_half_width(limits))
+        wide.append(limits.expanded(3.0))
         outside += abs(life[-1] - limits.value) > wide[-1]
     assert np.median(wide) < 9.0
     assert outside <= 3

@@ -57,9 +57,9 @@ def journal(nights: Path) -> Iterator[SqliteJournal]:
 @pytest.fixture
 def page(browser: Any, nights: Path, journal: SqliteJournal, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     """The page over all three."""
-    real = facts.NightFacts._verdict
+    real = facts.recorded_verdict
     fail = vars(Judgement(Verdict.FAIL, "1 of 2 solutions; the first is sensor 2, run 1: it moved"))
-    monkeypatch.setattr(facts.NightFacts, "_verdict", lambda self: fail if self.identity == "bad" else real(self))
+    monkeypatch.setattr(facts, "recorded_verdict", lambda night: fail if night.folder.name == "bad" else real(night))
     context = browser.new_context()
     with served(nights, Access(TOKEN, "127.0.0.1")) as port:
         opened = context.new_page()
