@@ -90,17 +90,12 @@ class Comparison:
         if not self.differences:
             return f"nothing can be compared with “{self.earlier}”: {self._why_nothing}"
         found, all_of = len(self.flagged), len(self.differences)
-        chance = all_of * 2.0 * _BY_CHANCE
+        alone = all(mean.beyond is None for each in self.differences for mean in each.means)
+        unknown = ", and beside it whatever changes from run to run, which neither repeats" * alone
         return (
             f"{found} of {all_of} differences from “{self.earlier}” {'is' if found == 1 else 'are'} beyond 3 sigma; "
-            f"chance alone gives {chance:.1g}{self._unknown}"
+            f"chance alone gives {all_of * 2.0 * _BY_CHANCE:.1g}{unknown}"
         )
-
-    @property
-    def _unknown(self) -> str:
-        """What no ± has where neither of the two campaigns repeated anything; empty where one did."""
-        alone = all(mean.beyond is None for each in self.differences for mean in each.means)
-        return ", and beside it whatever changes from run to run, which neither repeats" * alone
 
     @property
     def _why_nothing(self) -> str:
