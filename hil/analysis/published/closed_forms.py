@@ -1,8 +1,7 @@
-"""The report's closed forms for the three collects of sensor 2: what the solver must reproduce, and people can check.
+"""The report's closed forms for the three collects of sensor 2 that the solver has not.
 
 `rates` has shape (..., 3, 2): Collects 1, 2, 3 by (RA, RB), deg/hr. `G` (..., 3) and `W` (..., 3) are (G1, G2, G3) in g
-and (W1, W2, W3) in deg/hr along the bench axes 1-2-3. Parameters come in the order BA, BB, GSA, GSB, MUA, MUB.
-Other shapes raise `ValueError`.
+and (W1, W2, W3) in deg/hr along the bench axes 1-2-3. Other shapes raise `ValueError`.
 
 Misprints in RD-GC-86-1; the corrected form is followed here:
 
@@ -19,37 +18,6 @@ from numpy.typing import ArrayLike
 from hil.campaign import FloatArray
 
 
-def matrix_solution(rates: ArrayLike, G: ArrayLike, W: ArrayLike) -> FloatArray:
-    """Solve for the six parameters by eqs. (11), (12), (A-23)-(A-26); shape (..., 6), deg/hr and deg/hr/g.
-
-    (A-21), (A-22) are (11), (12) again; (A-17), (A-18) are (A-23), (A-24). Raises `ValueError` for other shapes.
-    """
-    (ra1, ra2, ra3), (rb1, rb2, rb3) = _by_channel(rates)
-    (g1, g2, g3), (w1, w2, w3) = _parts(G), _parts(W)
-    square = g1**2 + g3**2
-    mua = ((rb1 + rb2 - 2 * rb3) * g1 + (rb2 - rb1) * g3) / (2 * square)  # (11)
-    mub = ((2 * ra3 - ra1 - ra2 - 2 * w3) * g1 + (ra1 - ra2 + 2 * w1) * g3) / (2 * square)  # (12)
-    gsa = (ra2 - ra1 - 2 * w1) / (2 * g1) + mub * g3 / g1  # (A-23)
-    gsb = (rb1 - rb2) / (2 * g1) + mua * g3 / g1  # (A-24)
-    ba = (ra1 + ra2) / 2 - gsb * g2  # (A-25)
-    bb = (rb1 + rb2 - 2 * w2) / 2 - gsa * g2  # (A-26)
-    return _stack(ba, bb, gsa, gsb, mua, mub)
-
-
-def contractor_solution(rates: ArrayLike, G: ArrayLike, W: ArrayLike) -> FloatArray:
-    """Solve for BA, BB, GSA, GSB as the contractor did, MU taken as zero: eqs. (A-13)-(A-16); shape (..., 4).
-
-    Raises `ValueError` for other shapes.
-    """
-    (ra1, ra2, ra3), (rb1, rb2, rb3) = _by_channel(rates)
-    (g1, g2, g3), (w1, w2, w3) = _parts(G), _parts(W)
-    gsa = (ra2 - ra1 - 2 * w1) / (2 * g1)  # (A-13)
-    gsb = (rb1 - rb2) / (2 * g1)  # (A-14)
-    ba = ra3 - gsa * g3 - gsb * g2 - w3  # (A-15)
-    bb = rb3 - gsa * g2 + gsb * g3 - w2  # (A-16)
-    return _stack(ba, bb, gsa, gsb)
-
-
 def contractor_error(G: ArrayLike, mua: ArrayLike, mub: ArrayLike) -> FloatArray:
     """Return contractor's minus true BA, BB, GSA, GSB where MU is not zero; shape (..., 4).
 
@@ -57,10 +25,10 @@ def contractor_error(G: ArrayLike, mua: ArrayLike, mub: ArrayLike) -> FloatArray
     -MUA G3/G1. With G3 = 0 that is the report's statement, the bias off by MUB G1 and -MUA G1.
     Raises `ValueError` where `G` is not (..., 3).
     """
-    g1, g2, g3 = _parts(G)
+    g1, g2, g3 = parts(G)
     a, b = np.asarray(mua, dtype=np.float64), np.asarray(mub, dtype=np.float64)
     long, short = g1 + g3**2 / g1, g2 * g3 / g1
-    return _stack(b * long + a * short, -a * long + b * short, -b * g3 / g1, -a * g3 / g1)
+    return stacked(b * long + a * short, -a * long + b * short, -b * g3 / g1, -a * g3 / g1)
 
 
 def seven_biases(
@@ -71,30 +39,32 @@ def seven_biases(
     With the true parameters and no noise they are BA + {0, MUB G3, -MUB G3, MUB G1, 0, 0, 0}.
     Raises `ValueError` for other shapes.
     """
-    (ra1, ra2, ra3), _ = _by_channel(rates)
-    (g1, g2, g3), (w1, _, w3) = _parts(G), _parts(W)
+    (ra1, ra2, ra3), _ = by_channel(rates)
+    (g1, g2, g3), (w1, _, w3) = parts(G), parts(W)
     a, b, m = (np.asarray(value, dtype=np.float64) for value in (gsa, gsb, mub))
     from_1 = ra1 + a * g1 - b * g2 + w1  # (A-28)
     from_2 = ra2 - a * g1 - b * g2 - w1  # (A-29)
     from_3 = ra3 - a * g3 - b * g2 - w3  # (A-30), the contractor's
     mean = (ra1 + ra2) / 2 - b * g2  # (A-27), the matrix solution
-    return _stack(mean, from_1, from_2, from_3, from_1 - m * g3, from_2 + m * g3, from_3 - m * g1)
+    return stacked(mean, from_1, from_2, from_3, from_1 - m * g3, from_2 + m * g3, from_3 - m * g1)
 
 
-def _by_channel(rates: ArrayLike) -> FloatArray:
-    """Return [channel][collect] with the batch behind, from (..., 3, 2)."""
+def by_channel(rates: ArrayLike) -> FloatArray:
+    """Return [channel][collect] with the batch behind, from (..., 3, 2); raise `ValueError` for another shape."""
     array = np.asarray(rates, dtype=np.float64)
     if array.shape[-2:] != (3, 2):
         raise ValueError(f"rates {array.shape}: three collects by two channels, (..., 3, 2), are needed")
     return np.moveaxis(array, (-1, -2), (0, 1))
 
 
-def _parts(vector: ArrayLike) -> FloatArray:
+def parts(vector: ArrayLike) -> FloatArray:
+    """Return [component] with the batch behind, from (..., 3); raise `ValueError` for another shape."""
     array = np.asarray(vector, dtype=np.float64)
     if array.shape[-1:] != (3,):
         raise ValueError(f"{array.shape}: three components, (..., 3), are needed")
     return np.moveaxis(array, -1, 0)
 
 
-def _stack(*parts: FloatArray) -> FloatArray:
+def stacked(*parts: FloatArray) -> FloatArray:
+    """Return parts (...) of one batch as (..., p)."""
     return np.stack(np.broadcast_arrays(*parts), axis=-1)

@@ -18,7 +18,7 @@ import numpy as np
 
 from drivers.strict_yaml import packaged
 from hil.analysis.published.audit import Audit, audit_table
-from hil.analysis.published.closed_forms import contractor_error, contractor_solution, matrix_solution, seven_biases
+from hil.analysis.published.closed_forms import contractor_error, seven_biases
 from hil.analysis.published.identities import tilt_of_a1
 from hil.analysis.published.printed import SEVEN
 from hil.campaign import Campaign, Collects
@@ -26,8 +26,9 @@ from hil.errors import InputError
 from hil.files.document import plain
 from hil.files.units import TEMPERATURE, to_number
 from hil.model.equation import RD_GC_86_1_SENSOR_2
-from hil.model.forms import MATRIX_6
-from hil.solve.contractor import report_collects
+from hil.model.forms import MATRIX_6, named_form
+from hil.solve.contractor import report_collects, solve_as_contractor
+from hil.solve.runs import solve_rates
 from hil.solve.temperatures import nearest, runs_by_temperature
 
 SCHEMA = "hil.reproduction/1"
@@ -39,7 +40,7 @@ _LEVEL = np.array([1.0, 0.0, 0.0])
 
 @dataclass(frozen=True)
 class _Run:
-    """One run by the report's closed forms, and its entries in Table A-1 and among the contractor's errors."""
+    """One run as the report solves it, and its entries in Table A-1 and among the contractor's errors."""
 
     parameters: Mapping[str, float]
     seven: dict[str, Any]
@@ -132,8 +133,11 @@ def _run(collects: Collects, run: int) -> _Run | None:
     earth = np.mean(
         [of.T @ each.conditions.w_deg_per_hr.mean(axis=0) for of, each in zip(axes, chosen, strict=True)], axis=0
     )
-    matrix = matrix_solution(rates, gravity, earth)
-    contractor = contractor_solution(rates, gravity, earth)
+    three = measured.rows(kind > 0)
+    own = three.conditions
+    less_earth = three.rates_deg_per_hr - own.w_channels_deg_per_hr
+    matrix = solve_rates(named_form("matrix-6", own).columns(own), less_earth, None).values
+    contractor = solve_as_contractor(three, None).values
     named = dict(zip(MATRIX_6, matrix.tolist(), strict=True))
     seven = seven_biases(rates, gravity, earth, named["GSA"], named["GSB"], named["MUB"])
     errors = {

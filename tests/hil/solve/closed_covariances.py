@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hil.analysis.published.closed_forms import contractor_solution
+from tests.hil.solve.closed_forms import contractor_solution
 
 
 def matrix_covariance(G: ArrayLike) -> np.ndarray:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hil.analysis.published.closed_forms import contractor_solution
 from hil.model.earth import Site
 from hil.model.equation import Orientation, pickoff_rates, rotor_matrix
 from hil.solve import Solution, solve
 from tests.hil.solve.closed_covariances import contractor_covariance
+from tests.hil.solve.closed_forms import contractor_solution
 
 NAMES = ("BA", "BB", "GSA", "GSB", "MUA", "MUB")
 RUNS = 20_000

@@ -10,7 +10,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hil.analysis.published.closed_forms import contractor_solution, matrix_solution
 from hil.campaign.reader import read_campaign
 from hil.errors import InputError
 from hil.model.equation import Orientation, pickoff_rates, rotor_matrix
@@ -21,6 +20,7 @@ from hil.solve.precision import with_every_error
 from hil.solve.runs import _of_as_many
 from procedures.verdict import Verdict
 from tests.hil.solve.closed_covariances import contractor_covariance, matrix_covariance
+from tests.hil.solve.closed_forms import contractor_solution, matrix_solution
 from tests.hil.solve.solved_campaigns import NAMES, ROTOR_YAML, SIGMA, SITE, TRUTH, only, rotor, rotor_row, values_of
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hil.analysis.published.closed_forms import contractor_error, contractor_solution, matrix_solution, seven_biases
+from hil.analysis.published.closed_forms import contractor_error, seven_biases
 from hil.model.equation import RD_GC_86_1_SENSOR_2, pickoff_rates, rotor_matrix
 from hil.solve import solve
 from tests.hil.solve.closed_covariances import contractor_covariance, matrix_covariance
+from tests.hil.solve.closed_forms import contractor_solution, matrix_solution
 
 SEEDS = range(4)
 

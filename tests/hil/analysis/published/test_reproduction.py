@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hil.analysis.published.closed_forms import contractor_solution, seven_biases
+from hil.analysis.published.closed_forms import seven_biases
 from hil.analysis.published.reproduction import reproduce
 from hil.campaign import Campaign, Collects, Conditions, Sensor
 from hil.cli.told import lines_of
@@ -18,6 +18,7 @@ from hil.errors import InputError
 from hil.model import load_model
 from hil.model.earth import Site
 from hil.model.equation import RD_GC_86_1_SENSOR_2, pickoff_rates, rotor_matrix
+from tests.hil.solve.closed_forms import contractor_solution
 
 SENSOR = Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"})
 PRINTED_DEGC = [-29.72, -14.39, -6.83, 6.28, 23.39, 37.83, 48.89, 60.0]
