@@ -51,11 +51,8 @@ def create_app(watcher: Watcher, access: Access) -> Guard:
 
     @asynccontextmanager
     async def watching(app: Starlette) -> AsyncIterator[None]:  # noqa: ARG001 - the signature of a lifespan
-        watcher.start()
-        try:
+        async with watcher.watching():
             yield
-        finally:
-            await run_in_threadpool(watcher.stop)
 
     async def page(request: Request) -> Response:  # noqa: ARG001 - the signature of an endpoint
         return FileResponse(f"{_STATIC}/index.html")

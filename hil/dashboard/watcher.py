@@ -1,8 +1,7 @@
-"""Looks at the nights of a folder once a second, in a thread, and tells every open page what changed.
+"""Looks at the nights of a folder once a second, beside the event loop, and tells every open page what changed.
 
     watcher = Watcher(folder)
-    watcher.start()
-    async with watcher.page() as updates:
+    async with watcher.watching(), watcher.page() as updates:
         frame = await updates.get()      # bytes of one server-sent event
 
 All pages get the same bytes, made once. A page that was just opened, or that was too slow to take what it was sent,
@@ -13,8 +12,7 @@ import asyncio
 import json
 import os
 import secrets
-import threading
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager, nullcontext, suppress
 from pathlib import Path
 
@@ -43,26 +41,20 @@ class Watcher:
         self._not_shown = 0
         self._broken: dict[str, Part] = {}
         self._pages: dict[asyncio.Queue[bytes], bool] = {}  # whether it needs everything
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._everything_wanted = False  # set in the loop, read in the thread
-        self._wake = threading.Event()
-        self._ended = False
+        self._wake = asyncio.Event()
         self.reports = f"/report/{secrets.token_urlsafe(16)}/"  # told to pages that may read, and guessed by nobody
         self.units = f"/units/{secrets.token_urlsafe(16)}/" if archive is not None else ""
-        self._thread = threading.Thread(target=self._run, name="hil dashboard watcher", daemon=True)
 
-    def start(self) -> None:
-        """Begin to look; called in the event loop that serves the pages, before it serves any."""
-        self._loop = asyncio.get_running_loop()
+    @asynccontextmanager
+    async def watching(self) -> AsyncIterator[None]:
+        """Look again and again meanwhile, in the event loop that serves the pages and before it serves any."""
         with suppress(InputError):  # a page that was open before asks at once: its nights are there, if not yet read
             self._discover()
-        self._thread.start()
-
-    def stop(self) -> None:
-        """End the thread."""
-        self._ended = True
-        self._wake.set()
-        self._thread.join()
+        looking = asyncio.create_task(self._run())
+        try:
+            yield
+        finally:
+            looking.cancel()
 
     def night(self, identity: str) -> NightFacts:
         """Return a night that is shown; raise `InputError` where it is none of them."""
@@ -76,26 +68,27 @@ class Watcher:
         """Give a queue of server-sent events: everything first, then what changes."""
         queue: asyncio.Queue[bytes] = asyncio.Queue(_WAITING)
         self._pages[queue] = True
-        self._everything_wanted = True
         self._wake.set()
         try:
             yield queue
         finally:
             del self._pages[queue]
 
-    # The thread
-
-    def _run(self) -> None:
-        while not self._ended:
-            wanted, self._everything_wanted = self._everything_wanted, False
+    async def _run(self) -> None:
+        while True:
+            everything = any(self._pages.values())
             try:
-                changed = self.look()
-                self._hand_over(self._send, self.frame(changed), self.frame(self.whole()) if wanted else b"")
+                self._send(*await asyncio.to_thread(self._frames, everything))
             except Exception as error:  # no file can be opened any more, say: pages are told, and the next look may do
                 said = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
-                self._hand_over(self._send_problem, self.frame({}, problem=said))
-            self._wake.wait(self._every_s)
+                self._send_problem(self.frame({}, problem=said))
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self._wake.wait(), self._every_s)
             self._wake.clear()
+
+    def _frames(self, everything: bool) -> tuple[bytes, bytes]:
+        changed = self.look()
+        return self.frame(changed), self.frame(self.whole()) if everything else b""
 
     def look(self) -> Mapping[str, Part]:
         """Look at every night; return by night what changed since the last time.
@@ -183,25 +176,14 @@ class Watcher:
         document |= {"reports": self.reports, "units": self.units}
         return b"data: " + json.dumps(document, separators=(",", ":"), allow_nan=False).encode() + b"\n\n"
 
-    def _hand_over(self, send: Callable[..., None], *frames: bytes) -> None:
-        loop = self._loop
-        if loop is not None and not self._ended:
-            try:
-                loop.call_soon_threadsafe(send, *frames)
-            except RuntimeError:  # the loop was closed while we looked
-                self._ended = True
-
-    # In the loop
-
     def _send(self, frame: bytes, everything: bytes) -> None:
         for queue, needs_everything in list(self._pages.items()):
             if needs_everything and not everything:
-                continue  # opened while the thread was looking: the next frame is for it
+                continue  # opened during the look: the next frame is for it
             if queue.full():
                 while not queue.empty():
                     queue.get_nowait()
-                self._pages[queue] = True
-                self._everything_wanted = True  # with the next look: who is slow need not be hurried for
+                self._pages[queue] = True  # with the next look: who is slow need not be hurried for
                 continue
             queue.put_nowait(everything if needs_everything else frame)
             self._pages[queue] = False
@@ -212,4 +194,3 @@ class Watcher:
             if not queue.full():
                 queue.put_nowait(frame)
             self._pages[queue] = True
-        self._everything_wanted = True

@@ -362,12 +362,10 @@ def test_pages_are_told_when_the_folder_cannot_be_looked_at_and_everything_once_
 
     async def watched() -> list[dict[str, Any]]:
         watcher = Failing(tmp_path, every_s=0.01)
-        watcher.start()
         told: list[dict[str, Any]] = []
-        async with watcher.page() as updates:
+        async with watcher.watching(), watcher.page() as updates:
             while len(told) < 20 and not (told and told[-1]["nights"]):
                 told.append(json.loads((await updates.get())[6:]))
-        await asyncio.to_thread(watcher.stop)
         return told
 
     told = asyncio.run(watched())

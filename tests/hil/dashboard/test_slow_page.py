@@ -31,20 +31,19 @@ class Stepped(Watcher):
             self._allowed.acquire()
         return super().look()
 
-    def begun(self) -> None:
+    async def begun(self) -> None:
         """Wait until a look has begun."""
-        assert self._begun.acquire(timeout=10.0)
+        assert await asyncio.to_thread(self._begun.acquire, timeout=10.0)
 
-    def step(self) -> None:
-        """Let the look that has begun end, and the next one begin."""
+    async def step(self) -> None:
+        """Let the look that has begun end, and the next one begin: what it made has been sent then."""
         self._allowed.release()
-        self.begun()
+        await self.begun()
 
-    def stop(self) -> None:
+    def end(self) -> None:
         """Let the last look end as well."""
         self._ending = True
         self._allowed.release()
-        super().stop()
 
 
 def test_a_page_that_takes_nothing_fills_no_memory_and_is_told_everything_once_it_does(tmp_path: Path) -> None:
@@ -54,24 +53,16 @@ def test_a_page_that_takes_nothing_fills_no_memory_and_is_told_everything_once_i
 
     async def sleeping() -> list[bytes]:
         watcher = Stepped(tmp_path)
-        async with watcher.page() as updates:
-            watcher.start()
-            watcher.begun()
+        async with watcher.watching(), watcher.page() as updates:
+            await watcher.begun()
             for _ in range(4):
-                watcher.step()
-            await asyncio.sleep(0)  # the loop sends what was made
+                await watcher.step()
             assert updates.full()
-            watcher.step()
-            watcher.step()  # it begins before the loop has seen that the page is full
-            await asyncio.sleep(0)
+            await watcher.step()
             assert updates.empty()  # it is not worth keeping: everything will come
-            watcher.step()
-            await asyncio.sleep(0)
-            assert updates.empty()
-            watcher.step()
-            watcher.step()
-            await asyncio.sleep(0)
-            watcher.stop()
+            await watcher.step()
+            await watcher.step()
+            watcher.end()
             return [updates.get_nowait(), updates.get_nowait()]
 
     everything, change = (json.loads(frame[6:])["nights"] for frame in asyncio.run(sleeping()))
