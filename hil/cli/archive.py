@@ -10,7 +10,7 @@ from typer import Argument, Option
 from drivers.clock import SystemClock
 from hil.cli.answer import Answer, told
 from hil.cli.exit_status import Limits, Strict, of_unit
-from hil.cli.output import Folder, check_named, messages
+from hil.cli.output import PAGE, Folder, check_named, messages
 from hil.errors import InputError
 from hil.files.document import picked
 
@@ -31,8 +31,7 @@ def certificate(
     strict: Strict = False,
 ) -> Answer:
     """Write the calibration certificate of a night's unit: results with expanded uncertainty, traceability, budget."""
-    from hil.files.durable import write_result
-    from hil.files.page import page_file
+    from hil.files.durable import check_file, write_result
     from hil.files.strict import NAME, one_line
     from hil.records.reader import units_in
     from hil.records.units import writable
@@ -44,7 +43,7 @@ def certificate(
     folder = units_in(folder).get(unit or "", folder)
     asked = unit, one_line("--customer", customer), one_line("--number", number, NAME), limits
     found = made(folder, SystemClock().utc().date(), *asked)
-    path = page_file(out or writable(folder) / "certificate.html")
+    path = check_file(out or writable(folder) / "certificate.html", *PAGE)
     if found.refused and not draft:
         raise InputError(f"{folder}: no certificate: {'; '.join(found.refused)}. --draft writes a draft that says so")
     write_result(path, found.page())
@@ -136,9 +135,9 @@ def history(
     from hil.archive.index import opened_index
 
     if page is not None:
-        from hil.files.page import page_file
+        from hil.files.durable import check_file
 
-        page_file(page)  # before anything is written
+        check_file(page, *PAGE)  # before anything is written
     folder, chosen = _named(archive), None
     if limits is not None:
         from hil.config.limits import load_limits

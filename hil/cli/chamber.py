@@ -19,11 +19,10 @@ from hil.errors import InputError
 from hil.files.document import picked
 
 if TYPE_CHECKING:
-    from drivers.chambers import ChamberReading
-    from drivers.chambers.chamber import ChamberIdentity
     from hil.bench import LiveChamber
     from hil.config import Bench
 
+_READ = "temperature_degC setpoint_degC mode low_limit_degC high_limit_degC alarms"
 _LOOK_S = 5.0  # between looks at a ramp that is stepped from here
 
 
@@ -71,8 +70,15 @@ def chamber(
             left = watch_air(live.chamber, live.clock, safe, on.polling, messages().print)
             messages().print(f"{on.name}: {left}")
         if left.safe:
-            identity, reading = live.chamber.identify(), live.chamber.read()
-            _show(on, action, identity, reading, as_json=as_json)
+            document = {
+                "schema": "hil.chamber/1",
+                "bench": on.name,
+                "simulated": on.simulated,
+                "action": action.value,
+                "model": live.chamber.identify().model,
+                **picked(live.chamber.read(), _READ),
+            }
+            Answer(document, told(document)).show(as_json=as_json)
     return left.exit_status(0)
 
 
@@ -134,18 +140,6 @@ def _set(live: LiveChamber, target_degC: float) -> None:
             raise CommandRefused(
                 f"{live.bench.chamber.port}: somebody set {found:.2f} °C during the ramp; it is left at that"
             )
-
-
-def _show(bench: Bench, action: Action, identity: ChamberIdentity, reading: ChamberReading, *, as_json: bool) -> None:
-    document = {
-        "schema": "hil.chamber/1",
-        "bench": bench.name,
-        "simulated": bench.simulated,
-        "action": action.value,
-        "model": identity.model,
-        **picked(reading, "temperature_degC setpoint_degC mode low_limit_degC high_limit_degC alarms"),
-    }
-    Answer(document, told(document)).show(as_json=as_json)
 
 
 def simulate(

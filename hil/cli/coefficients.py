@@ -64,11 +64,12 @@ def allan(
 
     from hil.analysis.allan.document import AllanResult, draw
     from hil.analysis.allan.sources import read_recording
-    from hil.files.figure import check_name, save_figure
+    from hil.files.durable import check_file
+    from hil.files.figure import PLOT, save_figure
     from hil.files.units import RATE, TIME
 
     if out is not None:
-        check_name(out)
+        check_file(out, *PLOT)
     wanted = None if reach is None else quantity("--reach", reach, RATE)
     collect_s = 60.0
     if collect_time is not None:

@@ -13,7 +13,7 @@ from typer import Argument, Option
 
 from hil.cli.answer import Answer, told
 from hil.cli.exit_status import Exit, Limits, Strict, of_unit
-from hil.cli.output import Folder, check_named, messages, results, warn
+from hil.cli.output import PAGE, Folder, check_named, messages, results, warn
 from hil.errors import InputError
 from procedures.words import counted
 
@@ -58,7 +58,7 @@ def report(
     parquet: Annotated[bool, Option("--parquet", help="Beside it its tables, for a program.")] = False,
 ) -> int:
     """Write the report: one self-contained HTML file that any browser shows and prints."""
-    from hil.files.page import page_file
+    from hil.files.durable import check_file
     from hil.records.reader import units_in
     from hil.report.content import good
     from hil.report.page import write_units
@@ -70,7 +70,7 @@ def report(
     units = units_in(source)
     if units and against is not None:
         raise InputError(f"{source}: --against is of one unit: hil report {next(iter(units.values()))} --against …")
-    over_all = page_file(out or source / "report.html") if units else source
+    over_all = check_file(out or source / "report.html", *PAGE) if units else source
     written: dict[str, tuple[Path, ReportContent]] = {}
     without: dict[str, str] = {}
     for unit, folder in (units or {"": source}).items():
@@ -116,8 +116,7 @@ def write_report(
     """
     from hil.analysis.against import compare
     from hil.analysis.in_spec import in_spec_of
-    from hil.files.durable import write_result
-    from hil.files.page import page_file
+    from hil.files.durable import check_file, write_result
     from hil.records.reader import is_night
     from hil.records.units import writable
     from hil.report.content import gather
@@ -126,7 +125,7 @@ def write_report(
 
     night = night_content(source) if is_night(source) else None
     campaign = _campaign(source, night)
-    path = page_file(out or writable(source) / "report.html")
+    path = check_file(out or writable(source) / "report.html", *PAGE)
     comparison = None if against is None else compare(campaign, read_source(against, EARLIER))
     content = gather(campaign, night, comparison)
     state = "" if night is None else night.state
@@ -255,9 +254,10 @@ _OfSensor = Annotated[int | None, Option("--sensor", help="Which sensor, where t
 
 
 def _plot(out: Path, draw: Callable[[], Figure]) -> None:
-    from hil.files.figure import check_name, save_figure
+    from hil.files.durable import check_file
+    from hil.files.figure import PLOT, save_figure
 
-    check_name(out)
+    check_file(out, *PLOT)
     save_figure(draw(), out)
     results().print(f"plot: {out}")
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:  # most commands read no campaign
     from hil.campaign import Campaign
 
 _ANY_WIDTH = 10_000
+PAGE = ("a page", ".html", ".htm")
 
 JsonFlag = Annotated[bool, Option("--json", help="One JSON document on standard output, nothing else there.")]
 Folder = Annotated[Path, Argument(help="A night's folder.")]

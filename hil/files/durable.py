@@ -78,6 +78,17 @@ def check_new(path: Path) -> None:
         raise InputError(f"{path}: the folder {path.parent} does not exist")
 
 
+def check_file(path: Path, what: str, *endings: str) -> Path:
+    """Return where a file is to be written; raise `InputError` for a folder, one in none, or a name of another kind."""
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: the folder {path.parent} does not exist")
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; name a file in it")
+    if path.suffix.lower() not in endings:  # a slip must not replace a journal or a table by a page
+        raise InputError(f"{path}: {what} is written as {' or '.join(endings)}; give a name that ends so")
+    return path
+
+
 def make_folders(disk: RealDisk, folder: Path) -> list[Path]:
     """Make `folder` and whatever is missing above it, durably; return what was made, the innermost first.
 

@@ -6,8 +6,7 @@ import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hil.errors import InputError
-from hil.files.durable import write_result
+from hil.files.durable import check_file, write_result
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -15,6 +14,7 @@ if TYPE_CHECKING:
 
 SETTINGS: Any = {"svg.fonttype": "none", "svg.hashsalt": "hil", "font.family": "sans-serif", "font.size": 9.0}
 _DOTS_PER_INCH = 150
+PLOT = ("a plot", ".svg", ".png")
 
 LOOKS: dict[str, dict[str, Any]] = {
     "matrix": {"color": "#0072B2", "marker": "o", "linestyle": "-"},
@@ -46,14 +46,6 @@ def marked(title: str, *, simulated: bool) -> str:
     return f"SIMULATED  {title}" if simulated else title
 
 
-def check_name(path: Path) -> None:
-    """Raise `InputError` where a plot's name ends in neither .svg nor .png, or its folder is not there."""
-    if path.suffix.lower() not in {".svg", ".png"}:
-        raise InputError(f"{path}: a plot is written as .svg or .png; give a name that ends so")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: the folder {path.parent} does not exist")
-
-
 def drawn(figure: Figure, kind: str = "svg") -> bytes:
     """Return the bytes of a picture, svg or png."""
     import matplotlib as mpl  # imported late: it is slow, and only a plot needs it
@@ -67,5 +59,5 @@ def drawn(figure: Figure, kind: str = "svg") -> bytes:
 
 def save_figure(figure: Figure, path: Path) -> None:
     """Write `figure` to `path`, whole or not at all; raise `InputError` where the file cannot be written."""
-    check_name(path)
+    check_file(path, *PLOT)
     write_result(path, drawn(figure, path.suffix.lower().removeprefix(".")))

@@ -8,14 +8,12 @@ from __future__ import annotations
 import hashlib
 import html
 import re
-from pathlib import Path
 from textwrap import shorten
 from typing import TYPE_CHECKING, Any
 
 from jinja2 import Environment, PackageLoader, PrefixLoader, StrictUndefined
 from markupsafe import Markup
 
-from hil.errors import InputError
 from hil.files.figure import drawn
 from hil.files.numbers import degrees, number
 from procedures.words import counted, hours_minutes, percent
@@ -39,17 +37,6 @@ def rendered(room: str, template: str, content: object) -> str:
     filters = {"number": number, "degrees": degrees, "hours_minutes": hours_minutes, "counted": counted}
     environment.filters |= {**filters, "percent": percent}
     return environment.get_template(f"room/{template}").render(r=content)
-
-
-def page_file(path: Path) -> Path:
-    """Return where a page is to be written; raise `InputError` where it is a folder, in none, or not named .html."""
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: the folder {path.parent} does not exist")
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; name a file, such as {path / 'page.html'}")
-    if path.suffix.lower() not in (".html", ".htm"):  # a slip must not replace a journal or a table by a page
-        raise InputError(f"{path}: a page is written as .html; give a name that ends so")
-    return path
 
 
 def _with_minus(shown: object) -> object:
