@@ -96,8 +96,9 @@ def gather(
     """
     solutions = solve_campaign(campaign)
     published = (vocabulary or (night.vocabulary if night else "")) == PUBLISHED
-    numbers = campaign.sensors if published else ()
-    contractor = [each for number in numbers for each in solutions_of_contractor(campaign, number, solutions)]
+    rotors = {each.sensor for each in solutions if published and "MUB" in each.parameters}
+    alone = [Campaign(campaign.title, campaign.source, {n: campaign.sensors[n]}) for n in sorted(rotors)]
+    contractor = [each for one in alone for each in solve_campaign(one, "collins-4") if each.method == METHOD]
     beside, sensors = repeats(campaign, contractor), []
     for number, shown in repeats(campaign, solutions).items():
         own = [each for each in solutions if each.sensor == number]
@@ -107,14 +108,6 @@ def gather(
             found = reproduce(campaign, number) if of_run else None
         sensors.append(SensorContent(number, own, of_run, shown, beside.get(number), found))
     return ReportContent(campaign, sensors, night, comparison, common_and_differential(campaign))
-
-
-def solutions_of_contractor(campaign: Campaign, sensor: int, solutions: Sequence[RunSolution]) -> Sequence[RunSolution]:
-    """The contractor's four-parameter solutions (A-13)-(A-16), where the sensor's collects are the report's three."""
-    if not any("MUB" in each.parameters for each in solutions if each.sensor == sensor):
-        return ()
-    one = Campaign(campaign.title, campaign.source, {sensor: campaign.sensors[sensor]})
-    return [each for each in solve_campaign(one, "collins-4") if each.method == METHOD]
 
 
 def headline(content: ReportContent) -> str:
@@ -138,9 +131,14 @@ def good(content: ReportContent) -> tuple[str, str]:
     state = ("incomplete" if content.campaign.missing else "complete") if content.night is None else content.night.state
     judged = night_verdict(state, found).verdict
     if state != "complete":
+        missing = f"missing are {'; '.join(content.campaign.missing)}"
+        if content.night is not None:
+            done, asked = content.night.self_calibrations
+            lacks = f"{asked - done} of {asked} self-calibrations are missing"
+            missing = lacks if done < asked else content.night.reason
         worst = night_verdict("complete", found).verdict
         there = "what is there is measured well" if worst is Verdict.PASS else f"some of what is there is {worst}"
-        return str(judged), f"{state.capitalize()}: {_missing(content)}; {there if found else 'nothing was solved'}."
+        return str(judged), f"{state.capitalize()}: {missing}; {there if found else 'nothing was solved'}."
     if not found:
         return str(judged), "Nothing was solved."
     if judged is Verdict.PASS and content.comparison is not None and content.comparison.doubts:
@@ -153,14 +151,6 @@ def good(content: ReportContent) -> tuple[str, str]:
         Verdict.FAIL: "Not good: some of it must not be used; the reasons are below.",
     }
     return str(judged), words[judged]
-
-
-def _missing(content: ReportContent) -> str:
-    """Say how much of a night is missing: self-calibrations, or else why it is not called complete."""
-    if content.night is None:
-        return f"missing are {'; '.join(content.campaign.missing)}"
-    done, asked = content.night.self_calibrations
-    return f"{asked - done} of {asked} self-calibrations are missing" if done < asked else content.night.reason
 
 
 _DO = {

@@ -281,13 +281,6 @@ def night_provenance(journal: JournalReader, identity: Mapping[str, Mapping[str,
     return [(name, value) for name, value in told if value]
 
 
-def campaign_provenance(campaign: Campaign) -> list[tuple[str, str]]:
-    """Return names and values for a campaign folder."""
-    folder = campaign.folder
-    told = [("campaign", folder.resolve().name if folder else campaign.title), ("source", campaign.source)]
-    return [(name, value) for name, value in told if value]
-
-
 def campaign_files(campaign: Campaign) -> list[tuple[str, int, str]]:
     """Return path, size in bytes and SHA-256 of the files that a campaign folder was read from."""
     if campaign.folder is None:

@@ -2,20 +2,18 @@
 
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from hil.analysis.against import Comparison
 from hil.files.durable import write_result
 from hil.files.numbers import decimals_for
 from hil.files.page import in_style, inline_svg, rendered
 from hil.records import reading
-from hil.records.reader import JournalReader
 from hil.records.status import in_brief, night_status, recorded_verdict
 from hil.records.troubles import to_do as to_do_now
 from hil.report.content import ReportContent, assumed, cannot_tell, good, headline, largest, to_do
-from hil.report.night import NightContent, campaign_files, campaign_provenance
+from hil.report.night import NightContent, campaign_files
 from hil.report.plots import draw_night
 from hil.report.sensor_view import key_numbers, sensor_view
 from hil.solve.document import reasons
@@ -52,8 +50,11 @@ def _page(content: ReportContent) -> dict[str, Any]:
     verdict, sentence = good(content)
     # The report's own sensor, beside which the contractor's solution stands, before any other.
     sensors = sorted(content.sensors, key=lambda each: not each.has_contractor)
-    order = [each.number for each in sensors]
+    order, compared = [each.number for each in sensors], content.comparison
+    differences = sorted(compared.differences if compared else (), key=lambda each: order.index(each.sensor))
     files = night.files if night is not None else campaign_files(campaign)
+    name = campaign.folder.resolve().name if campaign.folder else campaign.title
+    provenance = [("campaign", name), *([("source", campaign.source)] if campaign.source else [])]
     warnings = dict.fromkeys([*in_words(what_is_wrong(campaign)), *campaign.warnings, *campaign.notes.splitlines()])
     published = any(each.has_contractor for each in sensors)
     why = list(reasons([solution for each in sensors for solution in each.solutions]))
@@ -79,25 +80,20 @@ def _page(content: ReportContent) -> dict[str, Any]:
         "missing": in_brief(night.missing) if night is not None else [],
         "sensors": [sensor_view(each, published=published) for each in sensors],
         "both": [] if content.both is None else content.both.sentences(),
-        "comparison": None if content.comparison is None else _comparison(content.comparison, order),
+        "comparison": compared
+        and {
+            "of": compared,
+            "flagged": [each.sentence for each in compared.first],
+            "remarks": [each for each in compared.remarks if each not in compared.doubts],
+            "differences": [(each, decimals_for([each.difference.sd])) for each in differences],
+        },
         "night": None if night is None else night_view(night),
         "cautions": len(campaign.warnings),
         "warnings": list(warnings),
         "assumed": assumed(content),
         "cannot_tell": cannot_tell(content),
-        "provenance": night.provenance if night is not None else campaign_provenance(campaign),
+        "provenance": night.provenance if night is not None else provenance,
         "files": files,
-    }
-
-
-def _comparison(comparison: Comparison, order: list[int]) -> dict[str, Any]:
-    """Return what the template shows of a comparison; sensors stand in `order`, as elsewhere on the page."""
-    differences = sorted(comparison.differences, key=lambda each: order.index(each.sensor))
-    return {
-        "of": comparison,
-        "flagged": [each.sentence for each in comparison.first],
-        "remarks": [each for each in comparison.remarks if each not in comparison.doubts],
-        "differences": [(each, decimals_for([each.difference.sd])) for each in differences],
     }
 
 
@@ -111,7 +107,8 @@ def write_units(
     """
     status = night_status(source)
     with reading(source) as journal:
-        verdict, soaks = recorded_verdict(journal), list(_soaks(journal))
+        verdict, done = recorded_verdict(journal), journal.completed()
+        soaks = [(step, done[step.key].data) for step in journal.plan.of_kind(StepKind.RESTABILISE) if step.key in done]
     units = []
     for each in status["units"]:
         page: str | None = None
@@ -133,15 +130,6 @@ def write_units(
         "whole": False,
     }
     write_result(path, rendered("hil.report", "units.html.j2", document))
-
-
-def _soaks(journal: JournalReader) -> Iterator[tuple[int | None, float | None, float, str]]:
-    """Yield of each soak its self-calibration, °C, minutes, and the criterion that decided, with its unit."""
-    done = journal.completed()
-    for step in journal.plan.of_kind(StepKind.RESTABILISE):
-        if (result := done.get(step.key)) is not None:
-            by = result.data.get("decided_by") or "the ceiling"
-            yield step.self_calibration, step.temperature_degC, result.data.get("waited_s", 0.0) / 60.0, by
 
 
 def night_view(night: NightContent) -> dict[str, Any]:

@@ -69,11 +69,6 @@ class Accelerometers:
         """Return f, g, of what the accelerometers show, both (…, n, 3); of what length it comes out."""
         return _f(self.values, mean_g)
 
-    @property
-    def not_told(self) -> list[str]:
-        """Which parameters of one unit the poses do not tell."""
-        return [name for name, sd in zip(NAMES, self.sd, strict=True) if sd > TOLD * PRIOR]
-
     def rows(self) -> dict[str, dict[str, Any]]:
         """Return the parameters of one unit by their names, with units, intervals, and whether the poses tell them."""
         return parameters_told(NAMES, self.values, self.sd, self.half_width, _UNITS)

@@ -209,7 +209,7 @@ def _positions(log: Log, stretches: Sequence[Stretch], f_g: FloatArray) -> tuple
 def _calibration_in_words(fitted: Accelerometers, n: int) -> list[str]:
     """Say what the poses tell of the accelerometers, and what not."""
     said = []
-    lacking = fitted.not_told
+    lacking = [name for name, of in fitted.rows().items() if not of["told"]]
     if lacking:
         said.append(
             f"accelerometers: {counted(n, 'pose')}: {len(NAMES) - len(lacking)} of {len(NAMES)} parameters told; "

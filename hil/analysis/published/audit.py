@@ -131,7 +131,10 @@ def audit_table(name: str | Path) -> Audit:
         believed = digits if digits and row.n_stated and row.n_stated % digits else row.n_stated
         findings += _judge_row(row, list(identities_of_1(row, resolution, believed or digits)))
         if resolution and believed != row.n_stated and row.n_stated:
-            findings.append(_other_lattice(row, resolution, believed or 0))
+            stated = next(of for of in identities_of_1(row, resolution, row.n_stated) if of.name.startswith("means"))
+            multiples = f"all means of this temperature are multiples of {resolution:g}/{believed}"
+            note = f"{multiples}: {believed} runs, not {row.n_stated}"
+            findings.append(Finding(row, stated, stated.gap(row.values()), 0.0, "minor", note=note))
     return Audit(table, findings, resolution, told)
 
 
@@ -147,12 +150,6 @@ def _judge_row(row: PrintedRow, every: Sequence[Identity]) -> list[Finding]:
         candidates = readings(row, identity, every)[:_MOST_CANDIDATES]
         found.append(Finding(row, identity, residual, tolerance, verdict, candidates, demands(row, identity, every)))
     return found
-
-
-def _other_lattice(row: PrintedRow, resolution: float, told: int) -> Finding:
-    stated = next(each for each in identities_of_1(row, resolution, row.n_stated) if each.name.startswith("means"))
-    note = f"all means of this temperature are multiples of {resolution:g}/{told}: {told} runs, not {row.n_stated}"
-    return Finding(row, stated, stated.gap(row.values()), 0.0, "minor", note=note)
 
 
 def variants(text: str) -> Iterator[tuple[str, str]]:

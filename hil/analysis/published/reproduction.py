@@ -11,7 +11,6 @@ GSA by -MUB G3/G1, which at a tilt of 16 milliradians is 0.4 deg/hr/g for the MU
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -38,13 +37,8 @@ _PRINTED = packaged("hil.analysis.published", "printed.yaml")
 _LEVEL = np.array([1.0, 0.0, 0.0])
 
 
-@dataclass(frozen=True)
-class _Run:
-    """One run as the report solves it, and its entries in Table A-1 and among the contractor's errors."""
-
-    parameters: Mapping[str, float]
-    seven: dict[str, Any]
-    error: dict[str, Any]
+_Run = tuple[dict[str, float], dict[str, Any], dict[str, Any]]
+"""Parameters of one run as the report solves it, its entries in Table A-1 and among the contractor's errors."""
 
 
 def reproduce(campaign: Campaign, sensor: int = 2) -> dict[str, Any]:
@@ -93,9 +87,9 @@ def reproduce(campaign: Campaign, sensor: int = 2) -> dict[str, Any]:
             {"title": title, "unit": unit, "lines": [_line(label, table[row], [*groups]) for label, row in of.items()]}
             for title, unit, of in _PRINTED["figures"]
         ],
-        "table_a1": [each.seven for each in solved.values()],
+        "table_a1": [seven for _, seven, _ in solved.values()],
         "printed_a1": [_seven(str(row.label), row.values()) for row in printed],
-        "contractor_errors": [each.error for each in solved.values()],
+        "contractor_errors": [error for _, _, error in solved.values()],
     }
 
 
@@ -145,7 +139,7 @@ def _run(collects: Collects, run: int) -> _Run | None:
         "closed_form": contractor_error(gravity, named["MUA"], named["MUB"]),
         "g1_only": contractor_error(gravity[0] * _LEVEL, named["MUA"], named["MUB"]),
     }
-    return _Run(
+    return (
         {**named, "BA Collins": float(contractor[0]), "BB Collins": float(contractor[1])},
         _seven(f"run {run}", dict(zip(SEVEN, seven.tolist(), strict=True))),
         {"run": run, **{by: dict(zip(CONTRACTORS, plain(of), strict=True)) for by, of in errors.items()}},
@@ -153,7 +147,7 @@ def _run(collects: Collects, run: int) -> _Run | None:
 
 
 def _cell(runs: Sequence[_Run], name: str, printed: dict[str, Any] | None) -> dict[str, Any]:
-    values = np.array([run.parameters[name] for run in runs])
+    values = np.array([parameters[name] for parameters, _, _ in runs])
     sigma = float(values.std(ddof=1)) if len(values) > 1 else None
     return {"mean": float(values.mean()), "sigma": sigma, "runs": len(values), "printed": printed}
 
