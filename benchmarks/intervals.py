@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hil.analysis.against import compare
+from hil.analysis.against import Comparison
 from hil.analysis.allan.deviation import octaves
 from hil.analysis.allan.fit import NoiseFit
 from hil.analysis.thermal.document import thermal_document
@@ -104,7 +104,7 @@ def thermal(seed: int) -> Held:
 
 def against(seed: int) -> Held:
     """What changed between two nights of a unit that did not change: within the interval of its degrees of freedom."""
-    for each in compare(night(seed), night(seed + 100_000)).differences:
+    for each in Comparison(night(seed), night(seed + 100_000)).differences:
         yield "a difference between nights", abs(each.difference.value) <= each.difference.half_width
 
 

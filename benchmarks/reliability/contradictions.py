@@ -22,7 +22,7 @@ from pathlib import Path
 
 from benchmarks.reliability.contradicted import Case, cases
 from drivers.imu.samples import FloatArray
-from hil.analysis.against import compare
+from hil.analysis.against import Comparison
 from hil.bench import LiveBench
 from hil.bench.at_rest import at_rest
 from hil.campaign.reader import read_campaign
@@ -132,7 +132,7 @@ def told_of(case: Case, folder: Path, seed: int = 1) -> Told:
         if case.history:
             before = folder.with_name("before")
             start_night(before, sweep_of(case), load_bench("simulated"), seed=seed)
-            against = compare(campaign, campaign_of_night(before))
+            against = Comparison(campaign, campaign_of_night(before))
         content = gather(campaign, None, against)
         exported = read_campaign(export_campaign(folder, folder.with_name("exported")).folder)
     except InputError as error:

@@ -1,6 +1,6 @@
 """A campaign against an earlier one of the same unit: what changed, with its uncertainty, and what is beyond chance.
 
-    comparison = compare(campaign, earlier)
+    comparison = Comparison(campaign, earlier)
     [each for each in comparison.differences if each.flagged]
 
 A difference is this campaign's mean at a temperature less the earlier one's, with the standard uncertainty of both
@@ -11,7 +11,7 @@ as that, in 0.27 % of cases: of few runs that is more than three of these uncert
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -66,18 +66,46 @@ class Difference:
         return f"sensor {self.sensor}, {at}: {was}, {apart}"
 
 
-@dataclass(frozen=True)
 class Comparison:
-    """What two campaigns have in common, how it differs, and in words what must be known about it."""
+    """What two campaigns have in common, sensor by sensor, temperature by temperature (matched to 2 °C).
 
-    earlier: str
-    simulated: bool
-    source: str  # who recorded the earlier one, and when
-    differences: Sequence[Difference]
-    remarks: Sequence[str]
-    doubts: Sequence[str] = ()  # those of the remarks that contradict this campaign
-    without: Mapping[tuple[int, float | None], str] = field(default_factory=dict)  # by sensor and temperature: why
-    meaningless: str = ""  # why no difference says anything of the unit: the same rates, two units, a bad campaign
+    `differences` of their means; in `remarks` what must be known about them, of which `doubts` contradict this
+    campaign; `without` says by sensor and temperature why there is none, and `meaningless` why no difference says
+    anything of the unit: the same rates, two units, a bad campaign. `source` is who recorded the earlier one, and when.
+    """
+
+    def __init__(self, campaign: Campaign, earlier: Campaign) -> None:
+        self.earlier, self.simulated, self.source = earlier.title, earlier.simulated, earlier.source
+        self.differences: list[Difference] = []
+        self.without: dict[tuple[int, float | None], str] = {}
+        solved = solve_campaign(campaign), solve_campaign(earlier)
+        now, before = repeats(campaign, solved[0]), repeats(earlier, solved[1])
+        units = _unit(campaign), _unit(earlier)
+        itself, told = list(_itself(campaign, earlier)), list(_units(*units))
+        self.doubts = [*_slips(campaign, earlier), *_sites(campaign.site, earlier.site)]
+        self.remarks = remarks = [*self.doubts, *itself, *told]
+        judged = night_verdict("complete", solved[1])
+        bad = [f"The earlier campaign is {judged.verdict}: {judged.reason}."] if judged.verdict in NOT_GOOD else []
+        self.meaningless = next(iter([*itself, *(told if all(units) and units[0] != units[1] else []), *bad]), "")
+        for sensor, shown in now.items():
+            if sensor not in before:
+                remarks.append(f"The earlier campaign has no sensor {sensor}.")
+                continue
+            moving = [{r for e in of if e.sensor == sensor and not e.settled for r in e.runs} for of in solved]
+            for mean in shown.means:
+                match, where = before[sensor].at(mean.temperature_degC), shown.where(mean)
+                if why := _not_comparable(mean, match, moving):
+                    self.without[sensor, mean.temperature_degC] = why
+                    remarks.append(f"Sensor {sensor} at {degrees(**where)}: {why}.")
+                elif match:
+                    both = {
+                        name: (one, match.values[name]) for name, one in mean.values.items() if name in match.values
+                    }
+                    self.differences += [Difference(sensor, name, each, **where) for name, each in both.items()]
+        if not all(math.isfinite(each.difference.sd) for each in self.differences):
+            remarks.append(
+                "Where no uncertainty is given, neither standard errors nor repeats are there to tell it from."
+            )
 
     @property
     def flagged(self) -> Sequence[Difference]:
@@ -122,40 +150,6 @@ class Comparison:
 
 
 _Place = tuple[str, tuple[int, ...]]  # a position, and the runs of one temperature
-
-
-def compare(campaign: Campaign, earlier: Campaign) -> Comparison:
-    """Compare the means of two campaigns, sensor by sensor, temperature by temperature (matched to 2 °C)."""
-    solved = solve_campaign(campaign), solve_campaign(earlier)
-    now, before = repeats(campaign, solved[0]), repeats(earlier, solved[1])
-    differences: list[Difference] = []
-    units = _unit(campaign), _unit(earlier)
-    itself, told = list(_itself(campaign, earlier)), list(_units(*units))
-    remarks = [*itself, *told]
-    judged = night_verdict("complete", solved[1])
-    bad = [f"The earlier campaign is {judged.verdict}: {judged.reason}."] if judged.verdict in NOT_GOOD else []
-    meaningless = next(iter([*itself, *(told if all(units) and units[0] != units[1] else []), *bad]), "")
-    without: dict[tuple[int, float | None], str] = {}
-    for sensor, shown in now.items():
-        if sensor not in before:
-            remarks.append(f"The earlier campaign has no sensor {sensor}.")
-            continue
-        moving = [{r for each in of if each.sensor == sensor and not each.settled for r in each.runs} for of in solved]
-        for mean in shown.means:
-            match, where = before[sensor].at(mean.temperature_degC), shown.where(mean)
-            if why := _not_comparable(mean, match, moving):
-                without[sensor, mean.temperature_degC] = why
-                remarks.append(f"Sensor {sensor} at {degrees(**where)}: {why}.")
-            elif match:
-                both = {name: (one, match.values[name]) for name, one in mean.values.items() if name in match.values}
-                differences += [Difference(sensor, name, each, **where) for name, each in both.items()]
-    doubts = [*_slips(campaign, earlier), *_sites(campaign.site, earlier.site)]
-    if not all(math.isfinite(each.difference.sd) for each in differences):
-        remarks.append("Where no uncertainty is given, neither standard errors nor repeats are there to tell it from.")
-    remarks = [*doubts, *remarks]
-    return Comparison(
-        earlier.title, earlier.simulated, earlier.source, differences, remarks, doubts, without, meaningless
-    )
 
 
 def _not_comparable(mean: MeanAt, match: MeanAt | None, moving: Sequence[set[int]]) -> str:

@@ -96,9 +96,9 @@ def audit(
     ],
 ) -> Answer:
     """Check every identity in a published table: what does not close, by how much, which reading would mend it."""
-    from hil.analysis.published.audit import audit_table
+    from hil.analysis.published.audit import Audit
 
-    document = audit_table(name).document()
+    document = Audit(name).document()
     return Answer(document, told(document))
 
 

@@ -114,7 +114,7 @@ def write_report(
 
     Raises `InputError` where the source cannot be read, or `out` is a folder, in none, or not named .html.
     """
-    from hil.analysis.against import compare
+    from hil.analysis.against import Comparison
     from hil.analysis.in_spec import in_spec_of
     from hil.files.durable import check_file, write_result
     from hil.records.reader import is_night
@@ -126,7 +126,7 @@ def write_report(
     night = night_content(source) if is_night(source) else None
     campaign = _campaign(source, night)
     path = check_file(out or writable(source) / "report.html", *PAGE)
-    comparison = None if against is None else compare(campaign, read_source(against, EARLIER))
+    comparison = None if against is None else Comparison(campaign, read_source(against, EARLIER))
     content = gather(campaign, night, comparison)
     state = "" if night is None else night.state
     content = replace(content, in_spec=in_spec_of(source, campaign, content.solutions, limits, comparison, state))
@@ -155,7 +155,7 @@ def solve(
     strict: Strict = False,
 ) -> Answer:
     """Solve every self-calibration for bias and acceleration-sensitive drift, with uncertainties."""
-    from hil.analysis.against import compare
+    from hil.analysis.against import Comparison
     from hil.analysis.in_spec import in_spec_of
     from hil.model.forms import MODEL_NAMES
     from hil.solve import repeats, solve_campaign
@@ -175,7 +175,7 @@ def solve(
     both = common_and_differential(campaign)
     document = solution_document(campaign, solutions)
     document["both_sensors"] = None if both is None else both.document()
-    comparison = None if against is None else compare(campaign, read_source(against, EARLIER))
+    comparison = None if against is None else Comparison(campaign, read_source(against, EARLIER))
     unit = in_spec_of(source, campaign, solutions, limits, comparison)
     if against is not None and (unit is None or all(each.of != "change" for each in unit.characteristics)):
         compared = f"hil report {shlex.quote(str(source))} --against {shlex.quote(str(against))}"

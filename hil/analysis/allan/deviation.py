@@ -31,22 +31,6 @@ class NoiseKind(IntEnum):
 
 
 @dataclass(frozen=True)
-class Deviation:
-    """Allan deviations at k averaging times, shape (k,) each, in the unit of the data.
-
-    `edf` are equivalent degrees of freedom for the kind of noise `kind`; `low` and `high` bound the deviation at
-    `CONFIDENCE`.
-    """
-
-    tau_s: FloatArray
-    deviation: FloatArray
-    edf: FloatArray
-    kind: IntArray
-    low: FloatArray
-    high: FloatArray
-
-
-@dataclass(frozen=True)
 class Octaves:
     """Allan variances at octave multiples of the sampling interval, before anything is said about the noise.
 
@@ -77,15 +61,21 @@ class Octaves:
                     total[place] += times * edf_greenhall(int(alpha), 2, int(multiple), phases, overlapping=True)
         return total
 
-    def with_noise(self, kind: IntArray) -> Deviation:
-        """Return the deviations with intervals, given the kind of noise at each multiple."""
+
+class Deviation:
+    """Allan deviations at k averaging times `tau_s` in the unit of the data, shape (k,) each.
+
+    `edf` are equivalent degrees of freedom for the kind of noise `kind`; `low` and `high` bound the `deviation` at
+    `CONFIDENCE`.
+    """
+
+    def __init__(self, measured: Octaves, kind: IntArray) -> None:
         from allantools.ci import confidence_interval
 
-        edf = self.edf(kind)
-        deviation = np.sqrt(self.variance)
-        bounds = [confidence_interval(d, e, CONFIDENCE) for d, e in zip(deviation, edf, strict=True)]
-        low, high = np.array(bounds, dtype=np.float64).T
-        return Deviation(self.tau_s, deviation, edf, kind, low, high)
+        self.tau_s, self.deviation = measured.tau_s, np.sqrt(measured.variance)
+        self.edf, self.kind = measured.edf(kind), kind
+        bounds = [confidence_interval(d, e, CONFIDENCE) for d, e in zip(self.deviation, self.edf, strict=True)]
+        self.low, self.high = np.array(bounds, dtype=np.float64).T
 
 
 def octaves(stretches: Sequence[FloatArray], interval_s: float) -> Octaves:

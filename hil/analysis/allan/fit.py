@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq, nnls
 from scipy.special import chdtrc, chdtri
 
-from hil.analysis.allan.deviation import CONFIDENCE, NoiseKind, Octaves
+from hil.analysis.allan.deviation import CONFIDENCE, Deviation, NoiseKind, Octaves
 from hil.campaign import FloatArray, IntArray
 
 SLOPES: Mapping[str, float] = {"Q": -1.0, "N": -0.5, "B": 0.0, "K": 0.5}
@@ -77,7 +77,7 @@ class NoiseFit:
             fitted = _Fitted.to(measured, chosen).levelled()
         self.terms = {name: Term(*fitted.interval(place)) for place, name in enumerate(SLOPES)}
         # Which noise dominates at each tau is decided by the fit itself.
-        self.deviation = measured.with_noise(_dominant(_columns(measured.tau_s), fitted.squares))
+        self.deviation = Deviation(measured, _dominant(_columns(measured.tau_s), fitted.squares))
         self.fitted_from_s = float(measured.interval_s * measured.multiple[chosen][0])
         self.model_error = fitted.model_error
 

@@ -1,7 +1,7 @@
 """The audit of a printed table: every identity with its residual, its verdict, and what would mend it."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from hil.analysis.published.identities import (
     runs_told,
     tilt_of_a1,
 )
-from hil.analysis.published.printed import TABLE_A1, PrintedRow, PrintedTable, read_printed
+from hil.analysis.published.printed import TABLE_A1, PrintedRow, read_printed
 from hil.files.document import picked
 from hil.files.strict import find_config
 
@@ -60,14 +60,42 @@ class Finding:
         }
 
 
-@dataclass(frozen=True)
 class Audit:
-    """Every finding of one table. `runs_told` gives by group the number of runs that the digits tell."""
+    """Every finding of one table, given by path or by the name of one that ships.
 
-    table: PrintedTable
-    findings: Sequence[Finding]
-    resolution: float | None = None
-    runs_told: dict[str, int | None] = field(default_factory=dict)
+    `runs_told` gives by group the number of runs that the digits tell, `resolution` what these were written down to.
+    Raises `InputError` where the table cannot be read.
+    """
+
+    def __init__(self, name: str | Path) -> None:
+        self.table = table = read_printed(find_config("tables", name))
+        self.findings: list[Finding] = []
+        self.resolution: float | None = None
+        self.runs_told: dict[str, int | None] = {}
+        if table.layout == TABLE_A1:
+            for row in table.rows:
+                self.findings += _judge_row(row, list(identities_of_a1(row)))
+            return
+        half = max(cell.half_digit for row in table.rows for role, cell in row.cells.items() if role in _MEANS)
+        groups = {
+            group: [row.cells[role].value for row in table.rows if row.group == group for role in _MEANS]
+            for group in dict.fromkeys(row.group for row in table.rows)
+        }
+        self.resolution = resolution = run_resolution(list(groups.values()), half)
+        for group, means in groups.items():
+            self.runs_told[group] = runs_told(means, half, resolution) if resolution else None
+        for row in table.rows:
+            # The digits of a temperature may all lie on another lattice than the stated one: then that is the finding.
+            # (1, 2 or a divisor of the stated number tell nothing.)
+            digits = self.runs_told[row.group]
+            believed = digits if digits and row.n_stated and row.n_stated % digits else row.n_stated
+            self.findings += _judge_row(row, list(identities_of_1(row, resolution, believed or digits)))
+            if resolution and believed != row.n_stated and row.n_stated:
+                own = identities_of_1(row, resolution, row.n_stated)
+                stated = next(each for each in own if each.name.startswith("means"))
+                multiples = f"all means of this temperature are multiples of {resolution:g}/{believed}"
+                note = f"{multiples}: {believed} runs, not {row.n_stated}"
+                self.findings.append(Finding(row, stated, stated.gap(row.values()), 0.0, "minor", note=note))
 
     def of(self, verdict: str) -> list[Finding]:
         """Return the findings with a verdict: ok, minor or inconsistent."""
@@ -108,34 +136,6 @@ class Audit:
                 which = f" ({'; '.join(rows)})" if rows else ""
                 parts.append(f"{kind}: {len(rows)} of {len(same)} inconsistent{which}, {minor} minor")
         return ". ".join([*parts, "Nothing is corrected."])
-
-
-def audit_table(name: str | Path) -> Audit:
-    """Audit a table, by path or by the name of one that ships; raise `InputError` where it cannot be read."""
-    table = read_printed(find_config("tables", name))
-    if table.layout == TABLE_A1:
-        findings = [each for row in table.rows for each in _judge_row(row, list(identities_of_a1(row)))]
-        return Audit(table, findings)
-    half = max(cell.half_digit for row in table.rows for role, cell in row.cells.items() if role in _MEANS)
-    groups = {
-        group: [row.cells[role].value for row in table.rows if row.group == group for role in _MEANS]
-        for group in dict.fromkeys(row.group for row in table.rows)
-    }
-    resolution = run_resolution(list(groups.values()), half)
-    told = {group: runs_told(means, half, resolution) if resolution else None for group, means in groups.items()}
-    findings = []
-    for row in table.rows:
-        # The digits of a temperature may all lie on another lattice than the stated one: then that is the finding.
-        # (1, 2 or a divisor of the stated number tell nothing.)
-        digits = told[row.group]
-        believed = digits if digits and row.n_stated and row.n_stated % digits else row.n_stated
-        findings += _judge_row(row, list(identities_of_1(row, resolution, believed or digits)))
-        if resolution and believed != row.n_stated and row.n_stated:
-            stated = next(of for of in identities_of_1(row, resolution, row.n_stated) if of.name.startswith("means"))
-            multiples = f"all means of this temperature are multiples of {resolution:g}/{believed}"
-            note = f"{multiples}: {believed} runs, not {row.n_stated}"
-            findings.append(Finding(row, stated, stated.gap(row.values()), 0.0, "minor", note=note))
-    return Audit(table, findings, resolution, told)
 
 
 def _judge_row(row: PrintedRow, every: Sequence[Identity]) -> list[Finding]:

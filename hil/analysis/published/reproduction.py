@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from drivers.strict_yaml import packaged
-from hil.analysis.published.audit import Audit, audit_table
+from hil.analysis.published.audit import Audit
 from hil.analysis.published.closed_forms import contractor_error, seven_biases
 from hil.analysis.published.identities import tilt_of_a1
 from hil.analysis.published.printed import SEVEN
@@ -56,7 +56,7 @@ def reproduce(campaign: Campaign, sensor: int = 2) -> dict[str, Any]:
     solved = {run: found for run in np.unique(rows.conditions.run).tolist() if (found := _run(rows, run)) is not None}
     if not solved:
         raise InputError(f"{campaign.title}: no run of sensor {sensor} has the report's Collects 1, 2 and 3")
-    audit = audit_table("rd-gc-86-1-table-1")
+    audit = Audit("rd-gc-86-1-table-1")
     groups = {
         temperature: own
         for temperature, runs in runs_by_temperature(rows.conditions)
@@ -75,7 +75,7 @@ def reproduce(campaign: Campaign, sensor: int = 2) -> dict[str, Any]:
         }
         for label, unit, name, axis, role in _PRINTED["rows"]
     ]
-    printed = audit_table("rd-gc-86-1-table-a1").table.rows
+    printed = Audit("rd-gc-86-1-table-a1").table.rows
     return {
         "schema": SCHEMA,
         "sensor": sensor,

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hil.analysis.published.audit import audit_table
+from hil.analysis.published.audit import Audit
 from hil.analysis.published.printed import check_sizes, check_units
 from hil.campaign import Campaign, Collects, Conditions, Sensor
 from hil.campaign.table import ABSOLUTE_ZERO_DEGC, Table
@@ -98,7 +98,7 @@ def read_published_table(table: Path) -> Campaign:
 def _audited(path: Path) -> str:
     """Say what `hil audit` says of the table: which cells contradict each other, whether or not they are flagged."""
     try:
-        return f"hil audit: {audit_table(path).summary()}"
+        return f"hil audit: {Audit(path).summary()}"
     except InputError as error:
         return f"hil audit: {str(error).removeprefix(f'{path}: ')}"
 

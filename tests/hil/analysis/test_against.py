@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.blind.cases import make_case, write_case
-from hil.analysis.against import Comparison, compare
+from hil.analysis.against import Comparison
 from hil.campaign import Campaign, Collects
 from hil.campaign.reader import read_campaign
 from hil.cli.app import run as hil
@@ -50,16 +50,16 @@ def _se(campaign: Campaign) -> np.ndarray:
 
 def test_a_shift_of_the_bias_is_found_and_nothing_else(first: Campaign) -> None:
     """50 deg/hr on both channels: BA and BB at every temperature, with the right size and sign; GS and MU stay."""
-    found = compare(changed(first, add=50.0), first)
+    found = Comparison(changed(first, add=50.0), first)
     assert {each.parameter for each in found.flagged} == {"BA", "BB"}
     assert len(found.flagged) == 2 * 8
     assert [each.difference.value for each in found.flagged] == pytest.approx([50.0] * 16)
-    assert compare(first, changed(first, add=50.0)).flagged[0].difference.value == pytest.approx(-50.0)
+    assert Comparison(first, changed(first, add=50.0)).flagged[0].difference.value == pytest.approx(-50.0)
 
 
 def test_a_campaign_does_not_differ_from_itself(first: Campaign) -> None:
     """48 differences of nothing, none beyond 3 sigma."""
-    found = compare(first, first)
+    found = Comparison(first, first)
     assert len(found.differences) == 48
     assert not found.flagged
     assert found.sentence.startswith("0 of 48 differences")
@@ -70,7 +70,7 @@ def test_a_campaign_does_not_differ_from_itself(first: Campaign) -> None:
 def test_chance_flags_no_more_than_three_sigma_does(first: Campaign) -> None:
     """Pairs of campaigns that differ by noise alone: 0.27 % of differences or fewer are beyond 3 sigma."""
     rng = np.random.default_rng(5)
-    pairs = [compare(again(first, rng), again(first, rng)) for _ in range(12)]
+    pairs = [Comparison(again(first, rng), again(first, rng)) for _ in range(12)]
     everything = [each for pair in pairs for each in pair.differences]
     assert len(everything) == 12 * 48
     assert sum(each.flagged for each in everything) <= 5  # 1.6 expected; more than 5 has a chance of 0.6 %
@@ -83,8 +83,8 @@ def test_few_runs_widen_the_uncertainty_of_what_scatters(first: Campaign) -> Non
     """A bias that changes by 10 deg/hr from run to run is not known to the collects' noise."""
     run = first.sensors[2].conditions.run
     jumps = np.random.default_rng(3).normal(scale=10.0, size=run.max() + 1)[run][:, None]
-    quiet = next(each for each in compare(first, first).differences if each.parameter == "BA").difference
-    loud = [each for each in compare(changed(first, add=jumps), first).differences if each.parameter == "BA"]
+    quiet = next(each for each in Comparison(first, first).differences if each.parameter == "BA").difference
+    loud = [each for each in Comparison(changed(first, add=jumps), first).differences if each.parameter == "BA"]
     assert np.median([each.difference.sd for each in loud]) > 3 * quiet.sd
     assert np.median([each.difference.expanded(3.0) / each.difference.sd for each in loud]) > 3.2  # 16 and more degrees
     assert not [each for each in loud if each.flagged]
@@ -96,11 +96,11 @@ def test_single_runs_scatter_as_the_repeats_of_the_other_night_show() -> None:
     marked, every = 0, 0
     for _ in range(6):
         single, repeated = (rotor_night(rng, curves, temperatures_degC=(0.0, 30.0, 60.0), runs=n) for n in (1, 3))
-        for found in (compare(single, repeated), compare(repeated, single)):
+        for found in (Comparison(single, repeated), Comparison(repeated, single)):
             marked, every = marked + len(found.flagged), every + len(found.differences)
             assert "neither repeats" not in found.sentence
     assert (every, marked) == (6 * 2 * 18, 0)
-    alone = compare(single, rotor_night(rng, curves, temperatures_degC=(0.0, 30.0, 60.0), runs=1))
+    alone = Comparison(single, rotor_night(rng, curves, temperatures_degC=(0.0, 30.0, 60.0), runs=1))
     assert alone.sentence.endswith("and beside it whatever changes from run to run, which neither repeats")
 
 
@@ -113,7 +113,7 @@ def test_rows_that_are_means_of_runs_have_the_scatter_of_these_in_their_errors()
     assert shown.sentences() == [
         "each row is a mean of runs: by what these scattered is in its standard error, and so in every ±"
     ]
-    alone, table = (compare(one, repeated).differences[0].difference.sd for one in (single, printed))
+    alone, table = (Comparison(one, repeated).differences[0].difference.sd for one in (single, printed))
     assert table < 0.8 * alone
     unstated = replace(printed.sensors[2], rates_se_deg_per_hr=np.full_like(single.sensors[2].rates_deg_per_hr, np.nan))
     bare = replace(printed, sensors={2: unstated})
@@ -127,14 +127,14 @@ def test_what_cannot_be_compared_is_said(first: Campaign) -> None:
     hotter = replace(conditions, columns={**conditions.columns, column: conditions.columns[column] + 500.0})
     moved = replace(first, sensors={2: replace(first.sensors[2], conditions=hotter)})
     one, other = ({"model": "MFS", "serial": serial} for serial in ("1", "2"))
-    found = compare(replace(moved, identity=one), replace(first, identity=other))
+    found = Comparison(replace(moved, identity=one), replace(first, identity=other))
     assert not found.differences
     assert found.sentence.startswith("nothing can be compared")
     assert re.search("”: at .* °C the earlier campaign has no such temperature$", found.sentence)
     assert sum("has no such temperature" in each for each in found.remarks) == 8
     assert any("two units, MFS 1 now and MFS 2 before" in each for each in found.remarks)
     other = replace(first, sensors={5: first.sensors[2]})
-    assert "The earlier campaign has no sensor 2." in compare(first, other).remarks
+    assert "The earlier campaign has no sensor 2." in Comparison(first, other).remarks
 
 
 def at_setpoint(campaign: Campaign, runs: tuple[int, ...], own_degC: object) -> Campaign:
@@ -148,7 +148,7 @@ def at_setpoint(campaign: Campaign, runs: tuple[int, ...], own_degC: object) -> 
 
 def test_a_setpoint_at_which_the_unit_was_at_another_temperature_is_not_compared(first: Campaign) -> None:
     """In either of the two it had not settled, or was elsewhere: it is said, and nothing found."""
-    mean = compare(first, first).differences[0]
+    mean = Comparison(first, first).differences[0]
     rows = first.sensors[2].conditions
     runs = tuple(np.unique(rows.run[rows.columns["setpoint_degC"] == mean.temperature_degC]).tolist())
     own = float(rows.columns["temperature_degC"][rows.run == runs[0]][0])
@@ -160,13 +160,13 @@ def test_a_setpoint_at_which_the_unit_was_at_another_temperature_is_not_compared
         (first, rising, f"the earlier campaign's {said}"),
         (elsewhere, first, f"in the earlier campaign the unit was at {own:.1f} … {own:.1f} °C"),
     ):
-        found = compare(changed(now, add=50.0), before)
+        found = Comparison(changed(now, add=50.0), before)
         assert {each.temperature_degC for each in found.differences}.isdisjoint({mean.temperature_degC})
         assert len(found.flagged) == 2 * 7
         (remark,) = [each for each in found.remarks if why in each]
         assert f"Sensor 2 at {mean.temperature_degC:.1f} °C (as set, unit " in remark
         assert list(found.without) == [(2, mean.temperature_degC)]
-    near = compare(changed(at_setpoint(first, runs, own - 1.5), add=50.0), first)
+    near = Comparison(changed(at_setpoint(first, runs, own - 1.5), add=50.0), first)
     assert (len(near.flagged), near.without) == (16, {})
 
 
@@ -180,7 +180,7 @@ def test_without_any_uncertainty_nothing_is_flagged(first: Campaign) -> None:
             2: Collects(chosen.conditions, chosen.rates_deg_per_hr, np.full_like(chosen.rates_deg_per_hr, np.nan))
         },
     )
-    found = compare(changed(bare, add=1e6), bare)
+    found = Comparison(changed(bare, add=1e6), bare)
     assert not any(np.isfinite(each.difference.sd) for each in found.differences)
     assert not found.flagged
     assert any("neither standard errors nor repeats" in each for each in found.remarks)
@@ -188,7 +188,7 @@ def test_without_any_uncertainty_nothing_is_flagged(first: Campaign) -> None:
 
 def test_the_page_shows_the_comparison_and_marks_what_is_beyond(first: Campaign) -> None:
     """In the verdict's box, what to do about it included; the first in words, and a table with every difference."""
-    comparison = compare(changed(first, add=50.0), first)
+    comparison = Comparison(changed(first, add=50.0), first)
     page = render(gather(changed(first, add=50.0), comparison=comparison))
     assert "16 of 48 differences from" in page[: page.index("<table")]
     assert "16 numbers changed since the earlier campaign: find out why" in page[: page.index("<table")]
@@ -213,7 +213,7 @@ def test_the_command_compares_two_folders(tmp_path: Path, capsys: pytest.Capture
     assert len(lines) == 1 + 42  # at one temperature the unit had not settled
     assert '"difference"' in lines[0]
     assert '"temperature_of"' in lines[0]
-    said, found = capsys.readouterr().out, compare(*(read_campaign(tmp_path / name) for name in ("c7", "c8")))
+    said, found = capsys.readouterr().out, Comparison(*(read_campaign(tmp_path / name) for name in ("c7", "c8")))
     assert found.flagged
     assert "\n".join(found.sentences()) in said
     assert found.sentences()[1] == found.flagged[0].sentence
@@ -235,7 +235,7 @@ def test_what_six_equations_cannot_see_the_last_parameters_do(first: Campaign, c
     now = replace(
         first, sensors={2: replace(again(first, np.random.default_rng(3)).sensors[2], rates_deg_per_hr=rates)}
     )
-    said = [each for each in compare(now, first).remarks if "looks" in each or "look " in each]
+    said = [each for each in Comparison(now, first).remarks if "looks" in each or "look " in each]
     assert (words in " ".join(said)) if words else not said
 
 
@@ -246,19 +246,19 @@ def test_channels_exchanged_between_sensors_are_seen(first: Campaign) -> None:
     before = replace(first, sensors=two)
     crossed = {n: np.stack([two[n].rates_deg_per_hr[:, 0], two[5 - n].rates_deg_per_hr[:, 1]], 1) for n in two}
     now = replace(first, sensors={n: replace(two[n], rates_deg_per_hr=crossed[n]) for n in two})
-    assert [each for each in compare(now, before).doubts if "exchanged" in each] == [
+    assert [each for each in Comparison(now, before).doubts if "exchanged" in each] == [
         "Sensors 2 and 3: RB and RB look exchanged: crosswise they agree with the earlier rates."
     ]
-    assert not compare(before, before).doubts
+    assert not Comparison(before, before).doubts
 
 
 def test_a_site_that_moved_is_no_pass(first: Campaign) -> None:
     """A latitude that is ten degrees off fits six equations; the unit's last campaign says another."""
     here = replace(first, site={"latitude_deg": 44.6, "heading_deg": 30.0})
     before = replace(first, site={"latitude_deg": 34.6, "heading_deg": 31.0})
-    found = compare(here, before)
+    found = Comparison(here, before)
     assert [each for each in found.doubts if "latitude is 44.6 deg now and was 34.6" in each] == list(found.doubts)
     verdict, said = good(gather(here, None, found))
     assert verdict == "MARGINAL"
     assert "latitude" in said
-    assert good(gather(here, None, compare(here, here)))[0] == "PASS"
+    assert good(gather(here, None, Comparison(here, here)))[0] == "PASS"

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.analysis.against import compare
+from hil.analysis.against import Comparison
 from hil.analysis.in_spec import _ALONE, _NO_TEMPERATURE, _ONCE, _UNEVEN, InSpec, Word, in_spec_of, judge
 from hil.analysis.night_verdict import night_verdict
 from hil.campaign import Campaign
@@ -42,7 +42,7 @@ def limits(of: Mapping[str, Mapping[str, str]], **more: object) -> Limits:
 def judged(campaign: Campaign, of: Limits, earlier: Campaign | None = None) -> InSpec:
     """What `hil solve` says of it."""
     solutions = solve_campaign(campaign)
-    comparison = None if earlier is None else compare(campaign, earlier)
+    comparison = None if earlier is None else Comparison(campaign, earlier)
     return judge(of, repeats(campaign, solutions), solutions, night_verdict("complete", solutions), comparison)
 
 
@@ -211,7 +211,7 @@ def test_a_change_has_the_uncertainty_of_the_difference_that_is_compared() -> No
     """Of both means' own: the comparison's ±, and the guard band by its degrees of freedom, are of one difference."""
     now, before = night(1), night(2, runs=2)
     said = judged(now, limits({"BA": {"change": "6 deg/hr"}}), before).characteristics
-    compared = [each for each in compare(now, before).differences if each.parameter == "BA"]
+    compared = [each for each in Comparison(now, before).differences if each.parameter == "BA"]
     for change, one in zip(said, compared, strict=True):
         assert change.interval is not None
         assert one.difference.sd == pytest.approx(np.hypot(*(each.sd for each in one.means)))

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hil.analysis.against import compare
+from hil.analysis.against import Comparison
 from hil.campaign import Campaign, Collects, Conditions
 from hil.config import load_bench
 from hil.model.earth import Site
@@ -48,7 +48,7 @@ def test_only_a_second_heading_shows_the_site(headings: tuple[float, ...], label
     assert ("of latitude, of any size and of heading, of any size" in told) is not seen
     assert ("of latitude, below 6 deg and of heading, below 6 deg" in told) is seen
     assert "An error of the site" not in " ".join(cannot_tell(gather(taken(headings, labels, 1e-3)))) or not seen
-    assert "An error of the site" not in " ".join(cannot_tell(gather(made, None, compare(made, made))))
+    assert "An error of the site" not in " ".join(cannot_tell(gather(made, None, Comparison(made, made))))
 
 
 @pytest.mark.parametrize(("times", "verdict"), [(0.5, Verdict.PASS), (3.0, Verdict.FAIL)])

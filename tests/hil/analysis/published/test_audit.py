@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.analysis.published.audit import Audit, audit_table, variants
+from hil.analysis.published.audit import Audit, variants
 from hil.analysis.published.closed_forms import seven_biases
 from hil.analysis.published.identities import sigma_gap
 from hil.cli.app import run
@@ -26,7 +26,7 @@ def where(audit: Audit, verdict: str, kind: str) -> dict[str, float]:
 
 def test_table_1_has_six_inconsistent_identities() -> None:
     """Collins less matrix is ±MU·G1: five rows close, five are minor, six do not, by the amounts of the report."""
-    audit = audit_table(TABLE_1)
+    audit = Audit(TABLE_1)
     found = where(audit, "inconsistent", "collins - matrix = MU*G1")
     expected = {
         "6.1 degF, axis A": -2.9033,
@@ -43,7 +43,7 @@ def test_table_1_has_six_inconsistent_identities() -> None:
 
 def test_the_sigmas_of_table_1_contradict_each_other_in_one_cell() -> None:
     """At 6.1 °F on axis A 3.88 - 1.4388 exceeds 1.718: the contractor's sigma must lie in 0.279 to 3.157."""
-    audit = audit_table(TABLE_1)
+    audit = Audit(TABLE_1)
     assert where(audit, "inconsistent", "sigma triangle") == pytest.approx({"6.1 degF, axis A": 0.7232})
     broken = next(each for each in audit.of("inconsistent") if each.identity.kind == "sigma triangle")
     read = [float(each["read"]) for each in broken.candidates if each["cell"].endswith("collins sigma")]
@@ -53,7 +53,7 @@ def test_the_sigmas_of_table_1_contradict_each_other_in_one_cell() -> None:
 
 def test_the_digits_tell_five_runs_at_one_temperature() -> None:
     """All means are multiples of 0.01/3, at 100.1 °F of 0.01/5; all 42 sigmas of three runs are possible ones."""
-    audit = audit_table(TABLE_1)
+    audit = Audit(TABLE_1)
     assert audit.resolution == 0.01
     assert {group: told for group, told in audit.runs_told.items() if told != 3} == {"100.1 degF": 5}
     possible = [each for each in audit.findings if each.identity.kind == "sigma possible for 3 runs"]
@@ -77,7 +77,7 @@ def test_single_digits_that_would_mend_table_1(row: str, cell: str, read: str) -
     """The candidates that a reader of the page should look at."""
     finding = next(
         each
-        for each in audit_table(TABLE_1).findings
+        for each in Audit(TABLE_1).findings
         if each.row.label == row and each.identity.kind == "collins - matrix = MU*G1"
     )
     assert (cell, read) in {(each["cell"], each["read"]) for each in finding.candidates}
@@ -85,7 +85,7 @@ def test_single_digits_that_would_mend_table_1(row: str, cell: str, read: str) -
 
 def test_two_rows_of_table_1_cannot_be_mended_by_a_digit() -> None:
     """At 6.1 and 19.7 °F on axis B no single reading closes the identity, and none is invented."""
-    audit = audit_table(TABLE_1)
+    audit = Audit(TABLE_1)
     for row in ("6.1 degF, axis B", "19.7 degF, axis B"):
         finding = next(each for each in audit.of("inconsistent") if each.row.label == row)
         assert not finding.candidates
@@ -94,7 +94,7 @@ def test_two_rows_of_table_1_cannot_be_mended_by_a_digit() -> None:
 
 def test_rows_2_and_9_of_table_a1_are_inconsistent() -> None:
     """A-32 of row 2 must be 10.4250 given the others; A-33 of row 9 should be 18.526; the rest is minor."""
-    audit = audit_table(TABLE_A1)
+    audit = Audit(TABLE_A1)
     assert {each.row.label for each in audit.of("inconsistent")} == {2, 9}
     second, ninth = audit.of("inconsistent")
     assert second.identity.name == "A-28 - A-31 = A-32 - A-29"
@@ -107,7 +107,7 @@ def test_rows_2_and_9_of_table_a1_are_inconsistent() -> None:
 
 def test_the_tilts_of_table_a1_are_those_of_three_set_ups() -> None:
     """G3/G1 is -0.013 to -0.017 in rows 1-3, 6-8 and 10, -0.006 in rows 4 and 5, and an outlier in row 9."""
-    rows = {row["row"]: row["G3_over_G1"] for row in audit_table(TABLE_A1).document()["rows"]}
+    rows = {row["row"]: row["G3_over_G1"] for row in Audit(TABLE_A1).document()["rows"]}
     assert all(-0.017 < rows[row] < -0.013 for row in (1, 2, 3, 6, 7, 8, 10))
     assert rows[4] == pytest.approx(-0.00545, abs=1e-5)
     assert rows[5] == pytest.approx(-0.00587, abs=1e-5)
@@ -117,11 +117,11 @@ def test_the_tilts_of_table_a1_are_those_of_three_set_ups() -> None:
 @pytest.mark.parametrize("name", ["table1.csv", "table_a1.csv"])
 def test_the_shipped_tables_have_the_printed_digits(reference: Path, name: str) -> None:
     """Every digit and every flag of the transcription, and the same audit."""
-    shipped = audit_table({"table1.csv": TABLE_1, "table_a1.csv": TABLE_A1}[name])
+    shipped = Audit({"table1.csv": TABLE_1, "table_a1.csv": TABLE_A1}[name])
     ours = list(csv.DictReader(shipped.table.path.read_text().splitlines()))
     theirs = list(csv.DictReader((reference / name).read_text().splitlines()))
     assert [{key: row[key] for key in ours[0]} for row in theirs] == ours
-    raw = audit_table(reference / name).document()
+    raw = Audit(reference / name).document()
     assert raw["identities"] == [
         {**each, "cells": raw["identities"][place]["cells"]}
         for place, each in enumerate(shipped.document()["identities"])
@@ -157,12 +157,12 @@ def test_a_seeded_error_in_a_mean_is_found_with_its_true_reading(tmp_path: Path)
     rng = np.random.default_rng(11)
     for _ in range(40):
         rows = consistent_table(rng)
-        assert not [each for each in audit_table(write(tmp_path / "t.csv", rows)).findings if each.verdict != "ok"]
+        assert not [each for each in Audit(write(tmp_path / "t.csv", rows)).findings if each.verdict != "ok"]
         victim = int(rng.integers(len(rows)))
         truth = rows[victim]["mean_printed"]
         changed = [text for text, _ in variants(truth) if abs(float(text) - float(truth)) > 0.15]
         rows[victim]["mean_printed"] = str(rng.choice(changed))
-        broken = audit_table(write(tmp_path / "t.csv", rows)).of("inconsistent")
+        broken = Audit(write(tmp_path / "t.csv", rows)).of("inconsistent")
         hit = [each for each in broken if each.identity.kind == "collins - matrix = MU*G1"]
         assert len(hit) == 1
         assert rows[victim]["parameter"] in {cell.what.split()[0] for cell in hit[0].row.cells.values()}
@@ -180,11 +180,11 @@ def test_a_seeded_error_in_table_a1_is_found(tmp_path: Path) -> None:
         rates = np.stack([ra, np.zeros(3)], -1)
         seven = seven_biases(rates, [1.0, 0.0, tilt], w, gsa + rng.normal(0.0, 0.3), 0.0, mub)
         row = {f"A{27 + place}_printed": f"{value:.4f}" for place, value in enumerate(seven)}
-        clean = audit_table(write(tmp_path / "a.csv", [row]))
+        clean = Audit(write(tmp_path / "a.csv", [row]))
         assert not clean.of("inconsistent"), row
         victim = f"A{rng.choice([27, 28, 29, 31, 32, 33])}_printed"
         wrong = [text for text, _ in variants(row[victim]) if 0.2 < abs(float(text) - float(row[victim])) < 5.0]
-        seeded = audit_table(write(tmp_path / "a.csv", [{**row, victim: str(rng.choice(wrong))}]))
+        seeded = Audit(write(tmp_path / "a.csv", [{**row, victim: str(rng.choice(wrong))}]))
         assert seeded.of("inconsistent")
         assert any(row[victim] == each["read"] for found in seeded.of("inconsistent") for each in found.candidates)
 
@@ -228,7 +228,7 @@ def test_bad_tables_are_refused_with_file_row_and_column(tmp_path: Path, text: s
     path = tmp_path / "bad.csv"
     path.write_text(text)
     with pytest.raises(InputError, match=words) as raised:
-        audit_table(path)
+        Audit(path)
     assert str(path) in str(raised.value)
 
 
@@ -237,7 +237,7 @@ def test_sigmas_and_the_number_of_runs_may_be_missing(tmp_path: Path) -> None:
     lines = ["temperature_C,parameter,mean_printed,sigma_printed", "20,BA_collins,12.00,", "20,BA_matrix,10.00,1.5"]
     path = tmp_path / "few.csv"
     path.write_text("\n".join([*lines, "20,MUB,-2.00,"]) + "\n")
-    audit = audit_table(path)
+    audit = Audit(path)
     assert [(each.identity.kind, round(each.residual, 6)) for each in audit.of("inconsistent")] == [
         ("collins - matrix = MU*G1", 4.0)
     ]
@@ -247,7 +247,7 @@ def test_sigmas_and_the_number_of_runs_may_be_missing(tmp_path: Path) -> None:
 def test_an_unknown_table_is_refused_with_those_that_ship() -> None:
     """The names are in the message."""
     with pytest.raises(InputError, match=TABLE_A1):
-        audit_table("table-7")
+        Audit("table-7")
 
 
 def test_the_command_prints_the_contract(capsys: pytest.CaptureFixture[str]) -> None:
@@ -274,9 +274,7 @@ def test_two_faults_in_a_row_do_not_hide_what_would_mend_each(
 ) -> None:
     """The one value that closes an identity without breaking what holds is named, though another line stays broken."""
     finding = next(
-        each
-        for each in audit_table(table).findings
-        if each.row.label == row and each.identity.name.startswith(identity)
+        each for each in Audit(table).findings if each.row.label == row and each.identity.name.startswith(identity)
     )
     alone = [each for each in finding.would_close if each["others_hold"]]
     assert [each["cell"] for each in alone] == [cell]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.analysis.published.audit import audit_table
+from hil.analysis.published.audit import Audit
 from hil.analysis.published.table import read_published_table
 from hil.analysis.thermal.document import thermal_document
 from hil.analysis.thermal.fit import fit_thermal
@@ -176,7 +176,7 @@ def test_a_table_in_another_unit_is_refused_by_import_and_audit(tmp_path: Path) 
         HEADER.replace("flag", "flag,unit")
         + "\n".join([*(f"{row},deg/s" for row in ROWS), "20.0,MUB2_matrix,4,1,3,ok,deg/s"])
     )
-    for read in (read_published_table, audit_table):
+    for read in (read_published_table, Audit):
         with pytest.raises(InputError, match="column unit: deg/s: biases in deg/hr and MU in deg/hr/g are needed"):
             read(path)
 
