@@ -10,7 +10,7 @@ import typer
 from typer import Option
 from typer.core import TyperGroup
 
-from hil.cli import archive, chamber, coefficients, data, design, model, night, recordings, start, watchdog
+from hil.cli import archive, chamber, coefficients, data, model, night, recordings, start, watchdog
 from hil.cli import requests as beside
 from hil.cli.exit_status import run_to_exit, with_status
 from hil.cli.output import always_writable
@@ -61,7 +61,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-for room in (night, data, archive, model, recordings, beside, watchdog, coefficients, design, start):
+for room in (night, data, archive, model, recordings, beside, watchdog, coefficients, start):
     for command in room.COMMANDS:
         app.command()(with_status(command))
 app.command("continue")(with_status(beside.go_on))

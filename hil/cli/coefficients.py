@@ -1,9 +1,11 @@
-"""Commands about what the coefficients mean, and the published ones: thermal, allan, audit, reproduce."""
+"""Commands about coefficients and their errors: allan, audit, budget, design, reproduce, scatter, thermal."""
 
 from __future__ import annotations
 
+import shlex
+import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
@@ -150,4 +152,131 @@ def reproduce(
     return Answer(document, told(document, campaign=campaign))
 
 
-COMMANDS = (allan, audit, reproduce, thermal)
+def budget(
+    source: Annotated[str, Argument(help="A sweep file (or its name), a campaign folder, or a night.")],
+    bench: Annotated[str | None, Option(help="The bench; default: the night's own, else simulated.")] = None,
+    model: Annotated[
+        str | None,
+        Option(help="Take GS and MU, on which errors of attitude act, from this model file; its terms and noise too."),
+    ] = None,
+    run: Annotated[int | None, Option(help="Which self-calibration; default: the worst.")] = None,
+    repeats: Annotated[int | None, Option(min=1, help="Repeats averaged; default: as many as were made.")] = None,
+    draws: Annotated[int, Option(min=100, max=10_000_000, help="Monte Carlo draws per source.")] = 100_000,
+    seed: Annotated[int, Option(min=0, help="Of the draws.")] = 0,
+) -> Answer:
+    """Say what each source of error contributes to each parameter, calculated and by Monte Carlo."""
+    from hil.config import load_bench, load_sweep
+    from hil.design.budget.document import Asked, budget_document
+    from hil.design.budget.scenes import measured_scenes, planned_scenes
+    from hil.model import fitting_campaign, load_model
+    from hil.solve import repeats as what_repeats_show
+    from hil.solve import solve_campaign
+    from hil.solve.beside_terms import beside
+    from hil.solve.document import not_solved
+    from hil.solve.omissions import what_is_wrong
+
+    chosen = None if model is None else load_model(model)
+    if Path(source).is_dir():
+        campaign = read_source(Path(source))
+        if chosen is not None:  # as hil solve takes it
+            campaign = beside(campaign, fitting_campaign(chosen, campaign))
+        its_bench = load_bench(bench) if bench is not None else _bench_of(Path(source))
+        shown = what_repeats_show(campaign, solve_campaign(campaign))
+        scenes, asked = measured_scenes(campaign, its_bench, shown, chosen), Asked(run, repeats, draws, seed)
+        document = budget_document(scenes, campaign.title, asked, simulated=campaign.simulated, observed=shown)
+        document |= {"warnings": list(campaign.warnings), **what_is_wrong(campaign), **not_solved(campaign)}
+    else:
+        sweep, its_bench = load_sweep(source), load_bench(bench or "simulated")
+        asked = Asked(run, repeats or sweep.self_calibrations_per_temperature, draws, seed)
+        document = budget_document(
+            planned_scenes(sweep, its_bench, chosen), sweep.title, asked, simulated=its_bench.simulated
+        )
+    return Answer(document, told(document))
+
+
+def _bench_of(folder: Path) -> Any:
+    """Return the bench that a night was recorded on, else the simulated one."""
+    from hil.config import load_bench
+    from hil.config.recorded import bench_of_record
+    from hil.records import reading
+    from hil.records.reader import is_night
+
+    if not is_night(folder):
+        return load_bench("simulated")
+    with reading(folder) as journal:
+        return bench_of_record(journal.night.configuration)
+
+
+def design(
+    sweep: Annotated[str, Argument(help="The sweep whose temperatures and soaks to keep.")] = "rd-gc-86-1",
+    bench: Annotated[str, Option(help="The bench that would run it.")] = "simulated",
+    goal: Annotated[
+        list[str] | None,
+        Option(help="Uncertainty of the mean at a temperature: 'MU 0.5 deg/hr', 'BA 0.3 deg/hr'; repeatable."),
+    ] = None,
+    drift_immune: Annotated[bool, Option("--drift-immune", help="Keep a steady drift out.")] = False,
+    residuals: Annotated[int, Option(min=0, help="Residuals left in each self-calibration.")] = 0,
+    even_terms: Annotated[bool, Option("--even-terms", help="Tell MU from terms in g squared.")] = False,
+    within: Annotated[str | None, Option(help="The whole night's time: '24 h'.")] = None,
+    repeats: Annotated[int | None, Option(min=1, max=1000, help="Repeats at least; default: the sweep's.")] = None,
+    scatter_of_unit: Annotated[
+        list[str] | None,
+        Option(
+            "--scatter",
+            help="How the unit scatters from run to run: 'MU 4 deg/hr', or a night that tells it; repeatable.",
+        ),
+    ] = None,
+    sensor: Annotated[list[int] | None, Option(help="Only these sensors; repeatable. Default: all.")] = None,
+    out: Annotated[Path | None, Option(help="Write the proposal as this sweep file.")] = None,
+) -> Answer:
+    """Propose the sequence of collects for a goal and a time, beside the usual ones; --out writes it as a sweep."""
+    from hil.config import load_bench, load_sweep
+    from hil.design.sequence.proposal import design_document, write_sweep
+    from hil.design.sequence.search import Goal, parse_target, propose
+    from hil.files.durable import check_new
+    from hil.files.units import TIME
+
+    base, its_bench = load_sweep(sweep), load_bench(bench)
+    if out is not None:
+        check_new(out)
+    time_s = None if within is None else quantity("--within", within, TIME)
+    showing = scatter_of_unit or ()
+    asked = Goal(
+        dict(parse_target(text) for text in goal or ()),
+        drift_immune,
+        residuals,
+        even_terms,
+        time_s,
+        tuple(sensor or ()),
+        repeats,
+        dict(parse_target(text) for text in showing if not Path(text).is_dir()),
+        {n: sizes for text in showing if Path(text).is_dir() for n, sizes in _scatter_of(text).items()},
+    )
+    proposal = propose(base, its_bench, asked)
+    document = design_document(proposal, asked, base, its_bench)
+    if out is not None:
+        write_sweep(proposal, base, its_bench, out, "hil " + shlex.join(sys.argv[1:]))
+    return Answer(document, told(document, out=out))
+
+
+def _scatter_of(folder: str) -> dict[int, dict[str, float]]:
+    """Return what each sensor's repeats in a night or campaign show beyond standard errors, by parameter."""
+    from hil.solve import repeats, solve_campaign
+
+    campaign = read_source(Path(folder))
+    shown = repeats(campaign, solve_campaign(campaign))
+    told = {n: of for n, of in shown.items() if of.repeated}
+    if not told:
+        raise InputError(f"--scatter {folder}: nothing was repeated there, so it does not tell what runs differ by")
+    return {n: dict(zip(of.names, of.spread.beyond.tolist(), strict=True)) for n, of in told.items()}
+
+
+def scatter(source: Source) -> Answer:
+    """Tell what makes repeats scatter: noise, the bias, MU, base, cold; or say that they cannot tell."""
+    from hil.reconcile.scattering import what_scatters
+
+    document = what_scatters(read_source(source)).document()
+    return Answer(document, told(document))
+
+
+COMMANDS = (allan, audit, budget, design, reproduce, scatter, thermal)

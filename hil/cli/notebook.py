@@ -67,7 +67,7 @@ class Measured:
 
     def scatter(self) -> Answer:
         """Tell what makes repeats scatter, as `hil scatter`."""
-        from hil.cli.design import scatter
+        from hil.cli.coefficients import scatter
 
         return scatter(self.folder)
 
@@ -75,7 +75,7 @@ class Measured:
         self, bench: str | None = None, model: str | None = None, *, run: int | None = None, draws: int = 100_000
     ) -> Answer:
         """Say what each source of error contributes to each parameter, as `hil budget`."""
-        from hil.cli.design import budget
+        from hil.cli.coefficients import budget
 
         return budget(str(self.folder), bench, model, run, draws=draws)
 

@@ -14,15 +14,17 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from drivers.clock import SystemClock
 from hil.analysis.night_verdict import night_solutions
 from hil.config.recorded import understood
-from hil.dashboard.curves import NightCurves
 from hil.errors import Damaged
 from hil.files.lock import Owner, living_owner
 from hil.records import JournalReader, reading
+from hil.records.curve import TEMPERATURE, Curve, rows_of
 from hil.records.ledger import HEAD_NAME
-from hil.records.live import LIVE_NAME, OLD_AFTER_S, age_s, read_heartbeat, read_live
+from hil.records.live import LIVE_NAME, OLD_AFTER_S, Rows, TraceReader, age_s, read_heartbeat, read_live
 from hil.records.reader import JOURNAL_NAME, proven_once
 from hil.records.rows import Event
 from hil.records.status import WORKING, night_status, recorded_verdict, without_samples
@@ -34,6 +36,9 @@ from procedures.plan import Plan, Step, StepKind
 from procedures.words import step_in_words
 
 _EVENTS = 80
+_ROWS_AT_ONCE = 20_000
+_COLLECT_BUCKETS = 600
+_MEAN, _SE = " mean", " se"
 _BAD = {"interlock", "failed", "error", "aborted", "safe-state-not-reached", "incomplete", "watchdog"}
 _PLAIN = {"night-begins", "night-resumed", "resumed", "restored", "continue", "prompt-ended", "safe-state", "wear"}
 
@@ -267,3 +272,78 @@ class ResultsSoFar:
 def _collect(step: Step, result: StepResult | None) -> dict[str, Any]:
     data = result.data if result else {}
     return {"position": step.position, "verdict": data.get("verdict"), "reason": data.get("reason", "")}
+
+
+class NightCurves:
+    """Two curves that grow with a night: its temperatures, and the running averages of the present or last collect.
+
+    They come from the trace that the controller writes at one second; a night without one (recorded elsewhere, or
+    before there was any) is drawn from the journal's signs of life, one a minute.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._trace = TraceReader(folder)
+        self._begin([])
+        self._last_heartbeat = 0
+
+    def _begin(self, columns: list[str]) -> None:
+        self._columns = columns
+        self._temperatures = [name for name in columns if name.endswith(TEMPERATURE)]
+        self._averages = [name for name in columns if name.endswith((_MEAN, _SE))]
+        self._night = Curve(len(self._temperatures))
+        self._collect = self._empty_collect()
+        self._collecting = False
+
+    def _empty_collect(self) -> Curve:
+        return Curve(len(self._averages), _COLLECT_BUCKETS, digits=4)
+
+    def take_heartbeats(self, journal: JournalReader) -> None:
+        """Draw from the journal while there is no trace."""
+        if self._trace.columns:
+            return
+        beats = journal.heartbeats(self._last_heartbeat)
+        if not beats:
+            return
+        columns, rows = rows_of(beats, self._columns)
+        if columns != self._columns:
+            self._begin(columns)
+            _, rows = rows_of(journal.heartbeats())
+        self._last_heartbeat = beats[-1].number
+        self._add(rows)
+
+    def changes(self) -> dict[str, Any]:
+        """Read what the trace has got meanwhile; return the curves that changed, from their first new bucket on."""
+        while len(rows := self._trace.read(_ROWS_AT_ONCE)):
+            if self._trace.begun_anew or self._columns != self._trace.columns:
+                self._begin(self._trace.columns)
+            self._add(rows)
+        found = {"temperatures": self._night.changes(), "collect": self._collect.changes()}
+        return {name: self._named(name, curve) for name, curve in found.items() if curve is not None}
+
+    def whole(self) -> dict[str, Any]:
+        """Return both curves from their beginnings."""
+        found = {"temperatures": self._night.whole(), "collect": self._collect.whole()}
+        return {name: self._named(name, curve) for name, curve in found.items()}
+
+    def _named(self, name: str, curve: dict[str, Any]) -> dict[str, Any]:
+        return {"columns": self._temperatures if name == "temperatures" else self._averages, **curve}
+
+    def _add(self, rows: Rows) -> None:
+        values = rows.astype(float)
+        times_s = values[:, 0]
+        self._night.add(times_s, values[:, self._where(self._temperatures)])
+        if self._averages:
+            self._add_averages(times_s, values[:, self._where(self._averages)])
+
+    def _add_averages(self, times_s: Any, averages: Any) -> None:
+        """Keep the newest collect: the rows since running means last began."""
+        during = np.isfinite(averages).any(axis=1)
+        begins = np.flatnonzero(during & ~np.concatenate([[self._collecting], during[:-1]]))
+        if len(begins):
+            self._collect = self._empty_collect()
+            times_s, averages, during = times_s[begins[-1] :], averages[begins[-1] :], during[begins[-1] :]
+        self._collect.add(times_s[during], averages[during])
+        self._collecting = bool(during[-1])
+
+    def _where(self, names: list[str]) -> list[int]:
+        return [self._columns.index(name) for name in names]

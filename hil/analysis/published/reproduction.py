@@ -6,8 +6,16 @@
     found["contractor_errors"]      # what taking MU for zero does to the contractor's four, exactly, run by run
 
 Printed digits stay as they are; a cell whose identities do not close is marked with what the audit says of it. The
-contractor's error has the G3 terms that the report's text leaves out: BA is off by MUB (G1 + G3²/G1) + MUA G2 G3/G1,
-GSA by -MUB G3/G1, which at a tilt of 16 milliradians is 0.4 deg/hr/g for the MUB of 19.7 °F.
+contractor's error has the G3 terms that the report's text leaves out, which at a tilt of 16 milliradians are 0.4
+deg/hr/g of GSA for the MUB of 19.7 °F. Solutions are the solver's; what it has not has the report's closed forms here.
+
+Misprints in RD-GC-86-1; the corrected form is followed here:
+
+- eqs. (7)-(10): "+ 2" is a lost division, "/ 2"; as printed they do not even have one dimension;
+- eq. (7): its last term, -W1, is right only once the division is restored;
+- the matrix equation, row 6 of the left-hand side: RA_2(C3) - W_2 stands for RB_2(C3) - W_2 (C6 has it right);
+- the matrix equation, row 6 of the unknowns: MU_SA2 stands for GSB_2;
+- the text gives only the G1 term of the contractor's error; `contractor_error` has the G3 terms, too.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,10 +25,9 @@ import numpy as np
 
 from drivers.strict_yaml import packaged
 from hil.analysis.published.audit import Audit
-from hil.analysis.published.closed_forms import contractor_error, seven_biases
 from hil.analysis.published.identities import tilt_of_a1
 from hil.analysis.published.printed import SEVEN
-from hil.campaign import Campaign, Collects
+from hil.campaign import Campaign, Collects, FloatArray
 from hil.errors import InputError
 from hil.files.document import plain
 from hil.files.units import TEMPERATURE, to_number
@@ -35,7 +42,6 @@ CONTRACTORS = MATRIX_6[:4]
 
 _PRINTED = packaged("hil.analysis.published", "printed.yaml")
 _LEVEL = np.array([1.0, 0.0, 0.0])
-
 
 _Run = tuple[dict[str, float], dict[str, Any], dict[str, Any]]
 """Parameters of one run as the report solves it, its entries in Table A-1 and among the contractor's errors."""
@@ -164,3 +170,29 @@ def _printed(audit: Audit, group: str | None, axis: str, role: str) -> dict[str,
     ]
     said = {"mean": row.cells[role].value, "sigma": None if sigma is None else sigma.value}
     return said | {"runs": row.n_stated, "doubt": "; ".join(doubts) or None}
+
+
+def contractor_error(G: FloatArray, mua: float, mub: float) -> FloatArray:
+    """Return contractor's minus true BA, BB, GSA, GSB, (4,), where MU is not zero; `G` (3,) is (G1, G2, G3) in g.
+
+    Exact: BA by MUB (G1 + G3²/G1) + MUA G2 G3/G1, BB by -MUA (G1 + G3²/G1) + MUB G2 G3/G1, GSA by -MUB G3/G1, GSB by
+    -MUA G3/G1. With G3 = 0 that is the report's statement, the bias off by MUB G1 and -MUA G1.
+    """
+    g1, g2, g3 = G
+    long, short = g1 + g3**2 / g1, g2 * g3 / g1
+    return np.array([mub * long + mua * short, -mua * long + mub * short, -mub * g3 / g1, -mua * g3 / g1])
+
+
+def seven_biases(rates: FloatArray, G: FloatArray, W: FloatArray, gsa: float, gsb: float, mub: float) -> FloatArray:
+    """Return the bias BA seven ways, eqs. (A-27)-(A-33), for given GSA, GSB, MUB; shape (7,).
+
+    `rates` (3, 2) are those of Collects 1, 2, 3 by (RA, RB), deg/hr; `G` (3,), g, and `W` (3,), deg/hr, lie along the
+    bench axes. With true parameters and no noise they are BA + {0, MUB G3, -MUB G3, MUB G1, 0, 0, 0}.
+    """
+    ra1, ra2, ra3 = rates[:, 0]
+    (g1, g2, g3), (w1, _, w3) = G, W
+    from_1 = ra1 + gsa * g1 - gsb * g2 + w1  # (A-28)
+    from_2 = ra2 - gsa * g1 - gsb * g2 - w1  # (A-29)
+    from_3 = ra3 - gsa * g3 - gsb * g2 - w3  # (A-30), the contractor's
+    mean = (ra1 + ra2) / 2 - gsb * g2  # (A-27), the matrix solution
+    return np.array([mean, from_1, from_2, from_3, from_1 - mub * g3, from_2 + mub * g3, from_3 - mub * g1])

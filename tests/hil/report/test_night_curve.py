@@ -10,7 +10,7 @@ import pytest
 
 from drivers.chambers.supervised import SupervisedChamber
 from hil.config import parse_bench, parse_sweep
-from hil.dashboard.curves import NightCurves
+from hil.dashboard.facts import NightCurves
 from hil.errors import Damaged
 from hil.files.strict import find_config
 from hil.night import start_night

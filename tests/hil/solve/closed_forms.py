@@ -2,15 +2,13 @@
 
 `rates` has shape (..., 3, 2): Collects 1, 2, 3 by (RA, RB), deg/hr. `G` (..., 3) and `W` (..., 3) are (G1, G2, G3) in g
 and (W1, W2, W3) in deg/hr along the bench axes 1-2-3. Of the misprints in RD-GC-86-1 the corrected form is followed, as
-`hil.analysis.published.closed_forms` says.
+`hil.analysis.published.reproduction` says.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-
-from hil.analysis.published.closed_forms import by_channel, parts, stacked
 
 
 def matrix_solution(rates: ArrayLike, G: ArrayLike, W: ArrayLike) -> np.ndarray:
@@ -39,3 +37,18 @@ def contractor_solution(rates: ArrayLike, G: ArrayLike, W: ArrayLike) -> np.ndar
     ba = ra3 - gsa * g3 - gsb * g2 - w3  # (A-15)
     bb = rb3 - gsa * g2 + gsb * g3 - w2  # (A-16)
     return stacked(ba, bb, gsa, gsb)
+
+
+def by_channel(rates: ArrayLike) -> np.ndarray:
+    """Return [channel][collect] with the batch behind, from (..., 3, 2)."""
+    return np.moveaxis(np.asarray(rates, dtype=np.float64), (-1, -2), (0, 1))
+
+
+def parts(vector: ArrayLike) -> np.ndarray:
+    """Return [component] with the batch behind, from (..., 3)."""
+    return np.moveaxis(np.asarray(vector, dtype=np.float64), -1, 0)
+
+
+def stacked(*those: np.ndarray) -> np.ndarray:
+    """Return parts (...) of one batch as (..., p)."""
+    return np.stack(np.broadcast_arrays(*those), axis=-1)

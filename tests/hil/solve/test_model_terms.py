@@ -12,7 +12,7 @@ from benchmarks.blind.cases import make_case, write_case
 from hil.campaign import Campaign
 from hil.campaign.reader import read_campaign
 from hil.campaign.writer import write_campaign
-from hil.cli.design import budget
+from hil.cli.coefficients import budget
 from hil.config import load_bench, load_sweep
 from hil.design.visibility.document import campaign_document, sweep_document, visibility_text
 from hil.design.visibility.map import NoiseLevel

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from hil.analysis.published.audit import Audit, variants
-from hil.analysis.published.closed_forms import seven_biases
 from hil.analysis.published.identities import sigma_gap
+from hil.analysis.published.reproduction import seven_biases
 from hil.cli.app import run
 from hil.errors import InputError
 

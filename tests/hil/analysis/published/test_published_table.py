@@ -14,8 +14,8 @@ from hil.analysis.thermal.document import thermal_document
 from hil.analysis.thermal.fit import fit_thermal
 from hil.campaign.reader import read_campaign
 from hil.campaign.writer import write_campaign
+from hil.cli.coefficients import budget
 from hil.cli.data import solve
-from hil.cli.design import budget
 from hil.design.visibility.document import campaign_document
 from hil.errors import InputError
 from hil.model import built_in_model

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hil.analysis.published.closed_forms import seven_biases
-from hil.analysis.published.reproduction import reproduce
+from hil.analysis.published.reproduction import reproduce, seven_biases
 from hil.campaign import Campaign, Collects, Conditions, Sensor
 from hil.cli.told import lines_of
 from hil.errors import InputError
