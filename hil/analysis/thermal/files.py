@@ -43,11 +43,7 @@ def write_thermal(result: ThermalFit, folder: Path) -> list[str]:
     }
     for fit in result.sensors.values():
         contents[f"sensor-{fit.number}.svg"] = drawn(draw_fit(fit, result.campaign)).decode()
-        if fit.layout.collects.conditions.sensor.is_triad:
-            contents[f"sensor-{fit.number}-px4.params"] = px4_parameters(fit)
-            low, high = fit.layout.range_degC
-            if high - low >= ARDUPILOT_LEAST_RANGE_DEGC:
-                contents[f"sensor-{fit.number}-ardupilot.parm"] = ardupilot_parameters(fit)
+        contents |= {f"sensor-{fit.number}-{name}": text for name, text in autopilot_files(fit).items()}
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, text in contents.items():
@@ -81,11 +77,9 @@ def draw_fit(fit: SensorFit, campaign: Campaign) -> Figure:
 def bias_polynomials(fit: SensorFit) -> tuple[FloatArray, list[str]]:
     """Return the biases of a triad as cubics in T less the range's middle, (3, 4), rad/s, lowest power first.
 
-    And notes that say where a cubic is not what the data ask for. Raises `InputError` where the sensor is no triad.
+    And notes that say where a cubic is not what the data ask for.
     """
     sensor = fit.layout.collects.conditions.sensor
-    if not sensor.is_triad:
-        raise InputError(f"sensor {sensor.number}: PX4 and ArduPilot correct three-axis triads, and this is none")
     by_axis = dict(zip(sensor.channels.values(), bias_names(sensor), strict=True))
     rows, notes = [], []
     for axis in sensor.axes:
@@ -115,29 +109,25 @@ def _cubic_or_lower(each: ParameterFit, fit: SensorFit) -> tuple[FloatArray, str
     return np.asarray(np.polynomial.polynomial.polyfit(centre, each.values.values, best, w=weight)), POLYNOMIALS[best]
 
 
-def px4_parameters(fit: SensorFit) -> str:
-    """Return a QGroundControl parameter file (tab-separated) for PX4's gyro 0."""
-    return _written("px4.params.j2", fit, fit.layout.middle_degC)
+def autopilot_files(fit: SensorFit) -> dict[str, str]:
+    """Return parameter files by name: QGroundControl's for PX4's gyro 0 (tab-separated), and ArduPilot's for IMU 1.
 
-
-def ardupilot_parameters(fit: SensorFit) -> str:
-    """Return an ArduPilot parameter file for IMU 1; only what depends on temperature is in it.
-
-    Raises `InputError` where the range is under 10 °C, which ArduPilot does not accept.
+    In ArduPilot's is only what depends on temperature, and there is none where the range is under 10 °C, which it does
+    not accept. Of a sensor that is no triad there are none.
     """
-    low, high = fit.layout.range_degC
-    if high - low < ARDUPILOT_LEAST_RANGE_DEGC:
-        raise InputError(f"the temperatures span {high - low:.1f} °C; ArduPilot's TMAX must be 10 °C above TMIN")
-    return _written("ardupilot.parm.j2", fit, ARDUPILOT_REFERENCE_DEGC)
-
-
-def _written(template: str, fit: SensorFit, reference: float) -> str:
-    """Return the parameters of a file that has cubics in T less `reference`, °C."""
+    sensor, (low, high) = fit.layout.collects.conditions.sensor, fit.layout.range_degC
+    if not sensor.is_triad:
+        return {}
+    references = {"px4.params": fit.layout.middle_degC}
+    if high - low >= ARDUPILOT_LEAST_RANGE_DEGC:
+        references["ardupilot.parm"] = ARDUPILOT_REFERENCE_DEGC
     cubics, notes = bias_polynomials(fit)
-    shift = np.polynomial.Polynomial([reference - fit.layout.middle_degC, 1.0])
-    about = [[*np.polynomial.Polynomial(row)(shift).coef, *np.zeros(CUBIC)] for row in cubics]
-    sensor = fit.layout.collects.conditions.sensor
     axes = ", ".join(f"{axis} is {letter}" for axis, letter in zip(sensor.axes, "XYZ", strict=True))
     said = f"axes: {axes}, as the unit reports them; acceleration sensitivity is not corrected by these parameters"
-    low, high = fit.layout.range_degC
-    return filled(__package__, template, low=low, high=high, reference=reference, cubics=about, remarks=[said, *notes])
+    made = {}
+    for name, reference in references.items():
+        shift = np.polynomial.Polynomial([reference - fit.layout.middle_degC, 1.0])
+        about = [[*np.polynomial.Polynomial(row)(shift).coef, *np.zeros(CUBIC)] for row in cubics]
+        known = {"low": low, "high": high, "reference": reference, "cubics": about, "remarks": [said, *notes]}
+        made[name] = filled(__package__, f"{name}.j2", **known)
+    return made

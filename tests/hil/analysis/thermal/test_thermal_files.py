@@ -8,12 +8,10 @@ import pytest
 from hil.analysis.thermal.files import (
     ARDUPILOT_REFERENCE_DEGC,
     RAD_PER_S,
-    ardupilot_parameters,
+    autopilot_files,
     bias_polynomials,
-    px4_parameters,
 )
 from hil.analysis.thermal.fit import fit_thermal
-from hil.errors import InputError
 from tests.hil.analysis.thermal.nights import rotor_night, scaled, triad_night
 
 
@@ -28,7 +26,7 @@ def test_px4_and_ardupilot_files_correct_as_the_curves_say() -> None:
     }
     fit = fit_thermal(triad_night(np.random.default_rng(13), curves)).sensors[1]
     assert [fit.parameters[name].form for name in ("BX", "BY", "BZ")] == ["linear", "quadratic", "cubic"]
-    px4, ardupilot = parameters(px4_parameters(fit)), parameters(ardupilot_parameters(fit))
+    px4, ardupilot = map(parameters, autopilot_files(fit).values())
     assert px4["TC_G_ENABLE"] == 1
     for axis, name in enumerate(("BX", "BY", "BZ")):
         curve = fit.parameters[name].curve
@@ -49,15 +47,14 @@ def test_a_bias_that_needs_more_than_a_cubic_is_exported_with_a_warning() -> Non
     curves = {"BX": lambda t: 80.0 * np.polynomial.chebyshev.chebval(scaled(t), [0, 0, 0, 0, 0, 1])}
     fit = fit_thermal(triad_night(np.random.default_rng(14), curves)).sensors[1]
     assert fit.parameters["BX"].choice.form.order not in (0, 1, 2, 3)
-    assert "is what the data ask for" in px4_parameters(fit)
+    assert "is what the data ask for" in autopilot_files(fit)["px4.params"]
     assert bias_polynomials(fit)[1]
 
 
 def test_a_rotor_sensor_has_no_autopilot_parameters() -> None:
     """Two channels and MU mean nothing to PX4."""
     rotor = fit_thermal(rotor_night(np.random.default_rng(7), {"BA": lambda t: 20.0 + 15.0 * scaled(t)}))
-    with pytest.raises(InputError, match="three-axis triads"):
-        px4_parameters(rotor.sensors[2])
+    assert autopilot_files(rotor.sensors[2]) == {}
 
 
 def parameters(text: str) -> dict[str, float]:

@@ -13,7 +13,7 @@ import pytest
 
 from hil.analysis.published.table import read_published_table
 from hil.analysis.thermal.document import parameter_in_words, thermal_document, verdict_in_words
-from hil.analysis.thermal.files import ardupilot_parameters, px4_parameters
+from hil.analysis.thermal.files import autopilot_files
 from hil.analysis.thermal.fit import SensorFit, fit_thermal
 from hil.campaign import Campaign
 from hil.campaign.writer import write_campaign
@@ -70,7 +70,7 @@ def triad() -> SensorFit:
 @pytest.mark.slow
 def test_the_parameter_files_take_the_bias_off_another_night(triad: SensorFit) -> None:
     """Applied as the autopilots do to a night that the fit never saw, what remains is its noise of 2 deg/hr."""
-    px4, ardupilot = values(px4_parameters(triad)), values(ardupilot_parameters(triad))
+    px4, ardupilot = map(values, autopilot_files(triad).values())
     other = triad_night(np.random.default_rng(99), BIASES).sensors[1]
     degC, measured = other.conditions.columns["temperature_degC"], other.rates_deg_per_hr * DEG_PER_HR
     assert rms(measured) > 60.0 * DEG_PER_HR
@@ -86,7 +86,7 @@ def test_the_parameter_files_take_the_bias_off_another_night(triad: SensorFit) -
 def test_the_parameter_files_reach_no_further_than_what_was_measured(triad: SensorFit) -> None:
     """Their limits are the lowest and highest temperature; beyond, the autopilots hold the value at the limit."""
     low, high = triad.layout.range_degC
-    px4, ardupilot = values(px4_parameters(triad)), values(ardupilot_parameters(triad))
+    px4, ardupilot = map(values, autopilot_files(triad).values())
     for name, parameters in (("TC_G0", px4), ("INS_TCAL1", ardupilot)):
         assert parameters[f"{name}_TMIN"] == pytest.approx(low, abs=0.051)
         assert parameters[f"{name}_TMAX"] == pytest.approx(high, abs=0.051)
@@ -241,16 +241,17 @@ def test_table_1s_steepest_segment_is_that_of_the_soaks_bound(reference: Path) -
 @pytest.mark.slow
 def test_the_parameter_files_say_what_stands_on_weak_feet(triad: SensorFit) -> None:
     """A confirmed bias has no remark; one that no form describes, and one that nothing confirms, have one each."""
-    assert "confirm" not in px4_parameters(triad)
-    assert "no form describes" not in ardupilot_parameters(triad)
+    assert "confirm" not in autopilot_files(triad)["px4.params"]
+    assert "no form describes" not in autopilot_files(triad)["ardupilot.parm"]
     jagged = {"BX": lambda t: 40.0 * (np.abs(t - 23.4) < 4.0)}
     four = np.isin(np.arange(96) // 12, (0, 3, 5, 7))
     rotating = triad_night(np.random.default_rng(21), {**jagged, "BY": lambda t: 200.0 * scaled(t)})
-    text = px4_parameters(fit_thermal(rotating).sensors[1])
+    text = autopilot_files(fit_thermal(rotating).sensors[1])["px4.params"]
     assert "# BX: differs between temperatures, and no form describes how; constant is held here" in text
     few = replace(rotating, sensors={1: rotating.sensors[1].rows(four)})
-    assert "# BY: temperatures that did not choose its form do not confirm it" in ardupilot_parameters(
-        fit_thermal(few).sensors[1]
+    assert (
+        "# BY: temperatures that did not choose its form do not confirm it"
+        in autopilot_files(fit_thermal(few).sensors[1])["ardupilot.parm"]
     )
 
 
