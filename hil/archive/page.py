@@ -10,7 +10,7 @@ from typing import Any
 
 from hil.archive.trend import LEAST
 from hil.files.figure import blank
-from hil.files.page import in_style, inline_svg, rendered
+from hil.files.page import inline_svg, rendered
 from procedures.words import first_few
 
 _COLOURS = "viridis"
@@ -53,20 +53,16 @@ def some(lines: Sequence[str]) -> Iterator[str]:
 def history_page(document: Mapping[str, Any]) -> str:
     """Return a unit's life, hil.history/1, as one HTML document: no scripts, no other files."""
     title = ", ".join(filter(None, [f"Unit {document['serial']}", document["model"]]))
-    view = {**document, **_frame(title), "sentences": list(sentences(document))}
-    view["pictures"] = [_picture(each) for each in document["parameters"]]
+    pictures = [_picture(each) for each in document["parameters"]]
+    view = {**document, "title": title, "sentences": list(sentences(document)), "pictures": pictures}
     return rendered("hil.archive", "history.html.j2", view)
 
 
 def units_page(rows: Sequence[Mapping[str, Any]], said: Sequence[str], address: str) -> str:
     """Return the list of units, each linked to its own page below `address`."""
     simulated = any(each["simulated"] for each in rows)
-    view = {**_frame("Units of the archive"), "simulated": simulated, "units": rows, "said": said, "address": address}
+    view = {"title": "Units of the archive", "simulated": simulated, "units": rows, "said": said, "address": address}
     return rendered("hil.archive", "units.html.j2", view)
-
-
-def _frame(title: str) -> dict[str, Any]:
-    return {"title": title, "running_title": in_style(title), "whole": False}
 
 
 def _picture(parameter: Mapping[str, Any]) -> str:

@@ -18,10 +18,9 @@ from hil.analysis.night_verdict import night_verdict
 from hil.archive.folder import read_entry
 from hil.archive.index import Entry, connected
 from hil.archive.places import INDEX_NAME, check_archive, found, interrupted, serial_of, stamp
-from hil.campaign import Campaign
 from hil.errors import InputError
 from hil.files.durable import PARTIAL, RealDisk
-from hil.solve import RunSolution, repeats, solve_campaign
+from hil.solve import repeats, solve_campaign
 from hil.solve.repeats import SensorRepeats
 from hil.solve.runs import finite
 from procedures.verdict import NOT_GOOD
@@ -83,9 +82,28 @@ def _read(connection: sqlite3.Connection, archive: Path, name: str, now: str) ->
         solutions = solve_campaign(campaign)
         means = list(_means(name, repeats(campaign, solutions)))
         text = json.dumps(_settings(facts, configuration), sort_keys=True)
-        entry = vars(_entry(name, now, facts, campaign, solutions, hashlib.sha256(text.encode()).hexdigest()))
+        judged = night_verdict(str(facts["state"]), solutions)
+        known = Entry(
+            name,
+            now,
+            serial=str(facts["serial"]),
+            trouble="",
+            model=str(facts["model"]),
+            simulated=campaign.simulated,
+            began_utc=str(facts["began_utc"]),
+            ended_utc=str(facts["ended_utc"]),
+            title=campaign.title,
+            verdict=str(judged.verdict),
+            reason=judged.reason,
+            night=str((facts["night"] or {}).get("id", "")),
+            collects=sum(map(len, campaign.sensors.values())),
+            whence=str(facts["from"]),
+            settings=hashlib.sha256(text.encode()).hexdigest(),
+            good=judged.verdict not in NOT_GOOD,
+        )
     except (InputError, OSError, KeyError, TypeError, ValueError) as error:
-        entry, means, text = vars(Entry(name, now, serial_of(name), str(error) or repr(error))), [], ""
+        known, means, text = Entry(name, now, serial_of(name), str(error) or repr(error)), [], ""
+    entry = vars(known)
     with connection:  # all of it, or nothing
         connection.execute("BEGIN IMMEDIATE")
         connection.execute("DELETE FROM entries WHERE name = ?", (name,))
@@ -94,30 +112,6 @@ def _read(connection: sqlite3.Connection, archive: Path, name: str, now: str) ->
         connection.executemany(f"INSERT INTO means VALUES ({', '.join('?' * 11)})", means)  # noqa: S608
         if text:
             connection.execute("INSERT OR IGNORE INTO settings VALUES (?, ?)", (entry["settings"], text))
-
-
-def _entry(
-    name: str, now: str, facts: Mapping[str, Any], campaign: Campaign, solutions: Sequence[RunSolution], settings: str
-) -> Entry:
-    judged = night_verdict(str(facts["state"]), solutions)
-    return Entry(
-        name,
-        now,
-        serial=str(facts["serial"]),
-        trouble="",
-        model=str(facts["model"]),
-        simulated=campaign.simulated,
-        began_utc=str(facts["began_utc"]),
-        ended_utc=str(facts["ended_utc"]),
-        title=campaign.title,
-        verdict=str(judged.verdict),
-        reason=judged.reason,
-        night=str((facts["night"] or {}).get("id", "")),
-        collects=sum(map(len, campaign.sensors.values())),
-        whence=str(facts["from"]),
-        settings=settings,
-        good=judged.verdict not in NOT_GOOD,
-    )
 
 
 def _means(name: str, shown: Mapping[int, SensorRepeats]) -> Iterator[tuple[Any, ...]]:

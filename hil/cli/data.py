@@ -22,7 +22,6 @@ if TYPE_CHECKING:  # `hil --help` loads no arithmetic
 
     from hil.campaign import Campaign
     from hil.report.content import ReportContent
-    from hil.report.night import NightContent
     from hil.report.tables import TableFormat
 
 Format = Literal["hdf5", "netcdf", "mat", "documents"]
@@ -116,6 +115,7 @@ def write_report(
     """
     from hil.analysis.against import Comparison
     from hil.analysis.in_spec import in_spec_of
+    from hil.campaign import Campaign
     from hil.files.durable import check_file, write_result
     from hil.records.reader import is_night
     from hil.records.units import writable
@@ -124,7 +124,11 @@ def write_report(
     from hil.report.page import render
 
     night = night_content(source) if is_night(source) else None
-    campaign = _campaign(source, night)
+    if night is None or night.collects:
+        campaign = read_source(source)
+    else:  # it came to none, and has its report too, which says why
+        told = "recorded by hil; no collect was completed"
+        campaign = Campaign(night.title, told, {}, simulated=night.simulated, identity=night.identity)
     path = check_file(out or writable(source) / "report.html", *PAGE)
     comparison = None if against is None else Comparison(campaign, read_source(against, EARLIER))
     content = gather(campaign, night, comparison)
@@ -132,16 +136,6 @@ def write_report(
     content = replace(content, in_spec=in_spec_of(source, campaign, content.solutions, limits, comparison, state))
     write_result(path, render(content, whole=whole))
     return path, content
-
-
-def _campaign(source: Path, night: NightContent | None) -> Campaign:
-    """Read what was measured; a night that came to no collect has its report too, which says why."""
-    from hil.campaign import Campaign
-
-    if night is not None and not night.collects:
-        source_words = "recorded by hil; no collect was completed"
-        return Campaign(night.title, source_words, {}, simulated=night.simulated, identity=night.identity)
-    return read_source(source)
 
 
 def solve(

@@ -111,10 +111,9 @@ def check_result_folder(out: Path, own: str = "", given: str = "", of: Campaign 
     `of` the same campaign.
     """
     _refuse_night(out)
-    for above in (out, *out.parents):
-        if above.exists() and not above.is_dir():
-            raise InputError(f"{above}: is a file; the result needs a folder")
-    there = next(above for above in (out, *out.absolute().parents) if above.exists())
+    there = next(above for above in (out, *out.parents, Path.cwd()) if above.exists())
+    if not there.is_dir():
+        raise InputError(f"{there}: is a file; the result needs a folder")
     if not os.access(there, os.W_OK):
         raise InputError(f"{out}: cannot be written: nobody may who runs this; name another folder for the result")
     model = out / "model.yaml"

@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import html
 import re
+from collections.abc import Mapping
 from textwrap import shorten
 from typing import TYPE_CHECKING, Any
 
@@ -25,8 +26,12 @@ _LONGEST_RUNNING = 90
 _HYPHEN = re.compile(r"(?<![^\s(±])-(?=\d)")
 
 
-def rendered(room: str, template: str, content: object) -> str:
-    """Return the page that `template` of the package `room` makes of `content`, its `r`; it extends files/page."""
+def rendered(room: str, template: str, content: Mapping[str, Any]) -> str:
+    """Return the page that `template` of the package `room` makes of `content`, its `r`; it extends files/page.
+
+    Of the content it takes `title` and `simulated`; on paper a title runs along, and a page that is not `whole` is
+    folded.
+    """
     environment = Environment(
         loader=PrefixLoader({"room": PackageLoader(room, "."), "files": PackageLoader("hil.files", ".")}),
         autoescape=True,
@@ -36,7 +41,9 @@ def rendered(room: str, template: str, content: object) -> str:
     )
     filters = {"number": number, "degrees": degrees, "hours_minutes": hours_minutes, "counted": counted}
     environment.filters |= {**filters, "percent": percent}
-    return environment.get_template(f"room/{template}").render(r=content)
+    return environment.get_template(f"room/{template}").render(
+        r={"whole": False, "running_title": _in_style(content["title"]), **content}
+    )
 
 
 def _with_minus(shown: object) -> object:
@@ -44,7 +51,7 @@ def _with_minus(shown: object) -> object:
     return shown if isinstance(shown, Markup) else _HYPHEN.sub("\N{MINUS SIGN}", str(shown))
 
 
-def in_style(title: str) -> Markup:
+def _in_style(title: str) -> Markup:
     """Return a text, shortened, for a string of CSS, in which only letters and digits need no escape."""
     short = shorten(title, _LONGEST_RUNNING, placeholder=" …")
     return Markup("".join(c if c.isascii() and c.isalnum() else f"\\{ord(c):x} " for c in short))  # noqa: S704 - escaped

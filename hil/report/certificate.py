@@ -27,7 +27,7 @@ from hil.design.budget.budget import MeanBudget, budgets_of_means, repeats_of
 from hil.design.budget.scenes import measured_scenes
 from hil.errors import InputError
 from hil.files.numbers import degrees
-from hil.files.page import in_style, rendered
+from hil.files.page import rendered
 from hil.records import reading
 from hil.records.export import campaign_of_night
 from hil.records.ledger import read_head
@@ -58,7 +58,7 @@ class Certificate:
     def page(self) -> str:
         """Return it as HTML; where it is refused, as a draft, which every page says."""
         running = f"{'DRAFT ' * bool(self.refused)}Calibration certificate {self.document['number']}"
-        told = {"title": running, "running_title": in_style(running), "whole": True, "in_spec": self.in_spec}
+        told = {"title": running, "whole": True, "in_spec": self.in_spec}
         told["once"] = _ONCE if _ONCE in self.document["assumed"] else ""
         return rendered("hil.report", "certificate.html.j2", {**self.document, **told})
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from hil.files.durable import write_result
 from hil.files.numbers import decimals_for
-from hil.files.page import in_style, inline_svg, rendered
+from hil.files.page import inline_svg, rendered
 from hil.records import reading
 from hil.records.status import in_brief, night_status, recorded_verdict
 from hil.records.troubles import to_do as to_do_now
@@ -60,7 +60,6 @@ def _page(content: ReportContent) -> dict[str, Any]:
     why = list(reasons([solution for each in sensors for solution in each.solutions]))
     return {
         "title": campaign.title,
-        "running_title": in_style(campaign.title),
         "subtitle": campaign.source,
         "identity": {name: text for name, text in campaign.identity.items() if name != "despite"},
         "despite": campaign.identity.get("despite", ""),
@@ -122,12 +121,10 @@ def write_units(
         units.append({**each, "page": page, "verdict": judged, "in_spec": brief, "why": reason})
     document = {
         **{name: status[name] for name in ("title", "identity", "simulated", "state", "reason")},
-        "running_title": in_style(status["title"]),
         "verdict": verdict["verdict"] if verdict else "INCONCLUSIVE",
         "to_do": to_do_now(Path(source.name), {**status, "verdict": verdict}),
         "units": units,
         "soaks": soaks,
-        "whole": False,
     }
     write_result(path, rendered("hil.report", "units.html.j2", document))
 

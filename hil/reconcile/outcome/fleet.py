@@ -11,7 +11,7 @@ from typing import Any
 from hil.files.columns import rows_as_csv
 from hil.files.document import picked
 from hil.files.figure import LOOKS, blank
-from hil.files.page import in_style, inline_svg, rendered
+from hil.files.page import inline_svg, rendered
 from hil.reconcile.campaigns import LEVEL, Screened, ScreenedUnit
 from hil.solve.omissions import in_words
 from procedures.words import counted, first_few, listed, numbered
@@ -52,15 +52,11 @@ def fleet_csv(found: Screened) -> str:
 def fleet_page(found: Screened) -> str:
     """Return the page as one HTML document: no scripts, no other files."""
     worth = [each for each in found.units if each.worth]
-    title = f"{_counted(found.units)} screened: what the model lacks"
     view = {
-        "title": title,
-        "running_title": in_style(title),
+        "title": f"{_counted(found.units)} screened: what the model lacks",
         "simulated": any(each.simulated for each in found.units),
-        "whole": False,
         "found": found,
         "worth": worth,
-        "level": LEVEL,
         "sentences": list(fleet_sentences(found)),
         "shared": _shared(found),
         "failed": any(each.runs_failed for each in found.units),

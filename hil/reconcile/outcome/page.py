@@ -12,7 +12,7 @@ import numpy as np
 
 from hil.files.figure import LOOKS, blank
 from hil.files.numbers import WHOSE
-from hil.files.page import in_style, inline_svg, rendered
+from hil.files.page import inline_svg, rendered
 from hil.model import save_model
 from hil.reconcile.outcome.sentences import (
     APART,
@@ -54,9 +54,7 @@ def page(result: Reconciliation) -> str:
     known = {(n["sensor"], n["channel"]): n["explained_deg_per_hr"] for n in result.noise if only_scatters}
     view = {
         "title": f"{result.campaign}: what the model lacks",
-        "running_title": in_style(result.campaign),
         "simulated": result.simulated,
-        "whole": False,
         "result": result,
         "act": what_to_do(result),
         "summary": summary(result),
