@@ -16,7 +16,7 @@ import numpy as np
 from hil.campaign import BoolArray, FloatArray, IntArray
 from hil.model.effects.prior import log_sum
 from hil.reconcile.search.evidence import LEAST, ROUNDING, SEEN, Scale, eliminated, student
-from hil.reconcile.search.noise import Noise
+from hil.reconcile.search.noise import TOGETHER, Noise
 from hil.reconcile.search.points import Points
 from hil.reconcile.search.profiles import FOLLOWS, Profile
 from hil.solve.identifiability import independent_columns
@@ -170,7 +170,7 @@ def likely_points(
     rows = _Rows(noise, grid, scales, gram, half_log_det, base.shape[1], *map(list, zip(*pairs, strict=True)))
 
     found = rows.climb()
-    if noise.grow(noise.grid.take(np.unique([np.argmax(own) for _, own in found]))):
+    if noise.grow(noise.grid.take(np.flatnonzero(np.any([_leads(own, grid.sort) for _, own in found], axis=0)))):
         rows = rows.grown(columns)
         found = [(best, rows.everywhere(v, best)) for v, (best, _) in enumerate(found)]
     grid = noise.grid
@@ -190,24 +190,27 @@ def likely_points(
     prior = (np.array([noise.log_profile(p) for p in profiles]) + log_width)[which]
     every = replace(every, profile=places, log_prior=every.log_prior + prior)
     first, best = heights[0].ravel(), np.max(heights, axis=0).ravel()
-    kept = _kept(every, best)
+    kept = _kept(every, best, noise.sorts)
     if quieter:
         kept |= every.quieter(int(np.argmax(first)))
     return every.take(np.flatnonzero(kept)), (first if quieter else best)[kept]
 
 
-def _kept(every: Points, best: FloatArray) -> BoolArray:
+def _kept(every: Points, best: FloatArray, sorts: Sequence[frozenset[str]]) -> BoolArray:
     """Tell the best points; the best of every effect, for what one block speaks against another may ask for; the quiet.
 
-    The quiet are kept whatever the base alone says of them: a term may explain what it takes for noise.
+    And of two effects that do more together than either by itself. The quiet are kept whatever the base alone says of
+    them: a term may explain what it takes for noise.
     """
     order = np.argsort(-best)
     kept = np.zeros(len(best), dtype=bool)
     kept[order[:POINTS]] = best[order[:POINTS]] > -DEPTH
-    kept |= (_highest(best, every.sort) & (np.count_nonzero(every.amount, axis=1) < 2)) | (
-        _quiet(every) & (every.profile == every.profile[order[0]])
-    )
-    return kept
+    highest = _highest(best, every.sort)
+    height = {sorts[every.sort[k]]: best[k] for k in np.flatnonzero(highest)}
+    alone = {own: max((height.get(own - {name}, -np.inf) for name in own), default=-np.inf) for own in height}
+    more = np.array([len(own) < TOGETHER or height.get(own, -np.inf) > alone.get(own, np.inf) for own in sorts])
+    kept |= highest & more[every.sort]
+    return np.asarray(kept | (_quiet(every) & (every.profile == every.profile[order[0]])))
 
 
 def _highest(height: FloatArray, sort: IntArray) -> BoolArray:
@@ -217,6 +220,11 @@ def _highest(height: FloatArray, sort: IntArray) -> BoolArray:
         own = np.flatnonzero(sort == each)
         out[own[np.argmax(height[own])]] = True
     return out
+
+
+def _leads(height: FloatArray, sort: IntArray) -> BoolArray:
+    """Tell the highest of points (t,), and of each sort (t,) those that are higher than all of ordinary noise."""
+    return np.asarray(_highest(height, sort) & (height >= min(height.max(), height[sort == 0].max())))
 
 
 def _quiet(points: Points) -> BoolArray:
