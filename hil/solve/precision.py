@@ -30,7 +30,9 @@ _OTHER = {
 }
 
 
-_FROM_RUN_TO_RUN = {name: variance_effect_by_id(effect) for name, effect in (("B", "turnon"), ("MU", "MU_rr"))}
+_FROM_RUN_TO_RUN = {
+    name: variance_effect_by_id(effect) for name, effect in (("B", "turnon"), ("MU", "MU_rr"), ("GS", "GS_rr"))
+}
 
 
 def unstated(collects: Collects) -> BoolArray:
@@ -73,7 +75,7 @@ def usual_size(parameter: str, sensor: Sensor) -> float:
 
 
 def typical_scatter(parameter: str, sensor: Sensor) -> float:
-    """Return by how much a bias, deg/hr, or MU, deg/hr/g, typically differs from run to run at most; else any amount.
+    """Return by how much a bias, deg/hr, MU or GS, deg/hr/g, typically differs from run to run at most; else any.
 
     >>> typical_scatter("MUA", Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"}))
     6.0

@@ -154,23 +154,48 @@ class AxialDriftTemperature(_FollowsTemperature):
     experiment = "Collect 4 at every temperature, each visited twice."
 
 
-class AxialDriftScatter(VarianceEffect):
+class _AnewInEachRun(VarianceEffect):
+    """The coefficients of another effect, drawn anew for each self-calibration."""
+
+    of: ClassVar[Effect]
+    follows = "run"
+    rotor_only = True
+
+    def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
+        """Return independent coefficients of unit deviation per run."""
+        return (Scatter(self.of.columns(conditions, None, {}), group=conditions.run),)
+
+
+class AxialDriftScatter(_AnewInEachRun):
     """MU that differs from one self-calibration to the next: balls reseat in the bearing."""
 
     id = "MU_rr"
-    follows = "run"
+    of = AxialDrift()
     title = "Run-to-run MU change"
     equation = "MU of run k = MU(T) + N(0, s_mu)"
-    rotor_only = True
     parameters = (Parameter("s_mu", "deg/hr/g", (0.8, 6.0), {"DTG": (0.05, 1.0)}),)
     signature = "MU and a bias solved without it scatter equally, one beside it is quiet: sigmas 1 : 0 : 1."
     confusable_with = ("index", "settle", "jump", "drift")
     kin = MappingProxyType({"MU_T": 1.0})
     experiment = "Repeat collect 3 three times without indexing between, then with."
 
-    def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
-        """Return an independent MUA and MUB of unit deviation per run."""
-        return (Scatter(mu_columns(conditions), group=conditions.run),)
+
+class RotorSensitivityScatter(_AnewInEachRun):
+    """GS that differs from one self-calibration to the next: a magnet, a flexure or an index that does not come back.
+
+    The report does not list it, nor say what GS was; sizes are assumed.
+    """
+
+    id = "GS_rr"
+    of = RotorSensitivity()
+    title = "Run-to-run GS change"
+    equation = "GSA, GSB of run k = GS(T) + N(0, s_gs)"
+    parameters = (Parameter("s_gs", "deg/hr/g", (0.5, 5.0), {"DTG": (0.02, 0.5)}),)
+    signature = "Collects 1 and 2 of a run move oppositely, those of the next by another amount; bias and MU stay."
+    confusable_with = ("base", "arw", "MU_rr")
+    kin = MappingProxyType({"GS_T": 1.0})
+    odds = 1.0 / 1.5  # the published list of effects lacks it
+    experiment = "Repeat collects 1 and 2 three times without indexing between, then with."
 
 
 class AnisotropicSensitivity(Effect):

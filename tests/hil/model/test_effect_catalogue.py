@@ -156,7 +156,7 @@ def test_every_effect_of_the_reference_is_in_the_catalogue(reference: Path) -> N
         identifier: family for identifier, family in rows.items() if family not in families.get(identifier, ())
     } == {}
     added = set(families) - set(rows)
-    assert added == {"bias", "GS", "GS_gain", "MU_T", "g_sensitivity_T", "ageing", "saturation", "markov"}
+    assert added == {"bias", "GS", "GS_gain", "MU_T", "g_sensitivity_T", "ageing", "saturation", "markov", "GS_rr"}
 
 
 @pytest.mark.parametrize("entry", list(entries()), ids=_named)
