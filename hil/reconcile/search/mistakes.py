@@ -4,7 +4,7 @@ solved = AsSolved.of(campaign, 2)                            # what `hil solve` 
 may_be_wrong(2, blocks, conditions, solved)                  # candidates: what stands there says nothing
 found = exchanges(sensor, blocks, solved)                    # one candidate per exchange in one run
 terms = as_told(terms, collects, exchanged)                  # with odds by what accelerometers show
-solved.among(terms)                                          # the terms that are that answer: a set to start from
+solved.among(terms)                                          # sets to start from: the terms that are that answer
 
 Each competes with every effect. Of a year of nights those are asked about that differ most from their neighbours; of a
 run with which nothing can be compared, what `hil solve` says of it.
@@ -151,8 +151,11 @@ class AsSolved:
         rates = self.filed.rates_deg_per_hr
         return np.asarray(np.any(np.isfinite(rates) & (rates != self.laid), axis=1))
 
-    def among(self, terms: Sequence[Term]) -> tuple[int, ...]:
-        """Return the places of the terms that do the same: put right what it does, and leave out what it does."""
+    def among(self, terms: Sequence[Term]) -> list[tuple[int, ...]]:
+        """Return the places of the terms that do the same: put right what it does, and leave out what it does.
+
+        And with runs left out whole that it puts right: of several that are wrong alike no single one shows by itself.
+        """
         mistakes = [(j, term.candidate) for j, term in enumerate(terms) if term.is_mistake]
         exchanged = [(j, of.columns[..., 0]) for j, of in mistakes if of.effect is not None]
         spoiled = [(j, np.any(of.columns != 0.0, axis=2)) for j, of in mistakes if of.effect is None]
@@ -169,7 +172,15 @@ class AsSolved:
                 if here[there].any() and not here[~there].any():
                     chosen.add(j)
                     there &= ~here
-        return tuple(sorted(chosen))
+        spoiled_runs = {
+            (terms[j].candidate.shape["run"], channel)
+            for j, columns in exchanged
+            for channel in np.flatnonzero(columns.any(axis=0)).tolist() * (j in chosen)
+        }
+        whole = {
+            j for j, of in mistakes if (of.shape.get("number"), of.shape.get("channel")) in spoiled_runs
+        } | chosen.difference(j for j, _ in exchanged)
+        return [tuple(sorted(each)) for each in ([chosen, whole] if spoiled_runs else [chosen] * bool(chosen))]
 
 
 def exchanges(sensor: SensorProblem, blocks: Sequence[Block], solved: AsSolved) -> Iterator[Candidate]:

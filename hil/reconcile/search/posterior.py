@@ -78,9 +78,8 @@ def likely_sets(search: SensorSearch) -> list[Set]:
     at: beside much that is missing noise seems to wander that does not, and what one more term would explain is taken
     for it.
     """
-    start = search.start
     known = _grown(search, [()])
-    if start:
+    for start in search.starts:
         known |= _grown(search, [start, *(start[:k] + start[k + 1 :] for k in range(len(start)))])
     served = set[Set]()
     while (lead := max(known, key=lambda s: known[s])) not in served:

@@ -34,11 +34,11 @@ Set = tuple[int, ...]
 
 @dataclass
 class SensorSearch:
-    """One sensor: what may be in it, and how probable any set of that is. Sets grow from none, and from `start`."""
+    """One sensor: what may be in it, and how probable any set of that is. Sets grow from none, and from `starts`."""
 
     blocks: Sequence[BlockSearch]
     terms: list[Term]
-    start: Set = ()
+    starts: Sequence[Set] = ()
     _known: dict[Set, list[FloatArray]] = field(default_factory=dict)
     _weighed: dict[tuple[Set, int], SetInBlock] = field(default_factory=dict)
     _laid: list[list[Group]] = field(default_factory=list)
@@ -61,7 +61,7 @@ class SensorSearch:
         """
         asked: list[Set] = [(j,) for j in self.leading()]
         asked += [(*first, *self.leading(first)[:1]) for first in asked[:1]]
-        asked += [self.start] * bool(self.start)
+        asked += self.starts
         self._weigh_anew()
         for b, block in enumerate(self.blocks):
             beside = [self._columns(each, b) for each in asked]
