@@ -70,8 +70,8 @@ def wandering(campaign: Campaign, number: int) -> Wander | None:
         return None
     hours, runs = middle_hr(rows), [rows.run == run for run in np.unique(rows.run)]
     middles = np.array([hours[run].mean() for run in runs])
-    of_runs = np.array([np.mean([_alike(part, hours[run]).mean() for run in runs]) for part in parts])
-    of_all = np.array([_alike(part, middles).mean() for part in parts])
+    of_runs = np.array([np.mean([part.between(part, hours[run], hours[run]).mean() for run in runs]) for part in parts])
+    of_all = np.array([part.between(part, middles, middles).mean() for part in parts])
     within, between = sizes @ (1.0 - of_runs), sizes @ np.maximum(of_runs - of_all, 0.0)
     size = square**0.5
     return Wander(size, error / (2.0 * size), rows, white, size * float(within) ** 0.5, size * float(between) ** 0.5)
@@ -84,13 +84,9 @@ def _moments(tau_s: float, count: int, block_s: float) -> tuple[float, float]:
     That is about a straight line through all the blocks of a series.
     """
     fine = (np.arange(count * _FINE) + 0.5) * block_s / _FINE / 3600.0
-    alike = _alike(Scatter(np.ones((1, 1, 1)), tau_s=tau_s), fine)
+    wanders = Scatter(np.ones((1, 1, 1)), tau_s=tau_s)
+    alike = wanders.between(wanders, fine, fine)
     blocks = alike.reshape(count, _FINE, count, _FINE).mean(axis=(1, 3))
     line, _ = np.linalg.qr(np.stack([np.ones(count), np.arange(count) - 0.5 * (count - 1)], axis=1))
     left = float(np.trace(blocks) - np.trace(line.T @ blocks @ line)) / (count - 2)
     return float(blocks.diagonal().mean() - blocks.diagonal(1).mean()), left
-
-
-def _alike(part: Scatter, hours: FloatArray) -> FloatArray:
-    """Return the covariance of a part of unit size between some hours, (n, n)."""
-    return part.step(np.abs(np.subtract.outer(hours, hours)))[0]

@@ -33,8 +33,8 @@ class Scatter:
 
     def covariance(self, conditions: Conditions) -> FloatArray:
         """Return the covariance of the rates of n collects, shape (n·c, n·c), rows (n, c) flattened."""
-        seen, channels = flattened(self.columns), self.columns.shape[1]
-        return np.asarray((seen @ seen.T) * np.kron(self._between(conditions), np.ones((channels, channels))))
+        seen, channels, hours = flattened(self.columns), self.columns.shape[1], middle_hr(conditions)
+        return np.asarray((seen @ seen.T) * np.kron(self.between(self, hours, hours), np.ones((channels, channels))))
 
     def draw(self, conditions: Conditions, rng: np.random.Generator) -> FloatArray:
         """Return one draw of the rates, shape (n, c), of which `covariance` is the covariance."""
@@ -58,11 +58,13 @@ class Scatter:
         keep = np.ones_like(hours) if self.walk else np.exp(-hours * HOUR_S / float(self.tau_s or np.nan))
         return keep, np.sqrt(hours) if self.walk else np.sqrt(1.0 - keep**2)
 
-    def _between(self, conditions: Conditions) -> FloatArray:
-        if self.group is not None:
-            return np.equal.outer(self.group, self.group).astype(np.float64)
-        hours = middle_hr(conditions)
+    def between(self, other: Scatter, hours: FloatArray, others: FloatArray) -> FloatArray:
+        """Return how alike coefficients are in n rows and in m rows in which they scatter as `other` says, (n, m).
+
+        `hours` (n,) and `others` (m,) are when the rows were measured.
+        """
+        if self.group is not None and other.group is not None:
+            return np.equal.outer(self.group, other.group).astype(np.float64)
         if self.walk:
-            since = hours - hours.min()
-            return np.asarray(np.minimum.outer(since, since))
-        return self.step(np.abs(np.subtract.outer(hours, hours)))[0]
+            return np.asarray(np.minimum.outer(hours, others) - min(hours.min(), others.min()))
+        return self.step(np.abs(np.subtract.outer(hours, others)))[0]

@@ -13,6 +13,7 @@ import numpy as np
 from hil.campaign import FloatArray
 from hil.model.effects.base import VarianceEffect
 from hil.model.effects.prior import COMMON, SCATTER, SHARED, in_another, log_sum, scatter_log_odds
+from hil.reconcile.search.common_states import same_states
 from hil.reconcile.search.lookalikes import exchanged, lookalikes
 from hil.reconcile.search.sets import SensorSearch, Set
 from hil.reconcile.search.terms import Term
@@ -220,6 +221,12 @@ def log_weights(
     for axis, (n, sets) in enumerate(lists.items()):
         along = [len(sets) if k == axis else 1 for k in range(len(lists))]
         weights = weights + shared_evidence(searches[n], sets, sorts).reshape(*along, -1)
+    for name, effect in scatter_asked(searches.values()).items() if len(lists) > 1 else ():
+        has = np.array([name in sort for sort in sorts])
+        if effect.common_to_sensors and weights[..., has].max() > weights.max() - 3.0 * WORTH:
+            *best, _ = np.unravel_index(np.argmax(np.where(has, weights, -np.inf)), weights.shape)
+            chosen = {n: sets[int(place)] for (n, sets), place in zip(lists.items(), best, strict=True)}
+            weights[..., has] += same_states(searches, chosen, name)
     return weights, sorts
 
 
