@@ -37,11 +37,11 @@ _OUTSIDE_FOLLOWS = {
 }
 _FOLLOWS = {
     "time": "ageing jump warmup drift rrw markov flicker base",
-    "run": "jump MU_rr turnon frost",
+    "run": "jump MU_rr GS_rr turnon frost",
     "temperature": "bias_T GS_T demod hash frost",
     "temperature_rate": "bias_Tdot bias_grad T_lag",
     "temperature_history": "hyst soak_insufficient bias_grad T_lag bias_Tdot warmup",
-    "pose": "MU_real k2 phase scale index misalign g_sensitivity settle drift earth frame mag MU_rr",
+    "pose": "MU_real k2 phase scale index misalign g_sensitivity settle drift earth frame mag MU_rr GS_rr",
     "supply": "supply",
     "heading": "earth frame mag",
     "supply_V": "supply",

@@ -43,6 +43,13 @@ def _mu_rr(n: Night, _r: np.random.Generator) -> np.ndarray:
     return _channels(_same_run(n) * np.outer(spin, spin))
 
 
+def _gs_rr(n: Night, _r: np.random.Generator) -> np.ndarray:
+    """GSA and GSB anew in each run; RA has GSA f_A + GSB f_B, RB GSA f_B − GSB f_A."""
+    a, b = n.f[:, 0], n.f[:, 1]
+    seen = np.stack([np.concatenate([a, b]), np.concatenate([b, -a])], 1)
+    return np.asarray((seen @ seen.T) * np.kron(np.ones((2, 2)), _same_run(n)))
+
+
 def _rrw(n: Night, _r: np.random.Generator) -> np.ndarray:
     hours = (_middle_s(n) - _middle_s(n)[0]) / _HOUR_S
     return _channels(np.minimum(hours[:, None], hours[None, :]))
@@ -91,6 +98,7 @@ def _base(n: Night, r: np.random.Generator) -> np.ndarray:
 
 SCATTER: dict[str, Scatter] = {
     "MU_rr": _mu_rr,
+    "GS_rr": _gs_rr,
     "rrw": _rrw,
     "turnon": _turnon,
     "hash": _hash,

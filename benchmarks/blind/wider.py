@@ -100,7 +100,16 @@ def every_size(cases: int) -> list[Job]:
 
 def scatter(cases: int) -> list[Job]:
     """Each effect on the scatter alone, at two to four times the white noise, and beside an effect on the mean."""
-    kinds = ("MU_rr", "rrw", "hash", "frost", "flicker", "base", *(f"markov@{h:g} h" for h in (0.5, 2.0, 8.0, 40.0)))
+    kinds = (
+        "MU_rr",
+        "GS_rr",
+        "rrw",
+        "hash",
+        "frost",
+        "flicker",
+        "base",
+        *(f"markov@{h:g} h" for h in (0.5, 2.0, 8.0, 40.0)),
+    )
     alone = [Job(f"scatter: {name}", 0, (name,), noise=ORDINARY) for name in kinds]
     alone.append(Job("scatter: turnon", 0, ("turnon",), design=CYCLED, noise=ORDINARY))
     beside = [

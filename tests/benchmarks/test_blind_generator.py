@@ -96,6 +96,7 @@ def test_base_motion_is_the_same_turn_seen_from_each_position() -> None:
     ("name", "least"),
     [
         ("MU_rr", 0.999),
+        ("GS_rr", 0.999),
         ("rrw", 0.999),
         ("hash", 0.999),
         ("turnon", 0.999),
