@@ -309,7 +309,7 @@ def _from_run_to_run(collects: Collects) -> Iterator[Law]:
         sure = size[whole].min() > max(0.5 * size[whole].max(), noise) and np.abs(alike[whole]).min() > _ALIKE
         says = (
             f"{channel} goes up from position to position where it goes down in the other runs: its sign is turned, or "
-            f"collects are exchanged: ask whoever measured, and put the rates of {channel} or the column position right"
+            f"collects are exchanged: ask whoever measured, and put the rates of {channel}, or position, f and w, right"
         )
         yield Law(channel, np.where(sure, alike, np.nan)[run], 0.0, np.inf, "the other runs", plainly=says)
 

@@ -9,21 +9,22 @@ The quick form of what `hil reconcile` asks of every row: how the unit lay by it
 rates best, with the search's own odds of a mistake (`hil.solve.explained`).
 """
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache
+from functools import lru_cache
 from typing import Any, Self
 
 import numpy as np
 
-from hil.campaign import Campaign, Collects, FloatArray
-from hil.campaign.plausibility import clipped, unclipped
+from hil.campaign import Campaign, Collects
+from hil.campaign.laws import FIXTURE_G, from_the_usual_g
+from hil.campaign.plausibility import accelerations_g, clipped, unclipped
 from hil.model.forms import default_form
-from hil.solve.asked import Asked, OtherSensor
-from hil.solve.causes import AS_IT_LAY, MOSTLY, Cause, all_of
-from hil.solve.explained import HARDLY, Explained, beyond_others, explanations, mended
+from hil.solve.asked import OtherSensor
+from hil.solve.causes import Cause, all_of
+from hil.solve.explained import HARDLY, Explained, beyond_others, mended
+from hil.solve.in_common import Together, lost
 from hil.solve.precision import with_every_error
-from hil.solve.whitened import whitened
 from procedures.verdict import Judgement, Verdict, combine
 from procedures.words import listed, numbered, significant
 
@@ -112,35 +113,6 @@ def wrong_rows(campaign: Campaign) -> dict[int, WrongRows]:
     return dict(zip(campaign.sensors, _wrong_rows(tuple(campaign.sensors.values()), fails, exchanged), strict=True))
 
 
-def beside(collects: Collects, other: Collects | None) -> FloatArray:
-    """Return what another sensor shows in the same collects (n, c), NaN where it took none or others."""
-    out = np.full(collects.rates_deg_per_hr.shape, np.nan)
-    if other is not None:
-        theirs = other.conditions.of_each_run
-        for run, rows in collects.conditions.of_each_run.items():
-            there = theirs.get(run, rows[:0])
-            if np.array_equal(collects.conditions.position[rows], other.conditions.position[there]):
-                out[rows] = other.rates_deg_per_hr[there]
-    return out
-
-
-def _other_sensor(sensors: Sequence[Collects], fails: Sequence[Set[int]], k: int) -> OtherSensor | None:
-    """Return what the other of two sensors that are alike shows in the same collects, and says of their labels."""
-    if len(sensors) != 2 or len({len(each.conditions.sensor.channels) for each in sensors}) > 1:
-        return None
-    collects, other, failed = sensors[k], sensors[1 - k], fails[1 - k]
-    # A run that FAILs by its records would hide in its noise whatever else the other's rates say of the rest.
-    asked = cache(lambda silent: Asked(whitened(other.rows(~np.isin(other.conditions.run, [*silent])))))
-    shown = beside(collects, other)
-    same = {run for run, rows in collects.conditions.of_each_run.items() if np.isfinite(shown[rows]).any()}
-    own, theirs = beside(other, collects), other.conditions.of_each_run
-    return OtherSensor(
-        shown,
-        cache(lambda run: asked(failed - {run}).labels(run) if run in same else {}),
-        cache(lambda run: asked(failed - {run}).with_others(run, own[theirs[run]]) if run in same else -np.inf),
-    )
-
-
 def failed(campaign: Campaign, number: int, *, unless_mended: bool = False) -> set[int]:
     """Return a sensor's runs that FAIL by what was recorded of them; or those that do not only for what is mended."""
     recorded = {run for run, of in campaign.verdicts.items() if of.verdict is Verdict.FAIL}
@@ -150,111 +122,30 @@ def failed(campaign: Campaign, number: int, *, unless_mended: bool = False) -> s
     return recorded | contradicted
 
 
-@dataclass(frozen=True)
-class _Laid:
-    """The `collects` of all sensors, with labels put right that are certain, and what is `known` to be wrong with each.
-
-    Averages at a channel's limit are left out, and every rate that was measured has a standard error.
-    """
-
-    collects: list[Collects]
-    known: list[list[Wrong]]
-
-    def likelier(self, k: int, cause: Cause) -> float:
-        """Return how much likelier, in logs, a sensor's rates are with labels put right."""
-        filed = self.collects[k]
-        return Asked(whitened(mended(filed, cause))).as_filed - Asked(whitened(filed)).as_filed
-
-    def exchange(self, causes: Mapping[int, Cause], why: str) -> None:
-        """Put labels of collects right that some sensors took together, and say so of each."""
-        of = {k: Wrong.of(self.collects[k], cause, MENDED, "") for k, cause in causes.items()}
-        named = {k: f"{numbered('collect', each.collects)} of sensor {each.sensor}" for k, each in of.items()}
-        for k, cause in causes.items():
-            others = [name for other, name in named.items() if other != k]
-            with_it = f"; the same of {listed(others)}, recorded with them" if others else ""
-            said = f"{cause_in_words(self.collects[k], cause)}{why}{with_it}"
-            self.known[k].append(replace(of[k], why=said))
-            self.collects[k] = mended(self.collects[k], cause)
-
-
 @lru_cache(maxsize=4)
 def _wrong_rows(
     sensors: tuple[Collects, ...],
     failed: tuple[frozenset[int], ...],
     exchanged: tuple[tuple[tuple[int, int], ...], ...],
 ) -> tuple[WrongRows, ...]:
-    """Ask every sensor, and again with labels put right in all that one is certain of: they are a collect's."""
-    laid = _Laid([with_every_error(unclipped(each)) for each in sensors], [clipped_rows(each) for each in sensors])
-    for causes in _as_the_unit_lay(sensors, exchanged):
-        if sum(laid.likelier(k, cause) for k, cause in causes.items()) > -AS_IT_LAY:
-            laid.exchange(causes, _LIES)
-    every, known = range(len(sensors)), list[Mapping[int, Cause]]()
-    while True:
-        shown = [_other_sensor(laid.collects, failed, k) for k in every]
-        found = [_found(laid.collects[k], failed[k], shown[k]) for k in every]
-        before = len(known)
-        for causes in _in_common(laid, failed, found):
-            if causes not in known:  # either sensor may be certain of it
-                known.append(causes)
-                laid.exchange(causes, _AS_FILED[2])
-        if len(known) == before:
-            return tuple(_told(laid.collects[k], laid.known[k], failed[k], found[k], shown[k]) for k in every)
+    laid = [with_every_error(unclipped(each)) for each in sensors]
+    together = Together.of(laid, failed, exchanged)
+    known = [clipped_rows(each) for each in sensors]
+    for causes, by_accelerometers in together.exchanged:
+        of = {k: Wrong.of(laid[k], cause, MENDED, "") for k, cause in causes.items()}
+        named = {k: f"{numbered('collect', each.collects)} of sensor {each.sensor}" for k, each in of.items()}
+        for k, cause in causes.items():
+            others = [name for other, name in named.items() if other != k]
+            with_it = f"; the same of {listed(others)}, recorded with them" if others else ""
+            why = _LIES if by_accelerometers else _AS_FILED[2]
+            said = f"{cause_in_words(laid[k], cause)}{why}{_in_the_file(laid[k], cause)}{with_it}"
+            known[k].append(replace(of[k], why=said))
+    return tuple(_told(together, k, known[k], failed[k]) for k in range(len(sensors)))
 
 
-def _as_the_unit_lay(
-    sensors: Sequence[Collects], exchanged: Sequence[Collection[tuple[int, int]]]
-) -> list[dict[int, Cause]]:
-    """Return the labels that accelerometers exchange: how the unit lay is the body's, and so is whether it is true."""
-    out: dict[tuple[int, tuple[int, ...]], dict[int, Cause]] = {}
-    for k, (collects, pairs) in enumerate(zip(sensors, exchanged, strict=True)):
-        for pair in (each for each in pairs if np.isin(each, collects.conditions.collect).all()):
-            rows = np.flatnonzero(np.isin(collects.conditions.collect, pair))
-            run = int(collects.conditions.run[rows[0]])
-            place = np.searchsorted(collects.conditions.of_each_run[run], rows)
-            same = out.setdefault((run, tuple(place.tolist())), {})
-            same[k] = Cause("exchanged", run, tuple(rows.tolist()))
-    return [*out.values()]
-
-
-def _in_common(
-    laid: _Laid, failed: Sequence[Set[int]], found: Sequence[Sequence[Explained]]
-) -> Iterator[dict[int, Cause]]:
-    """Yield labels that are certain to be exchanged in one sensor, with those of others that were recorded with them.
-
-    But for sensors whose own rates contradict it by more than it is usual that labels are exchanged for all.
-    """
-    for k, each in ((k, each.likeliest) for k, of in enumerate(found) for each in of):
-        if each is None or each.what != "exchanged" or each.run in failed[k]:
-            continue
-        own, out = laid.collects[k].conditions, {k: each}
-        place = np.searchsorted(own.of_each_run[each.run], each.rows)
-        for other, collects in enumerate(laid.collects):
-            theirs = collects.conditions.of_each_run.get(each.run, np.zeros(0, dtype=np.int64))
-            labels = own.position[own.of_each_run[each.run]]
-            if other != k and np.array_equal(labels, collects.conditions.position[theirs]):
-                same = replace(each, rows=tuple(theirs[place].tolist()))
-                if laid.likelier(other, same) > -MOSTLY:
-                    out[other] = same
-        if len(out) > 1:
-            yield out
-
-
-def _found(collects: Collects, failed: Set[int], other: OtherSensor | None) -> list[Explained]:
-    """Return what is wrong with collects; where in the end nothing of a run holds, nothing of it was put right."""
-    found = [*explanations(collects, failed, other)]
-    lost = _lost(found)
-    return [each for each in found if (c := each.likeliest) is None or c.what == "run" or c.run not in lost]
-
-
-def _lost(found: Iterable[Explained]) -> set[int]:
-    """Return the runs of which nothing holds."""
-    return {each.likeliest.run for each in found if each.likeliest is not None and each.likeliest.what == "run"}
-
-
-def _told(
-    collects: Collects, known: Sequence[Wrong], failed: Set[int], found: Sequence[Explained], other: OtherSensor | None
-) -> WrongRows:
-    """Do what was found to be wrong with collects, beside what is `known`, and say so."""
+def _told(together: Together, k: int, known: Sequence[Wrong], failed: Set[int]) -> WrongRows:
+    """Do what was found to be wrong with the collects of a sensor, beside what is `known`, and say so."""
+    collects, found, other = together.collects[k], together.found[k], together.shown[k]
     rows, filed = [*known], collects
     judged = {each.run: [Judgement(Verdict.FAIL, each.why)] for each in known if each.done == MENDED}
     for each in found:
@@ -271,7 +162,7 @@ def _told(
         may_be.append(Wrong.of(filed, cause, _DONE.get(cause.what, _AS_FILED)[0], cause_in_words(filed, cause)))
         likeliest = mended(likeliest, cause)
     alone, seen_from = beyond_others(collects, {*failed, *(run for each in found for run in each.used)})
-    return WrongRows(collects, tuple(rows), every, alone, _lost(found), seen_from, tuple(may_be), likeliest, other)
+    return WrongRows(collects, tuple(rows), every, alone, lost(found), seen_from, tuple(may_be), likeliest, other)
 
 
 def _said(filed: Collects, found: Explained) -> Iterator[tuple[int, Wrong, Judgement]]:
@@ -281,7 +172,7 @@ def _said(filed: Collects, found: Explained) -> Iterator[tuple[int, Wrong, Judge
         rivals = [cause_in_words(filed, other) for other, _ in found.rivals[1:]]
         others = "; or ".join(["", *rivals, *_of_its_run(filed, cause)])
         done, verdict, because, hence = _DONE.get(cause.what, _AS_FILED)
-        why = f"{cause_in_words(filed, cause)}{because}"
+        why = f"{cause_in_words(filed, cause)}{because}{_in_the_file(filed, cause)}"
         yield cause.run, Wrong.of(filed, cause, done, f"{why}{others}"), Judgement(verdict, f"{why}{hence}{others}")
         return
     runs = sorted(found.runs or set(conditions.run.tolist()))
@@ -318,6 +209,23 @@ def _of_its_run(filed: Collects, cause: Cause) -> Iterator[str]:
         only = [n for n, of in zip(form.names, shares, strict=True) if n.startswith(("B", "MU")) and of > _ONLY]
         if only:
             yield f"{listed(only)} of run {cause.run} {'is another' if len(only) == 1 else 'are others'}"
+
+
+def _in_the_file(filed: Collects, cause: Cause) -> str:
+    """Say of two collects what to exchange: rates, or what goes by a label; how the unit lay tells, if recorded."""
+    if cause.what != "exchanged":
+        return ""
+    rows = list(cause.rows)
+    lay, f_g = accelerations_g(filed)[rows], filed.conditions.f_g[rows]
+    as_filed, as_the_other = (np.linalg.norm(lay - each) for each in (f_g, f_g[::-1]))
+    of_another_label = bool(np.all(from_the_usual_g(filed.conditions)[rows] > FIXTURE_G))
+    rates = "rates" + " and position" * of_another_label
+    labels = "position, " * (not of_another_label) + "f and w"
+    if as_filed < as_the_other:
+        return f"; exchange their {rates}: by its accelerometers the unit lies in each as f says"
+    if as_the_other < as_filed or of_another_label:
+        return f"; exchange their {labels}"
+    return f"; exchange their {rates}, or their {labels}: no accelerometer tells which"
 
 
 def cause_in_words(collects: Collects, cause: Cause) -> str:
