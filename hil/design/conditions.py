@@ -2,26 +2,22 @@
 
     conditions = planned_conditions(make_plan(sweep.procedure()), bench)[2]
 
-Temperatures follow the plan's setpoints through the usual two lags and self-heating, so that what changes while a unit
-restabilises is there to be seen, as far as the unit shows it. Supply and spin are not planned, so they are no columns.
+Temperatures follow the plan's setpoints through the two lags and the self-heating that are usual of a simulated unit,
+so that what changes while a unit restabilises is there to be seen, as far as the unit shows it. Supply and spin are not
+planned, so they are no columns.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import lfilter
 
 from hil.campaign import Conditions, FloatArray
 from hil.campaign.stand_ins import OWN, told
 from hil.config.bench import Bench
+from hil.config.simulation import ThermalSection
+from hil.twin.thermal import GRID_S, ThermalUnit
 from procedures.plan import Plan, Step, StepKind
-
-CASE_LAG_S, ROTOR_LAG_S = 12 * 60.0, 10 * 60.0
-SELF_HEATING_DEGC, SELF_HEATING_LAG_S = 8.0, 15 * 60.0
-"""What is usual for such a unit; a plan only needs their order of size."""
-
-_GRID_S = 10.0
 
 
 def planned_conditions(plan: Plan, bench: Bench) -> dict[int, Conditions]:
@@ -59,40 +55,34 @@ def _of_the_stream(columns: Mapping[str, FloatArray], bench: Bench, number: int)
     return {name: of for name, of in columns.items() if name not in lacking}
 
 
-def _columns(plan: Plan, start_s: FloatArray, middle: FloatArray) -> dict[str, FloatArray]:
+def _columns(plan: Plan, start_s: FloatArray, middle_s: FloatArray) -> dict[str, FloatArray]:
     setpoints = [step for step in plan.steps if step.kind is StepKind.SETPOINT]
-    times, air, case, rotor = _temperatures(plan, setpoints)
+    air = _PlannedAir(setpoints)
+    thermal = ThermalUnit(ThermalSection(), air, start_degC=air.degC[0], begins_s=0.0, powered_for_s=0.0)
+    times_s, degC, slopes = thermal.advance(plan.total_s + GRID_S)
     commanded = np.array([step.starts_s for step in setpoints])
     latest = np.searchsorted(commanded, start_s, side="right") - 1
     return {
-        "temperature_degC": np.interp(middle, times, rotor),
-        "dTdt_degC_per_min": 60.0 * np.interp(middle, times, np.gradient(rotor, _GRID_S)),
-        "case_degC": np.interp(middle, times, case),
-        "chamber_degC": np.interp(middle, times, air),
+        "temperature_degC": np.interp(middle_s, times_s, degC[:, 2]),
+        "dTdt_degC_per_min": 60.0 * np.interp(middle_s, times_s, slopes[:, 1]),
+        "case_degC": np.interp(middle_s, times_s, degC[:, 1]),
+        "chamber_degC": np.interp(middle_s, times_s, degC[:, 0]),
         "setpoint_degC": np.array([setpoints[index].temperature_degC for index in latest], dtype=np.float64),
         "time_since_setpoint_s": start_s - commanded[latest],
     }
 
 
-def _temperatures(plan: Plan, setpoints: list[Step]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return a time grid with air, case and rotor temperature: ramps at the planned rate, then two first-order lags."""
-    times = np.arange(0.0, plan.total_s + _GRID_S, _GRID_S)
-    first = setpoints[0]
-    target = float(first.temperature_degC or 0.0)
-    change = first.duration_s / 60.0 * first.parameters.get("ramp_degC_per_min", 0.0)
-    # The first ramp begins where its duration and rate say.
-    knots_s, knots_degC = [0.0], [target - change if target > 23.0 else target + change]
-    for step in setpoints:
-        knots_s += [step.starts_s, step.starts_s + step.duration_s]
-        knots_degC += [knots_degC[-1], float(step.temperature_degC or 0.0)]
-    air = np.interp(times, knots_s, knots_degC)
-    case = _lagged(air, CASE_LAG_S)
-    # As the twin has it: warmed through, the unit reads the setpoint, at which its parameters are known.
-    lacking = SELF_HEATING_DEGC * np.exp(-times / SELF_HEATING_LAG_S)
-    return times, air, case, _lagged(case, ROTOR_LAG_S) - lacking
+class _PlannedAir:
+    """The chamber's air: from setpoint to setpoint at the planned rate. The first ramp begins where its rate says."""
 
+    def __init__(self, setpoints: Sequence[Step]) -> None:
+        first = setpoints[0]
+        target = float(first.temperature_degC or 0.0)
+        change = first.duration_s / 60.0 * first.parameters.get("ramp_degC_per_min", 0.0)
+        self._times_s, self.degC = [0.0], [target - change if target > 23.0 else target + change]
+        for step in setpoints:
+            self._times_s += [step.starts_s, step.starts_s + step.duration_s]
+            self.degC += [self.degC[-1], float(step.temperature_degC or 0.0)]
 
-def _lagged(values: FloatArray, lag_s: float) -> FloatArray:
-    weight = -np.expm1(-_GRID_S / lag_s)
-    start = np.array([(1.0 - weight) * values[0]])
-    return np.asarray(lfilter([weight], [1.0, weight - 1.0], values, zi=start)[0])
+    def air_degC(self, times_s: FloatArray) -> FloatArray:
+        return np.interp(times_s, self._times_s, self.degC)

@@ -16,10 +16,10 @@ yet: whoever asks, however often, finds the same temperatures.
 """
 
 import math
+from typing import Protocol
 
 import numpy as np
 
-from drivers.simulators.chambers.plant import ChamberPlant
 from hil.campaign import FloatArray
 from hil.config.simulation import ThermalSection
 
@@ -27,11 +27,18 @@ GRID_S = 5.0
 """Spacing of the grid. Within it a rotor that follows a ramp of 3 °C/min departs from its slope by less than 1 m°C."""
 
 
+class Air(Protocol):
+    """What a unit lies in: a simulated chamber's air, or a planned one."""
+
+    def air_degC(self, times_s: FloatArray) -> FloatArray:
+        """Return its temperature at rising times (n,), shape (n,)."""
+
+
 class ThermalUnit:
     """Case and rotor temperatures of a unit that was at `start_degC` throughout at `begins_s`."""
 
     def __init__(
-        self, settings: ThermalSection, air: ChamberPlant, *, start_degC: float, begins_s: float, powered_for_s: float
+        self, settings: ThermalSection, air: Air, *, start_degC: float, begins_s: float, powered_for_s: float
     ) -> None:
         self._settings = settings
         self._air = air
