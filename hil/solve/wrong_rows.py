@@ -222,10 +222,10 @@ def _in_the_file(filed: Collects, cause: Cause) -> str:
     rates = "rates" + " and position" * of_another_label
     labels = "position, " * (not of_another_label) + "f and w"
     if as_filed < as_the_other:
-        return f"; exchange their {rates}: by its accelerometers the unit lies in each as f says"
+        return f" (exchange their {rates}: by its accelerometers the unit lies in each as f says)"
     if as_the_other < as_filed or of_another_label:
-        return f"; exchange their {labels}"
-    return f"; exchange their {rates}, or their {labels}: no accelerometer tells which"
+        return f" (exchange their {labels})"
+    return f" (exchange their {rates}, or their {labels}: no accelerometer tells which)"
 
 
 def cause_in_words(collects: Collects, cause: Cause) -> str:

@@ -108,7 +108,7 @@ def test_who_exchanges_in_the_file_what_is_told_gets_a_pass(
     filed = with_collects_13_and_14_exchanged(one, wrong)
     (run,) = (each for each in solve_campaign(filed) if each.run == 5)
     assert run.verdict is Verdict.FAIL
-    (told,) = re.findall(r"; exchange their ([^;:]+)", run.reason)
+    (told,) = re.findall(r" \(exchange their ([^:)]+)", run.reason)
     ways = [set(re.findall(r"\b(rates|position|f|w)\b", way)) for way in told.split(", or their ")]
     assert to_exchange in ways or not accelerometers
     for way in ways:
