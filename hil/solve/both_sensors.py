@@ -129,8 +129,10 @@ def common_and_differential(campaign: Campaign) -> BothSensors | None:
     values, errors = np.moveaxis(np.array([both[run] for _, runs in at for run in runs]), -1, 0)  # (runs, 2, 6)
     white = np.sqrt(np.sum(errors**2, axis=1))  # the sensors' noise is independent
     known = min(float(by.min()) for _, by in noise.values())
-    common = means_of(UNITS, values.mean(axis=1), 0.5 * white, group, at, residuals=known)
-    differential = means_of(UNITS, values[:, 1] - values[:, 0], white, group, at, residuals=known)
+    common, differential = (
+        means_of(UNITS, of, error, group, at, Spread.of(of, error, group, residuals=known))
+        for of, error in ((values.mean(axis=1), 0.5 * white), (values[:, 1] - values[:, 0], white))
+    )
     away = np.stack([_away(*of, group, known) for of in zip(values.swapaxes(0, 1), errors.swapaxes(0, 1), strict=True)])
     degrees = len(group) - len(at)
     correlation = _correlations(*away)

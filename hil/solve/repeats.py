@@ -294,17 +294,13 @@ def means_of(
     errors: FloatArray,
     group: IntArray,
     at: Sequence[tuple[float | None, tuple[int, ...]]],
-    factor: FloatArray | float = 1.0,
-    residuals: FloatArray | float = math.inf,
-    common: FloatArray | float = 0.0,
-    stated_beyond: FloatArray | float = 0.0,
+    spread: Spread,
 ) -> SensorRepeats:
-    """Return the means and the scatter of r runs' values (r, p), NaN where not told, with standard errors (r, p).
+    """Return the means of r runs' values (r, p), NaN where not told, with standard errors (r, p), and their `spread`.
 
     `at` are the temperatures with their runs, `group` (r,) says at which of them each run was made.
     """
-    spread, names = Spread.of(values, errors, group, factor, residuals, common, stated_beyond), tuple(units)
-    (sd, alike), means = spread.parts(errors), []
+    (sd, alike), means, names = spread.parts(errors), [], tuple(units)
     for k, (temperature, runs) in enumerate(at):
         mean, scatter = {}, {}
         for p, name in enumerate(names):
@@ -357,9 +353,10 @@ def _of_sensor(
     residuals = np.minimum(known, shares @ known_by if np.isfinite(known_by).all() else math.inf)
     changing = np.sqrt(variance.sum(axis=1) - common)
     beyond = np.array([run_scatter.get(name, 0.0) for name in units])
-    shown = means_of(units, values, errors, group, at, changing, residuals, np.sqrt(common), beyond)
+    spread = Spread.of(values, errors, group, changing, residuals, np.sqrt(common), beyond)
+    shown = replace(means_of(units, values, errors, group, at, spread), left_deg_per_hr=noise)
     by_noise = Spread.of(values, errors, group, np.sqrt(shares @ noise_times**2), residuals, stated_beyond=beyond)
-    shown, alike = replace(shown, left_deg_per_hr=noise), np.nan_to_num(shown.spread.parts(errors)[1]).tolist()
+    alike = np.nan_to_num(spread.parts(errors)[1]).tolist()
     return replace(
         shown,
         means=[

@@ -341,7 +341,8 @@ def test_each_parameter_is_known_by_the_runs_that_tell_it() -> None:
     errors, group = np.ones_like(values), np.repeat([0, 1, 2], 3)
     every = Spread.of(values, errors, group)
     values[::3, 1], errors[::3, 2] = np.nan, 1e6
-    shown = means_of(dict.fromkeys("ABC", "deg/hr"), values, errors, group, [(float(k), ()) for k in range(3)])
+    spread = Spread.of(values, errors, group)
+    shown = means_of(dict.fromkeys("ABC", "deg/hr"), values, errors, group, [(float(k), ()) for k in range(3)], spread)
     fewer = Spread.of(*(np.delete(each, np.s_[::3], axis=0) for each in (values, errors, group)))
     assert shown.spread.freedom == pytest.approx([every.freedom[0], fewer.freedom[1], fewer.freedom[2]], rel=1e-3)
     assert shown.spread.freedom[0] > 1.9 * shown.spread.freedom[2]
