@@ -7,7 +7,7 @@ So the improved model that reconcile writes gives parameters that are no longer 
 is held against no less noise than reconcile holds it against. Whatever else is asked of the campaign is asked of this.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from hil.campaign import Campaign, Collects, Conditions, FloatArray, IntArray
 from hil.campaign.stand_ins import with_stand_ins
 from hil.errors import InputError
 from hil.model import Model
+from hil.model.effects.columns import flattened
 from hil.model.effects.scatter import Scatter
 from hil.model.forms import default_form
 from hil.solve.identifiability import orthonormal, project_out
@@ -69,12 +70,9 @@ def with_scatter(rows: Collects, parts: Sequence[Scatter]) -> Collects:
     if not parts:
         return rows
     variance = stated**2
-    for here in conditions.of_each_run.values():
-        own = conditions.rows(here)
-        values = default_form(own).columns(own)
-        basis = orthonormal(values.reshape(-1, values.shape[-1]), 1e-6)
+    for here, _, columns, covariance in _of_each_run(conditions, parts):
+        basis = orthonormal(columns, 1e-6)
         of_white = np.maximum(1.0 - np.sum(basis**2, axis=1), 1e-6)
-        covariance = _covariance(own, parts, here)
         left = project_out(basis, project_out(basis, covariance).T)
         variance[here] += (np.diag(left) / of_white).reshape(variance[here].shape)
     return replace(rows, rates_se_deg_per_hr=np.where(stated > 0.0, np.sqrt(variance), stated))
@@ -83,23 +81,24 @@ def with_scatter(rows: Collects, parts: Sequence[Scatter]) -> Collects:
 def scatter_of_runs(conditions: Conditions, parts: Sequence[Scatter]) -> dict[str, float]:
     """Return what the parameters of a run scatter by, by name, rms of all runs: what they take of what scatters."""
     squares: dict[str, list[float]] = {}
-    for here in conditions.of_each_run.values() if parts else ():
-        own = conditions.rows(here)
-        form = default_form(own)
-        columns = form.columns(own)
-        response = np.linalg.pinv(columns.reshape(-1, len(form.names)), rcond=1e-3)
-        for name, square in zip(
-            form.names, np.diag(response @ _covariance(own, parts, here) @ response.T), strict=True
-        ):
+    for _, names, columns, covariance in _of_each_run(conditions, parts) if parts else ():
+        response = np.linalg.pinv(columns, rcond=1e-3)
+        for name, square in zip(names, np.diag(response @ covariance @ response.T), strict=True):
             squares.setdefault(name, []).append(max(float(square), 0.0))
     sizes = {name: float(np.sqrt(np.mean(of))) for name, of in squares.items()}
     return {name: size if size > _NOTHING else 0.0 for name, size in sizes.items()}
 
 
-def _covariance(own: Conditions, parts: Sequence[Scatter], here: IntArray) -> FloatArray:
-    """Return the covariance of the rates of some rows of what scatters, (k·c, k·c)."""
-    there = [replace(p, columns=p.columns[here], group=None if p.group is None else p.group[here]) for p in parts]
-    return np.asarray(sum(part.covariance(own) for part in there))
+def _of_each_run(
+    conditions: Conditions, parts: Sequence[Scatter]
+) -> Iterator[tuple[IntArray, tuple[str, ...], FloatArray, FloatArray]]:
+    """Yield rows (k,), names and columns (k·c, p) of the parameters, and the covariance (k·c, k·c) of what scatters."""
+    for here in conditions.of_each_run.values():
+        own = conditions.rows(here)
+        form = default_form(own)
+        there = [replace(p, columns=p.columns[here], group=None if p.group is None else p.group[here]) for p in parts]
+        covariance = np.asarray(sum(part.covariance(own) for part in there))
+        yield here, form.names, flattened(form.columns(own)), covariance
 
 
 def _less(rows: Collects, conditions: Conditions, model: Model) -> Collects:
