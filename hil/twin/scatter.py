@@ -16,7 +16,7 @@ from hil.model.effects.scatter import Scatter
 from hil.model.stated_noise import SensorNoise
 from hil.twin.thermal import GRID_S
 
-WHITE, _RUNS, SUPPLY, _NAMED, _COLLECTS = 0, 2, 3, 4, 5
+WHITE, _RUNS, SUPPLY, _NAMED, COLLECTS = 0, 2, 3, 4, 5
 
 
 def stream(seed: int, *key: int) -> np.random.Generator:
@@ -92,11 +92,3 @@ def drawn_base(
 def run_scatter(seed: int, run: int, sensor: int, noise: SensorNoise, temperature_degC: float) -> dict[str, float]:
     """Return by how much each base parameter of a sensor differs in self-calibration `run` from the model's value."""
     return drawn_base(seed, (_RUNS, run, sensor), noise.run_to_run, noise.correlation_factor(), temperature_degC)
-
-
-def collect_scatter(
-    seed: int, session: int, stay: int, sensor: int, noise: SensorNoise, temperature_degC: float
-) -> dict[str, float]:
-    """Return the same of a stay, by its number in this session: a collect that is done again is another."""
-    sizes = noise.collect_to_collect
-    return drawn_base(seed, (_COLLECTS, session, stay, sensor), sizes, np.eye(len(sizes)), temperature_degC)

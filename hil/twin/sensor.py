@@ -17,7 +17,7 @@ from hil.model.forms import value_form
 from hil.model.model_file import unit_terms
 from hil.model.stated_noise import SensorNoise
 from hil.twin.motion import Leg
-from hil.twin.scatter import collect_scatter, run_scatter
+from hil.twin.scatter import COLLECTS, drawn_base, run_scatter
 
 _COLDEST_DEGC, _HOTTEST_DEGC, _STEP_DEGC = -90.0, 150.0, 0.02
 
@@ -92,7 +92,8 @@ class SimulatedSensor:
         if leg.run not in self._runs:
             drawn = run_scatter(self._seed, leg.run, number, self.noise, temperature_degC)
             self._runs[leg.run] = drawn if self._scatters else dict.fromkeys(drawn, 0.0)
-        own = collect_scatter(self._seed, session, leg.number, number, self.noise, temperature_degC)
+        sizes, key = self.noise.collect_to_collect, (COLLECTS, session, leg.number, number)
+        own = drawn_base(self._seed, key, sizes, np.eye(len(sizes)), temperature_degC)  # done again it is another
         self._stays[leg.number] = self._laid(self._runs[leg.run]) + self._laid(own)
 
     def scatter(self, run: int) -> Mapping[str, float]:
