@@ -19,6 +19,7 @@ import numpy as np
 
 from hil.campaign import Collects, Conditions, FloatArray, IntArray
 from hil.campaign.laws import FIXTURE_G, from_the_usual_g
+from hil.model.effects.columns import flattened
 from hil.model.forms import default_form
 from hil.solve.identifiability import orthonormal, unit_columns
 from hil.solve.precision import typical_scatter
@@ -74,7 +75,7 @@ class Whitened:
         scatter = _scatter(conditions, form.names, columns, seen, groups, at)
         group_of = {run: k for k, (_, runs) in enumerate(groups) for run in runs}
         self._keeps: dict[int, FloatArray] = {}
-        self._own = {run: _flat(own[rows]) for run, rows in self._runs.items()}
+        self._own = {run: flattened(own[rows]) for run, rows in self._runs.items()}
         left = {}  # the covariance that is expected of what it keeps
         for run, rows in self._runs.items():
             free = np.full(own.shape[2], scatter is None) | (bias & (run in own_bias))
@@ -102,11 +103,11 @@ class Whitened:
         off_it = np.arange(several) >= several - steady.shape[2] * len(steps) * along
         bounds = loose * np.where(off_it, _CHANGES, 1.0)
         prior = np.hstack([np.zeros((several, flat.shape[2] - several)), np.diag(1.0 / bounds)])
-        basis = _basis(np.vstack([_flat(flat), prior]))
+        basis = _basis(np.vstack([flattened(flat), prior]))
         self._shown = basis[: seen.size].reshape(*seen.shape, -1)
         self._left = seen - self._shown @ np.einsum("ncq,nc->q", self._shown, seen)
         self.squares = float(np.sum(seen * self._left))
-        shown = {run: _flat(self._shown[rows]) for run, rows in self._runs.items()}
+        shown = {run: flattened(self._shown[rows]) for run, rows in self._runs.items()}
         taken = sum(np.trace(of) - np.sum(shown[run] * (of @ shown[run])) for run, of in left.items())
         self.freedom = float(taken) + several - float(np.sum(basis[seen.size :] ** 2))
 
@@ -139,7 +140,7 @@ class Whitened:
 
     def shown(self, run: int) -> FloatArray:
         """Return what of changes to a run's rates all runs show together, (q, k·c)."""
-        return np.asarray(_flat(self._shown[self._runs[run]]).T @ self._keeps[run])
+        return np.asarray(flattened(self._shown[self._runs[run]]).T @ self._keeps[run])
 
     @property
     def alone(self) -> Mapping[int, tuple[str, ...]]:
@@ -157,7 +158,7 @@ class Whitened:
         """Return columns (n, c, p) less what each run shows for itself."""
         out = np.empty_like(columns)
         for run, rows in self._runs.items():
-            out[rows] = (self._keeps[run] @ _flat(columns[rows])).reshape(columns[rows].shape)
+            out[rows] = (self._keeps[run] @ flattened(columns[rows])).reshape(columns[rows].shape)
         return out
 
     def _places(self) -> list[FloatArray]:
@@ -210,7 +211,7 @@ def _scatter(
     """
     values: dict[int, FloatArray] = {}
     for run, rows in conditions.of_each_run.items():
-        design = _flat(columns[rows])
+        design = flattened(columns[rows])
         fitted, _, rank, _ = np.linalg.lstsq(design, seen[rows].reshape(-1), rcond=1e-3)
         if rank == design.shape[1]:
             values[run] = np.asarray(fitted)
@@ -263,8 +264,3 @@ def _basis(columns: FloatArray) -> FloatArray:
     size, directions = np.linalg.eigh(columns.T @ columns)
     told = size > _APART * max(float(size.max(initial=0.0)), 1.0)
     return np.asarray(columns @ (directions[:, told] / np.sqrt(size[told])))
-
-
-def _flat(columns: FloatArray) -> FloatArray:
-    """Return columns (n, c, p) of all rates, one below the other, (n·c, p)."""
-    return columns.reshape(columns.shape[0] * columns.shape[1], -1)

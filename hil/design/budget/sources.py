@@ -25,6 +25,7 @@ from scipy.spatial.transform import Rotation
 from hil.campaign import Conditions, FloatArray
 from hil.config.site import UncertaintySection
 from hil.model.effects.base import Base
+from hil.model.effects.geometry import unit_vectors
 from hil.model.equation import pickoff_rates
 
 _STILL_RAD = 1e-6  # a turn smaller than this is no move: the unit stays where it was
@@ -115,12 +116,10 @@ class Noise(Source):
         return np.nan_to_num(scene.noise)
 
     def columns(self, scene: Scene) -> FloatArray:
-        """Return one component for each average."""
         n, c = scene.sigma.shape
         return np.asarray(np.diag(self.each(scene).ravel()).reshape(n, c, n * c))
 
     def changes(self, scene: Scene, draws: FloatArray) -> FloatArray:
-        """Return the draws in deg/hr."""
         return np.asarray(draws.reshape(-1, *scene.sigma.shape) * self.each(scene))
 
 
@@ -168,7 +167,6 @@ class Tilt(_Turn):
     id, title, varies = "tilt", "level of the bench (axes 2 and 3)", "bench"
 
     def about(self, scene: Scene) -> FloatArray:
-        """Return axes 2 and 3."""
         return _constant(scene, np.eye(3)[1:])
 
 
@@ -185,8 +183,7 @@ class Heading(_Turn):
     id, title, varies, turns_gravity = "heading", "earth rate, by the heading", "bench", False
 
     def about(self, scene: Scene) -> FloatArray:
-        """Return up."""
-        return _unit(scene.gravity)[None]
+        return unit_vectors(scene.gravity)[None]
 
 
 class Latitude(Heading):
@@ -196,9 +193,9 @@ class Latitude(Heading):
 
     def about(self, scene: Scene) -> FloatArray:
         """Return north x up; zero where there is no earth rate, or only a vertical one."""
-        up = _unit(scene.gravity)
+        up = unit_vectors(scene.gravity)
         north = scene.earth_rate - np.sum(scene.earth_rate * up, axis=1, keepdims=True) * up
-        return np.cross(_unit(north), up)[None]
+        return np.cross(unit_vectors(north), up)[None]
 
 
 class EarthRate(Source):
@@ -207,12 +204,10 @@ class EarthRate(Source):
     id, title, unit, varies, needs_axes = "earth_rate", "earth rate, each component", "deg/hr", "bench", True
 
     def columns(self, scene: Scene) -> FloatArray:
-        """Return what a unit of W1, W2, W3 adds."""
         each = _constant(scene, np.eye(3))
         return np.moveaxis(scene.rates(np.zeros_like(each), each), 0, -1)
 
     def changes(self, scene: Scene, draws: FloatArray) -> FloatArray:
-        """Return what W has more."""
         more = np.repeat(draws[:, None, :], len(scene.axes), axis=1)
         return scene.rates(np.zeros_like(more), more)
 
@@ -223,11 +218,9 @@ class Gravity(Source):
     id, title, unit, varies = "gravity", "size of gravity", "g", "bench"
 
     def columns(self, scene: Scene) -> FloatArray:
-        """Return what gravity itself does."""
-        return scene.rates(_unit(scene.gravity), np.zeros_like(scene.gravity))[..., None]
+        return scene.rates(unit_vectors(scene.gravity), np.zeros_like(scene.gravity))[..., None]
 
     def changes(self, scene: Scene, draws: FloatArray) -> FloatArray:
-        """Return what G has more."""
         size = np.linalg.norm(scene.gravity, axis=1, keepdims=True)
         moved = scene.gravity * ((size + draws[:, :, None]) / size)
         return scene.rates(moved - scene.gravity, np.zeros_like(moved))
@@ -262,11 +255,9 @@ class Drift(Source):
     id, title, unit, varies, is_ramp = "drift", "steady drift of the rates", "deg/hr/min", "run", True
 
     def columns(self, scene: Scene) -> FloatArray:
-        """Return the minutes from the middle, in each channel."""
         return scene.minutes[:, None, None] * np.eye(scene.channels)
 
     def changes(self, scene: Scene, draws: FloatArray) -> FloatArray:
-        """Return the ramps."""
         return np.asarray(scene.minutes[:, None] * draws[:, None, :])
 
 
@@ -280,11 +271,9 @@ class Soak(Source):
         self.bias_slope = bias_slope
 
     def columns(self, scene: Scene) -> FloatArray:
-        """Return the change of both biases while the temperature changes by 1 degC/min."""
         return np.repeat(self.bias_slope * scene.minutes[:, None, None], scene.channels, axis=1)
 
     def changes(self, scene: Scene, draws: FloatArray) -> FloatArray:
-        """Return the biases' ramps."""
         warmer = draws * scene.minutes
         return np.repeat(self.bias_slope * warmer[..., None], scene.channels, axis=-1)
 
@@ -341,9 +330,3 @@ def _each_row(matrices: FloatArray) -> FloatArray:
 def _constant(scene: Scene, axes: FloatArray) -> FloatArray:
     """Return bench axes (k, 3) at every collect, shape (k, n, 3)."""
     return np.broadcast_to(axes[:, None, :], (len(axes), len(scene.axes), 3))
-
-
-def _unit(vectors: FloatArray) -> FloatArray:
-    """Return unit vectors (n, 3), zero where there is no direction."""
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.asarray(np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 1e-9))

@@ -90,7 +90,6 @@ class Mislabelled(Effect):
         )
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return by how much the exchange changes each rate, shape (n, c, 1)."""
         rates = required_base(self, base).rates
         return (self.exchanged(conditions, rates, shape) - rates)[..., None]
 

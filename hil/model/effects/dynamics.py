@@ -31,7 +31,6 @@ class IndexSettling(Effect):
     experiment = "Discard the head of each collect, and compare its first half with its second."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return what is left of the slew's disturbance, averaged over the collect, for each channel."""
         left = averaged_decay(column(conditions, "time_since_index_s"), conditions.duration_s, shape["tau_s"])
         return per_channel(slew_since_previous(conditions) * left, conditions.sensor)
 
@@ -53,11 +52,9 @@ class SpinSpeed(Effect):
     experiment = "Log the spin period and step the speed."
 
     def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
-        """Return the nominal period: the median of these rows."""
         return (ShapeParameter("nominal_us", "us", (median_of(conditions, "spin_period_us"),)),)
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return dN/N times the rates, and times the rates turned by a right angle, shape (n, 2, 2)."""
         rates = required_base(self, base).rates
         error = np.nan_to_num(shape["nominal_us"] / conditions.columns["spin_period_us"] - 1.0)[:, None]
         return np.stack([error * rates, error * turned_pair(rates)], -1)

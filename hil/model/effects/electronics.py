@@ -29,7 +29,6 @@ class QuadratureLeakage(Effect):
     experiment = "Step the demodulation phase."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return the case temperature less 25 °C for each channel."""
         return per_channel(column(conditions, "case_degC") - REFERENCE_DEGC, conditions.sensor)
 
 
@@ -49,11 +48,9 @@ class SupplyVoltage(Effect):
     experiment = "Step the supply and log the voltage at the unit's terminals."
 
     def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
-        """Return the nominal voltage: the median of these rows."""
         return (ShapeParameter("nominal_V", "V", (median_of(conditions, "supply_V"),)),)
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return the deviation from nominal in percent for each channel."""
         deviation = 100.0 * (column(conditions, "supply_V") / shape["nominal_V"] - 1.0)
         return per_channel(deviation, conditions.sensor)
 

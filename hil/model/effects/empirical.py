@@ -38,7 +38,6 @@ class EmpiricalTerm(Effect):
         self.parameters = (Parameter("q", f"deg/hr per {driver}", (0.1, 10.0)),)  # type: ignore[misc]
 
     def applies_to(self, sensor: Sensor) -> bool:
-        """Whether the sensor's fullest model has the parameter."""
         return self.parameter == EARTH_RATE or self.parameter in _fullest(sensor).names
 
     def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
@@ -55,7 +54,6 @@ class EmpiricalTerm(Effect):
         return (Parameter("q", f"{unit} per {self.driver}", (0.1 / spread, 10.0 / spread)),)
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return the parameter's own column times the driver less its reference, shape (n, c, 1)."""
         driver = driver_values(self.driver, conditions, shape["reference"])
         if self.parameter == EARTH_RATE:
             own = np.nan_to_num(conditions.w_channels_deg_per_hr)

@@ -29,7 +29,6 @@ class Frost(VarianceEffect):
     experiment = "Purge with dry nitrogen; log the dew point."
 
     def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
-        """Return one offset per run and channel, weighed by nearness to 0 °C."""
         near = np.nan_to_num(np.exp(-0.5 * (column(conditions, "temperature_degC") / 5.0) ** 2))
         return (Scatter(per_channel(near, conditions.sensor), group=conditions.run),)
 

@@ -35,7 +35,6 @@ class Bias(Effect):
     experiment = "Any collects that do not all stand the same way up."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return 1 for each channel."""
         return bias_columns(conditions)
 
 
@@ -54,7 +53,6 @@ class RotorSensitivity(Effect):
     experiment = "Collects 1 and 2 give it; another heading parts it from earth rate and magnetics."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return the columns of GSA and GSB."""
         return gs_columns(conditions)
 
 
@@ -73,7 +71,6 @@ class AxialDrift(Effect):
     experiment = "Collect 4, spin axis down: a linear MU changes sign, even terms do not."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return the columns of MUA and MUB."""
         return mu_columns(conditions)
 
 
@@ -86,7 +83,6 @@ class _FollowsTemperature(Effect):
     needs = frozenset({"temperature_degC"})
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return the columns of that effect times ΔT, then times ΔT²."""
         delta = np.nan_to_num(above_reference(conditions))[:, None, None]
         columns = self.of.columns(conditions, base, shape)
         return np.concatenate([columns * delta, columns * delta**2], -1)
@@ -129,7 +125,6 @@ class RotorSensitivityGain(Effect):
     experiment = "Report GSA and GSB of every run: their ratio stays."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return what GS makes of the rates, times ΔT, (n, c, 1)."""
         lateral = conditions.f_g * (1.0, 1.0, 0.0)
         rates = np.einsum("nca,na->nc", required_base(self, base).k, lateral)
         return np.asarray(rates * np.nan_to_num(above_reference(conditions))[:, None])[..., None]
@@ -211,7 +206,6 @@ class AnisotropicSensitivity(Effect):
     experiment = "Roll the unit by 90 deg so that the B axis carries gravity, and repeat."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return fA in channel A, then −fA in channel B, shape (n, 2, 2)."""
         f_a = conditions.f_g[:, 0]
         zero = np.zeros_like(f_a)
         return np.stack([np.stack([f_a, zero], -1), np.stack([zero, -f_a], -1)], -2)
@@ -242,7 +236,6 @@ class LinearSensitivity(Effect):
         return not (sensor.is_rotor and any(name.startswith("GS") for name in parameters))
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return f for each channel, shape (n, c, 3c)."""
         return sensitivity_columns(conditions)
 
 
@@ -265,5 +258,4 @@ class LinearSensitivityTemperature(LinearSensitivity):
         return [f"_{row}{axis}" for row in channel_labels(conditions.sensor) for axis in conditions.sensor.axes]
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return f ΔT for each channel, shape (n, c, 3c)."""
         return super().columns(conditions, base, shape) * np.nan_to_num(above_reference(conditions))[:, None, None]

@@ -41,7 +41,6 @@ class SquaredAcceleration(Effect):
         return tuple(k for k, p in enumerate(parameters) if p.name.startswith(f"k{axis}{axis}"))
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return each product of components for each channel."""
         f = conditions.f_g
         return per_channel(
             np.stack([f[:, i] * f[:, j] for i, j in _products(conditions.sensor)], -1), conditions.sensor

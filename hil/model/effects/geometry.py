@@ -26,8 +26,8 @@ class LocalFrame:
 
 def local_frame(conditions: Conditions) -> LocalFrame:
     """Return up from f, north from the horizontal part of w (zero, or parallel to f at a pole, gives no north)."""
-    up, w = _unit(conditions.f_g), np.nan_to_num(conditions.w_deg_per_hr)
-    north = _unit(w - np.sum(w * up, axis=1, keepdims=True) * up, LEVEL_DEG_PER_HR)
+    up, w = unit_vectors(conditions.f_g), np.nan_to_num(conditions.w_deg_per_hr)
+    north = unit_vectors(w - np.sum(w * up, axis=1, keepdims=True) * up, LEVEL_DEG_PER_HR)
     return LocalFrame(up, north, np.cross(up, north))
 
 
@@ -52,7 +52,7 @@ def frame_by_heading(conditions: Conditions) -> tuple[LocalFrame, TextArray]:
         again = often[at] > 1
         north = np.cross(np.eye(3)[np.argmin(leaning, axis=1)][at], frame.up) * again[:, None]
         headings = np.where(again, conditions.position[first][at], "")
-    north = _unit(north)
+    north = unit_vectors(north)
     return LocalFrame(frame.up, north, np.cross(frame.up, north)), headings
 
 
@@ -65,7 +65,7 @@ def _places(up: FloatArray) -> IntArray:
     return at
 
 
-def _unit(vectors: FloatArray, least: float = 0.0) -> FloatArray:
+def unit_vectors(vectors: FloatArray, least: float = 1e-9) -> FloatArray:
     """Return vectors (n, 3) of length one, zero where they are no longer than `least`."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.asarray(np.divide(vectors, length, out=np.zeros_like(vectors), where=length > least))

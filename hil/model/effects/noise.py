@@ -7,11 +7,10 @@ import numpy as np
 
 from hil.campaign import Conditions, FloatArray
 from hil.model.effects.base import Base, Effect, Parameter, ShapeParameter, VarianceEffect
-from hil.model.effects.columns import channel_labels, column, middle_hr, per_channel
+from hil.model.effects.columns import HOUR_S, channel_labels, column, middle_hr, per_channel
 from hil.model.effects.history import collect_interval_s, place_in_run
 from hil.model.effects.scatter import Scatter
 
-_HOUR_S = 3600.0
 _FEW_RUNS = 4  # beside so many others, a run that stands alone is not told from the others' scatter
 _FEWEST_CYCLES = 3
 _WITH_TEMPERATURE = MappingProxyType({"bias_T": 1.0})
@@ -47,7 +46,6 @@ class Drift(Effect):
         )
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return the collect's place in its run, from the run's middle, per channel."""
         place = place_in_run(conditions, shape["interval_s"]) - shape["middle"]
         return per_channel(place, conditions.sensor)
 
@@ -68,7 +66,6 @@ class Ageing(Effect):
     experiment = "Return to the first temperature at the end of the night; a second night."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return the days since the campaign began, at the collect's middle, for each channel."""
         return per_channel(middle_hr(conditions) / 24.0, conditions.sensor)
 
 
@@ -119,7 +116,6 @@ class Jump(Effect):
         ]
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return 1 from the step on, or in its run alone, for each channel."""
         within = conditions.run == shape["from_run"]
         if shape.get("runs_held"):
             return per_channel(within.astype(np.float64), conditions.sensor)
@@ -161,7 +157,7 @@ class AngleRandomWalk(VarianceEffect):
 
     def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
         """Return one over the root of the duration, in hr, of each row; rows of no duration count as one second."""
-        return _white(np.sqrt(_HOUR_S / _averaged_s(conditions)), conditions)
+        return _white(np.sqrt(HOUR_S / _averaged_s(conditions)), conditions)
 
 
 class Quantisation(VarianceEffect):
@@ -202,7 +198,7 @@ class BiasInstability(VarianceEffect):
         Equal variances B² ln 4/π sum to the one-sided density B²/(π f) between the shortest and longest: the two-sided
         B²/(2π f) of IEEE Std 952, whose Allan deviation is 0.664 B.
         """
-        longest = max(float(np.ptp(middle_hr(conditions))) * _HOUR_S, 100.0) * 4.0
+        longest = max(float(np.ptp(middle_hr(conditions))) * HOUR_S, 100.0) * 4.0
         taus = 10.0 * 4.0 ** np.arange(np.ceil(np.log(longest / 10.0) / np.log(4.0)) + 1)
         each = per_channel(np.full(len(conditions), np.sqrt(np.log(4.0) / np.pi)), conditions.sensor)
         return tuple(Scatter(each, tau_s=float(tau)) for tau in taus)
@@ -222,7 +218,6 @@ class RateRandomWalk(VarianceEffect):
     experiment = "Allan variance; structure function against the distance of runs."
 
     def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
-        """Return a walk of each channel from the first row on, one after an hour."""
         return (Scatter(per_channel(np.ones(len(conditions)), conditions.sensor), tau_s=np.inf, walk=True),)
 
 
@@ -245,9 +240,8 @@ class GaussMarkovBias(VarianceEffect):
     experiment = "Hours at rest at one temperature: the autocorrelation of the averages; a second night."
 
     def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
-        """Return a bias of unit deviation per channel, correlated over `tau_hr`."""
         each = per_channel(np.ones(len(conditions)), conditions.sensor)
-        return (Scatter(each, tau_s=_HOUR_S * shape["tau_hr"]),)
+        return (Scatter(each, tau_s=HOUR_S * shape["tau_hr"]),)
 
 
 class TurnOnBias(VarianceEffect):
@@ -264,7 +258,6 @@ class TurnOnBias(VarianceEffect):
     experiment = "Several power cycles at one temperature."
 
     def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
-        """Return one bias per channel for the rows of each power cycle."""
         cycle = conditions.run
         if np.all(np.isfinite(column(conditions, "time_since_power_on_s"))):
             cycle = power_cycles(conditions).astype(np.int64)
@@ -307,7 +300,6 @@ class PowerCycleBias(Effect):
         return [f"_{cycle}_{label}" for cycle in cycles for label in channel_labels(conditions.sensor)]
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return 1 in the rows of each power cycle, for each channel."""
         cycle = power_cycles(conditions)
         return per_channel(np.equal.outer(cycle, np.unique(cycle)).astype(np.float64), conditions.sensor)
 
@@ -334,4 +326,4 @@ class RetainerNoise(VarianceEffect):
     def scatter(self, conditions: Conditions, shape: Mapping[str, float]) -> tuple[Scatter, ...]:
         """Return the white noise that grows below 5 °C, one at −25 °C after an hour of averaging."""
         cold = np.nan_to_num(np.maximum(5.0 - column(conditions, "temperature_degC"), 0.0) / 30.0)
-        return _white(cold * np.sqrt(_HOUR_S / _averaged_s(conditions)), conditions)
+        return _white(cold * np.sqrt(HOUR_S / _averaged_s(conditions)), conditions)

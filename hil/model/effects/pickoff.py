@@ -38,7 +38,6 @@ class PhaseError(Effect):
     experiment = "Rate about A alone on a turntable, seen in B; |GS| and |MU| constant while the angle moves."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return (−RB, RA) per mrad, then times ΔT (zero without temperature), shape (n, 2, 2)."""
         turned = MILLI * turned_pair(required_base(self, base).rates)
         return np.stack([turned, turned * np.nan_to_num(above_reference(conditions))[:, None]], -1)
 
@@ -63,7 +62,6 @@ class ScaleFactor(Effect):
     experiment = "Two headings, or a rate table."
 
     def labels_for(self, conditions: Conditions) -> Sequence[str]:
-        """Return e and de_dT once for a rotor, else once per channel."""
         sensor = conditions.sensor
         return [""] if sensor.is_rotor else [f"_{label}" for label in channel_labels(sensor)]
 
@@ -77,7 +75,6 @@ class ScaleFactor(Effect):
         return tuple((TURNED, mean, usual) for mean in turned)
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return the rates per ppm, then times ΔT (zero without temperature)."""
         rates = PPM * required_base(self, base).rates
         warmed = rates * np.nan_to_num(above_reference(conditions))[:, None]
         if conditions.sensor.is_rotor:
@@ -104,7 +101,6 @@ class Misalignment(Effect):
         return [label + axis for _, label, _, axis in _leanings(conditions.sensor)]
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return the earth rate about the other axes per mrad, in the channel that leans."""
         leanings = _leanings(conditions.sensor)
         columns = np.zeros((len(conditions), len(conditions.sensor.channels), len(leanings)))
         for index, (channel, _, axis, _) in enumerate(leanings):

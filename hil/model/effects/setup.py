@@ -37,7 +37,6 @@ class Tilt(_IndexedRotorEffect):
     experiment = "Use the measured G of every collect; shim the bench and repeat."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return K times the change of f at each orientation, per mg of G2 and G3, shape (n, 2, 2)."""
         f, k = conditions.f_g, required_base(self, base).k
         level = np.zeros_like(f)
         level[:, 1] = np.hypot(f[:, 0], f[:, 2])  # axis 2 is the sensor's B axis at every index position
@@ -58,7 +57,6 @@ class AccelerometerError(Tilt):
     experiment = "A spirit level or inclinometer beside it; |G| = 1 in every collect."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return the change of the rates per mg of b2 and b3, shape (n, 2, 2)."""
         return -super().columns(conditions, base, shape)
 
 
@@ -81,7 +79,6 @@ class IndexPositionError(_IndexedRotorEffect):
         return [f"_{label}" for label in np.unique(conditions.position)]
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return the change of the rates per mrad, in the rows of each position, shape (n, 2, positions)."""
         base = required_base(self, base)
         turned = turned_about_index_axis(np.nan_to_num(conditions.w_deg_per_hr))[:, conditions.sensor.channel_axes]
         change = pickoff_rates(0.0, base.k, turned_about_index_axis(conditions.f_g), turned)

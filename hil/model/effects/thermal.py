@@ -48,7 +48,6 @@ class BiasTemperature(Effect):
     experiment = "Revisit every temperature from both directions and on another day."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return (T − 25), then (T − 25)², for each channel."""
         delta = above_reference(conditions)
         return per_channel(np.stack([delta, delta**2], -1), conditions.sensor)
 
@@ -71,7 +70,6 @@ class TemperatureRateBias(Effect):
     experiment = "Two ramp rates and a long soak; order 1-3-2, in which MU is immune to it."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return dT/dt for each channel."""
         return per_channel(column(conditions, "dTdt_degC_per_min"), conditions.sensor)
 
 
@@ -92,7 +90,6 @@ class GradientBias(Effect):
     experiment = "Step the motor or heater power at constant chamber temperature."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return the difference case less sensor temperature for each channel."""
         difference = column(conditions, "case_degC") - column(conditions, "temperature_degC")
         return per_channel(difference, conditions.sensor)
 
@@ -157,7 +154,6 @@ class Hysteresis(Effect):
     experiment = "Return to the same temperature from above and from below, each after a full soak."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return the side of the loop, −1 to +1, for each channel."""
         temperature, width = column(conditions, "temperature_degC"), shape["half_width_degC"]
         side = loop_side(temperature, conditions.start_s, width, shape.get("from_degC", np.nan))
         return per_channel(side, conditions.sensor)
@@ -188,7 +184,6 @@ class InsufficientSoak(Effect):
     aliases_for = _of_its_own_temperature  # where nobody recorded how that nears the chamber's
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return the step that is left, averaged over the collect, for each channel."""
         since = column(conditions, "time_since_setpoint_s")
         left = averaged_decay(since, conditions.duration_s, 60.0 * shape["tau_min"])
         return per_channel(setpoint_step(conditions, shape.get("from_degC", np.nan)) * left, conditions.sensor)
@@ -215,7 +210,6 @@ class WarmUp(Effect):
     aliases_for = _of_its_own_temperature  # where nobody recorded how it warms itself
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return the decay since power-on, averaged over the collect, for each channel."""
         since = column(conditions, "time_since_power_on_s")
         left = averaged_decay(since, conditions.duration_s, 60.0 * shape["tau_min"])
         return per_channel(left, conditions.sensor)
@@ -242,7 +236,6 @@ class GasConvection(Effect):
     experiment = "Dwell ten minutes or more per position and look for a slow approach; change the self-heating."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return fA, then fS, each built up and thinned, for each channel."""
         since = column(conditions, "time_since_index_s")
         left = averaged_decay(since, conditions.duration_s, 60.0 * shape["tau_min"])
         built = np.where(np.isfinite(since), 1.0 - left, 0.0)

@@ -24,5 +24,4 @@ class VibrationRectification(Effect):
     experiment = "Stop fan and compressor during collects; log the accelerometers' rms."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
-        """Return the squared vibration, g², for each channel."""
         return per_channel(column(conditions, _RMS) ** 2, conditions.sensor)
