@@ -3,8 +3,8 @@
 import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from scipy.special import stdtr
@@ -23,15 +23,6 @@ OF_NORMAL = 1.4826  # standard deviations, of a median deviation
 _OF_A_MEDIAN = 0.5  # of what a standard deviation knows: between its .37 of very many and what few leave
 
 
-class Shown(NamedTuple):
-    """What one channel's series shows: p-value, estimates, a sentence; whether the noise beside it is `coloured`."""
-
-    p_value: float
-    estimates: dict[str, float]
-    sentence: str
-    coloured: bool = False
-
-
 @dataclass(frozen=True)
 class SeriesFinding:
     """What a test of one channel's series says. `p_value` is NaN where the series is too short to ask.
@@ -39,11 +30,11 @@ class SeriesFinding:
     Beside noise that is `coloured` one series cannot tell what noise makes of a size.
     """
 
-    channel: str
     p_value: float
     estimates: Mapping[str, float]
     sentence: str
     coloured: bool = False
+    channel: str = ""
 
 
 class SeriesEffect(Described):
@@ -57,13 +48,13 @@ class SeriesEffect(Described):
         findings = []
         for index, channel in enumerate(sensor.channels):
             known = int(np.isfinite(series.rates_deg_per_hr[:, index]).sum())
-            short = Shown(math.nan, {}, f"too few samples ({known}) to ask")
-            p_value, estimates, sentence, coloured = short if known < FEWEST else self._test_channel(series, index)
-            findings.append(SeriesFinding(channel, p_value, estimates, f"{channel}: {sentence}", coloured))
+            short = SeriesFinding(math.nan, {}, f"too few samples ({known}) to ask")
+            found = short if known < FEWEST else self._test_channel(series, index)
+            findings.append(replace(found, sentence=f"{channel}: {found.sentence}", channel=channel))
         return tuple(findings)
 
     @abstractmethod
-    def _test_channel(self, series: Series, channel: int) -> Shown:
+    def _test_channel(self, series: Series, channel: int) -> SeriesFinding:
         """Return what one channel shows."""
 
     def p_values(self, findings: Sequence[SeriesFinding]) -> FloatArray:

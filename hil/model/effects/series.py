@@ -16,7 +16,7 @@ from scipy.special import fdtrc, ndtr, stdtr
 
 from hil.campaign import FloatArray, Series
 from hil.model.effects.base import Parameter
-from hil.model.effects.inside import FEWEST, FEWEST_BESIDE, OF_NORMAL, SeriesEffect, Shown
+from hil.model.effects.inside import FEWEST, FEWEST_BESIDE, OF_NORMAL, SeriesEffect, SeriesFinding
 
 _BLOCKS = 60
 _SETTLING_TAUS = np.array([0.02, 0.04, 0.08, 0.15, 0.3])  # of the collect's duration
@@ -83,13 +83,13 @@ class Tone(SeriesEffect):
     confusable_with = ("arw", "vre")
     experiment = "Run one sensor at a time; stop the chamber's fan; look whether the line moves with the spin."
 
-    def _test_channel(self, series: Series, channel: int) -> Shown:
+    def _test_channel(self, series: Series, channel: int) -> SeriesFinding:
         step, power = _periodogram(series, channel)
         if len(power) < 2 * _NEIGHBOURS:
-            return Shown(math.nan, {}, "too few samples for a spectrum")
+            return SeriesFinding(math.nan, {}, "too few samples for a spectrum")
         if not np.any(power):
-            return Shown(1.0, {}, "nothing changes")
-        return Shown(*self._line(step, power, 1))
+            return SeriesFinding(1.0, {}, "nothing changes")
+        return SeriesFinding(*self._line(step, power, 1))
 
     def summary(self, series: Series, channel: int) -> FloatArray:
         """Return the sample spacing in s, then the periodogram, (k,)."""
@@ -169,13 +169,13 @@ class SettlingInCollect(SeriesEffect):
         """Return the time constants that are tried, s, (k,)."""
         return _SETTLING_TAUS * float(times[-1] - times[0])
 
-    def _test_channel(self, series: Series, channel: int) -> Shown:
+    def _test_channel(self, series: Series, channel: int) -> SeriesFinding:
         times, rates = blocked(series, channel)
         taus = self.taus_s(times)
         candidates = np.exp(-times[:, None] / taus[None, :])
         index, size, p_value, coloured = best_regressor(rates, _level_and_slope(times), candidates)
         estimates = {"S_deg_per_hr": size, "tau_s": float(taus[index])}
-        return Shown(
+        return SeriesFinding(
             p_value, estimates, f"begins {size:+.3g} deg/hr off and settles in about {taus[index]:.3g} s", coloured
         )
 
@@ -193,11 +193,11 @@ class Ramp(SeriesEffect):
     confusable_with = ("settle", "jump", "bias_Tdot", "warmup", "soak_insufficient")
     experiment = "Collect again after a longer soak."
 
-    def _test_channel(self, series: Series, channel: int) -> Shown:
+    def _test_channel(self, series: Series, channel: int) -> SeriesFinding:
         times, rates = blocked(series, channel)
         _, slope, p_value, coloured = best_regressor(rates, np.ones((len(times), 1)), (times - times.mean())[:, None])
         found, words = {"slope_deg_per_hr_per_min": 60.0 * slope}, f"drifts by {60.0 * slope:+.3g} deg/hr per minute"
-        return Shown(p_value, found, words, coloured)
+        return SeriesFinding(p_value, found, words, coloured)
 
 
 class JumpInCollect(SeriesEffect):
@@ -213,13 +213,15 @@ class JumpInCollect(SeriesEffect):
     confusable_with = ("settle", "drift")
     experiment = "Repeat the collect."
 
-    def _test_channel(self, series: Series, channel: int) -> Shown:
+    def _test_channel(self, series: Series, channel: int) -> SeriesFinding:
         times, rates = blocked(series, channel)
         edges = np.arange(3, len(times) - 2)
         candidates = (np.arange(len(times))[:, None] >= edges[None, :]).astype(np.float64)
         index, size, p_value, coloured = best_regressor(rates, _level_and_slope(times), candidates)
         at = float(0.5 * (times[edges[index] - 1] + times[edges[index]]))
-        return Shown(p_value, {"J_deg_per_hr": size, "t_s": at}, f"steps by {size:+.3g} deg/hr at {at:.3g} s", coloured)
+        return SeriesFinding(
+            p_value, {"J_deg_per_hr": size, "t_s": at}, f"steps by {size:+.3g} deg/hr at {at:.3g} s", coloured
+        )
 
 
 class Lattice(SeriesEffect):
@@ -234,18 +236,18 @@ class Lattice(SeriesEffect):
     confusable_with = ("saturation",)
     experiment = "Average longer, or add a dither."
 
-    def _test_channel(self, series: Series, channel: int) -> Shown:
+    def _test_channel(self, series: Series, channel: int) -> SeriesFinding:
         rates = _known(series, channel)
         step = lattice_step(rates)
         share = step**2 / 12.0 / max(float(np.var(rates)), 1e-300)
         # Continuous noise repeats no value; a fine lattice is only how the file was printed.
         if np.ptp(rates) == 0.0:
-            return Shown(
+            return SeriesFinding(
                 0.0, {"step_deg_per_hr": math.inf, "variance_share": 1.0}, f"every value is {rates[0]:.6g} deg/hr"
             )
         coarse = step > 0.0 and share > 0.05
         estimates = {"step_deg_per_hr": step, "variance_share": min(share, 1.0)}
-        return Shown((0.0 if coarse else 1.0), estimates, f"values stand {step:.3g} deg/hr apart")
+        return SeriesFinding((0.0 if coarse else 1.0), estimates, f"values stand {step:.3g} deg/hr apart")
 
 
 class Saturation(SeriesEffect):
@@ -260,12 +262,12 @@ class Saturation(SeriesEffect):
     confusable_with = ("quant", "jump")
     experiment = "A wider range, or less vibration."
 
-    def _test_channel(self, series: Series, channel: int) -> Shown:
+    def _test_channel(self, series: Series, channel: int) -> SeriesFinding:
         rates = _known(series, channel)
         sides = [(self._pile(rates), float(rates.max())), (self._pile(-rates), float(rates.min()))]
         (p_value, count), limit = min(sides, key=lambda side: side[0][0])
         estimates = {"limit_deg_per_hr": limit, "samples": float(count)}
-        return Shown(min(2.0 * p_value, 1.0), estimates, f"{count} samples stand at exactly {limit:.6g} deg/hr")
+        return SeriesFinding(min(2.0 * p_value, 1.0), estimates, f"{count} samples stand at exactly {limit:.6g} deg/hr")
 
     @staticmethod
     def _pile(rates: FloatArray) -> tuple[float, int]:
@@ -296,15 +298,15 @@ class Bursts(SeriesEffect):
     confusable_with = ("saturation", "jump")
     experiment = "Spin-motor current beside the rates."
 
-    def _test_channel(self, series: Series, channel: int) -> Shown:
+    def _test_channel(self, series: Series, channel: int) -> SeriesFinding:
         rates = np.diff(_known(series, channel))[::2]  # disjoint differences: blind to level and slope
         parts = np.array_split(rates, min(12, len(rates) // 8))
         if len(parts) < 2 or np.ptp(rates) == 0.0:
-            return Shown(1.0, {"variance_ratio": 1.0}, "no change of the noise")
+            return SeriesFinding(1.0, {"variance_ratio": 1.0}, "no change of the noise")
         variances = np.array([np.var(part) for part in parts])
         ratio = float(variances.max() / max(float(np.median(variances)), 1e-300))
         sentence = f"the noisiest part has {ratio:.3g} times the usual variance"
-        return Shown(equal_spread(parts), {"variance_ratio": ratio}, sentence)
+        return SeriesFinding(equal_spread(parts), {"variance_ratio": ratio}, sentence)
 
 
 def equal_spread(parts: Sequence[FloatArray]) -> float:
