@@ -220,8 +220,8 @@ class SlowGrid:
         columns, noise = self._columns, self._settings.noise
         level, slope, sigma = (np.zeros((len(state), len(columns.names))) for _ in range(3))
         for number, one in self._sensors.items():
-            white = self._root_rate * one.white_sigma_per_root_hz(state[:, ROTOR])
-            sigma[:, columns.rates[number]] = white[:, None]
+            white = 60.0 * one.noise.angle_random_walk.at(state[:, ROTOR])  # deg/hr per √Hz, of deg/√hr
+            sigma[:, columns.rates[number]] = self._root_rate * white[:, None]
             sigma[:, columns.accelerations[number]] = noise.accelerometers
         thermometers = [(column, ROTOR) for column in columns.rotors.values()]
         thermometers += [(columns.case, CASE)] if columns.case is not None else []

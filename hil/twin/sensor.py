@@ -1,6 +1,7 @@
 """One simulated sensor: its coefficients at a temperature, its geometry, its run-to-run scatter."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -8,7 +9,7 @@ from numpy.typing import ArrayLike
 from drivers.frames.roles import SensorRole
 from hil.campaign import FloatArray
 from hil.config.bench import Bench
-from hil.config.simulation import SimulationSection
+from hil.config.simulation import NoiseSection, SimulationSection
 from hil.errors import InputError
 from hil.model import Model
 from hil.model.curve import Constant
@@ -53,8 +54,7 @@ class SimulatedSensor:
             if axis not in self.sensor.axes:
                 raise InputError(f"{bench.imu.description}: sensor {number} has no axis {axis} on bench {bench.name}")
         self.acceleration_axes = np.array([self.sensor.axes.index(axis) for axis in self.acceleration_fields], int)
-        self.noise = _noise(model, number, settings.noise.angle_random_walk)
-        self._seed, self._scatters = settings.seed, settings.noise.run_to_run
+        self.noise, self._seed = _noise(model, number, settings.noise), settings.seed
         self.scattering = self.noise.scatter_for(self.sensor, slow=settings.noise.slow)
         self._runs: dict[int, dict[str, float]] = {}
         self._stays: dict[int, FloatArray] = {}
@@ -82,19 +82,15 @@ class SimulatedSensor:
         k = coefficients[:, c:].reshape(len(coefficients), c, 3)
         return pickoff_rates(coefficients[:, :c], k, f_g, w_channels)
 
-    def white_sigma_per_root_hz(self, temperature_degC: FloatArray) -> FloatArray:
-        """Return the white noise, (n,), at n temperatures in deg/hr per √Hz of sample rate: N·60, for N in deg/√hr."""
-        return np.asarray(60.0 * self.noise.angle_random_walk.at(temperature_degC))
-
     def begin_stay(self, session: int, leg: Leg, temperature_degC: float) -> None:
         """Draw the scatter of a stay, and of its self-calibration, which is the same again after a resume."""
         number = self.sensor.number
         if leg.run not in self._runs:
-            drawn = run_scatter(self._seed, leg.run, number, self.noise, temperature_degC)
-            self._runs[leg.run] = drawn if self._scatters else dict.fromkeys(drawn, 0.0)
+            self._runs[leg.run] = run_scatter(self._seed, leg.run, number, self.noise, temperature_degC)
         sizes, key = self.noise.collect_to_collect, (COLLECTS, session, leg.number, number)
         own = drawn_base(self._seed, key, sizes, np.eye(len(sizes)), temperature_degC)  # done again it is another
-        self._stays[leg.number] = self._laid(self._runs[leg.run]) + self._laid(own)
+        both = [self._runs[leg.run].get(name, 0.0) + own.get(name, 0.0) for name in self._form.names]
+        self._stays[leg.number] = self._per_unit @ both
 
     def scatter(self, run: int) -> Mapping[str, float]:
         """Return by how much each base parameter differs in `run` from the model's value."""
@@ -103,9 +99,6 @@ class SimulatedSensor:
     def scatter_coefficients(self, leg: Leg) -> FloatArray:
         """Return the scatter of a stay as one row like those of `coefficients`, shape (4c,)."""
         return self._stays.get(leg.number, self._none)
-
-    def _laid(self, drawn: Mapping[str, float]) -> FloatArray:
-        return self._per_unit @ [drawn.get(name, 0.0) for name in self._form.names]
 
     def _tabulate(self) -> FloatArray:
         # Dense enough that a straight line between two rows is the curve: evaluating the curves costs too much a poll.
@@ -118,9 +111,10 @@ class SimulatedSensor:
         return np.concatenate([base.bias, base.k.reshape(len(temperatures), -1)], axis=1)
 
 
-def _noise(model: Model, number: int, angle_random_walk: float) -> SensorNoise:
+def _noise(model: Model, number: int, bench: NoiseSection) -> SensorNoise:
     """Return what the model states; where it states no white noise (it may hold only scatter), the bench's is added."""
     stated = model.noise.get(number, SensorNoise())
-    if "angle_random_walk" in stated.model_fields_set:
-        return stated
-    return stated.model_copy(update={"angle_random_walk": Constant(unit="deg/sqrt(hr)", value=angle_random_walk)})
+    changed: dict[str, Any] = {} if bench.run_to_run else {"run_to_run": {}, "correlation": {}}
+    if "angle_random_walk" not in stated.model_fields_set:
+        changed["angle_random_walk"] = Constant(unit="deg/sqrt(hr)", value=bench.angle_random_walk)
+    return stated.model_copy(update=changed)
