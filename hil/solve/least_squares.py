@@ -16,7 +16,6 @@ condition number below 10⁴); everything else goes through the singular value d
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -101,15 +100,6 @@ class Solution:
         return tuple(zip(found.seen_text, values.tolist(), errors.tolist(), strict=True))
 
 
-class _Inverse(NamedTuple):
-    """values = operator · observed, their covariance, the rank, and which parameters are known."""
-
-    operator: FloatArray
-    covariance: FloatArray
-    rank: NDArray[np.int64]
-    known: NDArray[np.bool_]
-
-
 def solve(
     design: ArrayLike,
     observed: ArrayLike,
@@ -133,18 +123,16 @@ def solve(
     mask = np.ones(data.shape[-1:], dtype=bool) if measured.all() else measured
     weight = _weights(mask, sigma)
     white, seen = rows * weight[..., None], np.where(mask, data, 0.0) * weight
-    inverse = _invert(rows, white, weight, _scale(rows, mask), rank_tolerance)
-    values = _apply(inverse.operator, seen)
-    values = values + _apply(inverse.operator, seen - _apply(white, values))
+    operator, spread, rank, known = _invert(rows, white, weight, _scale(rows, mask), rank_tolerance)
+    values = _apply(operator, seen)
+    values = values + _apply(operator, seen - _apply(white, values))
     remainder = seen - _apply(white, values)
     batch = values.shape[:-1]
     chi_square = np.einsum("...m,...m->...", remainder, remainder)
-    degrees = np.broadcast_to(mask.sum(axis=-1) - inverse.rank, batch)
-    spread = inverse.covariance
+    degrees = np.broadcast_to(mask.sum(axis=-1) - rank, batch)
     if sigma is None:
         with np.errstate(invalid="ignore", divide="ignore"):
             spread = spread * np.where(degrees > 0, chi_square / degrees, np.nan)[..., None, None]
-    known = inverse.known
     square = known[..., :, None] & known[..., None, :]
     spread = np.broadcast_to(spread, (*batch, *spread.shape[-2:]))
     return Solution(
@@ -153,7 +141,7 @@ def solve(
         covariance=spread if known.all() else np.where(square, spread, np.nan),
         residuals=np.where(measured, data - _apply(rows, values), np.nan),
         chi_square=chi_square,
-        rank=np.broadcast_to(inverse.rank, batch),
+        rank=np.broadcast_to(rank, batch),
         degrees_of_freedom=degrees,
         design=rows,
         measured=mask,
@@ -199,8 +187,13 @@ def _scale(rows: FloatArray, mask: NDArray[np.bool_]) -> FloatArray:
     return np.asarray(np.maximum(rms, 1.0))
 
 
-def _invert(rows: FloatArray, white: FloatArray, weight: FloatArray, scale: FloatArray, tolerance: float) -> _Inverse:
-    """Invert the rows as they are weighed, `white` (..., m, p): directly where that is safe, else over what is seen."""
+def _invert(
+    rows: FloatArray, white: FloatArray, weight: FloatArray, scale: FloatArray, tolerance: float
+) -> tuple[FloatArray, FloatArray, NDArray[np.int64], NDArray[np.bool_]]:
+    """Invert the rows as they are weighed, `white` (..., m, p): directly where that is safe, else over what is seen.
+
+    Returns what makes values of observations, the values' covariance, the rank, and which parameters are known.
+    """
     scaled, mask = white / scale[..., None, :], weight > 0.0
     turned = np.swapaxes(scaled, -1, -2)
     normal = turned @ scaled
@@ -221,7 +214,7 @@ def _invert(rows: FloatArray, white: FloatArray, weight: FloatArray, scale: Floa
         operator[slow] = np.swapaxes(kept, -1, -2) @ back
         inverse[slow] = operator[slow] @ np.swapaxes(operator[slow], -1, -2)
         rank[slow] = seen.sum(axis=-1)
-    return _Inverse(operator / scale[..., :, None], inverse / (scale[..., :, None] * scale[..., None, :]), rank, known)
+    return operator / scale[..., :, None], inverse / (scale[..., :, None] * scale[..., None, :]), rank, known
 
 
 def _fast_inverse(
