@@ -87,13 +87,6 @@ def _columns(conditions: Conditions, bias: FloatArray, k: FloatArray) -> FloatAr
     return np.ascontiguousarray(np.swapaxes(rates, 1, 2))
 
 
-def temperature_columns(columns: FloatArray, temperature_degC: FloatArray, reference_degC: float) -> FloatArray:
-    """Make every column a quadratic in temperature (n,): (n, c, p) become (n, c, 3p), each followed by ΔT and ΔT²."""
-    delta = temperature_degC - reference_degC
-    powers = np.stack([np.ones_like(delta), delta, delta**2], -1)
-    return np.asarray((columns[..., None] * powers[:, None, None, :]).reshape(*columns.shape[:2], -1))
-
-
 @dataclass(frozen=True)
 class LinearForm:
     """A named model of one sensor: its p parameters in order, their units, and its columns (n, c, p).
@@ -179,7 +172,9 @@ def matrix_6_thermal_form(conditions: Conditions) -> LinearForm:
     reference = float(np.round(np.mean(temperature)))
 
     def build(rows: Conditions) -> FloatArray:
-        return temperature_columns(form.columns(rows), told(rows)[1], reference)
+        delta = (told(rows)[1] - reference)[:, None, None, None]
+        powers = np.concatenate([np.ones_like(delta), delta, delta**2], -1)
+        return np.asarray((form.columns(rows)[..., None] * powers).reshape(len(rows), len(rows.sensor.channels), -1))
 
     return LinearForm(
         "matrix-6-thermal",

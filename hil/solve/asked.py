@@ -13,7 +13,7 @@ from scipy.special import logsumexp
 
 from hil.campaign import FloatArray, IntArray
 from hil.model.effects.data import of_a_run, put_right
-from hil.model.effects.prior import COMMON
+from hil.model.effects.prior import COMMON, log_sum
 from hil.solve.causes import ODDS, Cause, made_again
 from hil.solve.tried import TOLD, WIDE, Runs, Tried, Ways, some_of
 from hil.solve.whitened import Whitened
@@ -143,8 +143,7 @@ class Asked:
         by_size, out = np.log(prior) - self.rates.freedom * size, np.empty(len(squares))
         for few in np.array_split(np.arange(len(squares)), 1 + len(squares) // _AT_ONCE):
             left = by_size - 0.5 * np.maximum(squares[few], 0.0)[:, None] / _TIMES**2
-            most = left.max(axis=1, initial=-np.inf)
-            out[few] = most + np.log(np.sum(np.exp(left - most[:, None]), axis=1))
+            out[few] = log_sum(left, 1)
         return out
 
     def labels(self, run: int) -> dict[tuple[int, ...], float]:

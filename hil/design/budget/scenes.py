@@ -83,16 +83,16 @@ def planned_scenes(sweep: Sweep, bench: Bench, model: Model | None = None) -> di
     )
     found: dict[int, list[RunScene]] = {}
     for number, conditions in planned.items():
-        base, origin = _base(conditions, model)
         sigma = bench.uncertainties.of_collects(conditions)
         if np.any(sigma > _LARGEST_NOISE):
             raise InputError(f"{sweep.source}: collect.duration: {conditions.duration_s.min():g} s averages no noise")
         axes = np.array([bench.orientations(number)[label].axes for label in conditions.position])
         form = default_form(conditions.rows(conditions.run == conditions.run[0]))
-        found[number] = [
-            RunScene(run, _of(Scene(conditions, axes, base, sigma), here), given, form, origin, _at(conditions, here))
-            for run, here in conditions.of_each_run.items()
-        ]
+        found[number] = []
+        for run, here in conditions.of_each_run.items():
+            base, origin = _base(conditions.rows(here), model)
+            scene = Scene(conditions.rows(here), axes[here], base, sigma[here])
+            found[number].append(RunScene(run, scene, given, form, origin, _at(conditions, here)))
     return found
 
 
@@ -147,11 +147,6 @@ def _at(conditions: Conditions, here: IntArray) -> tuple[float | None, str | Non
     """Return the mean temperature of some of a sensor's collects, (k,), None where unknown, and whose it is."""
     level = level_degC(conditions)
     return None if level is None else finite(known_mean(level[here])), told_by(conditions)
-
-
-def _of(scene: Scene, chosen: IntArray) -> Scene:
-    base = Base(scene.base.bias[chosen], scene.base.k[chosen], scene.base.rates[chosen])
-    return Scene(scene.conditions.rows(chosen), scene.axes[chosen], base, scene.sigma[chosen])
 
 
 def _base(conditions: Conditions, model: Model | None) -> tuple[Base, str]:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from hil.campaign import Campaign, Collects, Conditions, FloatArray
+from hil.campaign import Campaign, Conditions, FloatArray
 from hil.campaign.plausibility import usable
 from hil.campaign.stand_ins import with_stand_ins
 from hil.config.bench import Bench
@@ -184,7 +184,13 @@ def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[st
     shown = repeats(campaign, solve_campaign(campaign), runs_by_visit)
     assumed = {number for number, each in shown.items() if not each.stated and np.isnan(each.left_deg_per_hr).all()}
     if assumed:
-        typical = {n: _with_typical_noise(rows) if n in assumed else rows for n, rows in campaign.sensors.items()}
+        usual = NoiseLevel().collect_deg_per_hr  # repeats show what is beyond
+        typical = {
+            n: replace(rows, rates_se_deg_per_hr=np.full_like(rows.rates_se_deg_per_hr, usual))
+            if n in assumed
+            else rows
+            for n, rows in campaign.sensors.items()
+        }
         campaign = replace(campaign, sensors=typical)
         shown = repeats(campaign, solve_campaign(campaign), runs_by_visit)
     used = with_stand_ins(usable(treated(campaign))).sensors
@@ -214,12 +220,6 @@ def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[st
     }
     found = visibility_document(conditions, campaign.title, model, noise, sigmas, campaign.taken_as_zero)
     return {**found, **told}
-
-
-def _with_typical_noise(rows: Collects) -> Collects:
-    """Return the collects with the typical standard error: repeats show what is beyond."""
-    typical = np.full_like(rows.rates_se_deg_per_hr, NoiseLevel().collect_deg_per_hr)
-    return replace(rows, rates_se_deg_per_hr=typical)
 
 
 def _seen(shown: SensorRepeats, *, assumed: bool) -> NoiseLevel:

@@ -28,7 +28,6 @@ from hil.model.forms import default_form, mu_columns, named_form
 from hil.solve.identifiability import (
     CANNOT_BE_SEEN,
     Visible,
-    Whitener,
     classes,
     orthonormal,
     overlap_table,
@@ -126,7 +125,9 @@ def visibility(
     asked, reasons = askable(conditions, base)
     if sigma is None:
         sigma = np.full((len(conditions), len(conditions.sensor.channels)), noise.collect_deg_per_hr)
-    whiten = _noise(conditions, noise, sigma)
+    mu = noise.run_mu_deg_per_hr_per_g if conditions.sensor.is_rotor else 0.0
+    scattering = [(mu_columns(conditions), mu)] if mu > 0.0 else []
+    whiten = whitener(conditions, sigma, np.full(sigma.shape[1], noise.run_bias_deg_per_hr), scattering)
     told = fitted.without(as_zero)
     whitened = whiten @ flattened(np.concatenate([told.columns(conditions), _in_each_run(conditions, as_zero)], -1))
     absorbed = orthonormal(whitened)
@@ -214,11 +215,3 @@ def _leaks(base: FloatArray, typical: FloatArray, names: Sequence[str]) -> dict[
         for name, shift, error in zip(names, shifts, errors, strict=False)
         if error > 0.0 and shift > 1e-6 * error
     }
-
-
-def _noise(conditions: Conditions, noise: NoiseLevel, sigma: FloatArray) -> Whitener:
-    """Return what whitens the rates that are measured."""
-    scattering: list[tuple[FloatArray, float]] = []
-    if conditions.sensor.is_rotor and noise.run_mu_deg_per_hr_per_g > 0.0:
-        scattering.append((mu_columns(conditions), noise.run_mu_deg_per_hr_per_g))
-    return whitener(conditions, sigma, np.full(sigma.shape[1], noise.run_bias_deg_per_hr), scattering)
