@@ -148,10 +148,6 @@ class Table(_Curve):
 
         return PchipInterpolator(self.table.temperature_degC, self.table.value)
 
-    @cached_property
-    def _slope(self) -> PchipInterpolator:
-        return self._curve.derivative()
-
     def at(self, temperature_degC: ArrayLike) -> FloatArray:
         """Return the value at each temperature, shape (n,); raise `InputError` outside `valid_degC`."""
         self.refuse_outside(temperature_degC)
@@ -170,7 +166,7 @@ class Table(_Curve):
         temperatures = np.asarray(temperature_degC, dtype=np.float64)
         low, high = self.table.temperature_degC[0], self.table.temperature_degC[-1]
         inside = (temperatures >= low) & (temperatures <= high)
-        return np.where(inside, self._slope(np.clip(temperatures, low, high)), 0.0)
+        return np.where(inside, self._curve(np.clip(temperatures, low, high), 1), 0.0)
 
 
 def _times(values: tuple[float, ...], factor: float) -> tuple[float, ...]:

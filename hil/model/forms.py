@@ -8,7 +8,7 @@ The columns of bias, GS, MU and G stand here and nowhere else: the solver and th
 functions. Each is what the one equation gives for a unit of its parameter, signs and all (`hil.model.equation`).
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -142,17 +142,13 @@ def value_form(name: str, sensor: Sensor, reason: str = "") -> LinearForm:
         names = rotor_names(sensor)[: 4 if name == "collins-4" else 6]
         parts = (bias_columns, gs_columns, mu_columns)[: len(names) // 2]
     units = tuple(RATE if each.startswith("B") else PER_G for each in names)
-    return LinearForm(name, names, units, partial(_beside_each_other, parts), reason)
+    return LinearForm(name, names, units, lambda rows: np.concatenate([part(rows) for part in parts], -1), reason)
 
 
 constant_form, matrix_6_form, collins_4_form, triad_12_form = (
     partial(value_form, name) for name in ("constant", "matrix-6", "collins-4", "triad-12")
 )
 """The built-in forms of a sensor."""
-
-
-def _beside_each_other(parts: Sequence[Callable[[Conditions], FloatArray]], conditions: Conditions) -> FloatArray:
-    return np.concatenate([part(conditions) for part in parts], -1)
 
 
 def matrix_6_thermal_form(conditions: Conditions) -> LinearForm:

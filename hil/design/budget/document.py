@@ -79,11 +79,9 @@ def _why_none(runs: Sequence[int], asked: int | None, observed: SensorRepeats | 
         return "no collect has every rate: no budget"
     if asked is None or asked in runs:
         return ""
-    if observed is not None and asked in observed.not_used:
-        return (
-            f"run {asked} FAILed by what was recorded, and has no budget; choose of {numbered('run', runs)} with --run"
-        )
-    return f"there is no run {asked}; choose of {numbered('run', runs)} with --run"
+    failed = observed is not None and asked in observed.not_used
+    why = f"run {asked} FAILed by what was recorded, and has no budget" if failed else f"there is no run {asked}"
+    return f"{why}; choose of {numbered('run', runs)} with --run"
 
 
 def _sensor(runs: Sequence[RunScene], asked: Asked, observed: SensorRepeats | None) -> dict[str, Any]:

@@ -4,7 +4,7 @@ effect_by_id("MU_real")
 askable(conditions, base)          # what this data can be asked about, and why not the rest
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from pydantic import ValidationInfo
@@ -71,12 +71,9 @@ FORM_EFFECTS: Mapping[str, tuple[str, ...]] = {
 """The built-in models as sums of effects: what each of them has already."""
 
 
-def entries() -> Iterator[Described]:
-    """Yield every entry of the catalogue, effects on averages first."""
-    yield from BASE_EFFECTS
-    yield from EFFECTS
-    yield from VARIANCE_EFFECTS
-    yield from SERIES_EFFECTS
+def entries() -> tuple[Described, ...]:
+    """Return every entry of the catalogue, effects on averages first."""
+    return (*BASE_EFFECTS, *EFFECTS, *VARIANCE_EFFECTS, *SERIES_EFFECTS)
 
 
 def effect_by_id(identifier: str) -> Effect:
