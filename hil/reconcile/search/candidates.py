@@ -20,7 +20,7 @@ from hil.model.effects.catalogue import named
 from hil.model.effects.followed import driver_values, expressible, position_is
 from hil.model.effects.prior import shapes_tried
 from hil.model.forms import PER_G, RATE
-from hil.solve.temperatures import same_temperature
+from hil.solve.temperatures import OF_A_LAW, runs_by_temperature, same_temperature
 
 POWERS: Mapping[str, int] = {"line": 2, "quadratic": 3, "cubic": 4}
 """How many values a form in powers of temperature has."""
@@ -74,6 +74,14 @@ class Candidate:
         columns = columns[:, :, list(self.kept)] if self.kept else columns
         return in_form(columns, conditions, self.form, self.reference_degC, self.stations_degC)
 
+    def only(self, places: Sequence[int]) -> "Candidate":
+        """Return it with the parameters at some places, and no others; it itself where those are all, or none."""
+        if len(places) in (0, len(self.parameters)):
+            return self
+        every, parameters = self.kept or range(len(self.parameters)), tuple(self.parameters[k] for k in places)
+        kept = tuple(every[k] for k in places)
+        return replace(self, laid=self.columns[:, :, list(places)], parameters=parameters, kept=kept)
+
 
 def catalogue_candidates(
     number: int, conditions: Conditions, base_beside: BaseBeside, catalogue: Sequence[Effect]
@@ -83,10 +91,13 @@ def catalogue_candidates(
     `base_beside` gives the base as it is if an effect of a shape acts beside it.
     """
     centres = _setpoints_degC(conditions)
+    law = sum(degC is not None for degC, _ in runs_by_temperature(conditions)) >= OF_A_LAW
     for effect in catalogue:
         if not effect.searched or not effect.applies_to(conditions.sensor) or effect.missing(conditions):
             continue
         parameters = effect.parameters_for(conditions)
+        # Of fewer temperatures nobody knows how values bend between them.
+        told = [k for k, each in enumerate(parameters) if law or not each.unit.endswith("degC^2")]
 
         def laid(shape: Mapping[str, float], effect: Effect = effect) -> FloatArray:
             return effect_columns(effect, conditions, base_beside(effect, shape), shape)
@@ -105,9 +116,10 @@ def catalogue_candidates(
                 effect=effect,
             )
             if not effect.in_every_model:
-                yield plain
+                yield plain.only(told)
             if effect.may_follow_temperature and len(centres) > 1:
-                yield from _over_temperature(plain, conditions, centres)
+                kept = effect.kept_over_temperature(parameters, conditions.sensor)
+                yield from _over_temperature(plain.only(kept), conditions, centres)
 
 
 def effect_columns(effect: Effect, conditions: Conditions, base: Base, shape: Mapping[str, float]) -> FloatArray:
@@ -126,10 +138,6 @@ def _setpoints_degC(conditions: Conditions) -> tuple[float, ...]:
 
 def _over_temperature(plain: Candidate, conditions: Conditions, centres: tuple[float, ...]) -> Iterator[Candidate]:
     """Yield the candidate with values that follow temperature: a straight line, and one value per setpoint."""
-    kept = () if plain.effect is None else plain.effect.kept_over_temperature(plain.parameters, conditions.sensor)
-    if 0 < len(kept) < len(plain.parameters):
-        parameters = tuple(plain.parameters[k] for k in kept)
-        plain = replace(plain, laid=plain.columns[:, :, list(kept)], parameters=parameters, kept=kept)
     reference = float(np.round(np.mean(conditions.columns["temperature_degC"])))
     cubic = plain.effect is not None and plain.effect.series_in_temperature
     forms: list[tuple[str, float | None, tuple[float, ...]]] = [
