@@ -56,8 +56,9 @@ def before_and_after_in_words(values: Iterable[Mapping[str, Any]]) -> Iterator[s
     """Yield of each of a unit's parameters what it is, and was without what was found, at each temperature."""
     lines: dict[str, list[str]] = {}
     for each in values:
-        degC = each["temperature_degC"]
+        degC, run = each["temperature_degC"], each["run"]
         at = "" if degC is None else f" at {degrees(degC, each['temperature_of'])}"
+        at += f" in run {run}" * (run is not None)
         told = f"{number(each['after'], 1)}{at}, without it {number(each['before'], 1)}"
         lines.setdefault(f"{each['name']} of sensor {each['sensor']}, {each['unit']}", []).append(told)
     yield from (f"{name}: {'; '.join(told)}" for name, told in lines.items())

@@ -253,6 +253,9 @@ class Effect(Described):
     series_in_temperature: ClassVar[bool] = False
     """Whether it follows temperature as a series in its powers, the third included."""
 
+    lasts: ClassVar[bool] = False
+    """Whether what it makes of a parameter is so from its time on, and nothing that begins anew or comes back."""
+
     recurring: ClassVar[bool] = False
     """Whether it may be there more than once, each time in a shape of its own."""
 

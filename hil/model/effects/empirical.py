@@ -10,7 +10,7 @@ import numpy as np
 from hil.campaign import Conditions, FloatArray, Sensor
 from hil.errors import InputError
 from hil.model.effects.base import Base, Effect, Parameter, ShapeParameter
-from hil.model.effects.followed import driver_columns, driver_reference, driver_values
+from hil.model.effects.followed import driver_columns, driver_of, driver_reference, driver_values
 from hil.model.forms import LinearForm, constant_form, matrix_6_form, triad_12_form
 
 PREFIX = "empirical:"
@@ -34,6 +34,8 @@ class EmpiricalTerm(Effect):
         self.id = f"{PREFIX}{parameter}*{driver}"  # type: ignore[misc]  # one id per pair, fixed at birth
         self.title = f"{parameter} × {driver}, empirical"  # type: ignore[misc]
         self.equation = f"{parameter} += q ({driver} - reference)"  # type: ignore[misc]
+        self.follows = driver_of(driver)  # type: ignore[misc]
+        self.lasts = self.follows == "time"  # type: ignore[misc]
         self.needs = driver_columns(driver)  # type: ignore[misc]
         self.parameters = (Parameter("q", f"deg/hr per {driver}", (0.1, 10.0)),)  # type: ignore[misc]
 

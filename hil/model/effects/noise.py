@@ -61,6 +61,7 @@ class Ageing(Effect):
     parameters = (Parameter("a", "deg/hr/day", (0.3, 10.0), {"RLG": (0.001, 0.01), "MEMS": (1.0, 100.0)}),)
     signature = "A straight line against time, blind to temperature, position and order."
     confusable_with = ("rrw", "jump", "bias_T", "warmup", "supply")
+    lasts = True
     odds = 1.0 / 1.5  # the published list of effects lacks it: it leads where nothing of that explains as much
     kin = _WITH_TEMPERATURE
     experiment = "Return to the first temperature at the end of the night; a second night."
@@ -80,6 +81,7 @@ class Jump(Effect):
     title = "Bearing or retainer jump"
     equation = "B += J from run r on, or in run r alone"
     recurring = True
+    lasts = True
     per_channel = True
     parameters = (Parameter("J", "deg/hr", (5.0, 15.0), {"DTG": (0.1, 1.0), "MEMS": (1.0, 50.0)}),)
     signature = "A step between two runs, at no particular temperature; two states if it comes back."

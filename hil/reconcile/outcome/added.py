@@ -37,7 +37,7 @@ def added(found: Answer, inside: Sequence[dict[str, Any]]) -> Added:
     if found.names:
         record = {each.name: findings.origin(found.campaign, each, found.gap_of_names) for each in found.names}
         after = improved(model, found.sensors, found.terms, sizes, record, found.calibrated)
-        values = before_and_after(found.sensors, found.terms, found.calibrated)
+        values = before_and_after(model, after, found.sensors, found.terms, found.calibrated, found.alike)
     wanders = stated.wanders(after, found.problem.campaign, found.noise, inside)
     noise = stated.beside(found.noise, wanders)
     after = stated.with_ordinary(after, noise, found.fit.conditions)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import Campaign
+from hil.model.effects.base import Effect
 from hil.reconcile.naming import CERTAIN, Named, Reading
 from hil.reconcile.outcome.findings import gap_of
 from hil.reconcile.outcome.mistakes import certain, mended, outliers_found, rows_found
@@ -63,6 +64,18 @@ class Answer:
         """What the names are in each sensor, with their values."""
         places = [(n, j) for named in self.names for n, js in named.terms.items() for j in js]
         return [(self.posterior.term(n, j).candidate, self.fit.of_term(n, j, alone=True)) for n, j in places]
+
+    @property
+    def alike(self) -> Mapping[str, Sequence[Effect]]:
+        """What follows temperature, or lasts, and looks the same in these collects as what was found, by its id."""
+        term, out = self.posterior.term, dict[str, Sequence[Effect]]()
+        for named in self.names:
+            same = [term(n, j) for of in named.rivals if of.alike for n, j in of.terms.items()]
+            effects = [(of.follows, each) for of in same if (each := of.candidate.effect) is not None]
+            followed = [effect for follows, effect in effects if follows == "temperature" or effect.lasts]
+            own = [term(n, j).candidate.effect for n, js in named.terms.items() for j in js]
+            out |= {effect.id: followed for effect in own if effect is not None}
+        return out
 
     @cached_property
     def scatter(self) -> Sequence[FoundScatter]:

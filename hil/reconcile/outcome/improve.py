@@ -16,7 +16,6 @@ from hil.model.effects.empirical import EmpiricalTerm
 from hil.model.effects.followed import driver_reference
 from hil.model.stated_noise import ScatterTerm, SensorNoise
 from hil.reconcile.outcome.scatter import FoundScatter
-from hil.reconcile.outcome.values import left_by
 from hil.reconcile.search.candidates import POWERS, Candidate
 from hil.reconcile.search.fitted import Values
 from hil.reconcile.search.noise import FEWEST_RUNS
@@ -128,7 +127,7 @@ def improved(
     `record` says where each name came from. The base of sensors in `calibrated` has values at each temperature.
     """
     added = [t for candidate, values in terms for t in _terms(candidate, values, sensors, record)]
-    base = {number: _base_curves(sensor, terms, number in calibrated) for number, sensor in sensors.items()}
+    base = {number: base_curves(sensor, terms, number in calibrated) for number, sensor in sensors.items()}
     comparable = all(sensor.form.name in {model.form, "matrix-6"} for sensor in sensors.values())
     noise = dict(model.noise)
     for found in scatter:
@@ -147,7 +146,20 @@ def improved(
     return model.model_copy(update=changes)
 
 
-def _base_curves(
+def left_by(
+    sensor: SensorProblem, terms: Sequence[tuple[Candidate, Values]]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the base's columns (n, c, p), what its terms leave of the rates, and what they make, (n, c) each."""
+    collects = sensor.collects
+    columns = np.concatenate([sensor.form.columns(collects.conditions), sensor.term_columns], axis=2)
+    made = np.zeros_like(collects.rates_deg_per_hr)
+    for candidate, values in (each for each in terms if each[0].sensor == sensor.number):
+        for column, (value, _) in values.items():
+            made += candidate.columns[:, :, column] * value
+    return columns, collects.rates_deg_per_hr - sensor.known_rates() - made, made
+
+
+def base_curves(
     sensor: SensorProblem, terms: Sequence[tuple[Candidate, Values]], calibrated: bool
 ) -> Mapping[str, Curve]:
     """Fit the base to what the terms leave: one set of values, a set at each temperature, or a correction."""

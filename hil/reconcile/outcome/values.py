@@ -1,16 +1,20 @@
 """What a unit's parameters are without what was found and with it, and its campaign as it would be without it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from hil.campaign import Campaign, Collects, FloatArray
+from hil.campaign import BoolArray, Campaign, Collects, Conditions
+from hil.campaign.data import known_mean
+from hil.campaign.stand_ins import OWN, temperature_of
+from hil.model import Model
+from hil.model.effects.base import Effect
+from hil.model.effects.catalogue import entries, over_temperature
 from hil.model.effects.catalogue import named as known_as
-from hil.model.effects.catalogue import over_temperature
-from hil.model.effects.followed import driver_of
 from hil.model.forms import default_form
+from hil.reconcile.outcome.improve import base_curves, left_by
 from hil.reconcile.outcome.scatter import FoundScatter
 from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.fitted import Values
@@ -18,78 +22,99 @@ from hil.reconcile.search.problem import Problem, SensorProblem, fit_to
 from hil.solve import solve
 from hil.solve.beside_terms import with_scatter
 from hil.solve.runs import OBSERVABLE
-from hil.solve.temperatures import level_degC, same_temperature, told_by
+from hil.solve.temperatures import same_temperature, told_by
 
 _CHANGED = 0.1  # of what changes most
 _DIGITS = 9
 
 
 def before_and_after(
-    sensors: Mapping[int, SensorProblem], terms: Sequence[tuple[Candidate, Values]], calibrated: frozenset[int]
+    before: Model,
+    after: Model,
+    sensors: Mapping[int, SensorProblem],
+    terms: Sequence[tuple[Candidate, Values]],
+    calibrated: frozenset[int],
+    alike: Mapping[str, Sequence[Effect]],
 ) -> list[dict[str, Any]]:
-    """Return what each parameter that the terms change is at three temperatures, without and with them: key `values`.
+    """Return what each parameter that the terms change is in a model before and after: key `values`.
 
-    As the improved model has them: what parameters do with temperature is theirs, and what else was found stands beside
-    them. A model is told by the parameters that its rates would be solved for, whatever its own are.
+    That is at three temperatures of the thermometer that curves are of and, of what lasts from a time on, in the first
+    and the last run there. What parameters do with temperature and time is theirs, by whichever of effects that look
+    the same (`alike`, by the id of a term's); what else was found stands beside them. A model is told by the
+    parameters that its rates would be solved for, whatever its own are.
     """
+    # Of an effect of a caller's own nobody else knows what it makes of a rate.
+    strange = {c.effect.id for c, _ in terms if c.effect is not None} - {entry.id for entry in entries()}
     out = []
     for number in sorted({candidate.sensor for candidate, _ in terms}):
-        sensor = sensors[number]
-        conditions = sensor.collects.conditions
-        form, station, level = default_form(conditions), same_temperature(conditions), level_degC(conditions)
-        columns, known = form.columns(conditions), sensor.known_rates() - conditions.w_channels_deg_per_hr
-        own = left_by(sensor, [each for each in terms if _is_of_parameters(each[0])])[2]
-        places = np.unique(station[station >= 0])
-        rows: list[tuple[float | None, FloatArray, FloatArray]] = []
-        for k in np.unique(places[[0, len(places) // 2, -1]]) if len(places) else ():
-            here = station == k
-            is_ = []
-            for chosen, made in (((), np.zeros_like(own)), (terms, own)):
-                base, left, _ = left_by(sensor, chosen)
-                fitted = here if number in calibrated else np.isfinite(left).any(axis=1)
-                fit = fit_to(left[fitted], base[fitted], sensor.collects.rates_se_deg_per_hr[fitted])
-                rates = known[here] + made[here] + base[here] @ fit
-                of_all = columns[here].reshape(-1, len(form.names))
-                is_.append(solve(of_all, rates.reshape(-1), 1.0, rank_tolerance=OBSERVABLE).values.round(_DIGITS) + 0.0)
-            rows.append((None if level is None else float(np.nanmean(level[here])), is_[0], is_[1]))
-        change = np.max([np.nan_to_num(np.abs(now - was)) for _, was, now in rows], axis=0, initial=0.0)
-        alike = [len({(was[p], now[p]) for _, was, now in rows}) == 1 for p in range(len(form.names))]
-        changed = np.flatnonzero(change > _CHANGED * np.max(change))
-        out += [
-            {
-                "sensor": number,
-                "name": form.names[p],
-                "unit": form.units[p],
-                "temperature_degC": None if alike[p] else at,
-                "temperature_of": told_by(conditions),
-                "before": float(was[p]),
-                "after": float(now[p]),
-            }
-            for p in changed
-            for at, was, now in (rows[:1] if alike[p] else rows)
-            if np.isfinite(was[p] + now[p])
-        ]
+        sensor, conditions = sensors[number], _steady(sensors[number].collects.conditions)
+        form = default_form(conditions)
+        columns, rates, acting = form.columns(conditions), [], set[Effect]()
+        for model, found in ((before, ()), (after, terms)):
+            curves = base_curves(sensor, found, number in calibrated)
+            known = model.model_copy(
+                update={"terms": tuple(term for term in model.terms if term.effect not in strange)}
+            )
+            may = [(term, [effect, *alike.get(effect.id, ())]) for term, effect in known.terms_for(conditions.sensor)]
+            own = [(term, of) for term, of in may if any(map(_is_of_parameters, of)) and not of[0].missing(conditions)]
+            acting |= {effect for _, of in own for effect in of}
+            changes = {"form": sensor.form.name, "sensors": {number: curves}, "terms": tuple(term for term, _ in own)}
+            rates.append(model.model_copy(update=changes).rates(conditions) - conditions.w_channels_deg_per_hr)
+        rows = []
+        for degC, run, here in _places(conditions, runs=any(effect.lasts for effect in acting)):
+            of_all = columns[here].reshape(-1, len(form.names))
+            told = [solve(of_all, of[here].reshape(-1), 1.0, rank_tolerance=OBSERVABLE).values for of in rates]
+            was, now = (values.round(_DIGITS) + 0.0 for values in told)
+            rows.append((degC, run, was, now))
+        change = np.max([np.nan_to_num(np.abs(now - was)) for *_, was, now in rows], axis=0, initial=0.0)
+        for p in np.flatnonzero(change > _CHANGED * np.max(change)):
+            said = {(degC, float(was[p]), float(now[p])): run for degC, run, was, now in rows}
+            same = len({(was, now) for _, was, now in said}) == 1
+            stays = len(said) == len({degC for degC, *_ in said})
+            out += [
+                {
+                    "sensor": number,
+                    "name": form.names[p],
+                    "unit": form.units[p],
+                    "temperature_degC": None if same else degC,
+                    "temperature_of": told_by(conditions) and temperature_of(sensor.collects.conditions),
+                    "run": None if stays else run,
+                    "before": was,
+                    "after": now,
+                }
+                for (degC, was, now), run in (list(said.items())[:1] if same else said.items())
+                if np.isfinite(was + now)
+            ]
     return out
 
 
-def _is_of_parameters(candidate: Candidate) -> bool:
-    """Whether a term is what parameters are at a temperature, whatever else a collect has: bias_T, MU_real, GS_T."""
-    effect = candidate.effect
-    follows = driver_of(candidate.driver) if effect is None else over_temperature(known_as(effect)).follows
-    return follows == "temperature"
+def _steady(conditions: Conditions) -> Conditions:
+    """Return collects of known temperature as if the unit had been at the mean through all of what is one."""
+    known = conditions.rows(same_temperature(conditions) >= 0)
+    station, own = same_temperature(known), known.columns.get(OWN, np.full(len(known), np.nan)).copy()
+    for k in np.unique(station):
+        own[station == k] = known_mean(own[station == k])
+    return replace(known, columns={**known.columns, OWN: own})
 
 
-def left_by(
-    sensor: SensorProblem, terms: Sequence[tuple[Candidate, Values]]
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the base's columns (n, c, p), what its terms leave of the rates, and what they make, (n, c) each."""
-    collects = sensor.collects
-    columns = np.concatenate([sensor.form.columns(collects.conditions), sensor.term_columns], axis=2)
-    made = np.zeros_like(collects.rates_deg_per_hr)
-    for candidate, values in (each for each in terms if each[0].sensor == sensor.number):
-        for column, (value, _) in values.items():
-            made += candidate.columns[:, :, column] * value
-    return columns, collects.rates_deg_per_hr - sensor.known_rates() - made, made
+def _places(conditions: Conditions, *, runs: bool) -> Iterator[tuple[float | None, int | None, BoolArray]]:
+    """Yield the coldest, the middle and the warmest temperature and its rows (n,), or those of two of its `runs`.
+
+    Of those that have most collects these are the first and the last. None where nobody knows which temperature.
+    """
+    station = same_temperature(conditions)
+    known = np.unique(station)
+    for k in np.unique(known[[0, len(known) // 2, -1]]) if len(known) else ():
+        degC = known_mean(conditions.columns[OWN][station == k])
+        made, collects = np.unique(conditions.run[station == k], return_counts=True)
+        for run in np.unique(made[collects == collects.max()][[0, -1]]).tolist() if runs else (None,):
+            here = (station == k) & (True if run is None else conditions.run == run)
+            yield degC if np.isfinite(degC) else None, run, here
+
+
+def _is_of_parameters(effect: Effect) -> bool:
+    """Whether it is what parameters are at a temperature or from a time on, whatever else a collect has: bias_T, GS."""
+    return effect.lasts or over_temperature(known_as(effect)).follows == "temperature"
 
 
 def taken_out(

@@ -353,6 +353,9 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
     "whose its temperatures are": {
         "solve": lambda document: {n: of["means"][0]["temperature_of"] for n, of in document["repeats"].items()},
         "budget": lambda document: {n: of["temperature_of"] for n, of in document["sensors"].items()},
+    },
+    "whose the temperatures of its curves are": {
+        "thermal": lambda document: {str(of["sensor"]): of["temperature_of"] for of in document["sensors"]},
         "reconcile": lambda document: {str(of["sensor"]): of["temperature_of"] for of in document["values"]},
     },
     "what is named of the scatter, and by how much they scatter": {
@@ -375,6 +378,7 @@ IN_COMMON = (
     "what a unit's history keeps",
     "of how many repeats, and how sure, what a history keeps is",
     "whose its temperatures are",
+    "whose the temperatures of its curves are",
     "which sensors' standard errors are used",
     "of which parameters anything is told",
     "the mean at a temperature",

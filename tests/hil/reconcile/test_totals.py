@@ -29,7 +29,9 @@ def test_what_is_printed_is_what_a_parameter_is_before_and_after() -> None:
     slopes = np.linalg.lstsq(columns.reshape(-1, columns.shape[2]), rates.reshape(-1), rcond=None)[0][
         : len(line.parameters)
     ]
-    found = before_and_after(problem.sensors, [(line, {k: (v, 0.1) for k, v in enumerate(slopes)})], frozenset())
+    terms = [(line, {k: (v, 0.1) for k, v in enumerate(slopes)})]
+    model = improved(problem.model, problem.sensors, terms, [], {"bias_T": {}}, frozenset())
+    found = before_and_after(problem.model, model, problem.sensors, terms, frozenset(), {})
     assert {each["name"] for each in found} == {"BA"}
     for each, degC in zip(found, (-29.7, 23.4, 60.0), strict=True):
         assert each["temperature_degC"] == pytest.approx(degC, abs=0.1)
@@ -41,7 +43,9 @@ def test_what_is_printed_is_what_a_parameter_is_before_and_after() -> None:
     )
     problem = pose(campaign, load_model("collins-4"), [effect_by_id("MU_real")])
     constant = next(each for each in problem.candidates if each.name == "MU_real" and each.form == "constant")
-    found = before_and_after(problem.sensors, [(constant, {0: (0.0, 0.1), 1: (7.0, 0.1)})], frozenset())
+    terms = [(constant, {0: (0.0, 0.1), 1: (7.0, 0.1)})]
+    model = improved(problem.model, problem.sensors, terms, [], {"MU_real": {}}, frozenset())
+    found = before_and_after(problem.model, model, problem.sensors, terms, frozenset(), {})
     assert {(each["name"], each["temperature_degC"]) for each in found} == {("BA", None), ("MUB", None)}
 
 
@@ -55,7 +59,7 @@ def test_what_follows_no_temperature_is_in_no_parameter() -> None:
     sensors = {2: replace(problem.sensors[2], collects=drifting)}
     terms = [(drift, {0: (20.0, 0.1)})]
     model = improved(problem.model, sensors, terms, [], {"drift": {}}, frozenset({2}))
-    found = before_and_after(sensors, terms, frozenset({2}))
+    found = before_and_after(problem.model, model, sensors, terms, frozenset({2}), {})
     assert "BA" in {each["name"] for each in found}
     for each in found:
         degC = each["temperature_degC"]
