@@ -73,8 +73,7 @@ class Answer:
             same = [term(n, j) for of in named.rivals if of.alike for n, j in of.terms.items()]
             effects = [(of.follows, each) for of in same if (each := of.candidate.effect) is not None]
             followed = [effect for follows, effect in effects if follows == "temperature" or effect.lasts]
-            own = [term(n, j).candidate.effect for n, js in named.terms.items() for j in js]
-            out |= {effect.id: followed for effect in own if effect is not None}
+            out |= {e.id: followed for n, js in named.terms.items() for j in js if (e := term(n, j).candidate.effect)}
         return out
 
     @cached_property

@@ -48,21 +48,19 @@ def before_and_after(
     out = []
     for number in sorted({candidate.sensor for candidate, _ in terms}):
         sensor, conditions = sensors[number], _steady(sensors[number].collects.conditions)
-        form = default_form(conditions)
-        columns, rates, acting = form.columns(conditions), [], set[Effect]()
+        form, rates, acting = default_form(conditions), [], set[Effect]()
         for model, found in ((before, ()), (after, terms)):
             curves = base_curves(sensor, found, number in calibrated)
-            known = model.model_copy(
-                update={"terms": tuple(term for term in model.terms if term.effect not in strange)}
-            )
-            may = [(term, [effect, *alike.get(effect.id, ())]) for term, effect in known.terms_for(conditions.sensor)]
+            known = tuple(term for term in model.terms if term.effect not in strange)
+            acts = model.model_copy(update={"terms": known}).terms_for(conditions.sensor)
+            may = [(term, [effect, *alike.get(effect.id, ())]) for term, effect in acts]
             own = [(term, of) for term, of in may if any(map(_is_of_parameters, of)) and not of[0].missing(conditions)]
             acting |= {effect for _, of in own for effect in of}
             changes = {"form": sensor.form.name, "sensors": {number: curves}, "terms": tuple(term for term, _ in own)}
             rates.append(model.model_copy(update=changes).rates(conditions) - conditions.w_channels_deg_per_hr)
         rows = []
         for degC, run, here in _places(conditions, runs=any(effect.lasts for effect in acting)):
-            of_all = columns[here].reshape(-1, len(form.names))
+            of_all = form.columns(conditions.rows(here)).reshape(-1, len(form.names))
             told = [solve(of_all, of[here].reshape(-1), 1.0, rank_tolerance=OBSERVABLE).values for of in rates]
             was, now = (values.round(_DIGITS) + 0.0 for values in told)
             rows.append((degC, run, was, now))
@@ -98,10 +96,7 @@ def _steady(conditions: Conditions) -> Conditions:
 
 
 def _places(conditions: Conditions, *, runs: bool) -> Iterator[tuple[float | None, int | None, BoolArray]]:
-    """Yield the coldest, the middle and the warmest temperature and its rows (n,), or those of two of its `runs`.
-
-    Of those that have most collects these are the first and the last. None where nobody knows which temperature.
-    """
+    """Yield the coldest, middle and warmest temperature and its rows (n,), or those of its first and last whole run."""
     station = same_temperature(conditions)
     known = np.unique(station)
     for k in np.unique(known[[0, len(known) // 2, -1]]) if len(known) else ():
