@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence, Set
 
 import numpy as np
-from scipy.special import chdtr, chdtrc
+from scipy.special import chdtr, chdtrc, fdtrc
 
 from hil.campaign import Collects, FloatArray, IntArray
 from hil.model.forms import default_form
@@ -46,17 +46,19 @@ def noise_left(of_runs: Sequence[tuple[FloatArray, FloatArray] | None], channels
     return np.sqrt(squares / freedom), freedom
 
 
-def changes(rows: Collects, runs: Set[int]) -> FloatArray:
+def changes(rows: Collects, runs: Set[int]) -> tuple[FloatArray, bool]:
     """Return the squares, and their degrees of freedom, of what differs from run to run, in standard errors, (2, c).
 
     Among `runs` of the same collects at one known temperature, less what a bias or MU of each makes: where nobody knows
-    it GS may follow it. Nothing of a channel that differs more at some temperatures than at others.
+    it GS may follow it. Where that exceeds, beyond chance in all channels together, what no parameter of a run makes,
+    another than these changes, and what none makes is what differs. Nothing of a channel that differs more at some
+    temperatures than at others. Second, whether errors do not hold beside all parameters, which is noise for certain.
     """
     conditions, form = rows.conditions, default_form(rows.conditions)
     seen, known = rows.rates_deg_per_hr - conditions.w_channels_deg_per_hr, np.isfinite(rows.rates_deg_per_hr)
     root = np.where(known, 1.0 / np.where(known, rows.rates_se_deg_per_hr, 1.0), 0.0)
     columns, white = form.columns(conditions) * root[..., None], np.where(known, seen, 0.0) * root
-    of_run = np.array([name.startswith(("B", "MU")) for name in form.names])
+    usual = np.array([name.startswith(("B", "MU")) for name in form.names])
     groups, count, of_each = list(runs_by_temperature(conditions)), known.shape[1], conditions.of_each_run
     groups = [(degC, several) for degC, several in groups if degC is not None]
     alike: dict[tuple[int, bytes, bytes], list[IntArray]] = {}
@@ -64,23 +66,33 @@ def changes(rows: Collects, runs: Set[int]) -> FloatArray:
         for rows_of in (of_each[run] for run in several if run in runs):
             what = conditions.position[rows_of].tobytes(), known[rows_of].tobytes()
             alike.setdefault((k, *what), []).append(rows_of)
-    found = np.zeros((2, len(groups), count))
+    found = np.zeros((2, 2, len(groups), count))  # beside the usual, and beside all
     for (k, *_), each in alike.items():
         at, weight = np.array(each), root[each] ** 2
         share = weight / np.maximum(weight.sum(axis=0), 1e-300)
-        common = np.linalg.lstsq(columns[at].reshape(-1, len(of_run)), white[at].reshape(-1), rcond=1e-3)[0]
+        common = np.linalg.lstsq(columns[at].reshape(-1, len(usual)), white[at].reshape(-1), rcond=1e-3)[0]
         left = white[at] - columns[at] @ common
         left -= root[at] * np.sum(share * left / np.where(weight > 0.0, root[at], 1.0), axis=0)
-        for own, off, part in zip(columns[at], left, share, strict=True):
-            basis = orthonormal(own[..., of_run].reshape(-1, of_run.sum()))
-            off = off.reshape(-1) - basis @ (basis.T @ off.reshape(-1))
-            free = (1.0 - np.sum(basis**2, axis=1)).reshape(part.shape) * (1.0 - part) * (part > 0.0)
-            found[:, k] += [np.sum(off.reshape(part.shape) ** 2, axis=0), free.sum(axis=0)]
-    squares, freedom = found
+        for own, differs, part in zip(columns[at], left.reshape(len(at), -1), share, strict=True):
+            for beside, of_run in zip(found, (usual, usual | True), strict=True):
+                basis = orthonormal(own[..., of_run].reshape(-1, of_run.sum()))
+                off = (differs - basis @ (basis.T @ differs)).reshape(part.shape)
+                free = (1.0 - np.sum(basis**2, axis=1)).reshape(part.shape) * (1.0 - part) * (part > 0.0)
+                beside[:, k] += [np.sum(off**2, axis=0), free.sum(axis=0)]
+    certain = bool(np.any(times_of(*found[1].sum(axis=1)) != 1.0))
+    squares, freedom = found = found[int(_another_changes(*found.sum(axis=(2, 3))))]
     told = (squares.sum(axis=0) > 0.0) & ~uneven(
         squares / np.maximum(freedom, 0.5), np.where(freedom > 0.5, freedom, 0.0)
     )
-    return np.asarray(found.sum(axis=1) * told)
+    return np.asarray(found.sum(axis=1) * told), certain
+
+
+def _another_changes(usual: FloatArray, every: FloatArray) -> bool:
+    """Tell whether what is beside the usual parameters exceeds what is beside every one, squares and degrees each."""
+    (more, among), (noise, known) = usual - every, every
+    if min(among, known) < 0.5:
+        return False
+    return bool(fdtrc(among, known, more / among / max(noise / known, 1e-300)) < RARE)
 
 
 def times_of(squares: FloatArray, freedom: FloatArray) -> FloatArray:

@@ -7,13 +7,13 @@
 A run's standard error knows what goes on within its collects. Whatever changes from run to run shows when the same
 temperature is measured again, and in residuals where there are any; standard errors do not know it. So a run's variance
 is se² F + b². F is how much larger than allowed squares are (1 at least) in the channels that tell the parameter: of
-residuals, or of what differs from run to run and neither bias nor MU moves. b² is what the variance of repeats at one
-temperature, pooled over the temperatures, has beyond that. Of rates without standard errors se is by the residuals of
-all runs together: of its own few, small by chance, a run would seem known best. A mean weighs runs by their variance: n
-that are alike divide it by √n, and one that is hardly known moves nothing. Intervals are Student's, on as many degrees
-of freedom as runs were repeated, and on more where standard errors, which are known better, explain what repeats show.
-So 93 to 97 % of them hold the truth in a sweep of a dozen repeats and more, whatever b is; of fewer up to all do, where
-standard errors explain them.
+residuals of runs that had settled, or of what differs from run to run and no parameter that changes there moves. b² is
+what the variance of repeats at one temperature, pooled over the temperatures, has beyond that. Of rates without
+standard errors se is by the residuals of all runs together: of its own few, small by chance, a run would seem known
+best. A mean weighs runs by their variance: n that are alike divide it by √n, and one that is hardly known moves
+nothing. Intervals are Student's, on as many degrees of freedom as runs were repeated, and on more where standard
+errors, which are known better, explain what repeats show. So 93 to 97 % of them hold the truth in a sweep of a dozen
+repeats and more, whatever b is; of fewer up to all do, where standard errors explain them.
 Every command that states an uncertainty asks here.
 """
 
@@ -70,17 +70,17 @@ class SensorRepeats:
 
     `told_by` is the column whose temperatures those are (None: there is none); `not_used` are runs that FAIL by their
     own records. `of_each` is one standard deviation of every parameter that a run could tell, by run, and `alike` what
-    of it is the same in every run. `times_of` is by
-    how much more or less than their standard errors averages scatter, by channel, 1 where chance explains it: what
-    differs from run to run, and neither the bias nor MU moves, shows it, in runs that nothing is said against; where it
-    cannot be told of which channel, all have the same. `noise_times` (c,) is that, or what residuals exceed them by
-    beyond chance where what differs neither shows nor contradicts it; `same_times` is how much those of channels do
-    that are no noise; `by_noise` is how parameters scatter beside errors as large as noise is. `left_deg_per_hr` (c,)
-    is what residuals make of the noise of rates without errors, NaN where they have some or nothing tells it, `stated`
-    whether they have, and `noise_told` whether anything but those errors tells what noise there is. `to_record` are
-    columns that nobody recorded and that what scatters beyond noise may follow. `of_means`: rows are printed means of
-    runs, whose standard errors have what these scattered by. `temperature_degC` is that of every run, by run, whether
-    or not it is in a mean, None where nobody knows it.
+    of it is the same in every run. `times_of` is by how much more or less than their standard errors averages scatter,
+    by channel, 1 where chance explains it: what differs from run to run, and no parameter that changes there moves,
+    shows it, in runs that nothing is said against; where it cannot be told of which channel, all have the same.
+    `noise_times` (c,) is that, or what residuals exceed them by beyond chance where what differs neither shows nor
+    contradicts it; `same_times` is how much those of channels do that are no noise; `by_noise` is how parameters
+    scatter beside errors as large as noise is. `left_deg_per_hr` (c,) is what residuals make of the noise of rates
+    without errors, NaN where they have some or nothing tells it, `stated` whether they have, and `noise_told` whether
+    anything but those errors tells what noise there is, and `noise_certain` whether what differs can be nothing but
+    noise. `to_record` are columns that nobody recorded and that what scatters beyond noise may follow. `of_means`: rows
+    are printed means of runs, whose standard errors have what these scattered by. `temperature_degC` is that of every
+    run, by run, whether or not it is in a mean, None where nobody knows it.
     """
 
     names: tuple[str, ...]
@@ -98,6 +98,7 @@ class SensorRepeats:
     left_deg_per_hr: FloatArray = field(default_factory=lambda: np.full(1, np.nan))
     stated: bool = True
     noise_told: bool = False
+    noise_certain: bool = False
     to_record: Sequence[str] = ()
     of_means: bool = False
     temperature_degC: Mapping[int, float | None] = field(default_factory=dict)
@@ -241,9 +242,12 @@ class SensorRepeats:
         """Say by how much standard errors are too small or too large, and where residuals are no noise."""
         odd = {channel: times for channel, times in self.times_of.items() if times != 1.0}
         together = len(odd) == len(self.times_of) > 1 and len({*odd.values()}) == 1
+        beside = "their parameters" if self.noise_certain else "bias and MU"
         by_noise = [
             f"standard errors of {of} are {significant(max(times, 1.0 / times))} times too "
-            f"{'small' if times > 1.0 else 'large'}, by what runs of one temperature differ in beside bias and MU"
+            f"{'small' if times > 1.0 else 'large'}, by what runs of one temperature differ in beside {beside}"
+            + ", or another value of the unit changes"
+            * (times > 1.0 and not self.noise_certain)
             for of, times in ({"all channels together": max(odd.values())} if together else odd).items()
         ]
         if self.same_times:
@@ -326,7 +330,10 @@ def _of_sensor(
 ) -> SensorRepeats:
     at, stated = list(grouped(rows.conditions)), stated_noise(rows) is not None
     channels = list(rows.conditions.sensor.channels)
-    noise, known_by = noise_left([each.left_over for each in own], len(channels))
+    telling = [
+        each for each in own if each.settled
+    ] or own  # what moved inside a run that had not is no noise of others
+    noise, known_by = noise_left([each.left_over for each in telling], len(channels))
     units = {name: each.unit for solution in own for name, each in solution.parameters.items()}
     group = np.array([next((k for k, (_, runs) in enumerate(at) if each.runs[0] in runs), -1) for each in own])
     of_each = [[of.get(name, Estimate(None, None, "")) for name in units] for of in (e.by_noise(noise) for e in own)]
@@ -335,10 +342,12 @@ def _of_sensor(
     at = [(temperature, tuple(run for run in runs if run in told)) for temperature, runs in at]
     known_shares = shares_of(rows)
     shares = np.array([known_shares.get(name, np.full(len(channels), 1.0 / len(channels))) for name in units])
-    of_channels = [np.array(each.of_channels) for each in own if each.chi_square is not None]
+    of_channels = [np.array(each.of_channels) for each in telling if each.chi_square is not None]
     squares, freedom = sum(of_channels, np.zeros((2, len(channels))))
     residual_times = np.sqrt(np.maximum(squares / np.maximum(freedom, 1.0), 1.0))
-    differ = changes(rows, {run for each in own if not each.doubted for run in each.runs} if stated else set())
+    differ, noise_certain = changes(
+        rows, {run for each in own if not each.doubted for run in each.runs} if stated else set()
+    )
     times = times_of(*differ)
     odd = chdtrc(np.maximum(freedom, 0.5), squares) < RARE
     contradicted = odd & (times_of(differ[0] / residual_times**2, differ[1]) < 1.0)
@@ -375,5 +384,6 @@ def _of_sensor(
         by_noise=by_noise,
         to_record=to_record_of((n for n, odd in zip(units, by_noise.certain, strict=True) if odd), rows.conditions),
         stated=stated,
+        noise_certain=noise_certain,
         noise_told=bool(freedom.sum() + differ[1].sum() > 0.5 or np.isfinite(noise).all()),
     )

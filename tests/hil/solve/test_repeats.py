@@ -262,7 +262,9 @@ def test_runs_in_which_the_unit_had_not_settled_make_no_standard_error_too_small
 
 def test_residuals_that_repeats_do_not_share_are_no_noise() -> None:
     """A drift that is the same in every run: it says nothing of standard errors, and no mean averages it."""
-    drifting = repeated(12, 3, (0, 1, 2, 3, 4, 5, 0), drift=6.0)
+    made = repeated(12, 3, (0, 1, 2, 3, 4, 5, 0), drift=6.0)
+    errors = np.full_like(made.sensors[2].rates_deg_per_hr, 0.7)  # of what collects of one position do not share
+    drifting = replace(made, sensors={2: replace(made.sensors[2], rates_se_deg_per_hr=errors)})
     shown = repeats(drifting, solve_campaign(drifting))[2]
     assert np.all(np.asarray(shown.spread.common) > 3.0)
     assert shown.spread.factor == pytest.approx(1.0)

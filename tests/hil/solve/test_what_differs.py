@@ -1,0 +1,76 @@
+"""What differs from run to run is noise only where no parameter of a run makes it, and the run had settled."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hil.campaign import Campaign, FloatArray
+from hil.model.forms import default_form
+from hil.solve import repeats, solve_campaign
+from hil.solve.judged import LACKS, MOVED
+from hil.solve.repeats import SensorRepeats
+from tests.hil.solve.test_other_runs import campaign, repeated
+
+
+def of_errors(made: Campaign, times: float = 1.0, more: FloatArray | float = 0.0) -> Campaign:
+    """Return a campaign whose rates are `more`, with `times` the standard errors of what each is measured by."""
+    rows = made.sensors[2]
+    rates, errors = rows.rates_deg_per_hr + more, np.full(rows.rates_deg_per_hr.shape, 0.7 * times)
+    return replace(made, sensors={2: replace(rows, rates_deg_per_hr=rates, rates_se_deg_per_hr=errors)})
+
+
+def another_gsa_in_each_run(made: Campaign, seed: int) -> FloatArray:
+    """Return by what rates (n, c) differ where GSA scatters from run to run by 5 deg/hr/g."""
+    rows = made.sensors[2].conditions
+    form, gsa = default_form(rows), np.random.default_rng(seed).normal(0.0, 5.0, rows.run.max() + 1)
+    return form.columns(rows)[..., form.names.index("GSA")] * gsa[rows.run][:, None]
+
+
+def seen(made: Campaign) -> SensorRepeats:
+    """Return what repeats show."""
+    return repeats(made, solve_campaign(made))[2]
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_another_parameter_that_changes_from_run_to_run_makes_no_standard_error_too_small(seed: int) -> None:
+    """It scatters as bias and MU do: what rates of one run differ by among themselves is as large as stated."""
+    made = repeated(12, 3, (0, 1, 2, 0, 1, 2), seed)
+    shown = seen(of_errors(made, more=another_gsa_in_each_run(made, seed)))
+    assert {*shown.times_of.values()} == {1.0}
+    assert "GSA by " in shown.sentences()[0]
+
+
+def test_errors_that_hold_beside_no_parameter_are_too_small_whatever_else_changes() -> None:
+    """By as much as what none of a run's parameters makes says."""
+    made = repeated(12, 3, (0, 1, 2, 0, 1, 2))
+    for more in (0.0, another_gsa_in_each_run(made, 0)):
+        shown = seen(of_errors(made, 0.2, more))
+        assert [*shown.times_of.values()] == pytest.approx([5.0] * 2, rel=0.5)
+        assert all(said.endswith("differ in beside their parameters") for said in shown.noise_in_words)
+
+
+def test_where_nothing_parts_noise_from_another_parameter_both_are_said() -> None:
+    """Three collects have no rate more than parameters."""
+    made = campaign(12, 3)
+    (said,) = seen(of_errors(made, more=another_gsa_in_each_run(made, 0))).noise_in_words
+    assert said.endswith("differ in beside bias and MU, or another value of the unit changes")
+
+
+def test_a_run_that_had_not_settled_makes_no_other_less_sure() -> None:
+    """What its residuals show is what the unit went through: the others' errors are as stated, and nothing is alike."""
+    made = repeated(12, 3, (0, 1, 2, 0, 1, 2))
+    rows = made.sensors[2].conditions
+    first, place = rows.run % 3 == 1, np.tile(np.arange(6.0), 12)
+    moved = np.where(first, 5.0 - place, 0.0)
+    columns = {**rows.columns, "temperature_degC": rows.columns["temperature_degC"] + moved}
+    soaked = replace(made, sensors={2: replace(made.sensors[2], conditions=replace(rows, columns=columns))})
+    shown = seen(of_errors(soaked, more=2.0 * moved[:, None]))
+    assert shown.noise_times == pytest.approx([1.0, 1.0])
+    assert not shown.same_times
+    assert not shown.noise_in_words
+    for each in solve_campaign(of_errors(soaked, more=6.0 * moved[:, None])):
+        assert (MOVED in each.reason) is (each.run % 3 == 1), "measured again, and settled, it may lack nothing"
+        assert LACKS not in each.reason
