@@ -98,18 +98,19 @@ def reasons(solutions: Sequence[RunSolution]) -> Iterator[tuple[Verdict, str, st
     Of several runs whose residuals exceed what is allowed it is said from how much to how much.
     """
     said_of: dict[tuple[Verdict, str], dict[int, list[int]]] = {}
-    excess: dict[Verdict, dict[str, float]] = {}
+    excess: dict[tuple[Verdict, str], dict[str, float]] = {}
     for each in solutions:
         for verdict, sentence in dict.fromkeys(
             (of.verdict, said) for of in each.causes for said in of.reason.split("; ")
         ):
-            times = _EXCEEDS.match(sentence)
-            if times is not None:
-                excess.setdefault(verdict, {})[sentence] = float(times[1])
-            by_sensor = said_of.setdefault((verdict, sentence if times is None else EXCESS), {})
+            key = verdict, sentence
+            if (times := _EXCEEDS.match(sentence)) is not None:
+                key = verdict, EXCESS + sentence.partition(": ")[2]
+                excess.setdefault(key, {})[sentence] = float(times[1])
+            by_sensor = said_of.setdefault(key, {})
             by_sensor.setdefault(each.sensor, []).extend(each.runs)
-    for verdict, sentences in excess.items():
-        said_of[verdict, _of_all(sentences)] = said_of.pop((verdict, EXCESS))
+    for key, sentences in excess.items():
+        said_of[key[0], _of_all(sentences)] = said_of.pop(key)
     together: dict[tuple[Verdict, str], list[str]] = {}
     for (verdict, sentence), by_sensor in said_of.items():
         where = "; ".join(f"sensor {number}, {numbered('run', runs)}" for number, runs in by_sensor.items())

@@ -16,6 +16,8 @@ FAIL_PROBABILITY = 0.001
 EXCESS = "the residuals are {} times what the standard errors allow"
 LACKS = "the model lacks something (ask hil reconcile), or they are too small, and with them the ± of its parameters"
 """Why runs FAIL that would FAIL again if they were measured again."""
+MOVED = "by what the unit went through before it had settled, or by what the model lacks then, too"
+"""Why runs FAIL whose soak had not ended."""
 
 
 def beyond_errors(names: Sequence[str], of_channels: tuple[FloatArray, FloatArray], among: int) -> str:
@@ -30,11 +32,18 @@ def beyond_errors(names: Sequence[str], of_channels: tuple[FloatArray, FloatArra
 
 
 def judge(
-    chi_square: float, degrees: int, equations: int, noise_stated: bool, among: int = 1, where: str = ""
+    chi_square: float,
+    degrees: int,
+    equations: int,
+    noise_stated: bool,
+    among: int = 1,
+    where: str = "",
+    why: str = LACKS,
 ) -> Judgement:
     """Judge the residuals of `equations` rates: chi-square on `degrees` degrees of freedom against stated noise.
 
-    Of so many judgements, `among`, one is further off by chance than a single is. `where` says in which channels.
+    Of so many judgements, `among`, one is further off by chance than a single is. `where` says in which channels, `why`
+    what residuals of a FAIL come by.
     """
     if degrees == 0:
         known, unknown = (f"{spelled(equations)} {plural(noun, equations)}" for noun in ("equation", "unknown"))
@@ -58,7 +67,7 @@ def judge(
     excess = f"{EXCESS.format(significant(factor))}{where} ({found})"
     if probability >= FAIL_PROBABILITY / among:
         return Judgement(Verdict.MARGINAL, excess)
-    return Judgement(Verdict.FAIL, f"{excess}: {LACKS}")
+    return Judgement(Verdict.FAIL, f"{excess}: {why}")
 
 
 def _heard(collects: Collects) -> BoolArray:

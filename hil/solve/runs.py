@@ -24,7 +24,7 @@ from hil.errors import InputError
 from hil.model.forms import LinearForm, default_form, named_form
 from hil.solve.contractor import METHOD, can_follow, solve_as_contractor
 from hil.solve.identifiability import orthonormal
-from hil.solve.judged import beyond_errors, judge, what_lacks
+from hil.solve.judged import LACKS, MOVED, beyond_errors, judge, what_lacks
 from hil.solve.least_squares import Solution, solve
 from hil.solve.noise import noise_left
 from hil.solve.omissions import not_settled
@@ -276,20 +276,20 @@ def _described(sensor: int, solved: _Solved, among: int, every: Collects, beside
     degrees = int(solution.degrees_of_freedom)
     unobservable = () if solved.as_contractor else solution.observability.sentences
     equations = int(np.count_nonzero(~np.isnan(solution.residuals)))
-    of_channels = _by_channel(solved)
+    told, runs = form.without(beside.campaign.taken_as_zero), tuple(np.unique(conditions.run).tolist())
+    of_channels, settled = _by_channel(solved), beside.moving.isdisjoint(runs)
     if unobservable:
         judged = Judgement(Verdict.INCONCLUSIVE, what_lacks(collects, every, unobservable))
     else:
         where = beyond_errors(list(conditions.sensor.channels), of_channels, among)
-        judged = judge(float(solution.chi_square), degrees, equations, noise_stated, among, where)
-    told = form.without(beside.campaign.taken_as_zero)
-    unit, runs = dict(zip(told.names, told.units, strict=True)), tuple(np.unique(conditions.run).tolist())
+        why = LACKS if settled else MOVED
+        judged = judge(float(solution.chi_square), degrees, equations, noise_stated, among, where, why)
+    unit = dict(zip(told.names, told.units, strict=True))
     places = [form.names.index(name) for name in told.names]
     parameters = {
         name: Estimate(finite(float(solution.values[p])), finite(float(solution.se[p])), unit[name])
         for name, p in zip(told.names, places, strict=True)
     }
-    settled = beside.moving.isdisjoint(runs)
     return RunSolution(
         run=solved.run,
         runs=runs,

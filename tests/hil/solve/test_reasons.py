@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from hil.solve import RunSolution, solve_campaign
 from hil.solve.document import not_passed, not_passed_of, of_sensors_in_words, reasons
-from hil.solve.judged import LACKS, judge
+from hil.solve.judged import LACKS, MOVED, judge
 from procedures.verdict import Judgement, Verdict
 from tests.hil.solve.test_other_runs import campaign
 
@@ -62,6 +62,8 @@ def test_runs_whose_residuals_are_too_large_share_a_line() -> None:
         (Verdict.MARGINAL, "sensor 2, run 6", alone.reason),
     ]
     assert [each[2] for each in reasons(many[:1])] == [many[0].reason]
+    unsettled = [_solved(Verdict.FAIL, judge(80.0, 8, 14, True, why=MOVED).reason, 1)]
+    assert [where for _, where, _ in reasons([*many, *unsettled])] == ["sensor 2, runs 4–5, 7", "sensor 2, run 1"]
 
 
 def test_a_range_of_which_both_ends_are_alike_is_one_number() -> None:
