@@ -12,8 +12,9 @@
           archived.yaml            hil.archived/1: when, of which unit, from where, hashes of the files beside it
       index.sqlite                 made from the folders, and from nothing else (hil.archive.index)
 
-An entry appears whole or not at all, and is never changed: what is taken up again with more in it stands beside. The
-folders are the truth. The night itself stays where it is; when it goes, what was averaged of it is still here.
+An entry appears whole or not at all, and is never changed: what is taken up again with more in it stands beside, and
+the same rates with corrected labels take its place. The folders are the truth. The night itself stays where it is; when
+it goes, what was averaged of it is still here.
 """
 
 import hashlib
@@ -84,7 +85,7 @@ def take_up(
     digest = _rates_digest(campaign)
     there = next(unit.glob(f"[!.]*-{digest}"), None)
     name, why = f"{unit.name}/{there.name}" if there else "", ""
-    if there and not (why := _replaced(archive, name, is_night(source))):
+    if there and not (why := _replaced(archive, name, campaign, is_night(source))):
         return Taken(name, serial, before=True)
     found_archive(archive, new=True)
     target = unit / f"{began:%Y%m%dT%H%MZ}-{digest}"
@@ -103,18 +104,21 @@ def take_up(
     return Taken(f"{unit.name}/{target.name}", serial, before=False, replaces=why)
 
 
-def _replaced(archive: Path, entry: str, by_night: bool) -> str:
+def _replaced(archive: Path, entry: str, campaign: Campaign, by_night: bool) -> str:
     """Return why an entry is replaced by what holds the same rates; empty where it is sound, and has as much.
 
-    Raises `InputError` where nobody can tell, because it cannot be read now.
+    Of a night and a table of it that was corrected, the table stays. Raises `InputError` where nobody can tell, because
+    the entry cannot be read now.
     """
     try:
-        facts, _, _ = read_entry(archive, entry)
+        facts, known, _ = read_entry(archive, entry)
     except InputError as error:
         if isinstance(error.__cause__, OSError):
             raise
         return f"{entry}, which was damaged"
-    return f"{entry}, an export of this night" if by_night and facts["night"] is None else ""
+    if _labels_digest(known) == _labels_digest(campaign):
+        return f"{entry}, an export of this night" if by_night and facts["night"] is None else ""
+    return "" if by_night else f"{entry}, whose labels or poses were others"
 
 
 def read_entry(archive: Path, entry: str) -> tuple[dict[str, Any], Campaign, Mapping[str, Any]]:
@@ -233,6 +237,15 @@ def _rates_digest(campaign: Campaign) -> str:
         for each in (of.conditions.run, of.conditions.start_s, of.rates_deg_per_hr):
             digest.update(np.ascontiguousarray(each).tobytes())
     return digest.hexdigest()[:_DIGITS]
+
+
+def _labels_digest(campaign: Campaign) -> str:
+    """Return what tells the same rates from those whose positions, f or w somebody has corrected."""
+    digest = hashlib.sha256()
+    for _, of in sorted(campaign.sensors.items()):
+        poses = np.column_stack([of.conditions.f_g, of.conditions.w_deg_per_hr]) + 0.0  # no zero is negative
+        digest.update(f"{of.conditions.position.tolist()} {poses.tolist()}".encode())
+    return digest.hexdigest()
 
 
 def found_archive(archive: Path, *, new: bool = False) -> None:

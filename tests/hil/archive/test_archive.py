@@ -238,6 +238,26 @@ def test_a_night_that_was_carried_on_is_one_calibration(copy: Path, capsys: pyte
     assert told in capsys.readouterr().out
 
 
+def test_rates_whose_labels_were_corrected_take_the_place_of_what_they_were(
+    copy: Path, measured: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """They are another calibration of the same rates: with the labels exchanged the unit had FAILed for good."""
+    one = of_life(measured, 21)
+    order = np.arange(len(one.sensors[2]))
+    order[[0, 1]] = [1, 0]
+    rows = one.sensors[2].conditions
+    turned = {"position": rows.position[order], "f_g": rows.f_g[order], "w_deg_per_hr": rows.w_deg_per_hr[order]}
+    exchanged = replace(one, sensors={**one.sensors, 2: replace(one.sensors[2], conditions=replace(rows, **turned))})
+    wrong, right = (write_campaign(each, tmp_path / name) for each, name in ((exchanged, "wrong"), (one, "right")))
+    assert hil(["archive", str(copy), str(wrong)]) == 0
+    assert hil(["archive", str(copy), str(right)]) == 0
+    assert ", whose labels or poses were others" in capsys.readouterr().out
+    taken = take_up(copy, right)
+    assert taken.before
+    assert read_entry(copy, taken.entry)[1].sensors[2].conditions.position.tolist() == rows.position.tolist()
+    assert len(found(copy)[0]) == COUNT + 1
+
+
 def test_nothing_is_taken_up_twice_or_from_what_does_not_say_enough(
     copy: Path, campaigns: list[Path], measured: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -17,6 +17,7 @@ from hil.archive.index import opened_index
 from hil.archive.places import ENTRY, INDEX_NAME, found
 from hil.archive.taking_in import update
 from hil.campaign import Campaign
+from hil.campaign.reader import read_campaign
 from hil.campaign.writer import write_campaign
 from hil.cli.app import run as hil
 from hil.errors import InputError
@@ -143,10 +144,10 @@ def test_what_is_damaged_is_taken_up_anew_and_what_is_sound_never(
     assert f"in the place of {first}, which was damaged" in capsys.readouterr().out
     assert table.read_text() == text
     assert sorted(path.name for path in (copy / "unit-0042").iterdir()) == [name[10:] for name in found(copy)[0]]
-    inode = (copy / first).stat().st_ino
+    inode, known = (copy / first).stat().st_ino, read_campaign(campaigns[0])
     assert not take_up(copy, campaigns[0]).replaces
     with monkeypatch.context() as patched:
         patched.setattr("os.open", lambda *_, **__: (_ for _ in ()).throw(OSError(errno.EIO, "I/O error")))
         with pytest.raises(InputError, match="I/O error"):
-            _replaced(copy, first, by_night=True)
+            _replaced(copy, first, known, by_night=True)
     assert (copy / first).stat().st_ino == inode
