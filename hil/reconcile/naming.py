@@ -12,11 +12,12 @@ import numpy as np
 
 from hil.campaign import Conditions
 from hil.model.effects.base import Described
+from hil.model.effects.catalogue import Unasked
 from hil.reconcile.rivals import LEAST, Rival
 from hil.reconcile.search.fitted import Fitted, fitted
 from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.terms import IDENTICAL, NO_NAME, Term
-from hil.reconcile.unrecorded import Unasked, own_share, unasked
+from hil.reconcile.unrecorded import own_share, unasked
 from hil.solve.explained import CERTAIN as DONE
 
 CERTAIN = 0.8

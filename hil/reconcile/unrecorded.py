@@ -6,27 +6,15 @@ each temperature where none was met twice.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 from hil.campaign import Conditions
-from hil.model.effects.base import Effect
-from hil.model.effects.catalogue import effect_by_id
+from hil.model.effects.catalogue import Unasked, effect_by_id, of_its_history
 from hil.reconcile.search.posterior import Posterior
 from hil.reconcile.search.terms import Term
 from hil.solve.temperatures import runs_by_temperature
-from procedures.words import listed
 
 AGAIN = "a second run at a temperature that has one"
 """What tells what changes from run to run from what follows temperature."""
-
-
-@dataclass(frozen=True)
-class Unasked:
-    """An effect that could not be tried, how probable it is beside the name whose rows it shares, and what tells it."""
-
-    effect: Effect
-    weight: float
-    remedy: str
 
 
 def unasked(posterior: Posterior) -> dict[str, Sequence[Unasked]]:
@@ -55,15 +43,8 @@ def repeated(conditions: Iterable[Conditions]) -> bool:
 
 
 def _of_its_history(name: str, term: Term, here: Conditions) -> Iterator[Unasked]:
-    """Yield what has a name's history in time and could not be tried, its weight, and what would tell it apart."""
+    """Yield what has a name's history in time and could not be tried."""
     effect = term.candidate.effect
-    if not name or effect is None:
-        return
-    own = effect if name == effect.id else effect_by_id(name)
-    for other, weight in own.kin_for(here, term.candidate.shape).items():
-        needs = effect_by_id(other).missing(here)
-        if needs or not effect_by_id(other).shape_grid(here):
-            record = [f"record {listed(need.replace('|', ' or ') for need in needs)}"] if needs else []
-            yield Unasked(effect_by_id(other), weight, record[0] if record else effect_by_id(other).experiment)
-    for other, weight in own.aliases_for(here).items():
-        yield Unasked(effect_by_id(other), weight, own.experiment)
+    if name and effect is not None:
+        own = effect if name == effect.id else effect_by_id(name)
+        yield from of_its_history(own, here, term.candidate.shape)

@@ -133,6 +133,7 @@ def _effect_document(sight: Sight, sights: Sights) -> dict[str, object]:
         "in_sight": sight.in_sight,
         "in_model": sight.effect.id in FORM_EFFECTS.get(sights.form, ()),
         "class": list(sight.members),
+        "unasked": dict(sight.unasked),
         "smallest_visible": {
             **picked(best, "value shape"),
             **picked(best.parameter, "unit parameter=name typical"),
@@ -349,6 +350,9 @@ def visibility_text(document: Mapping[str, Any]) -> str:
         seen=[effect for effect in seen if effect["in_sight"]],
         small=[effect for effect in seen if not effect["in_sight"]],
         alike=sorted({tuple(effect["class"]) for effect in seen if effect["in_sight"] and len(effect["class"]) > 1}),
+        unasked={
+            name: f"{name} ({how})" for effect in seen for name, how in effect["unasked"].items() if name not in asked
+        },
         needing={name: why.removeprefix("cannot be asked: ") for name, why in reasons.items()},
         changes=[
             each for each in document["changes"] if any(each[key] for key in helps) or each["size_ratio"] < _WORTH

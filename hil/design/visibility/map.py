@@ -20,7 +20,7 @@ from hil.campaign import Conditions, FloatArray
 from hil.design.visibility.promise import Asked, Rows, Smallest, found_from
 from hil.model import Model
 from hil.model.effects.base import Base, Effect
-from hil.model.effects.catalogue import askable, named
+from hil.model.effects.catalogue import askable, named, of_its_history
 from hil.model.effects.columns import flattened
 from hil.model.effects.prior import UNSEEN, log_in_one, name_odds, shapes_tried
 from hil.model.equation import pickoff_rates
@@ -60,13 +60,18 @@ class NoiseLevel:
 
 @dataclass(frozen=True)
 class Sight:
-    """How an effect is seen: the fraction of its norm the base leaves, its class, and its smallest visible sizes."""
+    """How an effect is seen: the fraction of its norm the base leaves, its class, and its smallest visible sizes.
+
+    Of its class are what looks the same, and what would in any shape of it but cannot be tried: this is `unasked`, with
+    what would tell it apart.
+    """
 
     effect: Effect
     kept: float
     members: tuple[str, ...]
     smallest: tuple[Smallest, ...]
     leaks: Mapping[str, float]  # base parameter: its shift where the effect has its typical size, in standard errors
+    unasked: Mapping[str, str]
 
     @property
     def best(self) -> Smallest:
@@ -162,12 +167,22 @@ def visibility(
         for index, effect in enumerate(asked)
     ]
     sights = [
-        Sight(effect, kept[index], members[index], smallest, leaks[index])
+        Sight(effect, kept[index], (*members[index], *beside), smallest, leaks[index], beside)
         for index, (effect, smallest) in enumerate(
             zip(asked, found_from(every, Rows(whiten, absorbed, sigma)), strict=True)
         )
+        for beside in [_unasked(effect, conditions, shapes[index], members[index])]
     ]
     return Sights(fitted.name, tuple(sights), overlaps, reasons, noise)
+
+
+def _unasked(
+    effect: Effect, conditions: Conditions, shapes: Sequence[Mapping[str, float]], but: Collection[str]
+) -> dict[str, str]:
+    """Return what a search could not tell from an effect in any of its shapes, with what would tell it apart."""
+    of_each = [{of.effect.id: of.remedy for of in of_its_history(named(effect), conditions, each)} for each in shapes]
+    shared = set[str].intersection(*map(set, of_each)) - set(but)
+    return {name: remedy for name, remedy in of_each[0].items() if name in shared}
 
 
 def default_model_name(conditions: Conditions) -> str:

@@ -4,7 +4,8 @@ effect_by_id("MU_real")
 askable(conditions, base)          # what this data can be asked about, and why not the rest
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from pydantic import ValidationInfo
@@ -29,6 +30,7 @@ from hil.model.effects import (
 from hil.model.effects.base import Base, Described, Effect, VarianceEffect
 from hil.model.effects.empirical import PREFIX, empirical_from_id
 from hil.model.effects.inside import SeriesEffect
+from procedures.words import listed
 
 BASE_EFFECTS: tuple[Effect, ...] = (g_linear.Bias(),)
 """In every model, so never looked for."""
@@ -143,6 +145,27 @@ def why_not(effect: Effect, conditions: Conditions, base: Base | None) -> str:
     if effect.needs_base and base is not None and not np.all(np.isfinite(base.rates)):
         return "cannot be asked: the base model has no value in some rows"
     return ""
+
+
+@dataclass(frozen=True)
+class Unasked:
+    """An effect that cannot be tried, how probable it is beside the name whose rows it shares, and what tells it."""
+
+    effect: Effect
+    weight: float
+    remedy: str
+
+
+def of_its_history(effect: Effect, conditions: Conditions, shape: Mapping[str, float]) -> Iterator[Unasked]:
+    """Yield what has an effect's history in time and cannot be tried in these rows, or is the same in them."""
+    for name, weight in effect.kin_for(conditions, shape).items():
+        other = effect_by_id(name)
+        if needs := other.missing(conditions):
+            yield Unasked(other, weight, f"record {listed(need.replace('|', ' or ') for need in needs)}")
+        elif not other.shape_grid(conditions):
+            yield Unasked(other, weight, other.experiment)
+    for name, weight in effect.aliases_for(conditions).items():
+        yield Unasked(effect_by_id(name), weight, effect.experiment)
 
 
 def askable(conditions: Conditions, base: Base | None) -> tuple[tuple[Effect, ...], dict[str, str]]:

@@ -317,6 +317,20 @@ def test_odd_data_gets_a_map_and_reasons(conditions: Conditions) -> None:
     assert {effect["id"] for effect in entry["effects"]} | set(entry["cannot_be_asked"]) == {one.id for one in EFFECTS}
 
 
+def test_what_no_column_lets_ask_is_in_the_class_of_what_it_looks_like(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two temperatures tell demod from bias_T as little as no record of it, which is told with what to record."""
+    monkeypatch.setattr("hil.design.visibility.document.improvements", lambda *_: [])
+    rows = campaign(temperatures=(10.0, 40.0), runs_each=3)
+    bare = replace(rows, columns={name: of for name, of in rows.columns.items() if name != "case_degC"})
+    for conditions, lacks in ((bare, True), (rows, False)):
+        document: Any = visibility_document({2: conditions}, "two temperatures", built_in_model("matrix-6"))
+        effect = next(each for each in document["effects"] if each["id"] == "bias_T")
+        assert effect["class"] == ["bias_T", "demod"]
+        assert effect["unasked"] == ({"demod": "record case_degC"} if lacks else {})
+        named_together = "so only the group can be named: bias_T, demod (record case_degC)\n"
+        assert (named_together in visibility_text(document)) is lacks
+
+
 def test_sensor_layouts_take_the_form_that_is_meant_for_them() -> None:
     """A rotor over temperature: matrix-6-thermal; at one temperature: matrix-6; a triad: triad-12."""
     assert visibility(campaign()).form == "matrix-6-thermal"

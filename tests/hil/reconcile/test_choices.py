@@ -13,7 +13,7 @@ import pytest
 from hil.campaign import Campaign
 from hil.model import load_model
 from hil.model.effects.base import Effect
-from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS
+from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS, Unasked
 from hil.reconcile import naming, reconcile, workflow
 from hil.reconcile.naming import Reading, _surely_wrong, read
 from hil.reconcile.proof.held_out import HeldOut, likeliest_without
@@ -23,7 +23,6 @@ from hil.reconcile.search.problem import Problem, pose
 from hil.reconcile.search.set_in_block import CLOSE, Inner, Sets, instead
 from hil.reconcile.search.sets import SensorSearch
 from hil.reconcile.search.tied import tied_gains
-from hil.reconcile.unrecorded import Unasked
 from hil.reconcile.workflow import _kept
 from tests.hil.reconcile.hidden_effects import (
     EIGHT,
