@@ -36,6 +36,14 @@ _BY = {
 }
 
 
+def _explained(result: Reconciliation) -> dict[str, dict[str, list[int]]]:
+    """Return by sensor which runs, of those not measured well, hil solve FAILs only as long as nothing is taken off."""
+    before, left = (of.of_sensors.get("FAIL", {}) for of in (result.solved, result.left))
+    asked = {run for verdict, runs in result.doubtful.items() if verdict != "FAIL" for run in runs}
+    found = {n: [run for run in runs if run in asked.difference(left.get(n, ()))] for n, runs in before.items()}
+    return {"FAIL by hil solve, no longer with what is known taken off": found}
+
+
 def what_to_do(result: Reconciliation) -> tuple[str, str]:
     """Return the verdict and what somebody has to do now; "labels": only those were wrong, "untested": none was.
 
@@ -48,7 +56,8 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     apart = after.get("p_value", 1.0) < APART
     beyond = result.left.beyond_errors
     kind = ("scatter" if beyond else "apart" if apart else kind) if kind == "none" else kind
-    doubts = ", ".join(f"{numbered('run', runs)} ({verdict})" for verdict, runs in result.doubtful.items())
+    measured = [f"{numbered('run', runs)} ({verdict})" for verdict, runs in result.doubtful.items()]
+    doubts = ", ".join([*measured, *(told for _, told in of_sensors_in_words(_explained(result)))])
     first = ["what is missing of the measurement (hil report says what)"] * bool(result.without.get("missing"))
     first += [f"what was not measured well (hil report says why): {doubts}"] if doubts else []
     runs = numbered("run", result.contradicted) if result.contradicted else ""

@@ -176,6 +176,12 @@ def test_nothing_that_could_be_tested_is_said_to_be_so() -> None:
     assert what_to_do(quiet)[1].startswith("First see to what hil solve does not pass (hil report says why): runs 1–2")
     assert "Nobody has to act" not in what_to_do(quiet)[1]
     assert what_to_do(replace(quiet, doubtful={"FAIL": [1, 2]}))[1].count("runs 1–2") == 1
+    before, after = Solved({"FAIL": {"1": [], "2": [1, 3]}}), Solved({"INCONCLUSIVE": {"1": [1, 3], "2": [1, 3]}})
+    told = what_to_do(replace(quiet, solved=before, left=after, doubtful={"INCONCLUSIVE": [1, 3]}))[1]
+    explained = "runs 1, 3 of sensor 2 (FAIL by hil solve, no longer with what is known taken off)"
+    assert told.startswith(
+        f"First see to what was not measured well (hil report says why): runs 1, 3 (INCONCLUSIVE), {explained}"
+    )
     one_of_two = Solved({"FAIL": {"1": [], "2": [1, 2]}}, beyond_errors=[1, 2])
     told = what_to_do(replace(result, tested=True, solved=one_of_two, left=one_of_two))[1]
     assert "scatter more than their standard errors say: runs 1–2 of sensor 2 (FAIL)." in told
