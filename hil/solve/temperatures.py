@@ -18,7 +18,9 @@ from hil.campaign.laws import to_come_degC
 from hil.campaign.stand_ins import OWN, WIDEST_DEGC, own_degC, temperature_of, told
 from hil.errors import InputError
 from hil.model import Model
+from hil.model.effects.prior import UNSEEN
 from hil.model.forms import LinearForm, default_form, named_form, value_form
+from hil.solve.identifiability import kept_shares, orthonormal
 from procedures.words import counted, spelled
 
 NARROWEST_DEGC = 1.0
@@ -137,6 +139,13 @@ def fitted_form(model: Model, conditions: Conditions) -> LinearForm:
             raise InputError(untold)
         return one_set
     return form
+
+
+def tell_a_bend(temperature_degC: FloatArray) -> bool:
+    """Whether temperatures (n,), °C, tell a bend from a line: of two nobody knows what lies between."""
+    known = temperature_degC[np.isfinite(temperature_degC)]
+    powers = np.vander(known - known.mean() if len(known) else known, 3)
+    return bool(kept_shares(orthonormal(powers[:, 1:]), powers[:, :1])[0] > UNSEEN)
 
 
 def nearest(temperature_degC: float | None, others_degC: Iterable[float | None]) -> float | None:

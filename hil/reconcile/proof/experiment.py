@@ -117,8 +117,9 @@ def _signal(leader: Candidate, values: FloatArray, conditions: Conditions, base:
     if leader.form != "constant" or leader.effect is None:
         return np.asarray(columns @ values)
     own = {p.name: v for p, v in zip(leader.parameters, values, strict=True)}
-    names = [parameter.name for parameter in leader.effect.parameters_for(conditions)]
-    return np.asarray(columns @ np.array([own.get(name, 0.0) for name in names]))
+    every = leader.effect.parameters_for(conditions)
+    kept = leader.kept or range(len(every))
+    return np.asarray(columns @ np.array([own.get(every[k].name, 0.0) for k in kept]))
 
 
 def _described(rows: Conditions) -> list[dict[str, Any]]:

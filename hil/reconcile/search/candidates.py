@@ -20,7 +20,7 @@ from hil.model.effects.catalogue import named
 from hil.model.effects.followed import driver_values, expressible, position_is
 from hil.model.effects.prior import shapes_tried
 from hil.model.forms import PER_G, RATE
-from hil.solve.temperatures import OF_A_LAW, runs_by_temperature, same_temperature
+from hil.solve.temperatures import same_temperature, tell_a_bend
 
 POWERS: Mapping[str, int] = {"line": 2, "quadratic": 3, "cubic": 4}
 """How many values a form in powers of temperature has."""
@@ -91,13 +91,12 @@ def catalogue_candidates(
     `base_beside` gives the base as it is if an effect of a shape acts beside it.
     """
     centres = _setpoints_degC(conditions)
-    law = sum(degC is not None for degC, _ in runs_by_temperature(conditions)) >= OF_A_LAW
+    bends = tell_a_bend(conditions.columns.get("temperature_degC", np.zeros(0)))
     for effect in catalogue:
         if not effect.searched or not effect.applies_to(conditions.sensor) or effect.missing(conditions):
             continue
         parameters = effect.parameters_for(conditions)
-        # Of fewer temperatures nobody knows how values bend between them.
-        told = [k for k, each in enumerate(parameters) if law or not each.unit.endswith("degC^2")]
+        told = [k for k, each in enumerate(parameters) if bends or not each.unit.endswith("degC^2")]
 
         def laid(shape: Mapping[str, float], effect: Effect = effect) -> FloatArray:
             return effect_columns(effect, conditions, base_beside(effect, shape), shape)

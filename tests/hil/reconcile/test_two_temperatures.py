@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from hil.model import load_model
 from hil.model.effects.catalogue import effect_by_id
+from hil.reconcile.proof.experiment import separation
 from hil.reconcile.search.problem import pose
 from tests.hil.analysis.thermal.nights import rotor_night
 
 
 @pytest.mark.parametrize(("temperatures_degC", "bends"), [((16.0, 51.0), False), ((16.0, 33.0, 51.0), True)])
-def test_a_square_of_temperature_is_asked_of_three_temperatures(
+def test_a_square_of_temperature_is_asked_where_temperatures_tell_it_from_a_line(
     temperatures_degC: tuple[float, ...], *, bends: bool
 ) -> None:
     """The slope at 25 °C was 0.34 ± 0.87 beside a bend that two temperatures cannot hold; it is .645 ± .035."""
@@ -24,3 +27,26 @@ def test_a_square_of_temperature_is_asked_of_three_temperatures(
     for each in followed:
         again = each.rebuilt(night.sensors[2].conditions, problem.sensors[2].base)
         np.testing.assert_array_equal(again, each.columns)
+
+
+def test_two_setpoints_tell_a_bend_where_the_unit_was_at_more_temperatures() -> None:
+    """As where soaks were cut short."""
+    night = rotor_night(np.random.default_rng(1), {}, temperatures_degC=(12.0, 20.0, 47.0, 55.0))
+    setpoint = np.where(night.sensors[2].conditions.columns["temperature_degC"] < 30.0, 16.0, 51.0)
+    moved = replace(
+        night.sensors[2].conditions, columns=dict(night.sensors[2].conditions.columns, setpoint_degC=setpoint)
+    )
+    night = replace(night, sensors={2: replace(night.sensors[2], conditions=moved)})
+    (curve,) = [c for c in pose(night, load_model("matrix-6"), [effect_by_id("bias_T")]).candidates if c.tier == 1]
+    assert [each.name for each in curve.parameters] == ["b1_A", "b1_B", "b2_A", "b2_B"]
+
+
+def test_an_experiment_has_no_more_of_a_curve_than_two_temperatures_told() -> None:
+    """Its columns on further rows are those of the parameters that were asked about."""
+    night = rotor_night(np.random.default_rng(1), {}, temperatures_degC=(16.0, 51.0))
+    problem = pose(night, load_model("matrix-6"), [effect_by_id("bias_T"), effect_by_id("hyst")])
+    rival = next(each for each in problem.candidates if each.name == "hyst")
+    for curve in (each for each in problem.candidates if each.name == "bias_T"):
+        found = separation((curve, np.full(len(curve.parameters), 0.5)), rival, problem.sensors[2], None, 1.0)
+        assert found is not None
+        assert found[1] < 5.0, "both are a step of 17.5 deg/hr here"
