@@ -10,6 +10,7 @@ changed, and no name is used twice.
 
 import errno
 import hashlib
+import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -179,11 +180,15 @@ def check_length(folder: Path, block: Block) -> None:
 
 def checked_bytes(folder: Path, block: Block) -> bytes:
     """Return the block's file; raise `DamagedBlock` where it is missing or not what was written."""
-    check_length(folder, block)
     try:
-        with opened(folder / block.path) as file:
+        with opened(folder / block.path) as file:  # what is no file says so, before anybody asks how long it is
+            check_length(folder, block)
             data = file.read(block.size + 1)
+    except DamagedBlock:
+        raise
     except InputError as error:
+        if not os.path.lexists(folder / block.path):
+            check_length(folder, block)
         raise DamagedBlock(str(error).removeprefix(f"{folder}/")) from None
     if _sha256(data) != block.sha256:
         raise DamagedBlock(f"{block.path}: its hash is not the one recorded: the file was changed or is damaged")
