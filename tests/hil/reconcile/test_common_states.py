@@ -9,7 +9,7 @@ import pytest
 
 from hil.campaign import Campaign, Sensor
 from hil.model import load_model
-from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS
+from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS, variance_effect_by_id
 from hil.reconcile import reconcile
 from hil.reconcile.search.common_states import same_states
 from hil.reconcile.search.layout import searches
@@ -60,6 +60,15 @@ def test_a_room_turns_both_sensors(hidden: dict[str, float], is_the_room: bool) 
     assert (worth > 3.0) is is_the_room
     assert (worth < -3.0) is not is_the_room
     assert same_states(found, {1: (), 2: ()}, "no such effect") == 0.0
+
+
+def test_two_effects_are_weighed_together_though_a_third_is_likelier_than_either() -> None:
+    """A turning pier explains one sensor's rows better than GS or MU alone, and hid that both do."""
+    effects = [variance_effect_by_id(name) for name in ("MU_rr", "GS_rr", "base")]
+    found = searches(pose(both_sensors(9, gs=5.0, mu=4.0), load_model("matrix-6"), ()), (), effects)
+    for search in found.values():
+        block = search.blocks[0]
+        assert frozenset({"MU_rr", "GS_rr"}) in {block.noise.sorts[sort] for sort in block.points.sort}
 
 
 @pytest.mark.slow
