@@ -114,7 +114,8 @@ class AsSolved:
 
     What it is not certain of, and so leaves as it is filed, is among them: a search knows more.
 
-    `other` is what another sensor shows in the same collects. `alone` are the runs that it cannot compare with others.
+    `other` is what another sensor shows in the same collects. `alone` are the runs that it cannot compare with others,
+    `doubted` are rows that do not agree with others and that it uses all the same.
     """
 
     filed: Collects
@@ -122,13 +123,15 @@ class AsSolved:
     other: OtherSensor | None
     rows: Sequence[Wrong]
     alone: Collection[int] = ()
+    doubted: Sequence[Wrong] = ()
 
     @classmethod
     def of(cls, campaign: Campaign, number: int) -> AsSolved:
         """Ask it of a sensor."""
         filed, solved = campaign.sensors[number], wrong_rows(campaign)[number]
-        rows = [row for row in (*solved.rows, *solved.may_be) if row.done != USED]
-        return cls(filed, solved.likeliest.rates_deg_per_hr, solved.other, rows, solved.not_compared)
+        every = (*solved.rows, *solved.may_be)
+        rows, doubted = ([row for row in every if (row.done == USED) is used] for used in (False, True))
+        return cls(filed, solved.likeliest.rates_deg_per_hr, solved.other, rows, solved.not_compared, doubted)
 
     @property
     def told(self) -> list[int]:
@@ -151,10 +154,20 @@ class AsSolved:
         rates = self.filed.rates_deg_per_hr
         return np.asarray(np.any(np.isfinite(rates) & (rates != self.laid), axis=1))
 
+    def _farthest_off(self, run: int) -> int:
+        """Return the channel in which a run is farthest off all rates in its positions, by what is usual there."""
+        conditions, rates = self.filed.conditions, self.filed.rates_deg_per_hr
+        off = np.zeros_like(rates)
+        for label in np.unique(conditions.position):
+            own = conditions.position == label
+            away = np.abs(np.nan_to_num(rates[own]) - np.median(np.nan_to_num(rates[own]), axis=0))
+            off[own] = away / np.maximum(np.median(away, axis=0), 1e-9)
+        return int(np.argmax(off[conditions.run == run].mean(axis=0)))
+
     def among(self, terms: Sequence[Term]) -> list[tuple[int, ...]]:
         """Return the places of the terms that do the same: put right what it does, and leave out what it does.
 
-        And with runs left out whole that it puts right: of several that are wrong alike no single one shows by itself.
+        And with runs left out whole that it puts right or doubts: of several wrong alike no single one shows by itself.
         """
         mistakes = [(j, term.candidate) for j, term in enumerate(terms) if term.is_mistake]
         exchanged = [(j, of.columns[..., 0]) for j, of in mistakes if of.effect is not None]
@@ -172,15 +185,16 @@ class AsSolved:
                 if here[there].any() and not here[~there].any():
                     chosen.add(j)
                     there &= ~here
-        spoiled_runs = {
+        mended = any(row.done == MENDED for row in self.rows)
+        doubted = {(float(row.run), self._farthest_off(row.run)) for row in self.doubted if not mended}
+        doubted |= {
             (terms[j].candidate.shape["run"], channel)
             for j, columns in exchanged
             for channel in np.flatnonzero(columns.any(axis=0)).tolist() * (j in chosen)
         }
-        whole = {
-            j for j, of in mistakes if (of.shape.get("number"), of.shape.get("channel")) in spoiled_runs
-        } | chosen.difference(j for j, _ in exchanged)
-        return [tuple(sorted(each)) for each in ([chosen, whole] if spoiled_runs else [chosen] * bool(chosen))]
+        whole = {j for j, of in mistakes if (of.shape.get("number"), of.shape.get("channel")) in doubted}
+        starts = (chosen, whole | chosen.difference(j for j, _ in exchanged))
+        return list(dict.fromkeys(tuple(sorted(each)) for each in starts if each))
 
 
 def exchanges(sensor: SensorProblem, blocks: Sequence[Block], solved: AsSolved) -> Iterator[Candidate]:

@@ -96,6 +96,7 @@ def test_each_sensor_has_a_shape_of_its_own() -> None:
     short = {"temperatures": (-10.0, 23.0, 50.0), "runs_each": 3, "quiet": 0.5}
     first = hidden_campaign(42, lambda r: both(r.run >= 8, 25.0, 20.0), **short).sensors[2]
     night = hidden_campaign(41, lambda r: both(r.run >= 5, 25.0, -22.0), **short)
+    first = replace(first, conditions=replace(first.conditions, sensor=replace(first.conditions.sensor, number=1)))
     result = reconcile(replace(night, sensors={1: first, 2: night.sensors[2]}), "matrix-6-thermal", prove=False)
     (found,) = result.effects
     assert found.shape_in_words == "from run 8 on (sensor 1) and from run 5 on (sensor 2)"
