@@ -185,16 +185,20 @@ class AsSolved:
                 if here[there].any() and not here[~there].any():
                     chosen.add(j)
                     there &= ~here
-        mended = any(row.done == MENDED for row in self.rows)
-        doubted = {(float(row.run), self._farthest_off(row.run)) for row in self.doubted if not mended}
-        doubted |= {
-            (terms[j].candidate.shape["run"], channel)
-            for j, columns in exchanged
-            for channel in np.flatnonzero(columns.any(axis=0)).tolist() * (j in chosen)
+        right = {j for j, _ in exchanged}
+        whole = self._whole([(j, of) for j, of in mistakes if j not in right], [terms[j] for j in chosen & right])
+        return list(dict.fromkeys(tuple(sorted(each)) for each in (chosen, whole | chosen - right) if each))
+
+    def _whole(self, spoiled: Sequence[tuple[int, Candidate]], put_right: Sequence[Term]) -> set[int]:
+        """Return the places of what leaves out, in a channel, each run that it puts right, or else each that it doubts."""
+        asked = {
+            (term.candidate.shape["run"], channel)
+            for term in put_right
+            for channel in np.flatnonzero(term.candidate.columns.any(axis=(0, 2))).tolist()
         }
-        whole = {j for j, of in mistakes if (of.shape.get("number"), of.shape.get("channel")) in doubted}
-        starts = (chosen, whole | chosen.difference(j for j, _ in exchanged))
-        return list(dict.fromkeys(tuple(sorted(each)) for each in starts if each))
+        if not any(row.done == MENDED for row in self.rows):
+            asked = {(float(row.run), self._farthest_off(row.run)) for row in self.doubted}
+        return {j for j, of in spoiled if (of.shape.get("number"), of.shape.get("channel")) in asked}
 
 
 def exchanges(sensor: SensorProblem, blocks: Sequence[Block], solved: AsSolved) -> Iterator[Candidate]:
