@@ -190,7 +190,7 @@ class AsSolved:
         return list(dict.fromkeys(tuple(sorted(each)) for each in (chosen, whole | chosen - right) if each))
 
     def _whole(self, spoiled: Sequence[tuple[int, Candidate]], put_right: Sequence[Term]) -> set[int]:
-        """Return the places of what leaves out, in a channel, each run that it puts right, or else each that it doubts."""
+        """Return the places of what leaves out, in a channel, each run that it puts right, or each that it doubts."""
         asked = {
             (term.candidate.shape["run"], channel)
             for term in put_right
