@@ -25,7 +25,7 @@ import numpy as np
 import yaml
 
 from benchmarks.kept import Case, run_or_print
-from hil.campaign import Campaign, Conditions, FloatArray
+from hil.campaign import Campaign, Collects, Conditions, FloatArray
 from hil.campaign.stand_ins import with_stand_ins
 from hil.config import load_bench, load_sweep
 from hil.config.bench import Bench, parse_bench
@@ -217,11 +217,7 @@ def promised(
     seen: Any = campaign_document(campaign, asked)["sensors"]
     told = {each["id"]: each for each in seen[str(number)]["effects"]}
     collects = campaign.sensors[number]
-    weight = 1.0 / collects.rates_se_deg_per_hr.ravel()
-    form = named_form(asked.form, collects.conditions)
-    base = weight[:, None] * flattened(form.columns(collects.conditions))
-    own = weight[:, None] * flattened(columns)
-    own -= base @ np.linalg.lstsq(base, own)[0]
+    own = beside_base(collects, model, columns)
     d = float(np.linalg.norm(own @ np.asarray(values)))
     if name not in told:
         return {"d": d, "promised": False, "class": []}
@@ -229,6 +225,15 @@ def promised(
     parameters = [p.name for p in effect_by_id(name).parameters_for(collects.conditions)]
     least = float(np.linalg.norm(own[:, parameters.index(smallest["parameter"])]) * (smallest["value"] or np.inf))
     return {"d": d, "promised": d >= least, "beside_visible": d / least, "class": told[name]["class"]}
+
+
+def beside_base(collects: Collects, model: str, columns: FloatArray) -> FloatArray:
+    """Return what columns (n, c, p) leave beside a built-in model's own, (N, p), in standard errors of the averages."""
+    weight = 1.0 / collects.rates_se_deg_per_hr.ravel()
+    form = named_form(built_in_model(model).form, collects.conditions)
+    base = weight[:, None] * flattened(form.columns(collects.conditions))
+    own = weight[:, None] * flattened(columns)
+    return np.asarray(own - base @ np.linalg.lstsq(base, own)[0])
 
 
 def judged(result: Reconciliation, name: str, term: Mapping[str, Any]) -> dict[str, Any]:

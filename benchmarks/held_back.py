@@ -41,7 +41,7 @@ from hil.reconcile.search.candidates import effect_columns
 
 ASKED = "matrix-6-thermal"
 KINDS = ("mean", "scatter", "both")
-SCATTER_TIMES = 4.0
+SCATTER_TIMES, MEAN_TIMES = 4.0, 8.0
 DRAWS = 20
 
 
@@ -74,8 +74,8 @@ def drawn(number: int, bare: Campaign, folder: Path, rng: np.random.Generator) -
             scatters = [each for each in VARIANCE_EFFECTS if each.applies_to(rows.sensor) and not each.missing(rows)]
             own = term(scatters[int(rng.integers(len(scatters)))], bare, sensor, rng)
             made["noise"] = {**white, sensor: {**white[sensor], "scatter": [own]}}
-        scattered = model_of(made, folder)
-        if kind != "mean" and scatter_beside_base(scattered, bare, sensor, rng) < SCATTER_TIMES:
+        scattered, beside = model_of(made, folder), 1.0
+        if kind != "mean" and (beside := scatter_beside_base(scattered, bare, sensor, rng)) < SCATTER_TIMES:
             continue
         if kind != "scatter":
             effects = [each for each in EFFECTS if each.applies_to(rows.sensor) and not each.missing(rows)]
@@ -85,8 +85,10 @@ def drawn(number: int, bare: Campaign, folder: Path, rng: np.random.Generator) -
             own = term(effect, bare, sensor, rng)
             columns = effect_columns(effect, rows, scattered.base_for(rows), own["shape"])
             values = [each["value"] for each in own["parameters"].values()]
-            night = night_of_averages(bare, scattered, rng)
-            if not coverage.promised(night, sensor, ASKED, effect.id, columns, values)["promised"]:
+            if (
+                np.linalg.norm(coverage.beside_base(bare.sensors[sensor], ASKED, columns) @ values)
+                < MEAN_TIMES * beside
+            ):
                 continue
             made["terms"] = [{**own, "sensor": sensor}]
         return made
