@@ -274,6 +274,7 @@ def test_docstrings_give_the_shapes_of_arrays(project: Source) -> None:
     assert project.without_shape() == []
 
 
+@pytest.mark.slow
 def test_docstrings_name_the_exceptions(project: Source) -> None:
     """What a public function raises stands in its docstring, in its class's, or where its method was promised."""
     assert len(project.raising) > 150, "the check no longer finds what it is there for"

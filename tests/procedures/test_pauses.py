@@ -114,6 +114,7 @@ def test_an_interlock_ends_a_pause_too(bench, new_bench):
     assert bench.clock.now() < at_s + 1000.0
 
 
+@pytest.mark.slow
 def test_a_pause_to_which_nobody_comes_back_ends_in_the_safe_state(bench, new_bench):
     """A pause never lasts for ever."""
     at_s = _began(new_bench(), SOAK)

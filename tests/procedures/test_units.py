@@ -142,6 +142,7 @@ def test_only_the_unit_that_was_not_good_is_taken_again(chamberful: Any) -> None
     assert {key.partition("@")[2] for key in taken} == {SICK}
 
 
+@pytest.mark.slow
 def test_a_soak_that_one_unit_never_ends_is_held_against_that_unit_alone(chamberful: Any) -> None:
     """At the ceiling all are collected; only the unit that had not settled is called INCONCLUSIVE for it."""
     settled = chamberful.sick._unit_degC

@@ -229,6 +229,7 @@ def test_a_wrong_description_is_one_sentence_that_names_file_and_key(changes: di
     assert "\n" not in str(refusal.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", ["", "- 1", "a: [", "just text", "name: X\nname: Y", "[" * 9999])
 def test_a_file_that_is_no_description_is_refused(text: str, tmp_path: Path) -> None:
     """Empty, a list, broken YAML, text, a key given twice, nothing but brackets; and a file that is not there."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -16,6 +17,7 @@ from tests.drivers.chambers.test_every_chamber import every_chamber
 _PUNCTUAL_S = 1.9  # of a reply: less than any line controller is waited for
 
 
+@pytest.mark.slow
 @every_chamber
 @settings(max_examples=20)
 @given(data=st.data())

@@ -305,6 +305,7 @@ def test_optional_line_ends_have_one_meaning_in_many_streams(stream: bytes, plac
     same_however_it_is_cut(shipped("stim300"), stream, places)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LAYOUTS)
 @settings(max_examples=15)
 @given(data=st.data())

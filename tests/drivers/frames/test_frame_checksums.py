@@ -75,6 +75,7 @@ def crc_kinds(draw: st.DrawFn) -> CrcKind:
     )
 
 
+@pytest.mark.slow
 @given(crc_kinds(), st.integers(1, 40).flatmap(lambda n: st.lists(st.binary(min_size=n, max_size=n), min_size=1)))
 def test_one_message_and_many_give_the_crc_of_the_definition(kind: CrcKind, messages: list[bytes]) -> None:
     """The compiled loop, the byte table and the tables by position agree with the definition, bit by bit."""
@@ -93,6 +94,7 @@ OTHERS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", OTHERS)
 @given(payloads=st.lists(st.binary(min_size=10, max_size=10), min_size=1, max_size=5), flip=st.integers(0, 95))
 def test_what_is_written_matches_and_a_flipped_bit_does_not(name: str, payloads: list[bytes], flip: int) -> None:

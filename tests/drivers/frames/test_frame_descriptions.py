@@ -122,6 +122,7 @@ BROKEN = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", BROKEN)
 def test_what_is_wrong_with_a_description_is_said_with_its_key(case: str) -> None:
     """One sentence, beginning with the file, naming the key."""

@@ -282,6 +282,7 @@ def same_at_every_cut_and_speed(description: StreamDescription, stream: bytes, p
     assert taken + slow.counts.skipped_bytes <= len(stream) <= taken + slow.counts.skipped_bytes + repeated
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(streams(), st.lists(st.integers(0, 10**6), max_size=12))
 def test_neither_the_cut_nor_the_speed_changes_what_is_decoded(
@@ -301,6 +302,7 @@ def test_neither_the_cut_nor_the_speed_changes_what_is_decoded_of_many_streams(
     same_at_every_cut_and_speed(*drawn, places)
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(streams())
 def test_what_is_decoded_is_what_the_definition_finds(drawn: tuple[StreamDescription, bytes]) -> None:

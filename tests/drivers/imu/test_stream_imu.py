@@ -79,6 +79,7 @@ def test_stale_bytes_are_no_part_of_a_collect_not_even_half_a_frame() -> None:
     assert block.time_s == pytest.approx([0.2, 0.25])
 
 
+@pytest.mark.slow
 def test_faults_of_the_stream_are_counted_and_the_good_samples_keep_their_times() -> None:
     """Dropped frames, flipped bits, garbage and repetitions: what is left is right and placed right."""
     faults = [

@@ -137,6 +137,7 @@ def test_what_nobody_takes_is_bounded_and_counted(port: Port, reader: LiveReader
     assert (reader.take_overflow(), reader.take_overflow()) == (2000, 0)
 
 
+@pytest.mark.slow
 def test_a_failure_is_raised_after_the_bytes_before_it_and_as_long_as_it_lasts(port: Port, reader: LiveReader) -> None:
     """Then the port is back, and so are its bytes; an outage that nobody saw is raised once."""
     port.send(b"before")

@@ -90,6 +90,7 @@ def test_few_runs_widen_the_uncertainty_of_what_scatters(first: Campaign) -> Non
     assert not [each for each in loud if each.flagged]
 
 
+@pytest.mark.slow
 def test_single_runs_scatter_as_the_repeats_of_the_other_night_show() -> None:
     """One run at each temperature beside three, whichever is the later: as rare as three sigma, where MU reseats."""
     rng, curves = np.random.default_rng(8), {"MUA": lambda t: 0.2 * t}
@@ -146,6 +147,7 @@ def at_setpoint(campaign: Campaign, runs: tuple[int, ...], own_degC: object) -> 
     return replace(campaign, sensors={2: replace(campaign.sensors[2], conditions=told)})
 
 
+@pytest.mark.slow
 def test_a_setpoint_at_which_the_unit_was_at_another_temperature_is_not_compared(first: Campaign) -> None:
     """In either of the two it had not settled, or was elsewhere: it is said, and nothing found."""
     mean = Comparison(first, first).differences[0]
@@ -186,6 +188,7 @@ def test_without_any_uncertainty_nothing_is_flagged(first: Campaign) -> None:
     assert any("neither standard errors nor repeats" in each for each in found.remarks)
 
 
+@pytest.mark.slow
 def test_the_page_shows_the_comparison_and_marks_what_is_beyond(first: Campaign) -> None:
     """In the verdict's box, what to do about it included; the first in words, and a table with every difference."""
     comparison = Comparison(changed(first, add=50.0), first)
@@ -239,6 +242,7 @@ def test_what_six_equations_cannot_see_the_last_parameters_do(first: Campaign, c
     assert (words in " ".join(said)) if words else not said
 
 
+@pytest.mark.slow
 def test_channels_exchanged_between_sensors_are_seen(first: Campaign) -> None:
     """The plugs of two sensors: RB of one stands where RB of the other was."""
     rates = first.sensors[2].rates_deg_per_hr

@@ -60,6 +60,7 @@ def test_limits_of_two_sensors_judge_the_one_that_was_measured(tmp_path: Path) -
         in_spec_of(tmp_path, other, solve_campaign(one), "rd-gc-86-1")
 
 
+@pytest.mark.slow
 def test_what_scatters_more_at_one_temperature_is_nobody_s_to_judge_by_one_uncertainty() -> None:
     """The value alone may still decide, where the limits say so."""
     one = night(runs=6)
@@ -190,6 +191,7 @@ def test_a_temperature_measured_once_that_nothing_can_be_held_against_tells_noth
     assert judged(one, limits({"BA": {"high": "40 deg/hr"}}, decision="simple acceptance")).word is Word.OUT
 
 
+@pytest.mark.slow
 def test_a_change_is_judged_against_an_earlier_campaign_of_the_unit() -> None:
     """In, out, and not known: without one, with itself, with one that is not good, with another unit's."""
     of = limits({"BA": {"change": "6 deg/hr"}})

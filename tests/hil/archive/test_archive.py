@@ -40,6 +40,7 @@ from tests.hil.dashboard.live_page import TOKEN, served
 from tests.hil.report.report_pages import TWO
 
 
+@pytest.mark.slow
 def test_a_life_tells_drift_from_jump(archive: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """What was put in comes out, with intervals that hold it; what was not is not found; the limits are reached."""
     capsys.readouterr()
@@ -137,6 +138,7 @@ def test_a_unit_of_which_nothing_is_usable_has_no_table_of_findings(
     assert rest == ["next calibration: no date (no limits are known: --limits names them)"]
 
 
+@pytest.mark.slow
 def test_a_night_takes_the_place_of_its_export(night: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Whichever comes first, the night is there in the end, once, with what only a night has."""
     export = export_campaign(night, tmp_path / "export").folder
@@ -226,6 +228,7 @@ def test_two_units_with_one_serial_are_told_apart(
         assert [each["remark"] for each in index.units()] == 2 * ["two units have this serial number"]
 
 
+@pytest.mark.slow
 def test_a_night_that_was_carried_on_is_one_calibration(copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What it was before stands beside it in the archive; units and history count it once, with what has most."""
     with closing(sqlite3.connect(copy / INDEX_NAME)) as index, index:

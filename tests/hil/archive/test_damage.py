@@ -25,6 +25,7 @@ from hil.files.durable import RealDisk
 from tests.hil.archive.conftest import COUNT, of_life
 
 
+@pytest.mark.slow
 def test_what_is_broken_gone_or_new_is_told_and_the_rest_answers(
     copy: Path, campaigns: list[Path], measured: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -68,6 +69,7 @@ def test_what_is_broken_gone_or_new_is_told_and_the_rest_answers(
         assert len(json.loads(capsys.readouterr().out)["campaigns"]) == COUNT - 3
 
 
+@pytest.mark.slow
 def test_an_entry_that_lost_its_note_is_told_and_taken_up_anew(
     copy: Path, campaigns: list[Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -96,6 +98,7 @@ def test_an_entry_whose_note_lacks_something_is_told_and_tells_no_mean(copy: Pat
         assert entry not in {each.entry for each in index.means("0042")}
 
 
+@pytest.mark.slow
 def test_a_unit_that_cannot_be_looked_into_is_told_and_the_others_answer(
     copy: Path, measured: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -137,6 +137,7 @@ def check(found: dict[str, Any]) -> None:
     assert not set(IN_PLACE) & set(two)
 
 
+@pytest.mark.slow
 def test_a_key_has_one_type_or_stands_in_the_reference(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Over the commands that answer at once; and complete is said with good beside it."""
     found = documents(QUICK, tmp_path, capsys)

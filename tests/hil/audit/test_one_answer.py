@@ -74,6 +74,7 @@ def disagreements(ask: Ask, commands: tuple[str, ...]) -> Iterator[str]:
                     yield f"{question}: {key}: {first} {one}, {command} {other}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ask", AT_ONCE, indirect=True)  # of FOLDERS, which test_all_commands_agree goes through
 def test_the_quick_commands_agree(ask: Ask) -> None:
     """Solve, thermal, budget and visibility: rows, means, their uncertainty, what repeats show."""
@@ -100,6 +101,7 @@ def test_what_is_suspicious_is_said_to_people_too(tmp_path: Path, capsys: pytest
             assert capsys.readouterr().err.count(f"warning: {suspicious}\n") == 1, command
 
 
+@pytest.mark.slow
 def test_a_screen_says_which_runs_fail(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """It is not green where a run FAILs, whether or not the model lacks anything."""
     folder, page = written("labels exchanged", tmp_path / "campaign"), tmp_path / "fleet.html"
@@ -110,6 +112,7 @@ def test_a_screen_says_which_runs_fail(tmp_path: Path, capsys: pytest.CaptureFix
     assert '<section class="verdict FAIL"' in page.read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ask", ["two plans"], indirect=True)
 def test_a_sensor_that_cannot_be_fitted_hides_no_other(ask: Ask) -> None:
     """Thermal answers of sensor 2 and says why not of sensor 1; a headline counts each sensor's own."""
@@ -145,6 +148,7 @@ def test_what_moves_both_sensors_is_said_wherever_somebody_asks_what_scatters(
     assert [any(said in note for note in notes) for said in both.sentences()] == [together]
 
 
+@pytest.mark.slow
 def test_what_parts_a_bias_at_each_temperature_from_its_rival_is_what_parts_the_effect_of_that_name() -> None:
     """Any collects tell a bias; whether it follows temperature or remembers it, no further collect of a climb does."""
     one = campaign(9, 3, seed=211, scatter=0.3)
@@ -157,6 +161,7 @@ def test_what_parts_a_bias_at_each_temperature_from_its_rival_is_what_parts_the_
     assert asked["why"].endswith("Revisit every temperature from both directions and on another day")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ask", ["poses, dead channel"], indirect=True)
 def test_a_dead_channel_has_no_value_and_no_pass(ask: Ask) -> None:
     """What is exactly 0 in every pose was not measured; the other channels have their values, and scatter answers."""
@@ -239,6 +244,7 @@ def test_a_temperature_says_whose_it_is_and_a_soak_that_did_not_end_is_no_pass(a
     ask("thermal")  # says that it cannot, or answers with finite numbers; no internal error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("ask", "lacks", "other", "of"),
     [

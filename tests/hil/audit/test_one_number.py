@@ -69,6 +69,7 @@ def test_the_channel_whose_standard_errors_do_not_hold_is_named() -> None:
     assert noise["BB"] == pytest.approx(float(found[1]) * noise["BA"], rel=0.1)
 
 
+@pytest.mark.slow
 def test_each_sensor_of_a_unit_is_compared_in_its_own_form() -> None:
     """What a rotor sensor does is no finding beside the form of a triad; a model of one kind screens neither."""
     one = FOLDERS["a rotor sensor and a triad"]()
@@ -175,6 +176,7 @@ def _moved_by(of_sensor: Mapping[str, Any], effect: str) -> dict[str, float]:
     return {each["id"]: each["leaks"] for each in of_sensor["effects"]}[effect]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("runs", "left"), [(1, False), (4, True)])
 def test_what_changes_from_run_to_run_is_not_known_where_nothing_was_repeated(runs: int, left: bool) -> None:
     """By neither of them, and it is no 0 that scatter states; what single runs leave beside a curve is observed."""
@@ -199,6 +201,7 @@ def test_an_offset_of_runs_is_as_large_for_the_search_as_for_repeats(seed: int) 
     assert found == pytest.approx(told.tolist(), rel=0.45)
 
 
+@pytest.mark.slow
 def test_what_few_repeats_scatter_by_is_within_what_the_search_says_of_its_size() -> None:
     """Two at each of two temperatures: one size of both channels, in an interval that people are told, not ± of it."""
     one = campaign(4, 2, seed=2, scatter=0.3)
@@ -241,6 +244,7 @@ def test_that_standard_errors_are_too_large_is_said_beside_what_scatters() -> No
     assert set(said) <= {*noted}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stated", [True, False])
 def test_a_collect_of_one_run_scatters_in_each_channel_as_its_residuals_say(stated: bool) -> None:
     """By scatter, visibility and the budget: with errors that differ, which a search takes for those of the mean."""
@@ -324,6 +328,7 @@ def test_what_is_said_of_standard_errors_beside_what_was_found_says_so() -> None
     assert times[0] > 2.0 * times[1] > 2.0
 
 
+@pytest.mark.slow
 def test_a_budget_says_why_solve_states_more_than_all_sources(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -48,6 +48,7 @@ def test_the_simulated_bench_answers_through_the_production_drivers() -> None:
         assert live.simulated
 
 
+@pytest.mark.slow
 def test_the_chamber_and_the_unit_share_one_air() -> None:
     """The controller's setpoint reaches the unit's own thermometer."""
     with build_bench(load_bench("simulated")) as live:

@@ -65,6 +65,7 @@ def test_a_units_rates_are_averages_with_standard_errors() -> None:
         assert 0.1 < found["imu_1_RA_se"]["value"] < 20.0
 
 
+@pytest.mark.slow
 def test_a_plan_of_blueskys_runs_on_it() -> None:
     """Scanned by the real RunEngine, its documents against the schemas."""
     why = "bluesky is not installed; pip install bluesky to try its RunEngine"

@@ -69,6 +69,7 @@ def _bench(tmp_path: Path, **changes: Any) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_bench_file_may_name_its_chamber_and_its_frames(installed: Path, tmp_path: Path) -> None:
     """And check finds nothing wrong with either."""
     done = _run(installed, "hil", "check", str(_bench(tmp_path)))

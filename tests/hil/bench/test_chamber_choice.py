@@ -267,6 +267,7 @@ NIGHTS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("choice", "temperatures"), NIGHTS)
 def test_the_published_sweep_gives_the_same_parameters_on_every_chamber(
     choice: str, temperatures: tuple[str, ...], nights: Path

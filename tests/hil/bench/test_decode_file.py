@@ -175,6 +175,7 @@ def explained(checksum: str) -> str:
     )
 
 
+@pytest.mark.slow
 def test_a_recording_of_another_unit_is_told_by_what_reads_it(tmp_path: Path) -> None:
     """What was looked for and not found, and the name of the description that fits; of noise, that none does."""
     path = tmp_path / "other.bin"

@@ -81,6 +81,7 @@ def test_names_that_resolve_to_one_machine_are_one_and_others_are_others(monkeyp
     assert ours & port_names("socket://chamber-3.:1080")
 
 
+@pytest.mark.slow
 def test_two_names_of_one_line_are_one_port(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A link, and another device node with the same number, which no lock of the file itself would show."""
     primary, secondary = os.openpty()

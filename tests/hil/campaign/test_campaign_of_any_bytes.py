@@ -6,6 +6,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -14,6 +15,7 @@ from hil.errors import InputError
 from tests.hil.campaign.test_campaign_reader import ROWS, YAML, table
 
 
+@pytest.mark.slow
 @given(st.data())
 def test_whatever_happens_to_the_bytes_the_answer_is_a_campaign_or_one_sentence(data: st.DataObject) -> None:
     """Bytes changed, cut out or put in, in either file: never another exception, never half a campaign."""

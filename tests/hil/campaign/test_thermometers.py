@@ -30,6 +30,7 @@ def beside_its_case(off_degC: float, runs: int = 9, moving: float = 0.0) -> Camp
     return with_column(one, case_degC=columns["setpoint_degC"], temperature_degC=own, dTdt_degC_per_min=slope)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["solve", "thermal", "budget", "visibility", "report"])
 def test_every_command_says_that_a_thermometer_is_off(
     command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

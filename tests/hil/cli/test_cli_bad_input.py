@@ -120,6 +120,7 @@ def test_the_demo_does_not_replace_what_is_not_a_demo(hil: Any, tmp_path: Path) 
     assert keep.read_text() == "mine"
 
 
+@pytest.mark.slow
 def test_the_demo_replaces_nothing_but_a_demo(hil: Any, tmp_path: Path) -> None:
     """Simulated or not: who ran a night may want it, and an export that was put there as well."""
     night = tmp_path / "night"

@@ -10,6 +10,7 @@ import pytest
 from tests.hil.cli.conftest import Run
 
 
+@pytest.mark.slow
 def test_a_nights_collects_are_stretches_of_one_allan_deviation(hil: Run, night: Path, tmp_path: Path) -> None:
     """All collects of a channel together, one alone, and the exported campaign's series: the same white noise."""
     whole = hil("allan", night, "--sensor", "2", "--channel", "RA", "--json")
@@ -37,6 +38,7 @@ def test_a_channel_that_several_sensors_have_must_be_chosen(hil: Run, night: Pat
     assert "no series of collect 999" in ended.stderr
 
 
+@pytest.mark.slow
 def test_two_temperatures_are_too_few_for_a_curve(hil: Run, night: Path) -> None:
     """The short night is refused with what would be needed."""
     ended = hil("thermal", night)
@@ -44,6 +46,7 @@ def test_two_temperatures_are_too_few_for_a_curve(hil: Run, night: Path) -> None
     assert "at least three are needed" in " ".join(ended.stderr.split())
 
 
+@pytest.mark.slow
 def test_the_published_table_is_imported_by_its_name_and_fitted(hil: Run, tmp_path: Path) -> None:
     """`hil import` takes the table that ships; `hil thermal` says what a cubic is worth on it."""
     imported = hil("import", "rd-gc-86-1-table-1", tmp_path / "t1")

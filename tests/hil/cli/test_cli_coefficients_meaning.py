@@ -31,6 +31,7 @@ def test_a_night_says_what_repeats_show_with_its_solution(hil: Any, night: Path)
     assert told["sentences"][0][:40] in shown
 
 
+@pytest.mark.slow
 def test_a_nights_noise_is_that_of_its_export(hil: Any, night: Path, tmp_path: Path) -> None:
     """Every row of an exported series is the mean of a whole block, so that both records have the same white noise."""
     assert hil("export", night, tmp_path / "c").returncode == 0
@@ -61,6 +62,7 @@ def test_the_reports_tables_are_given_again_from_a_night(hil: Any, night: Path) 
     assert hil("reproduce", night, "--sensor", "1").returncode == 2
 
 
+@pytest.mark.slow
 def test_the_budget_after_a_night_is_of_what_was_measured(hil: Any, night: Path) -> None:
     """On the night's own bench: measured standard errors and slopes, and what scattered beside what was expected."""
     told = json.loads(hil("budget", night, "--draws", "2000", "--json").stdout)

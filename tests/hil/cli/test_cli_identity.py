@@ -180,6 +180,7 @@ def test_a_bench_file_that_names_another_is_not_overruled(tmp_path: Path) -> Non
             bench.of_unit(text)
 
 
+@pytest.mark.slow
 def test_the_question_is_answered_on_the_page_before_anything_moves(one_run: Path, tmp_path: Path) -> None:
     """Words are needed: an answer without any is refused, impossible ones are asked for again; then it is known."""
     bench, night = load_bench(bench_file(tmp_path, tells=False)), tmp_path / "night"

@@ -26,6 +26,7 @@ def test_a_table_is_imported_with_and_without_its_word(hil: Run, tmp_path: Path)
         assert (out / "collects.csv").is_file()
 
 
+@pytest.mark.slow
 def test_a_log_becomes_a_campaign_that_is_usable_at_once(hil: Run, tmp_path: Path) -> None:
     """One document; solve and allan take the folder."""
     log = simulate(14).write(tmp_path / "poses.csv")

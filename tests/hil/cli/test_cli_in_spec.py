@@ -46,6 +46,7 @@ def test_every_place_says_both(hil: Run, judged: Path) -> None:
         assert "; PASS; OUT OF SPEC: 2 of 2" in in_words_at_the_end(journal, "complete")  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_solve_and_report_judge_by_the_nights_limits_or_by_others(hil: Run, judged: Path) -> None:
     """Without --limits those that the night began with; a campaign folder has none."""
     own, other = (
@@ -67,6 +68,7 @@ def test_solve_and_report_judge_by_the_nights_limits_or_by_others(hil: Run, judg
     assert json.loads(hil("solve", judged / "campaign", "--json").stdout)["in_spec"] is None
 
 
+@pytest.mark.slow
 def test_the_export_of_a_night_that_was_not_finished_is_not_in_spec_either(hil: Run, judged: Path) -> None:
     """What was planned and is not there goes with the campaign: cannot tell, exit 8, and no PASS in the report."""
     assert hil("export", judged / "night", judged / "half").returncode == 0
@@ -100,6 +102,7 @@ def test_a_script_sees_it_where_it_asks(hil: Run, judged: Path) -> None:
     assert hil("solve", judged / "night", "--limits", "nosuch", "--strict").returncode == 2
 
 
+@pytest.mark.slow
 def test_a_night_without_samples_is_not_in_spec_either(hil: Run, judged: Path, tmp_path: Path) -> None:
     """Over damaged records nothing is stated: status has no word on the unit."""
     import shutil

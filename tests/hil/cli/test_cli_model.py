@@ -27,6 +27,7 @@ def contractors(tmp_path: Path) -> Path:
     return write_case(case, tmp_path / "campaign")
 
 
+@pytest.mark.slow
 def test_reconcile_writes_its_three_files_and_prints_the_document(hil: Any, contractors: Path, tmp_path: Path) -> None:
     """What the contractor took for zero is named; the document printed is the file; the model gains a term."""
     out = tmp_path / "out"
@@ -147,6 +148,7 @@ def test_a_model_that_nobody_knows_is_refused(hil: Any, contractors: Path, tmp_p
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_visibility_of_a_sweep_and_of_a_campaign(hil: Any, contractors: Path) -> None:
     """Both give a map in the contract's keys."""
     for arguments in (("quick", "--bench", "simulated"), (contractors,)):

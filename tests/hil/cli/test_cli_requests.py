@@ -75,6 +75,7 @@ def test_a_question_is_answered_with_its_number(hil: Any, answering: SqliteJourn
     assert [(row.kind, row.prompt) for row in answering.requests()] == [("confirm", 3), ("refuse", 3)]
 
 
+@pytest.mark.slow
 def test_nobody_is_there_to_ask(hil: Any, night: Path) -> None:
     """One sentence, status 2."""
     for command in (["pause", "--why", "x"], ["continue"], ["abort", "--why", "x"]):

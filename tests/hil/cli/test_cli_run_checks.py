@@ -70,6 +70,7 @@ def test_run_refuses_in_the_words_of_check_and_leaves_nothing(
     assert not (tmp_path / "night").exists()
 
 
+@pytest.mark.slow
 def test_a_reason_lets_it_run_and_stands_in_every_record(hil: Any, huge: None, one_run: Path, tmp_path: Path) -> None:
     """The event says who, why and what; status, report and campaign repeat it."""
     night, campaign, page = tmp_path / "night", tmp_path / "campaign", tmp_path / "report.html"

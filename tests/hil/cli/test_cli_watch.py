@@ -192,6 +192,7 @@ def test_a_damaged_journal_counts_no_steps_and_is_not_carried_on(
     assert (" steps, " in said) is told
 
 
+@pytest.mark.slow
 def test_damaged_samples_leave_no_night_complete(tmp_path: Path) -> None:
     """In words and in the document."""
     assert run(["run", "quick", "--bench", "simulated", "--out", str(tmp_path / "n"), "--quiet"]) == 0

@@ -135,6 +135,7 @@ def test_the_installed_program_has_every_page() -> None:
         assert len(holding) == 1, f"{name_of(path)} is in {holding}"
 
 
+@pytest.mark.slow
 def test_the_site_holds_together(tmp_path: Path) -> None:
     """Every link of every page, to a page, its heading, a picture or a notebook; only the project's own files lack."""
     assert CliRunner().invoke(app, ["docs", "wire-a-chamber", "--site", str(tmp_path)]).exit_code == 0

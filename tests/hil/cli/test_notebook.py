@@ -79,6 +79,7 @@ def test_names_and_signatures_are_those_that_notebooks_rely_on() -> None:
         hil.read_nigth  # type: ignore[attr-defined]  # noqa: B018
 
 
+@pytest.mark.slow
 def test_importing_hil_loads_nothing_else() -> None:
     """A driver's test that says `import hil` does not wait for arithmetic, nor `hil status` for benches; names stay."""
     code = "import sys, hil; print(sorted({'numpy', 'typer', 'hil.cli.notebook'} & set(sys.modules)))"
@@ -105,6 +106,7 @@ def test_an_answer_is_the_commands_own(question: str, folder: Path, capsys: pyte
     assert html.count("<") == html.count(">") > 0
 
 
+@pytest.mark.slow
 def test_rows_are_those_of_the_document(folder: Path) -> None:
     """One for each parameter of each run, by name, and the same over axes."""
     pytest.importorskip("pandas", reason="the extra `notebook` is not installed")
@@ -130,6 +132,7 @@ def test_the_collects_are_the_files(folder: Path) -> None:
     assert frame["RA_deg_per_hr"].tolist() == known["RA_deg_per_hr"].tolist()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("simulated", [True, False])
 def test_what_is_simulated_says_so_in_every_row(simulated: bool, tmp_path: Path) -> None:
     """In the table of the collects, of an answer, in its text and its picture."""
@@ -144,6 +147,7 @@ def test_what_is_simulated_says_so_in_every_row(simulated: bool, tmp_path: Path)
     assert set(campaign.to_dataframe()["simulated"]) == set(answer.to_dataframe()["simulated"]) == {simulated}
 
 
+@pytest.mark.slow
 def test_what_cannot_be_answered_is_one_sentence(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """No such folder, no night, no picture, no table, no library."""
     with pytest.raises(InputError, match="there is no such folder"):

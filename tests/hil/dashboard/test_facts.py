@@ -268,6 +268,7 @@ def test_fifteen_hours_at_one_second_are_brought_up_to_date_in_a_moment_and_in_b
     assert len(watcher.frame(watcher.whole())) < 500_000
 
 
+@pytest.mark.slow
 def test_a_folder_shows_its_nights_and_says_of_a_damaged_one_that_it_is(night: Watched, tmp_path: Path) -> None:
     """One bad file hides no other night; nights appear and vanish by themselves."""
     for name in ("a", "bench-2/b"):

@@ -48,6 +48,7 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
     return read_campaign(write_case(case, tmp_path_factory.mktemp("case") / "campaign"))
 
 
+@pytest.mark.slow
 def test_before_a_night_sizes_come_from_the_files_and_say_so() -> None:
     """What the bench file gives is named with its key, the rest as a default; the soak's limit is the sweep's."""
     shipped = load_bench("simulated")
@@ -113,6 +114,7 @@ def test_after_a_night_noise_and_parameters_are_the_measured_ones(campaign: Camp
         ), name
 
 
+@pytest.mark.slow
 def test_of_a_collect_with_one_rate_left_out_the_other_counts_as_in_solve(campaign: Campaign) -> None:
     """The noise of each value is what `hil solve` states of it, and of those that it cannot tell there is none."""
     rows = campaign.sensors[2]
@@ -147,6 +149,7 @@ def test_a_mean_is_of_the_runs_that_tell_its_parameter(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.slow
 def test_what_has_no_budget_is_said_with_what_to_do(tmp_path: Path) -> None:
     """A run that is not there or FAILed, another of two sensors, a parameter that a run does not tell, a folder."""
     for name in ("one rate far off", "clipped", "two plans"):

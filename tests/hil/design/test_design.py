@@ -289,6 +289,7 @@ def test_what_cannot_be_is_refused_in_a_sentence(sweep: Any) -> None:
             parse_target(text)
 
 
+@pytest.mark.slow
 def test_the_recommended_sweep_is_what_the_command_proposes(sweep: Any, recommended: Proposal) -> None:
     """It ships beside the published one, and its own head says how it was made: the same command still gives it."""
     shipped, proposal = load_sweep("recommended"), recommended

@@ -164,6 +164,7 @@ def test_noise_that_few_rows_tell_may_be_what_is_seen() -> None:
     assert 18.0 > against[0] > 1.2 * against[1] > 1.5 * against[2] > 0.0  # were the noise known: half of 36
 
 
+@pytest.mark.slow
 def test_what_one_sensor_of_two_has_is_asked_for_more() -> None:
     """An effect is in other sensors, too, as a rule: alone it costs more; a cause that all have in common does not."""
     ratio = {name: promised(name, 2).easiest / promised(name).easiest for name in ("GS_T", "hyst", "supply", "warmup")}

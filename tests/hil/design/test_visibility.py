@@ -125,6 +125,7 @@ def test_order_1_3_2_keeps_a_drift_out_of_mu(published: dict[int, Conditions]) -
     assert leaks[1] < 0.05 * leaks[0]  # not zero: the bench is not level
 
 
+@pytest.mark.slow
 def test_changes_are_ranked_by_what_they_bring(published: dict[int, Conditions]) -> None:
     """For the contractor's form Collect 4 leads; more of the same tells next to nothing apart."""
     model = built_in_model("collins-4")
@@ -186,6 +187,7 @@ def test_a_size_beyond_all_that_is_searched_for_is_no_size(published: dict[int, 
     assert warmup is None or np.isinf(warmup.best.value)
 
 
+@pytest.mark.slow
 def test_document_says_everything_a_program_needs(published: dict[int, Conditions]) -> None:
     """Every askable effect once with kept, class and smallest size; reasons for the others; JSON without NaN."""
     document = visibility_document(published, "sweep", load_model("rd-gc-86-1-truth"))
@@ -209,6 +211,7 @@ def test_document_says_everything_a_program_needs(published: dict[int, Condition
     assert not not_in_averages & (asked | set(reasons))  # such as a drift, which shows inside the collects, too
 
 
+@pytest.mark.slow
 def test_a_campaign_is_mapped_with_its_own_errors_and_gaps() -> None:
     """Rates that were not measured tell nothing: half the rows, about √2 in the smallest size; stated errors count."""
     conditions = campaign()
@@ -252,6 +255,7 @@ def test_what_repeats_scatter_by_is_what_an_effect_must_exceed() -> None:
     assert smallest(loud, matrix_6, "ageing") > 5.0 * smallest(quiet, matrix_6, "ageing")
 
 
+@pytest.mark.slow
 def test_residuals_that_repeats_contradict_are_no_noise_of_a_form_of_biases_alone() -> None:
     """One channel: what it feels of g is the same in every run. And no change shows effects at none of their size."""
     one = runs_at_their_temperatures(8, 2, seed=7, scatter=1.0)
@@ -296,6 +300,7 @@ def test_standard_errors_that_are_too_small_are_no_scatter_from_run_to_run() -> 
         assert noise["run_mu_deg_per_hr_per_g"] < 0.6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "conditions",
     [

@@ -72,6 +72,7 @@ def test_a_missing_file_is_one_sentence(kind: str, name: str, message: str) -> N
     assert str(refusal.value).startswith(message)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -97,6 +97,7 @@ def test_that_a_night_was_interrupted_tells_it_from_no_other(tmp_path: Path) -> 
     assert max(abs(value - plain[key]) / floor[key] for key, value in late(*range(2, 25)).items()) > 10.0
 
 
+@pytest.mark.slow
 def test_what_every_command_leaves_out_is_compared_with_nothing(
     night: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -131,6 +132,7 @@ def test_what_every_command_leaves_out_is_compared_with_nothing(
     assert found["parts"]["averages"] == found["parts"]["run_scatter"] == 1.0
 
 
+@pytest.mark.slow
 def test_of_several_units_one_is_simulated_by_itself(tmp_path: Path) -> None:
     """Its own bench, and what it has for itself."""
     assert start_night(tmp_path / "four", load_sweep("quick"), load_bench("simulated-four")).exit_status == 0

@@ -97,6 +97,7 @@ def test_nothing_follows_a_condition_that_differs_by_how_it_was_reckoned(tmp_pat
         assert told[json.dumps(["averages", {"sensor": 2}, "share along time since index s"])] == 0.0
 
 
+@pytest.mark.slow
 def test_beyond_the_most_unlike_draw_chances_are_as_stated() -> None:
     """Eight draws' ranks say no less than 1/9; below it chances are what they say, by the tail of Student's t."""
     rng = np.random.default_rng(6)

@@ -34,6 +34,7 @@ def series(rng: np.random.Generator, *, added: FloatArray | float = 0.0, noise: 
     return Series(T, rates)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", SERIES_EFFECTS, ids=lambda effect: effect.id)
 def test_false_alarms_on_white_noise_stay_at_the_stated_rate(effect: SeriesEffect) -> None:
     """At p < 5 % at most about 5 % of noise-only channels are flagged (600 channels: 8 % would be chance 1 in 1000)."""

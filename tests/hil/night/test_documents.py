@@ -23,6 +23,7 @@ def told(night: Path, tmp_path_factory: pytest.TempPathFactory) -> list[tuple[st
     return [(name, document) for name, document in map(json.loads, out.read_text().splitlines())]
 
 
+@pytest.mark.slow
 def test_every_collect_step_and_event_is_there_once_and_in_order(night: Path, told: list[tuple[str, Any]]) -> None:
     """With the numbers of collects.csv, null where one is not known, and the mark of a simulated night."""
     (_, start), (_, stop) = told[0], told[-1]

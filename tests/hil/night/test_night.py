@@ -55,6 +55,7 @@ def test_a_night_is_complete_and_sound(finished: Path) -> None:
     assert all(read_samples(finished, block).simulated for block in samples)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_samples_and_another_seed_others(finished: Path, tmp_path: Path) -> None:
     """A simulated night is reproducible to the byte, and the seed that was used is in the record."""
 
@@ -122,6 +123,7 @@ def test_an_empty_folder_may_be_used(tmp_path: Path) -> None:
     assert not [path for path in tmp_path.iterdir() if path.name.startswith(PARTIAL)]
 
 
+@pytest.mark.slow
 def test_a_full_disk_ends_a_night_safely_and_it_can_be_carried_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -207,6 +209,7 @@ def test_a_night_whose_controller_was_killed_is_carried_on(finished: Path, tmp_p
             assert abs(difference) < 4.0 * np.hypot(rate["se_deg_per_hr"], expected[channel]["se_deg_per_hr"])
 
 
+@pytest.mark.slow
 def test_a_resume_uses_the_configuration_of_the_beginning(tmp_path: Path) -> None:
     """The bench file may be edited or lost meanwhile; the copies in the folder too."""
     bench_file = tmp_path / "my-bench.yaml"
@@ -289,6 +292,7 @@ def test_a_night_without_a_collect_is_not_exported(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_sensor_that_the_bench_does_not_orient_is_not_exported(tmp_path: Path) -> None:
     """The unit streams two sensors; a bench file that knows one gives a campaign of one."""
     text = load_bench("simulated").text

@@ -105,6 +105,7 @@ def test_a_sound_night_is_identical_to_the_digit(recorded: Path) -> None:
     }
 
 
+@pytest.mark.slow
 def test_a_night_carried_on_by_another_clock_is_identical(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """After a resume the bench's clock is not the campaign's: what was averaged is still what was recorded."""
     write = RealDisk.write

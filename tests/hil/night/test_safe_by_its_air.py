@@ -33,6 +33,7 @@ def started(folder: Path, fault: str, **more: object):
     return start_night(folder, parse_sweep(SWEEP, "hot.yaml"), parse_bench(text, "bench.yaml"), **more)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "status", "word"),
     [
@@ -61,6 +62,7 @@ def test_three_words_have_three_ends(tmp_path: Path, fault: str, status: int, wo
         assert "before a door is opened, see that it is there" in told
 
 
+@pytest.mark.slow
 def test_an_abort_over_a_chamber_that_does_not_obey_is_not_safe_until_it_does(tmp_path: Path) -> None:
     """5, not 1; a resume that ends well says SAFE again."""
     stop = StopRequest()

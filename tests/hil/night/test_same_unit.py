@@ -59,6 +59,7 @@ def test_a_unit_exchanged_behind_its_port_never_passes_for_the_first(tmp_path: P
         assert "began with" in resume_night(tmp_path / "n", down_s=600.0).reason
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "asked"),
     [

@@ -143,6 +143,7 @@ def test_a_name_that_a_simulated_unit_cannot_say_is_told_before_anything(
     assert not (tmp_path / "night").exists()
 
 
+@pytest.mark.slow
 def test_a_damaged_unit_has_no_report_and_the_others_have_theirs(
     finished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -221,6 +222,7 @@ def test_what_one_unit_fails_with_is_in_no_others_record(tmp_path: Path) -> None
             assert "ERROR" not in {str(each.outcome) for each in journal.attempts()}
 
 
+@pytest.mark.slow
 def test_each_unit_has_its_campaign(finished: Path, tmp_path: Path) -> None:
     """A folder by serial number; of the unit that was set aside as far as it got, and it says so."""
     export_campaign(finished, tmp_path / "out")

@@ -163,6 +163,7 @@ def test_a_jump_beside_a_line_over_temperature_is_no_calibration_that_follows_ti
     assert {effect.id for effect in result.effects} == {"bias_T", "jump"}
 
 
+@pytest.mark.slow
 def test_values_at_each_temperature_are_asked_for_where_they_explain_something() -> None:
     """Of values that turn from setpoint to setpoint, not of quadratics."""
     for one, expected in ((turning(), True), (hidden_campaign(7, noise_of_supply), False)):
@@ -193,6 +194,7 @@ def test_of_few_folds_no_improvement_is_surer_than_their_signs_tell(seed: int) -
     assert proof.improvement_p_value() > 0.5 / 256
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("better", "kept"), [(1.0, True), (-1.0, False)])
 def test_what_predicts_held_out_rows_no_better_is_taken_back(
     supplied: tuple[Posterior, Reading], better: float, kept: bool

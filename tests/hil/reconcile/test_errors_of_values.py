@@ -40,6 +40,7 @@ def test_an_error_is_over_all_that_runs_may_scatter_by() -> None:
     assert all(inside for _, inside in told)
 
 
+@pytest.mark.slow
 def test_a_slope_says_over_which_temperatures_it_was_measured() -> None:
     """And about which it is one; that of the middle alone tells nothing of where it holds."""
     one = campaign(12, 3, seed=1, scatter=2.0)

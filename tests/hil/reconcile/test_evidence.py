@@ -151,6 +151,7 @@ def with_all_of(search: SensorSearch, chosen: tuple[int, ...], b: int, near: boo
     return out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("names", [(), ("usual",), ("k2",)])
 def test_the_evidence_is_the_marginal_likelihood(
     search: SensorSearch, names: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
@@ -172,6 +173,7 @@ def test_the_evidence_is_the_marginal_likelihood(
         np.testing.assert_allclose(evidence[seen], brute_force(search, chosen, b, near=False)[seen], atol=0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("names", [(), ("usual",)])
 def test_values_that_follow_temperature_are_in_the_evidence(
     calibrated: SensorSearch, names: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
@@ -187,6 +189,7 @@ def test_values_that_follow_temperature_are_in_the_evidence(
         np.testing.assert_allclose(evidence[seen], expected[seen], atol=1e-5)
 
 
+@pytest.mark.slow
 def test_two_terms_together_have_the_evidence_of_both(search: SensorSearch) -> None:
     """Sizes of one and of the other are nearly independent given the data: a tenth of a log at most."""
     chosen = tuple(sorted(term(search, name) for name in ("usual", "k2")))

@@ -66,6 +66,7 @@ def test_the_faulty_units_are_called_and_the_others_go_on(folder: Path) -> None:
     assert next(fleet_sentences(one)).startswith("1 of 15 units deserves a full hil reconcile")
 
 
+@pytest.mark.slow
 def test_one_unit_with_a_noisy_channel_is_asked_at_every_noise() -> None:
     """Of few units a few points of the noise are too few: 0.1 deg/hr/degC of both biases was no finding."""
     made = campaign_of(SHORT, 0.0 * base_rates(SHORT))
@@ -136,6 +137,7 @@ def test_what_is_mended_where_it_is_solved_is_screened_as_it_is_mended(tmp_path:
     assert [name for name, each in sorted(units.items()) if "rows" in each] == ["u1", "u2"]
 
 
+@pytest.mark.slow
 def test_what_is_solved_without_is_said_of_a_screen_that_uses_it(tmp_path: Path) -> None:
     """By the folder, for titles may be alike; the same collects and words as where the unit is solved."""
     for i in range(3):

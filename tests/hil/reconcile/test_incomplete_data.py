@@ -237,6 +237,7 @@ def test_a_run_that_has_only_begun_lacks_nothing_before_its_first_collect() -> N
     np.testing.assert_array_equal(without_its_first[7:], np.arange(1, 7))
 
 
+@pytest.mark.slow
 def test_what_was_held_out_of_few_runs_are_collects() -> None:
     """Two runs tell nothing of a third: each collect is predicted from the others, and sentence and page say so."""
     curves = {"MUA": lambda t: 30.0 + 0.0 * t, "MUB": lambda t: -25.0 + 0.0 * t}

@@ -189,6 +189,7 @@ def test_what_no_collect_proves_shows_in_all_together(
     assert together[0]["q_value"] < 1e-3 * min([f["q_value"] for f in alone], default=1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("effect", "unit"), [("markov", "deg/hr"), ("MU_rr", "deg/hr/g")])
 def test_a_slope_inside_collects_is_the_slow_effects_that_the_model_states(
     effect: str, unit: str, tmp_path: Path

@@ -141,6 +141,7 @@ def test_a_sensor_of_which_every_run_fails_says_nothing_of_another() -> None:
     assert "sensor 1: every run FAILed by what was recorded: no number of it is to be used" in found.sentences()
 
 
+@pytest.mark.slow
 def test_nothing_that_could_be_tested_is_said_to_be_so() -> None:
     """One run alone: none, and the first words are that it means nothing."""
     full = hidden_campaign(7, mass_unbalance, thermal=False, mu=False, positions=("1", "2", "3"))
@@ -203,6 +204,7 @@ def test_what_scatters_beyond_standard_errors_is_no_rest_for_anybody() -> None:
         assert ("lacks nothing that can be told" in page(result)) == (kind == "none")
 
 
+@pytest.mark.slow
 def test_a_wrong_rate_that_was_left_out_is_something_to_see_to() -> None:
     """Nothing is missing from the model, but somebody has to look at collect 11."""
     campaign = hidden_campaign(4)
@@ -212,6 +214,7 @@ def test_a_wrong_rate_that_was_left_out_is_something_to_see_to() -> None:
     assert "what is left out (below): collect 11. The model itself lacks nothing that can be told." in told
 
 
+@pytest.mark.slow
 def test_by_how_much_a_collect_is_off_is_one_number_in_the_words_of_hil_solve() -> None:
     """What all others show of it: how large mistakes usually are is no part of that."""
     poses = triad_poses(every_column=False)

@@ -75,6 +75,7 @@ def test_columns_of_very_many_rows_are_made_anew_and_are_the_same(monkeypatch: p
         np.testing.assert_array_equal(one.columns, other.columns)
 
 
+@pytest.mark.slow
 def test_products_that_were_asked_for_are_not_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fewer of the columns, in another order, whiten nothing; where the grid grew only what is new in it does."""
     problem = season()
@@ -152,6 +153,7 @@ def test_a_step_is_found_where_it_is_though_not_every_place_was_tried_first() ->
     assert len(finer) == 2 * passed_over, "on either side of the best that was tried first"
 
 
+@pytest.mark.slow
 def test_each_value_of_the_base_follows_temperature_in_its_own_way() -> None:
     """A bias that is a straight line, an MU that turns from temperature to temperature: the likeliest noise says so."""
     turns = np.array([30.0, -25.0, 10.0, -30.0, 25.0, -10.0, 20.0, -20.0])

@@ -90,6 +90,7 @@ def test_of_two_causes_outside_the_sensor_that_look_the_same_neither_is_named() 
     assert as_usual(effect_by_id("k2"), effect_by_id("MU_real"), here)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "hidden", "model", "thermal"),
     [
@@ -132,6 +133,7 @@ def test_columns_that_are_the_same_in_this_design_are_ambiguous(truth: str, hidd
     assert result.next_experiment is not None
 
 
+@pytest.mark.slow
 def test_what_collects_tell_of_parameters_only_together_is_said() -> None:
     """At 1 g kAA + kSS is a bias: both had stood there with a ± each that did not hold, and not a word of it."""
     night = {"temperatures": (-25.0, 25.0), "runs_each": 2, "positions": tuple("123413")}
@@ -221,6 +223,7 @@ def test_what_the_catalogue_does_not_know_is_empirical(words: str, hidden: Hidde
     assert result.gap.after < result.gap.before
 
 
+@pytest.mark.slow
 def test_of_several_steps_each_has_its_run() -> None:
     """Two jumps: the first had been said, and J_A twice without a word of which it is."""
     rng = np.random.default_rng(1)

@@ -284,6 +284,7 @@ def test_what_no_unit_shows_alone_the_fleet_shows_together() -> None:
     assert shared.p_value < 0.001
 
 
+@pytest.mark.slow
 def test_a_screen_refuses_another_layout() -> None:
     """Fewer temperatures, or as many collects in another order: the columns would be the wrong ones."""
     units = fleet(2, 0.0, 1)

@@ -66,6 +66,7 @@ def scattered(along: int, size: float, seed: int = 3) -> Campaign:
     return campaign_of(rows, base_rates(rows) + noise(rows, rng) + values * rows.f[:, along : along + 1])
 
 
+@pytest.mark.slow
 def test_an_effect_from_outside_the_package_is_found_by_its_name() -> None:
     """A class and a place in the catalogue that is given: name, sizes, what it follows, and its column."""
     humidity = 50.0 + 15.0 * np.random.default_rng(9).normal(size=13)
@@ -87,6 +88,7 @@ def test_an_effect_from_outside_the_package_is_found_by_its_name() -> None:
     assert result.gap.after < 0.6 * result.gap.before
 
 
+@pytest.mark.slow
 def test_an_effect_on_the_scatter_from_outside_the_package_is_found_by_its_name() -> None:
     """A class with one parameter and `scatter`; that of the catalogue beside it is not taken for it."""
     kinds = (Reseating(), variance_effect_by_id("MU_rr"))
@@ -104,6 +106,7 @@ def restless() -> tuple[Campaign, Reconciliation]:
     return campaign, reconcile(campaign, "matrix-6-thermal")
 
 
+@pytest.mark.slow
 def test_mass_unbalance_from_run_to_run_is_an_effect_on_the_scatter(restless: tuple[Campaign, Reconciliation]) -> None:
     """By name, with its size; no name on the mean, and averages are predicted as far as they can be."""
     _, result = restless
@@ -149,6 +152,7 @@ def literals(source: Path) -> Iterator[tuple[int, str]]:
             yield node.lineno, node.value
 
 
+@pytest.mark.slow
 def test_no_effect_is_named_in_the_search() -> None:
     """What is special about an effect stands on its class: an id as a literal would be a case of its own."""
     ids = {entry.id for entry in entries()} - WORDS

@@ -44,6 +44,7 @@ def found() -> Reconciliation:
     return reconcile(laid()[0], "matrix-6-thermal")
 
 
+@pytest.mark.slow
 def test_ordinary_noise_is_in_the_model_though_nothing_is_named(found: Reconciliation) -> None:
     """From collect to collect what the standard errors leave, from run to run an offset, about as large as they are."""
     assert found.verdict == "none"
@@ -68,6 +69,7 @@ def test_ordinary_noise_is_in_the_model_though_nothing_is_named(found: Reconcili
     assert "No further collect" not in text
 
 
+@pytest.mark.slow
 def test_what_is_asked_with_it_has_nothing_to_add(found: Reconciliation, tmp_path: Path) -> None:
     """The same night with the model as written, and read again: none, no more noise, no gap under its floor."""
     save_model(found.model_after, tmp_path / "model.yaml")
@@ -87,6 +89,7 @@ def test_by_whose_noise_nobody_has_to_act_is_said(found: Reconciliation) -> None
     assert said not in what_to_do(replace(passed, input_model=found.input_model))[1]
 
 
+@pytest.mark.slow
 def test_offsets_however_large_are_offsets() -> None:
     """Sixty times the noise of a collect, anew in every run: what was tried ended at eleven, and the rest was jumps."""
     rng = np.random.default_rng(5)
@@ -100,6 +103,7 @@ def test_offsets_however_large_are_offsets() -> None:
         assert abs(curve.value - 55.0) < 2.5 * curve.se < 40.0
 
 
+@pytest.mark.slow
 def test_standard_errors_that_are_right_need_no_more() -> None:
     """Where averages scatter as stated the model that is written is the one that was read."""
     rng = np.random.default_rng(3)
@@ -110,6 +114,7 @@ def test_standard_errors_that_are_right_need_no_more() -> None:
     assert "Nothing was added to the model." in page(result)
 
 
+@pytest.mark.slow
 def test_a_channel_of_which_residuals_say_more_is_stated_to_scatter_more() -> None:
     """A trust in standard errors that a search begins with hides nothing that `hil solve` is sure of."""
     poses = triad_poses(every_column=False)
@@ -126,6 +131,7 @@ def test_a_channel_of_which_residuals_say_more_is_stated_to_scatter_more() -> No
     assert all(result.left.shown[n].noise_times.tolist() == pytest.approx([1.0, 1.5, 1.0]) for n in one.sensors)
 
 
+@pytest.mark.slow
 def test_where_few_runs_cannot_tell_an_offset_from_scatter_each_has_its_part() -> None:
     """All of it had been written as scatter from collect to collect, beside an offset that may be most of it."""
     one = campaign(4, 2, seed=0, scatter=0.0)
@@ -182,6 +188,7 @@ def test_noise_that_rises_in_the_cold_is_a_finding_only_beside_standard_errors(s
     assert ("hash" in found.answer.scatters_by) is (stated is not None)
 
 
+@pytest.mark.slow
 def test_what_these_repeats_cannot_tell_is_said_by_both_in_one_sentence() -> None:
     """A walk as probable as none: `hil scatter` had said so of runs that `hil reconcile` had done with."""
     rng = np.random.default_rng(0)
@@ -195,6 +202,7 @@ def test_what_these_repeats_cannot_tell_is_said_by_both_in_one_sentence() -> Non
     assert untold in result.notes
 
 
+@pytest.mark.slow
 def test_what_single_runs_differ_by_may_be_temperature_and_is_in_no_error_that_is_stated() -> None:
     """One run at each of two temperatures: nobody can tell, both commands say so, and what to measure."""
     one = campaign(2, 1, scatter=0.0)
@@ -229,6 +237,7 @@ def test_of_rates_without_errors_what_collects_scatter_by_is_the_white_noise_of_
     assert [each["stated_deg_per_hr"] for each in again.noise] == pytest.approx([errors[0, 0]] * 2)
 
 
+@pytest.mark.slow
 def test_what_a_channel_scatters_by_holds_what_moves_some_of_its_collects() -> None:
     """MU differs by 4 from run to run: of three collects one shows it, and all of it is in the channel's scatter."""
     rng = np.random.default_rng(3)
@@ -258,6 +267,7 @@ def test_values_that_are_off_by_the_noise_that_their_model_states_are_right(tmp_
     assert not values_off(found.as_it_stands, found.gap)
 
 
+@pytest.mark.slow
 def test_what_runs_of_one_temperature_do_not_differ_by_is_in_no_error_of_theirs() -> None:
     """Six runs at three temperatures tell no slope for certain: an offset of each run is none where repeats agree."""
     rng = np.random.default_rng(3)

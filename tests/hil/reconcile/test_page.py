@@ -88,6 +88,7 @@ def test_pictures_run_over_what_most_of_it_follows_and_show_where_something_is(
         assert np.abs(line.get_xdata()).max() < 0.5
 
 
+@pytest.mark.slow
 def test_whether_the_twin_is_told_apart_stands_on_the_first_line() -> None:
     """Nobody has to act is said of no model whose simulated nights are unlike the measured one; by what is said."""
     result = reconcile(hidden_campaign(7, temperatures=(0.0, 20.0, 40.0)), "matrix-6-thermal", prove=False)
@@ -172,6 +173,7 @@ def test_physics_expects_a_name_only_where_it_favours_it_alone(
     assert told.endswith(f"these collects cannot tell them apart; {said}.")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("factors", "said"),
     [

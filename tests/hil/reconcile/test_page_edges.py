@@ -88,6 +88,7 @@ def test_where_nothing_is_missing_the_band_is_all_of_the_noise(plain: Reconcilia
     assert "noise 0.0" not in page(replace(plain, noise=stated))
 
 
+@pytest.mark.slow
 def test_who_has_what_averages_scatter_by_is_said_where_it_is_so(plain: Reconciliation) -> None:
     """By model.yaml, and the ± of hil solve where repeats or residuals tell it; what may be chance is not said."""
     channel = {**plain.noise[0], "stated_deg_per_hr": 1.0, "explained_deg_per_hr": 1.0, "observed_deg_per_hr": 5.0}
@@ -114,6 +115,7 @@ def test_the_first_line_says_whether_anybody_has_to_act(plain: Reconciliation) -
     assert loud.count("scatter more than their standard errors") == 1
 
 
+@pytest.mark.slow
 def test_the_page_says_whether_simulated_nights_are_like_the_measured_one(plain: Reconciliation) -> None:
     """Before and after, in words, where the gap is; nothing where nobody asked."""
     channel = {key: plain.picture["rows"][0][key] for key in ("sensor", "channel")}

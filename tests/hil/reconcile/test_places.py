@@ -71,6 +71,7 @@ def cornered() -> tuple[Reconciliation, Rows]:
     return reconcile(campaign, "matrix-6-thermal", prove=False), rows
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("said", "hidden"), [("supplied", ripple), ("cornered", one_position_cold)])
 def test_places_are_the_collects_in_which_the_effect_acts(
     said: str, hidden: Callable[[Rows], np.ndarray], request: pytest.FixtureRequest
@@ -101,6 +102,7 @@ def test_a_corner_is_one_place_with_the_size_that_is_there(cornered: tuple[Recon
     assert result.p_value <= place.q_value < 0.01
 
 
+@pytest.mark.slow
 def test_an_effect_of_both_signs_has_places_of_both_signs_largest_first(supplied: tuple[Reconciliation, Rows]) -> None:
     """The supply is above and below: runs with more on one side, runs with less on the other, for each channel."""
     result, rows = supplied

@@ -50,6 +50,7 @@ def changed(
     return out
 
 
+@pytest.mark.slow
 def test_rates_that_were_clipped_get_no_name() -> None:
     """What a channel cannot show is left out, with how far beyond the model expects it; k2 would explain it as well."""
     rows = layout()
@@ -187,6 +188,7 @@ def spoiled(runs: tuple[int, ...] = (4, 9)) -> tuple[Campaign, Rows]:
     return campaign_of(rows, changed(rows, measured(rows, 5), -3.0, runs)), rows
 
 
+@pytest.mark.slow
 def test_the_whole_result_says_which_runs_and_what_to_do() -> None:
     """Verdict, finding, places, note, advice and the page's first words; the model stays as it was."""
     campaign, _ = spoiled()

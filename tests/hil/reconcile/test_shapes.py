@@ -116,6 +116,7 @@ def test_what_turns_or_delays_the_base_is_measured_by_the_base_that_is_beside_it
     assert abs(lag["value"] - late_min) < 2.0 * lag["se"]
 
 
+@pytest.mark.slow
 def test_a_step_has_the_temperatures_of_the_runs_in_which_it_is() -> None:
     """Of the collects before it nothing is known of it; and whose ± a shape is in that is not settled is said."""
     plain = hidden_campaign(7, lambda rows: both(rows.run > 7, 12.0, -11.0))

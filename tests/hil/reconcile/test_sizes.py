@@ -61,6 +61,7 @@ def test_no_value_is_as_sure_as_the_smallest_that_it_may_be() -> None:
     assert max(map(abs, off)) < 2.5
 
 
+@pytest.mark.slow
 def test_of_one_run_in_six_poses_something_is_left_over() -> None:
     """Two rates of each channel are: too few to call a drift missing, however large, and enough to speak of it."""
     campaign = of_axes(0.0, 0.0, 0.0)

@@ -98,6 +98,7 @@ def test_noise_alone_does_not_exchange_labels(swap_alone: Reconciliation) -> Non
     assert all(place.q_value < 1e-3 for place in swap_alone.disagreements)
 
 
+@pytest.mark.slow
 def test_the_picture_shows_the_two_collects_before_and_nothing_after(swap_alone: Reconciliation) -> None:
     """The largest residuals before are those of run 6 at positions 1 and 2; after, no row stands out."""
     rows = swap_alone.picture["rows"]
@@ -114,6 +115,7 @@ def test_the_labels_are_to_be_corrected_and_the_model_stays(swap_alone: Reconcil
     assert swap_alone.model_after.model_copy(update={"noise": {}, "version": 1}) == swap_alone.input_model
 
 
+@pytest.mark.slow
 def test_what_confirms_exchanged_labels_is_no_collect(swap_alone: Reconciliation) -> None:
     """Look at the accelerometers and the log of that run: the result says so, and so does the page."""
     experiment = swap_alone.next_experiment
@@ -221,6 +223,7 @@ def test_a_rate_that_is_missing_in_one_of_the_two_hides_no_exchange() -> None:
     assert max(abs(row["held_after"] / row["noise_after"]) for row in result.picture["rows"]) < 4.5
 
 
+@pytest.mark.slow
 def test_labels_exchanged_in_the_only_run_are_called_that() -> None:
     """Seven collects in four positions say it by themselves; terms that use up all rates do not say it better."""
     one = hidden_campaign(2, temperatures=(25.0,), runs_each=1, positions=tuple("1234321"), thermal=False, quiet=0.5)
@@ -329,6 +332,7 @@ def test_many_glitches_are_no_exchanges() -> None:
     assert swaps(found(campaign, "constant", prove=False)) == []
 
 
+@pytest.mark.slow
 def test_of_two_runs_that_contradict_each_other_either_may_carry_wrong_labels() -> None:
     """Both exchanges are said, with what each is worth; nothing is mended, and no law of time is made of it."""
     one = exchanged(campaign(2, 2, seed=1), (4, 6))

@@ -45,6 +45,7 @@ def test_a_run_that_fails_by_what_was_found_is_not_held_against_the_model(found:
     assert document["runs_not_solved_after"] == found.left.not_passed != document["runs_not_solved"]
 
 
+@pytest.mark.slow
 def test_a_run_that_fails_even_so_is_named_whatever_the_verdict(found: Reconciliation) -> None:
     """In the first sentence of terminal and page, before the improved model is recommended."""
     for verdict in ("named", "ambiguous"):
@@ -55,6 +56,7 @@ def test_a_run_that_fails_even_so_is_named_whatever_the_verdict(found: Reconcili
     assert "First see" not in what_to_do(replace(found, left=Solved()))[1]
 
 
+@pytest.mark.slow
 def test_whoever_is_sent_to_the_notes_finds_the_reason_there(night: Campaign) -> None:
     """Also of a run that does not pass for the same reason with what is known taken off and without."""
     rows = night.sensors[2]
@@ -66,6 +68,7 @@ def test_whoever_is_sent_to_the_notes_finds_the_reason_there(night: Campaign) ->
     )
 
 
+@pytest.mark.slow
 def test_what_the_model_knows_already_is_taken_off_too(found: Reconciliation, night: Campaign) -> None:
     """Asked again with the improved model, no run is left that somebody has to see to; its scatter is in the errors."""
     again = reconcile(night, found.model_after, prove=False)
@@ -87,6 +90,7 @@ def test_errors_have_what_scatters_inside_a_run_and_not_what_its_own_values_take
     np.testing.assert_allclose(grown["collect_to_collect"], 36.0)  # as white noise, of which values take as much
 
 
+@pytest.mark.slow
 def test_whoever_reads_that_a_model_holds_reads_at_which_temperatures(found: Reconciliation) -> None:
     """What is held out stands at a temperature that other runs have: of others hil thermal speaks."""
     held = "The model holds at temperatures that were measured: how far off it may be at others, hil thermal says."

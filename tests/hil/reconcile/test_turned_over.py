@@ -57,6 +57,7 @@ def test_the_earths_level_part_that_nobody_recorded_is_not_named_anisoelasticity
     assert "record w (latitude, and which way north lay) in each position" in result.next_experiment["why"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("hidden", "verdict"), [(8.0, "named"), (0.0, "none")])
 def test_a_recorded_earth_rate_is_no_rival_of_anisoelasticity(hidden: float, verdict: str) -> None:
     """Eight deg/hr/g² in the same six faces, and nothing."""

@@ -344,6 +344,7 @@ def test_what_changes_from_run_to_run_is_told_from_temperature_by_repeats_alone(
     )
 
 
+@pytest.mark.slow
 def test_standard_errors_that_are_too_large_are_to_be_seen_to() -> None:
     """Nobody had to act where they were ten times what repeats and residuals show; and nothing scatters."""
     rng = np.random.default_rng(3)

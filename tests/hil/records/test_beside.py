@@ -112,6 +112,7 @@ def test_nor_how_those_ended_that_ended_with_it(new_night: Path, plan: Plan, clo
             assert (LOG_NAME in problems(new_night)) == named
 
 
+@pytest.mark.slow
 def test_a_file_of_the_configuration_that_is_lost_or_another_is_said(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

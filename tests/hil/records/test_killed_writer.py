@@ -167,6 +167,7 @@ def test_the_lock_dies_with_its_owner(long_night: Path) -> None:
     assert ended == [None, None]
 
 
+@pytest.mark.slow
 def test_a_lock_is_text_that_a_person_can_read(long_night: Path) -> None:
     """The lock file names process, host and time as JSON."""
     child = start(long_night)

@@ -104,6 +104,7 @@ def test_an_abort_brings_the_safe_state_and_says_who_and_why(tmp_path: Path) -> 
     assert verify_night(folder)["problems"] == []
 
 
+@pytest.mark.slow
 def test_a_pause_in_a_soak_holds_the_chamber_and_the_soak_starts_over(tmp_path: Path) -> None:
     """Status says paused, by whom, since when and why; time passes; afterwards the whole soak is done again."""
     folder = tmp_path / "night"
@@ -268,6 +269,7 @@ def test_a_withdrawn_result_is_kept_and_counts_no_more(full_night: Path, plan: A
     assert json.dumps(night_status(full_night)["missing"]).count("samples are damaged") <= 1
 
 
+@pytest.mark.slow
 def test_a_night_that_a_watchdog_ended_is_carried_on(tmp_path: Path) -> None:
     """It has written into the journal as a controller of its own; the resume counts from there."""
     folder = tmp_path / "night"

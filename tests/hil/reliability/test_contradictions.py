@@ -39,6 +39,7 @@ def check(case: Case, folder: Path) -> None:
         assert re.search(case.words, told.said), told.said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", _QUICK)
 def test_a_night_that_contradicts_itself_is_no_pass(name: str, tmp_path: Path) -> None:
     """A few of the matrix; `benchmarks.reliability.contradictions` has all of it."""

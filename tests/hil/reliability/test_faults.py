@@ -228,6 +228,7 @@ def test_a_night_that_is_carried_on_meets_only_what_is_still_to_come(tmp_path: P
     assert night_status(tmp_path / "n")["state"] in {"failed", "incomplete"}
 
 
+@pytest.mark.slow
 def test_random_faults_are_the_same_for_a_seed_and_make_sense() -> None:
     """A thousand draws are all faults that a file may hold; every kind comes up."""
     plan = make_plan(_SWEEP.procedure())

@@ -138,6 +138,7 @@ def safe_setpoints(plan: str, low_degC: float, high_degC: float) -> None:
         assert temperature is None or low_degC <= temperature <= high_degC
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", _BENCHES)
 @_FUZZED
 @given(data=st.data())

@@ -146,6 +146,7 @@ def test_a_soak_that_had_not_ended_is_said(night: Path, monkeypatch: pytest.Monk
     assert [line for line in said if "after restabilisation" in line or "s and" in line] == []  # of one duration
 
 
+@pytest.mark.slow
 def test_what_moves_both_sensors_is_said(night: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Among the conditions; nothing of sensors that scatter each alone."""
     for name, together in (("both sensors disturbed", True), ("two sensors", False)):
@@ -155,6 +156,7 @@ def test_what_moves_both_sensors_is_said(night: Path, monkeypatch: pytest.Monkey
         assert any("sensors 1 and 2 move together" in line for line in said) is together
 
 
+@pytest.mark.slow
 def test_the_command_refuses_or_drafts(night: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Status 2 and nothing written without --draft; another unit, a campaign, a slip of the name are refused."""
     out = tmp_path / "certificate.html"

@@ -66,6 +66,7 @@ def pictures() -> dict[str, str]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["parameter", "night", "series"])
 def test_text_in_a_picture_is_read_on_white_paper(kind: str) -> None:
     """Every piece of text of an SVG, whose colour is black where it states none."""

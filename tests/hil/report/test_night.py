@@ -50,6 +50,7 @@ def test_the_verdict_comes_first_and_says_what_was_asked_done_and_missing(page: 
     assert "12 collects: 4800 good frames; nothing else came. 4800 of 4800 expected samples" in text
 
 
+@pytest.mark.slow
 def test_only_who_asks_reads_the_published_words(night: Path, page: str) -> None:
     """The vocabulary is the sweep's: a night without it has no contractor, no numbers of equations and tables."""
     from dataclasses import replace
@@ -74,6 +75,7 @@ def test_a_reason_is_said_once(page: str) -> None:
     assert "sensor 2, runs 1–4; sensor 1, runs 1–4: no residual" in page
 
 
+@pytest.mark.slow
 def test_the_report_says_in_which_runs_the_contractors_model_is_contradicted(
     night: Path, page: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

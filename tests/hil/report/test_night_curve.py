@@ -68,6 +68,7 @@ def test_report_and_live_page_draw_the_same_temperatures(looked_at: tuple[Path, 
             assert extreme(known) == pytest.approx(extreme(drawn), abs=0.005)
 
 
+@pytest.mark.slow
 def test_a_trace_that_is_lost_or_cut_off_leaves_the_journals_minutes(
     looked_at: tuple[Path, list[float]], tmp_path: Path
 ) -> None:

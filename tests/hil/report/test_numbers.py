@@ -40,6 +40,7 @@ def as_shown(cell: str, number: float) -> bool:
     return cell == f"{round(number, digits := len(cell.partition('.')[2])) + 0.0:.{digits}f}"
 
 
+@pytest.mark.slow
 def test_the_means_of_table_1_are_those_of_the_runs(night: Path, page: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Both sensors, matrix and contractor's: the means of hil solve; published also the scatter of their two runs."""
     asked = {"matrix": [str(night)], "contractor": [str(night), "--model", "collins-4"]}

@@ -33,6 +33,7 @@ def folder(case: Case, tmp_path: Path) -> Path:
     return write_case(case, tmp_path / "campaign")
 
 
+@pytest.mark.slow
 def test_the_table_has_the_means_and_the_scatter(case: Case, folder: Path) -> None:
     """Table 1's layout: mean, its uncertainty, and the scatter over the three self-calibrations at each temperature."""
     content = gather(read_campaign(folder), vocabulary=PUBLISHED)
@@ -77,6 +78,7 @@ def test_the_page_stands_alone_and_says_that_it_is_simulated(folder: Path) -> No
     assert "cannot contradict the model" in page
 
 
+@pytest.mark.slow
 def test_a_title_cannot_inject_markup(folder: Path) -> None:
     """Text from a file is text in the page."""
     header = folder / "campaign.yaml"

@@ -94,6 +94,7 @@ def test_every_parameter_is_drawn_against_temperature_with_its_unit(campaign: Pa
     assert len(points) == 8  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments",
     [

@@ -39,6 +39,7 @@ def folder(tmp_path: Path) -> Path:
 REPEATED = {str(run) for run in range(1, 25) if run % 3 != 1}
 
 
+@pytest.mark.slow
 def test_one_run_at_each_temperature_has_its_standard_error_everywhere(folder: Path) -> None:
     """In Table 1, in the figures' bars and their words for ears, and in the sentence on the largest term."""
     content = _without(folder, REPEATED)
@@ -95,6 +96,7 @@ def test_a_run_that_tells_nothing_stands_at_its_temperature(tmp_path: Path) -> N
     assert at["2"] == at["1"] == at["3"] != ""
 
 
+@pytest.mark.slow
 def test_where_nothing_tells_it_that_is_said(folder: Path) -> None:
     """Neither repeats nor standard errors."""
     content = _without(folder, REPEATED, errors=False)
@@ -121,6 +123,7 @@ def test_a_run_without_a_temperature_is_not_all_runs(folder: Path) -> None:
     assert "no known temperature" not in nearest
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("left_out", [set[str](), REPEATED])
 def test_the_heading_of_hil_solve_claims_no_repeats_where_there_are_none(
     folder: Path, left_out: set[str], capsys: pytest.CaptureFixture[str]
@@ -133,6 +136,7 @@ def test_the_heading_of_hil_solve_claims_no_repeats_where_there_are_none(
     assert ("in no ±" in said) is bool(left_out)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("left_out", [set[str](), REPEATED])
 def test_the_first_table_of_a_report_claims_no_scatter_that_nothing_showed(folder: Path, left_out: set[str]) -> None:
     """Of single runs what changes from run to run is in no ±, and so it stands there."""

@@ -107,6 +107,7 @@ def test_a_turning_base_is_common_although_it_enters_through_different_parameter
     assert {(pair.first, pair.second) for pair in found.shared} == {("BA", "BB")}
 
 
+@pytest.mark.slow
 def test_a_run_that_is_noisy_in_both_makes_nothing_common() -> None:
     """Of values as they are it was all of a correlation: 0.9 in some pair of nearly every night."""
     for seed in range(3):

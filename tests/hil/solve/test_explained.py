@@ -72,6 +72,7 @@ def test_nothing_else_is_called_an_exchange() -> None:
         assert {row.done for row in named} <= {USED}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pair", [(0, 1), (0, 2), (1, 2)])
 def test_the_same_labels_exchanged_in_most_runs_of_a_temperature_accuse_not_the_sound_one(
     pair: tuple[int, int],
@@ -95,6 +96,7 @@ def test_the_same_labels_exchanged_in_most_runs_of_a_temperature_accuse_not_the_
     assert mended >= 5
 
 
+@pytest.mark.slow
 def test_what_a_run_contradicts_within_itself_no_agreement_of_most_makes_right() -> None:
     """At one temperature, collects there and back: two of three runs have the same two labels exchanged."""
     for seed in range(6):
@@ -210,6 +212,7 @@ def test_errors_that_are_too_small_by_as_much_in_every_run_accuse_none(runs: int
         assert wrong_rows(small)[2].rows == ()
 
 
+@pytest.mark.slow
 def test_a_channel_that_is_noisier_than_the_others_exchanges_nothing() -> None:
     """By how much is its own: for all channels alike, so large noise in one is nothing but a mistake in the others."""
     found = []
@@ -270,6 +273,7 @@ def of_two_sensors(seed: int, exchanged: tuple[int, ...], felt: float = 1.0) -> 
     return Campaign("two sensors", "test", sensors, simulated=True), bad + 1, collects
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 def test_labels_are_a_collects_which_two_sensors_have_in_common(seed: int) -> None:
     """What one sensor alone could not tell both tell together, and the same; a sound one is left alone."""

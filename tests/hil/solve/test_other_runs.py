@@ -298,6 +298,7 @@ def test_a_drift_through_every_run_accuses_no_collect() -> None:
     assert not found.not_compared
 
 
+@pytest.mark.slow
 def test_mu_of_each_run_accuses_no_collect() -> None:
     """What collects 3 scatter by is judged by themselves: in two of a hundred sound campaigns one was left out."""
     for seed in range(20):
@@ -337,6 +338,7 @@ def test_a_rate_that_is_missing_makes_no_other_doubted() -> None:
     assert not wrong_rows(with_rates(made, rates))[2].judged
 
 
+@pytest.mark.slow
 def test_another_bias_of_which_one_collect_alone_stands_far_out_is_the_whole_runs() -> None:
     """The others are off by the same, a little less: no collect is left out, and from a size on it is told."""
     made = campaign(12, 3, seed=2, scatter=2.0)

@@ -188,6 +188,7 @@ def test_a_spread_is_pooled_over_temperatures_and_never_less_than_standard_error
     assert Spread.of(values, known, group).beyond[0] == pytest.approx(np.sqrt(2.0 - 0.025), rel=0.01)
 
 
+@pytest.mark.slow
 def test_what_scatters_in_the_cold_only_is_said_and_judged_by_no_limit() -> None:
     """One temperature of four at which the averages scatter by 6 deg/hr, .7 elsewhere; none is said of even scatter."""
     even = runs_at_their_temperatures(16, 4, seed=27, scatter=2.0)
@@ -275,6 +276,7 @@ def test_residuals_that_repeats_do_not_share_are_no_noise() -> None:
     assert "the same in every run, and no noise" in shown.sentences()[-1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("drift", "times"), [(2.0, 1.0), (0.0, 1.0), (0.0, 0.2), (2.0, 0.2)])
 def test_standard_errors_are_too_small_only_where_what_is_left_differs_from_run_to_run(
     drift: float, times: float

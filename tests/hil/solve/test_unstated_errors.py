@@ -53,6 +53,7 @@ def test_of_rates_without_standard_errors_it_is_said_what_tells_their_noise(
     assert "standard errors say" not in said
 
 
+@pytest.mark.slow
 def test_one_run_whose_noise_its_residuals_tell_has_an_interval_of_students() -> None:
     """Two degrees of freedom: the normal's 1.96 held the truth in 79 %."""
     one = campaign_of_four_collects()

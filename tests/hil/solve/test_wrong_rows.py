@@ -307,6 +307,7 @@ def test_runs_that_nothing_is_held_against_must_not_contradict_each_other(runs: 
     assert "runs 1–2 contradict each other" in first["why"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wrong", [0, 1, 2])
 def test_of_three_runs_the_one_that_two_contradict_is_no_pass(wrong: int) -> None:
     """A rate off that no neighbour tells: the two that agree are not accused. Labels may be exchanged in those two."""

@@ -72,6 +72,7 @@ def test_of_many_runs_of_which_nothing_holds_few_are_set_apart() -> None:
     assert any(row.done == USED for row in found.rows)
 
 
+@pytest.mark.slow
 def test_rates_of_the_other_sensor_are_put_right_in_both() -> None:
     """The sensors' leads exchanged in run 5: the values of both are theirs again, and neither run passes."""
     sound = two_units()

@@ -34,6 +34,7 @@ def _unit(bench: Bench, **how: Any) -> SimulatedUnit:
     return SimulatedUnit(bench, load_model(bench.simulation_model), roles, plant, **({"sample_rate_hz": 20.0} | how))
 
 
+@pytest.mark.slow
 def test_averages_scatter_by_angle_random_walk_over_root_time(tmp_path: Path) -> None:
     """N = 0.12 deg/√hr gives 0.93 deg/hr in averages of 60 s and half of that in four minutes."""
     bench = changed_bench(tmp_path, settling={"size": "0 deg/hr"}, noise={"run_to_run": False})

@@ -135,6 +135,7 @@ def test_a_night_that_is_carried_on_keeps_what_is_drawn_by_run(tmp_path: Path) -
     assert resumed == pytest.approx(straight[6:], abs=1e-9)
 
 
+@pytest.mark.slow
 def test_what_changes_from_collect_to_collect_is_the_same_within_one(tmp_path: Path) -> None:
     """A bias of its own in every stay of every sensor, as large as stated; the same for one seed, another for another.
 

@@ -37,6 +37,7 @@ def _difference(folder: Path, term: Any, **how: Any) -> dict[str, dict[str, floa
     }
 
 
+@pytest.mark.slow
 def test_an_even_g_squared_term_has_its_own_pattern_over_the_positions(tmp_path: Path) -> None:
     """kSS·fS²: in Collects 3 and 4 alike, where MU changes sign; and only on the sensor that has it."""
     added = _difference(tmp_path, _term("k2", kSS_A=("deg/hr/g^2", 5.0)))

@@ -82,6 +82,7 @@ def test_a_unit_that_has_just_spun_up_warms_itself() -> None:
     np.testing.assert_allclose(state[:, 1], 15.3, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_unit_lags_behind_the_chamber_in_the_bytes(tmp_path: Path) -> None:
     """After a step of the setpoint air, case and rotor follow in this order and meet in the end."""
     with build_bench(changed_bench(tmp_path, start={"powered_for": "10 h"})) as live:

@@ -15,6 +15,7 @@ from hil.errors import InputError
 from tests.hil.analysis.allan.noise_series import rates
 
 
+@pytest.mark.slow
 def test_a_real_recording_agrees_with_its_published_deviations_over_eighteen_octaves(reference_data: Path) -> None:
     """ADIS16405, 2.8 h at 100 Hz: all three gyros, every published tau, to 1e-5."""
     stored = np.load(reference_data / "static" / "adis16405-run1-gyro.npz")

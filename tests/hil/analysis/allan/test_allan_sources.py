@@ -107,6 +107,7 @@ def test_rubbish_is_refused_in_one_sentence(tmp_path: Path) -> None:
             read_recording(tmp_path / name, rate_hz=1.0, unit="deg/s")
 
 
+@pytest.mark.slow
 def test_the_command_prints_one_document_and_draws(
     tmp_path: Path, white: np.ndarray, capsys: pytest.CaptureFixture[str]
 ) -> None:

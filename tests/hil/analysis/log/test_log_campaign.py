@@ -65,6 +65,7 @@ def spoiled(one: Simulated, change: Callable[[dict[str, np.ndarray]], None], pat
     return one.write(path, columns)
 
 
+@pytest.mark.slow
 def test_the_truth_comes_back_from_the_folder_alone(sound: Simulated, tmp_path: Path) -> None:
     """Bias, sensitivities that are not symmetric, and accelerometers, within four of their standard deviations."""
     made = made_of(sound.write(tmp_path / "log.csv"))
@@ -113,6 +114,7 @@ def test_stated_intervals_hold_over_many_logs() -> None:
     assert 0.93 <= inside.mean() <= 0.97
 
 
+@pytest.mark.slow
 def test_standard_errors_allow_for_correlation_between_samples(sound: Simulated, tmp_path: Path) -> None:
     """Noise that a filter has correlated (AR(1), 0.9) makes them several times those of independent samples."""
     rng = np.random.default_rng(3)
@@ -278,6 +280,7 @@ def test_empty_cells_and_times_that_repeat_are_left_out_and_told(sound: Simulate
     assert read_campaign(tmp_path / "campaign").sensors[1].conditions.columns["n_samples"][0] == last - first + 1 - 4
 
 
+@pytest.mark.slow
 def test_no_stretch_goes_over_a_jump_in_time(sound: Simulated, tmp_path: Path) -> None:
     """Who knows what was done with the unit meanwhile; and a clock that often stands still is none."""
 
@@ -299,6 +302,7 @@ def test_no_stretch_goes_over_a_jump_in_time(sound: Simulated, tmp_path: Path) -
     assert len(made_of(path, rate_hz=100.0).document["stretches"]) == 14
 
 
+@pytest.mark.slow
 def test_a_stream_that_stands_still_is_no_rest(sound: Simulated, tmp_path: Path) -> None:
     """A buffer that repeats its last sample for a minute is as quiet as nothing else, and no measurement."""
 
@@ -355,6 +359,7 @@ def test_scatter_of_f_beyond_noise_enlarges_the_uncertainties() -> None:
     assert np.all(np.abs(fitted.values - ACCELEROMETER) < 4.0 * fitted.sd)
 
 
+@pytest.mark.slow
 def test_the_earth_rate_is_what_a_latitude_tells(sound: Simulated, tmp_path: Path) -> None:
     """Its vertical part along f; without a latitude nothing, and either is said."""
     log = read_log(read_columns(sound.write(tmp_path / "log.csv")))
@@ -369,6 +374,7 @@ def test_the_earth_rate_is_what_a_latitude_tells(sound: Simulated, tmp_path: Pat
     assert "neither latitude (--latitude) nor heading is known" in said(nowhere)
 
 
+@pytest.mark.slow
 def test_a_mean_is_that_of_the_stretch(sound: Simulated, tmp_path: Path) -> None:
     """The rates of a collect are those of its rows in the file, and no others."""
     made = made_of(sound.write(tmp_path / "log.csv"))

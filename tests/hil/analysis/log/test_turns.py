@@ -64,6 +64,7 @@ def test_a_turn_about_the_vertical_tells_no_scale_factor() -> None:
     assert "invisible to gravity" in found.sentences[0]
 
 
+@pytest.mark.slow
 def test_rates_that_are_not_those_of_the_turns_are_told() -> None:
     """rad/s taken for deg/s, deg/s for rad/s, or a channel whose sign is turned: no parameters, and what may be wrong.
 

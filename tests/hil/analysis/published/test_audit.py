@@ -152,6 +152,7 @@ def write(path: Path, rows: list[dict[str, str]]) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_seeded_error_in_a_mean_is_found_with_its_true_reading(tmp_path: Path) -> None:
     """In 40 random tables: clean ones are clean; one wrong digit is found in its row, and the truth is a candidate."""
     rng = np.random.default_rng(11)

@@ -57,6 +57,7 @@ def means_of_table_1(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.
     return tuple(np.array([float(row[c]) for row in chosen]) for c in columns)  # type: ignore[return-value]
 
 
+@pytest.mark.slow
 def test_a_cubic_does_not_describe_mub_of_table_1(table_1: ThermalFit) -> None:
     """Left-out temperatures are predicted worse by a cubic than by a constant, and no form is taken."""
     mub = table_1.sensors[2].parameters["MUB"]
@@ -109,6 +110,7 @@ def test_known_forms_are_found_with_their_coefficients(smooth: ThermalFit) -> No
     assert found["MUB"].repeatability == pytest.approx(np.hypot(3.95, 1.22 * 0.93), rel=0.35)
 
 
+@pytest.mark.slow
 def test_the_verdict_says_by_how_much_modelling_improves_the_unit(smooth: ThermalFit) -> None:
     """Held-out rates, a constant's beside the curves', with an interval, against the scatter of one collect."""
     document = thermal_document(smooth)["sensors"][0]
@@ -118,6 +120,7 @@ def test_the_verdict_says_by_how_much_modelling_improves_the_unit(smooth: Therma
     assert "improves this unit" in document["verdict"]["words"]
 
 
+@pytest.mark.slow
 def test_without_temperature_dependence_it_says_so() -> None:
     """Every parameter constant, a bound for each, and modelling does not improve the unit."""
     flat = {name: (lambda t, v=value: v + 0.0 * t) for name, value in {"BA": 20.0, "GSA": 50.0, "MUA": -9.0}.items()}
@@ -133,6 +136,7 @@ def test_without_temperature_dependence_it_says_so() -> None:
     assert 0.5 < document["parameters"]["GSA"]["largest_linear_change"] < 5.0
 
 
+@pytest.mark.slow
 def test_what_is_not_shown_has_the_chance_of_all_that_was_asked() -> None:
     """MUB alone would be so uneven in 4 of 1000 campaigns; by one of three questions one of six in 77: no finding."""
     flat = {name: (lambda t, v=value: v + 0.0 * t) for name, value in {"BA": 20.0, "GSA": 50.0, "MUA": -9.0}.items()}
@@ -153,6 +157,7 @@ def of_three_temperatures(seed: int, ends: tuple[float, float]) -> ParameterFit:
     return fit_thermal(night).sensors[2].parameters["BA"]
 
 
+@pytest.mark.slow
 def test_a_clear_line_at_three_temperatures_is_found() -> None:
     """32 and 33, 20 and 16, 9 and 8 deg/hr, each known to 2: six runs suffice where noise would hardly do so."""
     found = [of_three_temperatures(seed, (32.0, 8.0)) for seed in range(12)]
@@ -269,6 +274,7 @@ def test_one_direction_alone_gives_no_hysteresis_and_says_what_that_means(smooth
     assert any("reached from both sides" in note for note in smooth.sensors[2].notes)
 
 
+@pytest.mark.slow
 def test_a_temperature_without_every_position_is_left_out_and_named() -> None:
     """Collect 3 never came about at -29.7 °C: MU is not known there."""
     night = rotor_night(np.random.default_rng(10), {"BA": lambda t: 15.0 * scaled(t)})
@@ -280,6 +286,7 @@ def test_a_temperature_without_every_position_is_left_out_and_named() -> None:
     assert any("-29.7 °C; left out" in note for note in sensor.notes)
 
 
+@pytest.mark.slow
 def test_one_missing_collect_costs_its_run_and_not_its_temperature() -> None:
     """All positions and temperatures are one system: the other two collects of the run still count."""
     night = rotor_night(np.random.default_rng(11), {"BA": lambda t: 15.0 * scaled(t)})
@@ -287,6 +294,7 @@ def test_one_missing_collect_costs_its_run_and_not_its_temperature() -> None:
     assert fit_thermal(kept).sensors[2].layout.range_degC[0] < -29
 
 
+@pytest.mark.slow
 def test_without_repeats_and_standard_errors_the_misfit_is_the_noise() -> None:
     """One run per temperature, nothing stated: the curve is found, its errors are of the right size, and it is said."""
     night = rotor_night(np.random.default_rng(15), {"BB": lambda t: 40.0 * scaled(t)}, runs=1, run_to_run={})
@@ -327,6 +335,7 @@ def test_a_temperature_that_no_run_tells_is_left_out_and_its_repeats_are_not(los
         assert each.values.se == pytest.approx([mean.values[name].sd for mean in means])
 
 
+@pytest.mark.slow
 def test_a_run_in_which_the_unit_warmed_up_is_one_visit() -> None:
     """Its parameters stand at the temperature of most of its collects: none is asked of those that it passed."""
     night = rotor_night(np.random.default_rng(12), {})
@@ -340,6 +349,7 @@ def test_a_run_in_which_the_unit_warmed_up_is_one_visit() -> None:
     assert fit.layout.stations.number.tolist() == fit_thermal(night).of(2).layout.stations.number.tolist()
 
 
+@pytest.mark.slow
 def test_what_stands_in_for_a_thermometer_stands_in_for_a_curve_too() -> None:
     """The setpoint alone; or, in a run in which it was silent, what the unit showed through the same setpoint."""
     night = rotor_night(np.random.default_rng(12), {"BA": lambda t: 15.0 * scaled(t)})

@@ -111,6 +111,7 @@ def test_reconcile_finds_nothing_missing_beside_the_curves_of_the_same_unit(mode
     assert not any("as they stand are off" in note for note in document.get("notes", []))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["reconcile", "budget"])
 def test_no_command_reckons_with_the_curves_beyond_their_range(
     model: Model, command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -142,6 +143,7 @@ def nested_error(temperature: np.ndarray, means: np.ndarray) -> tuple[float, flo
     return rms(left_out(temperature, means, 0)), rms(np.array(chosen))
 
 
+@pytest.mark.slow
 def test_on_table_1_only_bb_is_confirmed_by_temperatures_that_did_not_choose_its_form(reference: Path) -> None:
     """BA's line and MUA's cubic were chosen by the very temperatures that they then predict; reckoned again by hand."""
     with (reference / "table1.csv").open(encoding="utf-8") as lines:
@@ -160,6 +162,7 @@ def test_on_table_1_only_bb_is_confirmed_by_temperatures_that_did_not_choose_its
     assert "by 17.1: not confirmed" in words
 
 
+@pytest.mark.slow
 def test_what_nothing_repeats_is_said_to_be_dependence_or_scatter() -> None:
     """One run at each temperature, and the unit scatters from run to run: the notes say what that looks like."""
     once = fit_thermal(rotor_night(np.random.default_rng(4), {}, runs=1)).sensors[2]
@@ -212,6 +215,7 @@ def small_night(make: Callable[..., Campaign]) -> Campaign:
     return make(np.random.default_rng(6), {}, temperatures_degC=(0.0, 20.0, 40.0), runs=1, run_to_run={})
 
 
+@pytest.mark.slow
 def test_a_step_is_no_line_and_one_outlying_temperature_is_no_polynomial() -> None:
     """A line through a step leaves a misfit, which is said; of one temperature far off no form is made."""
     step: dict[str, Curve] = {
@@ -255,6 +259,7 @@ def test_the_parameter_files_say_what_stands_on_weak_feet(triad: SensorFit) -> N
     )
 
 
+@pytest.mark.slow
 def test_a_run_that_no_curve_goes_through_is_none_to_see_to_before_it_is_used() -> None:
     """One that FAILed by what was recorded is in `runs_not_used`: thermal had said FAIL, and reconcile nothing."""
     night = rotor_night(np.random.default_rng(5), ROTOR)
@@ -272,6 +277,7 @@ def test_curves_that_are_worse_than_constants_are_wrong_by_more(triad: SensorFit
     assert said in verdict_in_words(fit)
 
 
+@pytest.mark.slow
 def test_curves_that_take_next_to_nothing_away_hardly_improve_a_unit(triad: SensorFit) -> None:
     """Two hundredths less, however certain: it stands there as what it is."""
     fit = copy(triad)
