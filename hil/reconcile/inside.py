@@ -17,9 +17,8 @@ from hil.campaign import Campaign, FloatArray
 from hil.model.effects.catalogue import effect_by_id
 from hil.model.effects.inside import SeriesEffect, SeriesFinding
 from hil.model.effects.series import Ramp
-from hil.reconcile.naming import CERTAIN
 from hil.reconcile.result import FoundEffect
-from hil.reconcile.rivals import Rival
+from hil.reconcile.rivals import CERTAIN, Rival
 
 _LEAST_P = 1e-300
 _ERROR = "se_deg_per_hr"

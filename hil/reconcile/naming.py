@@ -13,15 +13,14 @@ import numpy as np
 from hil.campaign import Conditions
 from hil.model.effects.base import Described
 from hil.model.effects.catalogue import Unasked
-from hil.reconcile.rivals import LEAST, Rival
+from hil.reconcile.follows import Follows, what_it_follows
+from hil.reconcile.rivals import CERTAIN, LEAST, Rival
 from hil.reconcile.search.fitted import Fitted, fitted
 from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.terms import IDENTICAL, NO_NAME, Term
 from hil.reconcile.unrecorded import own_share, unasked
 from hil.solve.explained import CERTAIN as DONE
 
-CERTAIN = 0.8
-"""Probability from which a name is stated as the name."""
 LIKELY = 0.5
 """And from which a row is left out where nothing else may be missing: more probable than not."""
 BY_CHANCE = 0.01
@@ -63,7 +62,7 @@ class Reading:
     mended: Found
     names: Sequence[Named]
     chance: float
-    follows: Sequence[tuple[str, float]]
+    follows: Follows
     mistakes: Sequence[Term]
 
 
@@ -94,7 +93,7 @@ def read(posterior: Posterior, alpha: float) -> Reading:
     # Of what is as sure, that which moves averages comes first.
     names = sorted(names, key=lambda named: (-round(named.probability, 2), named.acts_on, -named.probability))
     mended = unnamed[0] if unnamed else as_filed
-    follows = _follows(posterior, beside) if lead else ()
+    follows = what_it_follows(posterior, beside) if lead else Follows()
     return Reading(found, as_filed, mended, names, chance, follows, posterior.mistakes(found))
 
 
@@ -268,28 +267,3 @@ def told_apart_by(follows: str, other: str) -> str:
         if follows == other
         else f"let {follows} go in another order than {other}"
     )
-
-
-def _follows(posterior: Posterior, beside: Mapping[str, Sequence[Unasked]]) -> list[tuple[str, float]]:
-    """What the disagreement follows, each driver with the probability that some term follows it, given that one is.
-
-    A name shares with what is `beside` it, which may follow something else.
-    """
-    totals: dict[str, float] = {}
-    any_of_them = 0.0
-    for f in posterior.sets:  # what moves averages comes first
-        names = dict.fromkeys((term.called, term.follows) for term in posterior.members(f) if not term.is_mistake)
-        names |= dict.fromkeys((name, posterior.scatter[name].follows) for name in sorted(f.scatter))
-        by_none: dict[str, float] = {}  # how probable it is that nothing in the set follows a driver
-        for name, own in names:
-            share = own_share(beside, name)
-            drivers = {own: share}
-            for each in beside.get(name, ()):
-                drivers[each.effect.follows] = drivers.get(each.effect.follows, 0.0) + share * each.weight
-            by_none |= {driver: by_none.get(driver, 1.0) * (1.0 - part) for driver, part in drivers.items()}
-        weight = float(np.exp(f.log_weight))
-        any_of_them += weight if by_none else 0.0
-        for driver, none in by_none.items():
-            totals[driver] = totals.get(driver, 0.0) + weight * (1.0 - none)
-    shares = [(driver, min(total / any_of_them, 1.0)) for driver, total in totals.items()]
-    return sorted((s for s in shares if s[1] >= LEAST), key=lambda s: -round(s[1], 6))

@@ -253,15 +253,14 @@ class Reconciliation:
     calibration: str = "one set"
     picture: Mapping[str, Any] = field(default_factory=dict)
     follows: Sequence[tuple[str, float]] = ()
+    follows_one_of: Mapping[str, Any] | None = None
     noise: Sequence[Mapping[str, Any]] = ()
     rows: Sequence[Mapping[str, Any]] = ()
     values: Sequence[Mapping[str, Any]] = ()
     twin: Mapping[str, Any] | None = None
     tested: bool = True
     contradicted: Sequence[int] = ()
-    doubtful: Mapping[str, Sequence[int]] = field(
-        default_factory=dict
-    )  # runs whose measurement is not good, by verdict
+    doubtful: Mapping[str, Sequence[int]] = field(default_factory=dict)  # by verdict, runs that are not measured well
     without: Mapping[str, Any] = field(default_factory=dict)  # which runs are in no search or had not settled
     solved: Solved = field(default_factory=Solved)  # what `hil solve` says of these collects
     left: Solved = field(default_factory=Solved)  # and would say without what was found
@@ -294,7 +293,7 @@ class Reconciliation:
             "gap": self.gap.document(),
             **picked(self, "false_alarm_rate next_experiment outliers as_it_stands within_collects notes"),
             "follows": [{"driver": driver, "probability": share} for driver, share in self.follows],
-            **picked(self, "noise rows values"),
+            **picked(self, "follows_one_of noise rows values"),
             **({"twin": self.twin} if self.twin else {}),
         }
         return dict(plain(document))

@@ -8,6 +8,8 @@ from typing import Any
 from hil.files.document import picked
 from hil.solve.identifiability import SAME_CLASS
 
+CERTAIN = 0.8
+"""Probability from which a name is stated as the name, and a driver as what it follows."""
 LEAST = 0.01
 """Rivals less probable are not listed, unless they look the same, and shapes add nothing to an interval."""
 EXCLUDED = 0.001

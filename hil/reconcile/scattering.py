@@ -22,11 +22,11 @@ from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, SERIES_EFFECTS, V
 from hil.model.effects.prior import ALPHA
 from hil.model.forms import default_form
 from hil.reconcile.inside import within_collects
-from hil.reconcile.naming import CERTAIN
 from hil.reconcile.outcome import scatter
 from hil.reconcile.outcome.answer import Answer
 from hil.reconcile.outcome.findings import id_of
 from hil.reconcile.outcome.stated import flicker_in_words, lacking, scatter_in_words, wanders
+from hil.reconcile.rivals import CERTAIN
 from hil.reconcile.unrecorded import repeated
 from hil.reconcile.wander import Wander
 from hil.reconcile.workflow import INSIDE, searched

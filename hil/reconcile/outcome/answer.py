@@ -9,7 +9,7 @@ import numpy as np
 
 from hil.campaign import Campaign
 from hil.model.effects.base import Effect
-from hil.reconcile.naming import CERTAIN, Named, Reading
+from hil.reconcile.naming import Named, Reading
 from hil.reconcile.outcome.findings import gap_of
 from hil.reconcile.outcome.mistakes import certain, mended, outliers_found, rows_found
 from hil.reconcile.outcome.scatter import FoundScatter, found_scatter, ordinary, pooled
@@ -17,6 +17,7 @@ from hil.reconcile.outcome.stated import not_repeated
 from hil.reconcile.outcome.values import taken_out
 from hil.reconcile.proof.held_out import HeldOut, held_out
 from hil.reconcile.result import Gap, Solved
+from hil.reconcile.rivals import CERTAIN
 from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.fitted import Fitted, Values, fitted
 from hil.reconcile.search.posterior import Posterior

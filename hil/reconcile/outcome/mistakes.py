@@ -9,9 +9,9 @@ import numpy as np
 from hil.campaign import Campaign, Conditions
 from hil.campaign.plausibility import clipped
 from hil.model.effects.data import OF_A_RUN, of_a_run
-from hil.reconcile.naming import CERTAIN
 from hil.reconcile.outcome.findings import physics
 from hil.reconcile.result import LEFT_OUT, Disagreement, FoundEffect, Shape, runs_in_words, without_collects
+from hil.reconcile.rivals import CERTAIN
 from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.fitted import Fitted
 from hil.reconcile.search.posterior import Posterior

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from drivers.strict_yaml import packaged
-from hil.reconcile.naming import CERTAIN, LIKELY
+from hil.reconcile.naming import LIKELY
 from hil.reconcile.outcome.stated import at_most, not_between_repeats, not_repeated
 from hil.reconcile.result import LEFT_OUT, FoundEffect, Gap, Reconciliation
-from hil.reconcile.rivals import Rival, in_times
+from hil.reconcile.rivals import CERTAIN, Rival, in_times
 from hil.reconcile.search.terms import NO_NAME
 from hil.reconcile.unrecorded import AGAIN
 from hil.solve.document import of_sensors_in_words
@@ -153,10 +153,7 @@ def summary(result: Reconciliation) -> list[str]:
             sentence += "; it shows inside the collects and leaves no trace in their averages"
         said.append(sentence + ".")
     said += gap_in_words(result)[:1]
-    does = {"run": "changes from run to run"}
-    sure = [each for each in result.follows if each[1] >= CERTAIN] or result.follows[:1]
-    follows = [f"{does.get(d, f'follows {d}').replace('_', ' ')} ({percent(p)})" for d, p in sure]
-    said += [f"It {listed(follows)}."] if added and follows else []
+    said += _follows(result) if added else []
     if per_temperature:
         said.append("The model's other values were calibrated at each temperature.")
     if following := result.next_experiment:
@@ -164,6 +161,22 @@ def summary(result: Reconciliation) -> list[str]:
         what = following.get("what")
         said.append(f"Measure next: {what}: {why}." if what else f"{why[0].upper()}{why[1:]}.")
     return said
+
+
+def _follows(result: Reconciliation) -> list[str]:
+    """Say what is surely followed, whatever its name, and of which few one surely is."""
+    one_of = result.follows_one_of
+    sure = [each for each in result.follows if each[1] >= CERTAIN] or result.follows[: not one_of]
+    told = [([driver], share) for driver, share in sure]
+    told += [(one_of["drivers"], one_of["probability"])] if one_of else []
+    said = [f"{_does(drivers)} ({percent(share)})" for drivers, share in told]
+    return [f"It {listed(said)}."] if said else []
+
+
+def _does(drivers: Sequence[str]) -> str:
+    """Say that one of some drivers is followed."""
+    others = " or ".join(driver.replace("_", " ") for driver in drivers if driver != "run")
+    return " or ".join(["changes from run to run"] * ("run" in drivers) + [f"follows {others}"] * bool(others))
 
 
 def _or_else(result: Reconciliation, effect: FoundEffect) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
@@ -14,7 +15,8 @@ from hil.campaign import Campaign
 from hil.model import load_model
 from hil.model.effects.base import Effect
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS, Unasked
-from hil.reconcile import naming, reconcile, workflow
+from hil.reconcile import reconcile, workflow
+from hil.reconcile.follows import Follows, what_it_follows
 from hil.reconcile.naming import Reading, _surely_wrong, read
 from hil.reconcile.proof.held_out import HeldOut, likeliest_without
 from hil.reconcile.search.layout import searches, values_follow
@@ -223,10 +225,31 @@ def test_of_drivers_as_sure_as_one_another_that_of_what_moves_averages_comes_fir
         members=lambda _: [moves],
         scatter={"MU_rr": scatters},
     )
-    found = naming._follows(cast(Posterior, posterior), {})
-    assert found == [("temperature", 1.0), ("run", 1.0)]
+    assert what_it_follows(cast(Posterior, posterior), {}) == Follows([("temperature", 1.0), ("run", 1.0)])
     could_be = Unasked(cast(Effect, SimpleNamespace(follows="temperature")), 1.0, "a second run")
-    assert naming._follows(cast(Posterior, posterior), {"MU_rr": [could_be]}) == [("temperature", 1.0), ("run", 0.5)]
+    found = what_it_follows(cast(Posterior, posterior), {"MU_rr": [could_be]})
+    assert found == Follows([("temperature", 1.0), ("run", 0.5)])
+
+
+def test_where_no_driver_is_sure_it_is_said_of_which_few_one_is() -> None:
+    """As few as it takes, none of them sure by itself; what is sure anyhow is none of them."""
+
+    def of(follows: str) -> SimpleNamespace:
+        return SimpleNamespace(called=follows, follows=follows, is_mistake=False)
+
+    def found(shares: Mapping[str, float], scatter: frozenset[str] = frozenset()) -> Follows:
+        sets = [SimpleNamespace(scatter=scatter, log_weight=np.log(share), of=name) for name, share in shares.items()]
+        posterior = SimpleNamespace(
+            sets=sets, members=lambda f: [of(f.of)], scatter={"MU_rr": SimpleNamespace(follows="run")}
+        )
+        return what_it_follows(cast(Posterior, posterior), {})
+
+    shares = {"temperature_history": 0.47, "temperature": 0.34, "temperature_rate": 0.15, "time": 0.04}
+    told = found(shares, frozenset({"MU_rr"}))
+    assert dict(told.shares)["run"] == pytest.approx(1.0)
+    assert told.one_of == {"drivers": ["temperature_history", "temperature"], "probability": pytest.approx(0.81)}
+    assert found({"temperature": 0.85, "time": 0.15}).one_of is None
+    assert found(dict.fromkeys(("time", "pose", "supply", "run", "heading"), 0.2)).one_of is None
 
 
 def test_a_tied_parameter_brings_its_gain_into_the_evidence(supplied: tuple[Posterior, Reading]) -> None:

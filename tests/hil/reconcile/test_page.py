@@ -220,3 +220,7 @@ def test_everything_that_it_surely_follows_is_said(aged: Reconciliation) -> None
     both = replace(aged, follows=[("time", 0.999), ("run", 0.9), ("supply", 0.4)])
     assert "It follows time (99.9 %) and changes from run to run (90 %)." in summary(both)
     assert "It follows time (60 %)." in summary(replace(aged, follows=[("time", 0.6), ("supply", 0.4)]))
+    few = replace(both, follows=[("pose", 0.9)], follows_one_of={"drivers": ["supply", "run"], "probability": 0.96})
+    assert "It follows pose (90 %) and changes from run to run or follows supply (96 %)." in summary(few)
+    unsure = replace(few, follows=[("supply", 0.5), ("run", 0.46)])
+    assert "It changes from run to run or follows supply (96 %)." in summary(unsure)

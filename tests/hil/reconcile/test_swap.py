@@ -12,9 +12,9 @@ from hil.campaign import Campaign, Collects, Conditions
 from hil.model import Model
 from hil.model.curve import Polynomial
 from hil.reconcile import Reconciliation, reconcile
-from hil.reconcile.naming import CERTAIN
 from hil.reconcile.outcome.page import page
 from hil.reconcile.outcome.sentences import summary, what_to_do
+from hil.reconcile.rivals import CERTAIN
 from hil.reconcile.scattering import what_scatters
 from hil.solve.omissions import otherwise
 from hil.solve.wrong_rows import MENDED, USED, wrong_rows

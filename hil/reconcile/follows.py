@@ -1,0 +1,69 @@
+"""What a disagreement follows – time, temperature, its rate, its history, pose, supply, run – whatever its name is.
+
+That is often settled when no name is. Where it is not, it may be settled that it follows one of a few, between which
+the collects cannot decide: of two temperatures, say, the temperature or the way that led to it.
+"""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from math import exp, prod
+from typing import Any
+
+from hil.model.effects.catalogue import Unasked
+from hil.reconcile.rivals import CERTAIN, LEAST
+from hil.reconcile.search.posterior import Posterior
+from hil.reconcile.unrecorded import own_share
+
+_MOST = 3  # drivers of which one is followed: of more nothing is said
+
+
+@dataclass(frozen=True)
+class Follows:
+    """How probable it is that something follows a driver, given that anything is missing.
+
+    `shares` (driver, probability), largest first; `one_of` the `drivers` that are not stated, as few as it takes, of
+    which one is followed with a `probability` that is stated; none where there are no such few.
+    """
+
+    shares: Sequence[tuple[str, float]] = ()
+    one_of: Mapping[str, Any] | None = None
+
+
+def what_it_follows(posterior: Posterior, beside: Mapping[str, Sequence[Unasked]]) -> Follows:
+    """Return what the sets of a posterior follow, that names share with what is `beside` them included."""
+    names: dict[tuple[str, str], Mapping[str, float]] = {}
+    weights: dict[frozenset[tuple[str, str]], float] = {}
+    for f in posterior.sets:  # what moves averages comes first
+        own = dict.fromkeys((term.called, term.follows) for term in posterior.members(f) if not term.is_mistake)
+        own |= dict.fromkeys((name, posterior.scatter[name].follows) for name in sorted(f.scatter))
+        for each in own:
+            if each not in names:
+                names[each] = _drivers(*each, beside)
+        if own:
+            weights[frozenset(own)] = weights.get(frozenset(own), 0.0) + exp(f.log_weight)
+    whole = sum(weights.values())
+
+    def share(drivers: Collection[str]) -> float:
+        """How probable it is that any term of a set follows any of some drivers."""
+
+        def none(own: Collection[tuple[str, str]]) -> float:
+            return prod(1.0 - sum(names[each].get(driver, 0.0) for driver in drivers) for each in own)
+
+        return min(sum(weight * (1.0 - none(own)) for own, weight in weights.items()) / whole, 1.0)
+
+    of_each = [(driver, share([driver])) for driver in dict.fromkeys(d for own in names.values() for d in own)]
+    shares = sorted((each for each in of_each if each[1] >= LEAST), key=lambda each: -round(each[1], 6))
+    open_ones = [driver for driver, chance in shares if chance < CERTAIN]
+    for many in range(2, 1 + min(len(open_ones), _MOST)):
+        if (chance := share(open_ones[:many])) >= CERTAIN:
+            return Follows(shares, {"drivers": open_ones[:many], "probability": chance})
+    return Follows(shares)
+
+
+def _drivers(name: str, follows: str, beside: Mapping[str, Sequence[Unasked]]) -> dict[str, float]:
+    """Return what a name follows, or what could not be tried in its place does, each with its part."""
+    own = own_share(beside, name)
+    parts = {follows: own}
+    for each in beside.get(name, ()):
+        parts[each.effect.follows] = parts.get(each.effect.follows, 0.0) + own * each.weight
+    return parts
