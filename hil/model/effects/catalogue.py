@@ -157,15 +157,22 @@ class Unasked:
 
 
 def of_its_history(effect: Effect, conditions: Conditions, shape: Mapping[str, float]) -> Iterator[Unasked]:
-    """Yield what has an effect's history in time and cannot be tried in these rows, or is the same in them."""
-    for name, weight in effect.kin_for(conditions, shape).items():
-        other = effect_by_id(name)
+    """Yield what has an effect's history in time and cannot be tried in these rows, or is the same in them.
+
+    What cannot be in this sensor is no rival.
+    """
+
+    def there(names: Mapping[str, float]) -> Iterator[tuple[Effect, float]]:
+        every = ((effect_by_id(name), weight) for name, weight in names.items())
+        return ((other, weight) for other, weight in every if other.applies_to(conditions.sensor))
+
+    for other, weight in there(effect.kin_for(conditions, shape)):
         if needs := other.missing(conditions):
             yield Unasked(other, weight, f"record {listed(need.replace('|', ' or ') for need in needs)}")
         elif not other.shape_grid(conditions):
             yield Unasked(other, weight, other.experiment)
-    for name, weight in effect.aliases_for(conditions).items():
-        yield Unasked(effect_by_id(name), weight, effect.experiment)
+    for other, weight in there(effect.aliases_for(conditions)):
+        yield Unasked(other, weight, effect.experiment)
 
 
 def askable(conditions: Conditions, base: Base | None) -> tuple[tuple[Effect, ...], dict[str, str]]:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import csv
 import itertools
 import re
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -24,10 +26,12 @@ from hil.model.effects.catalogue import (
     effect_by_id,
     entries,
     named,
+    of_its_history,
     why_not,
 )
 from hil.model.effects.columns import flattened
 from hil.model.effects.empirical import EmpiricalTerm
+from hil.model.effects.noise import Ageing
 from hil.model.forms import named_form
 from hil.solve.identifiability import orthonormal, project_out
 from tests.hil.model.effect_conditions import (
@@ -254,6 +258,22 @@ def test_effects_know_which_sensors_they_exist_in(rotor: str) -> None:
     """MU and phase belong to a rotor; the full matrix may be asked of any sensor."""
     assert "does not exist" in why_not(effect_by_id(rotor), triad_poses(), triad_base(triad_poses()))
     assert not why_not(effect_by_id("g_sensitivity"), campaign(), rotor_base(campaign()))
+
+
+class _Brought(Ageing):
+    """One that imitates what only a rotor has, a bias over temperature, and what only a rotor is the same as."""
+
+    kin = MappingProxyType({"MU_T": 1.0, "bias_T": 1.0})
+
+    def aliases_for(self, conditions: Conditions) -> Mapping[str, float]:
+        return {"GS_T": 1.0}
+
+
+def test_what_cannot_be_in_a_sensor_is_no_rival_that_was_not_recorded() -> None:
+    """A triad has neither MU nor GS, whether or not its temperature was recorded."""
+    triad, rotor = triad_poses(every_column=False), campaign(every_column=False)
+    assert [each.effect.id for each in of_its_history(_Brought(), triad, {})] == ["bias_T"]
+    assert [each.effect.id for each in of_its_history(_Brought(), rotor, {})] == ["MU_T", "bias_T", "GS_T"]
 
 
 def test_typical_sizes_follow_the_technology() -> None:
