@@ -34,13 +34,12 @@ from hil.errors import InputError
 from hil.likeness import likeness
 from hil.likeness.draws import Agrees
 from hil.model import built_in_model, load_model
-from hil.model.effects.base import Described
+from hil.model.effects.base import Described, effect_columns
 from hil.model.effects.catalogue import EFFECTS, FORM_EFFECTS, SERIES_EFFECTS, VARIANCE_EFFECTS, effect_by_id
 from hil.model.effects.columns import flattened
 from hil.model.forms import named_form
 from hil.night import start_night
 from hil.reconcile import Reconciliation, reconcile
-from hil.reconcile.search.candidates import effect_columns
 from hil.records.export import export_campaign, open_source
 
 SWEEPS = {"published": "rd-gc-86-1", "recommended": "recommended", "triad": "triad-six-positions"}

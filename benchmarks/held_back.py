@@ -32,12 +32,11 @@ from hil.likeness.draws import drawn_model, fitted, night_of_averages
 from hil.likeness.features import features
 from hil.likeness.verdict import verdict
 from hil.model import Model, built_in_model, load_model
-from hil.model.effects.base import Described
+from hil.model.effects.base import Described, effect_columns
 from hil.model.effects.catalogue import EFFECTS, VARIANCE_EFFECTS
 from hil.model.effects.columns import flattened
 from hil.model.forms import named_form
 from hil.reconcile import reconcile
-from hil.reconcile.search.candidates import effect_columns
 
 ASKED = "matrix-6-thermal"
 KINDS = ("mean", "scatter", "both")

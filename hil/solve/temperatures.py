@@ -18,6 +18,7 @@ from hil.campaign.laws import to_come_degC
 from hil.campaign.stand_ins import OWN, WIDEST_DEGC, own_degC, temperature_of, told
 from hil.errors import InputError
 from hil.model import Model
+from hil.model.effects.base import Effect
 from hil.model.effects.prior import UNSEEN
 from hil.model.forms import LinearForm, default_form, named_form, value_form
 from hil.solve.identifiability import kept_shares, orthonormal
@@ -141,10 +142,19 @@ def fitted_form(model: Model, conditions: Conditions) -> LinearForm:
     return form
 
 
-def tell_a_bend(temperature_degC: FloatArray) -> bool:
-    """Whether temperatures (n,), °C, tell a bend from a line: of two nobody knows what lies between."""
+def told_parameters(effect: Effect, conditions: Conditions) -> tuple[int, ...]:
+    """Return the places of an effect's parameters that temperatures tell from those of lower powers.
+
+    Of two temperatures nobody knows what lies between: a line, and no bend. Whether they tell a line the base says.
+    """
+    temperature = conditions.columns.get("temperature_degC", np.zeros(0))
+    every = enumerate(effect.parameters_for(conditions))
+    return tuple(k for k, each in every if each.power < 2 or _tell_power(temperature, each.power))
+
+
+def _tell_power(temperature_degC: FloatArray, power: int) -> bool:
     known = temperature_degC[np.isfinite(temperature_degC)]
-    powers = np.vander(known - known.mean() if len(known) else known, 3)
+    powers = np.vander(known - known.mean() if len(known) else known, power + 1)
     return bool(kept_shares(orthonormal(powers[:, 1:]), powers[:, :1])[0] > UNSEEN)
 
 

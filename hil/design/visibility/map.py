@@ -12,14 +12,13 @@ base's parameters: that is told too.
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray
 from hil.design.visibility.promise import Asked, Rows, Smallest, found_from
 from hil.model import Model
-from hil.model.effects.base import Base, Effect
+from hil.model.effects.base import Base, Effect, Parameter, effect_columns
 from hil.model.effects.catalogue import askable, named, of_its_history
 from hil.model.effects.columns import flattened
 from hil.model.effects.prior import UNSEEN, log_in_one, name_odds, shapes_tried
@@ -34,7 +33,7 @@ from hil.solve.identifiability import (
     visible,
     whitener,
 )
-from hil.solve.temperatures import fitted_form, law_not_told
+from hil.solve.temperatures import fitted_form, law_not_told, told_parameters
 
 _VARIES_DEGC = 20.0
 _MOST_SHAPES = 12  # of those that are searched, evenly chosen: a map needs no finer search
@@ -136,19 +135,15 @@ def visibility(
     told = fitted.without(as_zero)
     whitened = whiten @ flattened(np.concatenate([told.columns(conditions), _in_each_run(conditions, as_zero)], -1))
     absorbed = orthonormal(whitened)
+    laid = [_laid(effect, conditions, base) for effect in asked]
     seen: list[list[Visible]] = []
     leaks: list[dict[str, float]] = []
-    shapes: list[list[Mapping[str, float]]] = []
     many: list[int] = []
-    for effect in asked:
-        sizes = np.array([parameter.size for parameter in effect.parameters_for(conditions)])
-        laid = partial(effect.columns, conditions, base)
-        tried = [shape for shape, _ in shapes_tried(effect, conditions, laid)] or [*effect.shape_grid(conditions)][:1]
-        picks = np.linspace(0, len(tried) - 1, min(len(tried), _MOST_SHAPES)).round().astype(int)
-        shapes.append([tried[i] for i in np.unique(picks)])  # a few from all over the grid
-        grids = [whiten @ flattened(laid(shape)) for shape in shapes[-1]]
+    for each in laid:
+        sizes = np.array([parameter.size for parameter in each.parameters])
+        grids = [whiten @ columns for columns in each.columns]
         seen.append([visible(grid, absorbed, sizes) for grid in grids])
-        many.append(round(len(tried) * np.mean([one.kept > UNSEEN for one in seen[-1]])))
+        many.append(round(each.tried * np.mean([one.kept > UNSEEN for one in seen[-1]])))
         leaks.append(_leaks(whitened, np.array(grids) * sizes, told.names))
     overlaps = overlap_table(seen)
     kept = [float(np.median([one.kept for one in several])) for several in seen]
@@ -159,8 +154,8 @@ def visibility(
     every = [
         Asked(
             effect,
-            effect.parameters_for(conditions),
-            shapes[index],
+            laid[index].parameters,
+            laid[index].shapes,
             seen[index],
             math.log(odds.get(named(effect).id, 1.0) / max(many[index], 1)) + log_in_one(effect, sensors),
         )
@@ -171,9 +166,40 @@ def visibility(
         for index, (effect, smallest) in enumerate(
             zip(asked, found_from(every, Rows(whiten, absorbed, sigma)), strict=True)
         )
-        for beside in [_unasked(effect, conditions, shapes[index], members[index])]
+        for beside in [_unasked(effect, conditions, laid[index].shapes, members[index])]
     ]
     return Sights(fitted.name, tuple(sights), overlaps, reasons, noise)
+
+
+@dataclass(frozen=True)
+class _Laid:
+    """What of an effect is asked about in some rows: its `parameters`, and of `tried` shapes a few with their columns.
+
+    The `columns` (n·c, p) of each stand in the order of `shapes`.
+    """
+
+    effect: Effect
+    parameters: tuple[Parameter, ...]
+    shapes: Sequence[Mapping[str, float]]
+    columns: Sequence[FloatArray]
+    tried: int
+
+
+def _laid(effect: Effect, conditions: Conditions, base: Base) -> _Laid:
+    tried = [*shapes_tried(effect, conditions, lambda *_: base)]
+    if not tried:
+        shape = effect.shape_grid(conditions)[0]
+        tried = [(shape, effect_columns(effect, conditions, base, shape))]
+    picks = np.linspace(0, len(tried) - 1, min(len(tried), _MOST_SHAPES)).round().astype(int)
+    few = [tried[k] for k in np.unique(picks)]  # from all over the grid
+    every, told = effect.parameters_for(conditions), [*told_parameters(effect, conditions)]
+    return _Laid(
+        effect,
+        tuple(every[k] for k in told),
+        [shape for shape, _ in few],
+        [flattened(columns[:, :, told]) for _, columns in few],
+        len(tried),
+    )
 
 
 def _unasked(

@@ -40,13 +40,15 @@ class Parameter:
     """A linear parameter: its name, unit, and the range of sizes that is physically typical (absolute values).
 
     `typical` is the range for the report's rotor sensor; `typical_other` the ranges of other technologies (RLG, FOG,
-    DTG, MEMS, gas …) where they differ. All are order-of-magnitude engineering values.
+    DTG, MEMS, gas …) where they differ. All are order-of-magnitude engineering values. `power` is that of temperature
+    by which it multiplies what it acts on: one of two and more is asked about only where temperatures tell it.
     """
 
     name: str
     unit: str
     typical: tuple[float, float]
     typical_other: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    power: int = 0
 
     @property
     def size(self) -> float:
@@ -298,6 +300,11 @@ class VarianceEffect(Described):
     def covariance(self, conditions: Conditions, shape: Mapping[str, float] = MappingProxyType({})) -> FloatArray:
         """Return the covariance of the rates at unit size of the parameter, shape (n·c, n·c), rows (n, c) flattened."""
         return np.asarray(sum(part.covariance(conditions) for part in self.scatter(conditions, shape)))
+
+
+def effect_columns(effect: Effect, conditions: Conditions, base: Base, shape: Mapping[str, float]) -> FloatArray:
+    """Return an effect's columns, zero where it is not asked about, shape (n, c, p)."""
+    return np.nan_to_num(np.asarray(effect.columns(conditions, base, shape), dtype=np.float64))
 
 
 def required_base(effect: Effect, base: Base | None) -> Base:

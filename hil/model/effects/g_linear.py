@@ -96,10 +96,10 @@ class RotorSensitivityTemperature(_FollowsTemperature):
     title = "GSA, GSB temperature dependence"
     equation = "GS += GS1 (T - 25 degC) + GS2 (T - 25 degC)^2, for GSA and GSB"
     parameters = (
-        Parameter("GSA1", "deg/hr/g/degC", (0.02, 0.8)),
-        Parameter("GSB1", "deg/hr/g/degC", (0.02, 0.8)),
-        Parameter("GSA2", "deg/hr/g/degC^2", (0.0004, 0.016)),
-        Parameter("GSB2", "deg/hr/g/degC^2", (0.0004, 0.016)),
+        Parameter("GSA1", "deg/hr/g/degC", (0.02, 0.8), power=1),
+        Parameter("GSB1", "deg/hr/g/degC", (0.02, 0.8), power=1),
+        Parameter("GSA2", "deg/hr/g/degC^2", (0.0004, 0.016), power=2),
+        Parameter("GSB2", "deg/hr/g/degC^2", (0.0004, 0.016), power=2),
     )
     signature = "GSA and GSB change smoothly with temperature; MU follows only where tilt was not allowed for."
     confusable_with = ("phase", "scale", "convection", "mag")
@@ -118,7 +118,7 @@ class RotorSensitivityGain(Effect):
     needs_base = True
     follows = "temperature"
     needs = frozenset({"temperature_degC"})
-    parameters = (Parameter("a", "1/degC", (0.001, 0.004)),)
+    parameters = (Parameter("a", "1/degC", (0.001, 0.004), power=1),)
     signature = "GSA and GSB change by the same share of themselves; neither MU nor the bias does."
     confusable_with = ("scale", "convection", "mag")
     known_as = "GS_T"
@@ -138,10 +138,10 @@ class AxialDriftTemperature(_FollowsTemperature):
     title = "MUA, MUB temperature dependence"
     equation = "MU += MU1 (T - 25 degC) + MU2 (T - 25 degC)^2, for MUA and MUB"
     parameters = (
-        Parameter("MUA1", "deg/hr/g/degC", (0.05, 1.0)),
-        Parameter("MUB1", "deg/hr/g/degC", (0.05, 1.0)),
-        Parameter("MUA2", "deg/hr/g/degC^2", (0.001, 0.02)),
-        Parameter("MUB2", "deg/hr/g/degC^2", (0.001, 0.02)),
+        Parameter("MUA1", "deg/hr/g/degC", (0.05, 1.0), power=1),
+        Parameter("MUB1", "deg/hr/g/degC", (0.05, 1.0), power=1),
+        Parameter("MUA2", "deg/hr/g/degC^2", (0.001, 0.02), power=2),
+        Parameter("MUB2", "deg/hr/g/degC^2", (0.001, 0.02), power=2),
     )
     signature = "MU changes smoothly with temperature while bias and GS do not."
     confusable_with = ("tilt", "MU_rr", "convection", "vre")

@@ -10,8 +10,10 @@ from functools import cache
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray
-from hil.model.effects.base import Described, Effect, Parameter, VarianceEffect
+from hil.model.effects.base import Base, Described, Effect, Parameter, VarianceEffect, effect_columns
 from hil.model.effects.catalogue import named
+
+BaseBeside = Callable[[Effect, Mapping[str, float]], Base]
 
 ALPHA = 0.05
 """Rate of false alarms where none is stated."""
@@ -67,10 +69,11 @@ def log_in_one(effect: Effect, sensors: int) -> float:
 
 
 def shapes_tried(
-    effect: Effect, conditions: Conditions, columns: Callable[[Mapping[str, float]], FloatArray]
+    effect: Effect, conditions: Conditions, base_beside: BaseBeside
 ) -> Iterator[tuple[Mapping[str, float], FloatArray]]:
     """Yield the shapes of an effect that are tried first, each as probable as another, with their columns (n, c, p).
 
+    `base_beside` gives the base as it is if an effect of a shape acts beside it.
     A shape that does nothing is none, nor is one that does what another does: as where nothing tells one room before
     the night from another.
     """
@@ -78,7 +81,7 @@ def shapes_tried(
     typical = np.array([each.typical[1] for each in effect.parameters_for(conditions)])
     high = np.where((typical > 0.0) & np.isfinite(typical), typical, 1.0)
     for shape in grid[:: 1 + len(grid) // MANY]:
-        own = columns(shape)
+        own = effect_columns(effect, conditions, base_beside(effect, shape), shape)
         same = hash((own.round(9) + 0.0).tobytes())
         if float(np.abs(own * high).max(initial=0.0)) >= _NOTHING and same not in known:
             known.add(same)

@@ -33,8 +33,8 @@ class BiasTemperature(Effect):
     equation = "B += b1 (T - 25 degC) + b2 (T - 25 degC)^2"
     per_channel = True
     parameters = (
-        Parameter("b1", "deg/hr/degC", (0.2, 2.0), _LINE_TYPICAL),
-        Parameter("b2", "deg/hr/degC^2", (0.004, 0.04), _BEND_TYPICAL),
+        Parameter("b1", "deg/hr/degC", (0.2, 2.0), _LINE_TYPICAL, power=1),
+        Parameter("b2", "deg/hr/degC^2", (0.004, 0.04), _BEND_TYPICAL, power=2),
     )
     needs = frozenset({"temperature_degC"})
     signature = (

@@ -15,12 +15,12 @@ import numpy as np
 
 from hil.campaign import Conditions, FloatArray
 from hil.campaign.plausibility import accelerometer_columns
-from hil.model.effects.base import Base, Effect, Parameter
+from hil.model.effects.base import Base, Effect, Parameter, effect_columns
 from hil.model.effects.catalogue import named
 from hil.model.effects.followed import driver_values, expressible, position_is
-from hil.model.effects.prior import shapes_tried
+from hil.model.effects.prior import BaseBeside, shapes_tried
 from hil.model.forms import PER_G, RATE
-from hil.solve.temperatures import same_temperature, tell_a_bend
+from hil.solve.temperatures import same_temperature, told_parameters
 
 POWERS: Mapping[str, int] = {"line": 2, "quadratic": 3, "cubic": 4}
 """How many values a form in powers of temperature has."""
@@ -29,8 +29,6 @@ MANY = 80
 _SLOPE = "dTdt_degC_per_min"
 _FEWEST_VALUES = 6
 _CURVE_ORDER = 3
-
-BaseBeside = Callable[[Effect, Mapping[str, float]], Base]
 
 
 @dataclass(frozen=True)
@@ -91,17 +89,12 @@ def catalogue_candidates(
     `base_beside` gives the base as it is if an effect of a shape acts beside it.
     """
     centres = _setpoints_degC(conditions)
-    bends = tell_a_bend(conditions.columns.get("temperature_degC", np.zeros(0)))
     for effect in catalogue:
         if not effect.searched or not effect.applies_to(conditions.sensor) or effect.missing(conditions):
             continue
         parameters = effect.parameters_for(conditions)
-        told = [k for k, each in enumerate(parameters) if bends or not each.unit.endswith("degC^2")]
-
-        def laid(shape: Mapping[str, float], effect: Effect = effect) -> FloatArray:
-            return effect_columns(effect, conditions, base_beside(effect, shape), shape)
-
-        for shape, columns in shapes_tried(effect, conditions, laid):
+        told = told_parameters(effect, conditions)
+        for shape, columns in shapes_tried(effect, conditions, base_beside):
             called = named(effect)
             plain = Candidate(
                 name=called.id,
@@ -119,11 +112,6 @@ def catalogue_candidates(
             if effect.may_follow_temperature and len(centres) > 1:
                 kept = effect.kept_over_temperature(parameters, conditions.sensor)
                 yield from _over_temperature(plain.only(kept), conditions, centres)
-
-
-def effect_columns(effect: Effect, conditions: Conditions, base: Base, shape: Mapping[str, float]) -> FloatArray:
-    """Return an effect's columns, zero where it is not asked about, shape (n, c, p)."""
-    return np.nan_to_num(np.asarray(effect.columns(conditions, base, shape), dtype=np.float64))
 
 
 def _setpoints_degC(conditions: Conditions) -> tuple[float, ...]:

@@ -6,11 +6,11 @@ from types import MappingProxyType
 
 import numpy as np
 
-from hil.model.effects.base import Effect, VarianceEffect
+from hil.model.effects.base import Effect, VarianceEffect, effect_columns
 from hil.model.effects.data import Mislabelled
 from hil.model.effects.prior import MANY
 from hil.reconcile.search.block_search import BlockSearch
-from hil.reconcile.search.candidates import Candidate, effect_columns
+from hil.reconcile.search.candidates import Candidate
 from hil.reconcile.search.mistakes import AsSolved, as_told, exchanges, may_be_wrong
 from hil.reconcile.search.noise import Noise
 from hil.reconcile.search.posterior import Found, Posterior, shared_evidence

@@ -16,11 +16,11 @@ import numpy as np
 from hil.campaign import Campaign, Collects, Conditions, FloatArray
 from hil.campaign.stand_ins import with_stand_ins
 from hil.model import Model
-from hil.model.effects.base import Base, Effect
+from hil.model.effects.base import Base, Effect, effect_columns
 from hil.model.effects.prior import UNSEEN
 from hil.model.equation import pickoff_rates
 from hil.model.forms import LinearForm
-from hil.reconcile.search.candidates import Candidate, catalogue_candidates, effect_columns, second_tier
+from hil.reconcile.search.candidates import Candidate, catalogue_candidates, second_tier
 from hil.solve.beside_terms import with_white_noise_of
 from hil.solve.identifiability import kept_shares, orthonormal, smallest_fit
 from hil.solve.precision import with_every_error

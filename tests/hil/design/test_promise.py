@@ -13,10 +13,10 @@ from hil.design.visibility.document import campaign_document
 from hil.design.visibility.map import NoiseLevel, base_values, visibility
 from hil.design.visibility.promise import Asked, Rows, Smallest, found_from, thresholds
 from hil.model import Model, built_in_model
+from hil.model.effects.base import effect_columns
 from hil.model.effects.catalogue import EFFECTS, effect_by_id
 from hil.model.effects.columns import flattened
 from hil.model.forms import named_form
-from hil.reconcile.search.candidates import effect_columns
 from hil.reconcile.search.layout import searches
 from hil.reconcile.search.problem import pose
 from hil.solve.identifiability import Visible, orthonormal, visible, whitener

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from hil.model import load_model
+from hil.campaign import Conditions, FloatArray
+from hil.design.visibility.map import visibility
+from hil.model import built_in_model, load_model
+from hil.model.effects.base import Base, Parameter
 from hil.model.effects.catalogue import effect_by_id
+from hil.model.effects.columns import above_reference, per_channel
+from hil.model.effects.thermal import BiasTemperature
 from hil.reconcile.proof.experiment import separation
 from hil.reconcile.search.problem import pose
 from tests.hil.analysis.thermal.nights import rotor_night
@@ -23,10 +29,46 @@ def test_a_square_of_temperature_is_asked_where_temperatures_tell_it_from_a_line
     problem = pose(night, load_model("matrix-6"), [effect_by_id("bias_T"), effect_by_id("GS_T")])
     followed = [each for each in problem.candidates if each.tier == 1]
     assert {each.name for each in followed} == {"bias_T", "GS_T"}
-    assert any(p.unit.endswith("degC^2") for each in followed for p in each.parameters) is bends
+    assert any(p.power == 2 for each in followed for p in each.parameters) is bends
     for each in followed:
         again = each.rebuilt(night.sensors[2].conditions, problem.sensors[2].base)
         np.testing.assert_array_equal(again, each.columns)
+
+
+@pytest.mark.parametrize(("temperatures_degC", "told"), [((16.0, 51.0), 1), ((16.0, 33.0, 51.0), 2)])
+def test_before_a_night_no_more_of_a_curve_is_promised_than_is_asked_about_after_it(
+    temperatures_degC: tuple[float, ...], told: int
+) -> None:
+    """It was said from which b2 on a bend would show that two temperatures cannot hold."""
+    night = rotor_night(np.random.default_rng(1), {}, temperatures_degC=temperatures_degC)
+    sights = visibility(night.sensors[2].conditions, built_in_model("matrix-6"))
+    for effect in (effect_by_id("bias_T"), effect_by_id("GS_T")):
+        sight = sights.sight(effect.id)
+        assert sight is not None
+        shown = [each.parameter for each in sight.smallest]
+        (asked, *_) = pose(night, built_in_model("matrix-6"), [effect]).candidates
+        assert (shown, {each.power for each in shown}) == ([*asked.parameters], {*range(1, told + 1)})
+
+
+class _InKelvin(BiasTemperature):
+    """The same in another spelling, to the third order."""
+
+    parameters = tuple(
+        Parameter(f"b{k}", f"deg/hr/K**{k}", (0.2 * 50.0**-k, 2.0 * 50.0**-k), power=k) for k in (1, 2, 3)
+    )
+
+    def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        powers = above_reference(conditions)[:, None] ** np.arange(1, 4)
+        return per_channel(powers, conditions.sensor)
+
+
+@pytest.mark.parametrize("temperatures", [2, 3, 4])
+def test_the_power_of_temperature_is_declared_and_no_spelling_of_a_unit(temperatures: int) -> None:
+    """One temperature more tells one power more."""
+    degC = (12.0, 30.0, 41.0, 55.0)[:temperatures]
+    night = rotor_night(np.random.default_rng(1), {}, temperatures_degC=degC)
+    (curve,) = [c for c in pose(night, load_model("matrix-6"), [_InKelvin()]).candidates if c.tier == 1]
+    assert {each.power for each in curve.parameters} == {*range(1, temperatures)}
 
 
 def test_two_setpoints_tell_a_bend_where_the_unit_was_at_more_temperatures() -> None:
