@@ -184,13 +184,13 @@ def overlap_table(effects: Sequence[Sequence[Visible]]) -> FloatArray:
     # [a, b]: how much of shape b shape a can reproduce; an overlap needs both ways round.
     fraction = np.sqrt(np.divide(power, whole, out=np.zeros_like(power), where=whole > 0.0).clip(max=1.0))
     mutual = np.minimum(fraction, fraction.T)
-    edges = np.concatenate([[0], np.cumsum([len(several) for several in effects])])
-    table = np.eye(len(effects))
-    for first in range(len(effects)):
-        for second in range(first + 1, len(effects)):
-            block = mutual[edges[first] : edges[first + 1], edges[second] : edges[second + 1]]
-            value = min(block.max(axis=1).mean(), block.max(axis=0).mean()) if block.size else 0.0
-            table[first, second] = table[second, first] = value
+    there = np.flatnonzero([len(several) for several in effects])
+    ends = np.cumsum([len(effects[k]) for k in there.tolist()])
+    best = np.maximum.reduceat(mutual, np.append(0, ends[:-1]))  # of each effect (k,) the nearest to each shape
+    mean = np.array([of.mean(axis=1) for of in np.split(best, ends[:-1], axis=1)])
+    table = np.zeros((len(effects), len(effects)))
+    table[np.ix_(there, there)] = np.minimum(mean, mean.T)
+    np.fill_diagonal(table, 1.0)
     return table
 
 

@@ -134,7 +134,7 @@ def visibility(
     whiten = whitener(conditions, sigma, np.full(sigma.shape[1], noise.run_bias_deg_per_hr), scattering)
     told = fitted.without(as_zero)
     whitened = whiten @ flattened(np.concatenate([told.columns(conditions), _in_each_run(conditions, as_zero)], -1))
-    absorbed = orthonormal(whitened)
+    absorbed, inverse = orthonormal(whitened), np.asarray(np.linalg.pinv(whitened, rcond=1e-9))
     laid = [_laid(effect, conditions, base) for effect in asked]
     seen: list[list[Visible]] = []
     leaks: list[dict[str, float]] = []
@@ -144,7 +144,7 @@ def visibility(
         grids = [whiten @ columns for columns in each.columns]
         seen.append([visible(grid, absorbed, sizes) for grid in grids])
         many.append(round(each.tried * np.mean([one.kept > UNSEEN for one in seen[-1]])))
-        leaks.append(_leaks(whitened, np.array(grids) * sizes, told.names))
+        leaks.append(_leaks(inverse, np.array(grids) * sizes, told.names))
     overlaps = overlap_table(seen)
     kept = [float(np.median([one.kept for one in several])) for several in seen]
     groups = classes(overlaps * np.outer(np.array(kept) >= CANNOT_BE_SEEN, np.array(kept) >= CANNOT_BE_SEEN))
@@ -243,12 +243,11 @@ def _in_each_run(conditions: Conditions, names: Collection[str]) -> FloatArray:
     return np.asarray(np.einsum("ncp,nr->ncpr", own, of_run).reshape(*own.shape[:2], -1))
 
 
-def _leaks(base: FloatArray, typical: FloatArray, names: Sequence[str]) -> dict[str, float]:
+def _leaks(inverse: FloatArray, typical: FloatArray, names: Sequence[str]) -> dict[str, float]:
     """Return by how many standard errors an effect of typical size that is not modelled moves parameters, by name.
 
-    In half of its shapes (k, N, p) by more. `base` has their columns first, in that order.
+    In half of its shapes (k, N, p) by more. The `inverse` of the base has their rows first, in that order.
     """
-    inverse = np.linalg.pinv(base, rcond=1e-9)
     errors = np.sqrt(np.sum(inverse**2, axis=1))
     shifts = np.median(np.linalg.norm(inverse @ typical, axis=2), axis=0)
     return {

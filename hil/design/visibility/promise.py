@@ -22,12 +22,12 @@ from hil.solve.identifiability import Visible, Whitener
 PROBABILITY = 0.9
 """How probably what is promised is found."""
 _SURE = float(ndtri(PROBABILITY))
-_DEVIATIONS = np.append(0.0, np.geomspace(0.3, 1e4, 100))
+DEVIATIONS = np.append(0.0, np.geomspace(0.3, 1e4, 100))
 """Deviations that an effect may show, (d,): what is between is as near as a search's own sizes are."""
+USUAL = 41
+"""By so many of them, up to twenty, most effects are found; the others are asked again by all."""
 _ALIKE = 0.75
 """What explains a smaller part of the squares hardly adds to the odds of what explains them."""
-_SIZES = 40
-"""As many as any ladder of sizes has at most."""
 _LARGEST = 100.0
 """Of an offset from run to run, in white noises."""
 _HALVINGS = 20
@@ -119,13 +119,13 @@ class Rows:
         times = np.divide(every.sum(axis=0), runs, where=runs > 0, out=none)
         return -np.array([log_offset(size) for size in sizes]), times
 
-    def log_evidence(self, shares: FloatArray) -> FloatArray:
-        """Return how probable noise makes rows (log) that show deviations as tabulated, (…, d), up to a constant.
+    def log_evidence(self, shares: FloatArray, deviations: FloatArray = DEVIATIONS) -> FloatArray:
+        """Return how probable noise makes rows (log) that show so many deviations (d,), (…, d), up to a constant.
 
         `shares` (…, 2c) of squares are by channel, as `squares` has them; other directions have what noise makes. It is
         of any scale, as far as stated errors hold, and has offsets of any size from run to run, as in a search.
         """
-        squares = np.maximum(shares[..., None, :] * (_DEVIATIONS[:, None] ** 2 - 1.0) + self.freedom, 0.0)
+        squares = np.maximum(shares[..., None, :] * (deviations[:, None] ** 2 - 1.0) + self.freedom, 0.0)
         of_runs, rest = np.split(squares[..., None], 2, axis=-2)  # (…, d, c, 1)
         (runs, others), (log_prior, times) = np.split(self.freedom[:, None], 2), self.offsets
         out = []
@@ -176,20 +176,23 @@ def thresholds(every: Sequence[Asked], rows: Rows) -> tuple[list[FloatArray], li
     whole = np.linalg.norm(directions, axis=0)
     directions /= np.maximum(whole, 1e-300)
     priced = [_sizes(asked, columns, rows) for asked, columns in zip(every, shown, strict=True)]
-    odds, share = (np.concatenate(each) for each in zip(*priced, strict=True))  # (m, o)
+    odds = _below_each_other([each for each, _ in priced], -np.inf)  # (m, o)
+    share = _below_each_other([each for _, each in priced], 0.0)
     many = [len(asked.parameters) for asked in every for _ in asked.shapes]
     shape = np.repeat(np.arange(len(many)), many)
     shares = rows.squares(directions).T
-    table, alike, in_one = rows.log_evidence(shares), (directions.T @ directions) ** 2, rows.in_one(directions)
+    alike, in_one = (directions.T @ directions) ** 2, rows.in_one(directions)
     log_wrong = np.log((ODDS["rate"] + ODDS["collect"]) / len(rows.channel))
     needed = np.full(len(whole), np.inf)
-    for m in np.flatnonzero(whole > 0.0).tolist():
-        near = np.flatnonzero(alike[m] > _ALIKE)
-        sizes = _at(table[m], 1.0 - alike[m, near, None] * share[near]) + odds[near, :, None]
-        of_column = log_sum(sizes, 1)
-        of_shape = np.maximum.reduceat(of_column, np.flatnonzero(np.diff(shape[near], prepend=-1)))
-        nothing = np.logaddexp(table[m], log_wrong + _at(table[m], 1.0 - in_one[m]))
-        needed[m] = _first(log_sum(of_shape, 0) - nothing - np.log(1.0 / ALPHA - 1.0))
+    for deviations in (DEVIATIONS[:USUAL], DEVIATIONS):
+        unfound = np.flatnonzero((whole > 0.0) & np.isinf(needed))
+        for m, table in zip(unfound.tolist(), rows.log_evidence(shares[unfound], deviations), strict=True):
+            near = np.flatnonzero(alike[m] > _ALIKE)
+            sizes = _at(table, 1.0 - alike[m, near, None] * share[near]) + odds[near, :, None]
+            of_column = log_sum(sizes, 1)
+            of_shape = np.maximum.reduceat(of_column, np.flatnonzero(np.diff(shape[near], prepend=-1)))
+            nothing = np.logaddexp(table, log_wrong + _at(table, 1.0 - in_one[m]))
+            needed[m] = _first(log_sum(of_shape, 0) - nothing - np.log(1.0 / ALPHA - 1.0))
     scatter = np.ones(len(whole))
     found = np.isfinite(needed)
     scatter[found] = np.hypot(1.0, needed[found] * np.sqrt(0.5 * np.sum(shares[found] ** 2 / rows.known, axis=1)))
@@ -224,16 +227,19 @@ def _sizes(asked: Asked, columns: FloatArray, rows: Rows) -> tuple[FloatArray, F
     all_of_it = whole[*own, np.arange(len(centre))][..., None]
     share = np.divide(explained, all_of_it, where=all_of_it > 0.0, out=np.zeros_like(explained))
     odds = asked.log_prior + price[own] + (idle.sum(axis=1)[:, None] - idle[own])[..., None]
-    more = ((0, 0), (0, _SIZES - len(sizes)))
-    return (
-        np.pad(odds.reshape(-1, len(sizes)), more, constant_values=-np.inf),
-        np.pad(np.minimum(share, 1.0).reshape(-1, len(sizes)), more),
-    )
+    return odds.reshape(-1, len(sizes)), np.minimum(share, 1.0).reshape(-1, len(sizes))
+
+
+def _below_each_other(tables: Sequence[FloatArray], fill: float) -> FloatArray:
+    """Return tables (m, o) of some sizes each below each other, as wide as the widest."""
+    most = max(table.shape[1] for table in tables)
+    return np.concatenate([np.pad(t, ((0, 0), (0, most - t.shape[1])), constant_values=fill) for t in tables])
 
 
 def _at(table: FloatArray, share: FloatArray) -> FloatArray:
-    """Return a log evidence, of deviations as tabulated (d,), where a share (…) of squares is left, (…, d)."""
-    return np.asarray(np.interp(_DEVIATIONS * np.sqrt(np.maximum(share, 0.0))[..., None], _DEVIATIONS, table))
+    """Return a log evidence of the first deviations, (d,), where a share (…) of squares is left, (…, d)."""
+    deviations = DEVIATIONS[: len(table)]
+    return np.asarray(np.interp(deviations * np.sqrt(np.maximum(share, 0.0))[..., None], deviations, table))
 
 
 def _first(excess: FloatArray) -> float:
@@ -241,4 +247,4 @@ def _first(excess: FloatArray) -> float:
     if not np.any(excess > 0.0):
         return np.inf
     at = max(int(np.argmax(excess > 0.0)), 1)
-    return float(np.interp(0.0, excess[at - 1 : at + 1], _DEVIATIONS[at - 1 : at + 1]))
+    return float(np.interp(0.0, excess[at - 1 : at + 1], DEVIATIONS[at - 1 : at + 1]))

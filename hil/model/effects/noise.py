@@ -1,6 +1,7 @@
 """Effects of time and chance on averages: drift, ageing, jumps; and those that only scatter them."""
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from types import MappingProxyType
 
 import numpy as np
@@ -126,6 +127,7 @@ class Jump(Effect):
         return per_channel(holds.astype(np.float64), conditions.sensor)
 
 
+@lru_cache(maxsize=8)
 def _place_among_collects(conditions: Conditions) -> FloatArray:
     """How many collects of its own run came before each row, (n,)."""
     order = np.lexsort((conditions.collect, conditions.run))

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from hil.campaign import Campaign, Collects, Conditions
+from hil.campaign import Campaign, Collects, Conditions, FloatArray
+from hil.design.visibility import promise
 from hil.design.visibility.document import campaign_document
 from hil.design.visibility.map import NoiseLevel, base_values, visibility
 from hil.design.visibility.promise import Asked, Rows, Smallest, found_from, thresholds
@@ -116,6 +117,33 @@ def test_what_looks_the_same_is_asked_for_together() -> None:
     )
     assert alike < 0.9 * alone
     assert apart == pytest.approx(alone, rel=1e-3)
+
+
+def test_what_most_are_found_by_is_asked_first_and_all_are_found_alike(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is not found by usual deviations is asked by all; a map asks by half of them, and tells the same."""
+    asked_by, log_evidence = [], Rows.log_evidence
+
+    def counted(rows: Rows, shares: FloatArray, deviations: FloatArray = promise.DEVIATIONS) -> FloatArray:
+        asked_by.append(len(shares) * len(deviations))
+        return log_evidence(rows, shares, deviations)
+
+    monkeypatch.setattr(Rows, "log_evidence", counted)
+    found, told = [], []
+    for usual in (promise.USUAL, 5, len(promise.DEVIATIONS)):
+        monkeypatch.setattr(promise, "USUAL", usual)
+        asked_by.clear()
+        found.append([sight.smallest for sight in visibility(UP_AND_DOWN, MATRIX_6, NOISE).effects])
+        told.append(sum(asked_by))
+    assert found[0] == found[1] == found[2]
+    assert told[0] < 0.6 * told[2]
+
+
+def test_a_base_is_inverted_once_for_all_effects(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What an effect leaks into the parameters takes the inverse of the base, which no effect changes."""
+    inverted, pinv = [], np.linalg.pinv
+    monkeypatch.setattr(np.linalg, "pinv", lambda *of, **how: inverted.append(of) or pinv(*of, **how))
+    visibility(ROWS, MATRIX_6, NOISE)
+    assert len(inverted) == 1
 
 
 def test_what_a_whole_run_has_in_common_is_apart_from_the_rest() -> None:
