@@ -213,7 +213,7 @@ def promised(
     in standard errors.
     """
     asked = built_in_model(model)
-    seen: Any = campaign_document(campaign, asked)["sensors"]
+    seen: Any = campaign_document(campaign, asked, changes=())["sensors"]
     told = {each["id"]: each for each in seen[str(number)]["effects"]}
     collects = campaign.sensors[number]
     own = beside_base(collects, model, columns)

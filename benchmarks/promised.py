@@ -41,7 +41,7 @@ ANY, EASIEST = "any shape", "the easiest"
 def promises(sweep: str, bench: str) -> tuple[Mapping[int, Conditions], str, Mapping[tuple[str, str], Any]]:
     """Return a sweep's conditions, the model that is asked, and what is promised by effect, in any or one shape."""
     conditions = planned_conditions(make_plan(load_sweep(sweep).procedure()), load_bench(bench))
-    document: Any = visibility_document(conditions, sweep)
+    document: Any = visibility_document(conditions, sweep, changes=())
     found = {}
     for each in document["effects"]:
         told = each["smallest_visible"]

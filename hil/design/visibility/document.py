@@ -53,13 +53,14 @@ def visibility_document(
     noise: Mapping[int, NoiseLevel] | None = None,
     sigmas: Mapping[int, FloatArray] | None = None,
     as_zero: Sequence[str] = (),
+    changes: Sequence[Change] = CHANGES,
 ) -> dict[str, object]:
     """Return the document hil.visibility/1 of a campaign's or a planned sweep's conditions, by sensor.
 
     `sigmas` (n, c) are the averages' standard errors, deg/hr, and `noise` what each sensor scatters by (without:
     typical). `effects` has each effect once, as the sensor sees it that sees it best, with what cannot be told from it
     in one sensor at least (each has its own MU); `sensors` has the map of each. Parameters that were taken `as_zero`
-    show nothing, and nothing acts on them.
+    show nothing, and nothing acts on them. Each of the `changes` takes further maps: without any there are none.
     """
     maps = _maps(sensors, model, noise or {}, sigmas or {}, as_zero)
     alike: dict[str, set[str]] = {}
@@ -92,7 +93,7 @@ def visibility_document(
         ),
         "runs": (runs := max(len(np.unique(rows.run)) for rows in sensors.values())),
         "changes_weighed_on_runs": min(MOST_RUNS, runs),
-        "changes": improvements(sensors, model, noise, as_zero),
+        "changes": improvements(sensors, model, noise, as_zero, changes, None if sigmas else maps),
     }
 
 
@@ -170,11 +171,13 @@ def _planned(conditions: Conditions, model: Model, level: NoiseLevel) -> NoiseLe
     return level
 
 
-def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[str, object]:
+def campaign_document(
+    campaign: Campaign, model: Model | None = None, changes: Sequence[Change] = CHANGES
+) -> dict[str, object]:
     """Return the map of collects that were measured, with their own standard errors, gaps, and scatter of repeats.
 
     What the terms of a `model` make is taken off, and what it states of noise counts where the campaign states and
-    shows none; raises `InputError` where that cannot be known.
+    shows none; the `changes` are weighed. Raises `InputError` where that cannot be known.
     """
     told = {"simulated": campaign.simulated, "warnings": list(campaign.warnings), **what_is_wrong(campaign)}
     if model is not None:
@@ -219,7 +222,7 @@ def campaign_document(campaign: Campaign, model: Model | None = None) -> dict[st
         for number, each in shown.items()
         if number in used
     }
-    found = visibility_document(conditions, campaign.title, model, noise, sigmas, campaign.taken_as_zero)
+    found = visibility_document(conditions, campaign.title, model, noise, sigmas, campaign.taken_as_zero, changes)
     return {**found, **told}
 
 
@@ -259,6 +262,8 @@ def improvements(
     model: Model | None = None,
     noise: Mapping[int, NoiseLevel] | None = None,
     as_zero: Sequence[str] = (),
+    changes: Sequence[Change] = CHANGES,
+    maps: Mapping[int, Sights] | None = None,
 ) -> list[dict[str, Any]]:
     """Return what each change to the sweep would bring to its sensors, the most helpful first.
 
@@ -266,14 +271,18 @@ def improvements(
     protected are effects with the base parameters that they leak into no more; `size_ratio` is the median of the
     smallest visible sizes, after by before.
 
-    Before and after are weighed with the same `noise`: further rows have no standard errors.
+    Before and after are weighed with the same `noise`: further rows have no standard errors. `maps` are those before,
+    where they are known already.
     """
-    sensors = {n: _some_runs(rows) for n, rows in sensors.items()}
-    before = _maps(sensors, model, noise or {}, {}, as_zero)
+    if not changes:
+        return []
+    some = {n: _some_runs(rows) for n, rows in sensors.items()}
+    known = maps if all(some[n] is rows for n, rows in sensors.items()) else None
+    before = known or _maps(some, model, noise or {}, {}, as_zero)
     hidden = {name for name, (_, sight) in _best(before).items() if not sight.visible}
     found = []
-    for change in CHANGES:
-        changed = {n: new for n, rows in sensors.items() if (new := change.apply(rows)) is not None}
+    for change in changes:
+        changed = {n: new for n, rows in some.items() if (new := change.apply(rows)) is not None}
         if changed:
             found.append(_improvement(change, before, _maps(changed, model, noise or {}, {}, as_zero)))
     return sorted(found, key=lambda one: _worth(one, hidden), reverse=True)

@@ -56,7 +56,7 @@ def test_the_channel_whose_standard_errors_do_not_hold_is_named() -> None:
     by_search = re.search(r"scatter ([\d.]+) times", noisy)
     assert by_search is not None
     assert float(found[1]) == pytest.approx(float(by_search[1]), rel=0.2)
-    seen: Any = campaign_document(one)["sensors"]
+    seen: Any = campaign_document(one, changes=())["sensors"]
     bench, sizes = load_bench("simulated"), seen["2"]["noise"]["channels_deg_per_hr"]
     (stated,) = {*one.sensors[2].rates_se_deg_per_hr.ravel().tolist()}
     assert [*sizes.values()] == pytest.approx(stated * shown[2].noise_times)
@@ -120,7 +120,7 @@ def test_a_run_that_is_hardly_known_moves_no_mean() -> None:
 
 
 def _of_a_collect(one: Campaign) -> list[float]:
-    noise, seen = what_scatters(one).answer.noise, campaign_document(one)["noise_level"]
+    noise, seen = what_scatters(one).answer.noise, campaign_document(one, changes=())["noise_level"]
     assert isinstance(seen, dict)
     by_search = [each[key] for each in noise for key in ("stated_deg_per_hr", "observed_deg_per_hr")]
     return [*by_search, seen["collect_deg_per_hr"], fit_thermal(one).sensors[2].rate_noise_deg_per_hr]
@@ -265,7 +265,7 @@ def test_a_collect_of_one_run_scatters_in_each_channel_as_its_residuals_say(stat
         },
     )
     found = what_scatters(one).answer.noise
-    seen: Any = campaign_document(one)["sensors"]
+    seen: Any = campaign_document(one, changes=())["sensors"]
     sizes = seen[str(number)]["noise"]["channels_deg_per_hr"]
     assert {each["channel"]: each["observed_deg_per_hr"] for each in found} == pytest.approx(sizes)
     assert stated or sizes[found[2]["channel"]] > 5.0 * sizes[found[0]["channel"]]
@@ -279,8 +279,8 @@ def test_beside_a_model_with_terms_visibility_takes_for_noise_what_solve_does() 
     """What the terms make is off the rates for both; it had stood among what residuals exceed their errors by."""
     one = FOLDERS["drift through every run"]()
     model = reconcile(one, "matrix-6", prove=False).model_after
-    alone: Any = campaign_document(one)
-    beside: Any = campaign_document(one, model)
+    alone: Any = campaign_document(one, changes=())
+    beside: Any = campaign_document(one, model, changes=())
     assert "residuals are in RA" in alone["noise"]["source"]
     assert "residuals" not in beside["noise"]["source"]
     assert beside["taken_off"] == "matrix-6 with drift and bias"

@@ -212,6 +212,6 @@ def test_one_value_of_both_channels_is_seen_in_both() -> None:
 
 def test_a_channel_that_measured_nothing_asks_for_no_noise() -> None:
     """Of no rows nothing was divided by nothing, and the command ended in an internal error."""
-    found: Any = campaign_document(FOLDERS["dead channel"]())
+    found: Any = campaign_document(FOLDERS["dead channel"](), changes=())
     assert all(effect["smallest_visible"]["value"] != 0.0 for effect in found["effects"])
     assert any(effect["visible"] for effect in found["effects"])

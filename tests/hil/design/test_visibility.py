@@ -235,7 +235,7 @@ def of_each_position(conditions: Conditions) -> FloatArray:
 
 def smallest(one: Campaign, model: Model, name: str) -> float:
     """Return the smallest visible size of an effect in a campaign."""
-    effects: Any = campaign_document(one, model)["effects"]
+    effects: Any = campaign_document(one, model, changes=())["effects"]
     return float(next(each["smallest_visible"]["value"] for each in effects if each["id"] == name))
 
 
@@ -248,7 +248,7 @@ def test_what_repeats_scatter_by_is_what_an_effect_must_exceed() -> None:
     moved = rates + rng.normal(0.0, 8.0, (conditions.run.max() + 1, 2))[conditions.run]
     errors = np.full_like(rates, 0.5)
     quiet, loud = (Campaign("t", "s", {2: Collects(conditions, each, errors)}) for each in (rates, moved))
-    maps: list[Any] = [campaign_document(one, built_in_model("matrix-6"))["sensors"] for one in (quiet, loud)]
+    maps: list[Any] = [campaign_document(one, built_in_model("matrix-6"), ())["sensors"] for one in (quiet, loud)]
     assert maps[0]["2"]["noise"]["run_bias_deg_per_hr"] < 0.5
     assert maps[1]["2"]["noise"]["run_bias_deg_per_hr"] == pytest.approx(8.0, rel=0.4)
     matrix_6 = built_in_model("matrix-6")
@@ -262,7 +262,7 @@ def test_residuals_that_repeats_contradict_are_no_noise_of_a_form_of_biases_alon
     rows = one.sensors[2]
     alone = replace(rows.conditions, sensor=replace(rows.conditions.sensor, channels={"RA": "A"}))
     single = Collects(alone, rows.rates_deg_per_hr[:, :1], rows.rates_se_deg_per_hr[:, :1])
-    found: Any = campaign_document(replace(one, sensors={2: single}))
+    found: Any = campaign_document(replace(one, sensors={2: single}), changes=())
     assert found["sensors"]["2"]["noise"]["collect_deg_per_hr"] < 2.0
     few: Any = campaign_document(runs_at_their_temperatures(2, 1, seed=5, scatter=1.0))
     assert min(change["size_ratio"] for change in few["changes"]) > 0.05
@@ -293,7 +293,7 @@ def test_standard_errors_that_are_too_small_are_no_scatter_from_run_to_run() -> 
     for offset in (0.0, 2.0):
         one = runs_at_their_temperatures(24, 3, seed=5, scatter=offset)
         small = replace(one.sensors[2], rates_se_deg_per_hr=0.25 * one.sensors[2].rates_se_deg_per_hr)
-        found: Any = campaign_document(replace(one, sensors={2: small}))
+        found: Any = campaign_document(replace(one, sensors={2: small}), changes=())
         noise = found["sensors"]["2"]["noise"]
         assert noise["collect_deg_per_hr"] == pytest.approx(0.7, rel=0.2)
         assert noise["run_bias_deg_per_hr"] == pytest.approx(offset, abs=0.4)
@@ -322,13 +322,12 @@ def test_odd_data_gets_a_map_and_reasons(conditions: Conditions) -> None:
     assert {effect["id"] for effect in entry["effects"]} | set(entry["cannot_be_asked"]) == {one.id for one in EFFECTS}
 
 
-def test_what_no_column_lets_ask_is_in_the_class_of_what_it_looks_like(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_no_column_lets_ask_is_in_the_class_of_what_it_looks_like() -> None:
     """Two temperatures tell demod from bias_T as little as no record of it, which is told with what to record."""
-    monkeypatch.setattr("hil.design.visibility.document.improvements", lambda *_: [])
     rows = campaign(temperatures=(10.0, 40.0), runs_each=3)
     bare = replace(rows, columns={name: of for name, of in rows.columns.items() if name != "case_degC"})
     for conditions, lacks in ((bare, True), (rows, False)):
-        document: Any = visibility_document({2: conditions}, "two temperatures", built_in_model("matrix-6"))
+        document: Any = visibility_document({2: conditions}, "2", built_in_model("matrix-6"), changes=())
         effect = next(each for each in document["effects"] if each["id"] == "bias_T")
         assert effect["class"] == ["bias_T", "demod"]
         assert effect["unasked"] == ({"demod": "record case_degC"} if lacks else {})

@@ -78,7 +78,7 @@ def test_what_would_show_in_what_was_taken_as_zero_is_not_promised(reference: Pa
     """Collects 1 and 2 are copies of one mean: no GS of any run differs between them, and none is moved."""
     campaign = read_published_table(reference / "table1.csv")
     seen, measured = (
-        {each["id"]: each for each in campaign_document(one, built_in_model("matrix-6"))["effects"]}
+        {each["id"]: each for each in campaign_document(one, built_in_model("matrix-6"), ())["effects"]}
         for one in (campaign, replace(campaign, taken_as_zero=()))
     )
     gone = [name for name, each in measured.items() if each["visible"] and not seen[name]["visible"]]
@@ -92,7 +92,7 @@ def test_what_the_printed_runs_scattered_by_is_in_every_error_whoever_is_asked(t
     (known := tmp_path / "model.yaml").write_text(
         "{schema: hil.model/1, title: mine, form: matrix-6, noise: {2: {run_to_run: {BA: {unit: deg/hr, value: 4}}}}}"
     )
-    assert campaign_document(read_campaign(campaign))["noise"]["source"] == OF_MEANS  # type: ignore[index]
+    assert campaign_document(read_campaign(campaign), changes=())["noise"]["source"] == OF_MEANS  # type: ignore[index]
     assert read_campaign(campaign).warnings == ()
     for model, stated in ((None, False), (str(known), True)):
         of_runs, sources = solve(campaign, model), budget(str(campaign), model=model, draws=100)
