@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,10 @@ from hil.design.visibility.document import campaign_document
 from hil.design.visibility.map import NoiseLevel, base_values, visibility
 from hil.design.visibility.promise import Asked, Rows, Smallest, found_from, thresholds
 from hil.model import Model, built_in_model
-from hil.model.effects.base import effect_columns
+from hil.model.effects.base import Base, effect_columns
 from hil.model.effects.catalogue import EFFECTS, effect_by_id
 from hil.model.effects.columns import flattened
+from hil.model.effects.thermal import Hysteresis
 from hil.model.forms import named_form
 from hil.reconcile.search.layout import searches
 from hil.reconcile.search.problem import pose
@@ -138,11 +140,24 @@ def test_what_most_are_found_by_is_asked_first_and_all_are_found_alike(monkeypat
     assert told[0] < 0.6 * told[2]
 
 
+def test_each_shape_of_an_effect_is_laid_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those that a map keeps of all that are tried had been laid a second time."""
+    laid, columns = [], Hysteresis.columns
+
+    def counted(effect: Hysteresis, rows: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
+        laid.append(tuple(shape.values()))
+        return columns(effect, rows, base, shape)
+
+    monkeypatch.setattr(Hysteresis, "columns", counted)
+    visibility(UP_AND_DOWN, MATRIX_6, NOISE)
+    assert len(laid) == len({*laid}) > 1
+
+
 def test_a_base_is_inverted_once_for_all_effects(monkeypatch: pytest.MonkeyPatch) -> None:
     """What an effect leaks into the parameters takes the inverse of the base, which no effect changes."""
     inverted, pinv = [], np.linalg.pinv
     monkeypatch.setattr(np.linalg, "pinv", lambda *of, **how: inverted.append(of) or pinv(*of, **how))
-    visibility(ROWS, MATRIX_6, NOISE)
+    visibility(UP_AND_DOWN, MATRIX_6, NOISE)
     assert len(inverted) == 1
 
 
