@@ -29,6 +29,7 @@ from hil.likeness.again import configuration
 from hil.likeness.features import features, levels
 from hil.likeness.verdict import verdict
 from hil.model import Model, fitting_campaign
+from hil.model.effects.scatter import drawn
 from hil.model.model_file import save_model
 from hil.night import start_night
 from hil.reconcile.outcome.improve import improved
@@ -174,11 +175,14 @@ def _drawn_values(entry: Any, rng: np.random.Generator, *, size: bool) -> Any:
 
 def night_of_averages(campaign: Campaign, model: Model, rng: np.random.Generator) -> Campaign:
     """Return the campaign with rates drawn from a model, with all noise that it and the standard errors state."""
+    every = with_stand_ins(campaign).sensors
+    known = [rows.conditions for rows in every.values()]
+    scattered = drawn([model.stated_scatter(own) for own in known], known, rng)
     sensors = {}
-    for number, rows in with_stand_ins(campaign).sensors.items():
-        own, errors = rows.conditions, np.nan_to_num(rows.rates_se_deg_per_hr)
-        noise = errors * rng.standard_normal(errors.shape) + sum(s.draw(own, rng) for s in model.stated_scatter(own))
-        rates = np.where(np.isfinite(rows.rates_deg_per_hr), model.rates(own) + noise, np.nan)
+    for (number, rows), scatter in zip(every.items(), scattered, strict=True):
+        errors = np.nan_to_num(rows.rates_se_deg_per_hr)
+        rates = model.rates(rows.conditions) + errors * rng.standard_normal(errors.shape) + scatter
+        rates = np.where(np.isfinite(rows.rates_deg_per_hr), rates, np.nan)
         sensors[number] = replace(rows, rates_deg_per_hr=rates)
     return replace(campaign, sensors=sensors)
 

@@ -106,7 +106,8 @@ class SensorNoise(Section):
             size = term.size_at(temperature)
             if size.any():
                 parts = effect.scatter(conditions, term.shape)
-                out += [replace(part, columns=size[:, None, None] * part.columns) for part in parts]
+                common = effect.id if effect.common_to_sensors else ""
+                out += [replace(part, columns=size[:, None, None] * part.columns, common=common) for part in parts]
         return out
 
     def white(self, conditions: Conditions) -> FloatArray:

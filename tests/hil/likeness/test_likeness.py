@@ -28,6 +28,7 @@ from hil.model import Model, load_model
 from hil.night import start_night
 from hil.records.export import export_campaign, open_source
 from tests.hil.short_sweeps import short_sweep
+from tests.hil.twin.test_twin_scatter import scattering
 
 TRUTH = "rd-gc-86-1-truth"
 
@@ -209,6 +210,24 @@ def test_where_nothing_tells_a_temperature_none_is_named(tmp_path: Path) -> None
     told = [where for _, where, _ in map(json.loads, numbers)]
     assert {"channel", "position"} == {name for where in told for name in where} - {"sensor"}
     assert json.dumps(["conditions", {"sensor": 2}, "duration_s"]) in numbers
+
+
+def test_what_sensors_have_in_common_is_drawn_once_for_all(tmp_path: Path) -> None:
+    """Frost, and the pier that moves: as the simulated bench has it. What wanders in each sensor is its own."""
+    source = open_source(write_case(make_case(1), tmp_path / "campaign"))
+    rows = replace(source.sensors[2], rates_se_deg_per_hr=np.zeros_like(source.sensors[2].rates_deg_per_hr))
+    first = replace(rows, conditions=replace(rows.conditions, sensor=replace(rows.conditions.sensor, number=1)))
+    source = replace(source, sensors={1: first.rows(np.arange(len(rows)) % 5 > 0), 2: rows})
+    shared = {}
+    for effect in ("frost", "base", "markov"):
+        noise = {number: {"scatter": [scattering(effect)]} for number in (1, 2)}
+        document = load_model(TRUTH).model_dump(by_alias=True, exclude_unset=True)
+        model = Model.model_validate({**document, "noise": noise})
+        drawn = draws.night_of_averages(source, model, np.random.default_rng(1)).sensors
+        one, two = (own.rates_deg_per_hr - model.rates(own.conditions) for own in drawn.values())
+        shared[effect] = np.allclose(one, two[np.arange(len(rows)) % 5 > 0])
+        assert np.abs(one).max() > 0.1
+    assert shared == {"frost": True, "base": True, "markov": False}
 
 
 @pytest.mark.slow(seconds=31)
