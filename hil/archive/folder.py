@@ -51,6 +51,7 @@ _MARK_TEXT = (
     "schema: hil.archive/1\n# Taken up by hil archive. The folders are the truth; index.sqlite is made from them.\n"
 )
 _DIGITS = 12
+_OF_A_NIGHT = ("began_utc", "ended_utc", "state", "night", "versions")  # what a table of it does not know, or less well
 
 
 @dataclass(frozen=True)
@@ -85,8 +86,13 @@ def take_up(
     digest = _rates_digest(campaign)
     there = next(unit.glob(f"[!.]*-{digest}"), None)
     name, why = f"{unit.name}/{there.name}" if there else "", ""
-    if there and not (why := _replaced(archive, name, campaign, is_night(source))):
-        return Taken(name, serial, before=True)
+    if there:
+        why, of_night = _replaced(archive, name, campaign, is_night(source))
+        if not why:
+            return Taken(name, serial, before=True)
+        if of_night:
+            facts |= {key: of_night[key] for key in _OF_A_NIGHT}
+            began, configuration = datetime.fromisoformat(facts["began_utc"]), read_text(there / CONFIGURATION)
     found_archive(archive, new=True)
     target = unit / f"{began:%Y%m%dT%H%MZ}-{digest}"
     aside = unit / f"{PARTIAL}{digest}-replaced"
@@ -104,21 +110,22 @@ def take_up(
     return Taken(f"{unit.name}/{target.name}", serial, before=False, replaces=why)
 
 
-def _replaced(archive: Path, entry: str, campaign: Campaign, by_night: bool) -> str:
+def _replaced(archive: Path, entry: str, campaign: Campaign, by_night: bool) -> tuple[str, dict[str, Any]]:
     """Return why an entry is replaced by what holds the same rates; empty where it is sound, and has as much.
 
-    Of a night and a table of it that was corrected, the table stays. Raises `InputError` where nobody can tell, because
-    the entry cannot be read now.
+    And what it says of the night that both are of, empty where that is told by neither or by the other: of a night and
+    a table of it that was corrected, the table stays. Raises `InputError` where nobody can tell, because the entry
+    cannot be read now.
     """
     try:
         facts, known, _ = read_entry(archive, entry)
     except InputError as error:
         if isinstance(error.__cause__, OSError):
             raise
-        return f"{entry}, which was damaged"
+        return f"{entry}, which was damaged", {}
     if _labels_digest(known) == _labels_digest(campaign):
-        return f"{entry}, an export of this night" if by_night and facts["night"] is None else ""
-    return "" if by_night else f"{entry}, whose labels or poses were others"
+        return f"{entry}, an export of this night" if by_night and facts["night"] is None else "", {}
+    return "" if by_night else f"{entry}, whose labels or poses were others", facts if facts["night"] else {}
 
 
 def read_entry(archive: Path, entry: str) -> tuple[dict[str, Any], Campaign, Mapping[str, Any]]:

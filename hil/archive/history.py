@@ -146,7 +146,7 @@ def _told(good: Sequence[Entry]) -> Iterator[str]:
             )
             yield f"{one.name} and {other.name} were measured at the same time: {why}"
     yield from (
-        f"{each.name}: its night is not at {each.whence} any more; what was averaged of it is here"
+        f"{each.name}: what it was taken up from is not at {each.whence} any more; what was averaged of it is here"
         for each in good
         if each.night and not Path(each.whence).exists()
     )

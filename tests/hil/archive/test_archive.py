@@ -153,6 +153,23 @@ def test_a_night_takes_the_place_of_its_export(night: Path, tmp_path: Path, caps
         assert update(folder).gone == []
 
 
+def test_a_table_that_was_corrected_is_of_the_night_whose_place_it_takes(night: Path, tmp_path: Path) -> None:
+    """When it was, by which bench and which record: with it all that the night's folder could still tell had gone."""
+    folder = tmp_path / "archive"
+    before = read_entry(folder, take_up(folder, night).entry)
+    exported = replace(before[1], folder=None, recorded={})
+    for mrad in (3.0, 0.0):  # corrected twice: the second time it is a table's place that is taken
+        rows = exported.sensors[2].conditions
+        poses = replace(rows, f_g=rows.f_g + mrad * 1e-3, w_deg_per_hr=rows.w_deg_per_hr + 0.1)
+        table = replace(exported, sensors={**exported.sensors, 2: replace(exported.sensors[2], conditions=poses)})
+        taken = take_up(folder, write_campaign(table, tmp_path / f"{mrad}"))
+        facts, _, configuration = read_entry(folder, taken.entry)
+        assert "whose labels or poses were others" in taken.replaces
+        assert facts == {**before[0], "from": str(tmp_path / f"{mrad}"), "sha256": facts["sha256"]}
+        assert configuration == before[2]
+        assert take_up(folder, night).before
+
+
 def test_an_archive_that_lost_its_mark_is_founded_again(
     copy: Path, measured: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -305,7 +322,7 @@ def test_a_night_is_taken_up_at_its_end_and_outlived_by_what_was_averaged(
     shutil.move(tmp_path / "night-0", tmp_path / "elsewhere")
     assert hil(["history", "SIM-0001", "--archive", str(tmp_path / "archive")]) == 0
     out = capsys.readouterr()
-    assert "its night is not at" in out.err
+    assert "what it was taken up from is not at" in out.err
     assert "were measured at the same time: clocks of simulated nights begin alike" in out.err
     assert "SIMULATED" in out.out
     assert "bench.title: bench 0 → bench 1" in out.out
