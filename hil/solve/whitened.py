@@ -4,9 +4,9 @@
     rates.squares, rates.freedom     # of what is left, in standard errors, and how many degrees of freedom it has
 
 A run's bias and MU are its own, within what those of the other runs scatter by where enough were made to tell: about
-those of others at its temperature, or, where hardly any run repeats another, about a curve over temperature. What else
-its rates show the others show too, at another temperature by a little more or less; where three runs took a position at
-the same place in them, whatever the form says of it.
+those of others at its temperature, or, where hardly any run repeats another, about a curve over temperature. So is GS
+where hardly any two runs have the same. What else its rates show the others show too, at another temperature by a
+little more or less; where three runs took a position at the same place in them, whatever the form says of it.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -17,7 +17,7 @@ from typing import Self
 
 import numpy as np
 
-from hil.campaign import Collects, Conditions, FloatArray, IntArray
+from hil.campaign import BoolArray, Collects, Conditions, FloatArray, IntArray
 from hil.campaign.laws import FIXTURE_G, from_the_usual_g
 from hil.model.effects.columns import flattened
 from hil.model.forms import default_form
@@ -29,6 +29,8 @@ _CHANGES = 0.1  # of its size: so much what neither a bias nor MU moves is anoth
 # Where each temperature was met once, that follows a curve as bias and MU do, and is off it by so much of itself.
 _SHARE = 1.0 / 3.0  # of differences of two: what so many are below, a few that are wrong do not move
 _SIGMA = 1.64  # a normal distribution's sigma by that
+_HARDLY_ANY = 1.0 / 6.0  # of them
+_BY_CHANCE = 2.0  # standard errors of one: noise makes hardly any larger
 _CURVE = 3  # order of what parameters follow over temperature at most
 _FEW = 8.0  # runs that others tell of: of so many their scatter is known hardly better than by 2
 _LEAST = 2  # and of fewer not at all
@@ -37,7 +39,7 @@ _NOISIER = 1.5  # times: so much noisier one channel may seem than another by ch
 _OF_A_CHANNEL = 20.0  # degrees of freedom that tell its noise as well as is known before: that all are alike
 _LAGS = (1, 2)  # between repeats whose difference is taken
 _APART = 1e-9  # of the square of the largest: directions that are none
-_LOUD = 3.0  # times: so much more repeats hardly scatter at one temperature than at most by chance
+_LOUD = 3.0  # times: so much more repeats hardly scatter at one temperature than at most by chance, or than is typical
 _REPEATED = 3  # collects in one place tell what it shows
 _TOLD = 1e-3  # of what a run's bias or MU shows: where others leave less, they tell nothing of it
 
@@ -64,25 +66,25 @@ class Whitened:
         self.weight = np.where(self.known, 1.0 / errors, 0.0)
         form = default_form(conditions)
         columns = form.columns(conditions) * self.weight[..., None]
-        of_run = np.array([name.startswith(("B", "MU")) for name in form.names])
-        bias = np.array([name.startswith("B") for name in form.names])[of_run]
+        of_run, bias = (np.array([name.startswith(of) for name in form.names]) for of in (("B", "MU"), "B"))
         self._names = [*compress(form.names, of_run)]
         own, steady = columns[..., of_run], columns[..., ~of_run]
         seen = np.where(self.known, rates - conditions.w_channels_deg_per_hr, 0.0) * self.weight
         groups = runs_by_temperature(conditions)
         at = np.array([np.isin(conditions.run, of) for _, of in groups])
         self._runs = conditions.of_each_run
-        scatter = _scatter(conditions, form.names, columns, seen, groups, at)
+        scatter = _scatter(conditions, form.names, of_run, columns, seen, groups, at)
         group_of = {run: k for k, (_, runs) in enumerate(groups) for run in runs}
         self._keeps: dict[int, FloatArray] = {}
         self._own = {run: flattened(own[rows]) for run, rows in self._runs.items()}
         left = {}  # the covariance that is expected of what it keeps
         for run, rows in self._runs.items():
-            free = np.full(own.shape[2], scatter is None) | (bias & (run in own_bias))
-            basis = orthonormal(self._own[run][:, free])
+            free = (of_run & (scatter is None)) | (bias & (run in own_bias))
+            every = flattened(columns[rows])
+            basis = orthonormal(every[:, free])
             keeps, covariance = np.eye(len(basis)) - basis @ basis.T, np.diag(self.known[rows].reshape(-1) * 1.0)
             if scatter is not None:
-                bound, usual = (self._own[run][:, ~free] * of[group_of[run]][of_run][~free] for of in scatter[:2])
+                bound, usual = (every[:, ~free] * of[group_of[run]][~free] for of in scatter[:2])
                 directions, size, _ = np.linalg.svd(keeps @ bound, full_matrices=False)
                 keeps = keeps - directions * (1.0 - 1.0 / np.sqrt(1.0 + size**2)) @ directions.T @ keeps
                 covariance += usual @ usual.T
@@ -197,6 +199,7 @@ def place_in_each_run(conditions: Conditions) -> IntArray:
 def _scatter(
     conditions: Conditions,
     names: Sequence[str],
+    of_run: BoolArray,
     columns: FloatArray,
     seen: FloatArray,
     groups: Sequence[tuple[float | None, Sequence[int]]],
@@ -205,16 +208,19 @@ def _scatter(
     """Return what a run's parameters are known within by those of others; None where too few tell of each other.
 
     That is more than their scatter, for of few nobody knows it well, but no more than is typical at most where it is
-    less, both (g, p) by group: what scatters by far more at one temperature than at most is usual there. And how they
-    go from row to row by what all have in common, (q, n): by temperature, which is what those of each of the `groups`
-    have in `common` (g, n), or, where hardly any run repeats another, along a curve.
+    less, both (g, p) by group: what scatters by far more at one temperature than at most is usual there. Others than
+    those `of_run` (p,) scatter by nothing, unless they are known to and hardly any two of enough runs are as near as
+    noise leaves most. And how they go from row to row by what all have in common, (q, n): by temperature, which is what
+    those of each of the `groups` have in `common` (g, n), or, where hardly any run repeats another, along a curve.
     """
     values: dict[int, FloatArray] = {}
+    errors = []
     for run, rows in conditions.of_each_run.items():
         design = flattened(columns[rows])
         fitted, _, rank, _ = np.linalg.lstsq(design, seen[rows].reshape(-1), rcond=1e-3)
         if rank == design.shape[1]:
             values[run] = np.asarray(fitted)
+            errors.append(np.sqrt(np.diag(np.linalg.inv(design.T @ design))))
     repeated = [[values[run] for run in of if run in values] for _, of in groups]
     degrees_of = np.array([max(len(of) - 1, 0) for of in repeated], dtype=np.float64)
     degrees = float(degrees_of.sum())
@@ -237,7 +243,12 @@ def _scatter(
             loud = (own := _most_are_within(of)) > _LOUD * scatter[k]
             scatter[k, loud], known_by[k, loud] = own[loud], degrees_of[k]
     within = scatter * (1.0 + _FEW / known_by)
-    return np.where(scatter < typical, np.minimum(within, typical), within), scatter, common
+    within = np.where(scatter < typical, np.minimum(within, typical), within)
+    least = np.quantile(np.abs(np.array(apart)), _HARDLY_ANY, axis=0, method="lower")
+    by_chance = _BY_CHANCE * np.median(errors, axis=0)
+    known = np.isfinite(typical) & (degrees >= _FEW)
+    changes = of_run | (known & (by_chance < least) & (least < _LOUD * typical))
+    return within * changes, scatter * changes, common
 
 
 def _most_are_within(apart: Sequence[FloatArray]) -> FloatArray:

@@ -115,6 +115,19 @@ def test_a_rate_that_is_off_is_no_pass_where_what_all_runs_share_follows_tempera
     assert solved[1 + row // 3] is not Verdict.PASS
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_gs_that_differs_from_run_to_run_accuses_no_collect(seed: int) -> None:
+    """As a bias and MU do: it is what the unit does, and one rate that is off among these is told all the same."""
+    made = campaign(24, 3, seed, scatter=1.0)
+    rows = made.sensors[2]
+    d, e = np.repeat(np.random.default_rng(seed).normal(0.0, 20.0, (2, 24)), 3, axis=1)
+    f_a, f_b = rows.conditions.f_g[:, 0], rows.conditions.f_g[:, 1]
+    rates = rows.rates_deg_per_hr + np.stack([d * f_a + e * f_b, d * f_b - e * f_a], axis=1)
+    assert wrong_rows(with_rates(made, rates))[2].rows == ()
+    rates[14, 0] += 40.0
+    assert [row.run for row in wrong_rows(with_rates(made, rates))[2].rows] == [5]
+
+
 def test_one_collect_far_off_and_turned_signs_are_no_pass() -> None:
     """What has a cause FAILs; what has none is INCONCLUSIVE, with its size."""
     made = campaign()
