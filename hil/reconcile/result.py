@@ -265,6 +265,7 @@ class Reconciliation:
     solved: Solved = field(default_factory=Solved)  # what `hil solve` says of these collects
     left: Solved = field(default_factory=Solved)  # and would say without what was found
     both: BothSensors | None = None
+    look_for: str = ""  # what two sensors have in common beside what was found
     to_record: Sequence[str] = ()  # what nobody recorded that changes from run to run may follow
 
     @property

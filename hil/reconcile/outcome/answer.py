@@ -119,16 +119,18 @@ class Answer:
         return Solved.of(self.campaign)
 
     @cached_property
+    def taken_off(self) -> Campaign:
+        """The campaign with what is known, and what was found, taken off."""
+        sure = mended(self.problem.sensors, certain(self.reading.mistakes, self.fit, self.campaign))
+        return taken_out(self.problem, sure, self.terms, pooled(self.scatter))
+
+    @cached_property
     def left(self) -> Solved:
-        """What it would say with what is known, and what was found, taken off."""
+        """What it would say of that."""
         model, wrong = self.problem.model, self.reading.mistakes
-        if not (self.names or wrong or model.terms or model.noise):
-            return self.solved
-        sure = mended(self.problem.sensors, certain(wrong, self.fit, self.campaign))
         off = ["what the model knows"] * bool(model.terms or model.noise)
         off += ["what was found"] * bool(self.names or wrong)
-        beside = f"with {listed(off)} taken off, "
-        return Solved.of(taken_out(self.problem, sure, self.terms, pooled(self.scatter)), beside, self.solved)
+        return Solved.of(self.taken_off, f"with {listed(off)} taken off, ", self.solved) if off else self.solved
 
     @cached_property
     def noise(self) -> Sequence[dict[str, Any]]:

@@ -72,7 +72,7 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     first += [f"what hil solve does not pass{why} why): {doubts}"] if doubts else []
     spoiled = sorted({collect for row in omitted for collect in row["collects"]})
     first += [f"what is left out (below): {numbered('collect', spoiled)}"] if spoiled else []
-    first += [f"{result.both.look_for} (notes)"] if result.both is not None and result.both.look_for else []
+    first += [f"{result.look_for} (notes)"] * bool(result.look_for)
     model = ", or the noise that the model states" * bool(result.input_model.noise)
     wrong = kind != "scatter" and result.left.misstated
     first += [f"standard errors{model}: repeats and residuals show others (notes)"] * wrong

@@ -17,7 +17,7 @@ from hil.reconcile.proof.places import places
 from hil.reconcile.result import Disagreement, FoundEffect, Reconciliation, Solved, without_collects
 from hil.reconcile.search.terms import NO_NAME
 from hil.reconcile.unrecorded import own_share, unasked
-from hil.solve.both_sensors import common_and_differential
+from hil.solve.both_sensors import BothSensors, common_and_differential
 from hil.solve.omissions import in_words, otherwise, without
 from hil.solve.temperatures import too_few
 from procedures.verdict import NOT_GOOD
@@ -76,6 +76,7 @@ def shown(campaign: Campaign, found: Answer, inside: Sequence[dict[str, Any]], a
         solved=found.solved,
         left=found.left,
         both=both,
+        look_for=_look_for(found, both),
         to_record=lacking(campaign, found.scatter, added.noise),
         values=added.values,
     )
@@ -88,6 +89,14 @@ def _where(found: Answer) -> list[Disagreement]:
     moved = places(fit, terms, chance, found.alpha)
     spoiled = mistakes.mistake_places(found.reading.mistakes, fit, chance)
     return [*spoiled, *moved, *scatter.places(found.scatter, chance)]
+
+
+def _look_for(found: Answer, both: BothSensors | None) -> str:
+    """Say what two sensors have in common beside what was found; of what scatters no rate can be rid."""
+    if both is None or not both.look_for or any(each.effect.common_to_sensors for each in found.scatter):
+        return ""
+    left = common_and_differential(found.taken_off)
+    return "" if left is None else left.look_for
 
 
 def _only_together(found: Answer) -> Iterator[str]:

@@ -149,6 +149,21 @@ def test_what_moves_both_sensors_is_said_wherever_somebody_asks_what_scatters(
 
 
 @pytest.mark.slow
+def test_nobody_is_sent_to_look_for_what_has_just_been_named() -> None:
+    """Both sensors follow the supply, another in each run: that is the finding, and what is left moves neither."""
+    one, moved = FOLDERS["two sensors"](), np.repeat(np.random.default_rng(3).normal(0.0, 0.02, 12), 3)
+    for number, rows in one.sensors.items():
+        columns = {**rows.conditions.columns, "supply_V": 28.0 * (1.0 + moved)}
+        one = with_rates(one, rows.rates_deg_per_hr + 100.0 * moved[:, None] * [4.0, -3.0], number)
+        conditions = replace(rows.conditions, columns=columns)
+        one = replace(one, sensors={**one.sensors, number: replace(one.sensors[number], conditions=conditions)})
+    found = reconcile(one, "matrix-6", prove=False)
+    assert "supply" in {effect.id for effect in found.effects}
+    assert any("move together from run to run" in note for note in found.notes)
+    assert "together" not in what_to_do(found)[1]
+
+
+@pytest.mark.slow
 def test_what_parts_a_bias_at_each_temperature_from_its_rival_is_what_parts_the_effect_of_that_name() -> None:
     """Any collects tell a bias; whether it follows temperature or remembers it, no further collect of a climb does."""
     one = campaign(9, 3, seed=211, scatter=0.3)
