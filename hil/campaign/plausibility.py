@@ -15,7 +15,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.campaign.data import BoolArray, Campaign, Collects, FloatArray, IntArray, Sensor
+from hil.campaign.data import BoolArray, Campaign, Collects, Conditions, FloatArray, IntArray, Sensor
 from hil.campaign.laws import digit, laws, soaked, to_come_degC
 from hil.campaign.stand_ins import off_its_case
 from hil.errors import InputError
@@ -31,6 +31,7 @@ _SAME_ROWS = 3
 _DIGITS, _ROUNDING = 300.0, 1e-6
 _AT_REST_DEG_PER_HR = 360_000.0  # a hundred degrees a second: many times what the poorest gyro is off by
 _STILL = 0.05  # of what the earth rate alone moves a channel by
+_POSES, _FAR, _CHANCE = 4, 20.0, 3.0  # so many, so many sigmas in all, and those of a chi-square
 _FINE = 0.03  # of a standard error: in steps as fine as that hardly one in a thousand runs shows one value three times
 _BY_CHANCE = 1e-3  # so rare it is that some collect of a campaign shows 0 in all channels, in steps as they are written
 _PILED, _PILED_RATIO = 3, 2.0  # averages on one value, and times as many as on any between
@@ -250,9 +251,10 @@ def _limits(campaign: Campaign) -> Iterator[_Found]:
         if np.any(beyond := size > _AT_REST_DEG_PER_HR):
             words = f"sensor {number}: rates up to {size.max():.3g} deg/hr: no gyro shows as much of what it is held in"
             yield [collects], beyond, f"{words}; are they in deg/hr?"
-        for name, own, earth in zip(
+        for name, own, errors, earth in zip(
             collects.conditions.sensor.channels,
             collects.rates_deg_per_hr.T,
+            collects.rates_se_deg_per_hr.T,
             collects.conditions.w_channels_deg_per_hr.T,
             strict=True,
         ):
@@ -261,6 +263,27 @@ def _limits(campaign: Campaign) -> Iterator[_Found]:
             if 0.0 < moves < _STILL * by_earth:
                 words = f"sensor {number}: {name} moves by {moves:.2g} deg/hr in all, where the earth rate alone moves"
                 yield [collects], known, f"{words} it by {by_earth:.3g}: is it in deg/hr?"
+            elif np.any(same := _in_every_pose(collects.conditions, own, errors, earth)):
+                words = f"sensor {number}: {name} shows the same in every pose, where the earth rate alone moves it by"
+                words += f" {np.ptp(earth[same]):.3g} deg/hr: it does not turn with the unit, or the earth rate was"
+                yield [collects], same, f"{words} taken off it before (a sensitivity that undoes just that is none)"
+
+
+def _in_every_pose(c: Conditions, rates: FloatArray, errors: FloatArray, earth: FloatArray) -> BoolArray:
+    """Tell in which collects, (n,), a channel shows the same as in all of their run, where the earth rate moves it far.
+
+    The same within its standard errors, (n,) as `rates` and what of them is `earth` rate, deg/hr; in enough poses.
+    """
+    same = np.full(len(c), False)
+    for own in c.of_each_run.values():
+        rows = own[np.isfinite(rates[own]) & (errors[own] > 0.0)]
+        freedom = len(rows) - 1
+        if len(np.unique(c.position[rows])) >= _POSES:
+            white = np.stack([rates, earth])[:, rows] / errors[rows]
+            mean = errors[rows] ** -1.0 / np.linalg.norm(errors[rows] ** -1.0)
+            shown, due = np.linalg.norm(white - (white @ mean)[:, None] * mean, axis=1)
+            same[rows] = due > _FAR and shown**2 < freedom + _CHANCE * np.sqrt(2.0 * freedom)
+    return same
 
 
 def _laws(campaign: Campaign, series: Mapping[int, FloatArray]) -> Iterator[_Found]:

@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.campaign import Campaign
+from hil.campaign import Campaign, Collects, Conditions, Sensor
+from hil.campaign.plausibility import judged_by_its_records
 from hil.campaign.reader import read_campaign
+from hil.solve import solve_campaign
 from procedures.verdict import Verdict
 from tests.hil.solve.solved_campaigns import TRIAD_YAML, Row, only, values_of, write
 
@@ -92,3 +94,23 @@ def test_real_triads_are_solved(reference_data: Path) -> None:
         assert solution.condition_number is not None
         assert solution.condition_number < 5
         assert all(estimate.se is not None for estimate in solution.parameters.values())
+
+
+@pytest.mark.parametrize(
+    ("turns", "noise", "verdict"), [(False, 0.5, "FAIL"), (True, 0.5, "PASS"), (False, 5.0, "PASS")]
+)
+def test_a_channel_that_does_not_turn_with_the_others_is_no_pass(turns: bool, noise: float, verdict: str) -> None:
+    """It would have minus the earth rate as its sensitivity, and no residual; in much noise nobody can tell."""
+    rng = np.random.default_rng(1)
+    f = rng.normal(size=(24, 3))
+    f /= np.linalg.norm(f, axis=1, keepdims=True)
+    w, k = 8.54 * f, np.arange(24)
+    rates = np.array([10.0, -5.0, 3.0]) + w * [True, turns, True] + rng.normal(0.0, noise, (24, 3))
+    sensor = Sensor(1, ("X", "Y", "Z"), {"GX": "X", "GY": "Y", "GZ": "Z"})
+    labels = np.array([f"pose {i}" for i in k])
+    conditions = Conditions(sensor, k + 1, np.ones(24, dtype=np.int64), labels, 100.0 * k, np.full(24, 60.0), f, w, {})
+    made = Campaign("poses", "", {1: Collects(conditions, rates, np.full((24, 3), noise))})
+    (solved,) = solve_campaign(judged_by_its_records(made))
+    assert solved.verdict.value == verdict
+    assert ("GY shows the same in every pose" in solved.reason) is (verdict == "FAIL")
+    assert solved.parameters["GYY"].value == pytest.approx(0.0 if turns else -8.54, abs=noise)
