@@ -128,11 +128,14 @@ def _next(
             if judged
             else "it takes three calibrations that tell something",
         )
-    months, parameter, of = min(due, key=lambda each: each[0])
+    out = [each for each in due if each[2]["beyond_limit"]]  # what surely is comes before what may be
+    months, parameter, of = min(out or due, key=lambda each: each[0])
     day = (datetime.fromisoformat(newest_utc) + timedelta(seconds=months * _MONTH_S)).date().isoformat()
     at = "" if of["temperature_degC"] is None else f" at {of['temperature_degC']:z.1f} °C"
     why = "may be beyond its limit by then" if months else "is not certainly within its limits even now"
-    return day, f"sensor {parameter['sensor']}, {parameter['parameter']}{at} {why}"
+    why = "is beyond its limit now" if out else why
+    more = f", and {len(out) - 1} more are" if len(out) > 1 else ""
+    return day, f"sensor {parameter['sensor']}, {parameter['parameter']}{at} {why}{more}"
 
 
 def _told(good: Sequence[Entry]) -> Iterator[str]:
@@ -225,7 +228,7 @@ def _parameters(
                         "temperature_degC": at,
                         **_trend(found, [days[each.entry] for each in of], unit),
                         "control": _control(y, sd, near, known),
-                        "due_in_months": _due(found, when, asked, k),
+                        **_due(found, when, asked, k),
                         "values": [
                             {"entry": m.entry, "day": days[m.entry], "own_degC": m.own_degC, **m.value.document()}
                             for m in of
@@ -255,14 +258,18 @@ def _control(y: FloatArray, sd: FloatArray, since: BoolArray, freedom: float) ->
     return {"centre": limits.value, **_ends(limits.value, half), "outside": bool(abs(y[-1] - limits.value) > half)}
 
 
-def _due(found: Trend, months: FloatArray, asked: ParameterLimits | None, k: float) -> float | None:
-    """Return in how many months after the newest its interval at `k` reaches a limit; None for not, or unknown."""
+def _due(found: Trend, months: FloatArray, asked: ParameterLimits | None, k: float) -> dict[str, Any]:
+    """Return in how many months after the newest its interval at `k` reaches a limit, and whether all is beyond now.
+
+    None where it never does, or where nobody knows.
+    """
     if found.fit is None or asked is None or (asked.low is None and asked.high is None):
-        return None
+        return {"due_in_months": None, "beyond_limit": None}
     value, wide = predicted(found.fit, months[-1] + _AHEAD_MONTHS, months, k)
     low, high = (-np.inf if asked.low is None else asked.low), (np.inf if asked.high is None else asked.high)
     beyond = (value - wide < low) | (value + wide > high)
-    return float(_AHEAD_MONTHS[np.argmax(beyond)]) if beyond.any() else None
+    due = float(_AHEAD_MONTHS[np.argmax(beyond)]) if beyond.any() else None
+    return {"due_in_months": due, "beyond_limit": bool(value[0] - wide[0] > high or value[0] + wide[0] < low)}
 
 
 def _trend(found: Trend, days: Sequence[str], unit: str) -> dict[str, Any]:

@@ -84,10 +84,10 @@ class Scattering:
             told = ["too few repeats to tell anything"]
         shown = found.left.shown  # what single runs leave is asked only where nothing in a run tells its noise
         left = {
-            number
+            of["sensor"]
             for of in noise
             if of["observed_deg_per_hr"] is not None
-            and not ((number := of["sensor"]) in shown and shown[number].noise_told)
+            and (of["run_offset_deg_per_hr"] or not ((n := of["sensor"]) in shown and shown[n].noise_told))
         }
         alone = [
             f"sensor {number}: {OF_MEANS if found.campaign.rebuilt else _NOT_REPEATED}"

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
+from hil.archive.history import _due, _next
 from hil.archive.page import sentences
 from hil.archive.trend import (
     Fit,
@@ -17,6 +19,7 @@ from hil.archive.trend import (
     predicted,
     trend,
 )
+from hil.config.limits import Limits, ParameterLimits
 
 
 def found(count: int, what: str, size: float, scatter: float = 1.0, draws: int = 200) -> Counter[str]:
@@ -161,3 +164,21 @@ def test_a_jump_that_came_back_is_said_with_both_its_places() -> None:
     parameter = {"sensor": 2, "parameter": "BA", "unit": "deg/hr", "jump": jump, "differs_between_temperatures": False}
     document = {"parameters": [parameter], "campaigns": [], "next_calibration": {"due": None, "why": ""}}
     assert "between a and b and back between c and d, alike" in next(sentences(document))
+
+
+def test_what_is_beyond_its_limit_now_is_due_before_what_only_may_be() -> None:
+    """A unit that is out of spec is not said to be "not certainly within" by a parameter that comes first by name."""
+    limits, months = ParameterLimits(low=0.0, high=22.0), np.arange(6.0)
+
+    def due(value: float, uncertainty: float) -> dict[str, Any]:
+        line = Trend("", Fit(months, np.full(6, value), np.full(6, uncertainty), line=False))
+        return {"temperature_degC": 10.0, **_due(line, months, limits, 2.0)}
+
+    parameters = [
+        {"sensor": 1, "parameter": "MUB", "temperatures": [due(21.9, 3.0)]},
+        {"sensor": 2, "parameter": "BA", "temperatures": [due(36.4, 0.3), due(40.0, 0.3), due(11.0, 0.3)]},
+    ]
+    day, why = _next(parameters, cast(Limits, limits), "2026-06-01", judged=True)
+    assert (day, why) == ("2026-06-01", "sensor 2, BA at 10.0 °C is beyond its limit now, and 1 more are")
+    day, why = _next(parameters[:1], cast(Limits, limits), "2026-06-01", judged=True)
+    assert why == "sensor 1, MUB at 10.0 °C is not certainly within its limits even now"

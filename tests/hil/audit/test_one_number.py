@@ -37,6 +37,7 @@ from hil.solve import repeats, solve_campaign
 from hil.solve.beside_terms import solve_beside
 from procedures.plan import make_plan
 from tests.hil.audit.folders import FOLDERS, _changed, written
+from tests.hil.reconcile.hidden_effects import hidden_campaign
 from tests.hil.solve.test_other_runs import campaign, repeated
 
 
@@ -187,6 +188,20 @@ def test_what_changes_from_run_to_run_is_not_known_where_nothing_was_repeated(ru
     assert {of["run_offset_deg_per_hr"] for of in found.answer.noise} == {None}
     assert {of["observed_deg_per_hr"] is not None for of in found.answer.noise} == {left}
     assert ("what is observed is" in found.sentences()[0]) is left
+
+
+@pytest.mark.slow
+def test_of_single_runs_whose_noise_is_told_an_offset_beside_a_curve_is_said_to_be_that() -> None:
+    """Four collects of a run tell its noise; what runs differ by is what a curve over temperature leaves of them."""
+    one, rng = hidden_campaign(7), np.random.default_rng(1)
+    (number, rows), *_ = one.sensors.items()
+    keep = rows.conditions.run % 2 == 1  # each temperature has two
+    single = Collects(rows.conditions.rows(keep), rows.rates_deg_per_hr[keep], rows.rates_se_deg_per_hr[keep])
+    off = np.repeat(rng.normal(0.0, 4.0, (keep.sum() // 4, 2)), 4, axis=0)
+    single = replace(single, rates_deg_per_hr=single.rates_deg_per_hr + off)
+    found = what_scatters(replace(one, sensors={number: single}))
+    assert all(of["run_offset_deg_per_hr"] > 1.0 for of in found.answer.noise)
+    assert "what is observed is what a smooth model leaves of single runs" in found.sentences()[0]
 
 
 @pytest.mark.slow
