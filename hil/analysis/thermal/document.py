@@ -119,9 +119,15 @@ def parameter_in_words(each: ParameterFit) -> str:
     errors, unit = each.choice.errors, each.unit
     if each.finding == "constant":
         largest = f"{significant(each.largest_change)} {unit}"
+        few = (
+            f"; it changes by {significant(each.sigmas)} of its standard errors, but {counted(each.repeats, 'repeat')} "
+            f"{'does' if each.repeats == 1 else 'do'} not tell noise well enough to call that more than chance: repeat "
+            "runs at a temperature (hil reconcile, which takes for noise what is typical, may call it dependent)"
+        )
         return (
             f"not shown{_BY_REPEATS * each.repeated} to depend on temperature (p = {each.p_value:.2g}, "
             f"{counted(each.together, 'parameter')} asked together): a straight line changes less than {largest}"
+            f"{few * bool(each.sigmas)}"
         )
     if each.finding == "undescribed":
         cubic = f"; a cubic {errors['cubic']:.3g}" if "cubic" in errors else ""

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import fdtrc, stdtr
+from scipy.special import fdtrc, ndtr, stdtr
 
 from hil.analysis.thermal.choice import FALSE_ALARM, MONOTONE, Choice, Improvement, monotone, nested_errors
 from hil.analysis.thermal.estimate import Estimates, Layout, Visits, layout_of
@@ -41,8 +41,9 @@ class ParameterFit:
     straight line or what predicts them; `changes` says that it is less than `FALSE_ALARM`. `chance_constant` and
     `chance_form` are the chances of a misfit to noise as large as that of the constant and of the chosen form (None:
     nothing is left over). `largest_change` bounds the change over the range of a straight line, where no dependence was
-    found; `repeated` says that it was told more than once at some temperature; `hysteresis` (1,) is the value reached
-    from below less that reached from above, whatever the form.
+    found, and `sigmas` is that line's change in its standard errors, where only `repeats` are too few to call that more
+    than chance, else 0; `repeated` says that it was told more than once at some temperature; `hysteresis` (1,) is the
+    value reached from below less that reached from above, whatever the form.
     """
 
     def __init__(
@@ -66,11 +67,15 @@ class ParameterFit:
         of_each = np.hypot(seen.sd, seen.common)[:, place]
         self.repeatability = float(np.nanmedian(of_each))  # one that is huge says nothing of the others
         self.together = len(layout.form.names)
-        self.repeated = bool(seen.spread.degrees[place])
+        self.repeats = int(seen.spread.degrees[place])
+        self.repeated = bool(self.repeats)
         self.p_value, self.changes = p_value, p_value < FALSE_ALARM
         self.chance_constant = _misfit(layout, values, 0)[1]
         line = _line(layout, values)
         self.largest_change = 2.0 * float(abs(line.values[1]) + line.half_width[1])
+        sigmas = float(abs(line.values[1]) / line.se[1])
+        of_known_noise = 2.0 * _QUESTIONS * self.together * float(ndtr(-sigmas))
+        self.sigmas = sigmas if self.repeated and not self.changes and of_known_noise < FALSE_ALARM else 0.0
         self.improvement = Improvement(choice.held_out_constant, errors, choice.weight)
 
     @property

@@ -298,3 +298,19 @@ def test_before_a_curve_is_used_the_runs_are_named_that_do_not_pass() -> None:
         )
     ]
     assert first_in_words({}, "a curve") == []
+
+
+@pytest.mark.parametrize(("slope", "few"), [(15.0, True), (0.0, False)])
+def test_what_only_too_few_repeats_leave_to_chance_is_said_to_be_so(slope: float, few: bool) -> None:
+    """Four temperatures, one of them twice: hil reconcile names it, by forty standard errors."""
+    made = rotor_night(
+        np.random.default_rng(1),
+        {"GSA": lambda t: slope * scaled(t)},
+        temperatures_degC=(-30.0, 0.0, 30.0, 60.0),
+        runs=2,
+        run_to_run={},
+    )
+    rows = made.sensors[2].rows(~np.isin(made.sensors[2].conditions.run, (4, 6, 8)))
+    found = fit_thermal(replace(made, sensors={2: rows})).sensors[2].parameters["GSA"]
+    assert found.finding == "constant"
+    assert ("but 1 repeat does not tell noise well enough" in parameter_in_words(found)) is few
