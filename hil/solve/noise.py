@@ -16,6 +16,8 @@ from hil.solve.precision import stated_noise
 from hil.solve.spread import RARE, uneven
 from hil.solve.temperatures import runs_by_temperature
 
+_COMMON = 1e-3  # of what all runs have in common: less is a difference of poses, and their parameters'
+
 
 def shares_of(collects: Collects) -> dict[str, FloatArray]:
     """Return what each channel's noise gives of the variance of each parameter, in these collects, (c,)."""
@@ -68,23 +70,35 @@ def changes(rows: Collects, runs: Set[int]) -> tuple[FloatArray, bool]:
             alike.setdefault((k, *what), []).append(rows_of)
     found = np.zeros((2, 2, len(groups), count))  # beside the usual, and beside all
     for (k, *_), each in alike.items():
-        at, weight = np.array(each), root[each] ** 2
-        share = weight / np.maximum(weight.sum(axis=0), 1e-300)
-        common = np.linalg.lstsq(columns[at].reshape(-1, len(usual)), white[at].reshape(-1), rcond=1e-3)[0]
-        left = white[at] - columns[at] @ common
-        left -= root[at] * np.sum(share * left / np.where(weight > 0.0, root[at], 1.0), axis=0)
-        for own, differs, part in zip(columns[at], left.reshape(len(at), -1), share, strict=True):
-            for beside, of_run in zip(found, (usual, usual | True), strict=True):
-                basis = orthonormal(own[..., of_run].reshape(-1, of_run.sum()))
-                off = (differs - basis @ (basis.T @ differs)).reshape(part.shape)
-                free = (1.0 - np.sum(basis**2, axis=1)).reshape(part.shape) * (1.0 - part) * (part > 0.0)
-                beside[:, k] += [np.sum(off**2, axis=0), free.sum(axis=0)]
+        for beside, of_run in zip(found, (usual, usual | True), strict=True):
+            beside[:, k] += _differs(white[each], columns[np.array(each)][..., of_run], root[each])
     certain = bool(np.any(times_of(*found[1].sum(axis=1)) != 1.0))
     squares, freedom = found = found[int(_another_changes(*found.sum(axis=(2, 3))))]
     told = (squares.sum(axis=0) > 0.0) & ~uneven(
         squares / np.maximum(freedom, 0.5), np.where(freedom > 0.5, freedom, 0.0)
     )
     return np.asarray(found.sum(axis=1) * told), certain
+
+
+def _differs(white: FloatArray, columns: FloatArray, root: FloatArray) -> FloatArray:
+    """Return the squares, and their degrees of freedom, of what runs of the same collects differ by, by channel (2, c).
+
+    That is beside the own `columns` (r, n, c, p) of each run, and whatever each rate has in common in all of them: of
+    rates `white` (r, n, c) in units of their errors, of which `root` (r, n, c) is one over each. Both are fitted at
+    once: errors that are not alike would else leave of a run's own parameters what is none of them.
+    """
+    runs, *shape = white.shape
+    own, scale = columns.reshape(runs, -1, columns.shape[-1]), root.reshape(runs, -1)
+    beside = np.stack([np.eye(scale.shape[1]) - basis @ basis.T for basis in map(orthonormal, own)])
+    common = beside * scale[:, None]  # what a rate that is the same in all runs leaves of itself
+    values, vectors = np.linalg.eigh(np.einsum("rij,rik->jk", common, common))
+    there = values > _COMMON**2 * values[-1]
+    common = common @ (vectors[:, there] / np.sqrt(values[there]))
+    left = (beside @ white.reshape(runs, -1, 1))[..., 0]
+    left -= common @ np.einsum("riq,ri->q", common, left)
+    free = np.diagonal(beside, axis1=1, axis2=2) - np.sum(common**2, axis=2)
+    told = np.stack([left**2, free]) * (scale > 0.0)
+    return np.asarray(told.reshape(2, runs, *shape).sum(axis=(1, 2)))
 
 
 def _another_changes(usual: FloatArray, every: FloatArray) -> bool:

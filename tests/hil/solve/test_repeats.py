@@ -356,12 +356,12 @@ def test_each_parameter_is_known_by_the_runs_that_tell_it() -> None:
 
 @pytest.mark.parametrize("times", [1.0, 0.1, 10.0])
 def test_one_large_standard_error_makes_no_other_too_large(times: float) -> None:
-    """Twelve runs at four temperatures, right to one: what they differ by is asked in each run's own error."""
-    one = runs_at_their_temperatures(12, 3, seed=3, scatter=0.0)
+    """Runs at four temperatures, right to one: what they differ by is asked in each run's own error."""
+    one = runs_at_their_temperatures(36, 9, seed=3, scatter=0.0)
     errors = times * one.sensors[2].rates_se_deg_per_hr
     errors[21:24] *= 300.0
     made = replace(one, sensors={2: replace(one.sensors[2], rates_se_deg_per_hr=errors)})
-    assert [*repeats(made, solve_campaign(made))[2].times_of.values()] == pytest.approx([1.0 / times] * 2, rel=0.5)
+    assert [*repeats(made, solve_campaign(made))[2].times_of.values()] == pytest.approx([1.0 / times] * 2, rel=0.3)
 
 
 def test_no_noise_is_larger_than_the_uncertainty_that_holds_it() -> None:

@@ -11,6 +11,7 @@ from hil.campaign import Campaign, FloatArray
 from hil.model.forms import default_form
 from hil.solve import repeats, solve_campaign
 from hil.solve.judged import LACKS, MOVED
+from hil.solve.noise import changes
 from hil.solve.repeats import SensorRepeats
 from tests.hil.solve.test_other_runs import campaign, repeated
 
@@ -74,3 +75,20 @@ def test_a_run_that_had_not_settled_makes_no_other_less_sure() -> None:
     for each in solve_campaign(of_errors(soaked, more=6.0 * moved[:, None])):
         assert (MOVED in each.reason) is (each.run % 3 == 1), "measured again, and settled, it may lack nothing"
         assert LACKS not in each.reason
+
+
+@pytest.mark.parametrize("unlike", [0.0, 0.3])
+def test_what_runs_do_to_their_parameters_is_no_noise_though_errors_are_not_alike(unlike: float) -> None:
+    """A run's own bias and MU, however large, leave nothing of themselves where errors differ from rate to rate."""
+    squares, freedom = np.zeros((2, 2))
+    for seed in range(8):
+        one, rng = campaign(12, 3, seed=seed, scatter=30.0), np.random.default_rng(seed)
+        rows = one.sensors[2]
+        errors = rows.rates_se_deg_per_hr * np.exp(unlike * rng.normal(size=rows.rates_se_deg_per_hr.shape))
+        more = np.sqrt(np.maximum(errors**2 - rows.rates_se_deg_per_hr**2, 0.0)) * rng.normal(size=errors.shape)
+        errors = np.maximum(errors, rows.rates_se_deg_per_hr)
+        rows = replace(rows, rates_deg_per_hr=rows.rates_deg_per_hr + more, rates_se_deg_per_hr=errors)
+        found, _ = changes(rows, set(rows.conditions.run.tolist()))
+        squares, freedom = squares + found[0], freedom + found[1]
+    assert freedom == pytest.approx([64.0, 64.0])  # of 8 nights, 4 temperatures, 3 runs of 6 rates: less 4 and common 2
+    assert squares / freedom == pytest.approx([1.0, 1.0], abs=0.45)
