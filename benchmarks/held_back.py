@@ -35,6 +35,7 @@ from hil.model import Model, built_in_model, load_model
 from hil.model.effects.base import Described, effect_columns
 from hil.model.effects.catalogue import EFFECTS, VARIANCE_EFFECTS
 from hil.model.effects.columns import flattened
+from hil.model.effects.scatter import drawn as drawn_scatter
 from hil.model.forms import named_form
 from hil.reconcile import reconcile
 
@@ -106,7 +107,9 @@ def scatter_beside_base(model: Model, campaign: Campaign, number: int, rng: np.r
     weight = 1.0 / rows.rates_se_deg_per_hr.ravel()
     base = weight[:, None] * flattened(named_form(built_in_model(ASKED).form, rows.conditions).columns(rows.conditions))
     parts = model.stated_scatter(rows.conditions)
-    draws = weight[:, None] * np.stack([sum(s.draw(rows.conditions, rng) for s in parts).ravel() for _ in range(40)], 1)
+    draws = weight[:, None] * np.stack(
+        [drawn_scatter([parts], [rows.conditions], rng)[0].ravel() for _ in range(40)], 1
+    )
     return float(np.sqrt(np.mean((draws - base @ np.linalg.lstsq(base, draws)[0]) ** 2)))
 
 

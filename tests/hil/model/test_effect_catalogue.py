@@ -32,6 +32,7 @@ from hil.model.effects.catalogue import (
 from hil.model.effects.columns import flattened
 from hil.model.effects.empirical import EmpiricalTerm
 from hil.model.effects.noise import Ageing
+from hil.model.effects.scatter import drawn
 from hil.model.forms import named_form
 from hil.solve.identifiability import orthonormal, project_out
 from tests.hil.model.effect_conditions import (
@@ -131,7 +132,7 @@ def test_draws_scatter_as_the_covariance_says(effect: VarianceEffect) -> None:
     conditions = conditions.rows(np.random.default_rng(3).permutation(len(conditions)))
     shape, rng, count = effect.shape_grid(conditions)[-1], np.random.default_rng(4), 1000
     parts = effect.scatter(conditions, shape)
-    draws = np.array([np.ravel(sum(part.draw(conditions, rng) for part in parts)) for _ in range(count)])
+    draws = np.array([drawn([parts], [conditions], rng)[0].ravel() for _ in range(count)])
     expected = effect.covariance(conditions, shape)
     size = np.diag(expected)
     error = np.sqrt((np.multiply.outer(size, size) + expected**2) / count)
