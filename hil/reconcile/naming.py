@@ -132,9 +132,33 @@ def leading(
             left[name] = max(_mass_of(every, others, scatter), _mass_of(every, others) / WANDERS)
         weakest = max(left, key=lambda name: left[name], default="")
         if not weakest or left[weakest] <= alpha:
-            return names | scatter
+            return _likelier(weights, names, scatter, own)
         others = names - {weakest}  # what moves averages may have the name of what scatters them, and only one goes
         weights = {k: w for k, w in weights.items() if k[0] <= others and (weakest in names or weakest not in k[1])}
+
+
+def _likelier(
+    weights: Mapping[Names, float], names: frozenset[str], scatter: frozenset[str], own: Mapping[str, float]
+) -> frozenset[str]:
+    """Return the names, each exchanged for what is likelier by all sets and may stand in its place beside the others.
+
+    The most probable set need not have the most probable name: what is as good may be in more sets.
+    """
+    shares: dict[str, float] = {}
+    for (moving, scattering), weight in weights.items():
+        for name in moving | scattering:
+            shares[name] = shares.get(name, 0.0) + weight * own.get(name, 1.0)
+    lead = [names, scatter]
+    for side in (0, 1):
+        for name in sorted(lead[side], key=shares.__getitem__):
+            others = lead[side] - {name}
+            instead = [r for r in shares if r not in lead[side] and r != NO_NAME and shares[r] > shares[name]]
+            for rival in sorted(instead, key=lambda r: -shares[r]):
+                changed = [*lead[:side], others | {rival}, *lead[side + 1 :]]
+                if (changed[0], changed[1]) in weights:
+                    lead = changed
+                    break
+    return lead[0] | lead[1]
 
 
 def _mass_of(weights: Mapping[Names, float], names: frozenset[str], scatter: frozenset[str] | None = None) -> float:

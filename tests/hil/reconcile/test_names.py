@@ -60,6 +60,11 @@ def on_the_mean(result: Reconciliation) -> list[FoundEffect]:
         ({("hyst", "MU_rr"): 0.50, ("", "MU_rr rrw"): 0.48, ("", "MU_rr"): 0.02}, "MU_rr rrw"),
         ({("hyst", "MU_rr"): 0.50, ("", "MU_rr rrw"): 0.40, ("", "MU_rr"): 0.10}, "MU_rr"),
         ({("turnon", ""): 0.55, ("", "turnon"): 0.44, ("", ""): 0.01}, "turnon"),  # either moves or scatters
+        # What is as good is likelier where more sets have it; what has no name takes no name's place.
+        ({("hyst", "MU_rr"): 0.40, ("bias_T", "MU_rr"): 0.38, ("bias_T jump", "MU_rr"): 0.22}, "bias_T MU_rr"),
+        ({("hyst", "rrw"): 0.40, ("bias_T", "rrw"): 0.38, ("bias_T", "markov"): 0.22}, "bias_T rrw"),
+        ({("hyst", "rrw"): 0.40, ("bias_T", "markov"): 0.30, ("bias_T", "base"): 0.30}, "hyst rrw"),
+        ({("hyst", ""): 0.40, ("empirical", ""): 0.39, ("empirical drift", ""): 0.21}, "hyst"),
         ({}, ""),
     ],
 )
