@@ -27,6 +27,7 @@ from hil.model import Model, fitting_campaign
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS
 from hil.model.effects.prior import log_sum
 from hil.reconcile.proof.places import false_discovery
+from hil.reconcile.rivals import CERTAIN
 from hil.reconcile.search.layout import may_be_calibrated, searches
 from hil.reconcile.search.problem import pose
 from hil.reconcile.search.sets import LEADING, SensorSearch
@@ -63,7 +64,7 @@ class UnitFinding:
 
 @dataclass(frozen=True)
 class SharedFinding:
-    """What a `fraction` of a fleet lacks: the leading name, its share, and the p-value of any, in more than one unit.
+    """What a `fraction` of a fleet lacks: the leading name, its share and `rivals`, the p-value of any in several.
 
     `follows`: beside values of the base that follow temperature, so that none of these can be missing for that.
     """
@@ -73,14 +74,12 @@ class SharedFinding:
     p_value: float
     fraction: float
     follows: bool
+    rivals: Sequence[tuple[str, float]] = ()
 
 
 @dataclass(frozen=True)
 class Asked:
-    """The n names that a screen asks about, and their log odds (n,): all that is needed once units are weighed.
-
-    `follows`: beside values of the base that follow temperature.
-    """
+    """The n names that a screen asks about, their log odds (n,), and whether beside values that follow temperature."""
 
     names: Sequence[str]
     log_odds: FloatArray
@@ -113,9 +112,11 @@ class Asked:
         statistic = float(log_sum(posterior.reshape(-1, 1))[0])
         alone = float(log_sum((mixed[:, -1] + self.log_odds).reshape(-1, 1))[0]) - np.log(units)
         share = np.exp(posterior - statistic)
-        leader, p_value = int(np.argmax(share.sum(axis=0))), float(_ville(np.array([statistic - max(alone, 0.0)]))[0])
-        fraction = FRACTIONS[int(np.argmax(share[:, leader]))]
-        return SharedFinding(self.names[leader], float(share[:, leader].sum()), p_value, fraction, self.follows)
+        p_value, of_names = float(_ville(np.array([statistic - max(alone, 0.0)]))[0]), share.sum(axis=0).tolist()
+        (name, whole), *others = sorted(zip(self.names, of_names, strict=True), key=lambda each: -each[1])
+        fraction = FRACTIONS[int(np.argmax(share[:, self.names.index(name)]))]
+        rivals = [each for each in others if each[1] > 1.0 - CERTAIN]
+        return SharedFinding(name, whole, p_value, fraction, self.follows, rivals)
 
 
 @dataclass(frozen=True)

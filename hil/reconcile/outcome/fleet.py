@@ -14,7 +14,7 @@ from hil.files.figure import LOOKS, blank
 from hil.files.page import inline_svg, rendered
 from hil.reconcile.campaigns import LEVEL, Screened, ScreenedUnit
 from hil.solve.omissions import in_words
-from procedures.words import counted, first_few, listed, numbered
+from procedures.words import counted, first_few, listed, numbered, percent
 
 _MOST_WRONG = 5  # of which it is said what is left out
 _MOST_NAMES = 4  # that have a look of their own in a picture
@@ -36,6 +36,7 @@ def fleet_document(found: Screened) -> dict[str, Any]:
             {
                 "layout_number": number,
                 **picked(each, "id=name probability=share p_value fraction values_follow_temperature=follows"),
+                "rivals": [{"id": name, "probability": share} for name, share in each.rivals],
             }
             for number, each in found.shared
         ],
@@ -79,9 +80,10 @@ def fleet_sentences(found: Screened) -> Iterator[str]:
         yield f"{name} leads in {_counted([each for each in worth if each.finding.leader == name])}"
     for number, each in shared:
         own = [unit for unit in found.units if unit.layout == number]
+        names = [f"{name} ({percent(share)})" for name, share in ((each.name, each.share), *each.rivals)]
         yield (
-            f"layout {number}: its {_counted(own)} together seem to lack {each.name} (p = {each.p_value:.1g}), most "
-            f"probably {each.fraction:.0%} of them"
+            f"layout {number}: its {_counted(own)} together seem to lack {' or '.join(names)}, p = {each.p_value:.1g}, "
+            f"most probably {each.fraction:.0%} of them"
         )
     if bad := [f"{each.folder} ({numbered('run', runs)})" for each in found.units if (runs := each.runs_in_use)]:
         yield f"FAIL by what was recorded, and screened all the same: {listed(bad)}; hil solve says why"

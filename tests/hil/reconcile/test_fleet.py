@@ -17,7 +17,7 @@ from hil.campaign.writer import write_campaign
 from hil.cli.app import run
 from hil.errors import InputError
 from hil.reconcile.campaigns import Screened, ScreenedUnit, screen_folders
-from hil.reconcile.fleet import Screen, SharedFinding, UnitFinding
+from hil.reconcile.fleet import Asked, Screen, SharedFinding, UnitFinding
 from hil.reconcile.outcome.fleet import fleet_csv, fleet_document, fleet_page, fleet_sentences
 from hil.reconcile.proof.places import false_discovery
 from hil.records.folders import pieces_in
@@ -327,6 +327,20 @@ def test_a_screen_says_beside_which_values_it_asked(follows: bool) -> None:
     (said,) = [line for line in fleet_sentences(other) if "that follow temperature" in line]
     assert said.startswith(f"layout {1 if follows else 2}: screened beside")
     assert fleet_document(found)["shared"][0]["values_follow_temperature"] is follows
+
+
+def test_what_a_fleet_cannot_tell_from_its_shared_name_is_said_beside_it() -> None:
+    """Of two temperatures a hysteresis and a bias that follows temperature are one column in every unit."""
+    asked = Asked(["hyst", "bias_T", "supply"], np.log([0.1, 0.09, 0.1]), follows=False)
+    by_name = np.array([[9.0, 8.0, 9.0], [9.0, 8.0, 9.0], [0.0, 0.0, 0.0]])
+    shared = asked.in_common(asked.mixed(by_name)[None], 3)
+    assert (shared.name, [name for name, _ in shared.rivals]) == ("hyst", ["bias_T"])
+    assert shared.share + shared.rivals[0][1] == pytest.approx(1.0, abs=1e-3)
+    finding = UnitFinding(0.0, 0.5, 0.5, "hyst", 0.5)
+    units = [ScreenedUnit(name, "", name, "", False, (), {}, layout=1, finding=finding) for name in "abc"]
+    told = Screened("matrix-6", units, [(1, shared)], {}, ())
+    assert any("seem to lack hyst (53 %) or bias_T (47 %), p = " in line for line in fleet_sentences(told))
+    assert [each["id"] for each in fleet_document(told)["shared"][0]["rivals"]] == ["bias_T"]
 
 
 @pytest.mark.parametrize(
