@@ -16,6 +16,7 @@ from hil.solve.precision import stated_noise
 from hil.solve.spread import RARE, uneven
 from hil.solve.temperatures import runs_by_temperature
 
+_ROUNDING = 1e-6  # of their errors: values that differ by less do not differ
 _COMMON = 1e-3  # of what all runs have in common: less is a difference of poses, and their parameters'
 
 
@@ -74,7 +75,7 @@ def changes(rows: Collects, runs: Set[int]) -> tuple[FloatArray, bool]:
             beside[:, k] += _differs(white[each], columns[np.array(each)][..., of_run], root[each])
     certain = bool(np.any(times_of(*found[1].sum(axis=1)) != 1.0))
     squares, freedom = found = found[int(_another_changes(*found.sum(axis=(2, 3))))]
-    told = (squares.sum(axis=0) > 0.0) & ~uneven(
+    told = (squares.sum(axis=0) > _ROUNDING**2 * freedom.sum(axis=0)) & ~uneven(
         squares / np.maximum(freedom, 0.5), np.where(freedom > 0.5, freedom, 0.0)
     )
     return np.asarray(found.sum(axis=1) * told), certain

@@ -18,6 +18,7 @@ from hil.campaign.reader import read_campaign
 from hil.model import Model, load_model, save_model
 from hil.model.effects.catalogue import SERIES_EFFECTS
 from hil.model.effects.noise import BiasInstability
+from hil.model.effects.scatter import drawn
 from hil.model.effects.series import SettlingInCollect
 from hil.model.stated_noise import SensorNoise
 from hil.reconcile import Reconciliation, reconcile
@@ -84,7 +85,7 @@ def wandering_as_flicker(plain: Campaign, size: float, seed: int) -> Campaign:
     fine = rows.conditions.rows(np.repeat(np.arange(len(every)), len(every[0].t_s)))
     fine = replace(fine, start_s=t_s, duration_s=np.full(len(t_s), 0.2))
     rng = np.random.default_rng(seed)
-    more = size * sum(part.draw(fine, rng) for part in BiasInstability().scatter(fine, {}))
+    more = size * drawn([BiasInstability().scatter(fine, {})], [fine], rng)[0]
     more = more.reshape(len(every), -1, 2)
     rates, errors = rows.rates_deg_per_hr + more.mean(axis=1), 3.0 * rows.rates_se_deg_per_hr
     sensors = {2: replace(rows, rates_deg_per_hr=rates, rates_se_deg_per_hr=errors)}
