@@ -15,7 +15,7 @@ from hil.campaign.plausibility import judged_by_its_records
 from hil.campaign.reader import read_campaign
 from hil.campaign.writer import write_campaign
 from tests.hil.analysis.thermal.nights import TRIAD, rotor_night
-from tests.hil.solve.test_other_runs import campaign, repeated, with_rates
+from tests.hil.solve.runs_of_a_unit import campaign, repeated, with_rates
 
 
 def _changed(one: Campaign, rows: list[int], rates: np.ndarray) -> Campaign:

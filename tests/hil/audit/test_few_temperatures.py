@@ -26,7 +26,7 @@ from hil.reconcile.outcome.sentences import what_to_do
 from hil.reconcile.search.problem import pose
 from hil.solve import solve_campaign
 from tests.hil.reconcile.hidden_effects import hidden_campaign
-from tests.hil.solve.test_other_runs import campaign as made_of_runs
+from tests.hil.solve.runs_of_a_unit import campaign as made_of_runs
 
 ASKED: dict[str, Callable[[Campaign], Any]] = {
     "solve": lambda campaign: solve_campaign(campaign, "matrix-6-thermal"),

@@ -29,7 +29,7 @@ from hil.solve.both_sensors import common_and_differential
 from hil.solve.wrong_rows import USED, wrong_rows
 from tests.hil.audit.folders import FOLDERS, night_that_ended_early, written
 from tests.hil.audit.questions import ANSWERS, AT_ONCE, BESIDE, COMMANDS, FIRST, IN_COMMON, MODEL, QUICK, READ, Ask
-from tests.hil.solve.test_other_runs import campaign, with_rates
+from tests.hil.solve.runs_of_a_unit import campaign, with_rates
 
 
 @pytest.fixture

@@ -38,7 +38,7 @@ from hil.solve.beside_terms import solve_beside
 from procedures.plan import make_plan
 from tests.hil.audit.folders import FOLDERS, _changed, written
 from tests.hil.reconcile.hidden_effects import hidden_campaign
-from tests.hil.solve.test_other_runs import campaign, repeated
+from tests.hil.solve.runs_of_a_unit import campaign, repeated
 
 
 @pytest.mark.slow

@@ -20,7 +20,7 @@ from hil.campaign.reader import read_campaign
 from hil.campaign.writer import write_campaign
 from procedures.verdict import Verdict
 from tests.hil.audit.folders import FOLDERS
-from tests.hil.solve.test_other_runs import with_rates
+from tests.hil.solve.runs_of_a_unit import with_rates
 
 RUN = np.repeat([1, 2, 3], 3)
 AIR = np.repeat([20.0, 20.0, 60.0], 3)

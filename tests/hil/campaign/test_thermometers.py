@@ -15,7 +15,7 @@ from hil.cli.app import run
 from hil.reconcile import reconcile
 from hil.solve.temperatures import unsettled
 from tests.hil.reconcile.hidden_effects import base_rates, campaign_of, lay_out, noise
-from tests.hil.solve.test_other_runs import campaign, with_column
+from tests.hil.solve.runs_of_a_unit import campaign, with_column
 
 OFF = "sensor 2: in run 5 its thermometer shows 13.0 °C more than its case, in all other runs 8.0 to 8.0 °C"
 

@@ -28,7 +28,7 @@ from hil.design.budget.scenes import measured_scenes, planned_scenes
 from hil.errors import InputError
 from hil.solve import repeats, solve_campaign
 from tests.hil.audit.folders import written
-from tests.hil.solve.test_other_runs import repeated
+from tests.hil.solve.runs_of_a_unit import repeated
 
 FEW = Asked(draws=2000)
 

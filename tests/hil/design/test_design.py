@@ -28,7 +28,7 @@ from hil.model.equation import Orientation
 from hil.model.forms import default_form
 from procedures.plan import make_plan
 from procedures.settings import CollectSettings
-from tests.hil.solve.test_other_runs import campaign
+from tests.hil.solve.runs_of_a_unit import campaign
 
 
 @pytest.fixture(scope="module")

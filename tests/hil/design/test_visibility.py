@@ -27,7 +27,7 @@ from hil.model.effects.catalogue import EFFECTS
 from hil.solve.changes import CHANGES, with_collect_4, with_order_1_3_2, with_second_heading
 from procedures.plan import make_plan
 from tests.hil.model.effect_conditions import ROTOR, TRIAD, campaign, triad_poses
-from tests.hil.solve.test_other_runs import campaign as runs_at_their_temperatures
+from tests.hil.solve.runs_of_a_unit import campaign as runs_at_their_temperatures
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from hil.likeness.features import features
 from hil.likeness.verdict import SMALLEST, verdict
 from hil.model import load_model
 from hil.records.export import open_source
-from tests.hil.solve.test_other_runs import campaign
+from tests.hil.solve.runs_of_a_unit import campaign
 
 
 def nights(values: np.ndarray) -> list[dict[str, float]]:

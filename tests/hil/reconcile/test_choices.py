@@ -36,7 +36,7 @@ from tests.hil.reconcile.hidden_effects import (
     lay_out,
     noise,
 )
-from tests.hil.solve.test_other_runs import campaign, with_rates
+from tests.hil.solve.runs_of_a_unit import campaign, with_rates
 
 
 def turning(seed: int = 3, runs_each: int = 2) -> Campaign:

@@ -9,7 +9,7 @@ import pytest
 
 from hil.campaign import Campaign
 from hil.reconcile import reconcile
-from tests.hil.solve.test_other_runs import campaign
+from tests.hil.solve.runs_of_a_unit import campaign
 
 SLOPES = {"b1_A": 0.5, "b1_B": 0.3}
 

@@ -23,7 +23,7 @@ from tests.hil.reconcile.hidden_effects import (
     lay_out,
     noise,
 )
-from tests.hil.solve.test_other_runs import campaign as made_of_runs
+from tests.hil.solve.runs_of_a_unit import campaign as made_of_runs
 
 
 def ids(result: Reconciliation) -> list[str]:

@@ -18,7 +18,7 @@ from hil.reconcile import Reconciliation, reconcile, write_result
 from hil.reconcile.fleet import Screen, SharedFinding
 from hil.reconcile.scattering import what_scatters
 from tests.hil.reconcile.hidden_effects import TRIAD, base_rates, both, campaign_of, hidden_campaign, lay_out, noise
-from tests.hil.solve.test_other_runs import campaign as ordinary
+from tests.hil.solve.runs_of_a_unit import campaign as ordinary
 
 FEW = {"temperatures": (-25.0, 0.0, 25.0, 50.0), "runs_each": 2}
 

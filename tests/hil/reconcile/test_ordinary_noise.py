@@ -24,7 +24,7 @@ from hil.solve.identifiability import orthonormal, project_out
 from tests.hil.analysis.thermal.nights import rotor_night
 from tests.hil.model.effect_conditions import triad_poses
 from tests.hil.reconcile.hidden_effects import Rows, base_rates, campaign_of, hidden_campaign, lay_out, noise
-from tests.hil.solve.test_other_runs import campaign, with_rates
+from tests.hil.solve.runs_of_a_unit import campaign, with_rates
 
 STATED, OFFSET = 0.9, 4.0
 BIASES = ("BA", "BB")

@@ -16,7 +16,7 @@ from hil.reconcile.outcome.stated import scatter_in_words
 from hil.reconcile.scattering import what_scatters
 from tests.hil.analysis.thermal.nights import RUN_TO_RUN, rotor_night, scaled
 from tests.hil.reconcile.hidden_effects import EIGHT, Rows, base_rates, campaign_of, hidden_campaign, lay_out, noise
-from tests.hil.solve.test_other_runs import campaign, with_rates
+from tests.hil.solve.runs_of_a_unit import campaign, with_rates
 
 
 def layout(temperatures: tuple[float, ...] = (25.0,), runs_each: int = 12, seed: int = 3, **more: object) -> Rows:

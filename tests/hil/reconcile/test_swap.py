@@ -20,8 +20,8 @@ from hil.solve.omissions import otherwise
 from hil.solve.wrong_rows import MENDED, USED, wrong_rows
 from tests.hil.analysis.thermal.nights import rotor_night
 from tests.hil.reconcile.hidden_effects import TRIAD, Hidden, both, hidden_campaign
+from tests.hil.solve.runs_of_a_unit import campaign
 from tests.hil.solve.test_explained import of_two_sensors
-from tests.hil.solve.test_other_runs import campaign
 
 
 def exchanged(campaign: Campaign, *pairs: tuple[int, int]) -> Campaign:

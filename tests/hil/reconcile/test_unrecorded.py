@@ -18,7 +18,7 @@ from hil.report.content import gather, to_do
 from tests.hil.analysis.thermal.nights import rotor_night
 from tests.hil.model.effect_conditions import ROTOR
 from tests.hil.reconcile.hidden_effects import Rows, base_rates, both, campaign_of, hidden_campaign, lay_out, noise
-from tests.hil.solve.test_other_runs import campaign as runs_at_their_temperatures
+from tests.hil.solve.runs_of_a_unit import campaign as runs_at_their_temperatures
 
 
 def with_columns(campaign: Campaign, **columns: FloatArray | None) -> Campaign:

@@ -13,7 +13,7 @@ from hil.solve.wrong_rows import MENDED, wrong_rows
 from procedures.verdict import Judgement, Verdict
 from tests.hil.reconcile.hidden_effects import hidden_campaign
 from tests.hil.reconcile.test_swap import found, swaps
-from tests.hil.solve.test_other_runs import with_rates
+from tests.hil.solve.runs_of_a_unit import with_rates
 from tests.hil.solve.test_wrong_runs import noisy_beside_quiet
 
 

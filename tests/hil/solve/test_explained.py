@@ -17,7 +17,7 @@ from hil.solve.wrong_rows import MENDED, USED, treated, wrong_rows
 from procedures.verdict import Verdict
 from procedures.words import numbered
 from tests.hil.model.effect_conditions import TRIAD
-from tests.hil.solve.test_other_runs import campaign, repeated, with_rates
+from tests.hil.solve.runs_of_a_unit import campaign, repeated, with_rates
 
 
 def triads(seed: int, runs: int = 8) -> Campaign:

@@ -8,60 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor
+from hil.campaign import Collects, FloatArray
 from hil.campaign.plausibility import judged_by_its_records
-from hil.model.earth import Site
 from hil.solve import solve_campaign
 from hil.solve.whitened import Whitened
 from hil.solve.wrong_rows import LEFT_OUT, USED, wrong_rows
 from procedures.verdict import Verdict
 from procedures.words import numbered
-
-_F = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-_K = np.array([[58.0, -20.0, 5.0], [20.0, 58.0, 9.0]])
-_SITE = Site(34.6, 30.0)
-
-
-def campaign(runs: int = 9, per_temperature: int = 3, seed: int = 0, scatter: float = 3.0) -> Campaign:
-    """Return a campaign of collects 1-2-3 whose bias and MU scatter from run to run, with accelerometers."""
-    rng = np.random.default_rng(seed)
-    n = 3 * runs
-    run = np.repeat(np.arange(1, runs + 1), 3)
-    temperature = 20.0 * ((run - 1) // per_temperature) - 20.0
-    f = np.tile(_F, (runs, 1))
-    w1, w2, w3 = _SITE.earth_rate_deg_per_hr()
-    w = np.tile([[-w1, w2, w3], [w1, w2, -w3], [w3, w2, w1]], (runs, 1))
-    bias = np.stack([30.0 + 0.5 * temperature, -20.0 + 0.3 * temperature], 1)
-    bias += np.repeat(rng.normal(0.0, scatter, (runs, 2)), 3, axis=0)
-    rates = bias + f @ _K.T + w[:, :2] + rng.normal(0.0, 0.7, (n, 2))
-    columns = {f"accelerometer_{axis}_g": f[:, i] + rng.normal(0.0, 0.003, n) for i, axis in enumerate("ABS")}
-    columns |= {"temperature_degC": temperature + 8.0, "setpoint_degC": temperature, "chamber_degC": temperature + 0.1}
-    columns["time_since_setpoint_s"] = np.full(n, 3600.0)
-    conditions = Conditions(
-        Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"}),
-        np.arange(1, n + 1),
-        run,
-        np.tile(["1", "2", "3"], runs),
-        600.0 * np.arange(n),
-        np.full(n, 60.0),
-        f,
-        w,
-        columns,
-    )
-    rows = Collects(conditions, rates, np.full((n, 2), 0.7))
-    return Campaign("made", "", {2: rows}, site={"latitude_deg": 34.6})
-
-
-def with_rates(one: Campaign, rates: FloatArray, number: int = 2) -> Campaign:
-    """Return the campaign with other rates of a sensor."""
-    return replace(one, sensors={**one.sensors, number: replace(one.sensors[number], rates_deg_per_hr=rates)})
-
-
-def with_column(one: Campaign, **columns: FloatArray) -> Campaign:
-    """Return the campaign with other columns, judged by its records as a reader does."""
-    rows = one.sensors[2]
-    conditions = replace(rows.conditions, columns={**rows.conditions.columns, **columns})
-    return judged_by_its_records(replace(one, sensors={2: replace(rows, conditions=conditions)}))
+from tests.hil.solve.runs_of_a_unit import F_G, K, campaign, repeated, with_column, with_rates
 
 
 @pytest.mark.slow
@@ -105,7 +59,7 @@ def test_a_rate_that_is_off_is_no_pass_where_what_all_runs_share_follows_tempera
     """Six temperatures, each met once, over which GS changes by a third: it follows a curve, and so hides no row."""
     made = campaign(6, 1, seed, scatter=2.0)
     rows = made.sensors[2]
-    steady = np.where([True, True, False], _K, 0.0)
+    steady = np.where([True, True, False], K, 0.0)
     warmer = rows.conditions.columns["temperature_degC"][:, None] / 300.0
     follows = rows.rates_deg_per_hr + warmer * (rows.conditions.f_g @ steady.T)
     assert wrong_rows(with_rates(made, follows))[2].rows == ()
@@ -171,7 +125,7 @@ def test_a_wrong_pose_fails_its_run_alone_with_its_row() -> None:
     made = campaign()
     columns = made.sensors[2].conditions.columns
     shown = {f"accelerometer_{axis}_g": columns[f"accelerometer_{axis}_g"].copy() for axis in "ABS"}
-    for axis, value in zip("ABS", _F[1], strict=True):
+    for axis, value in zip("ABS", F_G[1], strict=True):
         shown[f"accelerometer_{axis}_g"][14] = value
     judged = with_column(made, **shown)
     assert {key: each.verdict for key, each in judged.contradicted.items()} == {(5, 2): Verdict.FAIL}
@@ -286,22 +240,6 @@ def test_one_rate_that_fits_with_minus_by_chance_is_no_turned_sign() -> None:
     reasons = " ".join(each.reason for each in solve_campaign(with_rates(one, rates)))
     assert "signs look turned" not in reasons
     assert "collect 9" in reasons
-
-
-def repeated(runs: int, per_temperature: int, order: tuple[int, ...], seed: int = 0, drift: float = 0.0) -> Campaign:
-    """Return a campaign of collects in another `order`; the bias moves by `drift` deg/hr from each to the next.
-
-    Positions 4 to 6 are 1 to 3 under another label.
-    """
-    made, k = campaign(runs, per_temperature, seed, scatter=0.0).sensors[2], len(order)
-    own = np.add.outer(3 * np.arange(runs), np.mod(order, 3)).reshape(-1)
-    rows, place = made.rows(own), np.tile(np.arange(k), runs)
-    rng = np.random.default_rng(seed)
-    rates = rows.rates_deg_per_hr + drift * place[:, None] + rng.normal(0.0, 0.7, (k * runs, 2))
-    number = np.arange(k * runs)
-    position = np.tile([str(each + 1) for each in order], runs)
-    conditions = replace(rows.conditions, collect=number + 1, start_s=600.0 * number, position=position)
-    return Campaign("made", "", {2: Collects(conditions, rates, np.ones_like(rates))})
 
 
 def test_a_drift_through_every_run_accuses_no_collect() -> None:

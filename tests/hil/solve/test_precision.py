@@ -16,7 +16,7 @@ from hil.errors import InputError
 from hil.solve import repeats, solve_campaign
 from hil.solve.precision import usual_size
 from procedures.verdict import Verdict
-from tests.hil.solve.test_other_runs import campaign, repeated, with_rates
+from tests.hil.solve.runs_of_a_unit import campaign, repeated, with_rates
 
 ROTOR = Sensor(2, ("A", "B", "S"), {"RA": "A", "RB": "B"})
 TRIAD = Sensor(1, ("A", "B", "S"), {"RA": "A", "RB": "B", "RS": "S"})

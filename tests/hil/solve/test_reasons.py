@@ -8,7 +8,7 @@ from hil.solve import RunSolution, solve_campaign
 from hil.solve.document import not_passed, not_passed_of, of_sensors_in_words, reasons
 from hil.solve.judged import LACKS, MOVED, judge
 from procedures.verdict import Judgement, Verdict
-from tests.hil.solve.test_other_runs import campaign
+from tests.hil.solve.runs_of_a_unit import campaign
 
 
 def _solved(verdict: Verdict, reason: str, run: int) -> RunSolution:

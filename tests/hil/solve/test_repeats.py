@@ -18,8 +18,8 @@ from hil.solve.spread import Spread
 from hil.solve.uncertain import Uncertain
 from procedures.verdict import Judgement, Verdict
 from tests.hil.analysis.thermal.nights import PUBLISHED_DEGC, RUN_TO_RUN, rotor_night, scaled
-from tests.hil.solve.test_other_runs import campaign as runs_at_their_temperatures
-from tests.hil.solve.test_other_runs import repeated, with_rates
+from tests.hil.solve.runs_of_a_unit import campaign as runs_at_their_temperatures
+from tests.hil.solve.runs_of_a_unit import repeated, with_rates
 
 TRUTH = {
     "BA": (20.0, 5.0),

@@ -9,7 +9,7 @@ import pytest
 
 from hil.campaign import FloatArray
 from hil.campaign.plausibility import judged_by_its_records
-from tests.hil.solve.test_other_runs import campaign, with_column, with_rates
+from tests.hil.solve.runs_of_a_unit import campaign, with_column, with_rates
 
 
 @pytest.mark.parametrize(

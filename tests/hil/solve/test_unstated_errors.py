@@ -9,8 +9,8 @@ import pytest
 
 from hil.campaign import Campaign, Collects
 from hil.solve import repeats, solve_campaign
-from tests.hil.solve.test_other_runs import campaign as runs_at_their_temperatures
-from tests.hil.solve.test_other_runs import repeated, with_rates
+from tests.hil.solve.runs_of_a_unit import campaign as runs_at_their_temperatures
+from tests.hil.solve.runs_of_a_unit import repeated, with_rates
 
 
 def without_errors(seed: int, runs: int, noise: float | tuple[float, float], scatter: float) -> Campaign:

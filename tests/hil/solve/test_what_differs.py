@@ -13,7 +13,7 @@ from hil.solve import repeats, solve_campaign
 from hil.solve.judged import LACKS, MOVED
 from hil.solve.noise import changes
 from hil.solve.repeats import SensorRepeats
-from tests.hil.solve.test_other_runs import campaign, repeated
+from tests.hil.solve.runs_of_a_unit import campaign, repeated
 
 
 def of_errors(made: Campaign, times: float = 1.0, more: FloatArray | float = 0.0) -> Campaign:

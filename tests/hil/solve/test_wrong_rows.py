@@ -17,7 +17,7 @@ from hil.solve.whitened import Whitened
 from hil.solve.wrong_rows import LEFT_OUT, MENDED, pooled, treated, wrong_rows
 from procedures.verdict import Judgement, Verdict
 from tests.hil.audit.folders import FOLDERS
-from tests.hil.solve.test_other_runs import campaign, with_column, with_rates
+from tests.hil.solve.runs_of_a_unit import campaign, with_column, with_rates
 
 
 def made(name: str) -> Campaign:

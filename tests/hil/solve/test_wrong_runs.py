@@ -12,7 +12,7 @@ from hil.solve import repeats, solve_campaign
 from hil.solve.wrong_rows import LEFT_OUT, MENDED, USED, wrong_rows
 from procedures.verdict import Judgement, Verdict
 from tests.hil.reconcile.hidden_effects import base_rates, campaign_of, lay_out, noise
-from tests.hil.solve.test_other_runs import campaign, with_rates
+from tests.hil.solve.runs_of_a_unit import campaign, with_rates
 from tests.hil.solve.test_wrong_rows import made
 
 

@@ -19,7 +19,7 @@ from hil.campaign.writer import write_campaign
 from hil.cli.app import run
 from hil.errors import InputError
 from tests.hil.analysis.allan.noise_series import rates
-from tests.hil.solve.test_other_runs import campaign
+from tests.hil.solve.runs_of_a_unit import campaign
 
 
 @pytest.fixture
