@@ -31,12 +31,10 @@ from hil.likeness import likeness
 from hil.likeness.draws import drawn_model, fitted, night_of_averages
 from hil.likeness.features import features
 from hil.likeness.verdict import verdict
-from hil.model import Model, built_in_model, load_model
+from hil.model import Model, load_model
 from hil.model.effects.base import Described, effect_columns
 from hil.model.effects.catalogue import EFFECTS, VARIANCE_EFFECTS
-from hil.model.effects.columns import flattened
 from hil.model.effects.scatter import drawn as drawn_scatter
-from hil.model.forms import named_form
 from hil.reconcile import reconcile
 
 ASKED = "matrix-6-thermal"
@@ -85,10 +83,8 @@ def drawn(number: int, bare: Campaign, folder: Path, rng: np.random.Generator) -
             own = term(effect, bare, sensor, rng)
             columns = effect_columns(effect, rows, scattered.base_for(rows), own["shape"])
             values = [each["value"] for each in own["parameters"].values()]
-            if (
-                np.linalg.norm(coverage.beside_base(bare.sensors[sensor], ASKED, columns) @ values)
-                < MEAN_TIMES * beside
-            ):
+            shown = coverage.beside_base(bare.sensors[sensor], ASKED, columns) @ values
+            if np.linalg.norm(shown) < MEAN_TIMES * beside:
                 continue
             made["terms"] = [{**own, "sensor": sensor}]
         return made
@@ -104,13 +100,9 @@ def model_of(document: Mapping[str, Any], folder: Path) -> Model:
 def scatter_beside_base(model: Model, campaign: Campaign, number: int, rng: np.random.Generator) -> float:
     """Return the rms that a model's named scatter leaves beside the base, in units of the standard errors."""
     rows = campaign.sensors[number]
-    weight = 1.0 / rows.rates_se_deg_per_hr.ravel()
-    base = weight[:, None] * flattened(named_form(built_in_model(ASKED).form, rows.conditions).columns(rows.conditions))
     parts = model.stated_scatter(rows.conditions)
-    draws = weight[:, None] * np.stack(
-        [drawn_scatter([parts], [rows.conditions], rng)[0].ravel() for _ in range(40)], 1
-    )
-    return float(np.sqrt(np.mean((draws - base @ np.linalg.lstsq(base, draws)[0]) ** 2)))
+    draws = np.stack([drawn_scatter([parts], [rows.conditions], rng)[0] for _ in range(40)], axis=2)
+    return float(np.sqrt(np.mean(coverage.beside_base(rows, ASKED, draws) ** 2)))
 
 
 def case(number: int, *, seed: int, keep: Path, averages: bool) -> dict[str, Any]:
