@@ -149,15 +149,12 @@ def _likelier(
         for name in moving | scattering:
             shares[name] = shares.get(name, 0.0) + weight * own.get(name, 1.0)
     lead = [names, scatter]
-    for side in (0, 1):
-        for name in sorted(lead[side], key=shares.__getitem__):
+    for side, other in ((0, 1), (1, 0)):
+        for name in sorted(lead[side]):
             others = lead[side] - {name}
-            instead = [r for r in shares if r not in lead[side] and r != NO_NAME and shares[r] > shares[name]]
-            for rival in sorted(instead, key=lambda r: -shares[r]):
-                changed = [*lead[:side], others | {rival}, *lead[side + 1 :]]
-                if (changed[0], changed[1]) in weights:
-                    lead = changed
-                    break
+            beside = [key[side] - others for key in weights if key[other] == lead[other] and key[side] > others]
+            may = {name, *(of for of, *more in map(sorted, beside) if not more and of != NO_NAME)}
+            lead[side] = others | {max(sorted(may), key=lambda of: (shares[of], of == name))}
     return lead[0] | lead[1]
 
 
