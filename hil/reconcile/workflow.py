@@ -30,13 +30,15 @@ from hil.reconcile.outcome.shown import shown
 from hil.reconcile.proof.held_out import HeldOut, held_out
 from hil.reconcile.result import Reconciliation
 from hil.reconcile.search.layout import may_be_calibrated, searches, values_follow
-from hil.reconcile.search.posterior import Posterior, weigh
+from hil.reconcile.search.posterior import Posterior, beside_lookalikes, weigh
 from hil.reconcile.search.problem import Problem, pose
 from hil.solve.wrong_rows import pooled, sound
 
 INSIDE = 0.2  # share of the rate of false alarms that the series' tests have, where there are series
 FOLLOW = 5.0
 """That the values of a unit follow temperature is so many times as probable as that all of them stand."""
+HOPELESS = 21.0
+"""What sets are worth so far, this much (log) below what they must be, nothing makes up that is found of the noise."""
 
 
 def reconcile(
@@ -89,13 +91,22 @@ def _weighed(problem: Problem, scattering: Sequence[VarianceEffect], alpha: floa
     The more probable of the two is read: a smooth curve with a roughness, of all of the base's values, against as many
     laws of temperature as the form's own need. Nobody asks where they explain nothing.
     """
-    plain = weigh(searches(problem, EFFECTS, scattering))
-    reading = read(plain, alpha)
-    if not may_be_calibrated(problem) or not values_follow(problem, plain, reading.found):
-        return plain, reading
-    calibrated = weigh(searches(problem, EFFECTS, scattering, plain.searches))
-    stands = plain.log_evidence >= calibrated.log_evidence + np.log(FOLLOW)
-    return (plain, reading) if stands else (calibrated, read(calibrated, alpha))
+    posterior = beside_lookalikes(_likelier(problem, scattering))
+    return posterior, read(posterior, alpha)
+
+
+def _likelier(problem: Problem, scattering: Sequence[VarianceEffect]) -> Posterior:
+    """Return which of values that stand and values that follow temperature is likelier."""
+    stand = searches(problem, EFFECTS, scattering)
+    so_far = weigh(stand, serve=False) if may_be_calibrated(problem) else None
+    if so_far is None or not values_follow(problem, so_far, so_far.sets[0]):
+        return weigh(stand)
+    follow = weigh(searches(problem, EFFECTS, scattering, stand))
+    least = follow.log_evidence + np.log(FOLLOW)
+    if so_far.log_evidence < least - HOPELESS:
+        return follow
+    plain = weigh(stand)
+    return plain if plain.log_evidence >= least else follow
 
 
 def _kept(posterior: Posterior, reading: Reading, proof: HeldOut | None) -> tuple[Reading, Sequence[Named]]:

@@ -42,7 +42,7 @@ class _Rows:
     base: int
     variants: Sequence[IntArray]
     data: Sequence[int]
-    _known: dict[Profile, FloatArray] = field(default_factory=dict, init=False)
+    known: dict[Profile, FloatArray] = field(default_factory=dict)
 
     @cached_property
     def log_prior(self) -> FloatArray:
@@ -102,9 +102,10 @@ class _Rows:
 
     def everywhere(self, v: int, profile: Profile) -> FloatArray:
         """Return the heights (κ,) of one variant at every noise beside a profile: several climb to the same."""
-        if profile not in self._known:
-            self._known[profile] = self.heights(np.arange(len(self.grid)), [profile])[:, :, 0]
-        return np.asarray(self._known[profile][v])
+        known = self.known.get(profile, np.zeros((len(self.variants), 0)))
+        if new := range(known.shape[1], len(self.grid)):
+            known = self.known[profile] = np.hstack([known, self.heights(np.array(new), [profile])[:, :, 0]])
+        return np.asarray(known[v])
 
     def grown(self, columns: FloatArray) -> _Rows:
         """Return the same where the grid has grown, of rows' columns (N, m) in the order of time."""
@@ -132,17 +133,24 @@ class _Rows:
 
     def _climb(self, v: int, at: int, best: Profile) -> tuple[Profile, FloatArray]:
         """Climb by turns to the likeliest way for each value, and to the likeliest noise beside these."""
-        only, beside, probable = self._only(v), np.full(len(self.grid), -np.inf), np.arange(len(self.grid))
-        climbs = True
-        while climbs:
+        only, height = self._only(v), -np.inf
+        while True:
+            best = only._profile(at, best)
+            beside = self.everywhere(v, best)
+            at = int(np.argmax(beside))
+            if beside[at] <= height:
+                return best, beside
             height = beside[at]
+
+    def _profile(self, at: int, best: Profile) -> Profile:
+        """Climb to the likeliest way for each value at one noise."""
+        before = None
+        while before != best:
+            before = best
             for place in range(len(best)):
                 changed = [(*best[:place], way, *best[place + 1 :]) for way in FOLLOWS]
-                best = changed[int(np.argmax(only.heights(np.array([at]), changed)))]
-            beside[probable] = self.everywhere(v, best)[probable]
-            at = int(np.argmax(beside))
-            probable, climbs = np.flatnonzero(beside > beside[at] - 2.0 * DEPTH), beside[at] > height
-        return best, beside
+                best = changed[int(np.argmax(self.heights(np.array([at]), changed)))]
+        return best
 
 
 def likely_points(
@@ -166,8 +174,8 @@ def likely_points(
     variants = [np.arange(a, b) for a, b in pairwise(ends)]
     grid = noise.grid
     gram, half_log_det = noise.products(columns)
-    pairs = [(v, int(ends[-1]) + y) for v in variants for y in range(len(data))]
-    rows = _Rows(noise, grid, scales, gram, half_log_det, base.shape[1], *map(list, zip(*pairs, strict=True)))
+    each, of = zip(*((v, int(ends[-1]) + y) for v in variants for y in range(len(data))), strict=True)
+    rows = _Rows(noise, grid, scales, gram, half_log_det, base.shape[1], each, of)
 
     found = rows.climb()
     if noise.grow(noise.grid.take(np.flatnonzero(np.any([_leads(own, grid.sort) for _, own in found], axis=0)))):

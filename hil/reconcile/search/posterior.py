@@ -42,9 +42,13 @@ class Found:
 
 @dataclass(frozen=True)
 class Posterior:
-    """Sets with their log weights (normalised), most probable first, and the log evidence of all of them."""
+    """Sets with their log weights (normalised), most probable first, and the log evidence of all of them.
+
+    Each is made of one of the `lists` of each sensor.
+    """
 
     searches: Mapping[int, SensorSearch]
+    lists: Mapping[int, Sequence[Set]]
     sets: Sequence[Found]
     log_odds: float
     log_evidence: float
@@ -71,19 +75,19 @@ class Posterior:
         return scatter_asked(self.searches.values())
 
 
-def likely_sets(search: SensorSearch) -> list[Set]:
+def likely_sets(search: SensorSearch, *, serve: bool) -> list[Set]:
     """Return the sets of one sensor that are worth anything, grown term by term from the likeliest.
 
     From none, and by itself from where the search starts, which hides none of those: two mistakes that hide each other
-    are found by no single one. Then the noise is looked at anew beside whichever leads, until one leads that was looked
-    at: beside much that is missing noise seems to wander that does not, and what one more term would explain is taken
-    for it.
+    are found by no single one. To `serve` them the noise is looked at anew beside whichever leads, until one leads that
+    was looked at: beside much that is missing noise seems to wander that does not, and what one more term would explain
+    is taken for it.
     """
     known = _grown(search, [()])
     for start in search.starts:
         known |= _grown(search, [start, *(start[:k] + start[k + 1 :] for k in range(len(start)))])
     served = set[Set]()
-    while (lead := max(known, key=lambda s: known[s])) not in served:
+    while serve and (lead := max(known, key=lambda s: known[s])) not in served:
         served.add(lead)
         search.serve(lead)
         known = _alone(search, [s for s in known if known[s] > known[lead] - 2.0 * WORTH or s == ()])
@@ -179,23 +183,36 @@ def _log_share(of: frozenset[str], here: frozenset[str], has: Mapping[str, float
     return float(sum(np.log(has[name] if name in here else 1.0 - has[name]) for name in of))
 
 
-def weigh(searches: Mapping[int, SensorSearch]) -> Posterior:
+def weigh(searches: Mapping[int, SensorSearch], *, serve: bool = True) -> Posterior:
     """Weigh the likely sets of all sensors together: an effect that one has the others probably have too.
 
-    What looks the same as a member of the likeliest is weighed, and kept, whatever it is worth.
+    Without `serve`, at the points of the noise that were chosen before any set was: so far, in a fraction of the time.
     """
-    likely = {n: likely_sets(search) for n, search in searches.items()}
+    likely = {n: likely_sets(search, serve=serve) for n, search in searches.items()}
     lists = {n: _with_the_others(n, searches, likely) for n in searches}
-    weights, sorts = log_weights(searches, lists)
-    *first, sort = np.unravel_index(weights.argmax(), weights.shape)
-    lead = {n: sets[k] for (n, sets), k in zip(lists.items(), first, strict=True)}
+    return _posterior(searches, lists, dict.fromkeys(searches, ()))
+
+
+def beside_lookalikes(posterior: Posterior) -> Posterior:
+    """Weigh what looks the same as a member of the likeliest set, too, and keep it whatever it is worth."""
+    searches, lead = posterior.searches, posterior.sets[0].terms
     alike = {n: lookalikes(search, lead[n]) for n, search in searches.items()}
     same = {n: [lead[n], *exchanged([lead[n]], alike[n])] for n in searches}
-    with_same = {n: list(dict.fromkeys([*s, *same[n], *exchanged(s[:OTHERS], alike[n])])) for n, s in lists.items()}
-    if with_same != lists:
-        lists = with_same
-        weights, sorts = log_weights(searches, lists)
-    nothing, kept = np.arange(len(sorts)) == 0, np.arange(len(sorts)) == sort
+    if all(len(own) == 1 for own in same.values()):
+        return posterior
+    lists = {n: [*dict.fromkeys([*s, *same[n], *exchanged(s[:OTHERS], alike[n])])] for n, s in posterior.lists.items()}
+    return _posterior(searches, lists, same)
+
+
+def _posterior(
+    searches: Mapping[int, SensorSearch], lists: Mapping[int, Sequence[Set]], same: Mapping[int, Sequence[Set]]
+) -> Posterior:
+    """Return how probable sets of all sensors are: the probable ones, and those of which each sensor has one of `same`.
+
+    With what scatters in the likeliest, that is.
+    """
+    weights, sorts = log_weights(searches, lists)
+    nothing, kept = np.arange(len(sorts)) == 0, np.arange(len(sorts)) == weights.argmax() % len(sorts)
     for n, sets in lists.items():
         rows = [all(searches[n].terms[j].name == "row" for j in chosen) for chosen in sets]
         nothing = nothing[..., None, :] & np.array(rows)[:, None]
@@ -209,7 +226,7 @@ def weigh(searches: Mapping[int, SensorSearch]) -> Posterior:
         *at, k = np.unravel_index(i, weights.shape)
         chosen = {n: sets[place] for (n, sets), place in zip(lists.items(), at, strict=True)}
         found.append(Found(chosen, sorts[k], float(weights.flat[i] - total)))
-    return Posterior(searches, found, log_odds, total)
+    return Posterior(searches, lists, found, log_odds, total)
 
 
 def log_weights(

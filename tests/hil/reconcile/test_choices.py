@@ -315,14 +315,51 @@ def test_values_that_follow_temperature_are_five_times_as_probable_before_the_da
     monkeypatch: pytest.MonkeyPatch, likelier: float, follows: bool
 ) -> None:
     """Values that stand are read where the data make them so much likelier, and no sooner."""
-    weighed = iter([SimpleNamespace(log_evidence=0.0, searches={}), SimpleNamespace(log_evidence=likelier)])
-    monkeypatch.setattr(workflow, "weigh", lambda _: next(weighed))
-    monkeypatch.setattr(workflow, "searches", lambda *_, **__: {})
-    monkeypatch.setattr(workflow, "read", lambda *_: SimpleNamespace(found=SimpleNamespace(terms={})))
-    for asked in ("may_be_calibrated", "values_follow"):
-        monkeypatch.setattr(workflow, asked, lambda *_: True)
-    posterior, _ = workflow._weighed(cast(Problem, None), (), 0.05)
+    posterior, asked = weighed_in_turn(monkeypatch, 0.0, likelier, 0.0)
     assert (posterior.log_evidence < 0.0) == follows
+    assert asked == [False, True, True]
+
+
+@pytest.mark.parametrize(("so_far", "asked"), [(-19.3, [False, True, True]), (-19.5, [False, True])])
+def test_the_noise_is_not_looked_at_anew_beside_sets_that_cannot_lead(
+    monkeypatch: pytest.MonkeyPatch, so_far: float, asked: list[bool]
+) -> None:
+    """A sweep's biases on a curve took half a minute of search beside values that stand, for nothing."""
+    posterior, served = weighed_in_turn(monkeypatch, so_far, 0.0, 10.0)
+    assert served == asked
+    assert posterior.log_evidence == (10.0 if len(asked) == 3 else 0.0)
+
+
+@pytest.mark.slow
+def test_sets_so_far_leave_the_noise_as_it_was() -> None:
+    """Looking at the noise anew is what takes long, and what may be left."""
+    problem = pose(
+        turning(), load_model("matrix-6"), [effect for effect in EFFECTS if effect.id in ("bias_T", "drift")]
+    )
+    (search,) = (found := searches(problem, (), ())).values()
+    before = [len(block.points) for block in search.blocks]
+    so_far = weigh(found, serve=False)
+    assert [len(block.points) for block in search.blocks] == before
+    assert weigh(found).log_evidence > so_far.log_evidence
+    assert all(len(block.points) > own for block, own in zip(search.blocks, before, strict=True))
+
+
+def weighed_in_turn(monkeypatch: pytest.MonkeyPatch, *log_evidence: float) -> tuple[Posterior, list[bool]]:
+    """Return which of values that stand so far, that follow temperature, and that stand, are read; and what is asked.
+
+    Each has so much log evidence.
+    """
+    weighed, served = iter([SimpleNamespace(log_evidence=own, sets=[None]) for own in log_evidence]), list[bool]()
+
+    def weigh(_: object, *, serve: bool = True) -> SimpleNamespace:
+        served.append(serve)
+        return next(weighed)
+
+    monkeypatch.setattr(workflow, "weigh", weigh)
+    monkeypatch.setattr(workflow, "searches", lambda *_, **__: {})
+    for question in ("may_be_calibrated", "values_follow"):
+        monkeypatch.setattr(workflow, question, lambda *_: True)
+    return workflow._likelier(cast(Problem, None), ()), served
 
 
 @pytest.mark.slow
