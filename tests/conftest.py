@@ -6,6 +6,8 @@ import gc
 import os
 import shutil
 import signal
+from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -31,6 +33,24 @@ if os.access(_MEMORY, os.W_OK) and shutil.disk_usage(_MEMORY).free > _ENOUGH:
 _SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 
+gc.disable()  # through the collection, which only makes what stays
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Let each of several workers begin with its own share of the test modules, so that each is compiled once.
+
+    All workers import all of them in the same order: on a fresh clone each would compile every one at the same time.
+    """
+    worker = getattr(session.config, "workerinput", None)
+    if worker is None or session.config.args_source is not pytest.Config.ArgsSource.TESTPATHS:
+        return
+    tests = Path(__file__).resolve().parent
+    mine = int(worker["workerid"].removeprefix("gw"))
+    for path in sorted(tests.rglob("test_*.py"))[mine :: worker["workercount"]]:
+        with suppress(Exception, pytest.skip.Exception):  # collecting the module says it
+            import_module(".".join(path.relative_to(tests.parent).with_suffix("").parts))
+
+
 @pytest.hookimpl(trylast=True)  # after the order was shuffled
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with the longest, so that none of them is under way alone when all others are done."""
@@ -46,6 +66,7 @@ def pytest_collection_finish() -> None:
     """Take thousands of collected tests, which stay to the end, out of what is searched for garbage."""
     gc.collect()
     gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture(scope="session")
