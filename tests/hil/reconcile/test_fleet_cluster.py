@@ -14,25 +14,42 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from hil.campaign.writer import write_campaign
 from hil.cli.app import run
 from hil.reconcile.campaigns import screen_folders
 from hil.reconcile.outcome.fleet import fleet_document
-from tests.hil.reconcile.fleet_units import MODEL, written_fleet
+from tests.hil.reconcile.fleet_units import MODEL, SHORT
+from tests.hil.reconcile.hidden_effects import base_rates, both, campaign_of, noise
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a fleet."""
-    return written_fleet(tmp_path_factory.mktemp("fleet"))
+    """Three units, one with a fault, and one that is no campaign."""
+    folder = tmp_path_factory.mktemp("fleet")
+    for i in range(3):
+        effect = both(SHORT.supply - 28.0, 20.0 * (i == 1), -20.0 * (i == 1))
+        made = campaign_of(SHORT, base_rates(SHORT) + noise(SHORT, np.random.default_rng(i)) + effect)
+        write_campaign(made, folder / f"u{i}")
+    (folder / "x-broken").mkdir()
+    (folder / "x-broken" / "campaign.yaml").write_text("schema: nonsense\n")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def alone(folder: Path) -> dict[str, Any]:
+    """What one process says of them."""
+    document = fleet_document(screen_folders([folder], "matrix-6-thermal"))
+    assert [each["folder"][-2:] for each in document["units"] if each["worth"]] == ["u1"]
+    return document
 
 
 @pytest.mark.slow(seconds=22)
-def test_on_a_dask_cluster_too_though_a_worker_is_killed(folder: Path) -> None:
+def test_on_a_dask_cluster_too_though_a_worker_is_killed(folder: Path, alone: dict[str, Any]) -> None:
     """A scheduler and two workers as processes, one of them killed at work: the same document as alone."""
     distributed = pytest.importorskip("distributed", reason="distributed is not installed: hil[cluster]")
-    alone = fleet_document(screen_folders([folder], "matrix-6-thermal"))
     with distributed.LocalCluster(2, threads_per_worker=1, processes=True, dashboard_address=":0") as cluster:
         assert fleet_document(screen_folders([folder], "matrix-6-thermal", cluster=cluster.scheduler_address)) == alone
         with ThreadPoolExecutor(1) as thread, distributed.Client(cluster) as client:
@@ -46,14 +63,13 @@ def test_on_a_dask_cluster_too_though_a_worker_is_killed(folder: Path) -> None:
 
 @pytest.mark.slow(seconds=11)
 def test_a_worker_of_another_version_takes_no_part_and_that_is_said(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    folder: Path, alone: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A process whose hil is of another version beside one of this: whole, to the digit; with it alone, refused."""
     pytest.importorskip("distributed", reason="distributed is not installed: hil[cluster]")
     other = tmp_path / "hil-99.dist-info"
     other.mkdir()
     (other / "METADATA").write_text("Metadata-Version: 2.1\nName: hil\nVersion: 99\n")
-    alone = fleet_document(screen_folders([folder], "matrix-6-thermal"))
     with ExitStack() as held:
         scheduler = tmp_path / "scheduler.json"
 

@@ -14,33 +14,27 @@ from hil.campaign import Campaign
 from hil.campaign.fleet_file import pieces_of, read_piece, write_fleet_file
 from hil.cli.app import run
 from hil.errors import InputError
-from hil.reconcile.campaigns import Facts, screen_folders
+from hil.reconcile.campaigns import Facts, Screened, screen_folders
 from procedures.verdict import Judgement, Verdict
-from tests.hil.reconcile.fleet_units import unit, written_fleet
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a fleet."""
-    return written_fleet(tmp_path_factory.mktemp("fleet"))
+from tests.hil.reconcile.fleet_units import unit
 
 
 @pytest.mark.slow
 def test_one_file_of_all_gives_what_the_folders_give(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    fleet: Path, screened: Screened, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The same numbers to the digit; what cannot be screened is told, and so is a file that is none."""
     file = tmp_path / "fleet.parquet"
-    assert run(["export", str(folder), str(file), "--fleet"]) == 0
+    assert run(["export", str(fleet), str(file), "--fleet"]) == 0
     assert "x-broken" in capsys.readouterr().err
-    (by_folder, by_file) = (screen_folders([each], "matrix-6-thermal") for each in (folder, file))
-    said = [{key: of for key, of in unit.wrong.items() if key != "warnings"} for unit in by_folder.units]
-    as_filed = [replace(unit, wrong=wrong) for unit, wrong in zip(by_folder.units, said, strict=True)]
+    by_file = screen_folders([file], "matrix-6-thermal")
+    said = [{key: of for key, of in unit.wrong.items() if key != "warnings"} for unit in screened.units]
+    as_filed = [replace(unit, wrong=wrong) for unit, wrong in zip(screened.units, said, strict=True)]
     assert by_file.units == as_filed  # a file of numbers does not keep what reading folders warned of
-    assert by_file.shared == by_folder.shared
-    assert by_file.not_screened.keys() == by_folder.not_screened.keys() - {str(folder / "x-broken")}
-    assert run(["export", str(folder), str(file), "--fleet"]) == 2  # and what is there stays
-    assert run(["export", str(folder), str(tmp_path / "two.parquet"), "--fleet", "--format", "hdf5"]) == 2
+    assert by_file.shared == screened.shared
+    assert by_file.not_screened.keys() == screened.not_screened.keys() - {str(fleet / "x-broken")}
+    assert run(["export", str(fleet), str(file), "--fleet"]) == 2  # and what is there stays
+    assert run(["export", str(fleet), str(tmp_path / "two.parquet"), "--fleet", "--format", "hdf5"]) == 2
     whole = pq.read_table(file)
     spoiled = {
         "no Parquet file": b"campaigns",
