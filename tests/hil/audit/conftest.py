@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import pickle
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
 from hil.campaign import Campaign
-from hil.reconcile import scattering, workflow
+from hil.reconcile import campaigns, fleet, scattering, workflow
 from hil.reconcile.outcome.answer import Answer
 
 
@@ -28,3 +29,14 @@ def searched_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
     for module in (workflow, scattering):
         monkeypatch.setattr(module, "searched", once)
+
+
+@pytest.fixture
+def only_answers(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Make nothing in which no answer stands: pictures, and most of the names for which a fleet is screened."""
+    monkeypatch.setattr("hil.files.page.drawn", lambda _figure: b"<svg></svg>")
+    for of in ("EFFECTS", "VARIANCE_EFFECTS"):
+        monkeypatch.setattr(fleet, of, getattr(fleet, of)[:2])
+    campaigns._screen.cache_clear()
+    yield
+    campaigns._screen.cache_clear()

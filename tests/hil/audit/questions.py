@@ -44,16 +44,6 @@ FIRST: dict[str, Callable[[Path], list[str]]] = {
         "archive", str(folder.parent / "archive"), str(folder), "--found", "--serial", "0042", "--date", "2026-03-01",
     ],
 }  # fmt: skip
-QUICK = ("solve", "thermal", "budget", "visibility", "history", "report")
-AT_ONCE = (
-    "the chamber's temperature alone, one channel without standard errors",
-    "short soaks",
-    "labels exchanged, two runs",
-    "position missing at one temperature",
-    "one run",
-    "one run, one rate far off, beside another sensor",
-    "poses, one wrong",
-)
 
 
 def rows(document: dict[str, Any]) -> Answer:

@@ -28,7 +28,7 @@ from hil.report.content import gather, headline, to_do
 from hil.solve.both_sensors import common_and_differential
 from hil.solve.wrong_rows import USED, wrong_rows
 from tests.hil.audit.folders import FOLDERS, night_that_ended_early, written
-from tests.hil.audit.questions import ANSWERS, AT_ONCE, BESIDE, COMMANDS, FIRST, IN_COMMON, MODEL, QUICK, READ, Ask
+from tests.hil.audit.questions import ANSWERS, BESIDE, COMMANDS, FIRST, IN_COMMON, MODEL, READ, Ask
 from tests.hil.solve.runs_of_a_unit import campaign, with_rates
 
 
@@ -75,14 +75,7 @@ def disagreements(ask: Ask, commands: tuple[str, ...]) -> Iterator[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ask", AT_ONCE, indirect=True)  # of FOLDERS, which test_all_commands_agree goes through
-def test_the_quick_commands_agree(ask: Ask) -> None:
-    """Solve, thermal, budget and visibility: rows, means, their uncertainty, what repeats show."""
-    assert list(disagreements(ask, QUICK)) == []
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("searched_once")
+@pytest.mark.usefixtures("searched_once", "only_answers")
 @pytest.mark.parametrize("ask", FOLDERS, indirect=True)
 def test_all_commands_agree(ask: Ask) -> None:
     """And those that search: what is wrong with rows, and that what is printed is simulated."""
