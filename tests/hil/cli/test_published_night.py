@@ -11,19 +11,22 @@ import pytest
 
 @pytest.mark.slow
 def test_the_published_night_lacks_what_the_report_found(hil: Any, tmp_path: Path) -> None:
-    """MU beside collins-4, with values that follow temperature; that it differs from run to run; then no more."""
-    assert hil("demo", "--out", tmp_path / "night", "--quiet").returncode == 0
+    """MU beside collins-4, with values that follow temperature; that it differs from run to run; then no more.
+
+    Values of the base may each go their own way with temperature: where all had to go one, a law of g squared stood in.
+    """
+    night = tmp_path / "night"
+    assert hil("demo", "--out", night, "--quiet").returncode == 0
+
+    def lacks(model: object, out: Path) -> dict[str, Any]:
+        assert hil("reconcile", night, "--model", model, "--out", out).returncode == 0
+        return dict(json.loads((out / "reconciliation.json").read_text()))
+
     for model, names in (("collins-4", ["MU_real", "MU_rr"]), ("matrix-6", ["MU_rr"])):
-        out = tmp_path / model
-        assert hil("reconcile", tmp_path / "night", "--model", model, "--out", out).returncode == 0
-        found = json.loads((out / "reconciliation.json").read_text())
+        found = lacks(model, tmp_path / model)
         assert [effect["id"] for effect in found["effects"]] == names
         assert all(effect["probability"] > 0.99 for effect in found["effects"])
         assert found["gap"]["after"] < found["gap"]["before"]
-        assert (
-            hil("reconcile", tmp_path / "night", "--model", out / "model.yaml", "--out", out / "again").returncode == 0
-        )
-        again = json.loads((out / "again/reconciliation.json").read_text())
-        assert (again["verdict"], again["effects"]) == ("none", [])
-    contractors = json.loads((tmp_path / "collins-4/reconciliation.json").read_text())
-    assert contractors["calibration"] == "per temperature"
+        assert model == "matrix-6" or found["calibration"] == "per temperature"
+    again = lacks(tmp_path / "collins-4/model.yaml", tmp_path / "again")
+    assert (again["verdict"], again["effects"]) == ("none", [])

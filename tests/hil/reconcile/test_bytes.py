@@ -13,7 +13,7 @@ import yaml
 
 from hil.campaign import Campaign
 from hil.campaign.reader import read_campaign
-from hil.config import Bench, load_bench, load_sweep
+from hil.config import Bench, load_sweep
 from hil.model import load_model
 from hil.night import start_night
 from hil.reconcile import Reconciliation, reconcile, write_result
@@ -88,15 +88,3 @@ def test_a_night_answers_as_its_export_does(tmp_path: Path) -> None:
     ]
     assert {each["id"] for each in told[0]["within_collects"]} == {RAMP}
     assert told[0] == told[1]
-
-
-@pytest.mark.slow
-def test_the_published_night_has_the_names_that_it_hides_and_no_others(tmp_path: Path) -> None:
-    """Asked with the contractor's model: MU is real, and changes from run to run; what follows temperature is no name.
-
-    Values of the base may each go their own way with temperature: where all had to go one, a law of g squared stood in.
-    """
-    night = tmp_path / "night"
-    assert start_night(night, load_sweep("rd-gc-86-1"), load_bench("simulated"), seed=1).exit_status == 0
-    result = reconcile(campaign_of_night(night), "collins-4", prove=False)
-    assert sorted(names(result)) == ["MU_real", "MU_rr"]
