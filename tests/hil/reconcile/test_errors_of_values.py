@@ -33,9 +33,9 @@ def slopes(seed: int) -> list[tuple[float, bool]]:
 
 
 def test_an_error_is_over_all_that_runs_may_scatter_by() -> None:
-    """By the likeliest noise, in which four runs do not scatter, slopes were 6 and 7 times their errors off."""
-    told = [each for seed in (9, 10) for each in slopes(seed)]
-    assert len(told) == 4
+    """By the likeliest noise, in which four runs do not scatter, slopes were 6 times their errors off."""
+    told = slopes(9)
+    assert len(told) == 2
     assert max(abs(off) for off, _ in told) < 2.5
     assert all(inside for _, inside in told)
 

@@ -285,9 +285,9 @@ def test_how_sure_a_jump_is_is_said_of_each_sensor_where_that_differs(
     """An event of one sensor or of both: one probability of both hid that the other's was seen less surely."""
     rows = {}
     for number, size in enumerate(sizes, 1):
-        own = made_of_runs(24, 24, seed=20 + number, scatter=1.0).sensors[2]
+        own = made_of_runs(12, 12, seed=20 + number, scatter=1.0).sensors[2]
         conditions = replace(own.conditions, sensor=replace(own.conditions.sensor, number=number))
-        rates = own.rates_deg_per_hr + size * (conditions.run >= 13)[:, None]
+        rates = own.rates_deg_per_hr + size * (conditions.run >= 7)[:, None]
         rows[number] = replace(own, conditions=conditions, rates_deg_per_hr=rates)
     made = Campaign("two", "", rows, site={"latitude_deg": 34.6})
     (jump,) = reconcile(made, "matrix-6", prove=False).effects

@@ -97,13 +97,13 @@ def test_runs_that_are_off_in_no_simple_way_are_found_too() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("model", "runs_each"), [("matrix-6", 2), ("matrix-6-thermal", 3)])
-def test_bad_runs_show_on_a_night_of_eight_temperatures(model: str, runs_each: int) -> None:
+@pytest.mark.parametrize(("model", "runs_each", "bad"), [("matrix-6", 2, (3,)), ("matrix-6-thermal", 3, (5, 12))])
+def test_bad_runs_show_on_a_night_of_four_temperatures(model: str, runs_each: int, bad: tuple[int, ...]) -> None:
     """Also beside a model that lacks temperature, and with a single neighbour at each temperature."""
-    rows = layout(EIGHT, runs_each)
+    rows = layout(EIGHT[::2], runs_each)
     rates = measured(rows)
     assert found(rows, rates, model) == []
-    assert [run for run, _ in found(rows, changed(rows, rates, -3.0, (5, 12)), model)] == [5, 12]
+    assert [run for run, _ in found(rows, changed(rows, rates, -3.0, bad), model)] == [*bad]
 
 
 @pytest.mark.slow
@@ -296,7 +296,7 @@ def test_the_size_of_what_scatters_is_as_uncertain_as_its_runs_make_it(seed: int
 
 
 @pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
-@pytest.mark.parametrize("repeats", [2, 3])
+@pytest.mark.parametrize("repeats", [pytest.param(2, marks=pytest.mark.slow), 3])
 def test_what_changes_from_run_to_run_has_its_name_in_few_runs_too(seed: int, repeats: int) -> None:
     """MU of three runs is no law of whatever else was another in each of them; of two that are alike nothing is."""
     plain = hidden_campaign(seed, temperatures=(23.0,), runs_each=repeats, positions=tuple("1342431"), quiet=0.3)

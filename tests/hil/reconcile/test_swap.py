@@ -162,32 +162,38 @@ def test_the_sound_one_of_three_runs_is_not_accused_for_the_others_exchanges(see
     assert again.rows == result.rows
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(3, marks=pytest.mark.slow)])
-def test_other_temperatures_tell_which_of_three_runs_are_wrong(seed: int) -> None:
+@pytest.mark.parametrize(
+    ("seed", "searched"), [(0, False), *(pytest.param(seed, True, marks=pytest.mark.slow) for seed in (0, 3))]
+)
+def test_other_temperatures_tell_which_of_three_runs_are_wrong(seed: int, *, searched: bool) -> None:
     """In what MU scatters by two exchanges hide, but whoever exchanged labels once did so again."""
     campaign = hidden_campaign(seed, temperatures=(-10.0, 23.0, 50.0), runs_each=3, positions=("1", "2", "3"))
     wrong = exchanged(campaign, (13, 15), (16, 18))
     mended = [(5, MENDED), (6, MENDED)]
     assert sorted((row.run, row.done) for row in wrong_rows(wrong)[2].rows) == mended
-    assert [(row["run"], row["done"]) for row in found(wrong, prove=False).rows] == mended
+    assert not searched or [(row["run"], row["done"]) for row in found(wrong, prove=False).rows] == mended
 
 
-@pytest.mark.parametrize("pairs", [((4, 5),), pytest.param(((1, 2), (7, 8)), marks=pytest.mark.slow)])
+@pytest.mark.parametrize("pairs", [((4, 5),), ((1, 2), (7, 8))])
+@pytest.mark.parametrize("searched", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_of_three_runs_at_one_temperature_either_one_or_the_other_two_are_exchanged(
-    pairs: tuple[tuple[int, int], ...],
+    pairs: tuple[tuple[int, int], ...], *, searched: bool
 ) -> None:
     """Nothing else tells: both commands name both, in the same words, and neither moves anything."""
     campaign = hidden_campaign(5, temperatures=(23.4,), runs_each=3, positions=("1", "2", "3"))
     wrong = exchanged(campaign, *pairs)
     (why, *_), done = zip(*((row.why, row.done) for row in wrong_rows(wrong)[2].rows), strict=True)
     assert done == (USED,) * 3
-    result = found(wrong, "matrix-6", prove=False)
-    (row,) = result.rows
-    assert row["done"] == USED
-    assert result.left.not_passed == {"INCONCLUSIVE": [1, 2, 3]}
-    assert "hil solve does not pass (hil report says why): runs 1–3 (INCONCLUSIVE)" in what_to_do(result)[1]
+    told = [why]
+    if searched:
+        result = found(wrong, "matrix-6", prove=False)
+        (row,) = result.rows
+        assert row["done"] == USED
+        assert result.left.not_passed == {"INCONCLUSIVE": [1, 2, 3]}
+        assert "hil solve does not pass (hil report says why): runs 1–3 (INCONCLUSIVE)" in what_to_do(result)[1]
+        told.append(row["why"])
     one, two, three = (f"collects {of}, at positions 1 and 2, look exchanged" for of in ("4–5", "1–2", "7–8"))
-    for said in (why, row["why"]):
+    for said in told:
         assert f"{one}, or both {two}, and {three}; these rates" in said.replace("; or", ", or")
 
 
@@ -323,11 +329,12 @@ def test_a_bad_collect_of_a_quiet_triad_is_no_exchange(seed: int) -> None:
 
 
 @pytest.mark.slow  # a bad collect and a glitch that are none are quick, above
-def test_many_glitches_are_no_exchanges() -> None:
-    """Every thirtieth rate of twelve runs is off by as much as ten times the noise: no labels are blamed."""
+def test_many_glitches_are_no_exchanges(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every thirtieth rate is off by as much as ten times the noise: no labels are blamed, nor where rows are many."""
+    monkeypatch.setattr("hil.reconcile.search.mistakes.MANY", 30)
     rng = np.random.default_rng(0)
-    clean = triad(rng, 12, 24, 6.0, 8.0)
-    glitches = [(int(r), int(rng.integers(3)), 60.0 * rng.normal()) for r in rng.choice(288, 30, replace=False)]
+    clean = triad(rng, 6, 12, 6.0, 8.0)
+    glitches = [(int(r), int(rng.integers(3)), 60.0 * rng.normal()) for r in rng.choice(72, 8, replace=False)]
     campaign = with_glitches(clean, glitches)
     assert swaps(found(campaign, "constant", prove=False)) == []
 
@@ -356,6 +363,7 @@ def test_what_solve_doubts_and_the_search_does_not_is_said_by_its_collects() -> 
     assert not any("doubts" in words for words in otherwise(wrong, [row.document() for row in doubted]))
 
 
+@pytest.mark.slow  # that hil solve does so is quick, in tests/hil/solve/test_labels_in_common.py
 def test_labels_are_put_right_in_a_sensor_that_hardly_feels_it_by_what_the_other_shows() -> None:
     """They are a collect's: whoever exchanged them did so for both, and the search had mended one sensor alone."""
     two, run, collects = of_two_sensors(1, (1, 2), 0.1)

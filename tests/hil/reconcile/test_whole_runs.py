@@ -51,11 +51,15 @@ def test_a_run_that_is_only_noisy_has_its_own_rates() -> None:
     ("wrong", "said", "channels"),
     [
         (lambda rates: rates * [1.0, -1.0], "the sign of RB looks turned", ["RB"]),
-        pytest.param(lambda rates: -rates, "the signs look turned", ["RA", "RB"], marks=pytest.mark.slow),
-        pytest.param(lambda rates: rates[:, ::-1], "RA and RB look exchanged", ["RA", "RB"], marks=pytest.mark.slow),
+        (lambda rates: -rates, "the signs look turned", ["RA", "RB"]),
+        (lambda rates: rates[:, ::-1], "RA and RB look exchanged", ["RA", "RB"]),
     ],
+    ids=["a sign", "both signs", "channels"],
 )
-def test_what_is_wrong_with_a_whole_run_solve_and_the_search_say_and_mend_alike(wrong, said, channels) -> None:
+@pytest.mark.parametrize("searched", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_what_is_wrong_with_a_whole_run_solve_and_the_search_say_and_mend_alike(
+    wrong, said, channels, *, searched
+) -> None:
     """A sign, all of them, or the channels: what was filed less what would have been is one term."""
     made = hidden_campaign(3, temperatures=(-10.0, 23.0, 50.0), positions=("1", "2", "3", "4"))
     rates = made.sensors[2].rates_deg_per_hr.copy()
@@ -63,11 +67,14 @@ def test_what_is_wrong_with_a_whole_run_solve_and_the_search_say_and_mend_alike(
     rates[here] = wrong(rates[here])
     torn = replace(made, sensors={2: replace(made.sensors[2], rates_deg_per_hr=rates)})
     (quick,) = wrong_rows(torn)[2].rows
+    assert (quick.run, quick.done) == (2, MENDED)
+    assert said in quick.why
+    if not searched:
+        return
     result = found(torn, prove=False)
     (row,) = result.rows
-    assert (row["run"], row["done"], row["channels"]) == (quick.run, quick.done, channels) == (2, MENDED, channels)
+    assert (row["run"], row["done"], row["channels"]) == (2, MENDED, channels)
     assert said in row["why"]
-    assert said in quick.why
     assert "labels or signs in the record are wrong" in page(result)
 
 
