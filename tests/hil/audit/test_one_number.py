@@ -161,7 +161,7 @@ def test_what_a_drift_spoils_is_the_same_before_and_after_a_night(order: str) ->
     rng = np.random.default_rng(0)
     rates = {number: rng.normal(0.0, typical, (len(own), 2)) for number, own in conditions.items()}
     rows = {n: Collects(own, rates[n], np.full_like(rates[n], typical)) for n, own in conditions.items()}
-    maps: list[Any] = [sweep_document(sweep, bench), campaign_document(Campaign("night", "", rows))]
+    maps: list[Any] = [sweep_document(sweep, bench), campaign_document(Campaign("night", "", rows), changes=())]
     assert [of["noise_level"]["collect_deg_per_hr"] for of in maps] == [typical, typical]
     before, after = ({n: _moved_by(of, "drift") for n, of in each["sensors"].items()} for each in maps)
     assert after == before

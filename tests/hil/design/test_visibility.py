@@ -282,7 +282,8 @@ def test_what_a_second_visit_to_a_temperature_differs_by_is_no_noise() -> None:
     levels = []
     for size in (0.0, 20.0):
         rates = steady + size * np.array([-1.0, 1.0, 1.0, -1.0, -1.0])[visit][:, None]
-        found: Any = campaign_document(replace(one, sensors={2: Collects(conditions, rates, rows.rates_se_deg_per_hr)}))
+        measured = replace(one, sensors={2: Collects(conditions, rates, rows.rates_se_deg_per_hr)})
+        found: Any = campaign_document(measured, changes=())
         levels.append(found["sensors"]["2"]["noise"]["run_bias_deg_per_hr"])
     assert levels[1] == pytest.approx(levels[0])
 

@@ -145,14 +145,14 @@ def test_where_nothing_was_repeated_a_models_scatter_is_in_each_of_its_errors(tm
     assert shown.sentences()[0].endswith(said)
     assert f"noise as the file of model {known.full_title} states it" in solutions[0].assumed
     planned = _planned(known)["sensors"]["2"]  # type: ignore[index]
-    for noise in (campaign_document(_once(stated=0.7), known)["noise"], planned["noise"]):
+    for noise in (campaign_document(_once(stated=0.7), known, ())["noise"], planned["noise"]):
         assert (noise["run_bias_deg_per_hr"], noise["source"]) == (pytest.approx(np.sqrt(50.0)), "the model")  # type: ignore[index]
 
 
 def test_what_a_model_does_not_state_of_noise_is_assumed_as_before(tmp_path: Path) -> None:
     """A scatter of MU alone made every bias seem to be the same in each run; and nobody was told whose noise it is."""
     known = model(tmp_path, "noise: {2: {run_to_run: {MUA: {unit: deg/hr/g, value: 4}}}}\n")
-    for told in (campaign_document(_once(stated=0.7), known), _planned(known)):
+    for told in (campaign_document(_once(stated=0.7), known, ()), _planned(known)):
         noise = told["sensors"]["2"]["noise"]  # type: ignore[index]
         assert noise["run_bias_deg_per_hr"] == NoiseLevel().run_bias_deg_per_hr
         assert noise["run_mu_deg_per_hr_per_g"] == pytest.approx(np.sqrt(8.0))
