@@ -33,7 +33,7 @@ from hil.solve.noise import changes, noise_left, shares_of, times_of
 from hil.solve.precision import stated_noise, to_record_of
 from hil.solve.runs import Estimate, RunSolution
 from hil.solve.spread import RARE, Spread
-from hil.solve.temperatures import nearest, runs_by_temperature, told_by, unit_mean_degC, unit_range_degC
+from hil.solve.temperatures import nearest, of_runs_degC, runs_by_temperature, told_by, unit_mean_degC, unit_range_degC
 from hil.solve.uncertain import Uncertain
 from hil.solve.wrong_rows import treated
 from procedures.words import counted, listed, numbered, significant
@@ -80,7 +80,7 @@ class SensorRepeats:
     anything but those errors tells what noise there is, and `noise_certain` whether what differs can be nothing but
     noise. `to_record` are columns that nobody recorded and that what scatters beyond noise may follow. `of_means`: rows
     are printed means of runs, whose standard errors have what these scattered by. `temperature_degC` is that of every
-    run, by run, whether or not it is in a mean, None where nobody knows it.
+    run that has one, by run, whether or not it is in a mean.
     """
 
     names: tuple[str, ...]
@@ -101,7 +101,7 @@ class SensorRepeats:
     noise_certain: bool = False
     to_record: Sequence[str] = ()
     of_means: bool = False
-    temperature_degC: Mapping[int, float | None] = field(default_factory=dict)
+    temperature_degC: Mapping[int, float] = field(default_factory=dict)
 
     def at(self, temperature_degC: float | None) -> MeanAt | None:
         """Return the mean at what is this temperature of another campaign, None where there is none."""
@@ -278,9 +278,7 @@ def repeats(
         own = [each for each in solutions if each.sensor == number and not set(each.runs).isdisjoint(runs)]
         if own:
             shown = _of_sensor(own, collects, alike, tuple(used.not_used[number]), campaign.run_scatter.get(number, {}))
-            filed = campaign.sensors[number].conditions
-            groups = [*runs_by_temperature(filed), *runs_by_temperature(collects.conditions)]  # those of means, last
-            shown = replace(shown, temperature_degC={run: at for at, runs in groups for run in runs})
+            shown = replace(shown, temperature_degC=of_runs_degC(campaign.sensors[number].conditions))
             found[number] = _as_means(shown) if campaign.rebuilt and shown.stated else shown
     return found
 
@@ -338,8 +336,9 @@ def _of_sensor(
     group = np.array([next((k for k, (_, runs) in enumerate(at) if each.runs[0] in runs), -1) for each in own])
     of_each = [[of.get(name, Estimate(None, None, "")) for name in units] for of in (e.by_noise(noise) for e in own)]
     values, errors = (np.array([[getattr(e, a) for e in of] for of in of_each], np.float64) for a in ("value", "se"))
-    told = {e.runs[0] for e, known in zip(own, np.isfinite(values), strict=True) if known.any()}
-    at = [(temperature, tuple(run for run in runs if run in told)) for temperature, runs in at]
+    told = {e.runs[0]: e.settled for e, known in zip(own, np.isfinite(values), strict=True) if known.any()}
+    # Of a run that had not settled, and repeats none that had, nobody knows of which temperature it would be a mean.
+    at = [(degC, tuple(run for run in of if run in told and (told[run] or degC is not None))) for degC, of in at]
     known_shares = shares_of(rows)
     shares = np.array([known_shares.get(name, np.full(len(channels), 1.0 / len(channels))) for name in units])
     of_channels = [np.array(each.of_channels) for each in telling if each.chi_square is not None]

@@ -64,7 +64,8 @@ def runs_by_temperature(
     """Group the runs that were made at one temperature, coldest first, with the mean over a group's runs, °C.
 
     A run stands at the temperature at which most of its collects do. Without any temperature all runs are one group. A
-    run whose own is not known is a group by itself (None): nobody can say that it repeats another.
+    run whose own is not known is a group by itself (None): nobody can say that it repeats another. So is one that had
+    not settled where most had: it was elsewhere.
     """
     every, name = conditions.of_each_run, told_by(conditions, apart_degC)
     if name is None:
@@ -74,11 +75,23 @@ def runs_by_temperature(
     for run, rows in every.items():
         here = number[rows][number[rows] >= 0]
         groups.setdefault(int(np.argmax(np.bincount(here))) if len(here) else -run - 1, []).append(run)
+    late = unsettled(conditions).keys()
+    for runs in [*groups.values()]:
+        elsewhere = late & set(runs)
+        if 2 * len(elsewhere) < len(runs):
+            groups |= {-run - 1: [run] for run in elsewhere}
+            runs[:] = [run for run in runs if run not in elsewhere]
     means = {run: known_mean(level[rows]) for run, rows in every.items()}
     ordered = sorted(groups.items(), key=lambda group: (group[0] < 0, abs(group[0])))
     return tuple(
         (None if at < 0 else known_mean(np.array([means[run] for run in of])), tuple(of)) for at, of in ordered
     )
+
+
+def at_no_temperature(conditions: Conditions, apart_degC: float | None = None) -> list[int]:
+    """Return the runs of which nobody knows at which of the campaign's temperatures they were made."""
+    alone = [runs for degC, runs in runs_by_temperature(conditions, apart_degC) if degC is None]
+    return [] if told_by(conditions, apart_degC) is None else [run for runs in alone for run in runs]
 
 
 def visits(conditions: Conditions) -> tuple[tuple[float | None, tuple[int, ...]], ...]:
@@ -177,6 +190,13 @@ def level_degC(conditions: Conditions) -> FloatArray | None:
     """Return the column that tells temperatures from each other, shape (n,), NaN where it does not; None for none."""
     name = told_by(conditions)
     return None if name is None else conditions.columns[name]
+
+
+def of_runs_degC(conditions: Conditions) -> dict[int, float]:
+    """Return the mean of what tells each run's temperature, by run; runs of which nothing does lack."""
+    level = level_degC(conditions)
+    known = {} if level is None else {run: level[rows] for run, rows in conditions.of_each_run.items()}
+    return {run: known_mean(of) for run, of in known.items() if np.isfinite(of).any()}
 
 
 def told_by(conditions: Conditions, apart_degC: float | None = None) -> str | None:

@@ -26,9 +26,9 @@ from hil.solve import Solution, solve
 from hil.solve.precision import stated_noise
 from hil.solve.runs import solve_rates
 from hil.solve.spread import Spread
-from hil.solve.temperatures import runs_by_temperature, too_few, unit_mean_degC
+from hil.solve.temperatures import at_no_temperature, runs_by_temperature, too_few, unit_mean_degC
 from hil.solve.uncertain import CONFIDENCE
-from procedures.words import counted
+from procedures.words import counted, numbered
 
 _MOVES_DEGC = 0.1  # half the range of a thermometer that tells anything
 
@@ -239,6 +239,9 @@ def layout_of(
     if left.any() and not left.all():
         collects = collects.rows(~left)
         notes.append(f"sensor {number}: {counted(int(left.sum()), 'row')} without temperature: left out")
+    if late := at_no_temperature(collects.conditions, apart_degC):
+        collects = collects.rows(~np.isin(collects.conditions.run, late))
+        notes.append(f"sensor {number}: {numbered('run', late)} had not settled where others had: left out")
     stations = find_stations(collects.conditions, apart_degC)
     form = named_form(model_name, collects.conditions) if model_name else default_form(collects.conditions)
     form = form.without(as_zero)

@@ -88,9 +88,14 @@ def _sensor(runs: Sequence[RunScene], asked: Asked, observed: SensorRepeats | No
     alone = {each.run: Budget(each.scene, each.sources, each.form, draws=0) for each in runs}
     totals = {run: each.total() for run, each in alone.items()}
     whole = {run: mean_of_repeats(each, repeats_of(each, None), run, observed, None) for run, each in alone.items()}
-    chosen = max(runs, key=lambda each: (each.run == asked.run, float(np.nansum(whole[each.run] ** 2))))
+    means = {run: mean for mean in (observed.means if observed else ()) for run in mean.runs}
+
+    def order(each: RunScene) -> tuple[bool, bool, float]:
+        return each.run == asked.run, each.run in means, float(np.nansum(whole[each.run] ** 2))
+
+    chosen = max(runs, key=order)
     budget = Budget(chosen.scene, chosen.sources, chosen.form, asked.draws, asked.seed)
-    mean = None if observed is None else next((each for each in observed.means if chosen.run in each.runs), None)
+    mean = means.get(chosen.run)
     made = repeats_of(budget, mean)
     repeats = np.full_like(made, asked.repeats) if asked.repeats else made
     of_mean = budget

@@ -22,7 +22,7 @@ from hil.reconcile.search.problem import Problem, SensorProblem, fit_to
 from hil.solve import solve
 from hil.solve.beside_terms import with_scatter
 from hil.solve.runs import OBSERVABLE
-from hil.solve.temperatures import same_temperature, told_by
+from hil.solve.temperatures import at_no_temperature, same_temperature, told_by
 
 _CHANGED = 0.1  # of what changes most
 _DIGITS = 9
@@ -88,7 +88,8 @@ def before_and_after(
 
 def _steady(conditions: Conditions) -> Conditions:
     """Return collects of known temperature as if the unit had been at the mean through all of what is one."""
-    known = conditions.rows(same_temperature(conditions) >= 0)
+    elsewhere = np.isin(conditions.run, at_no_temperature(conditions))
+    known = conditions.rows((same_temperature(conditions) >= 0) & ~elsewhere)
     station, own = same_temperature(known), known.columns.get(OWN, np.full(len(known), np.nan)).copy()
     for k in np.unique(station):
         own[station == k] = known_mean(own[station == k])

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hil.campaign.stand_ins import OWN
 from hil.cli.model import _values
 from hil.model import load_model
 from hil.model.effects.catalogue import effect_by_id
@@ -47,6 +48,22 @@ def test_what_is_printed_is_what_a_parameter_is_before_and_after() -> None:
     model = improved(problem.model, problem.sensors, terms, [], {"MU_real": {}}, frozenset())
     found = before_and_after(problem.model, model, problem.sensors, terms, frozenset(), {})
     assert {(each["name"], each["temperature_degC"]) for each in found} == {("BA", None), ("MUB", None)}
+
+
+def test_no_value_is_told_at_a_temperature_between_runs_that_settled_and_one_that_had_not() -> None:
+    """A run at the warmest setpoint in which the unit was still at 20 °C is part of no temperature there."""
+    campaign = rotor_night(np.random.default_rng(0), {"BA": lambda t: 30.0 + 10.0 * scaled(t)}, run_to_run={})
+    rows = campaign.sensors[2].conditions
+    setpoint = np.asarray(PUBLISHED_DEGC)[np.argmin(abs(rows.columns[OWN][:, None] - PUBLISHED_DEGC), axis=1)]
+    own = np.where(rows.run == rows.run[np.argmax(setpoint)], 20.0, rows.columns[OWN])
+    late = replace(rows, columns={**rows.columns, OWN: own, "setpoint_degC": setpoint})
+    campaign = replace(campaign, sensors={2: replace(campaign.sensors[2], conditions=late)})
+    problem = pose(campaign, load_model("matrix-6"), [effect_by_id("bias_T")])
+    line = next(each for each in problem.candidates if each.name == "bias_T")
+    terms = [(line, dict.fromkeys(range(len(line.parameters)), (1.0, 0.1)))]
+    model = improved(problem.model, problem.sensors, terms, [], {"bias_T": {}}, frozenset())
+    found = before_and_after(problem.model, model, problem.sensors, terms, frozenset(), {})
+    assert max(each["temperature_degC"] for each in found) == pytest.approx(60.0, abs=0.1)
 
 
 def test_what_follows_no_temperature_is_in_no_parameter() -> None:

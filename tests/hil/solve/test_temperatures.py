@@ -147,12 +147,12 @@ def test_a_unit_that_lags_behind_its_setpoints_is_at_its_setpoints() -> None:
 
 
 def test_one_more_run_renames_no_temperature() -> None:
-    """Neither one far from setpoints that are near each other, nor one whose soak was cut short."""
+    """Neither one far from setpoints that are near each other, nor one whose soak was cut short: it was elsewhere."""
     near = {"setpoint_degC": [20.0, 20.0, 21.5], "temperature_degC": [28.0, 28.1, 29.6]}
     far = {"setpoint_degC": [*near["setpoint_degC"], 40.0], "temperature_degC": [*near["temperature_degC"], 48.0]}
     assert runs_by_temperature(conditions(far))[:2] == runs_by_temperature(conditions(near))
     short = {"setpoint_degC": [20.0, 20.0, 20.0], "temperature_degC": [28.0, 28.1, 35.0]}
-    assert runs_by_temperature(conditions(short)) == ((20.0, (1, 2, 3)),)
+    assert runs_by_temperature(conditions(short)) == ((20.0, (1, 2)), (None, (3,)))
     assert list(unsettled(conditions(short))) == [3]
 
 

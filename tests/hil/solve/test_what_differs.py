@@ -13,7 +13,7 @@ from hil.solve import repeats, solve_campaign
 from hil.solve.judged import LACKS, MOVED
 from hil.solve.noise import changes
 from hil.solve.repeats import SensorRepeats
-from tests.hil.solve.runs_of_a_unit import campaign, repeated
+from tests.hil.solve.runs_of_a_unit import campaign, repeated, with_column, with_rates
 
 
 def of_errors(made: Campaign, times: float = 1.0, more: FloatArray | float = 0.0) -> Campaign:
@@ -92,3 +92,16 @@ def test_what_runs_do_to_their_parameters_is_no_noise_though_errors_are_not_alik
         squares, freedom = squares + found[0], freedom + found[1]
     assert freedom == pytest.approx([64.0, 64.0])  # of 8 nights, 4 temperatures, 3 runs of 6 rates: less 4 and common 2
     assert squares / freedom == pytest.approx([1.0, 1.0], abs=0.45)
+
+
+def test_a_run_that_had_not_settled_repeats_none_that_had() -> None:
+    """It stayed at another temperature: in no mean at its setpoint, and in no ± of those that were there."""
+    made = campaign(9, 3, scatter=0.5)
+    rows = made.sensors[2]
+    sixth = rows.conditions.run == 6
+    rates = rows.rates_deg_per_hr + 40.0 * sixth[:, None]
+    temperature_degC = np.where(sixth, -15.0, rows.conditions.columns["temperature_degC"])
+    late = with_column(with_rates(made, rates), temperature_degC=temperature_degC)
+    shown = repeats(late, solve_campaign(late))[2]
+    assert [mean.runs for mean in shown.means] == [(1, 2, 3), (4, 5), (7, 8, 9)]
+    assert np.all(shown.spread.observed[:2] < 2.0)
