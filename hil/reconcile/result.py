@@ -182,10 +182,10 @@ class Solved:
     """The runs that `hil solve` does not pass, `of_sensors`; whose residuals exceed their errors; and all reasons.
 
     `widens`: whether repeats or residuals tell it by how much its ± have to be wider than standard errors say; `errors`
-    is what they say of the standard errors of each sensor, `small` whether some are too small, `misstated` whether some
-    are so far off that others have to be stated. The runs are by verdict and sensor; `not_passed` by verdict alone.
-    `temperatures` are those at which some run tells every parameter, of the sensor that has most; `shown` is what
-    repeats show of each sensor.
+    is what is to be known of the ± of each sensor, `small` whether some standard errors are too small, `misstated`
+    whether some are so far off that others have to be stated. The runs are by verdict and sensor; `not_passed` by
+    verdict alone. `temperatures` are those at which some run tells every parameter, of the sensor that has most;
+    `shown` is what repeats show of each sensor.
     """
 
     of_sensors: Mapping[str, Mapping[str, Sequence[int]]] = field(default_factory=dict)
@@ -216,7 +216,7 @@ class Solved:
         errors = [
             same if (same := f"sensor {number}: {said}") in known else f"sensor {number}: {beside}{said}"
             for number, each in shown.items()
-            for said in each.noise_in_words
+            for said in each.cautions
         ]
         small = any(times > 1.0 for each in shown.values() for times in each.times_of.values())
         misstated = any(each.misstated for each in shown.values())

@@ -196,7 +196,12 @@ class SensorRepeats:
             more = f"as their {errors} say, as far as {freedom} can tell{unknown}"
         said = [f"repeats scatter {more}"] if told or not self.noise_in_words else []
         said += [f"record {MAY_FOLLOW.format(listed(self.to_record))}"] if self.to_record else []
-        return [*said, *self.noise_in_words, *self._by_temperature()]
+        return [*said, *self.cautions]
+
+    @property
+    def cautions(self) -> list[str]:
+        """Say what is to be known of every ±: where standard errors do not hold, and where no one scatter does."""
+        return [*self.noise_in_words, *self.uneven_in_words]
 
     @property
     def repeated(self) -> bool:
@@ -257,7 +262,8 @@ class SensorRepeats:
             by_noise.append(f"{allowed}, and do not differ as much from run to run: {left}")
         return by_noise
 
-    def _by_temperature(self) -> list[str]:
+    @property
+    def uneven_in_words(self) -> list[str]:
         """Say which parameters scatter more at some temperatures than at others: no one ± holds at each."""
         told = []
         for name in (name for name, odd in zip(self.names, self.spread.uneven, strict=True) if odd):

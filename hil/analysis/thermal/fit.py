@@ -154,6 +154,7 @@ class SensorFit:
                 f"sensor {number}: no temperature was measured twice{side}: what differs from run to run, and is not "
                 "in the standard errors, cannot be told from what depends on temperature"
             )
+        notes += [f"sensor {number}: {said}" for said in shown.uneven_in_words]
         self.number, self.layout, self.notes = number, layout, notes
         self.improvement = _rate_improvement(layout, choices, errors)
         # Less what the two directions differ by, which is no noise.

@@ -124,7 +124,11 @@ def _sensor(runs: Sequence[RunScene], asked: Asked, observed: SensorRepeats | No
         "run_to_run": _named(budget, budget.from_run_to_run),
         "observed_run_to_run": {} if observed is None else observed.document()["run_to_run"],
         "as_solved": _named(budget, as_solved(budget, chosen.run, observed)) if observed is not None else {},
-        "as_solved_for": [] if observed is None or observed.repeated else observed.sentences(),
+        "as_solved_for": []
+        if observed is None
+        else observed.uneven_in_words
+        if observed.repeated
+        else observed.sentences(),
         "mean_as_solved": {}
         if mean is None
         else {"runs": list(mean.runs), **{n: finite(v.sd) for n, v in mean.values.items()}},

@@ -238,7 +238,7 @@ def _seen(shown: SensorRepeats, *, assumed: bool) -> NoiseLevel:
     else:
         level = _of_model(level)
         whose = level.source
-    stated = "; ".join([whose, *shown.noise_in_words])  # of assumed errors nothing is to be said
+    stated = "; ".join([whose, *shown.cautions])  # of assumed errors nothing is to be said
     return replace(level, source=f"{whose}, beyond an assumed noise of collects" if assumed else stated)
 
 
