@@ -12,7 +12,7 @@ from hil.model.effects.base import Effect
 from hil.reconcile.naming import Named, Reading
 from hil.reconcile.outcome.findings import gap_of
 from hil.reconcile.outcome.mistakes import certain, mended, outliers_found, rows_found
-from hil.reconcile.outcome.scatter import FoundScatter, found_scatter, ordinary, pooled
+from hil.reconcile.outcome.scatter import FoundScatter, found_scatter, likeliest_with, ordinary, pooled
 from hil.reconcile.outcome.stated import not_repeated
 from hil.reconcile.outcome.values import taken_out
 from hil.reconcile.proof.held_out import HeldOut, held_out
@@ -134,11 +134,15 @@ class Answer:
 
     @cached_property
     def noise(self) -> Sequence[dict[str, Any]]:
-        """What every channel's averages scatter by: key `noise`."""
-        model, added = self.problem.model, [n.name for n in self.names if n.acts_on == "mean"]
+        """What every channel's averages scatter by beside all that probably moves them: key `noise`."""
+        model, beside = self.problem.model, self.fit
+        if not self.reverted and (likely := likeliest_with(self.posterior, beside.found)) != beside.found:
+            beside = fitted(self.posterior, likely)
+        added = [n.name for n in self.names if n.acts_on == "mean"]
+        added += sorted(self.posterior.names(beside.found) - self.posterior.names(self.fit.found))
         forms = {number: sensor.form.name for number, sensor in self.problem.sensors.items()}
         about = {n: [model.title if name == model.form else name, *added] for n, name in forms.items()}
-        return ordinary(self.fit, self.scatter, about, self.left.shown)
+        return ordinary(beside, self.scatter, about, self.left.shown)
 
     @cached_property
     def outliers(self) -> Sequence[dict[str, Any]]:

@@ -84,15 +84,26 @@ def _sets_with(posterior: Posterior, name: str) -> list[tuple[Found, float]]:
 
     What is less than a tenth as probable as the likeliest moves no size by as much as its error.
     """
-    first: dict[frozenset[str], Found] = {}
-    shares: dict[frozenset[str], float] = {}
-    for found in posterior.sets:
-        if name in found.scatter:
-            names = posterior.names(found)
-            first.setdefault(names, found)
-            shares[names] = shares.get(names, 0.0) + float(np.exp(found.log_weight))
-    likely = [names for names, share in shares.items() if share > _LEAST * max(shares.values())]
-    return [(first[names], shares[names] / sum(shares[own] for own in likely)) for names in likely]
+    every = _by_names(posterior, [found for found in posterior.sets if name in found.scatter])
+    likely = [(found, share) for found, share in every if share > _LEAST * every[0][1]]
+    return [(found, share / sum(own for _, own in likely)) for found, share in likely]
+
+
+def likeliest_with(posterior: Posterior, found: Found) -> Found:
+    """Return the likeliest set that scatters as a found one and has its names, and more where that is more probable."""
+    own = posterior.names(found)
+    alike = [each for each in posterior.sets if each.scatter == found.scatter and own <= posterior.names(each)]
+    most = next((each for each, _ in _by_names(posterior, alike)), found)
+    return found if posterior.names(most) == own else most
+
+
+def _by_names(posterior: Posterior, sets: Sequence[Found]) -> list[tuple[Found, float]]:
+    """Return the likeliest of those sets that have the same names, with how probable all these are, likeliest first."""
+    every: dict[frozenset[str], list[Found]] = {}
+    for found in sets:
+        every.setdefault(posterior.names(found), []).append(found)
+    shares = [(alike[0], float(np.exp([each.log_weight for each in alike]).sum())) for alike in every.values()]
+    return sorted(shares, key=lambda each: -each[1])
 
 
 @dataclass(frozen=True)
@@ -281,12 +292,6 @@ def _likely(variances: FloatArray, weight: FloatArray, *, known: bool) -> float:
 
 def places(found: Sequence[FoundScatter], chance: float) -> list[Disagreement]:
     """Return the channels that an effect scatters, with by how much."""
-    return [
-        Disagreement(
-            {"sensor": f.sensor, "channel": f.channel, "of": "scatter", "effect": f.effect.id},
-            f.deg_per_hr,
-            f.deg_per_hr * f.relative,
-            chance,
-        )
-        for f in found
-    ]
+    where = [{"sensor": f.sensor, "channel": f.channel, "of": "scatter", "effect": f.effect.id} for f in found]
+    sizes = [(f.deg_per_hr, f.deg_per_hr * f.relative) for f in found]
+    return [Disagreement(at, *size, chance) for at, size in zip(where, sizes, strict=True)]

@@ -104,6 +104,21 @@ def test_offsets_however_large_are_offsets() -> None:
 
 
 @pytest.mark.slow
+def test_what_probably_moves_averages_and_is_not_called_missing_scatters_nothing() -> None:
+    """A slope of the bias is as large whether or not anybody asks to be surer of it before it is named."""
+    one = campaign(8, 4, seed=2, scatter=2.0)
+    rows = one.sensors[2].conditions
+    warmer = np.sign(rows.columns["temperature_degC"] - rows.columns["temperature_degC"].mean())
+    made = with_rates(one, one.sensors[2].rates_deg_per_hr + 4.0 * warmer[:, None])
+    named, unnamed = (reconcile(made, "matrix-6", alpha=alpha, prove=False) for alpha in (0.05, 1e-9))
+    assert [each.id for each in named.effects] == ["bias_T"]
+    assert unnamed.effects == []
+    for sure, unsure in zip(named.noise, unnamed.noise, strict=True):
+        assert unsure["under"] == sure["under"] == "matrix-6 + bias_T"
+        assert unsure["run_offset_deg_per_hr"] == pytest.approx(sure["run_offset_deg_per_hr"])
+
+
+@pytest.mark.slow
 def test_standard_errors_that_are_right_need_no_more() -> None:
     """Where averages scatter as stated the model that is written is the one that was read."""
     rng = np.random.default_rng(3)
