@@ -232,8 +232,7 @@ def _of_channels(
     ordinary = np.array([not kind.name for kind in own.noise.kinds], dtype=bool)
     alone = replace(points, amount=points.amount * ordinary, offset=np.zeros(len(points)))
     by_itself = scales[:, None] * own.noise.variance(alone)
-    itself = weight @ by_itself
-    more_than = (weight * scales) @ own.noise.variance(points) - itself
+    more_than = (weight * scales) @ own.noise.variance(points) - weight @ by_itself
     relative = float(np.sqrt(2.0 / own.beside.freedom)) if own.beside.freedom else np.inf  # nothing is left to know by
     beside, errors = own.noise.stated_variance(), rows_of.sigma**2 * rows_of.sigma_stated
     for c in np.unique(rows_of.channel):
@@ -248,7 +247,7 @@ def _of_channels(
         offset2, own2 = (_likely(each, weight, known=sure or certain) for each in (offsets, of_rows))
         here = [f for f in found if (f.sensor, f.channel) == (rows_of.sensor, channel)]
         noisier = False
-        if shown is not None and shown.noise_told and not (here or sure or certain):
+        if shown is not None and shown.noise_told and not sure:
             usual = np.full((1, len(own.noise.conditions.sensor.channels)), np.median(rows_of.sigma[rows]))
             own2 = float(shown.noise(usual)[0, c] ** 2 + np.median(beside[rows]))
             noisier, error = shown.stated and bool(shown.noise_times[c] > 1.0), own2 * relative
@@ -258,7 +257,7 @@ def _of_channels(
             offset_se = float(np.hypot(offset_se, 0.5 * np.sqrt(weight @ (offsets - offset2) ** 2) / offset))
         told = (certain or sure) and offset > 0.0
         # An effect on the scatter moves some rows and others not: of what it adds, the mean over all of them.
-        seen = np.median(itself[rows]) + np.mean(more_than[rows]) if here or sure or certain else own2 + offset2
+        seen = own2 + (np.mean(more_than[rows]) if here or sure or certain else offset2)
         yield {
             "sensor": rows_of.sensor,
             "channel": channel,

@@ -130,17 +130,17 @@ def _noise_assumed(document: dict[str, Any]) -> Answer:
 
 
 def _by_chance(document: dict[str, Any]) -> Answer:
-    """What a collect scatters by beside its offset, where no more than ordinary noise is certain beside the form.
+    """What a collect scatters by beside its offset, where the search is not sure of more than that beside the form.
 
     Of rows that nothing is said against: the search mends what others leave out.
     """
     found = {}
     for of in document["noise"]:
-        more = of["scatter"] or of["run_offset_se_deg_per_hr"] or of["collect_to_collect_se_deg_per_hr"]
+        more = of["scatter"] or of["collect_to_collect_se_deg_per_hr"]
         smooth = any(f"sensor {of['sensor']}: " in each and "smooth model" in each for each in document["sentences"])
         if not (document["rows"] or more or smooth or "+" in of["under"] or of["observed_deg_per_hr"] is None):
-            alone = of["observed_deg_per_hr"] ** 2 - (of["run_offset_deg_per_hr"] or 0.0) ** 2
-            found[str(of["sensor"]), of["channel"]] = math.sqrt(alone)
+            collects = of["explained_deg_per_hr"] or 0.0, of["collect_to_collect_deg_per_hr"]
+            found[str(of["sensor"]), of["channel"]] = math.hypot(*collects)
     return found
 
 

@@ -92,6 +92,24 @@ def test_that_no_one_uncertainty_holds_at_each_temperature_is_said_by_all() -> N
 
 
 @pytest.mark.slow
+def test_noise_that_residuals_show_is_that_of_a_collect_beside_offsets_too() -> None:
+    """Runs differ by ten times that, and MU more: visibility and the model that is written have the noise alike."""
+    rng = np.random.default_rng(4)
+    one = repeated(12, 4, (0, 1, 2, 0, 1, 2))
+    rows = one.sensors[2]
+    of_runs = rng.normal(0.0, 8.0, (12, 2))[rows.conditions.run - 1]
+    made = with_rates(one, rows.rates_deg_per_hr + of_runs + rng.normal(0.0, 1.0, (len(rows.conditions), 1)) * [0, 1])
+    seen: Any = campaign_document(made, changes=())["sensors"]
+    (quiet, noisy), said = what_scatters(made).answer.noise, seen["2"]["noise"]["channels_deg_per_hr"]
+    assert said["RB"] > 1.1 * said["RA"]
+    for each in (quiet, noisy):
+        assert each["run_offset_se_deg_per_hr"] is not None
+        collect = np.hypot(each["explained_deg_per_hr"], each["collect_to_collect_deg_per_hr"])
+        assert collect == pytest.approx(said[each["channel"]], rel=1e-6)
+    assert noisy["collect_to_collect_se_deg_per_hr"] is not None
+
+
+@pytest.mark.slow
 def test_each_sensor_of_a_unit_is_compared_in_its_own_form() -> None:
     """What a rotor sensor does is no finding beside the form of a triad; a model of one kind screens neither."""
     one = FOLDERS["a rotor sensor and a triad"]()
