@@ -31,7 +31,9 @@ _SAME_ROWS = 3
 _DIGITS, _ROUNDING = 300.0, 1e-6
 _AT_REST_DEG_PER_HR = 360_000.0  # a hundred degrees a second: many times what the poorest gyro is off by
 _STILL = 0.05  # of what the earth rate alone moves a channel by
-_POSES, _FAR, _CHANCE = 4, 20.0, 3.0  # so many, so many sigmas in all, and those of a chi-square
+_POSES, _FAR = 4, 20.0  # so many, and so many sigmas in all
+_STANDS = "shows the same in every pose, where {} by {:.3g} deg/hr: it does not turn with the unit, or {}"
+_BEFORE = "the earth rate was taken off it before (a sensitivity that undoes just that is none)"
 _FINE = 0.03  # of a standard error: in steps as fine as that hardly one in a thousand runs shows one value three times
 _BY_CHANCE = 1e-3  # so rare it is that some collect of a campaign shows 0 in all channels, in steps as they are written
 _PILED, _PILED_RATIO = 3, 2.0  # averages on one value, and times as many as on any between
@@ -263,26 +265,40 @@ def _limits(campaign: Campaign) -> Iterator[_Found]:
             if 0.0 < moves < _STILL * by_earth:
                 words = f"sensor {number}: {name} moves by {moves:.2g} deg/hr in all, where the earth rate alone moves"
                 yield [collects], known, f"{words} it by {by_earth:.3g}: is it in deg/hr?"
-            elif np.any(same := _in_every_pose(collects.conditions, own, errors, earth)):
-                words = f"sensor {number}: {name} shows the same in every pose, where the earth rate alone moves it by"
-                words += f" {np.ptp(earth[same]):.3g} deg/hr: it does not turn with the unit, or the earth rate was"
-                yield [collects], same, f"{words} taken off it before (a sensitivity that undoes just that is none)"
+                continue
+            usual = _mostly(collects.conditions, own), "mostly it moves", "the unit was not turned"
+            for due, moved, instead in ((earth, "the earth rate alone moves it", _BEFORE), usual):
+                if np.any(same := _in_every_pose(collects.conditions, own, errors, due)):
+                    words = f"sensor {number}: {name} {_STANDS.format(moved, np.ptp(due[same]), instead)}"
+                    yield [collects], same, words
+                    break
 
 
-def _in_every_pose(c: Conditions, rates: FloatArray, errors: FloatArray, earth: FloatArray) -> BoolArray:
-    """Tell in which collects, (n,), a channel shows the same as in all of their run, where the earth rate moves it far.
+def _mostly(c: Conditions, rates: FloatArray) -> FloatArray:
+    """Return what a channel that shows `rates` mostly does at each one's position, deg/hr, (n,) each."""
+    middle = {
+        label: np.nanmedian(of)
+        for label in {*c.position.tolist()}
+        if np.any(np.isfinite(of := rates[c.position == label]))
+    }
+    return np.array([middle.get(label, np.nan) for label in c.position])
 
-    The same within its standard errors, (n,) as `rates` and what of them is `earth` rate, deg/hr; in enough poses.
+
+def _in_every_pose(c: Conditions, rates: FloatArray, errors: FloatArray, due: FloatArray) -> BoolArray:
+    """Tell in which collects, (n,), a channel shows the same as in all of their run, where it is `due` to move far.
+
+    The same as far as it scatters, and as its standard errors tell where they are stated; (n,) deg/hr each. Far beyond
+    that, and in enough poses, rates that are the same are no coincidence.
     """
     same = np.full(len(c), False)
     for own in c.of_each_run.values():
-        rows = own[np.isfinite(rates[own]) & (errors[own] > 0.0)]
-        freedom = len(rows) - 1
+        rows = own[np.isfinite(rates[own]) & np.isfinite(due[own])]
+        stated = np.all(errors[rows] > 0.0)
         if len(np.unique(c.position[rows])) >= _POSES:
-            white = np.stack([rates, earth])[:, rows] / errors[rows]
-            mean = errors[rows] ** -1.0 / np.linalg.norm(errors[rows] ** -1.0)
-            shown, due = np.linalg.norm(white - (white @ mean)[:, None] * mean, axis=1)
-            same[rows] = due > _FAR and shown**2 < freedom + _CHANCE * np.sqrt(2.0 * freedom)
+            weight = 1.0 / (errors[rows] if stated else np.ones(len(rows)))
+            white, mean = np.stack([rates, due])[:, rows] * weight, weight / np.linalg.norm(weight)
+            shown, moves = np.linalg.norm(white - (white @ mean)[:, None] * mean, axis=1)
+            same[rows] = moves > _FAR * max(shown / np.sqrt(len(rows) - 1.0), float(stated))
     return same
 
 

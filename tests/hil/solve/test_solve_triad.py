@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from hil.campaign.plausibility import judged_by_its_records
 from hil.campaign.reader import read_campaign
 from hil.solve import solve_campaign
 from procedures.verdict import Verdict
+from tests.hil.solve.runs_of_a_unit import repeated
 from tests.hil.solve.solved_campaigns import TRIAD_YAML, Row, only, values_of, write
 
 G_TRUTH = np.array([[1.0, 20.0, -3.0], [-7.0, 5.0, 40.0], [11.0, -13.0, 2.0]])
@@ -97,10 +99,22 @@ def test_real_triads_are_solved(reference_data: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("turns", "noise", "verdict"), [(False, 0.5, "FAIL"), (True, 0.5, "PASS"), (False, 5.0, "PASS")]
+    ("turns", "noise", "stated", "verdict"),
+    [
+        (False, 0.3, 1.0, "FAIL"),
+        (False, 0.3, 0.6, "FAIL"),
+        (False, 0.3, 0.0, "FAIL"),
+        (True, 0.5, 1.0, "PASS"),
+        (False, 5.0, 1.0, "PASS"),
+    ],
 )
-def test_a_channel_that_does_not_turn_with_the_others_is_no_pass(turns: bool, noise: float, verdict: str) -> None:
-    """It would have minus the earth rate as its sensitivity, and no residual; in much noise nobody can tell."""
+def test_a_channel_that_does_not_turn_with_the_others_is_no_pass(
+    turns: bool, noise: float, stated: float, verdict: str
+) -> None:
+    """It would have minus the earth rate as its sensitivity, and no residual; in much noise nobody can tell.
+
+    Whatever is stated of that noise: all, too little, or nothing.
+    """
     rng = np.random.default_rng(1)
     f = rng.normal(size=(24, 3))
     f /= np.linalg.norm(f, axis=1, keepdims=True)
@@ -109,8 +123,22 @@ def test_a_channel_that_does_not_turn_with_the_others_is_no_pass(turns: bool, no
     sensor = Sensor(1, ("X", "Y", "Z"), {"GX": "X", "GY": "Y", "GZ": "Z"})
     labels = np.array([f"pose {i}" for i in k])
     conditions = Conditions(sensor, k + 1, np.ones(24, dtype=np.int64), labels, 100.0 * k, np.full(24, 60.0), f, w, {})
-    made = Campaign("poses", "", {1: Collects(conditions, rates, np.full((24, 3), noise))})
+    made = Campaign("poses", "", {1: Collects(conditions, rates, np.full((24, 3), stated * noise))})
     (solved,) = solve_campaign(judged_by_its_records(made))
     assert solved.verdict.value == verdict
     assert ("GY shows the same in every pose" in solved.reason) is (verdict == "FAIL")
     assert solved.parameters["GYY"].value == pytest.approx(0.0 if turns else -8.54, abs=noise)
+
+
+def test_a_channel_that_stands_in_one_run_is_named_though_no_earth_rate_is_known() -> None:
+    """It moves with gravity in all others: one that does not is no jump, and no other sensitivity."""
+    made = repeated(8, 4, (0, 1, 2, 3, 4))
+    rows = made.sensors[2]
+    nowhere = replace(rows.conditions, w_deg_per_hr=0.0 * rows.conditions.w_deg_per_hr)
+    noise = np.random.default_rng(2).normal(0.0, 0.3, len(rows.conditions))
+    dead = (rows.conditions.run == 5)[:, None] & np.array([True, False])
+    rates = np.where(dead, 12.0 + noise[:, None], rows.rates_deg_per_hr)
+    laid = Collects(nowhere, rates, rows.rates_se_deg_per_hr)
+    late = judged_by_its_records(replace(made, sensors={2: laid}))
+    failed = [each for each in solve_campaign(late) if "RA shows the same in every pose, where mostly" in each.reason]
+    assert [(each.runs, each.verdict.value) for each in failed] == [((5,), "FAIL")]
