@@ -167,11 +167,11 @@ def to_do(content: ReportContent) -> Iterator[str]:
         yield f"{night.to_do}; what is missing is listed below."
     wrong = of_sensors_in_words(not_passed_of(content.solutions))
     yield from (f"{_DO[Verdict(verdict)]} {runs}." for verdict, runs in wrong)
-    lacks = {each.exceeds_errors for each in content.solutions if each.verdict in NOT_GOOD}
+    lacks = {each.exceeds_errors and each.settled for each in content.solutions if each.verdict in NOT_GOOD}
     if True in lacks:
         yield "Ask hil reconcile what the model lacks: measured again it lacks the same."
     if False in lacks:
-        yield "Mend what is said under Why; then measure again."
+        yield f"Mend what {'else ' * (True in lacks)}is said under Why; then measure again."
     if misstated := [sensor.number for sensor in content.sensors if sensor.shown.misstated]:
         yield f"State the standard errors of {numbered('sensor', misstated)} that repeats and residuals show; below."
     if lacking := sorted({name for sensor in content.sensors for name in sensor.shown.to_record}):
