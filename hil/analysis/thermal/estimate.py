@@ -105,7 +105,8 @@ class Layout:
 class Visits:
     """The v visits of one sensor, solved for the layout's form: parameters (v, p), NaN where not told.
 
-    `sd` (v, p) is each visit's own, `common` (v, p) the error that is the same in every run, in one direction.
+    `sd` (v, p) is each visit's own, `common` (v, p) the error that is the same in every run, in one direction, and
+    `of_each` (v, p) both together, as `hil solve` states it.
     `temperature_degC`, `station` and `direction` are (v,), all directions 0 where nothing was reached from both sides;
     `known` says that anything tells how large a deviation is.
     """
@@ -131,6 +132,7 @@ class Visits:
         told = sd[np.isfinite(self.values)]
         self.known = bool(np.isfinite(told).all() and np.all(told > 0.0))
         self.sd = sd if self.known else np.ones_like(sd)
+        self.of_each = np.hypot(self.sd, self.common)
 
     def free(self, place: int) -> Estimates:
         """Fit one parameter freely at each temperature, to be tested: by no more degrees of freedom than repeats share.

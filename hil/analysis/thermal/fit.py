@@ -64,8 +64,7 @@ class ParameterFit:
             # What the form does not describe stands in the errors of its coefficients.
             coefficients = replace(coefficients, covariance=coefficients.covariance * ratio)
         self.coefficients, self.curve = coefficients, _curve(layout, self.unit, order, coefficients)
-        of_each = np.hypot(seen.sd, seen.common)[:, place]
-        self.repeatability = float(np.nanmedian(of_each))  # one that is huge says nothing of the others
+        self.repeatability = float(np.nanmedian(seen.of_each[:, place]))  # one that is huge says nothing of the others
         self.together = len(layout.form.names)
         self.repeats = int(seen.spread.degrees[place])
         self.repeated = bool(self.repeats)
@@ -124,17 +123,18 @@ class SensorFit:
             Choice(centre_degC, each.values, each.covariance, highest_order=order, seed=place)
             for place, each in enumerate(free)
         ]
-        of_values = [_chance_of_values(layout, each) if seen.known else 1.0 for each in free]
+        scatters = bool(np.any(seen.spread.degrees)) or shown.of_means or bool(shown.by_model)
+        of_values = [_chance_of_values(layout, each, scatters) if seen.known else 1.0 for each in free]
         chances = _together(
             [_QUESTIONS * min(of, c.chance_of_constant) for of, c in zip(of_values, compared, strict=True)]
         )
         choices = [c if p < FALSE_ALARM else c.flat() for c, p in zip(compared, chances, strict=True)]
-        if not seen.known:
-            notes.append(
-                f"sensor {number}: neither repeats nor standard errors: what the curves leave is taken for noise"
-            )
+        if not (seen.known and scatters):
+            without = "no run was repeated" if seen.known else "neither repeats nor standard errors"
+            notes.append(f"sensor {number}: {without}: what the curves leave is taken for noise")
             left = [_misfit(layout, v, c.form.order or 0)[0] for v, c in zip(free, choices, strict=True)]
-            seen.sd = seen.sd * np.sqrt(left)
+            seen.sd = seen.sd * np.sqrt(np.maximum(left, float(seen.known)))
+            seen.of_each = seen.of_each if seen.known else np.hypot(seen.sd, seen.common)
             free = [seen.free(place) for place in range(len(free))]
         errors = [nested_errors(centre_degC, each, c, order) for each, c in zip(free, choices, strict=True)]
         self.parameters = {
@@ -227,11 +227,16 @@ def _together(chances: Sequence[float]) -> list[float]:
     return together.tolist()
 
 
-def _chance_of_values(layout: Layout, values: Estimates) -> float:
-    """Return how often noise alone would change the free values, or their straight line, by as much."""
-    line = _line(layout, values)
-    slope = 2.0 * float(stdtr(line.freedom, -abs(line.values[1]) / line.se[1]))
-    return min(_misfit(layout, values, 0)[1], slope)
+def _chance_of_values(layout: Layout, values: Estimates, scatters: bool) -> float:
+    """Return how often noise alone would change the free values, or their straight line, by as much.
+
+    Where it is not told what `scatters` them, that is what the line leaves.
+    """
+    line, sigma, freedom = _line(layout, values), 1.0, values.freedom
+    if not scatters:
+        sigma, freedom = max(_misfit(layout, values, 1)[0], 1.0) ** 0.5, len(values.values) - 2.0
+    slope = 2.0 * float(stdtr(freedom, -abs(line.values[1]) / (sigma * line.se[1])))
+    return min(_misfit(layout, values, 0)[1], slope) if scatters else slope
 
 
 def _misfit(layout: Layout, values: Estimates, order: int) -> tuple[float, float]:

@@ -20,6 +20,7 @@ from hil.campaign.writer import write_campaign
 from hil.cli.app import run
 from hil.model import Model, load_model, save_model
 from hil.reconcile import reconcile
+from hil.solve import repeats, solve_campaign
 from hil.solve.document import first_in_words
 from procedures.verdict import Judgement, Verdict
 from tests.hil.analysis.thermal.nights import PUBLISHED_DEGC, Curve, rotor_night, scaled, triad_night
@@ -314,3 +315,20 @@ def test_what_only_too_few_repeats_leave_to_chance_is_said_to_be_so(slope: float
     found = fit_thermal(replace(made, sensors={2: rows})).sensors[2].parameters["GSA"]
     assert found.finding == "constant"
     assert ("but 1 repeat does not tell noise well enough" in parameter_in_words(found)) is few
+
+
+def test_one_run_at_each_temperature_is_no_surer_than_two() -> None:
+    """What nobody repeated may differ from run to run by any amount: by standard errors alone it seemed to depend."""
+    scatter = {"BA": 6.0, "BB": 6.0}
+    once, twice = (rotor_night(np.random.default_rng(2), {}, runs=runs, run_to_run=scatter) for runs in (1, 2))
+    alone, again = (fit_thermal(made).sensors[2] for made in (once, twice))
+    for found in (alone, again):
+        assert {name: each.finding for name, each in found.parameters.items() if name in scatter} == {
+            "BA": "constant",
+            "BB": "constant",
+        }
+    assert "sensor 2: no run was repeated: what the curves leave is taken for noise" in alone.notes
+    of_run = repeats(once, solve_campaign(once))[2].of_each[1]
+    assert alone.parameters["BA"].repeatability == pytest.approx(of_run["BA"], rel=0.1)  # which has no more
+    sloped = rotor_night(np.random.default_rng(2), {"BA": lambda t: 60.0 * scaled(t)}, runs=1, run_to_run=scatter)
+    assert fit_thermal(sloped).sensors[2].parameters["BA"].finding == "modelled"
