@@ -87,7 +87,7 @@ def take_up(
     there = next(unit.glob(f"[!.]*-{digest}"), None)
     name, why = f"{unit.name}/{there.name}" if there else "", ""
     if there:
-        why, of_night = _replaced(archive, name, campaign, is_night(source))
+        why, of_night, campaign = _replaced(archive, name, campaign, is_night(source))
         if not why:
             return Taken(name, serial, before=True)
         if of_night:
@@ -110,22 +110,25 @@ def take_up(
     return Taken(f"{unit.name}/{target.name}", serial, before=False, replaces=why)
 
 
-def _replaced(archive: Path, entry: str, campaign: Campaign, by_night: bool) -> tuple[str, dict[str, Any]]:
+def _replaced(archive: Path, entry: str, campaign: Campaign, by_night: bool) -> tuple[str, dict[str, Any], Campaign]:
     """Return why an entry is replaced by what holds the same rates; empty where it is sound, and has as much.
 
-    And what it says of the night that both are of, empty where that is told by neither or by the other: of a night and
-    a table of it that was corrected, the table stays. Raises `InputError` where nobody can tell, because the entry
-    cannot be read now.
+    And what it says of the night that both are of, empty where that is told by neither or by the other, and which
+    campaign stays: of a night and a table of it that was corrected, the table's. Raises `InputError` where nobody can
+    tell, because the entry cannot be read now.
     """
     try:
         facts, known, _ = read_entry(archive, entry)
     except InputError as error:
         if isinstance(error.__cause__, OSError):
             raise
-        return f"{entry}, which was damaged", {}
+        return f"{entry}, which was damaged", {}, campaign
     if _labels_digest(known) == _labels_digest(campaign):
-        return f"{entry}, an export of this night" if by_night and facts["night"] is None else "", {}
-    return "" if by_night else f"{entry}, whose labels or poses were others", facts if facts["night"] else {}
+        return f"{entry}, an export of this night" if by_night and facts["night"] is None else "", {}, campaign
+    if by_night:
+        why = "" if facts["night"] else f"{entry}, which did not say of which night it is"
+        return why, {}, replace(known, folder=None, recorded={})
+    return f"{entry}, whose labels or poses were others", facts if facts["night"] else {}, campaign
 
 
 def read_entry(archive: Path, entry: str) -> tuple[dict[str, Any], Campaign, Mapping[str, Any]]:

@@ -168,6 +168,16 @@ def test_a_table_that_was_corrected_is_of_the_night_whose_place_it_takes(night: 
         assert facts == {**before[0], "from": str(tmp_path / f"{mrad}"), "sha256": facts["sha256"]}
         assert configuration == before[2]
         assert take_up(folder, night).before
+    other = tmp_path / "the table first"
+    first = read_entry(other, take_up(other, tmp_path / "3.0").entry)
+    linked = take_up(other, night)
+    facts, kept, configuration = read_entry(other, linked.entry)
+    assert "which did not say of which night it is" in linked.replaces
+    assert (first[0]["night"], facts["night"]["id"]) == (None, before[0]["night"]["id"])
+    assert configuration == before[2]
+    assert np.array_equal(kept.sensors[2].conditions.f_g, first[1].sensors[2].conditions.f_g)  # as corrected
+    assert take_up(other, night).before
+    assert len(found(other)[0]) == 1
 
 
 def test_an_archive_that_lost_its_mark_is_founded_again(
