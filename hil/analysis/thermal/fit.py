@@ -130,7 +130,8 @@ class SensorFit:
         )
         choices = [c if p < FALSE_ALARM else c.flat() for c, p in zip(compared, chances, strict=True)]
         if not (seen.known and scatters):
-            without = "no run was repeated" if seen.known else "neither repeats nor standard errors"
+            once = "no temperature was measured twice" + " from one side" * layout.hysteresis
+            without = once if seen.known else "neither repeats nor standard errors"
             notes.append(f"sensor {number}: {without}: what the curves leave is taken for noise")
             left = [_misfit(layout, v, c.form.order or 0)[0] for v, c in zip(free, choices, strict=True)]
             seen.sd = seen.sd * np.sqrt(np.maximum(left, float(seen.known)))
@@ -147,12 +148,6 @@ class SensorFit:
             notes.append(
                 f"sensor {number}: no temperature was reached from both sides: hysteresis and a drift through the "
                 "campaign are in the curves"
-            )
-        if seen.known and not np.any(seen.spread.degrees):
-            side = " from one side" * layout.hysteresis
-            notes.append(
-                f"sensor {number}: no temperature was measured twice{side}: what differs from run to run, and is not "
-                "in the standard errors, cannot be told from what depends on temperature"
             )
         notes += [f"sensor {number}: {said}" for said in shown.uneven_in_words]
         self.number, self.layout, self.notes = number, layout, notes

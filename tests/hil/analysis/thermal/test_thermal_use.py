@@ -327,7 +327,7 @@ def test_one_run_at_each_temperature_is_no_surer_than_two() -> None:
             "BA": "constant",
             "BB": "constant",
         }
-    assert "sensor 2: no run was repeated: what the curves leave is taken for noise" in alone.notes
+    assert "sensor 2: no temperature was measured twice: what the curves leave is taken for noise" in alone.notes
     of_run = repeats(once, solve_campaign(once))[2].of_each[1]
     assert alone.parameters["BA"].repeatability == pytest.approx(of_run["BA"], rel=0.1)  # which has no more
     sloped = rotor_night(np.random.default_rng(2), {"BA": lambda t: 60.0 * scaled(t)}, runs=1, run_to_run=scatter)
