@@ -79,7 +79,8 @@ def test_nobody_is_sent_to_a_command_that_refuses(temperatures_degC: tuple[float
     assert ("at least three are needed" in act) != answers
 
 
-@pytest.mark.parametrize(("temperatures", "answers"), [(3, True), pytest.param(2, False, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("temperatures", "answers"), [(3, True), (2, False)])
 def test_why_thermal_may_call_constant_what_reconcile_names_is_said(temperatures: int, *, answers: bool) -> None:
     """By both: they ask two things of the same collects; of two temperatures hil thermal says nothing."""
     one = made_of_runs(3 * temperatures, 3, seed=1, scatter=0.5)

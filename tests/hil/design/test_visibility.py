@@ -139,6 +139,7 @@ def test_changes_are_ranked_by_what_they_bring(published: dict[int, Conditions])
     assert order["protected_in"] == kept
 
 
+@pytest.mark.slow
 def test_a_change_promises_what_the_map_of_the_changed_collects_says() -> None:
     """Of one run a fourth collect leaves something of a dozen effects, and shows none of a size that occurs."""
     rows = campaign(temperatures=(20.0,), runs_each=1)
@@ -268,6 +269,7 @@ def test_residuals_that_repeats_contradict_are_no_noise_of_a_form_of_biases_alon
     assert min(change["size_ratio"] for change in few["changes"]) > 0.05
 
 
+@pytest.mark.slow
 def test_what_a_second_visit_to_a_temperature_differs_by_is_no_noise() -> None:
     """Hysteresis is to be found in it: the noise that it has to exceed is what the runs of one visit differ by."""
     one = runs_at_their_temperatures(10, 2, seed=5, scatter=1.0)

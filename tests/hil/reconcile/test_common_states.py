@@ -51,6 +51,7 @@ def _a_quarter_further(rows: Rows) -> Rows:
     return replace(rows, **dict(zip(("f", "w"), turned, strict=True)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("hidden", "is_the_room"), [({"room": 3.0}, True), ({"gs": 3.0, "mu": 3.0}, False)])
 def test_a_room_turns_both_sensors(hidden: dict[str, float], is_the_room: bool) -> None:
     """What is the same in both at any time is far likelier then, and far less likely where each has its own."""

@@ -32,6 +32,7 @@ def slopes(seed: int) -> list[tuple[float, bool]]:
     return [((each["value"] - truth) / each["se"], each["low"] <= truth <= each["high"]) for each, truth in told]
 
 
+@pytest.mark.slow
 def test_an_error_is_over_all_that_runs_may_scatter_by() -> None:
     """By the likeliest noise, in which four runs do not scatter, slopes were 6 times their errors off."""
     told = slopes(9)

@@ -190,7 +190,8 @@ def test_what_was_stated_grows_in_square(curve: Curve | None) -> None:
         assert np.max(own.table.se or () if isinstance(own, Table) else own.se) == pytest.approx(0.5)
 
 
-@pytest.mark.parametrize("stated", [None, pytest.param(STATED, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("stated", [None, STATED])
 def test_noise_that_rises_in_the_cold_is_a_finding_only_beside_standard_errors(stated: float | None) -> None:
     """Where none are stated nobody said what it is there: it had been named, by one command and not by another."""
     rng = np.random.default_rng(4)
@@ -235,6 +236,7 @@ def test_what_single_runs_differ_by_may_be_temperature_and_is_in_no_error_that_i
     assert "First see to a second run at a temperature that has one: RA of sensor 2 and RB of sensor 2 may" in again
 
 
+@pytest.mark.slow
 def test_of_rates_without_errors_what_collects_scatter_by_is_the_white_noise_of_the_model() -> None:
     """Not beside a white noise that the twin assumes; and with it hil solve and the search have the errors of rates."""
     rng = np.random.default_rng(3)

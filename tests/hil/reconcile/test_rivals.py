@@ -110,6 +110,7 @@ def test_what_is_probable_and_not_called_missing_is_said() -> None:
     assert not any("not called missing" in note for note in sure.notes)
 
 
+@pytest.mark.slow
 def test_a_term_without_a_name_has_its_rivals_beside_it_and_what_would_tell_them_apart() -> None:
     """A step in time at a change of temperature: which of both it follows these collects cannot tell."""
     result = with_bias(0, lambda rows: 15.0 * (rows.run > 6))

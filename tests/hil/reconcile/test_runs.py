@@ -67,7 +67,8 @@ def test_rates_that_were_clipped_get_no_name() -> None:
     assert np.isfinite([row["size_deg_per_hr"] for row in result.outliers]).all()
 
 
-@pytest.mark.parametrize("factor", [-1.4, pytest.param(-0.7, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("factor", [-1.4, -0.7])
 def test_a_run_that_is_turned_and_larger_is_not_called_turned(factor: float) -> None:
     """A sign is turned or not: where the size does not agree, no turning explains the run, and it is left out."""
     rows = layout()
@@ -295,8 +296,9 @@ def test_the_size_of_what_scatters_is_as_uncertain_as_its_runs_make_it(seed: int
     assert size["low"] < np.hypot(RUN_TO_RUN["MUA"], RUN_TO_RUN["MUB"]) / np.sqrt(2.0) < size["high"]
 
 
-@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
-@pytest.mark.parametrize("repeats", [pytest.param(2, marks=pytest.mark.slow), 3])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("repeats", [2, 3])
 def test_what_changes_from_run_to_run_has_its_name_in_few_runs_too(seed: int, repeats: int) -> None:
     """MU of three runs is no law of whatever else was another in each of them; of two that are alike nothing is."""
     plain = hidden_campaign(seed, temperatures=(23.0,), runs_each=repeats, positions=tuple("1342431"), quiet=0.3)

@@ -36,7 +36,8 @@ def settling(seed: int, tau_s: float) -> FoundEffect:
     return next(effect for effect in found if effect.id == "settle")
 
 
-@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_size_is_no_surer_than_the_time_constant(seed: int) -> None:
     """From 45 s on a fast decay of a large one is a slow decay of a small one."""
     found = settling(seed, 20.0)
@@ -49,7 +50,8 @@ def test_a_size_is_no_surer_than_the_time_constant(seed: int) -> None:
         assert each["se"] < each["high"] - each["low"]
 
 
-@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
 def test_what_positions_cannot_part_is_no_surer_than_what_is_typical(seed: int) -> None:
     """Of kAA and kSS four positions tell the difference, of kAS nothing: what is sure is no value of the six."""
     true = {"kAA_A": 1.0, "kAA_B": 0.5, "kSS_A": -0.4, "kSS_B": -1.0, "kAS_A": -0.6, "kAS_B": 0.3}

@@ -86,6 +86,7 @@ def in_one_axis() -> Campaign:
     return replace(campaign, sensors={1: replace(rows, conditions=known)})
 
 
+@pytest.mark.slow
 def test_what_one_axis_shows_needs_not_be_in_all_three() -> None:
     """Three had to have such a slope: that of one was noise of runs."""
     (found,) = reconcile(in_one_axis(), "triad-12", prove=False).effects

@@ -23,7 +23,8 @@ def flipped(*arguments: str) -> dict[str, Any]:
     return dict(json.loads(ended.stdout))
 
 
-@pytest.mark.parametrize("every", ["20011", pytest.param("2003", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("every", ["20011", "2003"])
 def test_no_flipped_bit_is_silent(every: str) -> None:
     """In journal, head, blocks, log and everything else of a complete night."""
     found = flipped("bytes", "--every", every, "--seed", "4")

@@ -155,7 +155,8 @@ def test_a_changed_bench_file_is_understood_or_refused(tmp_path: Path, name: str
         safe_setpoints(out, limits.low_degC, limits.high_degC)
 
 
-@pytest.mark.parametrize("name", ["rd-gc-86-1", pytest.param("quick", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["rd-gc-86-1", "quick"])
 @_FUZZED
 @given(data=st.data())
 def test_a_changed_sweep_file_is_understood_or_refused(tmp_path: Path, name: str, data: st.DataObject) -> None:

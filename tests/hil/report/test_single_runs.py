@@ -63,6 +63,7 @@ def test_one_run_at_each_temperature_has_its_standard_error_everywhere(folder: P
     assert re.search(r"= -?\d+\.\d ±\d+\.\d deg/hr/g at ", said)
 
 
+@pytest.mark.slow
 def test_where_only_some_were_repeated_the_scatter_stands_there_alone(folder: Path) -> None:
     """± means one thing in the whole row; the scatter of three has its own sign, and one run has none."""
     rows = sensor_view(_without(folder, {"2", "3"}).sensors[0])["table"]["rows"]

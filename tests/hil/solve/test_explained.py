@@ -133,7 +133,8 @@ def test_labels_by_whose_exchange_all_runs_agree_are_exchanged(
     assert verdicts == dict.fromkeys(verdicts, Verdict.PASS) | {run: Verdict.FAIL}
 
 
-@pytest.mark.parametrize("seeds", [range(2), pytest.param(range(2, 20), marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seeds", [range(2), range(2, 20)])
 def test_one_rate_far_off_among_few_runs_exchanges_nothing(seeds: range) -> None:
     """Nor does what changes with temperature more than it usually does."""
     for seed in seeds:

@@ -37,6 +37,7 @@ def exchanged_in_run_5(one: Campaign) -> Campaign:
     return replace(one, sensors=sensors)
 
 
+@pytest.mark.slow
 def test_labels_that_one_sensor_is_certain_of_are_put_right_in_the_other() -> None:
     """Whose rates say nothing of them; where they say the contrary, its own stay as they are."""
     filed = exchanged_in_run_5(FOLDERS["two sensors"]())

@@ -133,6 +133,7 @@ def test_where_rates_have_no_errors_a_models_white_noise_is_theirs(tmp_path: Pat
     assert beside(_once(stated=0.7), known).sensors[2].rates_se_deg_per_hr == pytest.approx(0.7)
 
 
+@pytest.mark.slow
 def test_where_nothing_was_repeated_a_models_scatter_is_in_each_of_its_errors(tmp_path: Path) -> None:
     """In the ± of hil solve, in words, and in what hil visibility reckons with, planned or measured."""
     known = model(tmp_path, NOISE)
@@ -149,6 +150,7 @@ def test_where_nothing_was_repeated_a_models_scatter_is_in_each_of_its_errors(tm
         assert (noise["run_bias_deg_per_hr"], noise["source"]) == (pytest.approx(np.sqrt(50.0)), "the model")  # type: ignore[index]
 
 
+@pytest.mark.slow
 def test_what_a_model_does_not_state_of_noise_is_assumed_as_before(tmp_path: Path) -> None:
     """A scatter of MU alone made every bias seem to be the same in each run; and nobody was told whose noise it is."""
     known = model(tmp_path, "noise: {2: {run_to_run: {MUA: {unit: deg/hr/g, value: 4}}}}\n")

@@ -238,7 +238,8 @@ def test_two_columns_that_could_be_meant_are_a_question(sound: Simulated, tmp_pa
         made_of(path, gyro="GX_deg_per_hr,GY_deg_per_hr,GZ_deg_per_hr")
 
 
-@pytest.mark.parametrize("turn", ["f turns by", pytest.param("turns by", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("turn", ["f turns by", "turns by"])
 def test_what_is_moved_within_a_stretch_is_not_at_rest(turn: str) -> None:
     """So slowly that no variance shows it: tilted by 2 degrees, or turned by 4 about the vertical, unseen by f."""
     one = simulate(8, rest_s=20.0)
