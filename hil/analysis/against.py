@@ -20,9 +20,8 @@ from hil.analysis.night_verdict import night_verdict
 from hil.campaign import Campaign, Collects, FloatArray
 from hil.files.numbers import decimals_for, degrees, estimate
 from hil.solve import repeats, solve_campaign
-from hil.solve.repeats import MeanAt
 from hil.solve.temperatures import NOT_SETTLED, apart, nearest, runs_by_temperature
-from hil.solve.uncertain import Uncertain
+from hil.solve.uncertain import MeanAt, Uncertain
 from procedures.verdict import NOT_GOOD
 from procedures.words import first_few, listed, numbered
 

@@ -32,9 +32,9 @@ from hil.records import reading
 from hil.records.reader import is_night
 from hil.records.status import night_status
 from hil.solve import RunSolution, repeats
-from hil.solve.repeats import MeanAt, SensorRepeats
+from hil.solve.repeats import SensorRepeats
 from hil.solve.temperatures import NOT_SETTLED
-from hil.solve.uncertain import Uncertain
+from hil.solve.uncertain import MeanAt, Uncertain
 from procedures.verdict import NOT_GOOD, Judgement
 from procedures.words import counted, numbered
 

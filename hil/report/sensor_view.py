@@ -15,7 +15,7 @@ from hil.files.page import inline_svg
 from hil.report.content import SensorContent
 from hil.report.plots import Line, draw_against_temperature
 from hil.solve import RunSolution
-from hil.solve.repeats import MeanAt
+from hil.solve.uncertain import MeanAt
 from procedures.verdict import NOT_GOOD, Verdict
 from procedures.words import counted, numbered
 

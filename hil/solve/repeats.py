@@ -33,8 +33,16 @@ from hil.solve.noise import changes, noise_left, shares_of, times_of
 from hil.solve.precision import stated_noise, to_record_of
 from hil.solve.runs import Estimate, RunSolution
 from hil.solve.spread import RARE, Spread
-from hil.solve.temperatures import nearest, of_runs_degC, runs_by_temperature, told_by, unit_mean_degC, unit_range_degC
-from hil.solve.uncertain import Uncertain
+from hil.solve.temperatures import (
+    nearest,
+    of_runs_degC,
+    runs_by_temperature,
+    told_by,
+    unit_mean_degC,
+    unit_range_degC,
+    visits,
+)
+from hil.solve.uncertain import MeanAt, Uncertain
 from hil.solve.wrong_rows import treated
 from procedures.words import counted, listed, numbered, significant
 
@@ -46,22 +54,6 @@ _ONCE = "no parameter was told twice at one temperature"
 _STATED = "the model states to scatter from run to run"
 MISSTATED = 1.5
 """How many times as large noise has to be for anybody to see to it: it is known hardly better from unit to unit."""
-
-
-@dataclass(frozen=True)
-class MeanAt:
-    """The runs at one temperature and the mean of each parameter over those that could tell it.
-
-    `scatter` is the standard deviation of those very runs (n - 1), NaN of a single one; `unit_degC` what the unit's own
-    thermometer showed through them, lowest and highest, and `own_degC` in the mean, NaN where it did not.
-    """
-
-    temperature_degC: float | None
-    runs: tuple[int, ...]
-    values: Mapping[str, Uncertain]
-    scatter: Mapping[str, float]
-    unit_degC: tuple[float, float] | None = None
-    own_degC: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -80,7 +72,8 @@ class SensorRepeats:
     anything but those errors tells what noise there is, and `noise_certain` whether what differs can be nothing but
     noise. `to_record` are columns that nobody recorded and that what scatters beyond noise may follow. `of_means`: rows
     are printed means of runs, whose standard errors have what these scattered by. `temperature_degC` is that of every
-    run that has one, by run, whether or not it is in a mean.
+    run that has one, by run, whether or not it is in a mean. `of_visits` are parameters that differ from visit to visit
+    to a temperature.
     """
 
     names: tuple[str, ...]
@@ -102,6 +95,7 @@ class SensorRepeats:
     to_record: Sequence[str] = ()
     of_means: bool = False
     temperature_degC: Mapping[int, float] = field(default_factory=dict)
+    of_visits: Sequence[str] = ()
 
     def at(self, temperature_degC: float | None) -> MeanAt | None:
         """Return the mean at what is this temperature of another campaign, None where there is none."""
@@ -201,7 +195,7 @@ class SensorRepeats:
     @property
     def cautions(self) -> list[str]:
         """Say what is to be known of every ±: where standard errors do not hold, and where no one scatter does."""
-        return [*self.noise_in_words, *self.uneven_in_words]
+        return [*self.noise_in_words, *self.uneven_in_words, *self.visits_in_words]
 
     @property
     def repeated(self) -> bool:
@@ -272,6 +266,15 @@ class SensorRepeats:
         how = f"{'scatters' if len(told) == 1 else 'scatter'} more at some temperatures than at others"
         return [f"{listed(told)} {how}: no one ± holds at each"] if told else []
 
+    @property
+    def visits_in_words(self) -> list[str]:
+        """Say which parameters differ from visit to visit by more than runs of one do: history, or time, moves them."""
+        differ = f"differ{'s' if len(self.of_visits) == 1 else ''} between visits to one temperature"
+        of_both = "every ± holds both; the way to a temperature may do that (hil thermal), or time (hil reconcile)"
+        return (
+            [f"{listed(self.of_visits)} {differ} by more than runs of a visit do: {of_both}"] if self.of_visits else []
+        )
+
 
 def repeats(
     campaign: Campaign, solutions: Sequence[RunSolution], alike: Grouping = runs_by_temperature
@@ -334,9 +337,7 @@ def _of_sensor(
 ) -> SensorRepeats:
     at, stated = list(grouped(rows.conditions)), stated_noise(rows) is not None
     channels = list(rows.conditions.sensor.channels)
-    telling = [
-        each for each in own if each.settled
-    ] or own  # what moved inside a run that had not is no noise of others
+    telling = [e for e in own if e.settled] or own  # what moved inside a run that had not is no noise of others
     noise, known_by = noise_left([each.left_over for each in telling], len(channels))
     units = {name: each.unit for solution in own for name, each in solution.parameters.items()}
     group = np.array([next((k for k, (_, runs) in enumerate(at) if each.runs[0] in runs), -1) for each in own])
@@ -369,6 +370,9 @@ def _of_sensor(
     beyond = np.array([run_scatter.get(name, 0.0) for name in units])
     spread = Spread.of(values, errors, group, changing, residuals, np.sqrt(common), beyond)
     shown = replace(means_of(units, values, errors, group, at, spread), left_deg_per_hr=noise)
+    visit = {run: k for k, (_, runs) in enumerate(visits(rows.conditions)) for run in runs}
+    of_one_visit = Spread.of(values, errors, np.array([visit[each.runs[0]] for each in own]))
+    of_visits = spread.more_than(of_one_visit)
     by_noise = Spread.of(values, errors, group, np.sqrt(shares @ noise_times**2), residuals, stated_beyond=beyond)
     alike = np.nan_to_num(spread.parts(errors)[1]).tolist()
     return replace(
@@ -390,5 +394,6 @@ def _of_sensor(
         to_record=to_record_of((n for n, odd in zip(units, by_noise.certain, strict=True) if odd), rows.conditions),
         stated=stated,
         noise_certain=noise_certain,
+        of_visits=[name for name, more in zip(units, of_visits, strict=True) if more],
         noise_told=bool(freedom.sum() + differ[1].sum() > 0.5 or np.isfinite(noise).all()),
     )

@@ -122,6 +122,14 @@ class Spread:
         """Return what one parameter scatters by beyond errors, None where no repeats show it and nothing states it."""
         return float(self.beyond[place]) if self.degrees[place] or self.beyond[place] > 0.0 else None
 
+    def more_than(self, within: Spread) -> BoolArray:
+        """Which differ between groups that hold some of these together by more than `within` them, as `certain` is."""
+        apart, of_each = self.degrees - within.degrees, np.maximum(within.degrees, 1)
+        known, own = (np.nan_to_num(each.observed) ** 2 * each.degrees for each in (self, within))
+        times = (known - own) / np.maximum(apart, 1) / np.maximum(own / of_each, _TINY)
+        told = (apart > 0) & (within.degrees > 0) & (own > 0.0)
+        return np.asarray(told & (fdtrc(np.maximum(apart, 1), of_each, times) * max(np.count_nonzero(told), 1) < RARE))
+
     @property
     def certain(self) -> BoolArray:
         """Which scatter more than standard errors, times `factor`, say, beyond chance at `RARE` for all together."""

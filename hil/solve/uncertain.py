@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -70,3 +71,19 @@ class Uncertain:
             "runs": self.runs,
             "unit": self.unit,
         }
+
+
+@dataclass(frozen=True)
+class MeanAt:
+    """The runs at one temperature and the mean of each parameter over those that could tell it.
+
+    `scatter` is the standard deviation of those very runs (n - 1), NaN of a single one; `unit_degC` what the unit's own
+    thermometer showed through them, lowest and highest, and `own_degC` in the mean, NaN where it did not.
+    """
+
+    temperature_degC: float | None
+    runs: tuple[int, ...]
+    values: Mapping[str, Uncertain]
+    scatter: Mapping[str, float]
+    unit_degC: tuple[float, float] | None = None
+    own_degC: float = math.nan

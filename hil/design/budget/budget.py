@@ -24,9 +24,9 @@ from hil.campaign import FloatArray, IntArray
 from hil.design.budget.scenes import RunScene
 from hil.design.budget.sources import Scene, Source
 from hil.model.forms import LinearForm
-from hil.solve.repeats import MeanAt, SensorRepeats
+from hil.solve.repeats import SensorRepeats
 from hil.solve.runs import solve_rates
-from hil.solve.uncertain import Uncertain
+from hil.solve.uncertain import MeanAt, Uncertain
 
 DRAWS = 100_000
 

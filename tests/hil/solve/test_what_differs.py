@@ -105,3 +105,23 @@ def test_a_run_that_had_not_settled_repeats_none_that_had() -> None:
     shown = repeats(late, solve_campaign(late))[2]
     assert [mean.runs for mean in shown.means] == [(1, 2, 3), (4, 5), (7, 8, 9)]
     assert np.all(shown.spread.observed[:2] < 2.0)
+
+
+@pytest.mark.parametrize(("by", "seeds", "told"), [(20.0, range(1), 1), (0.0, range(12), 0)])
+def test_what_visits_to_a_temperature_differ_by_is_said_of_every_uncertainty(
+    by: float, seeds: range, told: int
+) -> None:
+    """A bias that the way to 25 °C moves was in a ± that no command doubted; visits that agree are not doubted."""
+    found = []
+    for seed in seeds:
+        one = campaign(10, 2, seed=seed)
+        rows, of = one.sensors[2], one.sensors[2].conditions
+        here = np.array([0.0, 25.0, 50.0, 25.0, 0.0])[(of.run - 1) // 2]
+        rates = rows.rates_deg_per_hr + np.outer(here - of.columns["setpoint_degC"], [0.5, 0.3])
+        rates[:, 0] += by * (here == 25.0) * np.where(of.run <= 5, 1.0, -1.0)
+        columns = {**of.columns, "setpoint_degC": here, "temperature_degC": here + 8.0, "chamber_degC": here + 0.1}
+        laid = replace(rows, conditions=replace(of, columns=columns), rates_deg_per_hr=rates)
+        made = replace(one, sensors={2: laid})
+        found += [said for said in repeats(made, solve_campaign(made))[2].sentences() if "between visits" in said]
+    assert len(found) == told
+    assert all(said.startswith("BA differs between visits to one temperature by more than runs") for said in found)
