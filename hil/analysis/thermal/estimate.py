@@ -243,7 +243,9 @@ def layout_of(
         notes.append(f"sensor {number}: {counted(int(left.sum()), 'row')} without temperature: left out")
     if late := at_no_temperature(collects.conditions, apart_degC):
         collects = collects.rows(~np.isin(collects.conditions.run, late))
-        notes.append(f"sensor {number}: {numbered('run', late)} had not settled where others had: left out")
+        notes.append(
+            f"sensor {number}: {numbered('run', late)} had not settled where others had: in none of these curves"
+        )
     stations = find_stations(collects.conditions, apart_degC)
     form = named_form(model_name, collects.conditions) if model_name else default_form(collects.conditions)
     form = form.without(as_zero)

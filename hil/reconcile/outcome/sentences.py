@@ -104,7 +104,10 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     ):
         doubts = ", ".join(told for _, told in of_sensors_in_words(result.solved.of_sensors, set()))
         act += f" That is by the noise that the model states; hil solve without --model does not pass {doubts}."
-    if kind in {"none", "named", "ambiguous"} and _follows_temperature(result):
+    likely = kind in {"none", "named", "ambiguous"} and _follows_temperature(result)
+    if likely and not result.calibrated and {effect.acts_on for effect in result.effects} == {"scatter"}:
+        first.append("what probably follows temperature, and is not in the model (notes)")
+    elif likely:
         few = too_few(result.solved.temperatures)
         act += " The model's values follow temperature." * result.calibrated
         act += f"{_MEASURED} {f'these cannot tell ({few})' if few else 'hil thermal says'}."

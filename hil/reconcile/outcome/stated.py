@@ -229,7 +229,8 @@ def stated_in_words(noise: Sequence[Mapping[str, Any]], wanders: Mapping[int, Wa
         for key, size, se in beyond_chance(each)
     )
     errors = "the standard errors and " * any(each["stated_deg_per_hr"] is not None for each in noise)
-    said = f"the noise of model.yaml states what averages scatter by beyond {errors}the model read"
+    about = " and ".join(dict.fromkeys(each["under"] for each in noise))
+    said = f"the noise of model.yaml states what averages scatter by beyond {errors}{about}"
     inside = [f"{each}, which model.yaml states" for each in flicker_in_words(wanders)]
     white = [
         f"sensor {number}: no standard errors are stated; the white noise of model.yaml is what residuals show, "

@@ -99,3 +99,6 @@ def test_whoever_reads_that_a_model_holds_reads_at_which_temperatures(found: Rec
         assert what_to_do(replace(found, **changed))[1].endswith(held)  # type: ignore[arg-type]
         assert held in page(replace(found, **changed))  # type: ignore[arg-type]
     assert held not in what_to_do(replace(found, follows=[("temperature", 0.3)]))[1]
+    only = replace(found, follows=[("temperature", 0.9)], effects=[replace(found.effects[0], acts_on="scatter")])
+    assert "what probably follows temperature, and is not in the model (notes)" in what_to_do(only)[1]
+    assert held not in what_to_do(only)[1]
