@@ -81,7 +81,8 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     follow = not_between_repeats(result.noise) if kind in {"none", "apart"} else ""
     first += [f"what {follow} follows: runs of one temperature differ less (hil thermal)"] if follow else []
     first += [f"a record of {MAY_FOLLOW.format(listed(own))}" for own in [result.to_record] if own]
-    act = "The model itself lacks nothing that can be told." if kind == "none" and first else _ACT[kind]
+    act = _ACT["open" if kind == "ambiguous" and not result.next_experiment else kind]
+    act = "The model itself lacks nothing that can be told." if kind == "none" and first else act
     act = _ACT["errors"] if kind == "scatter" and result.left.small else act
     if useless := sorted(map(int, result.without.get("runs_used_though_failed", {}))):
         found = {number for effect in result.effects for number in effect.sensors}
@@ -107,7 +108,7 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
     likely = kind in {"none", "named", "ambiguous"} and _follows_temperature(result)
     if likely and not result.calibrated and {effect.acts_on for effect in result.effects} == {"scatter"}:
         first.append("what probably follows temperature, and is not in the model (notes)")
-    elif likely:
+    elif likely and result.solved.temperatures:
         few = too_few(result.solved.temperatures)
         act += " The model's values follow temperature." * result.calibrated
         act += f"{_MEASURED} {f'these cannot tell ({few})' if few else 'hil thermal says'}."

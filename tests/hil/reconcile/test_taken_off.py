@@ -102,3 +102,13 @@ def test_whoever_reads_that_a_model_holds_reads_at_which_temperatures(found: Rec
     only = replace(found, follows=[("temperature", 0.9)], effects=[replace(found.effects[0], acts_on="scatter")])
     assert "what probably follows temperature, and is not in the model (notes)" in what_to_do(only)[1]
     assert held not in what_to_do(only)[1]
+    nowhere = replace(found, follows=[("temperature", 0.9)], solved=replace(found.solved, temperatures=0))
+    assert "The model holds" not in what_to_do(nowhere)[1]
+
+
+@pytest.mark.slow
+def test_nobody_is_told_to_measure_what_is_not_said(found: Reconciliation) -> None:
+    """Of a name that no further collect settles there is nothing below that could be measured."""
+    unsure = replace(found, verdict="ambiguous", next_experiment=None)
+    assert "Take more runs before the name is relied upon." in what_to_do(unsure)[1]
+    assert "below" in what_to_do(replace(unsure, next_experiment={"why": "it tells them apart"}))[1]
