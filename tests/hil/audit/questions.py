@@ -248,7 +248,8 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
         "visibility": lambda document: {
             n: of["noise"]["run_bias_deg_per_hr"]
             for n, of in document["sensors"].items()
-            if of["noise"]["source"] in ("its repeats", "its repeats, within chance")
+            if of["noise"]["source"].startswith("its repeats")
+            and not any(each in of["noise"]["source"] for each in ("standard errors", "assumed"))
         },
     },
     "what a collect scatters by": {
@@ -264,7 +265,7 @@ ANSWERS: dict[str, dict[str, Callable[[dict[str, Any]], Answer]]] = {
             n: of["standard_errors"] for n, of in document["repeats"].items() if of["run_to_run"]
         },
         "visibility": lambda document: {
-            n: of["noise"]["source"].split("; ")[1:]
+            n: [said for said in of["noise"]["source"].split("; ")[1:] if "standard errors" in said]
             for n, of in document["sensors"].items()
             if "its repeats" in of["noise"]["source"]
         },

@@ -167,7 +167,7 @@ def test_on_table_1_only_bb_is_confirmed_by_temperatures_that_did_not_choose_its
 def test_what_nothing_repeats_is_said_to_be_dependence_or_scatter() -> None:
     """One run at each temperature, and the unit scatters from run to run: the notes say what that looks like."""
     once = fit_thermal(rotor_night(np.random.default_rng(4), {}, runs=1)).sensors[2]
-    assert any("cannot be told from what depends on temperature" in note for note in once.notes)
+    assert any("measured twice: what the curves leave is taken for noise" in note for note in once.notes)
     often = fit_thermal(rotor_night(np.random.default_rng(4), {}, runs=2)).sensors[2]
     assert not any("measured twice" in note for note in often.notes)
     back = (*PUBLISHED_DEGC, *PUBLISHED_DEGC[-2::-1])
