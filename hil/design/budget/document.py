@@ -124,11 +124,7 @@ def _sensor(runs: Sequence[RunScene], asked: Asked, observed: SensorRepeats | No
         "run_to_run": _named(budget, budget.from_run_to_run),
         "observed_run_to_run": {} if observed is None else observed.document()["run_to_run"],
         "as_solved": _named(budget, as_solved(budget, chosen.run, observed)) if observed is not None else {},
-        "as_solved_for": []
-        if observed is None
-        else observed.uneven_in_words
-        if observed.repeated
-        else observed.sentences(),
+        "as_solved_for": [] if observed is None else _said(observed),
         "mean_as_solved": {}
         if mean is None
         else {"runs": list(mean.runs), **{n: finite(v.sd) for n, v in mean.values.items()}},
@@ -153,3 +149,8 @@ def _both(budget: Budget, analytic: FloatArray, simulated: FloatArray) -> dict[s
 
 def _named(budget: Budget, values: FloatArray) -> dict[str, float | None]:
     return {name: finite(value) for name, value in zip(budget.names, values, strict=True)}
+
+
+def _said(observed: SensorRepeats) -> list[str]:
+    """Return what is to be known of what repeats show, which stands beside it; or why they show nothing."""
+    return [*observed.uneven_in_words, *observed.visits_in_words] if observed.repeated else observed.sentences()

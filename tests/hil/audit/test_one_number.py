@@ -71,27 +71,6 @@ def test_the_channel_whose_standard_errors_do_not_hold_is_named() -> None:
 
 
 @pytest.mark.slow
-def test_that_no_one_uncertainty_holds_at_each_temperature_is_said_by_all() -> None:
-    """The bias of each run at the coldest is another by tens of deg/hr, elsewhere it hardly differs."""
-    one = campaign(12, 4, seed=3, scatter=0.5)
-    cold = one.sensors[2].conditions.run <= 4
-    away = np.repeat([25.0, -30.0, 15.0, -10.0], np.sum(cold) // 4)
-    rates = one.sensors[2].rates_deg_per_hr.copy()
-    rates[cold, 0] += away
-    made = with_rates(one, rates)
-    shown, scenes = repeats(made, solve_campaign(made)), measured_scenes(made, load_bench("simulated"), {})
-    (said,) = shown[2].uneven_in_words
-    assert said.startswith("BA (most at")
-    assert said in shown[2].sentences()
-    budget = budget_document(scenes, "t", Asked(draws=100), observed=shown)["sensors"]["2"]
-    assert said in budget["as_solved_for"]
-    assert said in visibility_text(campaign_document(made, changes=()))
-    assert f"sensor 2: {said}" in fit_thermal(made).sensors[2].notes
-    assert any(line.endswith(said) for line in what_scatters(made).sentences())
-    assert any(note.endswith(said) for note in reconcile(made, "matrix-6", prove=False).notes)
-
-
-@pytest.mark.slow
 def test_noise_that_residuals_show_is_that_of_a_collect_beside_offsets_too() -> None:
     """Runs differ by ten times that, and MU more: visibility and the model that is written have the noise alike."""
     rng = np.random.default_rng(4)

@@ -127,3 +127,8 @@ def triad_base(conditions: Conditions) -> Base:
 def moved(columns: FloatArray, values: Sequence[float]) -> FloatArray:
     """Return what parameters of these sizes add to the rates, (n, c)."""
     return np.asarray(columns @ np.array(values))
+
+
+def of_each_position(conditions: Conditions) -> FloatArray:
+    """Rates that are the same whenever a position is taken again."""
+    return np.unique(conditions.position, return_inverse=True)[1][:, None] + np.array([1.0, 2.0])

@@ -45,6 +45,16 @@ def campaign(runs: int = 9, per_temperature: int = 3, seed: int = 0, scatter: fl
     return Campaign("made", "", {2: rows}, site={"latitude_deg": 34.6})
 
 
+def up_and_down(seed: int, scatter: float = 3.0) -> Campaign:
+    """Return ten runs, two of a visit, at 0, 25, 50, 25 and 0 °C."""
+    one = campaign(10, 2, seed, scatter)
+    rows, of = one.sensors[2], one.sensors[2].conditions
+    here = np.array([0.0, 25.0, 50.0, 25.0, 0.0])[(of.run - 1) // 2]
+    rates = rows.rates_deg_per_hr + np.outer(here - of.columns["setpoint_degC"], [0.5, 0.3])
+    columns = {**of.columns, "setpoint_degC": here, "temperature_degC": here + 8.0, "chamber_degC": here + 0.1}
+    return replace(one, sensors={2: replace(rows, conditions=replace(of, columns=columns), rates_deg_per_hr=rates)})
+
+
 def with_rates(one: Campaign, rates: FloatArray, number: int = 2) -> Campaign:
     """Return the campaign with other rates of a sensor."""
     return replace(one, sensors={**one.sensors, number: replace(one.sensors[number], rates_deg_per_hr=rates)})

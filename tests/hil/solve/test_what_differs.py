@@ -13,7 +13,7 @@ from hil.solve import repeats, solve_campaign
 from hil.solve.judged import LACKS, MOVED
 from hil.solve.noise import changes
 from hil.solve.repeats import SensorRepeats
-from tests.hil.solve.runs_of_a_unit import campaign, repeated, with_column, with_rates
+from tests.hil.solve.runs_of_a_unit import campaign, repeated, up_and_down, with_column, with_rates
 
 
 def of_errors(made: Campaign, times: float = 1.0, more: FloatArray | float = 0.0) -> Campaign:
@@ -114,14 +114,11 @@ def test_what_visits_to_a_temperature_differ_by_is_said_of_every_uncertainty(
     """A bias that the way to 25 °C moves was in a ± that no command doubted; visits that agree are not doubted."""
     found = []
     for seed in seeds:
-        one = campaign(10, 2, seed=seed)
-        rows, of = one.sensors[2], one.sensors[2].conditions
-        here = np.array([0.0, 25.0, 50.0, 25.0, 0.0])[(of.run - 1) // 2]
-        rates = rows.rates_deg_per_hr + np.outer(here - of.columns["setpoint_degC"], [0.5, 0.3])
-        rates[:, 0] += by * (here == 25.0) * np.where(of.run <= 5, 1.0, -1.0)
-        columns = {**of.columns, "setpoint_degC": here, "temperature_degC": here + 8.0, "chamber_degC": here + 0.1}
-        laid = replace(rows, conditions=replace(of, columns=columns), rates_deg_per_hr=rates)
-        made = replace(one, sensors={2: laid})
+        one = up_and_down(seed)
+        run, setpoint_degC = one.sensors[2].conditions.run, one.sensors[2].conditions.columns["setpoint_degC"]
+        rates = one.sensors[2].rates_deg_per_hr.copy()
+        rates[:, 0] += by * (setpoint_degC == 25.0) * np.where(run <= 5, 1.0, -1.0)
+        made = with_rates(one, rates)
         found += [said for said in repeats(made, solve_campaign(made))[2].sentences() if "between visits" in said]
     assert len(found) == told
     assert all(said.startswith("BA differs between visits to one temperature by more than runs") for said in found)

@@ -1,0 +1,95 @@
+"""What a measured campaign shows of its own noise is what an effect must exceed to be seen in it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hil.campaign import Campaign, Collects
+from hil.design.visibility.document import campaign_document
+from hil.design.visibility.map import NoiseLevel
+from hil.model import Model, built_in_model
+from tests.hil.model.effect_conditions import campaign, of_each_position
+from tests.hil.solve.runs_of_a_unit import campaign as runs_at_their_temperatures
+from tests.hil.solve.runs_of_a_unit import up_and_down, with_rates
+
+
+@pytest.mark.slow
+def test_a_campaign_is_mapped_with_its_own_errors_and_gaps() -> None:
+    """Rates that were not measured tell nothing: half the rows, about √2 in the smallest size; stated errors count."""
+    conditions = campaign()
+    errors = np.full((len(conditions), 2), 0.5)
+    rates = of_each_position(conditions)
+    whole = Campaign("t", "s", {2: Collects(conditions, rates, errors)})
+    halved = rates.copy()
+    halved[conditions.run % 2 == 0] = np.nan
+    half = Campaign("t", "s", {2: Collects(conditions, halved, errors)})
+    matrix_6 = built_in_model("matrix-6")
+    assert smallest(half, matrix_6, "GS_T") / smallest(whole, matrix_6, "GS_T") == pytest.approx(np.sqrt(2.0), rel=0.15)
+    unstated = Campaign("t", "s", {2: Collects(conditions, rates, np.full_like(rates, np.nan))})
+    assumed = Campaign("t", "s", {2: Collects(conditions, rates, np.full_like(rates, NoiseLevel().collect_deg_per_hr))})
+    assert smallest(unstated, matrix_6, "GS_T") == pytest.approx(smallest(assumed, matrix_6, "GS_T"))
+
+
+def smallest(one: Campaign, model: Model, name: str) -> float:
+    """Return the smallest visible size of an effect in a campaign."""
+    effects: Any = campaign_document(one, model, changes=())["effects"]
+    return float(next(each["smallest_visible"]["value"] for each in effects if each["id"] == name))
+
+
+@pytest.mark.slow
+def test_what_repeats_scatter_by_is_what_an_effect_must_exceed() -> None:
+    """Runs whose bias scatters: the map says by how much, and effects on the bias must be larger to be seen."""
+    conditions = campaign()
+    rng = np.random.default_rng(1)
+    rates = rng.normal(0.0, 0.5, (len(conditions), 2))
+    moved = rates + rng.normal(0.0, 8.0, (conditions.run.max() + 1, 2))[conditions.run]
+    errors = np.full_like(rates, 0.5)
+    quiet, loud = (Campaign("t", "s", {2: Collects(conditions, each, errors)}) for each in (rates, moved))
+    maps: list[Any] = [campaign_document(one, built_in_model("matrix-6"), ())["sensors"] for one in (quiet, loud)]
+    assert maps[0]["2"]["noise"]["run_bias_deg_per_hr"] < 0.5
+    assert maps[1]["2"]["noise"]["run_bias_deg_per_hr"] == pytest.approx(8.0, rel=0.4)
+    matrix_6 = built_in_model("matrix-6")
+    assert smallest(loud, matrix_6, "ageing") > 5.0 * smallest(quiet, matrix_6, "ageing")
+
+
+@pytest.mark.slow
+def test_residuals_that_repeats_contradict_are_no_noise_of_a_form_of_biases_alone() -> None:
+    """One channel: what it feels of g is the same in every run. And no change shows effects at none of their size."""
+    one = runs_at_their_temperatures(8, 2, seed=7, scatter=1.0)
+    rows = one.sensors[2]
+    alone = replace(rows.conditions, sensor=replace(rows.conditions.sensor, channels={"RA": "A"}))
+    single = Collects(alone, rows.rates_deg_per_hr[:, :1], rows.rates_se_deg_per_hr[:, :1])
+    found: Any = campaign_document(replace(one, sensors={2: single}), changes=())
+    assert found["sensors"]["2"]["noise"]["collect_deg_per_hr"] < 2.0
+    few: Any = campaign_document(runs_at_their_temperatures(2, 1, seed=5, scatter=1.0))
+    assert min(change["size_ratio"] for change in few["changes"]) > 0.05
+
+
+@pytest.mark.slow
+def test_what_a_second_visit_to_a_temperature_differs_by_is_no_noise() -> None:
+    """Hysteresis is to be found in it: the noise that it has to exceed is what the runs of one visit differ by."""
+    one = up_and_down(5, scatter=1.0)
+    down = np.array([-1.0, 1.0, 1.0, -1.0, -1.0])[(one.sensors[2].conditions.run - 1) // 2]
+    levels = []
+    for size in (0.0, 20.0):
+        measured = with_rates(one, one.sensors[2].rates_deg_per_hr + size * down[:, None])
+        found: Any = campaign_document(measured, changes=())
+        levels.append(found["sensors"]["2"]["noise"]["run_bias_deg_per_hr"])
+    assert levels[1] == pytest.approx(levels[0])
+
+
+@pytest.mark.slow
+def test_standard_errors_that_are_too_small_are_no_scatter_from_run_to_run() -> None:
+    """GS, which nothing but white noise moves, tells it from a bias of its own in each run."""
+    for offset in (0.0, 2.0):
+        one = runs_at_their_temperatures(24, 3, seed=5, scatter=offset)
+        small = replace(one.sensors[2], rates_se_deg_per_hr=0.25 * one.sensors[2].rates_se_deg_per_hr)
+        found: Any = campaign_document(replace(one, sensors={2: small}), changes=())
+        noise = found["sensors"]["2"]["noise"]
+        assert noise["collect_deg_per_hr"] == pytest.approx(0.7, rel=0.2)
+        assert noise["run_bias_deg_per_hr"] == pytest.approx(offset, abs=0.4)
+        assert noise["run_mu_deg_per_hr_per_g"] < 0.6
