@@ -135,7 +135,8 @@ class SensorFit:
             notes.append(f"sensor {number}: {without}: what the curves leave is taken for noise")
             left = [_misfit(layout, v, c.form.order or 0)[0] for v, c in zip(free, choices, strict=True)]
             seen.sd = seen.sd * np.sqrt(np.maximum(left, float(seen.known)))
-            seen.of_each = seen.of_each if seen.known else np.hypot(seen.sd, seen.common)
+            if not seen.known:
+                seen.of_each = np.hypot(seen.sd, seen.common)
             free = [seen.free(place) for place in range(len(free))]
         errors = [nested_errors(centre_degC, each, c, order) for each, c in zip(free, choices, strict=True)]
         self.parameters = {
