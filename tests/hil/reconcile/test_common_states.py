@@ -7,13 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hil.campaign import Campaign, Sensor
+from hil.campaign import Campaign, FloatArray, Sensor
 from hil.model import load_model
 from hil.model.effects.catalogue import BASE_EFFECTS, EFFECTS, VARIANCE_EFFECTS, variance_effect_by_id
 from hil.reconcile import reconcile
+from hil.reconcile.search import likely_noise
 from hil.reconcile.search.common_states import same_states
 from hil.reconcile.search.layout import searches
 from hil.reconcile.search.problem import pose
+from hil.reconcile.search.profiles import Profile
 from tests.hil.reconcile.hidden_effects import ANGLES, Rows, base_rates, campaign_of, lay_out
 
 RUNS = 10
@@ -70,6 +72,23 @@ def test_two_effects_are_weighed_together_though_a_third_is_likelier_than_either
     for search in found.values():
         block = search.blocks[0]
         assert frozenset({"MU_rr", "GS_rr"}) in {block.noise.sorts[sort] for sort in block.points.sort}
+
+
+@pytest.mark.slow
+def test_noises_that_come_later_are_weighed_as_those_that_were_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is kept of a profile where the grid grows is what weighing every noise anew gives."""
+    effects = [variance_effect_by_id(name) for name in ("MU_rr", "GS_rr", "base")]
+    problem = pose(both_sensors(9, gs=5.0, mu=4.0), load_model("matrix-6"), ())
+
+    def anew(rows: likely_noise._Rows, v: int, profile: Profile) -> FloatArray:
+        return rows.heights(np.arange(len(rows.grid)), [profile])[v, :, 0]
+
+    kept = searches(problem, (), effects)
+    monkeypatch.setattr(likely_noise._Rows, "everywhere", anew)
+    for number, search in searches(problem, (), effects).items():
+        for block, own in zip(kept[number].blocks, search.blocks, strict=True):
+            assert block.points.told_by == own.points.told_by
+            np.testing.assert_allclose(block.points.log_prior, own.points.log_prior)
 
 
 @pytest.mark.slow
