@@ -31,6 +31,14 @@ def beyond_errors(names: Sequence[str], of_channels: tuple[FloatArray, FloatArra
     return f", in {listed(told)}" if 0 < len(odd) < len(names) else ""
 
 
+def wider_in_words(names: Sequence[str], times: FloatArray) -> str:
+    """Say which channels' standard errors repeats show to be larger than stated, so many times (c,); "" of none."""
+    larger = [f"those of {name} {significant(of)} times" for name, of in zip(names, times, strict=True) if of > 1.0]
+    if larger and len(set(times.tolist())) == 1:
+        larger = [f"each {significant(times[0])} times"]
+    return f"{listed(larger)} as large as stated, as repeats show" if larger else ""
+
+
 def judge(
     chi_square: float,
     degrees: int,
@@ -39,11 +47,12 @@ def judge(
     among: int = 1,
     where: str = "",
     why: str = LACKS,
+    wider: str = "",
 ) -> Judgement:
     """Judge the residuals of `equations` rates: chi-square on `degrees` degrees of freedom against stated noise.
 
     Of so many judgements, `among`, one is further off by chance than a single is. `where` says in which channels, `why`
-    what residuals of a FAIL come by.
+    what residuals of a FAIL come by, `wider` which standard errors were taken larger than they are stated.
     """
     if degrees == 0:
         known, unknown = (f"{spelled(equations)} {plural(noun, equations)}" for noun in ("equation", "unknown"))
@@ -62,9 +71,10 @@ def judge(
     found = f"chi-square {significant(chi_square, 3)} on {freedom}, p = {probability:.2g}"
     if probability >= PASS_PROBABILITY / among:
         chance = "; of so many runs one is so by chance" if probability < PASS_PROBABILITY else ""
-        return Judgement(Verdict.PASS, f"the residuals agree with the stated standard errors ({found}{chance})")
+        errors = f"the standard errors, {wider}" if wider else "the stated standard errors"
+        return Judgement(Verdict.PASS, f"the residuals agree with {errors} ({found}{chance})")
     factor = np.sqrt(chi_square / degrees)
-    excess = f"{EXCESS.format(significant(factor))}{where} ({found})"
+    excess = f"{EXCESS.format(significant(factor))}{where}{f', even with {wider}' if wider else ''} ({found})"
     if probability >= FAIL_PROBABILITY / among:
         return Judgement(Verdict.MARGINAL, excess)
     return Judgement(Verdict.FAIL, f"{excess}: {why}")

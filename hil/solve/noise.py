@@ -5,6 +5,8 @@
 
 import math
 from collections.abc import Sequence, Set
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.special import chdtr, chdtrc, fdtrc
@@ -49,13 +51,46 @@ def noise_left(of_runs: Sequence[tuple[FloatArray, FloatArray] | None], channels
     return np.sqrt(squares / freedom), freedom
 
 
-def changes(rows: Collects, runs: Set[int]) -> tuple[FloatArray, bool]:
-    """Return the squares, and their degrees of freedom, of what differs from run to run, in standard errors, (2, c).
+@dataclass(frozen=True)
+class Changes:
+    """What differs from run to run: its squares, in standard errors, and their degrees of freedom, by channel (c,).
+
+    `certain`: whether errors do not hold beside all parameters, which is noise for certain.
+    """
+
+    squares: FloatArray
+    freedom: FloatArray
+    certain: bool = False
+
+    @cached_property
+    def times(self) -> FloatArray:
+        """How many times their errors each channel's averages differ by, (c,), 1 by chance: alike where none is odd.
+
+        Values that do not differ at all were rounded or copied, and tell nothing of noise.
+        """
+
+        def times(square: float, degrees: float, among: int) -> float:
+            by_chance = degrees < 0.5 or min(chdtr(degrees, square), chdtrc(degrees, square)) > 0.5 * RARE / among
+            return 1.0 if by_chance else math.sqrt(square / degrees)
+
+        own = np.array([times(*each, len(self.freedom)) for each in zip(self.squares, self.freedom, strict=True)])
+        if np.any(own != 1.0):
+            return own
+        return np.full(len(own), times(self.squares.sum(), self.freedom.sum(), 1))
+
+    @property
+    def larger(self) -> FloatArray:
+        """How many times as large as stated errors are to be taken, (c,), 1 at least: of nothing is less known."""
+        return np.maximum(self.times, 1.0)
+
+
+def changes(rows: Collects, runs: Set[int]) -> Changes:
+    """Return what differs from run to run.
 
     Among `runs` of the same collects at one known temperature, less what a bias or MU of each makes: where nobody knows
     it GS may follow it. Where that exceeds, beyond chance in all channels together, what no parameter of a run makes,
     another than these changes, and what none makes is what differs. Nothing of a channel that differs more at some
-    temperatures than at others. Second, whether errors do not hold beside all parameters, which is noise for certain.
+    temperatures than at others.
     """
     conditions, form = rows.conditions, default_form(rows.conditions)
     seen, known = rows.rates_deg_per_hr - conditions.w_channels_deg_per_hr, np.isfinite(rows.rates_deg_per_hr)
@@ -73,12 +108,13 @@ def changes(rows: Collects, runs: Set[int]) -> tuple[FloatArray, bool]:
     for (k, *_), each in alike.items():
         for beside, of_run in zip(found, (usual, usual | True), strict=True):
             beside[:, k] += _differs(white[each], columns[np.array(each)][..., of_run], root[each])
-    certain = bool(np.any(times_of(*found[1].sum(axis=1)) != 1.0))
+    certain = bool(np.any(Changes(*found[1].sum(axis=1)).times != 1.0))
     squares, freedom = found = found[int(_another_changes(*found.sum(axis=(2, 3))))]
     told = (squares.sum(axis=0) > _ROUNDING**2 * freedom.sum(axis=0)) & ~uneven(
         squares / np.maximum(freedom, 0.5), np.where(freedom > 0.5, freedom, 0.0)
     )
-    return np.asarray(found.sum(axis=1) * told), certain
+    squares, freedom = found.sum(axis=1) * told
+    return Changes(squares, freedom, certain)
 
 
 def _differs(white: FloatArray, columns: FloatArray, root: FloatArray) -> FloatArray:
@@ -108,17 +144,3 @@ def _another_changes(usual: FloatArray, every: FloatArray) -> bool:
     if min(among, known) < 0.5:
         return False
     return bool(fdtrc(among, known, more / among / max(noise / known, 1e-300)) < RARE)
-
-
-def times_of(squares: FloatArray, freedom: FloatArray) -> FloatArray:
-    """Return how many times their errors each channel's averages differ by, (c,), 1 by chance: alike where none is odd.
-
-    Values that do not differ at all were rounded or copied, and tell nothing of noise.
-    """
-
-    def times(square: float, degrees: float, among: int) -> float:
-        by_chance = degrees < 0.5 or min(chdtr(degrees, square), chdtrc(degrees, square)) > 0.5 * RARE / among
-        return 1.0 if by_chance else math.sqrt(square / degrees)
-
-    own = np.array([times(*each, len(freedom)) for each in zip(squares, freedom, strict=True)])
-    return own if np.any(own != 1.0) else np.full(len(own), times(squares.sum(), freedom.sum(), 1))

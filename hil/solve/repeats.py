@@ -29,7 +29,7 @@ from scipy.special import chdtrc
 
 from hil.campaign import Campaign, Collects, Conditions, FloatArray, IntArray
 from hil.files.numbers import degrees
-from hil.solve.noise import changes, noise_left, shares_of, times_of
+from hil.solve.noise import Changes, noise_left, shares_of
 from hil.solve.precision import stated_noise, to_record_of
 from hil.solve.runs import Estimate, RunSolution
 from hil.solve.spread import RARE, Spread
@@ -351,17 +351,15 @@ def _of_sensor(
     of_channels = [np.array(each.of_channels) for each in telling if each.chi_square is not None]
     squares, freedom = sum(of_channels, np.zeros((2, len(channels))))
     residual_times = np.sqrt(np.maximum(squares / np.maximum(freedom, 1.0), 1.0))
-    differ, noise_certain = changes(
-        rows, {run for each in own if not each.doubted for run in each.runs} if stated else set()
-    )
-    times = times_of(*differ)
+    differ = own[0].differ
+    times = differ.times
     odd = chdtrc(np.maximum(freedom, 0.5), squares) < RARE
-    contradicted = odd & (times_of(differ[0] / residual_times**2, differ[1]) < 1.0)
+    contradicted = odd & (Changes(differ.squares / residual_times**2, differ.freedom).times < 1.0)
     noise_times = np.where(odd & ~contradicted & (times == 1.0), residual_times, times)
     # Of a ± errors are as large as anything shows, and as well known as what shows it (Welch and Satterthwaite).
     variance = shares * np.maximum(residual_times, times) ** 2
     common = np.where(contradicted, variance - shares * np.maximum(times, 1.0) ** 2, 0.0).sum(axis=1)
-    behind = np.where(times > residual_times, differ[1], np.where(odd, freedom, math.inf))
+    behind = np.where(times > residual_times, differ.freedom, np.where(odd, freedom, math.inf))
     with np.errstate(divide="ignore"):
         part = variance / np.maximum(variance.sum(axis=1, keepdims=True), 1e-300)
         known = 1.0 / np.sum(part**2 / np.maximum(behind, 1.0), axis=1)
@@ -393,7 +391,7 @@ def _of_sensor(
         by_noise=by_noise,
         to_record=to_record_of((n for n, odd in zip(units, by_noise.certain, strict=True) if odd), rows.conditions),
         stated=stated,
-        noise_certain=noise_certain,
+        noise_certain=differ.certain,
         of_visits=[name for name, more in zip(units, of_visits, strict=True) if more],
-        noise_told=bool(freedom.sum() + differ[1].sum() > 0.5 or np.isfinite(noise).all()),
+        noise_told=bool(freedom.sum() + differ.freedom.sum() > 0.5 or np.isfinite(noise).all()),
     )

@@ -5,15 +5,17 @@
 
 A run that cannot support a parameter gets none: its value is None, the sentence in `unobservable` names what is
 missing, and the verdict is INCONCLUSIVE. Where residuals are left they decide between PASS (their chi-square would be
-exceeded in at least 5 % of cases by chance), MARGINAL and FAIL (in less than 0.1 %). The verdict is the worst of that,
-of how the run was measured and what its records contradict (`Campaign.verdicts`, `contradicted`), of what the other
-runs say of its collects, and of whether the standard errors are small enough to say anything (`hil.solve.precision`).
+exceeded in at least 5 % of cases by chance), MARGINAL and FAIL (in less than 0.1 %), beside standard errors as large as
+repeats of the sensor show them to be, as every ± is. The verdict is the worst of that, of how the run was measured and
+what its records contradict (`Campaign.verdicts`, `contradicted`), of what the other runs say of its collects, and of
+whether the standard errors are small enough to say anything (`hil.solve.precision`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -24,9 +26,9 @@ from hil.errors import InputError
 from hil.model.forms import LinearForm, default_form, named_form
 from hil.solve.contractor import METHOD, can_follow, solve_as_contractor
 from hil.solve.identifiability import orthonormal
-from hil.solve.judged import LACKS, MOVED, beyond_errors, judge, what_lacks
+from hil.solve.judged import LACKS, MOVED, beyond_errors, judge, what_lacks, wider_in_words
 from hil.solve.least_squares import Solution, solve
-from hil.solve.noise import noise_left
+from hil.solve.noise import Changes, changes, noise_left
 from hil.solve.omissions import not_settled
 from hil.solve.precision import measured_well_enough, stated_noise, unstated
 from hil.solve.temperatures import law_not_told
@@ -61,11 +63,11 @@ class RunSolution:
     `residual_rms_deg_per_hr` None without degrees of freedom; `combinations` are seen mixtures of parameters that are
     not known singly. `chi_square` is that of the residuals, None without stated standard errors, and `of_channels` what
     each channel has of it, of squares in deg/hr without them, and of its degrees of freedom, (c,) each. `compared`:
-    whether other runs say what this one's collects should show; `doubted`: whether it tells nothing of noise, for
-    something is said against a row of it, or it had not `settled`. `among`: of how many judgements it may be the one
-    that differs most by chance. `per_noise` (p, c) are the standard errors of rates of which those of one channel have
-    a noise of 1 deg/hr, None where standard errors are stated. It is `judged` by its residuals, and `beside` that by
-    how it was measured; `form_reason` says why no fuller form was taken. What the campaign has `taken_as_zero` is none
+    whether other runs say what this one's collects should show; `settled`: whether its soak had ended. `per_noise`
+    (p, c) are the standard errors of rates of which those of one channel have a noise of 1 deg/hr, None where standard
+    errors are stated. `differ` is what its sensor's runs differ by that no parameter of a run makes: beside that noise
+    it is `judged` by its residuals, and `beside` that by how it was measured; `form_reason` says why no fuller form was
+    taken. What the campaign has `taken_as_zero` is none
     of the `parameters`.
     """
 
@@ -88,10 +90,9 @@ class RunSolution:
     chi_square: float | None = None
     of_channels: tuple[FloatArray, FloatArray] | None = None
     compared: bool = True
-    doubted: bool = False
     settled: bool = True
-    among: int = 1
     per_noise: FloatArray | None = None
+    differ: Changes = field(default_factory=lambda: Changes(np.zeros(1), np.zeros(1)))
 
     def by_noise(self, deg_per_hr: FloatArray) -> Mapping[str, Estimate]:
         """Return the parameters with the standard errors of rates of this noise (c,), NaN: unknown, where none is."""
@@ -129,10 +130,8 @@ class RunSolution:
 
     @property
     def exceeds_errors(self) -> bool:
-        """Whether the residuals are so much larger than the stated standard errors allow that the run is a FAIL."""
-        return self.chi_square is not None and (
-            judge(self.chi_square, self.degrees_of_freedom, 0, True, self.among).verdict is Verdict.FAIL
-        )
+        """Whether the residuals are so much larger than the standard errors allow that the run is a FAIL."""
+        return self.judged.verdict is Verdict.FAIL
 
 
 def solve_campaign(campaign: Campaign, model_name: str | None = None, sensor: int | None = None) -> list[RunSolution]:
@@ -146,7 +145,9 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None, sensor: in
     found, rows = [], every if sensor is None else {sensor: every[sensor]}
     for number, wrong in rows.items():
         solved = [*_solved(wrong.collects, model_name)]
-        among, beside = _of_as_many(solved), _Beside.of(campaign, number, wrong)
+        beside = _Beside.of(campaign, number, wrong, used[number])
+        left = [np.sum(each.of_channels[0] / beside.differ.larger**2) for each in solved]
+        among = _of_as_many([(float(of), each.degrees) for of, each in zip(left, solved, strict=True) if each.tells])
         own = [_described(number, each, among, wrong.collects, beside) for each in solved]
         runs, layout = set(used[number].conditions.run.tolist()), used[number].conditions.sensor
         noise, _ = noise_left([each.left_over for each in own if not runs.isdisjoint(each.runs)], len(layout.channels))
@@ -168,7 +169,26 @@ class _Solved:
     @property
     def tells(self) -> bool:
         """Whether residuals tell anything of stated standard errors."""
-        return self.sigma is not None and int(self.solution.degrees_of_freedom) > 0
+        return self.sigma is not None and self.degrees > 0
+
+    @property
+    def degrees(self) -> int:
+        """Degrees of freedom of the residuals."""
+        return int(self.solution.degrees_of_freedom)
+
+    @cached_property
+    def of_channels(self) -> tuple[FloatArray, FloatArray]:
+        """The squared residuals of each channel in standard errors, and their degrees of freedom, (c,) each."""
+        solution, count = self.solution, len(self.collects.conditions.sensor.channels)
+        if self.as_contractor:  # whose residuals are not those of its equations
+            return np.full(count, float(solution.chi_square) / count), np.full(count, self.degrees / count)
+        known = solution.measured
+        sigma = np.ones(known.size) if self.sigma is None else self.sigma.reshape(-1)
+        basis = orthonormal(solution.design[known] / sigma[known, None])
+        squares, freedom = np.zeros(known.size), np.zeros(known.size)
+        squares[known] = (solution.residuals[known] / sigma[known]) ** 2
+        freedom[known] = 1.0 - np.sum(basis**2, axis=1)
+        return squares.reshape(-1, count).sum(axis=0), freedom.reshape(-1, count).sum(axis=0)
 
 
 def _solved(collects: Collects, model_name: str | None) -> Iterator[_Solved]:
@@ -200,14 +220,12 @@ def solve_rates(
     return solve(design, rates.reshape(*rates.shape[:-2], -1), noise, names=names, rank_tolerance=OBSERVABLE)
 
 
-def _of_as_many(solved: Sequence[_Solved]) -> int:
+def _of_as_many(telling: Sequence[tuple[float, int]]) -> int:
     """Return of how many judgements one is that a run differs: 1 where even without such all differ, not by chance.
 
-    Of several runs all together are judged, and then each: by either a sound folder is as seldom accused as one run is.
+    Of each run there are the squares of its residuals, in standard errors, and their degrees of freedom. Of several
+    all together are judged, and then each: by either a sound folder is as seldom accused as one run is.
     """
-    telling = [
-        (float(s.chi_square), int(s.degrees_of_freedom)) for s in (each.solution for each in solved if each.tells)
-    ]
     both = min(len(telling), 2)
     among = max(both * len(telling), 1)
     usual = [(chi, nu) for chi, nu in telling if judge(chi, nu, 0, True, among).verdict is not Verdict.FAIL]
@@ -219,20 +237,20 @@ def _of_as_many(solved: Sequence[_Solved]) -> int:
 class _Beside:
     """What is known of a sensor's runs beside their solutions: judgements by run, and what no other run was held to.
 
-    `lacking` are the collects without a standard error, by run; `doubted` the runs with a row that something is said
-    against, `moving` those that had not settled; the `campaign` says what it has taken as zero.
+    `lacking` are the collects without a standard error, by run; `moving` the runs that had not settled; `differ` is by
+    what others do that nothing is said against; the `campaign` says what it has taken as zero.
     """
 
     judged: Sequence[Mapping[int, Judgement]]
     not_compared: Mapping[int, tuple[str, ...]]
-    doubted: Set[int]
     moving: Set[int]
     lacking: Mapping[int, list[int]]
+    differ: Changes
     campaign: Campaign
 
     @classmethod
-    def of(cls, campaign: Campaign, sensor: int, wrong: WrongRows) -> _Beside:
-        """Gather it from a campaign, and from what its rows say of each other."""
+    def of(cls, campaign: Campaign, sensor: int, wrong: WrongRows, used: Collects) -> _Beside:
+        """Gather it from a campaign, from what its rows say of each other, and from those that are `used`."""
         rows = campaign.sensors[sensor]
         here = {run: of for (run, number), of in campaign.contradicted.items() if number == sensor}
         soak = {run: Judgement(Verdict.MARGINAL, of) for run, of in not_settled(campaign)[sensor].items()}
@@ -241,8 +259,9 @@ class _Beside:
         for row in np.flatnonzero(unstated(rows).any(axis=1)):
             lacking.setdefault(int(rows.conditions.run[row]), []).append(int(rows.conditions.collect[row]))
         judged = (campaign.verdicts, here, wrong.judged, soak, weight)
-        doubted, moving = wrong.judged.keys(), soak.keys()
-        return cls(judged, wrong.not_compared, doubted, moving, lacking, campaign)
+        known = stated_noise(used) is not None
+        sound = set(used.conditions.run.tolist()).difference(wrong.judged, soak) if known else set()
+        return cls(judged, wrong.not_compared, soak.keys(), lacking, changes(used, sound), campaign)
 
     def assumed(self, runs: Sequence[int]) -> Iterator[str]:
         """Yield what is assumed of runs: where nothing is there to compare them with, that each is what it says."""
@@ -273,17 +292,17 @@ def _described(sensor: int, solved: _Solved, among: int, every: Collects, beside
     """Return the solution with the worst of verdicts: of solving, of how it was measured, of what stands `beside`."""
     form, collects, solution = solved.form, solved.collects, solved.solution
     conditions, noise_stated = collects.conditions, solved.sigma is not None
-    degrees = int(solution.degrees_of_freedom)
     unobservable = () if solved.as_contractor else solution.observability.sentences
     equations = int(np.count_nonzero(~np.isnan(solution.residuals)))
     told, runs = form.without(beside.campaign.taken_as_zero), tuple(np.unique(conditions.run).tolist())
-    of_channels, settled = _by_channel(solved), beside.moving.isdisjoint(runs)
+    settled, times = beside.moving.isdisjoint(runs), beside.differ.larger
+    squares, freedom = solved.of_channels
     if unobservable:
         judged = Judgement(Verdict.INCONCLUSIVE, what_lacks(collects, every, unobservable))
     else:
-        where = beyond_errors(list(conditions.sensor.channels), of_channels, among)
-        why = LACKS if settled else MOVED
-        judged = judge(float(solution.chi_square), degrees, equations, noise_stated, among, where, why)
+        channels, why, left = list(conditions.sensor.channels), LACKS if settled else MOVED, squares / times**2
+        where, wider = beyond_errors(channels, (left, freedom), among), wider_in_words(channels, times)
+        judged = judge(float(left.sum()), solved.degrees, equations, noise_stated, among, where, why, wider)
     unit = dict(zip(told.names, told.units, strict=True))
     places = [form.names.index(name) for name in told.names]
     parameters = {
@@ -304,18 +323,17 @@ def _described(sensor: int, solved: _Solved, among: int, every: Collects, beside
         covariance=solution.covariance[np.ix_(places, places)],
         condition_number=finite(float(solution.condition_number)),
         residual_rms_deg_per_hr=finite(float(solution.residual_rms)),
-        degrees_of_freedom=degrees,
+        degrees_of_freedom=solved.degrees,
         unobservable=unobservable,
         judged=judged,
         form_reason=f"the contractor's solution: {METHOD}" if solved.as_contractor else form.reason,
         assumed=(*_assumptions(told, collects, noise_stated, beside.campaign.rebuilt), *beside.assumed(runs)),
         beside=tuple(of[run] for run in runs for of in beside.judged if run in of),
         chi_square=float(solution.chi_square) if solved.tells else None,
-        of_channels=of_channels if degrees else None,
+        of_channels=solved.of_channels if solved.degrees else None,
         compared=beside.not_compared.keys().isdisjoint(runs),
-        doubted=not (settled and beside.doubted.isdisjoint(runs)),
         settled=settled,
-        among=among,
+        differ=beside.differ,
         per_noise=None if noise_stated else _per_noise(solution, len(conditions.sensor.channels))[places],
     )
 
@@ -326,21 +344,6 @@ def _per_noise(solution: Solution, channels: int) -> FloatArray:
     response[:, solution.measured] = np.linalg.pinv(solution.design[solution.measured])
     of_rows = response[: len(solution.names)].reshape(len(solution.names), -1, channels)
     return np.asarray(np.linalg.norm(of_rows, axis=1))
-
-
-def _by_channel(solved: _Solved) -> tuple[FloatArray, FloatArray]:
-    """Return the squared residuals of each channel in standard errors, and their degrees of freedom, (c,) each."""
-    solution, count = solved.solution, len(solved.collects.conditions.sensor.channels)
-    if solved.as_contractor:  # whose residuals are not those of its equations
-        whole = (float(solution.chi_square), float(solution.degrees_of_freedom))
-        return np.full(count, whole[0] / count), np.full(count, whole[1] / count)
-    known = solution.measured
-    sigma = np.ones(known.size) if solved.sigma is None else solved.sigma.reshape(-1)
-    basis = orthonormal(solution.design[known] / sigma[known, None])
-    squares, freedom = np.zeros(known.size), np.zeros(known.size)
-    squares[known] = (solution.residuals[known] / sigma[known]) ** 2
-    freedom[known] = 1.0 - np.sum(basis**2, axis=1)
-    return squares.reshape(-1, count).sum(axis=0), freedom.reshape(-1, count).sum(axis=0)
 
 
 def _assumptions(form: LinearForm, collects: Collects, noise_stated: bool, rebuilt: bool) -> tuple[str, ...]:

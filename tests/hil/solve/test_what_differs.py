@@ -6,13 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import chdtrc
 
 from hil.campaign import Campaign, FloatArray
 from hil.model.forms import default_form
 from hil.solve import repeats, solve_campaign
-from hil.solve.judged import LACKS, MOVED
+from hil.solve.judged import FAIL_PROBABILITY, LACKS, MOVED
 from hil.solve.noise import changes
 from hil.solve.repeats import SensorRepeats
+from procedures.verdict import Verdict
 from tests.hil.solve.runs_of_a_unit import campaign, repeated, up_and_down, with_column, with_rates
 
 
@@ -53,6 +55,22 @@ def test_errors_that_hold_beside_no_parameter_are_too_small_whatever_else_change
         assert all(said.endswith("differ in beside their parameters") for said in shown.noise_in_words)
 
 
+def test_a_run_is_judged_beside_the_noise_that_its_sensors_repeats_show() -> None:
+    """Where errors of one channel are a third of what repeats show no run FAILs; by what all lack each does."""
+    made = of_errors(repeated(12, 3, (0, 1, 2, 0, 1, 2)))
+    rows = made.sensors[2]
+    small = replace(made, sensors={2: replace(rows, rates_se_deg_per_hr=rows.rates_se_deg_per_hr * [1.0, 1.0 / 3.0])})
+    solved = solve_campaign(small)
+    assert {each.verdict for each in solved} == {Verdict.PASS}
+    assert all("the standard errors, those of RB " in each.reason for each in solved)
+    assert any(float(chdtrc(each.degrees_of_freedom, each.chi_square)) < FAIL_PROBABILITY / 24 for each in solved)
+    between = np.tile([1.0, 1.0, 1.0, -1.0, -1.0, -1.0], 12)[:, None] * [0.0, 12.0]  # of two collects in one pose
+    for each in solve_campaign(with_rates(small, rows.rates_deg_per_hr + between)):
+        assert each.exceeds_errors
+        assert ", in RB " in each.reason
+        assert ", even with those of RB " in each.reason
+
+
 def test_where_nothing_parts_noise_from_another_parameter_both_are_said() -> None:
     """Three collects have no rate more than parameters."""
     made = campaign(12, 3)
@@ -88,8 +106,8 @@ def test_what_runs_do_to_their_parameters_is_no_noise_though_errors_are_not_alik
         more = np.sqrt(np.maximum(errors**2 - rows.rates_se_deg_per_hr**2, 0.0)) * rng.normal(size=errors.shape)
         errors = np.maximum(errors, rows.rates_se_deg_per_hr)
         rows = replace(rows, rates_deg_per_hr=rows.rates_deg_per_hr + more, rates_se_deg_per_hr=errors)
-        found, _ = changes(rows, set(rows.conditions.run.tolist()))
-        squares, freedom = squares + found[0], freedom + found[1]
+        found = changes(rows, set(rows.conditions.run.tolist()))
+        squares, freedom = squares + found.squares, freedom + found.freedom
     assert freedom == pytest.approx([64.0, 64.0])  # of 8 nights, 4 temperatures, 3 runs of 6 rates: less 4 and common 2
     assert squares / freedom == pytest.approx([1.0, 1.0], abs=0.45)
 
