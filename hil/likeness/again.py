@@ -23,7 +23,7 @@ from hil.records import reading
 from hil.records.reader import is_night
 from hil.records.units import place_of
 from hil.solve.temperatures import level_degC, same_temperature
-from procedures.words import counted
+from procedures.words import listed
 
 _LOOKED_AT = {"interval": "90 s", "read_interval": "90 s"}  # seldom: simulated devices keep every byte
 _OVERHEAD_BYTES = 11  # sync, id, status, counter, position and checksum of an MFS frame
@@ -146,14 +146,15 @@ def _sweep(campaign: Campaign, rows: Conditions) -> tuple[dict[str, Any], float]
     positions, often = Counter(taken).most_common(1)[0]
     stands = [int(station[own[0]]) for own in runs]
     plateaus = [0, *(k for k in range(1, len(runs)) if stands[k] != stands[k - 1])]
-    times, equally = Counter(np.diff([*plateaus, len(runs)]).tolist()).most_common(1)[0]
-    if 2 * often <= len(runs) or 2 * equally <= len(plateaus) or min(stands) < 0:
-        odd = next((rows.run[own[0]] for own, at in zip(runs, taken, strict=True) if at != positions), rows.run[0])
-        raise InputError(
-            f"{campaign.folder}: no plan can be inferred: most runs should have the same collects ("
-            f"{', '.join(positions)}, which run {odd} has not), and most temperatures, all known, "
-            f"{counted(times, 'run')} each"
-        )
+    visits = np.diff([*plateaus, len(runs)]).tolist()
+    times, equally = Counter(visits).most_common(1)[0]
+    odd = next((rows.run[own[0]] for own, at in zip(runs, taken, strict=True) if at != positions), None)
+    lacks = [f"the same collects in most runs ({', '.join(positions)}, which run {odd} has not)"]
+    lacks = lacks * (2 * often <= len(runs)) + ["a known temperature of every run"] * (min(stands) < 0)
+    if 2 * equally <= len(plateaus):
+        lacks.append(f"as many runs at most temperatures ({', '.join(map(str, visits))})")
+    if lacks:
+        raise InputError(f"{campaign.folder}: no plan can be inferred: it takes {listed(lacks)}")
     levels = [23.0 if level is None else float(np.nanmean(level[station == stands[k]])) for k in plateaus]
     settle_s = float(np.nanmedian(rows.columns.get("time_since_index_s", np.array([60.0]))))
     ends_s = rows.start_s + rows.duration_s

@@ -8,7 +8,7 @@ import numpy as np
 
 from drivers.strict_yaml import packaged
 from hil.reconcile.naming import LIKELY
-from hil.reconcile.outcome.stated import at_most, not_between_repeats, not_repeated
+from hil.reconcile.outcome.stated import alone, at_most, not_between_repeats, not_repeated
 from hil.reconcile.result import LEFT_OUT, FoundEffect, Gap, Reconciliation
 from hil.reconcile.rivals import CERTAIN, Rival, in_times
 from hil.reconcile.search.terms import NO_NAME
@@ -107,7 +107,8 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
         act += f" That is by the noise that the model states; hil solve without --model does not pass {doubts}."
     likely = kind in {"none", "named", "ambiguous"} and _follows_temperature(result)
     if likely and not result.calibrated and {effect.acts_on for effect in result.effects} == {"scatter"}:
-        first.append("what probably follows temperature, and is not in the model (notes)")
+        tells = f": {AGAIN} tells it from what changes by the run" * alone(result.left.shown)
+        first.append(f"what probably follows temperature, and is not in the model (notes){tells}")
     elif likely and result.solved.temperatures:
         few = too_few(result.solved.temperatures)
         act += " The model's values follow temperature." * result.calibrated

@@ -179,8 +179,11 @@ def test_the_plan_of_a_campaign_is_inferred_from_its_collects(tmp_path: Path) ->
         if kept.step is None:
             assert configuration(tmp_path, lacking)[0]["sweep"]["positions"] == document["sweep"]["positions"]
             continue
-        with pytest.raises(InputError, match="no plan can be inferred: most runs should have the same collects"):
+        with pytest.raises(InputError, match="no plan can be inferred: it takes the same collects in most runs"):
             configuration(tmp_path, lacking)
+    uneven = replace(source, folder=tmp_path, sensors={2: source.sensors[2].rows(np.flatnonzero(rows.run > 1))})
+    with pytest.raises(InputError, match=r"it takes as many runs at most temperatures \(1, 2\)$"):
+        configuration(tmp_path, uneven)
 
 
 @pytest.mark.slow

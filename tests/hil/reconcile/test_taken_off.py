@@ -100,8 +100,13 @@ def test_whoever_reads_that_a_model_holds_reads_at_which_temperatures(found: Rec
         assert held in page(replace(found, **changed))  # type: ignore[arg-type]
     assert held not in what_to_do(replace(found, follows=[("temperature", 0.3)]))[1]
     only = replace(found, follows=[("temperature", 0.9)], effects=[replace(found.effects[0], acts_on="scatter")])
-    assert "what probably follows temperature, and is not in the model (notes)" in what_to_do(only)[1]
+    unsaid = "what probably follows temperature, and is not in the model (notes)"
+    assert f"{unsaid}. " in what_to_do(only)[1]
     assert held not in what_to_do(only)[1]
+    shown = found.left.shown[2]
+    once = replace(shown, means=[*shown.means[:-1], replace(shown.means[-1], runs=shown.means[-1].runs[:1])])
+    told = what_to_do(replace(only, left=replace(found.left, shown={2: once})))[1]
+    assert f"{unsaid}: a second run at a temperature that has one tells it from what changes by the run" in told
     nowhere = replace(found, follows=[("temperature", 0.9)], solved=replace(found.solved, temperatures=0))
     assert "The model holds" not in what_to_do(nowhere)[1]
 
