@@ -151,11 +151,14 @@ def parameter_in_words(each: ParameterFit) -> str:
 
 def verdict_in_words(fit: SensorFit) -> str:
     """Say whether modelling in software improves the unit, by how much, and with what confidence."""
-    found, scatter = fit.improvement, fit.rate_noise_deg_per_hr
+    found, noise = fit.improvement, fit.rate_noise_deg_per_hr
+    scatter = "what one collect scatters by is not known"
+    if noise is not None:
+        scatter = f"one collect scatters by {noise:.3g} deg/hr"
     numbers = (
         f"rates at a temperature that was left out are wrong by {found.constant:.3g} deg/hr with constants and by "
         f"{found.modelled:.3g} deg/hr with the curves ({_less(found.share)}; {_less(found.low)} to "
-        f"{_less(found.high)} with the temperatures drawn again); one collect scatters by {scatter:.3g} deg/hr"
+        f"{_less(found.high)} with the temperatures drawn again); {scatter}"
         f"{_confirmed(fit)}"
     )
     differing = [name for name, each in fit.parameters.items() if each.finding not in ("constant", "modelled")]
@@ -166,10 +169,7 @@ def verdict_in_words(fit: SensorFit) -> str:
     if all(each.choice.form.order == 0 for each in fit.parameters.values()):
         repeated = any(each.repeated for each in fit.parameters.values())
         reason = differ or f"no parameter is shown to depend on temperature{_BY_REPEATS * repeated}"
-        return (
-            f"{_NOT_SHOWN}: {reason}; rates there are wrong by {found.constant:.3g} deg/hr, one collect scatters by "
-            f"{scatter:.3g} deg/hr{_OTHERWISE}"
-        )
+        return f"{_NOT_SHOWN}: {reason}; rates there are wrong by {found.constant:.3g} deg/hr, {scatter}{_OTHERWISE}"
     if found.is_certain:
         every = all(each.finding == "modelled" for each in fit.parameters.values())
         hardly = "hardly " * (found.share < _HARDLY)

@@ -47,7 +47,14 @@ class ParameterFit:
     """
 
     def __init__(
-        self, seen: Visits, place: int, choice: Choice, p_value: float, values: Estimates, errors: FloatArray
+        self,
+        seen: Visits,
+        place: int,
+        choice: Choice,
+        p_value: float,
+        values: Estimates,
+        line: Estimates,
+        errors: FloatArray,
     ) -> None:
         layout, order = seen.layout, choice.form.order
         self.name, self.unit = layout.form.names[place], layout.form.units[place]
@@ -70,7 +77,6 @@ class ParameterFit:
         self.repeated = bool(self.repeats)
         self.p_value, self.changes = p_value, p_value < FALSE_ALARM
         self.chance_constant = _misfit(layout, values, 0)[1]
-        line = _line(layout, values)
         self.largest_change = 2.0 * float(abs(line.values[1]) + line.half_width[1])
         sigmas = float(abs(line.values[1]) / line.se[1])
         of_known_noise = 2.0 * _QUESTIONS * self.together * float(ndtr(-sigmas))
@@ -124,23 +130,25 @@ class SensorFit:
             for place, each in enumerate(free)
         ]
         scatters = bool(np.any(seen.spread.degrees)) or shown.of_means or bool(shown.by_model)
-        of_values = [_chance_of_values(layout, each, scatters) if seen.known else 1.0 for each in free]
+        told, least = scatters and seen.known, float(seen.known)
+        lines = [_line(layout, each, None if told else least) for each in free]
+        of_values = [_chance_of_values(layout, *each, told) for each in zip(free, lines, strict=True)]
         chances = _together(
             [_QUESTIONS * min(of, c.chance_of_constant) for of, c in zip(of_values, compared, strict=True)]
         )
         choices = [c if p < FALSE_ALARM else c.flat() for c, p in zip(compared, chances, strict=True)]
-        if not (seen.known and scatters):
+        if not told:
             once = "no temperature was measured twice" + " from one side" * layout.hysteresis
             without = once if seen.known else "neither repeats nor standard errors"
             notes.append(f"sensor {number}: {without}: what the curves leave is taken for noise")
             left = [_misfit(layout, v, c.form.order or 0)[0] for v, c in zip(free, choices, strict=True)]
-            seen.sd = seen.sd * np.sqrt(np.maximum(left, float(seen.known)))
+            seen.sd = seen.sd * np.sqrt(np.maximum(left, least))
             if not seen.known:
                 seen.of_each = np.hypot(seen.sd, seen.common)
             free = [seen.free(place) for place in range(len(free))]
         errors = [nested_errors(centre_degC, each, c, order) for each, c in zip(free, choices, strict=True)]
         self.parameters = {
-            name: ParameterFit(seen, place, choices[place], chances[place], free[place], errors[place])
+            name: ParameterFit(seen, place, choices[place], chances[place], free[place], lines[place], errors[place])
             for place, name in enumerate(layout.form.names)
         }
         if layout.hysteresis:
@@ -156,7 +164,8 @@ class SensorFit:
         # Less what the two directions differ by, which is no noise.
         beyond = np.sqrt(np.maximum(shown.by_noise.beyond**2 - shown.spread.beyond**2 + seen.spread.beyond**2, 0.0))
         shown = replace(shown, by_noise=replace(shown.by_noise, beyond=beyond))
-        self.rate_noise_deg_per_hr = shown.of_a_collect(layout.collects.rates_se_deg_per_hr, layout.columns)
+        of_a_collect = shown.of_a_collect(layout.collects.rates_se_deg_per_hr, layout.columns)
+        self.rate_noise_deg_per_hr = of_a_collect if seen.known else None
 
     @property
     def curves(self) -> dict[str, Curve]:
@@ -223,16 +232,10 @@ def _together(chances: Sequence[float]) -> list[float]:
     return together.tolist()
 
 
-def _chance_of_values(layout: Layout, values: Estimates, scatters: bool) -> float:
-    """Return how often noise alone would change the free values, or their straight line, by as much.
-
-    Where it is not told what `scatters` them, that is what the line leaves.
-    """
-    line, sigma, freedom = _line(layout, values), 1.0, values.freedom
-    if not scatters:
-        sigma, freedom = max(_misfit(layout, values, 1)[0], 1.0) ** 0.5, len(values.values) - 2.0
-    slope = 2.0 * float(stdtr(freedom, -abs(line.values[1]) / (sigma * line.se[1])))
-    return min(_misfit(layout, values, 0)[1], slope) if scatters else slope
+def _chance_of_values(layout: Layout, values: Estimates, line: Estimates, told: bool) -> float:
+    """Return how often noise alone would change the straight `line`, or, where it is `told`, any of the free values."""
+    slope = 2.0 * float(stdtr(line.freedom, -abs(line.values[1]) / line.se[1]))
+    return min(_misfit(layout, values, 0)[1], slope) if told else slope
 
 
 def _misfit(layout: Layout, values: Estimates, order: int) -> tuple[float, float]:
@@ -251,10 +254,16 @@ def _polynomial(layout: Layout, values: Estimates, order: int) -> Solution:
     return solve(whiten @ layout.powers(layout.stations.centre_degC, order), whiten @ values.values, 1.0)
 
 
-def _line(layout: Layout, values: Estimates) -> Estimates:
-    """Return level and slope of a straight line through the free values, per half range."""
+def _line(layout: Layout, values: Estimates, least: float | None) -> Estimates:
+    """Return level and slope of a straight line through the free values, per half range.
+
+    Where nothing tells what scatters these, that is what the line leaves, and at `least` so many times their variance.
+    """
     found = _polynomial(layout, values, 1)
-    return Estimates(found.values, found.covariance, values.freedom)
+    if least is None:
+        return Estimates(found.values, found.covariance, values.freedom)
+    left = max(_misfit(layout, values, 1)[0], least)
+    return Estimates(found.values, found.covariance * left, len(values.values) - 2.0)
 
 
 def _curve(layout: Layout, unit: str, order: int | None, coefficients: Estimates) -> Curve:

@@ -13,6 +13,7 @@ from hil.campaign import Campaign, Collects
 from hil.errors import InputError
 from hil.solve import repeats, solve_campaign
 from tests.hil.analysis.thermal.nights import rotor_night, scaled
+from tests.hil.solve.runs_of_a_unit import campaign
 
 
 def one_run(campaign: Campaign) -> Campaign:
@@ -60,6 +61,26 @@ def test_without_repeats_and_standard_errors_the_misfit_is_the_noise() -> None:
     assert sensor.parameters["BB"].coefficients.se[0] == pytest.approx(0.93 / np.sqrt(2 * 8), rel=0.6)
     assert all(each.finding == "constant" for name, each in sensor.parameters.items() if name != "BB")
     assert any("what the curves leave is taken for noise" in note for note in sensor.notes)
+
+
+@pytest.mark.slow
+def test_without_repeats_and_standard_errors_a_slope_is_no_noise_of_its_own_bound() -> None:
+    """Of five runs on a line what the line leaves is noise: a slope is found, or bounded by a few times itself."""
+    found, of_line, of_flat = 0, [], []
+    for seed in range(6):
+        made = campaign(5, 1, seed)
+        rows = made.sensors[2]
+        silent = np.full_like(rows.rates_deg_per_hr, np.nan)
+        slope = np.outer(rows.conditions.columns["setpoint_degC"], [0.5, 0.3])
+        for bounds, rates in ((of_line, rows.rates_deg_per_hr), (of_flat, rows.rates_deg_per_hr - slope)):
+            unstated = replace(rows, rates_deg_per_hr=rates, rates_se_deg_per_hr=silent)
+            sensor = fit_thermal(replace(made, sensors={2: unstated})).of(2)
+            bounds.append(sensor.parameters["BA"].largest_change)
+            found += sensor.parameters["BA"].changes
+            assert sensor.rate_noise_deg_per_hr is None
+    assert found >= 4, "of six that change by 40 deg/hr, and six that do not"
+    assert max(of_line) < 80.0
+    assert max(of_flat) < 40.0
 
 
 @pytest.mark.parametrize("lost", [[2, 5, 8], [0, 4, 8]])
