@@ -7,11 +7,10 @@
 What base, supply, mount or chamber do moves both sensors in the same runs; what a sensor does, it does alone. Every
 command that says what makes repeats scatter says this, too. The sensors need not lie alike, so a common cause may enter
 through different parameters: a base that turns about an axis along which the one has its A and the other its B axis is
-BA of the one and BB of the other. Therefore every pair is looked at. Earth rate and gravity are taken as the same for
-both: an error there is common too, but in every run alike.
+BA of the one and BB of the other. Therefore every pair is looked at, of parameters that scatter by more than noise
+explains. Earth rate and gravity are taken as the same for both: an error there is common too, but in every run alike.
 """
 
-import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -20,22 +19,21 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtri, stdtr
 
-from hil.campaign import Campaign, FloatArray, IntArray
+from hil.campaign import BoolArray, Campaign, FloatArray, IntArray
 from hil.files.document import picked
 from hil.model.forms import MATRIX_6, PER_G, RATE
 from hil.solve.noise import noise_left
-from hil.solve.repeats import SensorRepeats, means_of
+from hil.solve.repeats import SensorRepeats, means_of, repeats
 from hil.solve.runs import solve_campaign
 from hil.solve.spread import Spread
 from hil.solve.temperatures import runs_by_temperature
 from hil.solve.uncertain import CONFIDENCE
 from hil.solve.wrong_rows import treated
-from procedures.words import listed
+from procedures.words import counted, listed
 
 FALSE_ALARM = 0.05
 """The chance that `shared` names any pair at all where the sensors have nothing in common."""
 
-PAIRS = len(MATRIX_6) ** 2
 UNITS = dict(zip(MATRIX_6, (RATE,) * 2 + (PER_G,) * 4, strict=True))
 
 
@@ -53,7 +51,7 @@ class SharedPair:
 class BothSensors:
     """Half the sum and the difference (second sensor less first) of each parameter, with what repeats show of them.
 
-    `correlations` has the same parameter of both, with its 95 % interval; `shared` any pair.
+    `correlations` has the same parameter of both, with its 95 % interval; `shared` any pair of those `asked`.
     """
 
     sensors: tuple[int, int]
@@ -62,6 +60,7 @@ class BothSensors:
     degrees_of_freedom: int
     correlations: Mapping[str, tuple[float | None, float | None, float | None]]
     shared: tuple[SharedPair, ...]
+    asked: int
 
     def sentences(self) -> list[str]:
         """Say what moves together, and how much of it."""
@@ -73,7 +72,7 @@ class BothSensors:
             return [f"sensors {one} and {two}: {found}; as far as these runs tell, each scatters alone"]
         pairs = [
             f"{pair.first} of the one and {pair.second} of the other (correlation {pair.correlation:+.2f}, "
-            f"p = {min(pair.p * PAIRS, 1.0):.1g} of {PAIRS} pairs)"
+            f"p = {pair.p * self.asked:.1g} of {counted(self.asked, 'pair')})"
             for pair in self.shared
         ]
         cause = "a common cause, such as base, supply, mount or temperature"
@@ -113,6 +112,7 @@ def common_and_differential(campaign: Campaign) -> BothSensors | None:
     solved: dict[int, dict[int, FloatArray]] = {}
     solutions = solve_campaign(chosen, "matrix-6")
     noise = {number: noise_left([e.left_over for e in solutions if e.sensor == number], 2) for number in rotors}
+    scatters = [_scatters(of) for of in repeats(chosen, solutions).values()]
     for each in solutions:
         pairs = [(e.value, math.nan if e.se is None else e.se) for e in each.by_noise(noise[each.sensor][0]).values()]
         if len(pairs) == len(MATRIX_6) and all(value is not None for value, _ in pairs):
@@ -138,13 +138,21 @@ def common_and_differential(campaign: Campaign) -> BothSensors | None:
     correlation = _correlations(*away)
     same = {name: _interval(float(correlation[i, i]), degrees) for i, name in enumerate(MATRIX_6)}
     pair = (rotors[0], rotors[1])
-    return BothSensors(pair, common, differential, degrees, same, _shared(correlation, degrees))
+    asked = scatters[0][:, None] & scatters[1]
+    shared = _shared(correlation, degrees, asked)
+    return BothSensors(pair, common, differential, degrees, same, shared, int(asked.sum()))
 
 
 def moving_together(campaign: Campaign) -> list[str]:
     """Say what moves both sensors of a campaign together; nothing where each scatters alone, or nobody can tell."""
     both = common_and_differential(campaign)
     return [] if both is None else both.together
+
+
+def _scatters(shown: SensorRepeats) -> BoolArray:
+    """Tell which parameters scatter from run to run by more than noise explains, (6,): of others nothing moves any."""
+    certain = dict(zip(shown.names, shown.by_noise.certain.tolist(), strict=True))
+    return np.array([certain.get(name, False) for name in MATRIX_6])
 
 
 def _away(values: FloatArray, errors: FloatArray, group: IntArray, residuals: float) -> FloatArray:
@@ -174,15 +182,15 @@ def _interval(correlation: float, degrees: int) -> tuple[float | None, float | N
     return correlation, math.tanh(middle - width), math.tanh(middle + width)
 
 
-def _shared(correlation: FloatArray, degrees: int) -> tuple[SharedPair, ...]:
-    """Pairs whose correlation chance would give any of the 36 with a probability below `FALSE_ALARM`."""
+def _shared(correlation: FloatArray, degrees: int, asked: BoolArray) -> tuple[SharedPair, ...]:
+    """Pairs whose correlation chance would give any of those `asked` (6, 6) with less than `FALSE_ALARM`."""
     if degrees < 2:
         return ()
     found = []
-    for i, j in itertools.product(range(len(MATRIX_6)), repeat=2):
+    for i, j in np.argwhere(asked).tolist():
         r = float(correlation[i, j])
         tangent = abs(r) * math.sqrt((degrees - 1) / max(1.0 - r**2, 1e-12))
         p = float(2.0 * stdtr(degrees - 1, -tangent))
-        if p < FALSE_ALARM / PAIRS:
+        if p < FALSE_ALARM / asked.sum():
             found.append(SharedPair(MATRIX_6[i], MATRIX_6[j], r, p))
     return tuple(sorted(found, key=lambda pair: pair.p))
