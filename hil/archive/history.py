@@ -37,6 +37,7 @@ from hil.errors import InputError
 from hil.files.document import picked
 from hil.files.strict import near
 from hil.solve.runs import finite
+from hil.solve.uncertain import Uncertain
 from procedures.words import listed
 
 if TYPE_CHECKING:  # where no limits are known, nothing that reads them is loaded
@@ -228,7 +229,7 @@ def _parameters(
                         "temperature_degC": at,
                         **_trend(found, [days[each.entry] for each in of], unit),
                         "control": _control(y, sd, near, known),
-                        **_due(found, when, asked, k),
+                        **_due(found, when, asked, k, of[-1].value),
                         "values": [
                             {"entry": m.entry, "day": days[m.entry], "own_degC": m.own_degC, **m.value.document()}
                             for m in of
@@ -258,18 +259,24 @@ def _control(y: FloatArray, sd: FloatArray, since: BoolArray, freedom: float) ->
     return {"centre": limits.value, **_ends(limits.value, half), "outside": bool(abs(y[-1] - limits.value) > half)}
 
 
-def _due(found: Trend, months: FloatArray, asked: ParameterLimits | None, k: float) -> dict[str, Any]:
+def _due(
+    found: Trend, months: FloatArray, asked: ParameterLimits | None, k: float, newest: Uncertain
+) -> dict[str, Any]:
     """Return in how many months after the newest its interval at `k` reaches a limit, and whether all is beyond now.
 
-    None where it never does, or where nobody knows.
+    Beyond now is what the `newest` calibration alone puts there, too: by it the unit was judged out of spec. None where
+    it never does, or where nobody knows.
     """
     if found.fit is None or asked is None or (asked.low is None and asked.high is None):
         return {"due_in_months": None, "beyond_limit": None}
     value, wide = predicted(found.fit, months[-1] + _AHEAD_MONTHS, months, k)
     low, high = (-np.inf if asked.low is None else asked.low), (np.inf if asked.high is None else asked.high)
+    now = ((value[0], wide[0]), (newest.value, newest.expanded(k)))
+    out = any(middle - half > high or middle + half < low for middle, half in now)
     beyond = (value - wide < low) | (value + wide > high)
+    beyond[0] |= out
     due = float(_AHEAD_MONTHS[np.argmax(beyond)]) if beyond.any() else None
-    return {"due_in_months": due, "beyond_limit": bool(value[0] - wide[0] > high or value[0] + wide[0] < low)}
+    return {"due_in_months": due, "beyond_limit": out}
 
 
 def _trend(found: Trend, days: Sequence[str], unit: str) -> dict[str, Any]:

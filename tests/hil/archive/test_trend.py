@@ -20,6 +20,7 @@ from hil.archive.trend import (
     trend,
 )
 from hil.config.limits import Limits, ParameterLimits
+from hil.solve.uncertain import Uncertain
 
 
 def found(count: int, what: str, size: float, scatter: float = 1.0, draws: int = 200) -> Counter[str]:
@@ -170,9 +171,10 @@ def test_what_is_beyond_its_limit_now_is_due_before_what_only_may_be() -> None:
     """A unit that is out of spec is not said to be "not certainly within" by a parameter that comes first by name."""
     limits, months = ParameterLimits(low=0.0, high=22.0), np.arange(6.0)
 
-    def due(value: float, uncertainty: float) -> dict[str, Any]:
+    def due(value: float, uncertainty: float, newest: float | None = None) -> dict[str, Any]:
         line = Trend("", Fit(months, np.full(6, value), np.full(6, uncertainty), line=False))
-        return {"temperature_degC": 10.0, **_due(line, months, limits, 2.0)}
+        own = Uncertain(value if newest is None else newest, uncertainty, np.inf, 3, "deg/hr")
+        return {"temperature_degC": 10.0, **_due(line, months, limits, 2.0, own)}
 
     parameters = [
         {"sensor": 1, "parameter": "MUB", "temperatures": [due(21.9, 3.0)]},
@@ -182,3 +184,6 @@ def test_what_is_beyond_its_limit_now_is_due_before_what_only_may_be() -> None:
     assert (day, why) == ("2026-06-01", "sensor 2, BA at 10.0 °C is beyond its limit now, and 1 more are")
     day, why = _next(parameters[:1], cast(Limits, limits), "2026-06-01", judged=True)
     assert why == "sensor 1, MUB at 10.0 °C is not certainly within its limits even now"
+    parameters[0]["temperatures"] = [due(10.0, 0.3, 23.0)]  # the others held it within; by itself it is out of spec
+    day, why = _next(parameters[:1], cast(Limits, limits), "2026-06-01", judged=True)
+    assert (day, why) == ("2026-06-01", "sensor 1, MUB at 10.0 °C is beyond its limit now")
