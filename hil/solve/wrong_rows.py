@@ -15,6 +15,7 @@ from functools import lru_cache
 from typing import Any, Self
 
 import numpy as np
+from scipy.special import chdtrc
 
 from hil.campaign import Campaign, Collects
 from hil.campaign.laws import FIXTURE_G, from_the_usual_g
@@ -24,7 +25,8 @@ from hil.solve.asked import OtherSensor
 from hil.solve.causes import Cause, all_of
 from hil.solve.explained import HARDLY, Explained, beyond_others, mended
 from hil.solve.in_common import Together, lost
-from hil.solve.precision import with_every_error
+from hil.solve.least_squares import solve
+from hil.solve.precision import stated_noise, with_every_error
 from procedures.verdict import Judgement, Verdict, combine
 from procedures.words import listed, numbered, significant
 
@@ -51,6 +53,7 @@ _DONE = {
 """What is done about a cause, the verdict of its run at best, what is said of it and of what is done; `_AS_FILED`."""
 _FEW = 4  # things that may be wrong are named
 _TOLD = 1e-6  # deg/hr: less is what arithmetic leaves of a channel of which nothing is told
+_ALIKE = 0.01  # chance of rates as far from those of another position, from which on the unit may have lain there
 _ONLY = 0.99  # of its square: a parameter with so much in some rates is seen in no others
 
 
@@ -173,6 +176,7 @@ def _said(filed: Collects, found: Explained) -> Iterator[tuple[int, Wrong, Judge
         others = "; or ".join(["", *rivals, *_of_its_run(filed, cause)])
         done, verdict, because, hence = _DONE.get(cause.what, _AS_FILED)
         why = f"{cause_in_words(filed, cause)}{because}{_in_the_file(filed, cause)}"
+        others = as_at(filed, cause) + others
         yield cause.run, Wrong.of(filed, cause, done, f"{why}{others}"), Judgement(verdict, f"{why}{hence}{others}")
         return
     runs = sorted(found.runs or set(conditions.run.tolist()))
@@ -209,6 +213,31 @@ def _of_its_run(filed: Collects, cause: Cause) -> Iterator[str]:
         only = [n for n, of in zip(form.names, shares, strict=True) if n.startswith(("B", "MU")) and of > _ONLY]
         if only:
             yield f"{listed(only)} of run {cause.run} {'is another' if len(only) == 1 else 'are others'}"
+
+
+def as_at(filed: Collects, cause: Cause) -> str:
+    """Say at which other position a collect shows what it does, by the rest of its run: no channel is bad."""
+    conditions, rows = filed.conditions, [*cause.rows]
+    if cause.what != "collect":
+        return ""
+    form, sigma = default_form(conditions), stated_noise(filed)
+    if sigma is None:
+        return ""
+    here, row = np.setdiff1d(conditions.of_each_run[cause.run], rows), rows[0]
+    columns, beside_earth = form.columns(conditions), filed.rates_deg_per_hr - conditions.w_channels_deg_per_hr
+    own = solve(columns[here].reshape(-1, columns.shape[2]), beside_earth[here].ravel(), sigma[here].ravel())
+    if not np.isfinite(own.values).all():
+        return ""
+    chances = {}
+    for position in np.unique(conditions.position[conditions.position != conditions.position[row]]).tolist():
+        there = int(np.argmax(conditions.position == position))
+        foretold = columns[there] @ own.values + conditions.w_channels_deg_per_hr[there]
+        covariance = np.diag(sigma[row] ** 2) + columns[there] @ own.covariance @ columns[there].T
+        away = filed.rates_deg_per_hr[row] - foretold
+        chances[position] = float(chdtrc(len(away), away @ np.linalg.solve(covariance, away)))
+    alike = max(chances, key=lambda position: chances[position], default="")
+    lay = f"; it shows what position {alike} does: the unit may have lain there"
+    return lay if chances.get(alike, 0.0) > _ALIKE else ""
 
 
 def _in_the_file(filed: Collects, cause: Cause) -> str:

@@ -21,7 +21,7 @@ from hil.reconcile.search.terms import Term
 from hil.solve.causes import Cause, all_of
 from hil.solve.explained import LISTED
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED
-from hil.solve.wrong_rows import MENDED, USED, Wrong, cause_in_words, clipped_rows
+from hil.solve.wrong_rows import MENDED, USED, Wrong, as_at, cause_in_words, clipped_rows
 from procedures.words import numbered
 
 
@@ -234,7 +234,7 @@ def rows_found(
         size = {each["channel"]: each["size_deg_per_hr"] for each in several}
         off = tuple(size.get(name, 0.0) for name in collects.conditions.sensor.channels)
         cause = Cause("collect", run, (place,), tuple(np.flatnonzero(off).tolist()), off)
-        why = cause_in_words(collects, cause)
+        why = f"{cause_in_words(collects, cause)}{as_at(collects, cause)}"
         if instead := sorted({other for each in several for other in each.get("or_collects", ())}):
             why += f"; or {numbered('collect', instead)} may be, in its place: these rates cannot tell which is wrong"
         found.append(Wrong.of(collects, cause, OMITTED, why))

@@ -13,7 +13,7 @@ from hil.reconcile import reconcile
 from hil.solve import repeats, solve_campaign
 from hil.solve.asked import _in_common
 from hil.solve.explained import explanations
-from hil.solve.wrong_rows import MENDED, USED, treated, wrong_rows
+from hil.solve.wrong_rows import LEFT_OUT, MENDED, USED, treated, wrong_rows
 from procedures.verdict import Verdict
 from procedures.words import numbered
 from tests.hil.model.effect_conditions import TRIAD
@@ -313,3 +313,18 @@ def test_the_other_sensor_can_say_no_more_than_that_labels_are_mostly_exchanged_
     assert _in_common(prior, -500.0) == pytest.approx(seldom)
     assert _in_common(prior, None) == 0.0
     assert seldom < _in_common(prior, -1.0) < 0.1 < _in_common(prior, 1.0) < mostly - prior
+
+
+def test_a_collect_that_was_made_at_another_position_is_said_to_show_that_one() -> None:
+    """The unit was not turned: three channels that are off are none, and of what no position shows none is named."""
+    sound = repeated(12, 3, (0, 1, 2, 0, 1, 2))
+    rates = sound.sensors[2].rates_deg_per_hr
+    for shown, words in (
+        (rates[9], "; it shows what position 1 does: the unit may have lain there"),
+        (rates[8] + 40.0, ""),
+    ):
+        moved = rates.copy()
+        moved[8] = shown  # the third collect of run 2, as its fourth, which repeats the first
+        (wrong,) = wrong_rows(with_rates(sound, moved))[2].rows
+        assert (wrong.run, wrong.collects, wrong.done) == (2, (9,), LEFT_OUT)
+        assert wrong.why.partition(" from what all others show")[2] == words
