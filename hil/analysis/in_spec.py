@@ -218,7 +218,7 @@ class _Judged:
                 return f"{numbered('run', found)}: {why}"
         if self.rule.sigmas and any(mean.values[self.name].beyond is None for mean in means):
             return _ALONE
-        if self.shown.spread.uneven[self._place] and self.rule.sigmas:
+        if self.shown.uneven[self._place] and self.rule.sigmas:
             return _UNEVEN
         single = self.alone.intersection(runs[0] for runs in told if len(runs) == 1)
         once = "measured once, beside nothing that would show a wrong collect: repeat it"

@@ -223,9 +223,9 @@ def in_its_place(sets: Sequence[_Weighed], lead: frozenset[str], *, moves: bool)
     out: dict[str, list[_Weighed]] = {}
     for each in sets:
         names, _, f = each
-        # What scatters stands in for what moves, and the reverse, only where nothing else of that sort is there.
+        # What scatters stands in for what moves, and the reverse, where nothing of that sort is there beside the lead.
         sort = names - f.scatter if moves else f.scatter
-        for rival in (sort or names) - lead:
+        for rival in (sort - lead) or (names - lead):
             out.setdefault(rival, []).append(each)
     return out
 
@@ -243,16 +243,16 @@ def _rival(
     posterior, found = fit.posterior, instead[0][2]
     probability = sum(weight for _, weight, _ in instead)
     terms = {n: j for n, places in found.terms.items() for j in places if posterior.term(n, j).called == rival}
-    overlap, factor = 0.0, np.nan
+    overlap, factor, before = 0.0, None, None
     if not own and rival in posterior.scatter:
         overlap = fit.scatter_overlap(name, rival)
     if own and terms:
         overlap = min((fit.overlap(n, own[n], terms[n]) for n in own if n in terms), default=0.0)
-    if share:
+    if bool(own) == bool(terms):  # what scatters pays for no value, so that its likelihood is of another sort
         other = fitted(posterior, found)
         factor = float(np.exp(np.clip(other.information - fit.information, -600.0, 600.0)))
         factor = 1.0 if overlap > 0.999 else factor
-    odds = probability / max(share, 1e-300)
+        before = probability / max(share, 1e-300) / max(factor, 1e-300)
     term = next((posterior.term(n, j) for n, j in terms.items()), None)
     effect = posterior.scatter.get(rival) if term is None else term.candidate.effect
     title, remedy = getattr(effect if term is None else term.candidate, "title", ""), ""
@@ -263,7 +263,7 @@ def _rival(
             rival = f"{NO_NAME}: {term.name}"
             overlap = 0.0 if term.follows == follows else overlap  # a curve over the same says nothing else
     likely = effect is not None and as_usual(effect, named, fit.conditions.values())
-    return Rival(rival, probability, overlap, title, factor, odds / max(factor, 1e-300), terms, remedy, likely)
+    return Rival(rival, probability, overlap, title, factor, before, terms, remedy, likely)
 
 
 def as_usual(rival: Described, named: Described | None, conditions: Iterable[Conditions]) -> bool:

@@ -14,7 +14,7 @@ from procedures.words import counted, listed, plural, significant, spelled
 PASS_PROBABILITY = 0.05
 FAIL_PROBABILITY = 0.001
 EXCESS = "the residuals are {} times what the standard errors allow"
-LACKS = "the model lacks something (ask hil reconcile), or they are too small, and with them the ± of its parameters"
+LACKS = "the model lacks something (ask hil reconcile), or they are too small, as every ± allows"
 """Why runs FAIL that would FAIL again if they were measured again."""
 MOVED = "by what the unit went through before it had settled, or by what the model lacks then, too"
 """Why runs FAIL whose soak had not ended."""

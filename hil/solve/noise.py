@@ -4,7 +4,7 @@
 """
 
 import math
-from collections.abc import Sequence, Set
+from collections.abc import Collection, Sequence, Set
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -12,11 +12,13 @@ import numpy as np
 from scipy.special import chdtr, chdtrc, fdtrc
 
 from hil.campaign import Collects, FloatArray, IntArray
+from hil.files.numbers import degrees
 from hil.model.forms import default_form
 from hil.solve.identifiability import orthonormal
 from hil.solve.precision import stated_noise
 from hil.solve.spread import RARE, uneven
 from hil.solve.temperatures import runs_by_temperature
+from procedures.words import significant
 
 _ROUNDING = 1e-6  # of their errors: values that differ by less do not differ
 _COMMON = 1e-3  # of what all runs have in common: less is a difference of poses, and their parameters'
@@ -55,12 +57,15 @@ def noise_left(of_runs: Sequence[tuple[FloatArray, FloatArray] | None], channels
 class Changes:
     """What differs from run to run: its squares, in standard errors, and their degrees of freedom, by channel (c,).
 
-    `certain`: whether errors do not hold beside all parameters, which is noise for certain.
+    `certain`: whether errors do not hold beside all parameters, which is noise for certain. Of a channel that differs
+    more at some temperatures than at others there are none; `uneven` are temperatures with their runs, and how many
+    times its errors it differs by at each, (c,), 1 by chance and of others.
     """
 
     squares: FloatArray
     freedom: FloatArray
     certain: bool = False
+    uneven: Sequence[tuple[float, Sequence[int], FloatArray]] = ()
 
     @cached_property
     def times(self) -> FloatArray:
@@ -78,10 +83,29 @@ class Changes:
             return own
         return np.full(len(own), times(self.squares.sum(), self.freedom.sum(), 1))
 
-    @property
-    def larger(self) -> FloatArray:
-        """How many times as large as stated errors are to be taken, (c,), 1 at least: of nothing is less known."""
-        return np.maximum(self.times, 1.0)
+    def larger_in(self, runs: Collection[int]) -> FloatArray:
+        """How many times as large as stated errors of some runs are to be taken, (c,): 1 at least."""
+        own = [times for _, several, times in self.uneven if not set(several).isdisjoint(runs)]
+        return np.asarray(np.max([np.maximum(self.times, 1.0), *own], axis=0))
+
+    def in_words(self, channels: Sequence[str]) -> list[str]:
+        """Say by how much standard errors are too small or too large, and of which channel that is no one number."""
+        odd = {channel: times for channel, times in zip(channels, self.times.tolist(), strict=True) if times != 1.0}
+        together = len(odd) == len(channels) > 1 and len({*odd.values()}) == 1
+        beside = "their parameters" if self.certain else "bias and MU"
+        said = [
+            f"standard errors of {of} are {significant(max(times, 1.0 / times))} times too "
+            f"{'small' if times > 1.0 else 'large'}, by what runs of one temperature differ in beside {beside}"
+            + ", or another value of the unit changes"
+            * (times > 1.0 and not self.certain)
+            for of, times in ({"all channels together": max(odd.values())} if together else odd).items()
+        ]
+        for c, channel in enumerate(channels):
+            degC, _, times = max(self.uneven, key=lambda each: each[2][c], default=(0.0, (), np.ones(len(channels))))
+            if times[c] > 1.0:
+                at = f"{significant(times[c])} times their standard errors at {degrees(degC)}"
+                said.append(f"averages of {channel} differ by more at some temperatures than at others: by {at}")
+        return said
 
 
 def changes(rows: Collects, runs: Set[int]) -> Changes:
@@ -89,16 +113,15 @@ def changes(rows: Collects, runs: Set[int]) -> Changes:
 
     Among `runs` of the same collects at one known temperature, less what a bias or MU of each makes: where nobody knows
     it GS may follow it. Where that exceeds, beyond chance in all channels together, what no parameter of a run makes,
-    another than these changes, and what none makes is what differs. Nothing of a channel that differs more at some
-    temperatures than at others.
+    another than these changes, and what none makes is what differs.
     """
     conditions, form = rows.conditions, default_form(rows.conditions)
     seen, known = rows.rates_deg_per_hr - conditions.w_channels_deg_per_hr, np.isfinite(rows.rates_deg_per_hr)
     root = np.where(known, 1.0 / np.where(known, rows.rates_se_deg_per_hr, 1.0), 0.0)
     columns, white = form.columns(conditions) * root[..., None], np.where(known, seen, 0.0) * root
     usual = np.array([name.startswith(("B", "MU")) for name in form.names])
-    groups, count, of_each = list(runs_by_temperature(conditions)), known.shape[1], conditions.of_each_run
-    groups = [(degC, several) for degC, several in groups if degC is not None]
+    groups = [(degC, several) for degC, several in runs_by_temperature(conditions) if degC is not None]
+    count, of_each = known.shape[1], conditions.of_each_run
     alike: dict[tuple[int, bytes, bytes], list[IntArray]] = {}
     for k, (_, several) in enumerate(groups):
         for rows_of in (of_each[run] for run in several if run in runs):
@@ -109,12 +132,16 @@ def changes(rows: Collects, runs: Set[int]) -> Changes:
         for beside, of_run in zip(found, (usual, usual | True), strict=True):
             beside[:, k] += _differs(white[each], columns[np.array(each)][..., of_run], root[each])
     certain = bool(np.any(Changes(*found[1].sum(axis=1)).times != 1.0))
-    squares, freedom = found = found[int(_another_changes(*found.sum(axis=(2, 3))))]
-    told = (squares.sum(axis=0) > _ROUNDING**2 * freedom.sum(axis=0)) & ~uneven(
-        squares / np.maximum(freedom, 0.5), np.where(freedom > 0.5, freedom, 0.0)
+    squares, freedom = found[int(_another_changes(*found.sum(axis=(2, 3))))]
+    told = squares.sum(axis=0) > _ROUNDING**2 * freedom.sum(axis=0)
+    times = np.sqrt(squares / np.maximum(freedom, 0.5))
+    odd = uneven(times**2, np.where(freedom > 0.5, freedom, 0.0)) & told
+    more = np.where(odd & (chdtrc(np.maximum(freedom, 0.5), squares) < RARE / max(len(groups), 1)), times, 1.0)
+    by_temperature = [(degC, several, own) for (degC, several), own in zip(groups, more, strict=True)]
+    of_all = told & ~odd
+    return Changes(
+        squares.sum(axis=0) * of_all, freedom.sum(axis=0) * of_all, certain, by_temperature if odd.any() else ()
     )
-    squares, freedom = found.sum(axis=1) * told
-    return Changes(squares, freedom, certain)
 
 
 def _differs(white: FloatArray, columns: FloatArray, root: FloatArray) -> FloatArray:

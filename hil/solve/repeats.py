@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc
 
-from hil.campaign import Campaign, Collects, Conditions, FloatArray, IntArray
+from hil.campaign import BoolArray, Campaign, Collects, Conditions, FloatArray, IntArray
 from hil.files.numbers import degrees
 from hil.solve.noise import Changes, noise_left, shares_of
 from hil.solve.precision import stated_noise, to_record_of
@@ -60,20 +60,18 @@ MISSTATED = 1.5
 class SensorRepeats:
     """One sensor's means, coldest first, and how its parameters scatter from run to run.
 
-    `told_by` is the column whose temperatures those are (None: there is none); `not_used` are runs that FAIL by their
-    own records. `of_each` is one standard deviation of every parameter that a run could tell, by run, and `alike` what
-    of it is the same in every run. `times_of` is by how much more or less than their standard errors averages scatter,
-    by channel, 1 where chance explains it: what differs from run to run, and no parameter that changes there moves,
-    shows it, in runs that nothing is said against; where it cannot be told of which channel, all have the same.
-    `noise_times` (c,) is that, or what residuals exceed them by beyond chance where what differs neither shows nor
-    contradicts it; `same_times` is how much those of channels do that are no noise; `by_noise` is how parameters
-    scatter beside errors as large as noise is. `left_deg_per_hr` (c,) is what residuals make of the noise of rates
-    without errors, NaN where they have some or nothing tells it, `stated` whether they have, and `noise_told` whether
-    anything but those errors tells what noise there is, and `noise_certain` whether what differs can be nothing but
-    noise. `to_record` are columns that nobody recorded and that what scatters beyond noise may follow. `of_means`: rows
-    are printed means of runs, whose standard errors have what these scattered by. `temperature_degC` is that of every
-    run that has one, by run, whether or not it is in a mean. `of_visits` are parameters that differ from visit to visit
-    to a temperature.
+    `told_by` is the column whose temperatures those are (None: there is none); `not_used` are runs that FAIL by
+    their own records. `of_each` is one standard deviation of every parameter that a run could tell, by run, and
+    `alike` what of it is the same in every run. `differ` is what differs from run to run, and no parameter that
+    changes there moves, of runs that nothing is said against. `noise_times` (c,) is that, or what residuals exceed
+    them by beyond chance where what differs neither shows nor contradicts it; `same_times` is how much those of
+    channels do that are no noise; `by_noise` is how parameters scatter beside errors as large as noise is.
+    `left_deg_per_hr` (c,) is what residuals make of the noise of rates without errors, NaN where they have some or
+    nothing tells it, `stated` whether they have, and `noise_told` whether anything but those errors tells what
+    noise there is. `to_record` are columns that nobody recorded and that what scatters beyond noise may follow.
+    `of_means`: rows are printed means of runs, whose standard errors have what these scattered by.
+    `temperature_degC` is that of every run that has one, by run, whether or not it is in a mean. `of_visits` are
+    parameters that differ from visit to visit to a temperature.
     """
 
     names: tuple[str, ...]
@@ -85,17 +83,25 @@ class SensorRepeats:
     not_used: tuple[int, ...] = ()
     of_each: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
     alike: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
-    times_of: Mapping[str, float] = field(default_factory=dict)
+    channels: Sequence[str] = ()
+    differ: Changes = field(default_factory=lambda: Changes(np.zeros(0), np.zeros(0)))
     noise_times: FloatArray = field(default_factory=lambda: np.ones(1))
     same_times: Mapping[str, float] = field(default_factory=dict)
     left_deg_per_hr: FloatArray = field(default_factory=lambda: np.full(1, np.nan))
     stated: bool = True
     noise_told: bool = False
-    noise_certain: bool = False
     to_record: Sequence[str] = ()
     of_means: bool = False
     temperature_degC: Mapping[int, float] = field(default_factory=dict)
     of_visits: Sequence[str] = ()
+
+    @property
+    def times_of(self) -> dict[str, float]:
+        """By how much more or less than their standard errors averages scatter, by channel, 1 where chance explains it.
+
+        Where it cannot be told of which channel that is, all have the same.
+        """
+        return dict(zip(self.channels, self.differ.times.tolist(), strict=True))
 
     def at(self, temperature_degC: float | None) -> MeanAt | None:
         """Return the mean at what is this temperature of another campaign, None where there is none."""
@@ -127,9 +133,8 @@ class SensorRepeats:
 
     def noise(self, errors: FloatArray) -> FloatArray:
         """Return the noise of averages with these standard errors, (n, c), deg/hr each; NaN where nothing tells it."""
-        return np.asarray(
-            self.noise_times * errors if self.stated else np.broadcast_to(self.left_deg_per_hr, errors.shape)
-        )
+        left = np.broadcast_to(self.left_deg_per_hr, errors.shape)
+        return np.asarray(self.noise_times * errors if self.stated else left)
 
     def of_a_collect(self, errors: FloatArray, columns: FloatArray) -> float:
         """Return what the usual collect scatters by, deg/hr: its own noise, and what parameters do from run to run.
@@ -239,16 +244,7 @@ class SensorRepeats:
     @property
     def noise_in_words(self) -> list[str]:
         """Say by how much standard errors are too small or too large, and where residuals are no noise."""
-        odd = {channel: times for channel, times in self.times_of.items() if times != 1.0}
-        together = len(odd) == len(self.times_of) > 1 and len({*odd.values()}) == 1
-        beside = "their parameters" if self.noise_certain else "bias and MU"
-        by_noise = [
-            f"standard errors of {of} are {significant(max(times, 1.0 / times))} times too "
-            f"{'small' if times > 1.0 else 'large'}, by what runs of one temperature differ in beside {beside}"
-            + ", or another value of the unit changes"
-            * (times > 1.0 and not self.noise_certain)
-            for of, times in ({"all channels together": max(odd.values())} if together else odd).items()
-        ]
+        by_noise = self.differ.in_words(self.channels)
         if self.same_times:
             each = listed(f"{channel} {significant(times)} times" for channel, times in self.same_times.items())
             allowed = f"over all runs together residuals are in {each} what standard errors allow"
@@ -257,10 +253,15 @@ class SensorRepeats:
         return by_noise
 
     @property
+    def uneven(self) -> BoolArray:
+        """Which parameters scatter more at some temperatures than at others, (p,): none that noise explains in all."""
+        return np.asarray(self.spread.uneven & self.by_noise.certain)
+
+    @property
     def uneven_in_words(self) -> list[str]:
         """Say which parameters scatter more at some temperatures than at others: no one ± holds at each."""
         told = []
-        for name in (name for name, odd in zip(self.names, self.spread.uneven, strict=True) if odd):
+        for name in (name for name, odd in zip(self.names, self.uneven, strict=True) if odd):
             most = max(self.means, key=lambda mean: np.nan_to_num(mean.scatter.get(name, 0.0)))
             told.append(f"{name} (most at {degrees(most.temperature_degC)}, {numbered('run', most.runs)})")
         how = f"{'scatters' if len(told) == 1 else 'scatter'} more at some temperatures than at others"
@@ -280,8 +281,7 @@ def repeats(
     campaign: Campaign, solutions: Sequence[RunSolution], alike: Grouping = runs_by_temperature
 ) -> dict[int, SensorRepeats]:
     """Return what repeats show of each sensor that some run was solved for: of one temperature, or as told `alike`."""
-    found = {}
-    used = treated(campaign)
+    found, used = {}, treated(campaign)
     for number, collects in used.sensors.items():
         runs = collects.conditions.run.tolist()
         own = [each for each in solutions if each.sensor == number and not set(each.runs).isdisjoint(runs)]
@@ -385,13 +385,13 @@ def _of_sensor(
         not_used=not_used,
         of_each={e.runs[0]: {n: u.sd for n, u in shown.of_run(e).items()} for e in own},
         alike={e.runs[0]: dict(zip(units, of, strict=True)) for e, of in zip(own, alike, strict=True)},
-        times_of=dict(zip(channels, times.tolist(), strict=True)),
+        channels=channels,
+        differ=differ,
         noise_times=noise_times,
         same_times={c: float(of) for c, of, is_so in zip(channels, residual_times, contradicted, strict=True) if is_so},
         by_noise=by_noise,
         to_record=to_record_of((n for n, odd in zip(units, by_noise.certain, strict=True) if odd), rows.conditions),
         stated=stated,
-        noise_certain=differ.certain,
         of_visits=[name for name, more in zip(units, of_visits, strict=True) if more],
         noise_told=bool(freedom.sum() + differ.freedom.sum() > 0.5 or np.isfinite(noise).all()),
     )

@@ -146,7 +146,7 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None, sensor: in
     for number, wrong in rows.items():
         solved = [*_solved(wrong.collects, model_name)]
         beside = _Beside.of(campaign, number, wrong, used[number])
-        left = [np.sum(each.of_channels[0] / beside.differ.larger**2) for each in solved]
+        left = [np.sum(each.of_channels[0] / beside.differ.larger_in(each.runs) ** 2) for each in solved]
         among = _of_as_many([(float(of), each.degrees) for of, each in zip(left, solved, strict=True) if each.tells])
         own = [_described(number, each, among, wrong.collects, beside) for each in solved]
         runs, layout = set(used[number].conditions.run.tolist()), used[number].conditions.sensor
@@ -170,6 +170,11 @@ class _Solved:
     def tells(self) -> bool:
         """Whether residuals tell anything of stated standard errors."""
         return self.sigma is not None and self.degrees > 0
+
+    @property
+    def runs(self) -> tuple[int, ...]:
+        """The runs that it is of."""
+        return tuple(np.unique(self.collects.conditions.run).tolist())
 
     @property
     def degrees(self) -> int:
@@ -294,8 +299,8 @@ def _described(sensor: int, solved: _Solved, among: int, every: Collects, beside
     conditions, noise_stated = collects.conditions, solved.sigma is not None
     unobservable = () if solved.as_contractor else solution.observability.sentences
     equations = int(np.count_nonzero(~np.isnan(solution.residuals)))
-    told, runs = form.without(beside.campaign.taken_as_zero), tuple(np.unique(conditions.run).tolist())
-    settled, times = beside.moving.isdisjoint(runs), beside.differ.larger
+    told, runs = form.without(beside.campaign.taken_as_zero), solved.runs
+    settled, times = beside.moving.isdisjoint(runs), beside.differ.larger_in(runs)
     squares, freedom = solved.of_channels
     if unobservable:
         judged = Judgement(Verdict.INCONCLUSIVE, what_lacks(collects, every, unobservable))

@@ -200,7 +200,18 @@ def test_what_scatters_in_the_cold_only_is_said_and_judged_by_no_limit() -> None
         assert bool(where) is cold
         assert all("(most at -20.0 °C, runs 1–4)" in said and "hil scatter" not in said for said in where)
         assert not any("too small" in said for said in shown.sentences())  # standard errors hold elsewhere
-        assert bool(shown.spread.uneven[shown.names.index("MUA")]) is cold
+        assert bool(shown.uneven[shown.names.index("MUA")]) is cold
+
+
+def test_what_noise_explains_at_all_temperatures_scatters_more_at_none() -> None:
+    """Runs of one temperature that agree by chance, or were copied, make no others noisy."""
+    one = runs_at_their_temperatures(16, 4, seed=27, scatter=0.0)
+    rates = one.sensors[2].rates_deg_per_hr.copy()
+    first = rates[:12].reshape(4, 3, 2)
+    first += 0.99 * (first.mean(axis=0) - first)
+    shown = repeats(close := with_rates(one, rates), solve_campaign(close))[2]
+    assert shown.spread.uneven.any()
+    assert not shown.uneven_in_words
 
 
 @pytest.mark.slow

@@ -71,6 +71,26 @@ def test_a_run_is_judged_beside_the_noise_that_its_sensors_repeats_show() -> Non
         assert ", even with those of RB " in each.reason
 
 
+def test_noise_that_is_larger_at_one_temperature_is_that_of_its_runs_and_said() -> None:
+    """Twice as large in the cold, whatever standard errors say: no run there FAILs, and those elsewhere gain none."""
+    failed = []
+    for seed in range(4):
+        made = repeated(12, 3, (0, 1, 2, 0, 1, 2), seed)
+        rows = made.sensors[2]
+        cold = (rows.conditions.run <= 3)[:, None]
+        more = np.random.default_rng(100 + seed).normal(0.0, np.sqrt(3.0), rows.rates_deg_per_hr.shape) * cold
+        solved = solve_campaign(noisy := with_rates(made, rows.rates_deg_per_hr + more))
+        shown = repeats(noisy, solved)[2]
+        failed += [each.run for each in solved if each.verdict is Verdict.FAIL]
+        where = [said for said in shown.cautions if "differ by more at some temperatures than at others" in said]
+        assert where
+        assert all(said.endswith("their standard errors at -20.0 °C") for said in where)
+        larger = np.array([each.differ.larger_in(each.runs) for each in solved])
+        assert larger[:3].max() > 1.5
+        assert larger[3:].max() == 1.0
+    assert failed == []
+
+
 def test_where_nothing_parts_noise_from_another_parameter_both_are_said() -> None:
     """Three collects have no rate more than parameters."""
     made = campaign(12, 3)
