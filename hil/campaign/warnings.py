@@ -1,12 +1,13 @@
 """What is suspicious in a campaign but legal: imported, said, and repeated by every report."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from hil.campaign.data import EARTH_RATE_DEG_PER_HR, TELL_TEMPERATURE, BoolArray, Campaign, Collects, Conditions
 from hil.campaign.header import OF_A_SENSOR, Header
+from hil.campaign.plausibility import accelerations_g
 from hil.campaign.stand_ins import OWN, instead_of_temperature, not_recorded
 from hil.campaign.table import Table, rows_in_words
 from procedures.words import listed, numbered
@@ -18,6 +19,10 @@ F_SUSPICIOUS = 0.02
 
 _LEVEL_DEG_PER_HR = 0.1
 """A horizontal part of the earth rate that is less counts as none."""
+
+_LEANS, _LEANS_G = 5.0, (0.02, 0.1)
+"""Times as far off f as at most positions, and between what: less moves hardly a rate, and more `plausibility` says."""
+_POSITIONS = 4
 
 _USUAL_DEGC = (-100.0, 100.0)
 """Beyond these a temperature is rather in K or °F."""
@@ -76,14 +81,36 @@ def _of_sensor(where: str, collects: Collects, rows: np.ndarray, said: Campaign)
         found.append(f"{at(lacking)}: no {OWN}, and nothing that stands in for it: nothing there is asked to follow it")
     if said.centrifuge or said.rebuilt:
         return found
+    found += [f"{where}: {each}" for each in _leaning(collects)]
     if not conditions.w_deg_per_hr.any():
-        found.append(f"{where}: w is 0 in every row: what there is of the earth rate (15 deg/hr) is in the parameters")
+        found.append(
+            f"{where}: w is 0 in every row: what there is of the earth rate (15 deg/hr) is in the parameters; "
+            "fill w_* by latitude and heading"
+        )
     elif (across := _across(conditions)) > _LEVEL_DEG_PER_HR:
         found.append(
             f"{where}: w is the vertical part of the earth rate: the horizontal part, up to {across:.1f} deg/hr in "
             "any channel, is in the rates, and in no standard error"
         )
     return found
+
+
+def _leaning(collects: Collects) -> Iterator[str]:
+    """Say of a position that the unit's accelerometers are further off f there than at others: f is what should be."""
+    conditions, off = collects.conditions, np.linalg.norm(accelerations_g(collects) - collects.conditions.f_g, axis=1)
+    measured = np.isfinite(off)
+    labels = np.unique(conditions.position[measured]).tolist()
+    if len(labels) < _POSITIONS:
+        return
+    size = np.array([np.median(off[measured & (conditions.position == label)]) for label in labels])
+    usual, (least, most) = float(np.median(size)), _LEANS_G
+    for label, of in zip(labels, size.tolist(), strict=True):
+        if max(least, _LEANS * usual) < of < most:
+            yield (
+                f"at position {label} the accelerometers are {1000.0 * of:.0f} mg off f, at most others "
+                f"{1000.0 * usual:.0f} mg: the unit lies there by {math.degrees(of):.1f}° otherwise than f says, and "
+                "every parameter per g has that"
+            )
 
 
 def off_gravity(conditions: Conditions) -> BoolArray:
