@@ -183,7 +183,7 @@ def _named(
         without = sum(weight for _, weight, f in instead[rival] if id(f) not in before)
         before |= {id(f) for _, _, f in instead[rival]}
         rivals[rival] = replace(_rival(fit, name, effect, probability, rival, instead[rival], own), alone=without)
-    alike = [r for r in rivals.values() if r.alike and r.overlap > IDENTICAL]
+    alike = [r for r in rivals.values() if r.alike and r.overlap > IDENTICAL and not r.refuted]
     withheld = [r for r in alike if r.likely or r.probability > 1.0 - CERTAIN]
     nothing_there = sum(weight for names, weight, f in sets if name not in names and names - f.scatter <= lead)
     sure = probability >= CERTAIN and not (own and nothing_there > BY_CHANCE)

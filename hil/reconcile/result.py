@@ -1,6 +1,6 @@
 """The result of the discrepancy workflow (schema hil.reconciliation/1), as objects and as the JSON document."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -77,10 +77,7 @@ def runs_in_words(runs: Iterable[int]) -> str:
 
 @dataclass(frozen=True)
 class Shape:
-    """What shape of an effect fits one sensor best, and from where to where each part of it may be; `more` has others.
-
-    Those are of what is there more than once: steps at several runs.
-    """
+    """What shape of an effect fits one sensor best, where each part of it may be, and `more`: of several steps."""
 
     values: Mapping[str, float] = field(default_factory=dict)
     may_be: Mapping[str, Sequence[float]] = field(default_factory=dict)
@@ -97,7 +94,7 @@ class Shape:
 class FoundEffect:
     """One effect that was added: its name, fitted parameters, stated probability, that `of_sensor`, and rivals.
 
-    `inside_collects` is what shows in the series only and leaves the averages, and their gap, as they are.
+    `inside_collects` is what shows in the series only and leaves the averages as they are, `follows` what terms do.
     """
 
     id: str
@@ -113,6 +110,7 @@ class FoundEffect:
     experiment: str = ""
     inside_collects: bool = False
     acts_on: str = "mean"
+    follows: Set[str] = frozenset()
     mends_labels: bool = False
     of_sensor: Mapping[int, float] = field(default_factory=dict)
 

@@ -64,7 +64,12 @@ class Rival:
     @property
     def told_apart(self) -> bool:
         """Whether the data make it much more, or much less, probable than the name."""
-        return self.told < 0.5 or self.told > 2.0
+        return self.refuted or self.told > 2.0
+
+    @property
+    def refuted(self) -> bool:
+        """Whether the data make it much less probable than the name."""
+        return self.told < 0.5
 
     @property
     def untold(self) -> bool:

@@ -368,9 +368,11 @@ def _of_sensor(
     beyond = np.array([run_scatter.get(name, 0.0) for name in units])
     spread = Spread.of(values, errors, group, changing, residuals, np.sqrt(common), beyond)
     shown = replace(means_of(units, values, errors, group, at, spread), left_deg_per_hr=noise)
-    visit = {run: k for k, (_, runs) in enumerate(visits(rows.conditions)) for run in runs}
-    of_one_visit = Spread.of(values, errors, np.array([visit[each.runs[0]] for each in own]))
-    of_visits = spread.more_than(of_one_visit)
+    in_visit = {run: k for k, (_, runs) in enumerate(visits(rows.conditions)) for run in runs}
+    visit = np.array([in_visit[each.runs[0]] for each in own])
+    again = np.array([len(np.unique(visit[group == k])) > 1 for k in group])  # at temperatures that were visited again
+    there, of_one = (Spread.of(values[again], errors[again], by[again]) for by in (group, visit))
+    of_visits = there.more_than(of_one)
     by_noise = Spread.of(values, errors, group, np.sqrt(shares @ noise_times**2), residuals, stated_beyond=beyond)
     alike = np.nan_to_num(spread.parts(errors)[1]).tolist()
     return replace(

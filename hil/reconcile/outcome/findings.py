@@ -136,6 +136,7 @@ def described(named: Named, fit: Fitted, scatter: Sequence[FoundScatter]) -> Fou
         physics=physics(named.effect if named.name != NO_NAME else None),
         experiment=getattr(named.effect, "experiment", "") or "Vary the driver alone.",
         acts_on=named.acts_on,
+        follows=frozenset(fit.posterior.term(n, j).follows for n, j in pairs),
     )
 
 

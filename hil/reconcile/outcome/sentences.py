@@ -106,7 +106,8 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
         doubts = ", ".join(told for _, told in of_sensors_in_words(result.solved.of_sensors, set()))
         act += f" That is by the noise that the model states; hil solve without --model does not pass {doubts}."
     likely = kind in {"none", "named", "ambiguous"} and _follows_temperature(result)
-    if likely and not result.calibrated and {effect.acts_on for effect in result.effects} == {"scatter"}:
+    added = [effect for effect in result.effects if not effect.mends_labels]
+    if likely and not result.calibrated and added and not any("temperature" in effect.follows for effect in added):
         tells = f": {AGAIN} tells it from what changes by the run" * alone(result.left.shown)
         first.append(f"what probably follows temperature, and is not in the model (notes){tells}")
     elif likely and result.solved.temperatures:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import Campaign
+from hil.model.effects.catalogue import named as known_as
 from hil.reconcile.naming import LIKELY
 from hil.reconcile.outcome import findings, mistakes, scatter
 from hil.reconcile.outcome.added import Added
@@ -23,6 +24,7 @@ from hil.solve.temperatures import too_few
 from procedures.verdict import NOT_GOOD
 from procedures.words import listed, percent
 
+_ASKED = 0.05  # share of a rival, from which on something is measured to tell it apart
 _CERTAIN = 0.1  # of alpha: a chance below it is a disagreement, whatever is not predicted
 
 
@@ -160,13 +162,18 @@ def _next(found: Answer) -> dict[str, Any] | None:
     """The experiment for the effect of which the name is settled least."""
     fit = found.fit
     for named in sorted(found.names, key=lambda named: named.probability):
-        rival = next((r for r in named.rivals if r.terms or r.remedy), None)
+        asked = [r for r in named.rivals if r.untold or r.share > _ASKED]
+        rival = next((r for r in asked if r.terms or r.remedy), None)
         if named.kind == "named" or (named.kind == NO_NAME and rival is None):
             continue
         if not named.terms:
-            if untried := next((r for r in named.rivals if r.remedy), None):
-                return without_collects(f"{untried.remedy} separates {named.name} from {untried.id}")
-            continue
+            if rival is None:
+                continue
+            places = next(iter(rival.terms.items()), None)
+            effect = None if places is None else fit.posterior.term(*places).candidate.effect
+            if rival.remedy or effect is None:
+                return without_collects(f"{rival.remedy} separates {named.name} from {rival.id}")
+            return without_collects(f"separates {named.name} from {rival.id}: {known_as(effect).experiment}")
         shared = [n for n in named.terms if rival is not None and n in rival.terms]
         number = shared[0] if shared else next(iter(named.terms))
         at = named.terms[number]

@@ -95,11 +95,12 @@ def test_whoever_reads_that_a_model_holds_reads_at_which_temperatures(found: Rec
     """What is held out stands at a temperature that other runs have: of others hil thermal speaks."""
     held = "The model holds at temperatures that were measured: how far off it may be at others, hil thermal says."
     assert held not in what_to_do(found)[1]
-    for changed in ({"follows": [("temperature", 0.9)]}, {"calibration": "per temperature"}):
+    warm = {"effects": [replace(each, follows={"temperature"}) for each in found.effects]}
+    for changed in ({"follows": [("temperature", 0.9)], **warm}, {"calibration": "per temperature"}):
         assert what_to_do(replace(found, **changed))[1].endswith(held)  # type: ignore[arg-type]
         assert held in page(replace(found, **changed))  # type: ignore[arg-type]
     assert held not in what_to_do(replace(found, follows=[("temperature", 0.3)]))[1]
-    only = replace(found, follows=[("temperature", 0.9)], effects=[replace(found.effects[0], acts_on="scatter")])
+    only = replace(found, follows=[("temperature", 0.9)], effects=[replace(found.effects[0], follows=frozenset())])
     unsaid = "what probably follows temperature, and is not in the model (notes)"
     assert f"{unsaid}. " in what_to_do(only)[1]
     assert held not in what_to_do(only)[1]
@@ -107,7 +108,9 @@ def test_whoever_reads_that_a_model_holds_reads_at_which_temperatures(found: Rec
     once = replace(shown, means=[*shown.means[:-1], replace(shown.means[-1], runs=shown.means[-1].runs[:1])])
     told = what_to_do(replace(only, left=replace(found.left, shown={2: once})))[1]
     assert f"{unsaid}: a second run at a temperature that has one tells it from what changes by the run" in told
-    nowhere = replace(found, follows=[("temperature", 0.9)], solved=replace(found.solved, temperatures=0))
+    nowhere = replace(
+        found, follows=[("temperature", 0.9)], effects=warm["effects"], solved=replace(found.solved, temperatures=0)
+    )
     assert "The model holds" not in what_to_do(nowhere)[1]
 
 

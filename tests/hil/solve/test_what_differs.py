@@ -160,3 +160,12 @@ def test_what_visits_to_a_temperature_differ_by_is_said_of_every_uncertainty(
         found += [said for said in repeats(made, solve_campaign(made))[2].sentences() if "between visits" in said]
     assert len(found) == told
     assert all(said.startswith("BA differs between visits to one temperature by more than runs") for said in found)
+
+
+def test_what_scatters_at_a_temperature_that_was_visited_once_hides_no_difference_of_visits() -> None:
+    """A bias that moves between the two runs at 50 °C, and stays, is seen at the temperatures that were met again."""
+    made = up_and_down(3, scatter=1.0)
+    run = made.sensors[2].conditions.run
+    moved = with_rates(made, made.sensors[2].rates_deg_per_hr + np.outer(np.where(run > 5, 25.0, 0.0), [1.0, 0.0]))
+    assert "BA" in seen(moved).of_visits
+    assert "BA" not in seen(made).of_visits
