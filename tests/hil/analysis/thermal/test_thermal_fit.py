@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hil.analysis.published.table import read_published_table
-from hil.analysis.thermal.document import thermal_document
+from hil.analysis.thermal.document import thermal_document, verdict_in_words
 from hil.analysis.thermal.fit import ParameterFit, ThermalFit, fit_thermal
 from hil.bench import build_bench
 from hil.campaign.reader import read_campaign
@@ -222,6 +222,8 @@ def test_hysteresis_is_estimated_where_temperatures_were_reached_from_both_sides
     assert not other["seen"]
     assert sensor.parameters["BA"].form == "linear"
     assert any("values are the middle between both directions" in note for note in sensor.notes)
+    assert "improves this unit" in (said := verdict_in_words(sensor))
+    assert "it may be time" not in said
     shown = repeats(night, solve_campaign(night))[2]
     layout = sensor.layout
     with_it = shown.of_a_collect(layout.collects.rates_se_deg_per_hr, layout.columns)
