@@ -22,6 +22,8 @@ _SHAPES = {
     "tau_s": "time constant {:g} s",
     "half_width_degC": "half width {:g} °C",
     "from_degC": "the unit coming from {:g} °C",
+    "nominal_V": "nominal {:.4g} V",
+    "nominal_us": "nominal {:.5g} µs",
 }
 
 

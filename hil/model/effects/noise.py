@@ -233,6 +233,7 @@ class GaussMarkovBias(VarianceEffect):
     """
 
     id = "markov"
+    odds = 3.0  # what the field describes a bias that wanders by: its limits are special cases
     follows = "time"
     title = "Bias that wanders, correlated over a time"
     equation = "cov(B(t1), B(t2)) = sigma_m^2 exp(-|t2 - t1| / tau)"

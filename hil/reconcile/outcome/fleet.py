@@ -71,7 +71,8 @@ def fleet_sentences(found: Screened) -> Iterator[str]:
     worth, shared = [each for each in found.units if each.worth], _shared(found)
     called = f": of those called, at most {LEVEL:.0%} on average lack nothing"
     beside = sorted({number for number, _ in shared} - {each.layout for each in worth})
-    few = f"; a few of {numbered('layout', beside)} do, for what they share" if beside else ""
+    alone = "by themselves" if len(worth) > 1 else "by itself"
+    few = f" {alone}; a few of {numbered('layout', beside)} do, for what they share" if beside else ""
     yield (
         f"{len(worth) or 'none'} of {_counted(found.units)} deserve{'s' * (len(worth) < 2)} a full hil reconcile"
         f"{called * bool(worth)}{few}"

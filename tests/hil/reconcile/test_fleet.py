@@ -348,7 +348,7 @@ def test_calibrations_of_one_unit_are_counted_as_what_they_are(serials: str, sai
     ]
     shared = SharedFinding("supply", 0.9, 0.001, 1.0, False)
     lines = list(fleet_sentences(Screened("matrix-6", units, [(1, shared)], {}, ())))
-    few = "; a few of layout 1 do, for what they share" * (len(serials) > 1)
+    few = " by itself; a few of layout 1 do, for what they share" * (len(serials) > 1)
     assert lines[0] == f"none of {said} deserves a full hil reconcile{few}"
     assert [line for line in lines if "deserve" in line] == lines[:1]
     assert [line for line in lines if line.startswith(f"layout 1: its {said} together")] == lines[1:2] * (
