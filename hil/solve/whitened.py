@@ -52,8 +52,8 @@ class Whitened:
     """
 
     def __init__(self, collects: Collects, own_bias: Collection[int] = ()) -> None:
-        self._lay(collects, own_bias, np.ones(collects.rates_deg_per_hr.shape[1]))
-        if np.any((level := self._level()) > 1.0):  # a channel that is noisier tells less, whatever its errors say
+        self._lay(collects, own_bias, np.ones(collects.rates_deg_per_hr.shape))
+        if np.any((level := self._level()) > 1.0):  # what is noisier tells less, whatever its errors say
             self._lay(collects, own_bias, level)
 
     def _lay(self, collects: Collects, own_bias: Collection[int], level: FloatArray) -> None:
@@ -71,7 +71,7 @@ class Whitened:
         own, steady = columns[..., of_run], columns[..., ~of_run]
         seen = np.where(self.known, rates - conditions.w_channels_deg_per_hr, 0.0) * self.weight
         groups = runs_by_temperature(conditions)
-        at = np.array([np.isin(conditions.run, of) for _, of in groups])
+        at = self._at = np.array([np.isin(conditions.run, of) for _, of in groups])
         self._runs = conditions.of_each_run
         scatter = _scatter(conditions, form.names, of_run, columns, seen, groups, at)
         group_of = {run: k for k, (_, runs) in enumerate(groups) for run in runs}
@@ -114,18 +114,23 @@ class Whitened:
         self.freedom = float(taken) + several - float(np.sum(basis[seen.size :] ** 2))
 
     def _level(self) -> FloatArray:
-        """Return how many times noisier than the quietest each channel is (c,): 1 where few rates tell, or hardly.
+        """Return how many times noisier than the quietest channel, and than is usual at its temperature, rates are.
 
-        None is quieter than its standard errors say, where these are stated.
+        That is (n, c), and 1 where few rates tell, or hardly. None is quieter than its standard errors say, where these
+        are stated.
         """
-        left = [np.abs(rates[known]) for rates, known in zip(self._left.T, self.known.T, strict=True)]
-        size = np.array([np.quantile(of, _SHARE) if len(of) else 0.0 for of in left])
-        freedom = max(self.freedom, 0.0)
-        least = np.sqrt(0.5 * freedom / max(int(self.known.sum()), 1)) / _SIGMA if self.stated else 0.0
-        times = size / max(float(np.min(size[size > 0.0], initial=np.inf)), least)
-        each = freedom / len(size)
-        level = np.maximum(times, 1.0) ** (each / (each + _OF_A_CHANNEL))
-        return np.where(level > _NOISIER, level, 1.0)
+        freedom, known = max(self.freedom, 0.0), self.known
+        left, every = np.abs(self._left), max(int(known.sum()), 1)
+        least = np.sqrt(0.5 * freedom / every) / _SIGMA if self.stated else 0.0
+        size = np.array([_usual(left[:, c][known[:, c]]) for c in range(known.shape[1])])
+        quietest = max(float(np.min(size[size > 0.0], initial=np.inf)), least)
+        of_channel = _noisier(size / quietest, np.full(len(size), freedom / len(size)))
+        at = self._at[:, :, None] & known
+        size = np.array([_usual((left / of_channel)[here]) for here in at])
+        of_temperature = _noisier(
+            size / max(float(np.median(size)), least, _APART), freedom * at.sum(axis=(1, 2)) / every
+        )
+        return np.asarray(of_channel * np.max(np.where(self._at, of_temperature[:, None], 1.0), axis=0)[:, None])
 
     def of(self, run: int) -> tuple[FloatArray, FloatArray]:
         """Return what squares (k·c, k·c) and products (k·c,) of changes to a run's rates, in standard errors, add."""
@@ -173,6 +178,17 @@ class Whitened:
         numbers, count = np.unique(place, return_counts=True)
         channels = np.eye(self.known.shape[1]) * self.weight[..., None]
         return [(place == each)[:, None, None] * channels for each in numbers[(count >= _REPEATED) & (numbers >= 0)]]
+
+
+def _usual(left: FloatArray) -> float:
+    """Return the size that a share of some rates is below, which a few that are wrong do not move; 0 of none."""
+    return float(np.quantile(left, _SHARE)) if left.size else 0.0
+
+
+def _noisier(times: FloatArray, freedom: FloatArray) -> FloatArray:
+    """Return how many times noisier some rates are, (k,), as far as their degrees of freedom tell: 1 where hardly."""
+    level = np.maximum(times, 1.0) ** (freedom / (freedom + _OF_A_CHANNEL))
+    return np.where(level > _NOISIER, level, 1.0)
 
 
 _once = lru_cache(maxsize=4)(Whitened)
