@@ -14,6 +14,7 @@ from hil.solve import repeats, solve_campaign
 from hil.solve.judged import FAIL_PROBABILITY, LACKS, MOVED
 from hil.solve.noise import changes
 from hil.solve.repeats import SensorRepeats
+from hil.solve.wrong_rows import wrong_rows
 from procedures.verdict import Verdict
 from tests.hil.solve.runs_of_a_unit import campaign, repeated, up_and_down, with_column, with_rates
 
@@ -71,15 +72,30 @@ def test_a_run_is_judged_beside_the_noise_that_its_sensors_repeats_show() -> Non
         assert ", even with those of RB " in each.reason
 
 
+def noisy_in_the_cold(times: float, seed: int) -> Campaign:
+    """Return twelve runs of six collects whose averages scatter by so many times more at the first setpoint."""
+    made = repeated(12, 3, (0, 1, 2, 0, 1, 2), seed)
+    rows = made.sensors[2]
+    cold = (rows.conditions.run <= 3)[:, None]
+    more = np.random.default_rng(100 + seed).normal(0.0, np.sqrt(times**2 - 1.0), rows.rates_deg_per_hr.shape) * cold
+    return with_rates(made, rows.rates_deg_per_hr + more)
+
+
+@pytest.mark.parametrize(("times", "seed"), [(2.5, 1), (2.5, 3), (3.0, 3)])
+def test_no_sound_collect_is_left_out_where_all_are_noisier_at_a_temperature(times: float, seed: int) -> None:
+    """By the noise of all others two of eighteen were; one that is far off even there is."""
+    noisy = noisy_in_the_cold(times, seed)
+    assert wrong_rows(noisy)[2].rows == ()
+    rates = noisy.sensors[2].rates_deg_per_hr.copy()
+    rates[8] += 60.0
+    assert (9,) in [wrong.collects for wrong in wrong_rows(with_rates(noisy, rates))[2].rows]
+
+
 def test_noise_that_is_larger_at_one_temperature_is_that_of_its_runs_and_said() -> None:
     """Twice as large in the cold, whatever standard errors say: no run there FAILs, and those elsewhere gain none."""
     failed = []
     for seed in range(4):
-        made = repeated(12, 3, (0, 1, 2, 0, 1, 2), seed)
-        rows = made.sensors[2]
-        cold = (rows.conditions.run <= 3)[:, None]
-        more = np.random.default_rng(100 + seed).normal(0.0, np.sqrt(3.0), rows.rates_deg_per_hr.shape) * cold
-        solved = solve_campaign(noisy := with_rates(made, rows.rates_deg_per_hr + more))
+        solved = solve_campaign(noisy := noisy_in_the_cold(2.0, seed))
         shown = repeats(noisy, solved)[2]
         failed += [each.run for each in solved if each.verdict is Verdict.FAIL]
         where = [said for said in shown.cautions if "differ by more at some temperatures than at others" in said]
