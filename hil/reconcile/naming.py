@@ -17,7 +17,7 @@ from hil.reconcile.follows import Follows, what_it_follows
 from hil.reconcile.rivals import CERTAIN, LEAST, Rival
 from hil.reconcile.search.fitted import Fitted, fitted
 from hil.reconcile.search.posterior import Found, Posterior
-from hil.reconcile.search.terms import IDENTICAL, NO_NAME, Term
+from hil.reconcile.search.terms import NO_NAME, Term
 from hil.reconcile.unrecorded import own_share, unasked
 from hil.solve.explained import CERTAIN as DONE
 
@@ -183,11 +183,9 @@ def _named(
         without = sum(weight for _, weight, f in instead[rival] if id(f) not in before)
         before |= {id(f) for _, _, f in instead[rival]}
         rivals[rival] = replace(_rival(fit, name, effect, probability, rival, instead[rival], own), alone=without)
-    alike = [r for r in rivals.values() if r.alike and r.overlap > IDENTICAL and not r.refuted]
-    withheld = [r for r in alike if r.likely or r.probability > 1.0 - CERTAIN]
     nothing_there = sum(weight for names, weight, f in sets if name not in names and names - f.scatter <= lead)
     sure = probability >= CERTAIN and not (own and nothing_there > BY_CHANCE)
-    named = sure and not withheld and name not in beside
+    named = sure and name not in beside and not any(rival.withholds for rival in rivals.values())
     kind = NO_NAME if name == NO_NAME else "named" if named else "ambiguous"
     share = own_share(beside, name)
     of_sensor = {

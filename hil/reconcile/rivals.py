@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hil.files.document import picked
+from hil.reconcile.search.terms import IDENTICAL
 from hil.solve.identifiability import SAME_CLASS
 
 CERTAIN = 0.8
@@ -73,6 +74,12 @@ class Rival:
     def refuted(self) -> bool:
         """Whether the data make it much less probable than the name."""
         return self.told < 0.5
+
+    @property
+    def withholds(self) -> bool:
+        """Whether it is as usual, or hardly less probable, and the data do not tell the two apart, or would have it."""
+        same = self.alike and not self.refuted and (self.overlap > IDENTICAL or self.told_apart)
+        return same and (self.likely or self.probability > 1.0 - CERTAIN)
 
     @property
     def untold(self) -> bool:

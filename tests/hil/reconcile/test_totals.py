@@ -101,6 +101,26 @@ def test_a_term_without_a_name_says_how_far_it_moves_the_rate() -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    ("overlap", "told", "likely", "probability", "withholds"),
+    [
+        (0.995, 1.0, True, 0.01, True),  # the same in these collects
+        (0.995, 0.1, True, 0.01, False),  # which the data tell apart all the same
+        (0.98, 1.0, True, 0.01, False),  # nearly the same, and no more probable by the data
+        (0.98, 50.0, True, 0.01, True),  # but for physics the data would have it
+        (0.995, 1.0, False, 0.01, False),  # an accident of the order, and hardly probable
+        (0.995, 1.0, False, 0.3, True),
+        (0.5, 50.0, True, 0.3, False),  # looks otherwise
+    ],
+)
+def test_what_the_data_refute_withholds_no_name(
+    overlap: float, told: float, likely: bool, probability: float, withholds: bool
+) -> None:
+    """GS_T at 99.7 % was ambiguous beside a scale factor that the data made a hundredth as probable."""
+    rival = Rival("scale", probability, overlap, bayes_factor=told, prior_odds=1.0, likely=likely)
+    assert rival.withholds is withholds
+
+
 def test_what_the_data_say_of_a_rival_stands_apart_from_what_was_known_before() -> None:
     """1.00 and 0.00 beside "ambiguous" is no contradiction where physics alone ranks the two, and says so."""
     said = Rival("k2", 0.1, 0.0, bayes_factor=1.0, prior_odds=0.0004).in_words
