@@ -29,6 +29,7 @@ def test_of_a_simulated_bench_every_answer_is_marked_simulated(
     assert json.loads(capsys.readouterr().out)["simulated"] is True
 
 
+@pytest.mark.slow
 def test_an_option_that_would_not_be_read_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A bench, of collects that were measured; an earlier campaign, where no limit is of a change."""
     folder = str(written("good", tmp_path / "good"))

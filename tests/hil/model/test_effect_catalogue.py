@@ -125,6 +125,7 @@ def test_covariances_are_symmetric_and_never_negative(data: str) -> None:
             assert np.linalg.eigvalsh(covariance).min() >= -1e-9 * max(np.abs(covariance).max(), 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", VARIANCE_EFFECTS, ids=_named)
 def test_draws_scatter_as_the_covariance_says(effect: VarianceEffect) -> None:
     """Over many draws, whatever the order of the rows: every covariance within 6 standard errors, none left out."""

@@ -100,6 +100,7 @@ def test_a_notification_that_fails_is_on_record_without_its_address_and_harms_no
     assert "token-of-mine" not in " ".join(failed)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # apprise's own imports
 def test_apprise_sends_what_it_understands(receiver: Receiver) -> None:
     """`json://` is apprise's own POST."""

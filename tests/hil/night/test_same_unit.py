@@ -79,6 +79,7 @@ def test_the_same_unit_goes_on_and_says_so(tmp_path: Path, fault: str, asked: in
     assert replay_night(tmp_path / "n")["identical"]
 
 
+@pytest.mark.slow
 def test_a_unit_that_does_not_say_who_it_is_any_more_is_not_believed(tmp_path: Path) -> None:
     """It streams good frames, and no sample of it counts: after a minute the night is over, for that reason."""
     text = "at: 5 min, kind: silence, duration: 20 s}, {device: imu, at: 5 min, kind: silent_identity"

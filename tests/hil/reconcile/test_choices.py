@@ -252,6 +252,7 @@ def test_where_no_driver_is_sure_it_is_said_of_which_few_one_is() -> None:
     assert found(dict.fromkeys(("time", "pose", "supply", "run", "heading"), 0.2)).one_of is None
 
 
+@pytest.mark.slow
 def test_a_tied_parameter_brings_its_gain_into_the_evidence(supplied: tuple[Posterior, Reading]) -> None:
     """Both channels' evidence together is that of each, and what it is worth that one number serves both."""
     search = supplied[0].searches[2]
@@ -264,6 +265,7 @@ def test_a_tied_parameter_brings_its_gain_into_the_evidence(supplied: tuple[Post
     assert together[0][0] + together[1][0] == pytest.approx(apart[0][0] + apart[1][0] + gain)
 
 
+@pytest.mark.slow
 def test_what_one_block_alone_has_gains_nothing_by_being_one_number(supplied: tuple[Posterior, Reading]) -> None:
     """Of an axis in which nothing is missing there are no amplitudes, and no fewer than none."""
     search = supplied[0].searches[2]
@@ -272,6 +274,7 @@ def test_what_one_block_alone_has_gains_nothing_by_being_one_number(supplied: tu
     assert tied_gains([(weighed, without, [place])]) == pytest.approx([0.0], abs=1e-9)
 
 
+@pytest.mark.slow
 def test_sets_that_are_weighed_side_by_side_gain_what_each_gains_by_itself(
     supplied: tuple[Posterior, Reading],
 ) -> None:

@@ -65,7 +65,8 @@ def test_where_nothing_is_added_no_gap_shrinks() -> None:
     assert result.gap.after == result.gap.before
 
 
-@pytest.mark.parametrize("kind", ["white", *(pytest.param(kind, marks=pytest.mark.slow) for kind in KINDS)])
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["white", *KINDS])
 def test_nothing_missing_is_called_none_or_at_least_nothing_that_moves_averages(kind: str) -> None:
     """One campaign of each kind of noise at a level of 1 %; `benchmarks.blind.score --only nulls` asks hundreds.
 

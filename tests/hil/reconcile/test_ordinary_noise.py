@@ -83,6 +83,7 @@ def test_what_is_asked_with_it_has_nothing_to_add(found: Reconciliation, tmp_pat
     assert all(each["observed_deg_per_hr"] < 1.3 * each["explained_deg_per_hr"] for each in again.noise)
 
 
+@pytest.mark.slow
 def test_by_whose_noise_nobody_has_to_act_is_said(found: Reconciliation) -> None:
     """By that of the model that was read: what hil solve does not pass without it stands beside what needs nobody."""
     passed = replace(found, input_model=found.model_after, left=Solved(), solved=Solved({"FAIL": {2: [1]}}), noise=[])

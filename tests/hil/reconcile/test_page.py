@@ -61,6 +61,7 @@ def test_no_legend_lies_on_points(monkeypatch: pytest.MonkeyPatch) -> None:
     assert axes.get_title(loc="left") == "sensor 2, RA, before"
 
 
+@pytest.mark.slow
 def test_pictures_run_over_what_most_of_it_follows_and_show_where_something_is(
     aged: Reconciliation, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -152,6 +153,7 @@ def test_it_fits_a_phone_and_paper_and_is_dark_where_its_reader_is(
     assert tab.evaluate(f"{kept.replace('() => ', '() => (')}).map(e => e.breakAfter)") == ["avoid"] * 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("odds", "said"),
     [
@@ -194,6 +196,7 @@ def test_what_the_data_exclude_is_not_said_to_be_the_same(
     assert ("cannot tell" in told) == any("cannot tell it" in each.in_words for each in rivals)
 
 
+@pytest.mark.slow
 def test_physics_expects_no_curve(aged: Reconciliation) -> None:
     """What has no name is not expected, however probable; a named rival beside it is judged as if it were not there."""
     curve = Rival("empirical: B × elapsed", 0.3, 0.99, "B follows elapsed", 1.0, 9.0)
@@ -206,6 +209,7 @@ def test_physics_expects_no_curve(aged: Reconciliation) -> None:
     assert told.endswith("apart; physics expects a: by how usual it is at this size, 10 times as probable.")
 
 
+@pytest.mark.slow
 def test_a_title_beside_an_id_keeps_its_own_words(aged: Reconciliation) -> None:
     """A title may have a word in it that is another effect's id: it is that title's word."""
     rivals = [Rival("drift", 0.2, 0.99, "Linear drift between collects"), Rival("k2", 0.1, 0.99, "g squared")]
@@ -215,6 +219,7 @@ def test_a_title_beside_an_id_keeps_its_own_words(aged: Reconciliation) -> None:
     assert told == f"{wanted} (drift)"
 
 
+@pytest.mark.slow
 def test_everything_that_it_surely_follows_is_said(aged: Reconciliation) -> None:
     """Two effects follow two things; where nothing is sure, the likeliest is said with its probability."""
     both = replace(aged, follows=[("time", 0.999), ("run", 0.9), ("supply", 0.4)])

@@ -83,6 +83,7 @@ def test_places_are_the_collects_in_which_the_effect_acts(
     assert agreement(found, truth > 0.25 * truth.max()) > 0.8
 
 
+@pytest.mark.slow
 def test_a_corner_is_one_place_with_the_size_that_is_there(cornered: tuple[Reconciliation, Rows]) -> None:
     """One channel, one position, the cold half: one place, by its temperatures, and its size within the error.
 

@@ -69,6 +69,7 @@ def swap_beside_supply() -> Reconciliation:
     return found(exchanged(hidden_campaign(7, supply), (21, 22)))
 
 
+@pytest.mark.slow
 def test_the_gap_before_is_that_of_the_labels_in_the_file(swap_alone: Reconciliation) -> None:
     """Raw and standardised: much before, noise after."""
     gap = swap_alone.gap
@@ -88,6 +89,7 @@ def test_the_gap_after_is_that_of_a_file_with_the_right_labels(
     assert swap_alone.gap.standardised_after == pytest.approx(clean.standardised_after, rel=ALIKE)
 
 
+@pytest.mark.slow
 def test_noise_alone_does_not_exchange_labels(swap_alone: Reconciliation) -> None:
     """The chance of the exchange counts: the search over the mended rates found nothing, nor a rate that is wrong."""
     assert swap_alone.verdict == "named"
@@ -108,6 +110,7 @@ def test_the_picture_shows_the_two_collects_before_and_nothing_after(swap_alone:
     assert max(abs(row["held_after"] / row["noise_after"]) for row in rows) < 4.5
 
 
+@pytest.mark.slow
 def test_the_labels_are_to_be_corrected_and_the_model_stays(swap_alone: Reconciliation) -> None:
     """One sentence says which collects of the file; model.yaml is the model that went in, but for its noise."""
     (note,) = [note for note in swap_alone.notes if "collects.csv" in note]

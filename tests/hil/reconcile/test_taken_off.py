@@ -35,6 +35,7 @@ def found(night: Campaign) -> Reconciliation:
     return reconcile(night, "matrix-6", prove=False)
 
 
+@pytest.mark.slow
 def test_a_run_that_fails_by_what_was_found_is_not_held_against_the_model(found: Reconciliation) -> None:
     """Every run FAILs against the form that lacks the drift; with it taken off none does."""
     assert [effect.id for effect in found.effects] == ["drift"]

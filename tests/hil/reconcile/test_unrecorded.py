@@ -284,14 +284,15 @@ def test_a_remainder_follows_temperature_where_the_bias_is_no_straight_line() ->
     assert {effect.id for effect in found} == {"bias_T", "soak_insufficient"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("columns", "lacks"),
     [
-        pytest.param((), True, marks=pytest.mark.slow),
+        ((), True),
         (("setpoint_degC",), True),
-        pytest.param(("a copy of it", "setpoint_degC"), True, marks=pytest.mark.slow),
-        pytest.param(("one number",), True, marks=pytest.mark.slow),
-        pytest.param(("temperature_degC", "setpoint_degC"), False, marks=pytest.mark.slow),
+        (("a copy of it", "setpoint_degC"), True),
+        (("one number",), True),
+        (("temperature_degC", "setpoint_degC"), False),
     ],
 )
 def test_what_changes_from_run_to_run_may_follow_a_temperature_that_nobody_recorded(

@@ -79,7 +79,8 @@ def kill(child: subprocess.Popen[bytes]) -> list[str]:
     return [line.decode().strip() for line in out.splitlines(keepends=True) if line.endswith(b"\n")]
 
 
-@pytest.mark.parametrize("kills", [2, pytest.param(4, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("kills", [2, 4])
 def test_what_was_committed_survives_kills_at_random_instants(long_night: Path, kills: int) -> None:
     """Every step that was reported as done is there once, with its blocks intact; nothing else is claimed."""
     promised: list[str] = []

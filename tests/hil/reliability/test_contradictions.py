@@ -67,6 +67,7 @@ def by_hand(folder: Path, lasts: str, settle: str) -> tuple[str, list[Attempt], 
         return outcome.state, [each for each in journal.attempts() if each.step_key == "T1/S1/C3/collect"], asked
 
 
+@pytest.mark.slow
 def test_an_operator_is_asked_again_with_the_reason_and_no_sample_is_taken_before(tmp_path: Path) -> None:
     """Laid wrong once: the first attempt has no samples, the second is good, and so is the night."""
     state, attempts, asked = by_hand(tmp_path / "n", "30 s", "60 s")
@@ -86,7 +87,8 @@ def test_without_time_to_settle_the_collect_itself_is_contradicted(tmp_path: Pat
     assert "lies as in position 5" in attempts[-1].reason
 
 
-@pytest.mark.parametrize("nights", [1, pytest.param(3, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("nights", [1, 3])
 def test_nothing_is_said_of_a_night_with_nothing_wrong(nights: int) -> None:
     """Of the shapes that the benchmark carries out by the thousand."""
     for told in clean(nights, seed=77):

@@ -159,6 +159,7 @@ def test_a_fault_ends_a_night_for_its_own_reason_or_not_at_all(
     assert [each for each in verify_night(tmp_path / "n")["problems"] if not each.startswith("missing")] == []
 
 
+@pytest.mark.slow
 def test_a_full_disk_has_room_again(tmp_path: Path) -> None:
     """A night that a full disk ended is carried on when the fault is over."""
     bench = bench_with("{at: T1/S1/C2/collect, device: disk, kind: full, duration: 10 min}")

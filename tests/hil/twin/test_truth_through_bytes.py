@@ -73,6 +73,7 @@ def pulls_of(folder: Path, benches: list[LiveBench], runs: int, seeds: range) ->
     return pulls
 
 
+@pytest.mark.slow
 def test_the_truth_comes_back_within_its_errors(tmp_path: Path, benches: list[LiveBench]) -> None:
     """Five self-calibrations of both sensors: no estimate is off by more than chance could, and none leans one way."""
     for name, values in pulls_of(tmp_path, benches, 5, range(1)).items():

@@ -90,6 +90,7 @@ def test_table_1_varies_with_temperature_far_beyond_repeatability(name: str, exp
     assert chi_square == pytest.approx(expected, rel=0.02)
 
 
+@pytest.mark.slow
 def test_known_forms_are_found_with_their_coefficients(smooth: ThermalFit) -> None:
     """Linear, cubic, linear, linear, constant, constant; each coefficient within four standard errors."""
     found = smooth.sensors[2].parameters
@@ -187,6 +188,7 @@ def test_a_fitted_curve_refuses_to_be_extrapolated(curve: Constant | Polynomial 
             curve.at([0.0, outside])
 
 
+@pytest.mark.slow
 def test_the_model_file_is_read_back_solves_and_drives_the_twin(smooth: ThermalFit, tmp_path: Path) -> None:
     """Written, read, evaluated at the campaign's rows, refused beyond its range, and used by solve and the bench."""
     save_model(smooth.model(), tmp_path / "thermal.yaml")
@@ -269,6 +271,7 @@ def test_a_curve_that_no_form_describes_is_no_hysteresis() -> None:
     assert abs(fit.hysteresis.values[0]) < fit.hysteresis.half_width[0] < 1.0
 
 
+@pytest.mark.slow
 def test_one_direction_alone_gives_no_hysteresis_and_says_what_that_means(smooth: ThermalFit) -> None:
     """The curves then hold hysteresis and drift."""
     assert all(each.hysteresis is None for each in smooth.sensors[2].parameters.values())

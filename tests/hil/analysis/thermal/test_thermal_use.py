@@ -84,6 +84,7 @@ def test_the_parameter_files_take_the_bias_off_another_night(triad: SensorFit) -
         assert rms(measured[:, axis] - change - own) < 3.0 * DEG_PER_HR
 
 
+@pytest.mark.slow
 def test_the_parameter_files_reach_no_further_than_what_was_measured(triad: SensorFit) -> None:
     """Their limits are the lowest and highest temperature; beyond, the autopilots hold the value at the limit."""
     low, high = triad.layout.range_degC
@@ -269,6 +270,7 @@ def test_a_run_that_no_curve_goes_through_is_none_to_see_to_before_it_is_used() 
     assert document["runs_not_solved"] == {}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("share", "said"), [(-0.22, "(22 % more; 93 % more to 63 % less "), (0.4, "(40 % less; ")])
 def test_curves_that_are_worse_than_constants_are_wrong_by_more(triad: SensorFit, share: float, said: str) -> None:
     """Minus 22 % less is 22 % more."""
@@ -318,6 +320,7 @@ def test_what_only_too_few_repeats_leave_to_chance_is_said_to_be_so(slope: float
     assert ("but 1 repeat does not tell noise well enough" in parameter_in_words(found)) is few
 
 
+@pytest.mark.slow
 def test_one_run_at_each_temperature_is_no_surer_than_two() -> None:
     """What nobody repeated may differ from run to run by any amount: by standard errors alone it seemed to depend."""
     scatter = {"BA": 6.0, "BB": 6.0}
