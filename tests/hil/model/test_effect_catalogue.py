@@ -30,8 +30,10 @@ from hil.model.effects.catalogue import (
     why_not,
 )
 from hil.model.effects.columns import flattened
+from hil.model.effects.document import shape_in_words
 from hil.model.effects.empirical import EmpiricalTerm
 from hil.model.effects.noise import Ageing
+from hil.model.effects.prior import scatter_log_odds
 from hil.model.effects.scatter import drawn
 from hil.model.forms import named_form
 from hil.solve.identifiability import orthonormal, project_out
@@ -355,3 +357,16 @@ def test_all_pairs_of_effects_have_different_ids_and_titles() -> None:
     """No two entries of a kind can be mistaken for each other by their title."""
     for first, second in itertools.combinations(EFFECTS, 2):
         assert first.title != second.title
+
+
+def test_a_bias_that_wanders_is_likelier_than_either_of_its_limits() -> None:
+    """What these data cannot tell from a walk, or from a bias of each run, is the usual thing rather than its limit."""
+    odds = scatter_log_odds(VARIANCE_EFFECTS)
+    assert odds["markov"] == pytest.approx(odds["rrw"] + np.log(3.0))
+    assert odds["markov"] == pytest.approx(odds["turnon"] + np.log(3.0))
+
+
+def test_the_value_that_a_shape_is_about_is_said() -> None:
+    """A supply's effect is of its nominal voltage, which each sensor's own rows give."""
+    assert shape_in_words({"nominal_V": 28.3965}) == "nominal 28.4 V"
+    assert shape_in_words({"nominal_us": 10000.0}) == "nominal 10000 µs"

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
 from hil.campaign import FloatArray
 from hil.reconcile import reconcile, workflow
+from hil.reconcile.naming import in_its_place
 from hil.reconcile.outcome.sentences import summary, what_to_do
 from hil.reconcile.result import Reconciliation
+from hil.reconcile.search.posterior import Found
 from procedures.words import percent
 from tests.hil.reconcile.hidden_effects import (
     EIGHT,
@@ -22,6 +26,7 @@ from tests.hil.reconcile.hidden_effects import (
     lay_out,
     noise,
 )
+from tests.hil.solve.runs_of_a_unit import campaign, with_rates
 
 
 @pytest.mark.slow
@@ -121,3 +126,32 @@ def test_a_term_without_a_name_has_its_rivals_beside_it_and_what_would_tell_them
     assert "(jump)" in said
     assert result.next_experiment is not None
     assert result.next_experiment["why"].endswith("jump: let time go in another order than temperature")
+
+
+def test_what_moves_and_what_scatters_stand_for_each_other_where_nothing_else_of_a_sort_is_there() -> None:
+    """Beside a lead of MU_rr and a walk, ageing with MU_rr is the walk's rival, and what scatters where it is there."""
+    scatters = frozenset({"MU_rr", "rrw", "markov"})
+    every = [{"MU_rr", "ageing"}, {"MU_rr", "markov"}, {"markov", "ageing"}]
+    sets = [(frozenset(own), 0.1, cast(Found, SimpleNamespace(scatter=scatters & own))) for own in every]
+    lead = frozenset({"MU_rr", "rrw"})
+    found = in_its_place(sets, lead, moves=False)
+    assert {name: len(of) for name, of in found.items()} == {"ageing": 1, "markov": 2}
+    found = in_its_place(sets, lead, moves=True)
+    assert {name: len(of) for name, of in found.items()} == {"ageing": 2, "markov": 1}
+
+
+@pytest.mark.slow
+def test_ageing_that_is_likelier_than_a_walk_is_its_first_rival_and_measured_against() -> None:
+    """It stood in a note alone; of two sorts no factor of the data is told, and how to part them is."""
+    made = campaign(12, 12, 7, scatter=2.0)
+    rows = made.sensors[2]
+    ages = np.outer(2.2 * rows.conditions.start_s / 3600.0, [1.0, 0.0])
+    result = reconcile(with_rates(made, rows.rates_deg_per_hr + ages), "matrix-6", prove=False)
+    (walk,) = (effect for effect in result.effects if effect.acts_on == "scatter")
+    first = walk.confusable_with[0]
+    assert first.id == "ageing"
+    assert first.probability > walk.probability
+    assert first.bayes_factor is first.prior_odds is None
+    assert result.next_experiment is not None
+    assert result.next_experiment["why"].startswith(f"separates {walk.id} from ageing: Return to the first temperature")
+    assert f"or – {percent(first.share)} – Ageing of the bias" in " ".join(summary(result))
