@@ -140,13 +140,29 @@ def test_what_moves_and_what_scatters_stand_for_each_other_where_nothing_else_of
     assert {name: len(of) for name, of in found.items()} == {"ageing": 2, "markov": 1}
 
 
+def of_a_unit_that_ages(seed: int) -> Reconciliation:
+    """What is said of twelve runs at one temperature, half an hour each, whose bias rises by 2.2 deg/hr in an hour."""
+    made = campaign(12, 12, seed, scatter=2.0)
+    rows = made.sensors[2]
+    ages = np.outer(2.2 * rows.conditions.start_s / 3600.0, [1.0, 0.0])
+    return reconcile(with_rates(made, rows.rates_deg_per_hr + ages), "matrix-6", prove=False)
+
+
+@pytest.mark.slow
+def test_nothing_is_measured_against_a_rival_that_is_hardly_probable() -> None:
+    """Nor against what a night at one temperature cannot have: the same again shows whether it was chance."""
+    result = of_a_unit_that_ages(5)
+    (ages,) = result.effects
+    assert (ages.id, ages.kind) == ("ageing", "ambiguous")
+    assert 0.0 < max(rival.share for rival in ages.confusable_with) < 0.05
+    assert result.next_experiment is not None
+    assert result.next_experiment["why"] == "shows ageing again, or that it was chance"
+
+
 @pytest.mark.slow
 def test_ageing_that_is_likelier_than_a_walk_is_its_first_rival_and_measured_against() -> None:
     """It stood in a note alone; of two sorts no factor of the data is told, and how to part them is."""
-    made = campaign(12, 12, 7, scatter=2.0)
-    rows = made.sensors[2]
-    ages = np.outer(2.2 * rows.conditions.start_s / 3600.0, [1.0, 0.0])
-    result = reconcile(with_rates(made, rows.rates_deg_per_hr + ages), "matrix-6", prove=False)
+    result = of_a_unit_that_ages(7)
     (walk,) = (effect for effect in result.effects if effect.acts_on == "scatter")
     first = walk.confusable_with[0]
     assert first.id == "ageing"
