@@ -217,13 +217,10 @@ def _of_its_run(filed: Collects, cause: Cause) -> Iterator[str]:
 
 def as_at(filed: Collects, cause: Cause) -> str:
     """Say at which other position a collect shows what it does, by the rest of its run: no channel is bad."""
-    conditions, rows = filed.conditions, [*cause.rows]
-    if cause.what != "collect":
+    conditions, form, sigma = filed.conditions, default_form(filed.conditions), stated_noise(filed)
+    here, row = np.setdiff1d(conditions.of_each_run[cause.run], cause.rows), cause.rows[0]
+    if cause.what != "collect" or sigma is None or not len(here):
         return ""
-    form, sigma = default_form(conditions), stated_noise(filed)
-    if sigma is None:
-        return ""
-    here, row = np.setdiff1d(conditions.of_each_run[cause.run], rows), rows[0]
     columns, beside_earth = form.columns(conditions), filed.rates_deg_per_hr - conditions.w_channels_deg_per_hr
     own = solve(columns[here].reshape(-1, columns.shape[2]), beside_earth[here].ravel(), sigma[here].ravel())
     if not np.isfinite(own.values).all():

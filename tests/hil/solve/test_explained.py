@@ -12,8 +12,9 @@ from hil.model.effects.prior import COMMON
 from hil.reconcile import reconcile
 from hil.solve import repeats, solve_campaign
 from hil.solve.asked import _in_common
+from hil.solve.causes import Cause
 from hil.solve.explained import explanations
-from hil.solve.wrong_rows import LEFT_OUT, MENDED, USED, treated, wrong_rows
+from hil.solve.wrong_rows import LEFT_OUT, MENDED, USED, as_at, treated, wrong_rows
 from procedures.verdict import Verdict
 from procedures.words import numbered
 from tests.hil.model.effect_conditions import TRIAD
@@ -328,3 +329,4 @@ def test_a_collect_that_was_made_at_another_position_is_said_to_show_that_one() 
         (wrong,) = wrong_rows(with_rates(sound, moved))[2].rows
         assert (wrong.run, wrong.collects, wrong.done) == (2, (9,), LEFT_OUT)
         assert wrong.why.partition(" from what all others show")[2] == words
+    assert as_at(sound.sensors[2].rows(np.arange(7)), Cause("collect", 2, (6,))) == "", "its run has no other collect"
