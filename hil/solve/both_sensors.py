@@ -28,7 +28,6 @@ from hil.solve.runs import solve_campaign
 from hil.solve.spread import Spread
 from hil.solve.temperatures import runs_by_temperature
 from hil.solve.uncertain import CONFIDENCE
-from hil.solve.wrong_rows import treated
 from procedures.words import counted, listed
 
 FALSE_ALARM = 0.05
@@ -107,12 +106,11 @@ def common_and_differential(campaign: Campaign) -> BothSensors | None:
     rotors = [number for number, rows in campaign.sensors.items() if rows.conditions.sensor.is_rotor][:2]
     if len(rotors) < 2:
         return None
-    chosen = treated(campaign)
-    chosen = replace(chosen, sensors={number: rows for number, rows in chosen.sensors.items() if number in rotors})
+    chosen = replace(campaign, sensors={number: campaign.sensors[number] for number in rotors})
     solved: dict[int, dict[int, FloatArray]] = {}
-    solutions = solve_campaign(chosen, "matrix-6")
+    shown = repeats(chosen, every := solve_campaign(chosen, "matrix-6"))
+    solutions = [each for each in every if each.runs[0] in shown[each.sensor].of_each]
     noise = {number: noise_left([e.left_over for e in solutions if e.sensor == number], 2) for number in rotors}
-    scatters = [_scatters(of) for of in repeats(chosen, solutions).values()]
     for each in solutions:
         pairs = [(e.value, math.nan if e.se is None else e.se) for e in each.by_noise(noise[each.sensor][0]).values()]
         if len(pairs) == len(MATRIX_6) and all(value is not None for value, _ in pairs):
@@ -138,7 +136,8 @@ def common_and_differential(campaign: Campaign) -> BothSensors | None:
     correlation = _correlations(*away)
     same = {name: _interval(float(correlation[i, i]), degrees) for i, name in enumerate(MATRIX_6)}
     pair = (rotors[0], rotors[1])
-    asked = scatters[0][:, None] & scatters[1]
+    one, other = (_scatters(shown[number]) for number in rotors)
+    asked = one[:, None] & other
     shared = _shared(correlation, degrees, asked)
     return BothSensors(pair, common, differential, degrees, same, shared, int(asked.sum()))
 
