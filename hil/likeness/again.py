@@ -149,10 +149,9 @@ def _sweep(campaign: Campaign, rows: Conditions) -> tuple[dict[str, Any], float]
     visits = np.diff([*plateaus, len(runs)]).tolist()
     times, equally = Counter(visits).most_common(1)[0]
     odd = next((rows.run[own[0]] for own, at in zip(runs, taken, strict=True) if at != positions), None)
-    lacks = [f"the same collects in most runs ({', '.join(positions)}, which run {odd} has not)"]
-    lacks = lacks * (2 * often <= len(runs)) + ["a known temperature of every run"] * (min(stands) < 0)
-    if 2 * equally <= len(plateaus):
-        lacks.append(f"as many runs at most temperatures ({', '.join(map(str, visits))})")
+    alike = f"the same collects in most runs ({', '.join(positions)}, which run {odd} has not)"
+    lacks = [alike] * (2 * often <= len(runs)) + ["a known temperature of every run"] * (min(stands) < 0)
+    lacks += [f"as many runs at most temperatures ({', '.join(map(str, visits))})"] * (2 * equally <= len(plateaus))
     if lacks:
         raise InputError(f"{campaign.folder}: no plan can be inferred: it takes {listed(lacks)}")
     levels = [23.0 if level is None else float(np.nanmean(level[station == stands[k]])) for k in plateaus]

@@ -17,9 +17,6 @@ EXCLUDED = 0.001
 """What is identical in these collects is told apart where the data themselves make one so much less probable."""
 
 
-_USUAL = "by how usual it is at this size"
-
-
 @dataclass(frozen=True)
 class Rival:
     """Another name for the same data: its probability, and how much of the added effect it can reproduce.
@@ -94,8 +91,8 @@ class Rival:
             return beside
         more = f"make it {in_times(self.told)} as probable as the first name"
         told = more if self.told_apart else "cannot tell it apart"
-        usual = "by how usual it is at its size and what else it takes" if self.told_apart else _USUAL
-        said = f"the data {told}; {usual}, {in_times(self.prior_odds)} as probable"
+        size = "its size and what else it takes" if self.told_apart else "this size"
+        said = f"the data {told}; by how usual it is at {size}, {in_times(self.prior_odds)} as probable"
         return f"{beside}, both together: {said}" if beside else said
 
     def document(self) -> dict[str, Any]:

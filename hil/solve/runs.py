@@ -242,8 +242,8 @@ def _of_as_many(telling: Sequence[tuple[float, int]]) -> int:
 class _Beside:
     """What is known of a sensor's runs beside their solutions: judgements by run, and what no other run was held to.
 
-    `lacking` are the collects without a standard error, by run; `moving` the runs that had not settled; `differ` is by
-    what others do that nothing is said against; the `campaign` says what it has taken as zero.
+    `lacking` are the collects without a standard error, by run; `moving` the runs that had not settled; `differ` is
+    what the others differ by, of which nothing is wrong; the `campaign` says what it has taken as zero.
     """
 
     judged: Sequence[Mapping[int, Judgement]]

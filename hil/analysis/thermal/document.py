@@ -174,7 +174,7 @@ def verdict_in_words(fit: SensorFit) -> str:
         every = all(each.finding == "modelled" for each in fit.parameters.values())
         hardly = "hardly " * (found.share < _HARDLY)
         more = f"{f'; {differ}' * bool(differ)}{'' if every else _OTHERWISE}"
-        more += "" if fit.layout.hysteresis else "; no temperature was met again later: it may be time (hil reconcile)"
+        more += "" if fit.layout.hysteresis else "; none was reached from both sides: it may be time (hil reconcile)"
         return f"modelling against temperature {hardly}improves this unit: {numbers}{more}"
     return f"{_NOT_SHOWN}: {numbers}{_OTHERWISE}"
 

@@ -288,7 +288,7 @@ def test_curves_that_take_next_to_nothing_away_hardly_improve_a_unit(triad: Sens
     assert "temperature improves this unit" in verdict_in_words(fit)
     fit.improvement.share = 0.02
     assert "temperature hardly improves this unit" in verdict_in_words(fit)
-    assert "no temperature was met again later: it may be time" in verdict_in_words(fit)
+    assert "none was reached from both sides: it may be time" in verdict_in_words(fit)
 
 
 def test_before_a_curve_is_used_the_runs_are_named_that_do_not_pass() -> None:
