@@ -170,8 +170,9 @@ def overlap_table(effects: Sequence[Sequence[Visible]]) -> FloatArray:
     """Return the overlaps of all pairs of effects with shape parameters, (k, k), one on the diagonal.
 
     The best match in the other's shapes, averaged over one's own; the smaller of both ways round, so that a narrow
-    effect inside a broad one is not called the same.
+    effect inside a broad one is not called the same. A shape of which nothing is left is like nothing, nor unlike.
     """
+    effects = [[one for one in several if one.rank] for several in effects]
     shapes = [one for several in effects for one in several]
     if not shapes:
         return np.zeros((len(effects), len(effects)))

@@ -131,6 +131,13 @@ def test_overlap_of_shape_families_asks_how_well_each_can_copy_the_other() -> No
     assert overlap_table([axes[:3], axes[2:5], []])[0] == pytest.approx([1.0, 1.0 / 3.0, 0.0])
 
 
+def test_a_shape_of_which_the_base_leaves_nothing_makes_families_no_less_alike() -> None:
+    """Of a hysteresis that shows in half of its shapes those are compared: what none sees is no other thing."""
+    base, axis = columns((1, 0, 0, 0, 0, 0)), visible(columns((0, 1, 0, 0, 0, 0)), EMPTY, np.ones(1))
+    absorbed = visible(base, orthonormal(base), np.ones(1))
+    assert overlap_table([[absorbed, axis], [axis], [absorbed]])[0] == pytest.approx([1.0, 1.0, 0.0])
+
+
 def test_overlaps_of_all_pairs_at_once_are_those_of_each_pair() -> None:
     """Families of one to three shapes, one of them absorbed by the base altogether."""
     rng = np.random.default_rng(12)
