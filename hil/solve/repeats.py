@@ -6,14 +6,14 @@
 
 A run's standard error knows what goes on within its collects. Whatever changes from run to run shows when the same
 temperature is measured again, and in residuals where there are any; standard errors do not know it. So a run's variance
-is se² F + b². F is how much larger than allowed squares are (1 at least) in the channels that tell the parameter: of
-residuals of runs that had settled, or of what differs from run to run and no parameter that changes there moves. b² is
-what the variance of repeats at one temperature, pooled over the temperatures, has beyond that. Of rates without
-standard errors se is by the residuals of all runs together: of its own few, small by chance, a run would seem known
-best. A mean weighs runs by their variance: n that are alike divide it by √n, and one that is hardly known moves
-nothing. Intervals are Student's, on as many degrees of freedom as runs were repeated, and on more where standard
-errors, which are known better, explain what repeats show. So 93 to 97 % of them hold the truth in a sweep of a dozen
-repeats and more, whatever b is; of fewer up to all do, where standard errors explain them.
+is se² F + b². F is how much larger than allowed squares are in the channels that tell the parameter: of residuals of
+runs that had settled, or of what differs from run to run and no parameter that changes there moves; that alone tells
+errors that are too large. b² is what the variance of repeats at one temperature, pooled over the temperatures, has
+beyond that. Of rates without standard errors se is by the residuals of all runs together: of its own few, small by
+chance, a run would seem known best. A mean weighs runs by their variance: n that are alike divide it by √n, and one
+that is hardly known moves nothing. Intervals are Student's, on as many degrees of freedom as runs were repeated, and on
+more where standard errors, which are known better, explain what repeats show. So 93 to 97 % of them hold the truth in a
+sweep of a dozen repeats and more, whatever b is; of fewer up to all do, where standard errors explain them.
 Every command that states an uncertainty asks here.
 """
 
@@ -357,9 +357,10 @@ def _of_sensor(
     contradicted = odd & (Changes(differ.squares / residual_times**2, differ.freedom).times < 1.0)
     noise_times = np.where(odd & ~contradicted & (times == 1.0), residual_times, times)
     # Of a ± errors are as large as anything shows, and as well known as what shows it (Welch and Satterthwaite).
-    variance = shares * np.maximum(residual_times, times) ** 2
-    common = np.where(contradicted, variance - shares * np.maximum(times, 1.0) ** 2, 0.0).sum(axis=1)
-    behind = np.where(times > residual_times, differ.freedom, np.where(odd, freedom, math.inf))
+    smaller = (times < 1.0) & ~contradicted
+    variance = shares * np.where(smaller, times, np.maximum(residual_times, times)) ** 2
+    common = np.where(contradicted, variance - shares * times**2, 0.0).sum(axis=1)
+    behind = np.where(smaller | (times > residual_times), differ.freedom, np.where(odd, freedom, math.inf))
     with np.errstate(divide="ignore"):
         part = variance / np.maximum(variance.sum(axis=1, keepdims=True), 1e-300)
         known = 1.0 / np.sum(part**2 / np.maximum(behind, 1.0), axis=1)

@@ -56,6 +56,18 @@ def test_errors_that_hold_beside_no_parameter_are_too_small_whatever_else_change
         assert all(said.endswith("differ in beside their parameters") for said in shown.noise_in_words)
 
 
+@pytest.mark.parametrize("order", [(0, 1, 2, 1, 0), (0, 1, 2)])
+def test_a_stated_uncertainty_is_made_of_the_noise_that_shows_whether_errors_are_too_small_or_too_large(
+    order: tuple[int, ...],
+) -> None:
+    """As that of the budget is: by errors that are five times too large each ± had been, and no less."""
+    made = repeated(30, 5, order)
+    right, small, large = (seen(of_errors(made, times)) for times in (1.0, 0.2, 5.0))
+    for name in ("GSA", "GSB"):  # BA of three collects takes what differs
+        assert large.means[0].values[name].sd == pytest.approx(right.means[0].values[name].sd, rel=0.35)
+        assert small.means[0].values[name].sd == pytest.approx(right.means[0].values[name].sd, rel=0.35)
+
+
 def test_a_run_is_judged_beside_the_noise_that_its_sensors_repeats_show() -> None:
     """Where errors of one channel are a third of what repeats show no run FAILs; by what all lack each does."""
     made = of_errors(repeated(12, 3, (0, 1, 2, 0, 1, 2)))
