@@ -92,15 +92,14 @@ def dashboard(
     watcher = Watcher(folder, archive=archive)
     if not watcher.journals():
         messages().print(f"note: there is no night in {folder} yet; one that begins appears on the page by itself")
-    with listen(host, port) as listener:
+    with suppress(KeyboardInterrupt), listen(host, port) as listener:
         results().print(url(host, listener.getsockname()[1]))
         what = "pausing, continuing, aborting and answering"
         if not is_loopback(host):
             what = f"reading, {what}"
             messages().print("note: what goes over the network is not encrypted; see hil docs live-page")
         results().print(f"token for {what}: {f'in {token_file}' if token_file else access.token}")
-        with suppress(KeyboardInterrupt):
-            server(create_app(watcher, access)).run(sockets=[listener])
+        server(create_app(watcher, access)).run(sockets=[listener])
 
 
 def notify(

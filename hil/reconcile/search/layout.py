@@ -82,7 +82,7 @@ def _search(
     return search
 
 
-def may_be_calibrated(problem: Problem, least: int = 3) -> bool:
+def may_be_calibrated(problem: Problem, least: int = 2) -> bool:
     """Whether the base may have values at each temperature: no values that stand say anything of it.
 
     Of fewer temperatures than the `least` laws of each value are asked for by name; a screen, which asks for one thing

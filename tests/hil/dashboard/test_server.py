@@ -24,7 +24,7 @@ from hil.records import SqliteJournal, open_readonly
 from hil.records.rows import Night
 from procedures.plan import make_plan
 from procedures.settings import SweepProcedure
-from tests.hil.dashboard.live_page import TOKEN, served
+from tests.hil.dashboard.live_page import TOKEN, Dashboard, served
 
 
 @pytest.fixture(scope="module")
@@ -336,3 +336,11 @@ def test_a_folder_without_a_night_is_told_before_the_page_is_served(
             (tmp_path / "night" / "journal.sqlite").touch()
         assert run(["dashboard", str(tmp_path), "--port", "0"]) == 0
         assert ("there is no night in" in capsys.readouterr().err) != journal
+
+
+def test_ctrl_c_ends_a_dashboard_as_it_should_as_soon_as_it_has_said_where_it_is(tmp_path: Path) -> None:
+    """It is no failure that nobody had looked at it yet."""
+    (tmp_path / "token").write_text(TOKEN)
+    dashboard = Dashboard(tmp_path, tmp_path / "token")
+    dashboard.begin()
+    assert dashboard.end() == 0
