@@ -141,7 +141,7 @@ class Screen:
         conditions = {number: sensor.collects.conditions for number, sensor in problem.sensors.items()}
         few = FEW if len(fleet) >= NOISY_UNITS else None
         laid = [cls(conditions, stand := searches(problem, (), VARIANCE_EFFECTS), few)]
-        if may_be_calibrated(problem, 2):
+        if may_be_calibrated(problem):
             laid.append(cls(conditions, searches(problem, (), VARIANCE_EFFECTS, stand), few))
         if all(term.is_mistake for search in laid[0].found.values() for term in search.terms):
             raise InputError(

@@ -82,14 +82,10 @@ def _search(
     return search
 
 
-def may_be_calibrated(problem: Problem, least: int = 2) -> bool:
-    """Whether the base may have values at each temperature: no values that stand say anything of it.
-
-    Of fewer temperatures than the `least` laws of each value are asked for by name; a screen, which asks for one thing
-    at a time and would take another for several such laws, asks none.
-    """
+def may_be_calibrated(problem: Problem) -> bool:
+    """Whether the base may have values at each temperature: no values that stand say anything of it."""
     says = any(sensor.given for sensor in problem.sensors.values())
-    several = any(len(np.unique(block.station)) >= least for block in problem.blocks)
+    several = any(len(np.unique(block.station)) > 1 for block in problem.blocks)
     return several and not says and not problem.model.terms
 
 
