@@ -17,7 +17,7 @@ The slope never exceeds the ramp limit. The form is a simulator's convenience, n
 
 import math
 from bisect import bisect_right
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -25,112 +25,73 @@ from drivers.frames.wire import FloatArray
 
 _OVERSHOOT_OF_A_STEP = 0.3
 _FASTEST_SETTLING_S = 5.0
+_RIPPLE_PERIOD_S = 180.0
+_THERE_DEGC = 1e-9
 
 
 @dataclass(frozen=True)
-class _Leak:
-    """No conditioning: an exponential towards ambient."""
+class _Segment:
+    """A stretch of the history, u s from its beginning: level + slope u + (off + pace u) exp(-u / fade) + ripple."""
 
-    begins_degC: float
-    ambient_degC: float
-    time_constant_s: float
-
-    def at(self, elapsed_s: FloatArray | float) -> FloatArray:
-        excess = self.begins_degC - self.ambient_degC
-        return np.asarray(self.ambient_degC + excess * np.exp(-elapsed_s / self.time_constant_s), dtype=np.float64)
-
-    def slope_per_s(self, elapsed_s: float) -> float:
-        excess = self.begins_degC - self.ambient_degC
-        return -excess / self.time_constant_s * math.exp(-elapsed_s / self.time_constant_s)
-
-
-@dataclass(frozen=True)
-class _Ramp:
-    """Conditioning towards a setpoint, at most at the ramp limit."""
-
-    begins_degC: float
-    rate_per_s: float  # the limit, signed
-    initial_per_s: float
-    response_s: float
+    fade_s: float
+    level_degC: float
+    off_degC: float = 0.0
+    slope_per_s: float = 0.0
+    pace_per_s: float = 0.0
+    ripple_degC: float = 0.0
 
     def at(self, elapsed_s: FloatArray | float) -> FloatArray:
-        lag = (self.rate_per_s - self.initial_per_s) * self.response_s
-        gone = -np.expm1(-elapsed_s / self.response_s)
-        return np.asarray(self.begins_degC + self.rate_per_s * elapsed_s - lag * gone, dtype=np.float64)
+        fade = np.exp(-elapsed_s / self.fade_s)
+        ripple = self.ripple_degC * (1.0 - fade) * np.sin(2.0 * np.pi * elapsed_s / _RIPPLE_PERIOD_S)
+        off = (self.off_degC + self.pace_per_s * elapsed_s) * fade
+        return np.asarray(self.level_degC + self.slope_per_s * elapsed_s + off + ripple, dtype=np.float64)
 
-    def slope_per_s(self, elapsed_s: float) -> float:
-        return self.rate_per_s + (self.initial_per_s - self.rate_per_s) * math.exp(-elapsed_s / self.response_s)
-
-    def duration_to(self, setpoint_degC: float) -> float:
-        """Return when the setpoint is reached (the last time, where the air still moves the other way at first)."""
-        from scipy.optimize import brentq  # imported late: it is slow, and only a simulated chamber needs it
-
-        distance = abs(setpoint_degC - self.begins_degC)
-        if distance == 0.0:
-            return 0.0
-        # The air is at most (s - v0) a behind a ramp that began at full rate.
-        behind_s = (1.0 + abs(self.initial_per_s / self.rate_per_s)) * self.response_s
-        latest_s = distance / abs(self.rate_per_s) + behind_s + 1.0
-        sign = math.copysign(1.0, self.rate_per_s)
-        return float(brentq(lambda u: sign * (self.at(u) - setpoint_degC), 0.0, latest_s, xtol=1e-9))
+    def rate_per_s(self, elapsed_s: float) -> float:
+        """Return how fast it moves, but for the ripple."""
+        off = self.off_degC + self.pace_per_s * elapsed_s
+        return self.slope_per_s + (self.pace_per_s - off / self.fade_s) * math.exp(-elapsed_s / self.fade_s)
 
 
-@dataclass(frozen=True)
-class _Settled:
-    """At the setpoint: the overshoot dies away, a small ripple of the control loop remains."""
+def _reached_s(ramp: _Segment, begins_degC: float, target_degC: float) -> float:
+    """Return when a ramp is at its target (the last time, where the air still moves the other way at first)."""
+    from scipy.optimize import brentq  # imported late: it is slow, and only a simulated chamber needs it
 
-    setpoint_degC: float
-    initial_per_s: float
-    settling_s: float
-    ripple_degC: float
-    ripple_period_s: float
-
-    def at(self, elapsed_s: FloatArray | float) -> FloatArray:
-        fade = np.exp(-elapsed_s / self.settling_s)
-        ripple = self.ripple_degC * (1.0 - fade) * np.sin(2.0 * np.pi * elapsed_s / self.ripple_period_s)
-        return np.asarray(self.setpoint_degC + self.initial_per_s * elapsed_s * fade + ripple, dtype=np.float64)
-
-    def slope_per_s(self, elapsed_s: float) -> float:
-        return self.initial_per_s * (1.0 - elapsed_s / self.settling_s) * math.exp(-elapsed_s / self.settling_s)
+    distance = abs(target_degC - begins_degC)
+    if distance < _THERE_DEGC:
+        return 0.0
+    # The air is at most (s - v0) a behind a ramp that began at full rate.
+    behind_s = (1.0 + abs(ramp.rate_per_s(0.0) / ramp.slope_per_s)) * ramp.fade_s
+    latest_s = distance / abs(ramp.slope_per_s) + behind_s + 1.0
+    sign = math.copysign(1.0, ramp.slope_per_s)
+    return float(brentq(lambda u: sign * (ramp.at(u) - target_degC), 0.0, latest_s, xtol=1e-9))
 
 
-_Segment = _Leak | _Ramp | _Settled  # a stretch of the history; `elapsed_s` counts from its beginning
-
-
+@dataclass(eq=False, kw_only=True)
 class ChamberPlant:
     """The air, °C, from `begins_s` on, at ambient. Rates are °C/min, positive (else `ValueError`); times in s."""
 
-    def __init__(
-        self,
-        *,
-        ambient_degC: float = 22.0,
-        heating_degC_per_min: float = 3.0,
-        cooling_degC_per_min: float = 2.0,
-        response_s: float = 20.0,
-        settling_s: float = 60.0,
-        ripple_degC: float = 0.05,
-        ripple_period_s: float = 180.0,
-        leak_s: float = 3600.0,
-        begins_s: float = 0.0,
-    ) -> None:
-        if heating_degC_per_min <= 0 or cooling_degC_per_min <= 0:
+    ambient_degC: float = 22.0
+    heating_degC_per_min: float = 3.0
+    cooling_degC_per_min: float = 2.0
+    response_s: float = 20.0
+    settling_s: float = 60.0
+    ripple_degC: float = 0.05
+    leak_s: float = 3600.0
+    begins_s: float = 0.0
+    # The controller's own ramp up and down, from the next command on; 0 for no bound.
+    ramp_degC_per_min: tuple[float, ...] = field(default=(0.0, 0.0), init=False)
+    # None while unconditioned; a dead plant does not follow it.
+    commanded_degC: float | None = field(default=None, init=False)
+    _dead = False
+    _astray_degC = 0.0
+
+    def __post_init__(self) -> None:
+        if self.heating_degC_per_min <= 0 or self.cooling_degC_per_min <= 0:
             raise ValueError("heating and cooling rates are given as positive numbers, °C/min")
-        self.ambient_degC = ambient_degC
-        self._heating_per_s = heating_degC_per_min / 60.0
-        self._cooling_per_s = cooling_degC_per_min / 60.0
-        # The controller's own ramp up and down, from the next command on; 0 for no bound.
-        self.ramp_degC_per_min: tuple[float, ...] = (0.0, 0.0)
-        self._response_s = response_s
-        self._settling_s = settling_s
-        self._ripple = (ripple_degC, ripple_period_s)
-        self._leak_s = leak_s
-        self.commanded_degC: float | None = None  # None while unconditioned; a dead plant does not follow it
         self._told: list[tuple[float, float]] = []  # when, and which setpoint: every one that is not the last again
-        self._dead = False
-        self._astray_degC = 0.0
-        self._now_s = begins_s
-        self._begins: list[float] = [begins_s]
-        self._segments: list[_Segment] = [_Leak(ambient_degC, ambient_degC, leak_s)]
+        self._now_s = self.begins_s
+        self._begins = [self.begins_s]
+        self._segments = [_Segment(self.leak_s, self.ambient_degC)]
 
     def command(self, setpoint_degC: float | None, at_s: float) -> None:
         """Condition to `setpoint_degC`, or stop (None), from `at_s` on: not before the latest time asked for."""
@@ -183,19 +144,21 @@ class ChamberPlant:
             self._begins.pop()
             self._segments.pop()
         air = self.advance(at_s)
-        rate = self._segments[-1].slope_per_s(max(at_s - self._begins[-1], 0.0))
+        rate = self._segments[-1].rate_per_s(max(at_s - self._begins[-1], 0.0))
         self._begins.append(at_s)
         if self.commanded_degC is None or self._dead:
-            self._segments.append(_Leak(air, self.ambient_degC, self._leak_s))
+            self._segments.append(_Segment(self.leak_s, self.ambient_degC, air - self.ambient_degC))
             return
         target = self.commanded_degC + self._astray_degC
-        up_per_s, down_per_s = (each / 60.0 or math.inf for each in self.ramp_degC_per_min)
-        limit = min(self._heating_per_s, up_per_s) if target > air else -min(self._cooling_per_s, down_per_s)
-        ramp = _Ramp(air, limit, rate, self._response_s)
-        duration_s = ramp.duration_to(target)
-        arrives, settling_s = ramp.slope_per_s(duration_s), self._settling_s
+        up, down = (each or math.inf for each in self.ramp_degC_per_min)
+        limit = min(self.heating_degC_per_min, up) if target > air else -min(self.cooling_degC_per_min, down)
+        limit /= 60.0
+        lag = (limit - rate) * self.response_s
+        ramp = _Segment(self.response_s, air - lag, lag, limit)
+        duration_s = _reached_s(ramp, air, target)
+        arrives, settling_s = ramp.rate_per_s(duration_s), self.settling_s
         if arrives != 0.0:  # a small step overshoots by at most a share of itself
             allowed_s = _OVERSHOOT_OF_A_STEP * abs(target - air) * math.e / abs(arrives)
             settling_s = min(settling_s, max(allowed_s, _FASTEST_SETTLING_S))
         self._begins.append(at_s + duration_s)
-        self._segments += [ramp, _Settled(target, arrives, settling_s, *self._ripple)]
+        self._segments += [ramp, _Segment(settling_s, target, pace_per_s=arrives, ripple_degC=self.ripple_degC)]
