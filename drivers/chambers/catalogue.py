@@ -44,8 +44,13 @@ class Spoken:
         """Return what is not None of these."""
         return {name: value for name in names if (value := getattr(self, name)) is not None}
 
-    def box(self, path: Path) -> BoxDescription:
-        """Return the description in a file, as it is for this chamber."""
+    def box(self, usual: Path | None) -> BoxDescription:
+        """Return the description in the bench file's own file, or the `usual`, as it is for this chamber.
+
+        Raises `ValueError` without either (only a simulator may lack both), and `InputError` where it is not right.
+        """
+        if (path := self.description or usual) is None:
+            raise ValueError("it has no description, and no simulator of its own")
         variant, framing = self.warning_limits, self.framing
         return load_box(path, variant=variant, terminator=self.terminator, address=self.address, framing=framing)
 
@@ -84,15 +89,8 @@ def _ascii2(transport: Transport, clock: Clock, options: ChamberOptions) -> Supe
     return supervised(VoetschAscii(transport, clock, **spoken), clock, options)
 
 
-def _speaks(path: Path | None) -> Build:
-    """Return what makes a chamber of a description, the bench file's own where it has one."""
-
-    def build(transport: Transport, clock: Clock, options: ChamberOptions) -> SupervisedChamber:
-        if (own := options.description or path) is None:
-            raise ValueError("a box needs its description")
-        return supervised(SetpointBox(transport, clock, options.box(own)), clock, options)
-
-    return build
+def _speaks(usual: Path | None) -> Build:
+    return lambda port, clock, asks: supervised(SetpointBox(port, clock, asks.box(usual)), clock, asks)
 
 
 def _described(path: Path) -> ChamberDriver:

@@ -12,7 +12,7 @@ import math
 from dataclasses import KW_ONLY, dataclass, field, replace
 
 from drivers.chambers.chamber import ChamberIdentity, ChamberReading, SafeState
-from drivers.chambers.setpoints import check_ramp_rate, clamped
+from drivers.chambers.setpoints import clamped
 from drivers.chambers.supervised import SupervisedChamber
 from drivers.clock import Clock
 
@@ -44,7 +44,8 @@ class RampedChamber:
     _begins_degC = _began_s = _step = _stepped_s = 0.0
 
     def __post_init__(self) -> None:
-        check_ramp_rate(self.degC_per_min)
+        if not 0.0 < self.degC_per_min < math.inf:
+            raise ValueError(f"a ramp rate is a positive number of °C/min, not {self.degC_per_min:g}")
         self.limits = self.chamber.limits
 
     @property
@@ -60,7 +61,6 @@ class RampedChamber:
         return self.chamber.identify()
 
     def prepare(self) -> None:
-        """Prepare the chamber, and let it ramp by itself where it can."""
         self._target = None
         self.chamber.prepare()
         self.native = self.chamber.set_ramp_rate(self.degC_per_min)

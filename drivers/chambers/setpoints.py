@@ -103,12 +103,6 @@ class NativeLimits:
         return Settings(low, state.setpoint, high)
 
 
-def check_ramp_rate(degC_per_min: float) -> None:
-    """Raise `ValueError` for a rate that is not positive."""
-    if not (math.isfinite(degC_per_min) and degC_per_min > 0.0):
-        raise ValueError(f"a ramp rate is a positive number of °C/min, not {degC_per_min:g}")
-
-
 def agrees(read_degC: float, wanted_degC: float, resolution_degC: float) -> bool:
     """Say whether a value read back is the one that was set: within half of the controller's resolution."""
     return abs(read_degC - wanted_degC) <= resolution_degC / 2 + 1e-9

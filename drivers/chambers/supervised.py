@@ -23,7 +23,6 @@ from drivers.chambers.guards import DeadMan, ReadingWatch, WriteWear
 from drivers.chambers.setpoints import (
     NativeLimits,
     agrees,
-    check_ramp_rate,
     clamped,
     confirm_settings,
     reads_as_fahrenheit,
@@ -182,7 +181,6 @@ class SupervisedChamber:
 
     def set_ramp_rate(self, degC_per_min: float) -> bool:
         """Let the controller bound its ramp; return False where it cannot and the host must step the setpoint."""
-        check_ramp_rate(degC_per_min)
         self._require_identity()
         return self._controller.set_ramp_rate(degC_per_min)
 

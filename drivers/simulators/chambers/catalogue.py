@@ -23,22 +23,14 @@ class SimulatorOptions(Spoken):
 Build = Callable[[ChamberPlant, SimulatorOptions], SimulatedController]
 
 
-def _box(description: Path | None) -> Build:
-    """Return what makes the box of a description, the bench file's own where it has one."""
-
-    def build(plant: ChamberPlant, options: SimulatorOptions) -> SimulatedController:
-        path = options.description or description
-        if path is None:
-            raise ValueError("it has no description, and no simulator of its own")
-        return simulated_box(plant, options.box(path), faults=options.faults, begins_s=options.begins_s)
-
-    return build
+def _box(usual: Path | None) -> Build:
+    return lambda plant, o: simulated_box(plant, o.box(usual), faults=o.faults, begins_s=o.begins_s)
 
 
 def _brought(entry: ChamberDriver | str | Path) -> Build:
-    """Return the simulator that a distribution brings: its driver's own, or the box of its description."""
-    driver = entry if isinstance(entry, ChamberDriver) else None
-    return driver.simulator or _box(driver.description) if driver else _box(Path(str(entry)))
+    if isinstance(entry, ChamberDriver):
+        return entry.simulator or _box(entry.description)
+    return _box(Path(entry))
 
 
 _SHIPPED: Mapping[str, Build] = {
