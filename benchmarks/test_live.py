@@ -63,7 +63,7 @@ def receive(tmp_path: Path, frames: int, rate: float, look_s: float = 0.02) -> t
     counts, begins, used = StreamCounts(), time.perf_counter(), time.process_time()
     while counts.ok < frames and time.perf_counter() - begins < 10.0 + 4.0 * frames / rate:
         time.sleep(look_s)
-        data = imu._transport.read_available()
+        data = imu.transport.read_available()
         if len(data) > _BEHIND:
             sender.send_signal(signal.SIGSTOP)
         decoded = decoder.feed(data, clock.now())
@@ -72,7 +72,7 @@ def receive(tmp_path: Path, frames: int, rate: float, look_s: float = 0.02) -> t
         sender.send_signal(signal.SIGCONT)
     elapsed, used = time.perf_counter() - begins, time.process_time() - used
     assert sender.wait(10) == 0
-    reader = imu._transport
+    reader = imu.transport
     assert isinstance(reader, LiveReader)
     counts += StreamCounts(overflow_bytes=reader.take_overflow())
     imu.close()

@@ -10,11 +10,12 @@ else decides what happens next.
     9055.0
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
 from itertools import groupby
+from typing import Any
 
 from procedures.settings import SweepProcedure
 
@@ -117,12 +118,39 @@ def make_plan(procedure: SweepProcedure, units: Sequence[str] = ("",)) -> Plan:
     Expected: ramps at the procedure's rate, soaks of the scheduled time, indexing and collects as set. A soak that
     needs more evidence, or a slower chamber, moves everything behind it.
     """
-    steps: list[Step] = []
-    starts_s = 0.0
-    for key, kind, duration_s, where, parameters in _steps(procedure):
+    steps, starts_s, air_degC, number = list[Step](), 0.0, procedure.start_degC, 0
+    soak, collect, rate = procedure.restabilisation, procedure.collect, procedure.ramp_degC_per_min
+
+    def add(key: str, kind: StepKind, duration_s: float, **more: Any) -> None:
+        nonlocal starts_s
         for unit in units if kind in OF_UNITS else ("",):
-            steps.append(Step(len(steps), _of_unit(key, unit), kind, starts_s, duration_s, *where, parameters))
+            steps.append(Step(len(steps), _of_unit(key, unit), kind, starts_s, duration_s, **more))
         starts_s += duration_s
+
+    def ramp(key: str, to_degC: float) -> None:
+        nonlocal air_degC
+        ramp_s = 60.0 * abs(to_degC - air_degC) / rate
+        bounds = {"ramp_degC_per_min": rate, "band_degC": soak.band_degC}
+        add(key, StepKind.SETPOINT, ramp_s, temperature_degC=to_degC, parameters=bounds)
+        air_degC = to_degC
+
+    add("identify", StepKind.IDENTIFY, _IDENTIFY_S)
+    soak_s, collect_s = max(soak.at_least_s, soak.window_s), collect.settle_s + collect.duration_s
+    soaking, collecting = soak.as_parameters(), collect.as_parameters()
+    indexing = {"index_timeout_s": collect.index_timeout_s}
+    for t, temperature_degC in enumerate(procedure.temperatures_degC, start=1):
+        ramp(f"T{t}/setpoint", temperature_degC)
+        for s in range(1, procedure.self_calibrations + 1):
+            number += 1
+            key, here = f"T{t}/S{s}", {"temperature_degC": temperature_degC, "self_calibration": number}
+            add(f"{key}/restabilise", StepKind.RESTABILISE, soak_s, parameters=soaking, **here)
+            for c, position in enumerate(procedure.positions, start=1):
+                at = {**here, "position": position}
+                add(f"{key}/C{c}/index", StepKind.INDEX, collect.index_s, parameters=indexing, **at)
+                add(f"{key}/C{c}/collect", StepKind.COLLECT, collect_s, parameters=collecting, **at)
+    if procedure.final_degC is not None:
+        ramp("final/setpoint", procedure.final_degC)
+    add("safe-state", StepKind.SAFE_STATE, _SAFE_STATE_S)
     return Plan(procedure.title, tuple(steps))
 
 
@@ -133,41 +161,3 @@ def lasting_s(steps: Iterable[Step]) -> float:
 
 def _of_unit(stage: str, unit: str) -> str:
     return f"{stage}@{unit}" if unit else stage
-
-
-_Where = tuple[float | None, int | None, str | None]  # temperature, self-calibration, position
-_Entry = tuple[str, StepKind, float, _Where, Mapping[str, float]]
-
-
-def _steps(procedure: SweepProcedure) -> Iterator[_Entry]:
-    """Yield key, kind, duration, place and parameters of every step, in order."""
-    yield "identify", StepKind.IDENTIFY, _IDENTIFY_S, (None, None, None), {}
-    air_degC, number = procedure.start_degC, 0
-    for t, temperature_degC in enumerate(procedure.temperatures_degC, start=1):
-        yield _setpoint(f"T{t}/setpoint", procedure, air_degC, temperature_degC)
-        air_degC = temperature_degC
-        for s in range(1, procedure.self_calibrations + 1):
-            number += 1
-            yield from _self_calibration(f"T{t}/S{s}", procedure, temperature_degC, number)
-    if procedure.final_degC is not None:
-        yield _setpoint("final/setpoint", procedure, air_degC, procedure.final_degC)
-    yield "safe-state", StepKind.SAFE_STATE, _SAFE_STATE_S, (None, None, None), {}
-
-
-def _setpoint(key: str, procedure: SweepProcedure, from_degC: float, to_degC: float) -> _Entry:
-    ramp_s = 60.0 * abs(to_degC - from_degC) / procedure.ramp_degC_per_min
-    parameters = {"ramp_degC_per_min": procedure.ramp_degC_per_min, "band_degC": procedure.restabilisation.band_degC}
-    return key, StepKind.SETPOINT, ramp_s, (to_degC, None, None), parameters
-
-
-def _self_calibration(key: str, procedure: SweepProcedure, temperature_degC: float, number: int) -> Iterator[_Entry]:
-    soak, collect = procedure.restabilisation, procedure.collect
-    soak_s = max(soak.at_least_s, soak.window_s)
-    place = (temperature_degC, number, None)
-    yield f"{key}/restabilise", StepKind.RESTABILISE, soak_s, place, soak.as_parameters()
-    for c, position in enumerate(procedure.positions, start=1):
-        where = (temperature_degC, number, position)
-        index = {"index_timeout_s": collect.index_timeout_s}
-        yield f"{key}/C{c}/index", StepKind.INDEX, collect.index_s, where, index
-        collect_s = collect.settle_s + collect.duration_s
-        yield f"{key}/C{c}/collect", StepKind.COLLECT, collect_s, where, collect.as_parameters()

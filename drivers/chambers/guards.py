@@ -38,10 +38,16 @@ class ReadingWatch:
         check_plausible(reading_degC, self.device)
         if self._last is not None:
             self._refuse_jump(now_s, reading_degC, *self._last)
-        if self._last is None or reading_degC != self._last[1]:
+        driven = driven_to_degC is not None and abs(reading_degC - driven_to_degC) > _FROZEN_DISTANCE_DEGC
+        if not driven or self._last is None or reading_degC != self._last[1]:
             self._same_since_s = now_s
         self._last = (now_s, reading_degC)
-        self._refuse_frozen(now_s, reading_degC, driven_to_degC)
+        if now_s - self._same_since_s >= _FROZEN_AFTER_S:
+            raise SensorFault(
+                f"{self.device} has read {reading_degC:g} °C without any change for "
+                f"{(now_s - self._same_since_s) / 60.0:.0f} min on its way to {driven_to_degC:g} °C; its sensor is "
+                "frozen, or it neither heats nor cools"
+            )
 
     def _refuse_jump(self, now_s: float, reading_degC: float, before_s: float, before_degC: float) -> None:
         # From the first sight of a jump on, time no longer widens what is allowed: a wrong unit never becomes right.
@@ -55,16 +61,6 @@ class ReadingWatch:
             f"{self.device} reads {reading_degC:g} °C where it read {before_degC:g} °C {until_s - before_s:.0f} s "
             "before, which no chamber's air does; check its sensor, and that its panel still shows °C"
         )
-
-    def _refuse_frozen(self, now_s: float, reading_degC: float, driven_to_degC: float | None) -> None:
-        if driven_to_degC is None or abs(reading_degC - driven_to_degC) <= _FROZEN_DISTANCE_DEGC:
-            self._same_since_s = now_s
-        elif now_s - self._same_since_s >= _FROZEN_AFTER_S:
-            raise SensorFault(
-                f"{self.device} has read {reading_degC:g} °C without any change for "
-                f"{(now_s - self._same_since_s) / 60.0:.0f} min on its way to {driven_to_degC:g} °C; its sensor is "
-                "frozen, or it neither heats nor cools"
-            )
 
 
 ENDURANCE_WRITES = 100_000  # the weaker class of part

@@ -7,7 +7,7 @@ block = imu.read_block()
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 
 import numpy as np
 
@@ -46,6 +46,7 @@ class IndexStatus:
         return self.code, self.moving, self.in_position
 
 
+@dataclass(eq=False)
 class StreamImu:
     """A unit that streams over a transport. Sensors are numbered as in the bench file (the report's sensor 2 is 2).
 
@@ -54,46 +55,39 @@ class StreamImu:
     another. Raises `ValueError` for a description without roles.
     """
 
-    def __init__(
-        self,
-        transport: Transport,
-        description: StreamDescription,
-        clock: Clock,
-        *,
-        expected: ImuIdentity | None = None,
-    ) -> None:
-        if description.roles is None:
-            raise ValueError(f"{description.name}: roles: missing, so that no field is known to be a rate")
-        self._transport = transport
-        self._description = description
-        self._roles = description.roles
-        self._clock = clock
-        self.sample_rate_hz = description.sample_rate_hz
-        self._expected = expected
-        self._decoder = StreamDecoder(description)
-        counter = description.frames[self._roles.frame].counter
-        self._sample_clock = SampleClock(
-            self.sample_rate_hz, None if counter is None else counter.modulus // counter.step
-        )
-        self._interrupted = True  # the next samples do not continue the ones before
-        self._last_s = 0.0  # when the newest sample was taken
-        self.unsure = False  # whether the stream was lost since the unit said who it is
-        self.index_status: IndexStatus | None = None  # of the newest good frame, where frames tell it
-        self.port = transport.name
-        self.conditions: Mapping[str, str] = description.roles.conditions
-        self.sensors: Mapping[int, SensorRole] = description.roles.sensors
+    transport: Transport
+    description: StreamDescription
+    clock: Clock
+    _: KW_ONLY
+    expected: ImuIdentity | None = None
+    index_status: IndexStatus | None = field(default=None, init=False)  # of the newest good frame that tells it
+    unsure = False  # whether the stream was lost since the unit said who it is
+    _interrupted = True  # the next samples do not continue the ones before
+    _last_s = 0.0  # when the newest sample was taken
+
+    def __post_init__(self) -> None:
+        if self.description.roles is None:
+            raise ValueError(f"{self.description.name}: roles: missing, so that no field is known to be a rate")
+        self._roles = roles = self.description.roles
+        self.port, self.sample_rate_hz = self.transport.name, self.description.sample_rate_hz
+        self.conditions: Mapping[str, str] = roles.conditions
+        self.sensors: Mapping[int, SensorRole] = roles.sensors
+        self._decoder = StreamDecoder(self.description)
+        counter = self.description.frames[roles.frame].counter
+        turn_frames = None if counter is None else counter.modulus // counter.step
+        self._sample_clock = SampleClock(self.sample_rate_hz, turn_frames)
 
     def read_block(self) -> SampleBlock:
         """Decode what has arrived since the last call; never waits, perhaps empty."""
         try:
-            raw = self._transport.read_available()
+            raw = self.transport.read_available()
         except DeviceError:
             self.unsure = True
             raise
-        arrival_s = self._clock.now()
+        arrival_s = self.clock.now()
         decoded, times_s = self._take(raw, arrival_s)
         counts, batch = decoded.counts, decoded[self._roles.frame]
-        if isinstance(self._transport, LiveReader) and (overflow := self._transport.take_overflow()):
+        if isinstance(self.transport, LiveReader) and (overflow := self.transport.take_overflow()):
             counts += StreamCounts(overflow_bytes=overflow)
         return SampleBlock(times_s, batch.columns, counts, raw, arrival_s)
 
@@ -111,18 +105,18 @@ class StreamImu:
         `WrongDevice` where the unit is not the expected one.
         """
         self.discard()
-        begins_s = self._clock.now()
+        begins_s = self.clock.now()
         deadline_s = begins_s + _IDENTITY_S
         asked, arrived, counts = 0, 0, StreamCounts()
-        commands = self._description.commands
-        while (now_s := self._clock.now()) < deadline_s:
+        commands = self.description.commands
+        while (now_s := self.clock.now()) < deadline_s:
             if now_s >= begins_s + asked * _IDENTITY_S / _ASK_AGAIN:
                 if commands is not None and commands.identify is not None:
-                    self._transport.write(commands.line(commands.identify))
+                    self.transport.write(commands.line(commands.identify))
                 asked += 1
-            raw = self._transport.read(1, min(deadline_s - now_s, 2.0 / self.sample_rate_hz))
-            raw += self._transport.read_available()
-            decoded, _ = self._take(raw, self._clock.now())
+            raw = self.transport.read(1, min(deadline_s - now_s, 2.0 / self.sample_rate_hz))
+            raw += self.transport.read_available()
+            decoded, _ = self._take(raw, self.clock.now())
             arrived += len(raw)
             counts += decoded.counts
             found = self._identity_in(decoded)
@@ -134,14 +128,14 @@ class StreamImu:
 
     def command_index(self, code: int) -> None:
         """Send the command to index to a position; `ProtocolError` where the description gives no such command."""
-        commands = self._description.commands
+        commands = self.description.commands
         if commands is None or commands.index is None or self._roles.index is None:
-            raise ProtocolError(f"{self.port}: {self._description.name} has no index command; use an operator")
-        self._transport.write(commands.line(commands.index.replace("{code}", str(code))))
+            raise ProtocolError(f"{self.port}: {self.description.name} has no index command; use an operator")
+        self.transport.write(commands.line(commands.index.replace("{code}", str(code))))
 
     def close(self) -> None:
         """Release the port."""
-        self._transport.close()
+        self.transport.close()
 
     def _take(self, raw: bytes, arrival_s: float) -> tuple[Decoded, FloatArray]:
         """Decode, place the samples in time and remember what the newest one says about the index."""
@@ -167,11 +161,11 @@ class StreamImu:
             return None
         codes, on = batch.wire(role.position), set[str]()
         same, code = codes == codes[-1], int(codes[-1])
-        for field, bits in batch.layout.description.status.items():
-            words = batch.wire(field)
+        for name, bits in batch.layout.description.status.items():
+            words = batch.wire(name)
             newest = int(words[-1])
-            on |= {name for name, bit in bits.items() if newest >> bit.bit & 1}
-            if mask := sum(1 << bits[name].bit for name in (role.moving, role.in_position) if name in bits):
+            on |= {each for each, bit in bits.items() if newest >> bit.bit & 1}
+            if mask := sum(1 << bits[each].bit for each in (role.moving, role.in_position) if each in bits):
                 same &= words & mask == newest & mask
         moving, in_position = role.moving in on, role.in_position in on
         before, whole = self.index_status, bool(same.all())
@@ -185,7 +179,7 @@ class StreamImu:
     def _identity_in(self, decoded: Decoded) -> ImuIdentity | None:
         role = self._roles.identity
         if role is None or role.frame is None:
-            model = self._description.name if role is None else role.model
+            model = self.description.name if role is None else role.model
             return ImuIdentity(model) if len(decoded[self._roles.frame]) else None
         batch = decoded[role.frame]
         if not len(batch):
@@ -195,7 +189,7 @@ class StreamImu:
 
     def _refuse_wrong(self, found: ImuIdentity) -> None:
         for what in ("model", "serial"):
-            wanted, given = getattr(self._expected, what, ""), getattr(found, what)
+            wanted, given = getattr(self.expected, what, ""), getattr(found, what)
             if wanted and wanted != given:
                 raise WrongDevice(
                     f"{self.port}: the unit says {what} {given!r}, {wanted!r} is what the bench file says or "
@@ -204,7 +198,7 @@ class StreamImu:
 
     def _no_identity(self, arrived: int, counts: StreamCounts) -> str:
         begin = f"{self.port}: within {_IDENTITY_S:g} s "
-        name = self._description.name
+        name = self.description.name
         if not arrived:
             return begin + "nothing arrived; is the unit powered, and is the cable in the right port?"
         if not counts.ok:
