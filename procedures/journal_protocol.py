@@ -1,7 +1,5 @@
 """What the sequencer needs of a journal. The durable one is in `hil/records/journal.py`; a list will do in a test."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -30,7 +28,7 @@ class StepResult:
     outcome: Outcome
     reason: str = ""
     data: Mapping[str, Any] = field(default_factory=dict)
-    samples: SampleBlock | None = None  # a collect's samples and raw bytes
+    samples: "SampleBlock | None" = None  # a collect's samples and raw bytes
 
 
 Ended = tuple[Step, int, StepResult]

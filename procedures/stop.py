@@ -11,12 +11,11 @@ A signal that the process was told to ignore (`nohup` does so with SIGHUP) stays
 which a terminal stops a process: a controller that Ctrl-Z has put to sleep watches over nothing.
 """
 
-from __future__ import annotations
-
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Self
 
 
 def _known(*names: str) -> tuple[signal.Signals, ...]:
@@ -52,7 +51,7 @@ class StopRequest:
             raise StopRequested(self.reason)
 
     @contextmanager
-    def on_signals(self) -> Iterator[StopRequest]:
+    def on_signals(self) -> Iterator[Self]:
         """Turn signals into a stop request, then put the handlers back; in the main thread alone (`ValueError`)."""
         former = {number: signal.getsignal(number) for number in (*_SIGNALS, *_THAT_STOP)}
         for number in _SIGNALS:

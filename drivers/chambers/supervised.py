@@ -272,17 +272,16 @@ class SupervisedChamber:
         wanted = self._native.around(setpoint_degC, present.temperature)
         for write in writes_in_order(self._native.held(present), wanted, self._controller.resolution_degC):
             self._write(*write)
-        for look in range(1, looks + 1):
-            state = self._state()
+        while True:
+            looks, state = looks - 1, self._state()
             try:
                 confirm_settings(self._native.held(state), wanted, self._controller.resolution_degC, self._device)
                 self._confirmed = setpoint_degC
                 return state
             except ProtocolError:
                 # A late reply to the question before the writes still shows the old values: ask once more.
-                if look == looks:
+                if not looks:
                     raise
-        raise ValueError("a setting needs at least one look")
 
     def _write(self, which: Which, value_degC: float) -> None:
         if which == "setpoint":

@@ -1,7 +1,5 @@
 """Good frames as columns: what a decoder hands out."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -49,7 +47,7 @@ class FrameBatch:
         """Return in which frames a numeric field is there, shape (n,)."""
         return self.layout.told(self.rows, field) if field in self.layout.numeric else np.zeros(len(self), np.bool_)
 
-    def select(self, keep: NDArray[np.bool_], sequence: IntArray) -> FrameBatch:
+    def select(self, keep: NDArray[np.bool_], sequence: IntArray) -> "FrameBatch":
         """Return the frames to keep, shape (n,) of bool, with their `sequence`, shape (kept,)."""
         return FrameBatch(self.layout, np.ascontiguousarray(self.rows[keep]), self.starts[keep], sequence)
 
@@ -139,11 +137,10 @@ def join(groups: Sequence[tuple[FrameLayout, Rows, IntArray]]) -> FrameBatch:
         _, all_rows, all_starts = merged.setdefault(id(layout), (layout, [], []))
         all_rows.append(rows)
         all_starts.append(starts)
-    parts = []
-    for layout, all_rows, all_starts in merged.values():
-        rows = all_rows[0] if len(all_rows) == 1 else np.concatenate(all_rows)
-        starts = all_starts[0] if len(all_starts) == 1 else np.concatenate(all_starts)
-        parts.append(FrameBatch(layout, rows, starts, np.arange(len(starts))))
+    parts = [
+        FrameBatch(layout, np.concatenate(all_rows), np.concatenate(all_starts), np.arange(sum(map(len, all_starts))))
+        for layout, all_rows, all_starts in merged.values()
+    ]
     if len(parts) == 1:
         return parts[0]
     order = np.argsort(np.concatenate([part.starts for part in parts]), kind="stable")

@@ -5,7 +5,7 @@ from binascii import crc_hqx
 from collections.abc import Callable
 from functools import cached_property, lru_cache, partial
 from operator import itemgetter
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ _IEEE = 0x04C11DB7
 _CCITT = 0x1021
 _REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
+_BITS = {"fletcher": 16, "xor": 8}  # of kinds that have no `width`
 _FEW = 8  # messages below which one by one is faster than the tables
 _POLL = 768  # messages of which all bytes are looked up at once: their places stay in the processor's cache
 
@@ -49,11 +50,11 @@ class _Checksum(Section):
     at: int | None = Field(default=None, ge=0)
     stored: Literal["little", "big"] = "big"
     confirm: bool = False
-    _bits: ClassVar[int] = 0  # of a kind that has no `width`
+    kind: str
 
     @property
     def size(self) -> int:
-        return (int(getattr(self, "width", self._bits)) + 7) // 8
+        return (int(getattr(self, "width", _BITS.get(self.kind, 0))) + 7) // 8
 
     def position(self, body_end: int) -> int:
         """Return where the checksum stands in a frame whose delimiter begins at `body_end`."""
@@ -76,6 +77,8 @@ class _Checksum(Section):
 
     def check_span(self, covered: int) -> None:
         """Raise `ValueError` where the kind cannot cover so many bytes."""
+        if covered % (word := getattr(self, "word", 1)):
+            raise ValueError(f"checksum.word: {covered} covered bytes are not whole words of {word} bytes")
 
 
 class CrcParameters(Section):
@@ -112,32 +115,17 @@ class SumKind(_Checksum):
     word_order: Literal["little", "big"] = "big"
     negate: bool = False
 
-    def check_span(self, covered: int) -> None:
-        if covered % self.word:
-            raise ValueError(f"checksum.word: {covered} covered bytes are not whole words of {self.word} bytes")
+
+class PlainKind(_Checksum):
+    """Fletcher's two running sums modulo 256 over the covered bytes, the first sum first on the wire; or their xor.
+
+    Or no checksum: damage goes unnoticed, unless it hits header, length or delimiter.
+    """
+
+    kind: Literal["fletcher", "xor", "none"]
 
 
-class FletcherKind(_Checksum):
-    """Fletcher's two running sums modulo 256 over the covered bytes, the first sum first on the wire."""
-
-    kind: Literal["fletcher"]
-    _bits: ClassVar[int] = 16
-
-
-class XorKind(_Checksum):
-    """The exclusive or of the covered bytes."""
-
-    kind: Literal["xor"]
-    _bits: ClassVar[int] = 8
-
-
-class NoChecksum(_Checksum):
-    """No checksum: damage goes unnoticed, unless it hits header, length or delimiter."""
-
-    kind: Literal["none"]
-
-
-ChecksumDescription = Annotated[CrcKind | SumKind | FletcherKind | XorKind | NoChecksum, Field(discriminator="kind")]
+ChecksumDescription = Annotated[CrcKind | SumKind | PlainKind, Field(discriminator="kind")]
 
 
 def _reflect(value: int, width: int) -> int:
@@ -282,7 +270,7 @@ class FrameChecksum:
         elif isinstance(kind, SumKind):
             self._of_rows = partial(_sum, kind)
         else:
-            self._of_rows = _fletcher if isinstance(kind, FletcherKind) else partial(np.bitwise_xor.reduce, axis=1)
+            self._of_rows = _fletcher if kind.kind == "fletcher" else partial(np.bitwise_xor.reduce, axis=1)
 
     def _joined(self, frame: bytes) -> bytes:
         return b"".join([frame[part] if isinstance(part, slice) else part for part in self._parts])

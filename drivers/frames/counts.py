@@ -1,7 +1,5 @@
 """What a stream has lost, and what it could not read."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 
@@ -20,6 +18,6 @@ class StreamCounts:
     timed_out: int = 0
     overflow_bytes: int = 0
 
-    def __add__(self, other: StreamCounts) -> StreamCounts:
+    def __add__(self, other: "StreamCounts") -> "StreamCounts":
         mine, theirs = vars(self), vars(other)
         return StreamCounts(**{name: mine[name] + theirs[name] for name in mine})

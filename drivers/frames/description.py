@@ -29,7 +29,7 @@ import yaml
 from pydantic import Discriminator, Field, Tag, ValidationError, field_validator, model_validator
 
 from drivers.errors import InputError
-from drivers.frames.checksums import ChecksumDescription, NoChecksum
+from drivers.frames.checksums import ChecksumDescription, PlainKind
 from drivers.frames.fields import (
     LONGEST,
     TOKENS,
@@ -84,7 +84,7 @@ class FrameDescription(Section):
     delimiter: HexBytes = b""
     parts: list[Name] = Field(default_factory=list)
     by: Name | None = None
-    checksum: ChecksumDescription = NoChecksum(kind="none")
+    checksum: ChecksumDescription = PlainKind(kind="none")
     fields: Fields = Field(default_factory=dict)
     items: ItemsDescription | None = None
     text: TextDescription | None = None

@@ -11,11 +11,9 @@
 Items that are not known are skipped. A known item that repeats counts once, the first time.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -43,6 +41,16 @@ class ItemDescription(Section):
         return (found if self.mask is None else found & self.mask) == self.id
 
 
+@dataclass(frozen=True)
+class Item:
+    """One item: its id, where it and its data begin in the frame, and the size of the data."""
+
+    id: int
+    at: int
+    data: int
+    size: int
+
+
 class ItemsDescription(Section):
     """Where the items begin and how each begins; they go on to the checksum.
 
@@ -61,7 +69,7 @@ class ItemsDescription(Section):
     known: dict[Name, ItemDescription] = Field(default_factory=dict)
 
     @model_validator(mode="after")
-    def _consistent(self) -> ItemsDescription:
+    def _consistent(self) -> Self:
         names: dict[str, str] = {}
         for name, item in self.known.items():
             if item.mask is not None and item.id & ~item.mask:
@@ -123,13 +131,3 @@ class ItemsDescription(Section):
         if kind not in SIZES:
             return dict(fields)
         return {n: f.model_copy(update={"type": kind}) if f.type == "item" else f for n, f in fields.items()}
-
-
-@dataclass(frozen=True)
-class Item:
-    """One item: its id, where it and its data begin in the frame, and the size of the data."""
-
-    id: int
-    at: int
-    data: int
-    size: int

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from enum import IntEnum
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,6 @@ from drivers.frames.fields import FIXED_POINT, FieldDescription, LengthDescripti
 from drivers.frames.text_frames import LINE_END, TextDescription, numbers
 from drivers.frames.wire import ByteOrder, FloatArray, Rows, native_type, read_column, sign_extended, write_column
 
-_MOST_SETS = 8  # of fields that are stored together: a device stores one or two
 _BLOCK = 8192  # rows whose bytes stay in the processor's cache while all their columns are read
 
 
@@ -57,7 +56,6 @@ class FrameLayout:
         whole = frame.length.whole if isinstance(frame.length, LengthDescription) else None
         self._lacks = max(0, (whole or 0) - self.length)  # zeros that were not sent
         self.record, self.assembled = self._native_record()
-        self._usual = lru_cache(_MOST_SETS)(self._whole_numbers)
 
     def _native_record(self) -> tuple[np.dtype[np.void], Sequence[str]]:
         """Return a structured type over one frame with every field of a native width, and the names of the others."""
@@ -168,35 +166,6 @@ class FrameLayout:
         cells = (bytes(row[at : at + size]) for row in rows)
         return [cell.split(b"\0")[0].decode("ascii", "replace").replace("�", "?").strip() for cell in cells]
 
-    def _whole_numbers(self, *names: str) -> tuple[Sequence[str], Sequence[str], FloatArray]:
-        """Return native integers that a float holds, others, and of those offset, factor, least, most: (4, k, 1)."""
-        native = {name: self.numeric[name] for name in names if name in self.numeric and name not in self.assembled}
-        known = {name: field for name, field in native.items() if field.type[0] in "ui" and field.bits <= 32}
-        told = [(field.offset, self.factor(name), *_range(field)) for name, field in known.items()]
-        others = [name for name in names if name not in known]
-        return [*known], others, np.array(told, float).reshape(-1, 4, 1).swapaxes(0, 1)
-
-    def store_together(self, rows: Rows, columns: Mapping[str, ArrayLike]) -> None:
-        """Write numeric fields (n,) of n frames as `store` does, what fits all at once: a poll brings few frames."""
-        usual, others, (offset, factor, least, most) = self._usual(*columns)
-        wire = np.empty((len(usual), len(rows)))
-        for row, name in zip(wire, usual, strict=True):
-            row[:] = columns[name]
-        if offset.any():
-            wire -= offset
-        wire /= factor
-        np.rint(wire, out=wire)
-        ends = wire.min(axis=1, initial=np.inf), wire.max(axis=1, initial=-np.inf)  # NaN where there is any
-        within = ((ends[0] >= least[:, 0]) & (ends[1] <= most[:, 0])).tolist()
-        records = np.ndarray(len(rows), self.record, rows) if len(rows) else np.empty(0, self.record)
-        for name, row, fits in zip(usual, wire, within, strict=True):
-            if fits:
-                records[name] = row
-            else:
-                self.store(rows, name, columns[name])
-        for name in others:
-            self.store(rows, name, columns[name])
-
     def store(self, rows: Rows, field: str, values: ArrayLike) -> None:
         """Write a numeric field of n frames from values in its unit, shape (n,) or one for all.
 
@@ -227,15 +196,11 @@ class FrameLayout:
         rows[:, at : at + size] = np.frombuffer(text.encode("ascii").ljust(size, b"\0"), np.uint8)
 
 
-def _range(field: FieldDescription) -> tuple[int, int]:
-    bits = field.bits
-    return (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if field.type[0] != "u" else (0, (1 << bits) - 1)
-
-
 def _to_integers(values: NDArray[Any], field: FieldDescription, name: str) -> NDArray[Any]:
     """Round to the nearest integer and hold at the ends of the field's range; the result is ready to be stored."""
-    low, high = _range(field)
-    dtype = np.dtype(np.int64 if field.type[0] != "u" else np.uint64)
+    signed = field.type[0] != "u"
+    high = (1 << field.bits - signed) - 1
+    low, dtype = -signed * (high + 1), np.dtype(np.int64 if signed else np.uint64)
     if not values.size:
         return values.astype(dtype)
     rounded = np.rint(values) if values.dtype.kind == "f" else values
@@ -295,10 +260,11 @@ def encode_rows(layout: FrameLayout, columns: Mapping[str, ArrayLike | str], n: 
             "not made; simulate a unit whose frames have a fixed length, such as mfs"
         )
     rows = layout.blank(n)
-    layout.store_together(rows, {name: each for name, each in columns.items() if not isinstance(each, str)})
     for field, values in columns.items():
         if isinstance(values, str):
             layout.store_text(rows, field, values)
+        else:
+            layout.store(rows, field, values)
     layout.checksum.write(rows)
     return rows
 

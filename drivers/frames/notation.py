@@ -15,8 +15,6 @@ A value is put in wherever the description says `${acc_scale}`; `${acceleration_
 `${rate}` the sample rate in Hz. A parameter without choices is a number.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterable, Mapping
@@ -102,8 +100,7 @@ class Header(bytes):
     """What matches them, as a regular expression, and `begun` what matches all but the last, or fewer."""
     begun: bytes
 
-    def __new__(cls, told: Iterable[int | None]) -> Header:
-        """Put the header together."""
+    def __new__(cls, told: Iterable[int | None]) -> Self:
         told = tuple(told)
         header = super().__new__(cls, (byte or 0 for byte in told))
         parts = [b"." if byte is None else re.escape(bytes([byte])) for byte in told]
@@ -113,10 +110,9 @@ class Header(bytes):
         return header
 
     def __str__(self) -> str:
-        """Write it as a description does."""
         return " ".join("xx" if byte is None else f"{byte:02X}" for byte in self.told)
 
-    def clashes(self, other: Header) -> bool:
+    def clashes(self, other: "Header") -> bool:
         """Tell whether the same bytes may be both headers, or one and the beginning of the other."""
         return all(None in pair or pair[0] == pair[1] for pair in zip(self.told, other.told, strict=False))
 

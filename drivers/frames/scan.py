@@ -11,8 +11,6 @@ for confirmation, a frame that does not follow a good one directly is believed o
 its counter goes on from the last good frame of its type; where neither is there yet, the reader waits.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -36,7 +34,7 @@ class Standing:
     in_step: bool = True
     claimed: int = 0
 
-    def moved(self, by: int) -> Standing:
+    def moved(self, by: int) -> "Standing":
         """Return the same place, seen from `by` bytes further on."""
         return Standing(self.in_step, max(0, self.claimed - by))
 

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drivers.frames.batch import Decoded, FrameBatch
-from drivers.frames.checksums import CrcKind, NoChecksum
+from drivers.frames.checksums import CrcKind
 from drivers.frames.counts import StreamCounts
 from drivers.frames.decoder import StreamDecoder
 from drivers.frames.description import FrameDescription, StreamDescription, load_description
@@ -216,7 +216,7 @@ def _warnings(description: StreamDescription) -> Iterator[str]:
         kind = frame.checksum
         if frame.parts:
             continue
-        if isinstance(kind, NoChecksum) and (frame.text is None or not frame.text.checksums):
+        if kind.kind == "none" and (frame.text is None or not frame.text.checksums):
             yield f"{name} has no checksum: damage in it goes unnoticed"
         elif frame.text is None and not isinstance(kind, CrcKind) and not kind.confirm:
             yield f"{name}: so weak a checksum matches by chance; with checksum.confirm, the next frame is asked too"
