@@ -12,7 +12,7 @@ from collections.abc import Hashable, Mapping, Sequence
 from copy import deepcopy
 from functools import lru_cache
 from importlib.resources import files
-from typing import Any
+from typing import Any, Self
 
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
@@ -73,6 +73,14 @@ class Section(BaseModel):
             if key not in names:
                 raise ValueError(f"unknown key {key!r}{near(str(key), names)}")
         return data
+
+    @model_validator(mode="after")
+    def _know_what_is_possible(self) -> Self:
+        self._check()
+        return self
+
+    def _check(self) -> None:
+        """Raise `ValueError` where keys that are right by themselves contradict one another."""
 
 
 class _StrictLoader(yaml.SafeLoader):
@@ -172,11 +180,14 @@ def near(word: str, allowed: Sequence[str]) -> str:
     return f"; did you mean {close[0]!r}?" if close else f"; {every}"
 
 
-def first_mistake(error: ValidationError, document: object) -> str:
+def first_mistake(error: ValueError, document: object) -> str:
     """Return the first thing that is wrong with `document` as one sentence that begins with its key.
 
-    A key that nobody knows comes before one that is missing: the one is often the other, misspelt.
+    A key that nobody knows comes before one that is missing: the one is often the other, misspelt. What no model of
+    the document says is a sentence already.
     """
+    if not isinstance(error, ValidationError):
+        return str(error)
     problems = sorted(error.errors(include_url=False), key=lambda each: each["type"] == "missing")
     parts, sentence = list(problems[0]["loc"]), plain_words(problems[0])
     if problems[0]["type"].startswith("union_tag"):

@@ -5,11 +5,11 @@ from binascii import crc_hqx
 from collections.abc import Callable
 from functools import cached_property, lru_cache, partial
 from operator import itemgetter
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field
 
 from drivers.frames.notation import HexBytes
 from drivers.frames.wire import Rows, read_column, write_column
@@ -91,12 +91,10 @@ class CrcParameters(Section):
     refout: bool = False
     xorout: int = Field(default=0, ge=0)
 
-    @model_validator(mode="after")
-    def _fits(self) -> Self:
+    def _check(self) -> None:
         for key in ("poly", "init", "xorout"):
             if getattr(self, key) >> self.width:
                 raise ValueError(f"{key} has more than {self.width} bits")
-        return self
 
 
 class CrcKind(_Checksum, CrcParameters):

@@ -23,10 +23,10 @@ from functools import reduce
 from itertools import combinations
 from operator import xor
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import Discriminator, Field, Tag, ValidationError, field_validator, model_validator
+from pydantic import Discriminator, Field, Tag, field_validator
 
 from drivers.errors import InputError
 from drivers.frames.checksums import ChecksumDescription, PlainKind
@@ -92,8 +92,7 @@ class FrameDescription(Section):
     time: TimeDescription | None = None
     status: dict[str, dict[Name, StatusBit]] = Field(default_factory=dict)
 
-    @model_validator(mode="after")
-    def _one_kind(self) -> Self:
+    def _check(self) -> None:
         if [self.length is None, self.text is None, not self.parts].count(False) != 1:
             raise ValueError("length: is given for every frame but one of text, or of parts")
         if self.parts and self.model_fields_set - {"parts", "by", "meaning", "counter", "time"}:
@@ -104,7 +103,6 @@ class FrameDescription(Section):
             raise ValueError("checksum: this key is missing (kind: none where the frame has none)")
         if self.text is not None and (self.items is not None or "checksum" in self.model_fields_set):
             raise ValueError("text: a line has its checksum under text.checksums, and no items")
-        return self
 
     @property
     def all_fields(self) -> dict[str, FieldDescription]:
@@ -175,8 +173,7 @@ class StreamDescription(Section):
         """Give samples of several frames the fields and the status of these."""
         return {name: _joined(name, frame, frames) if frame.parts else frame for name, frame in frames.items()}
 
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
+    def _check(self) -> None:
         _check_headers(self)
         for name, frame in self.frames.items():
             try:
@@ -187,7 +184,6 @@ class StreamDescription(Section):
             frames = self.frames.items()
             bits = {name: {bit for bits in frame.status.values() for bit in bits} for name, frame in frames}
             check_roles(self.roles, {name: frame.all_fields for name, frame in frames}, bits)
-        return self
 
     @property
     def tells_serial(self) -> bool:
@@ -333,10 +329,8 @@ def parse_description(
     try:
         content = _with_values(content, parameters or {})
         return StreamDescription.model_validate(content)
-    except ValidationError as error:
-        raise InputError(f"{origin}: {first_mistake(error, content)}") from None
     except ValueError as error:
-        raise InputError(f"{origin}: {error}") from None
+        raise InputError(f"{origin}: {first_mistake(error, content)}") from None
 
 
 def _with_values(content: dict[str, Any], given: Mapping[str, object]) -> dict[str, Any]:
@@ -344,10 +338,7 @@ def _with_values(content: dict[str, Any], given: Mapping[str, object]) -> dict[s
     described = content.get("parameters") or {}
     if not isinstance(described, dict):
         raise ValueError("parameters: is a mapping of names to what they mean")
-    try:
-        parameters = _Parameters.model_validate({"parameters": described}).parameters
-    except ValidationError as error:
-        raise ValueError(first_mistake(error, content)) from None
+    parameters = _Parameters.model_validate({"parameters": described}).parameters
     values = values_of(parameters, given, content.get("sample_rate_hz"))
     rest = {key: value for key, value in content.items() if key != "parameters"}
     return {**put_in(rest, values), "parameters": described}

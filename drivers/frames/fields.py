@@ -1,9 +1,9 @@
 """Fields as they are written in a description: type, place, scale; arrays, bit fields, turns; and lengths."""
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field
 
 from drivers.frames.notation import ByteOrder, Factor, Name
 from drivers.strict_yaml import Section
@@ -27,11 +27,9 @@ class When(Section):
     mask: int | None = Field(default=None, gt=0)
     equals: int = Field(ge=0)
 
-    @model_validator(mode="after")
-    def _possible(self) -> Self:
+    def _check(self) -> None:
         if self.mask is not None and self.equals & ~self.mask:
             raise ValueError(f"equals: {self.equals:#x} has bits that the mask {self.mask:#x} hides")
-        return self
 
 
 class FieldDescription(Section):
@@ -57,15 +55,13 @@ class FieldDescription(Section):
     when: When | None = None
     label: str = ""
 
-    @model_validator(mode="after")
-    def _text_has_a_size(self) -> Self:
+    def _check(self) -> None:
         if (self.type == "text") != (self.size is not None):
             raise ValueError("size is given for a text field, and only for a text field")
         if self.scale == 0.0:
             raise ValueError("scale must not be 0")
         if self.mask is not None and (not self.is_integer or self.mask >> (8 * self.width)):
             raise ValueError(f"mask: {self.mask:#x} is not a part of an integer; this is {self.type}")
-        return self
 
     @property
     def width(self) -> int:
@@ -225,13 +221,11 @@ class LengthDescription(Section):
     whole: int | None = Field(default=None, ge=2, le=LONGEST)
     extended: ExtendedLength | None = None
 
-    @model_validator(mode="after")
-    def _possible(self) -> Self:
+    def _check(self) -> None:
         if self.shortest > self.longest:
             raise ValueError(f"least: {self.shortest} is more than the most, {self.longest}")
         if self.shortest < self.at + SIZES[self.type]:
             raise ValueError(f"least: a frame of {self.shortest} bytes ends before its length at {self.at}")
-        return self
 
     @property
     def shortest(self) -> int:

@@ -13,9 +13,9 @@ Items that are not known are skipped. A known item that repeats counts once, the
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, Self
+from typing import Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from drivers.frames.fields import SIZES, FieldDescription, Fields, FieldType, field_offsets
 from drivers.frames.notation import ByteOrder, Name
@@ -68,8 +68,7 @@ class ItemsDescription(Section):
     formats: ItemFormats | None = None
     known: dict[Name, ItemDescription] = Field(default_factory=dict)
 
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
+    def _check(self) -> None:
         names: dict[str, str] = {}
         for name, item in self.known.items():
             if item.mask is not None and item.id & ~item.mask:
@@ -85,7 +84,6 @@ class ItemsDescription(Section):
                 if described.type == "item" and self.formats is None:
                     raise ValueError(f"{place}.type: formats are missing, which tell the type from the id")
                 names[field] = name
-        return self
 
     def all_fields(self) -> dict[str, FieldDescription]:
         """Return the fields of every known item."""

@@ -20,7 +20,7 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, Self
 
-from pydantic import AfterValidator, BeforeValidator, InstanceOf, model_validator
+from pydantic import AfterValidator, BeforeValidator, InstanceOf
 
 from drivers.frames.wire import ByteOrder as ByteOrder
 from drivers.strict_yaml import Section
@@ -137,12 +137,10 @@ class ParameterDescription(Section):
     choices: dict[str | int | float | bool, dict[Name, ParameterValue]] | None = None
     default: str | int | float | bool
 
-    @model_validator(mode="after")
-    def _default_is_possible(self) -> Self:
+    def _check(self) -> None:
         self.chosen(self.default, "default")
         if self.choices is not None and len({frozenset(names) for names in self.choices.values()}) > 1:
             raise ValueError("choices: every choice gives values to the same names")
-        return self
 
     def chosen(self, value: object, key: str) -> tuple[ParameterValue, Mapping[str, ParameterValue]]:
         """Return the choice and the values that come with it; raise `ValueError` where it is none."""

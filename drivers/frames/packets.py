@@ -12,9 +12,9 @@ A packet is one frame, whole. Its fields, length and checksum are described as t
 import re
 from collections.abc import Iterator
 from functools import cached_property
-from typing import Literal, Self
+from typing import Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from drivers.frames.notation import HexBytes
 from drivers.strict_yaml import Section
@@ -31,13 +31,11 @@ class PacketDescription(Section):
     end: HexBytes = Field(default=b"", max_length=2)
     escape: HexBytes = Field(default=b"", max_length=1)
 
-    @model_validator(mode="after")
-    def _possible(self) -> Self:
+    def _check(self) -> None:
         if (self.escape and self.kind not in ("slip", "hdlc")) or len(self.end or _ENDS[self.kind]) != len(
             _ENDS[self.kind]
         ):
             raise ValueError(f"kind: {self.kind} has no such end or escape")
-        return self
 
     @cached_property
     def _rules(self) -> tuple[re.Pattern[bytes], re.Pattern[bytes], dict[bytes, bytes]]:

@@ -11,9 +11,9 @@ import re
 from collections.abc import Iterable, Mapping
 from functools import reduce
 from operator import xor
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from drivers.frames.checksums import CrcParameters, message_crc
 from drivers.frames.fields import FieldDescription
@@ -68,12 +68,10 @@ class TextDescription(Section):
     most: int = Field(default=256, ge=4, le=4096)
     checksums: list[Annotated[TextXor | TextCrc, Field(discriminator="kind")]] = Field(default_factory=list)
 
-    @model_validator(mode="after")
-    def _ascii(self) -> Self:
+    def _check(self) -> None:
         for key, text in [("separator", self.separator), *[("checksums.mark", each.mark) for each in self.checksums]]:
             if not _PRINTABLE.fullmatch(text.encode()):
                 raise ValueError(f"{key}: {text!r} is not printable ASCII")
-        return self
 
     def length_of(self, data: bytes, start: int, header_size: int, delimiter: bytes) -> int | None:
         """Return the length of the line at `start`: 0 where it is none, None where its end is not there."""

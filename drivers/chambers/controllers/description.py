@@ -11,9 +11,9 @@ A box speaks text, or Modbus where its description has a section `modbus`. What 
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, PositiveFloat, ValidationError, model_validator
+from pydantic import Field, PositiveFloat, ValidationError
 
 from drivers.chambers.controllers.questions import (
     Address,
@@ -156,8 +156,7 @@ class BoxDescription(Section):
         entries = ((key, each) for key, entry in entries for each in (entry, *getattr(entry, "also", ())))
         return tuple((key, entry) for key, entry in entries if isinstance(entry, Question | Command))
 
-    @model_validator(mode="after")
-    def _hangs_together(self) -> Self:
+    def _check(self) -> None:
         if (self.low_limit is None) != (self.high_limit is None):
             raise ValueError("give low_limit and high_limit, or neither")
         usual: set[str] = {key for key in type(self).model_fields["asked"].default if self._entries(key)}
@@ -180,7 +179,6 @@ class BoxDescription(Section):
                 raise ValueError(f"{key}: a box with a section modbus has registers and no texts")
             if entry.address is not None and self.modbus is None:
                 raise ValueError(f"{key}: a box with registers needs a section modbus; modbus: {{}} is one")
-        return self
 
     def _numbers_lie_apart(self, modbus: ModbusSection) -> None:
         """Raise `ValueError` where two numbers share a register, one stands in a coil, or all bits were alarms."""

@@ -11,7 +11,7 @@ from contextlib import suppress
 from fnmatch import fnmatchcase
 from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
-from pydantic import BeforeValidator, Field, PositiveFloat, PositiveInt, model_validator
+from pydantic import BeforeValidator, Field, PositiveFloat, PositiveInt
 
 from drivers.chambers.controller import Mode
 from drivers.chambers.controllers.templates import Order, Reply, number_in
@@ -99,11 +99,9 @@ class Question(InRegister):
     length: PositiveInt | None = None
     hint: str = ""  # what to look at where it is not answered
 
-    @model_validator(mode="after")
-    def _asked_in_one_way(self) -> Self:
+    def _check(self) -> None:
         if (self.ask is None) == (self.address is None) and not (self.optional and self.ask is None):
             raise ValueError("say how it is asked: ask and reply, or register")
-        return self
 
     def meaning(self, word: str) -> Any:
         """Return what a word means; raise `ValueError`, which says what the box does, where it can mean nothing."""
@@ -147,11 +145,9 @@ class Command(InRegister):
     where: Mode | None = None  # told in this mode alone, and where nobody knows it
     may_be_refused: bool = False  # by one that does without
 
-    @model_validator(mode="after")
-    def _told_in_one_way(self) -> Self:
+    def _check(self) -> None:
         if (self.send is None) == (self.address is None):
             raise ValueError("say how it is told: send, or register and value")
-        return self
 
 
 class Quantity(Number):
@@ -163,11 +159,10 @@ class Quantity(Number):
     step: PositiveFloat = 0.1  # in which it is held
     write: Several[Address] = ()
 
-    @model_validator(mode="after")
-    def _can_be_set(self) -> Self:
+    def _check(self) -> None:
+        super()._check()
         if self.ask is not None and self.send is None:
             raise ValueError("send: this key is missing")
-        return self
 
     @property
     def written_to(self) -> tuple[int, ...]:
@@ -238,11 +233,10 @@ class Identity(Question):
         """Whether it can be asked."""
         return self.ask is not None or self.address is not None
 
-    @model_validator(mode="after")
-    def _says_something(self) -> Self:
+    def _check(self) -> None:
+        super()._check()
         if not self.asks and "{value}" in self.model:
             raise ValueError("say how it is asked: ask and reply, or register; or give its model")
-        return self
 
     def meaning(self, word: str) -> str:
         """Return the word; a name that is asked by text has letters, a late reply to something else may have none."""
@@ -257,11 +251,10 @@ class UnitQuestion(Question):
     celsius: Several[Word]
     fahrenheit: Several[Word]
 
-    @model_validator(mode="after")
-    def _differ(self) -> Self:
+    def _check(self) -> None:
+        super()._check()
         if both := {*self.celsius} & {*self.fahrenheit}:
             raise ValueError(f"fahrenheit: {both.pop()} means °C too; one word cannot be both")
-        return self
 
     def meaning(self, word: str) -> str:
         for unit, words in (("degC", self.celsius), ("degF", self.fahrenheit)):
