@@ -224,7 +224,6 @@ def as_written(parts: Sequence[int | str], document: object) -> str:
 
 
 def _key_in(here: object, part: int | str) -> int | str | None:
-    """Return the key under which `here` has `part`, None where it has none."""
     if isinstance(here, Mapping):
         return next((key for key in here if str(key) == str(part)), None)
     is_place = isinstance(here, list | tuple) and str(part).isdigit() and int(part) < len(here)

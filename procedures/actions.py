@@ -71,7 +71,6 @@ class Actions:
         return {units[name]: each for name, each in found.items()}
 
     def _identify(self, step: Step, units: Sequence[str]) -> Results:
-        """Ask the devices who they are; each unit must be the one with which the sweep began."""
         # The chamber first: if the unit is the wrong one, the chamber can still be brought to its safe state.
         try:
             chamber = self.devices.chamber.identify()
@@ -128,7 +127,6 @@ class Actions:
         )
 
     def _command(self, step: Step, target_degC: float) -> float:
-        """Set the chamber and return its temperature; where it held that, time counts from the first command."""
         now = self.devices.chamber.read()
         self.watch.commanded(None)
         self.devices.chamber.set_temperature(target_degC)

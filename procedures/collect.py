@@ -284,7 +284,6 @@ def _settled(watch: Watch, units: Mapping[str, BenchDevices], seconds: float) ->
 
 
 def _pose(devices: BenchDevices, position: str, samples: SampleBlock) -> str:
-    """Return in words what the unit's mean accelerations contradict of its pose, or nothing."""
     if devices.poses is None or not len(samples):
         return ""
     return devices.poses.contradiction(position, shown_g(devices.imu, samples))
@@ -299,7 +298,6 @@ def shown_g(imu: StreamImu, samples: SampleBlock) -> Mapping[int, Mapping[str, f
 def _sample(
     watch: Watch, units: Mapping[str, BenchDevices], until_s: float
 ) -> tuple[Mapping[str, Sequence[SampleBlock]], Sequence[ChamberReading], float]:
-    """Return each unit's blocks, the chamber's readings, and the clock at the last drain."""
     blocks: dict[str, list[SampleBlock]] = {name: [] for name in units}
     readings: list[ChamberReading] = []
     end_s = watch.now_s

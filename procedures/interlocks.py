@@ -85,7 +85,6 @@ def standard_interlocks(settings: InterlockSettings, limits: ChamberLimits) -> S
 
 
 def _on_news(check: Callable[[Look, ChamberReading], str]) -> Callable[[Look], str | None]:
-    """Return a check of what the chamber newly shows, which says nothing at a look without news of it."""
     return lambda look: check(look, look.chamber) if look.chamber_fresh and look.chamber is not None else None
 
 

@@ -127,7 +127,6 @@ class PoseTable:
     def _lies_elsewhere(
         self, labels: NDArray[np.str_], wrong: BoolArray, measured_g: FloatArray
     ) -> Iterator[Contradiction]:
-        """Yield where the unit lies as in another position of the table."""
         for asked in dict.fromkeys(labels[wrong].tolist()):
             rows = wrong & (labels == asked)
             for seen, f_g in self.poses.items():
@@ -163,7 +162,6 @@ class PoseTable:
     def _unexplained(
         self, labels: NDArray[np.str_], rows: BoolArray, measured_g: FloatArray, expected_g: FloatArray
     ) -> Iterator[Contradiction]:
-        """Yield a plain sentence for each position whose accelerations fit nothing that is known."""
         for asked in dict.fromkeys(labels[rows].tolist()):
             here = rows & (labels == asked)
             first = int(np.flatnonzero(here)[0])

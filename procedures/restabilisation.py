@@ -144,7 +144,6 @@ def _steady(evidence: Mapping[str, float | None], most_degC_per_min: float) -> b
 
 
 def _evidence(looks: list[tuple[float, float]]) -> dict[str, float | None]:
-    """Return last temperature, slope and span over the window."""
     if not looks:
         return {"temperature_degC": None, "slope_degC_per_min": None, "span_degC": None}
     slope = slope_per_min(*np.array(looks).T)
@@ -176,7 +175,6 @@ def restabilise(watch: Watch, settings: Restabilisation) -> Mapping[str, Any]:
 
 
 def _thermometers(watch: Watch) -> set[Sensor]:
-    """Return those of the units that go on."""
     return {
         _sensor(name, number)
         for name, unit in watch.units.items()

@@ -95,7 +95,6 @@ class Sequencer:
         return outcome_of(self.plan, self._done, self._failed, self.watch.aside, cause, left)
 
     def _sweep(self) -> None:
-        """Do every step that is not DONE, restoring first what it stands on."""
         recorded = dict(self.watch.journal.completed())
         self._done = {step.key for step in self.plan.steps if step.key in recorded}
         power_on_s = None if self.powered_on is None else (self.powered_on - self.watch.began).total_seconds()
@@ -125,7 +124,6 @@ class Sequencer:
                 self._restore(final)  # although that step was DONE in an earlier run
 
     def _going_on(self, steps: Sequence[Step]) -> Sequence[Step]:
-        """Return those of the chamber, and of units that are not set aside."""
         return [step for step in steps if step.unit is None or step.unit in self.watch.units]
 
     def _leave(self, cause: BaseException | None) -> Left:
@@ -263,7 +261,6 @@ class Sequencer:
         return kept
 
     def _give_up(self, step: Step, error: DeviceError) -> None:
-        """Set the unit aside that its device failed; raise where it is the last, or the chamber's device did."""
         tripped = InterlockTripped("device", f"{step.key}: {error}", of_unit=step.unit is not None)
         tripped.__cause__ = error
         if step.unit is None:

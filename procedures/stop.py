@@ -19,7 +19,6 @@ from typing import Self
 
 
 def _known(*names: str) -> tuple[signal.Signals, ...]:
-    """Return the signals that this system has: Windows has few."""
     return tuple(getattr(signal, name) for name in names if hasattr(signal, name))
 
 

@@ -81,7 +81,6 @@ class UnitWatch:
         return block, span_s, error
 
     def _who_is_back(self) -> str:
-        """Ask who is behind the port since the stream was lost, before its samples count; return why nobody says so."""
         whose = of_unit(self.name)
         try:
             told = self.same_unit()

@@ -88,7 +88,6 @@ def _of_step(result: StepResult | None) -> Judgement:
 
 
 def _apart(collects: list[Step], results: Mapping[str, StepResult]) -> Iterable[Judgement]:
-    """Yield a judgement for each pair of neighbouring collects that were taken much further apart than planned."""
     for before, after in pairwise(collects):
         if before.key not in results or after.key not in results:
             continue

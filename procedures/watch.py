@@ -277,7 +277,6 @@ class Watch:
         return "when this collect is finished" if sampling else "before the next step"
 
     def _drain(self) -> Mapping[str, tuple[SampleBlock, float, str]]:
-        """Return what `UnitWatch.drain` does of each unit, without those behind whose port is another one now."""
         drained = {}
         for name, unit in tuple(self.units.items()):
             try:
@@ -287,7 +286,6 @@ class Watch:
         return drained
 
     def _read_chamber(self) -> tuple[ChamberReading | None, str]:
-        """Return a new reading where one is due, else None, and what failed."""
         if self.now_s - self._chamber_s < self.polling.interval_s - 1e-6:
             return None, ""
         self._chamber_s = self.now_s

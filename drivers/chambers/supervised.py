@@ -227,7 +227,6 @@ class SupervisedChamber:
                     raise
 
     def _begin(self) -> None:
-        """Begin an operation: from its deadline on nothing more is asked."""
         self._give_up_s = self._clock.now() + _OPERATION_S
 
     def _look(self) -> ControllerState:
@@ -290,7 +289,6 @@ class SupervisedChamber:
         self._controller.write(which, value_degC)
 
     def _confirm_mode(self, *modes: str, looks: int) -> None:
-        """Look at most `looks` times whether the controller is in one of `modes`; raise `ProtocolError`."""
         for look in range(1, looks + 1):
             mode = self._look().mode
             if mode in modes:
@@ -345,7 +343,6 @@ class SupervisedChamber:
         return representable_setpoint(setpoint_degC, self.limits, self._controller.resolution_degC)
 
     def _insist_on_safe(self, *, looks: int) -> None:
-        """Raise `DeviceError` saying why the chamber is not in its safe state."""
         if self._asks.safe.action == "hold":
             setpoint = self._state().setpoint
             if not agrees(setpoint, self._safe_setpoint(), self._controller.resolution_degC):

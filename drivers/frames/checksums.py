@@ -28,7 +28,6 @@ Words = NDArray[np.uint64]
 
 
 def _one_or_several(span: Any) -> Any:
-    """Take `[first, end]` as the one part that is covered."""
     one = isinstance(span, list | tuple) and not any(isinstance(part, list | tuple | str | bytes) for part in span)
     if one and len(span) != 2:
         raise ValueError("is [first, end], or a list of such parts and of constant bytes")

@@ -85,7 +85,6 @@ class FrameSequence:
         return keep, np.where(before >= 0, numbers[before], first)[keep], lost
 
     def _steps(self, told_by: CounterDescription | TimeDescription, values: NDArray[Any]) -> IntArray:
-        """Return by how many frames each frame is ahead of the one before."""
         if isinstance(told_by, CounterDescription):
             moved, step = self._moved(values, told_by.step, told_by.modulus), told_by.step
             # A counter between two steps belongs to the nearer; one that moved at all is no repetition.

@@ -77,7 +77,6 @@ class ItemsFamily(FrameFamily):
         return np.asarray(super().alike(rows, layout) & (rows[:, same] == rows[0, same]).all(axis=1))
 
     def _walked(self, frame: bytes, base: FrameLayout) -> list[Item] | None:
-        """Return the items of a frame; None where they do not fill it exactly."""
         begin, longer = self._items.begin, self._told and self._told.extended
         if self._told and longer and self._items.extended_begin and frame[self._told.at] == longer.mark:
             begin = self._items.extended_begin

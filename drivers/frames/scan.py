@@ -103,7 +103,6 @@ class Scanner:
         return self._headers[match.lastindex - 1] if match is not None and match.lastindex else None
 
     def _unfinished(self, data: bytes, at: int) -> bool:
-        """Tell whether `data` ends within a header that may have begun at `at`."""
         return len(data) - at < self._longest_header and self._begun.match(data, at) is not None
 
     def _tail(self, data: bytes, at: int, end: int) -> int | None:

@@ -22,7 +22,6 @@ def native_type(kind: str, order: ByteOrder) -> str | None:
 
 
 def _view(rows: Rows, offset: int, dtype: str) -> NDArray[Any]:
-    """Return a view of the number at `offset` of every row, without copying."""
     if not len(rows):
         return np.empty(0, dtype)
     return np.ndarray((len(rows),), dtype, rows, offset, (rows.shape[1],))
@@ -43,7 +42,6 @@ def read_column(rows: Rows, offset: int, kind: str, order: ByteOrder) -> NDArray
 
 
 def _assemble(rows: Rows, offset: int, size: int, order: ByteOrder, *, signed: bool) -> NDArray[Any]:
-    """Put together integers of 3, 5, 6 or 7 bytes."""
     dtype: type[np.integer[Any]] = np.int32 if size == 3 else np.int64 if signed else np.uint64
     positions = range(offset, offset + size) if order == "big" else range(offset + size - 1, offset - 1, -1)
     value: NDArray[Any] = np.zeros(len(rows), dtype)

@@ -138,7 +138,6 @@ class StreamImu:
         self.transport.close()
 
     def _take(self, raw: bytes, arrival_s: float) -> tuple[Decoded, FloatArray]:
-        """Decode, place the samples in time and remember what the newest one says about the index."""
         decoded = self._decoder.feed(raw, arrival_s)
         batch = decoded[self._roles.frame]
         if not len(batch):

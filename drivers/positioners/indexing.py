@@ -92,7 +92,6 @@ class IndexingPositioner:
         )
 
     def _until_next_look(self, elapsed_s: float, status: IndexStatus | None, usual_s: float) -> float:
-        """Return how long to wait, `elapsed_s` after the command, before the stream is looked at again."""
         if status is None or not status.moving:
             return self.poll_s
         arrives_s = usual_s + self.confirm_s - elapsed_s

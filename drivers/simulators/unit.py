@@ -199,7 +199,6 @@ class SimulatedImu:
         return encode_rows(FrameLayout(self.description, role.frame), texts, 1).tobytes()
 
     def _stream(self, now_s: float) -> None:
-        """Send the frames that are due up to `now_s`."""
         due = math.floor((now_s - self.starts_s) * self._rate_hz + 1e-6) + 1
         if due <= self._next:
             return
@@ -229,7 +228,6 @@ class SimulatedImu:
         return encode_rows(self._layout, columns, len(numbers))
 
     def _freeze(self, columns: dict[str, FloatArray | NDArray[np.int64]], times_s: FloatArray) -> None:
-        """Hold every signal at its first value in the window of the fault."""
         frozen = self._faults.during(ImuFault.FROZEN, times_s)
         if not frozen.any():
             self._frozen = None
@@ -262,7 +260,6 @@ class SimulatedImu:
             columns[word_name] = word
 
     def _spoil(self, rows: Rows, times_s: FloatArray) -> bytes:
-        """Return the bytes of the frames after what the line and the unit do to them."""
         faults, rng = self._faults, self._rng
         if not faults:
             return rows.tobytes()

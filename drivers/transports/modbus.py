@@ -124,7 +124,6 @@ class ModbusExchange:
         return reply.address == request.address
 
     def _exchange(self, request: ModbusPDU, what: str, *, written: bool = False) -> ModbusPDU:
-        """Send one request and return the reply to it, of the same function."""
         if self.framing == "tcp":
             self._transaction = self._transaction % 0xFFFF + 1
         request.transaction_id = self._transaction

@@ -20,7 +20,6 @@ from drivers.transports.modbus import Framing, NumberType, Table, decoded, encod
 
 
 def _off_is_a_word(given: object) -> object:
-    """Return what is meant by an unquoted OFF."""
     return "OFF" if given is False else given  # YAML reads an unquoted off as false
 
 
@@ -31,7 +30,6 @@ Several = Annotated[tuple[Item, ...], BeforeValidator(lambda it: it if isinstanc
 
 
 def _registers(given: object) -> object:
-    """Return the first and the last of what is written as 300 or 100-106."""
     first, _, last = str(given).partition("-")
     if not (first.isdecimal() and (last or first).isdecimal() and int(first) <= int(last or first) <= 0xFFFF):
         raise ValueError(f"{given!r} must be a register, such as 300, or registers, such as 100-106")

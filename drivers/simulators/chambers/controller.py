@@ -160,7 +160,6 @@ class SimulatedController(ABC):
     # What is common.
 
     def _take(self, request: bytes, now_s: float) -> None:
-        """Answer one request, as far as pacing and faults let it."""
         if now_s < self._ready_at_s - _PACING_TOLERANCE_S:
             self.ignored_requests += 1
             return
@@ -180,7 +179,6 @@ class SimulatedController(ABC):
         self._answer(reply, due_s, fault)
 
     def _answer(self, reply: bytes, due_s: float, fault: ChamberFault | None) -> None:
-        """Put the reply on its way, damaged as `fault` says."""
         if not reply:
             return
         match fault.kind if fault else None:
@@ -202,7 +200,6 @@ class SimulatedController(ABC):
         return b"\x00\x7f\xfe#~"
 
     def _strike(self, name: str, now_s: float) -> ChamberFault | None:
-        """Return the fault of a reply that meets this request, and count it."""
         for number, fault in enumerate(self._faults):
             in_time = fault.begins_s <= now_s < fault.ends_s
             if fault.kind in OF_A_REPLY and in_time and name.startswith(fault.command):
@@ -213,7 +210,6 @@ class SimulatedController(ABC):
         return None
 
     def _suffer(self, now_s: float) -> None:
-        """Let the faults of the chamber happen whose time has come."""
         due = [each for each in self._faults if each.kind not in OF_A_REPLY and each.begins_s <= now_s]
         for fault in sorted(due, key=lambda each: each.begins_s):
             self._faults.remove(fault)
@@ -260,7 +256,6 @@ class SimulatedController(ABC):
         return any(each.begins_s <= at_s < each.ends_s < math.inf for each in gone)
 
     def _condition(self, at_s: float) -> None:
-        """Tell the plant what mode and setpoint mean for it."""
         if self._obeyed:
             self.plant.command(self.setpoint_degC if self.mode in ("CONSTANT", "RUN") else None, at_s)
 

@@ -148,7 +148,6 @@ class _Described(SimulatedController, ABC):
                 self.settings[name] = value
 
     def _adopt_guarded(self, name: str, value: float) -> None:
-        """Set a quantity; `Refusal` where the setpoint would then lie beyond the limits, if it minds."""
         before = self.setpoint_degC, self.limits
         self._adopt(name, value)
         guarded = self._beyond and self._box.low_limit is not None and not self._box.simulated.takes_any_setpoint
@@ -197,7 +196,6 @@ class SimulatedSetpointBox(_Described, SimulatedLines):
         super().__init__(plant, description.framings, **settings)
 
     def _take(self, request: bytes, now_s: float) -> None:
-        """Answer one text, where it is for this controller."""
         if self._text(request).startswith(self._box.addressed):
             super()._take(request, now_s)
 
@@ -274,7 +272,6 @@ class SimulatedSetpointBox(_Described, SimulatedLines):
         return ",".join(one or other for one, other in zip_longest(said, fields, fillvalue=""))
 
     def _own(self, answer: str, now_s: float) -> str:
-        """Fill a template of the description's `answers`."""
         mode = self._box.state[0].word_for(self.mode) if self._box.state else ""
         air = self._written(self._sensed(now_s))
         return filled(answer, value=air, setpoint=self._shown(self.setpoint_degC), mode=mode)
@@ -326,7 +323,6 @@ class SimulatedRegisterBox(_Described, SimulatedModbus):
             address, values = address + taken, values[taken:]
 
     def _set_one(self, address: int, values: list[int], table: Table) -> int:
-        """Write what begins at `address`; return how many registers it was."""
         for name, quantity in self._quantities:
             for begins in quantity.written_to if quantity.table == table else ():
                 size = self._map.width(quantity)
@@ -356,7 +352,6 @@ class SimulatedRegisterBox(_Described, SimulatedModbus):
         return str(sum(1 << bit for bit in range(16) if f"{question.address}.{bit}" in self.alarms))
 
     def _own(self, table: Table) -> Table:
-        """Many controllers answer the same for input and holding registers: all whose map has no input registers."""
         has_inputs = any(each.table == "input" for _, each in self._box.named)
         return "holding" if table == "input" and not has_inputs else table
 

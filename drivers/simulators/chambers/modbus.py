@@ -66,7 +66,6 @@ class SimulatedModbus(SimulatedController):
         """Write registers, unsigned, or a coil in one request; raise `Refusal` where they cannot be."""
 
     def _next_request(self) -> bytes | None:
-        """Cut one frame off; throw away what cannot be one, as a unit does at the next pause on the line."""
         data = self._received
         if self._framing == "tcp":
             size = 6 + int.from_bytes(data[4:6], "big") if len(data) >= 6 else 0
@@ -81,12 +80,10 @@ class SimulatedModbus(SimulatedController):
         return frame
 
     def _head(self, request: bytes) -> tuple[int, int, int]:
-        """Return unit, function and address."""
         body = request[6:] if self._framing == "tcp" else request
         return body[0], body[1], int.from_bytes(body[2:4], "big")
 
     def _is_mine(self, request: bytes) -> bool:
-        """Tell whether it is undamaged and for this unit."""
         whole = self._framing == "tcp" or FramerRTU.check_CRC(request[:-2], int.from_bytes(request[-2:], "big"))
         return whole and self._head(request)[0] == self._address
 

@@ -138,7 +138,6 @@ class ChamberPlant:
         return air
 
     def _restart(self, at_s: float) -> None:
-        """Begin a new stretch of history from the present temperature and rate."""
         at_s = max(at_s, self._now_s)
         while len(self._begins) > 1 and self._begins[-1] > at_s:  # the settling that a new command overtakes
             self._begins.pop()
