@@ -54,8 +54,7 @@ class Average:
     def inflation(self) -> FloatArray:
         """How much larger the standard error is than that of as many independent samples."""
         white = self.sd / np.sqrt(max(self.n, 1))
-        result: FloatArray = np.divide(self.se, white, out=np.ones_like(self.se), where=white > 0.0)
-        return result
+        return np.asarray(np.divide(self.se, white, out=np.ones_like(self.se), where=white > 0.0))
 
 
 def average_series(time_s: FloatArray, values: FloatArray) -> Average:
@@ -139,5 +138,4 @@ def _autoregressive(noise: FloatArray) -> FloatArray:
         better = criterion < least
         chosen = np.where(better, candidate, chosen)
         least = np.where(better, criterion, least)
-    result: FloatArray = np.where(coloured, chosen, power * freedom)
-    return result
+    return np.asarray(np.where(coloured, chosen, power * freedom))

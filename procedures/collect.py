@@ -60,7 +60,7 @@ def reduce_collect(
 ) -> tuple[dict[str, Any], Judgement]:
     """Return data and judgement of a collect's samples; those with a rate that is no finite number are missing."""
     names = [name for channels in imu.sensors.values() for name in channels.rates.values()]
-    rates = np.column_stack([_column(samples, name) for name in names]) if names else np.empty((len(samples), 0))
+    rates = np.column_stack([_column(samples, name) for name in names])
     good = np.isfinite(rates).all(axis=1)
     fields = {name: values[good] for name, values in samples.fields.items()}
     average = average_series(samples.time_s[good], rates[good])
@@ -92,11 +92,7 @@ def _differs(n: int, expected: int) -> bool:
 def _enough(
     samples: SampleBlock, n: int, expected: int, missing: int, sample_rate_hz: float, settings: CollectSettings
 ) -> Iterable[Judgement]:
-    """Judge the number of samples. Evenly spread from end to end, it is the unit's rate that is not the description's.
-
-    At the described rate as far as they go, and few, they are a stream that stopped; a rate that is off by less shows
-    in no times.
-    """
+    """Judge the number of samples: spread from end to end they show another rate; else few are a stream that ended."""
     fraction = max(1.0 - missing / expected, 0.0) if expected else 0.0
     counts = samples.counts
     bad = counts.bad_checksum + counts.bad_delimiter

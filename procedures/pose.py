@@ -47,13 +47,12 @@ class PoseTolerance:
     def allowed_g(self, f_g: FloatArray) -> FloatArray:
         """Return how far each component of `f_g`, any shape, g, may be from what is measured."""
         across = np.sqrt(np.clip(1.0 - f_g**2, 0.0, 1.0))  # a small turn changes a component by what lies across it
-        allowed: FloatArray = self.bias_g + self.scale * np.abs(f_g) + np.deg2rad(self.fixture_deg) * across
-        return allowed
+        return np.asarray(self.bias_g + self.scale * np.abs(f_g) + np.deg2rad(self.fixture_deg) * across)
 
     def departs(self, measured_g: FloatArray, expected_g: FloatArray) -> BoolArray:
         """Return where a sensor, (n, s), of measured and expected (n, s, 3) is further off than is allowed."""
-        off: BoolArray = np.any(np.abs(measured_g - expected_g) > self.allowed_g(expected_g), axis=-1)  # NaN: False
-        return off
+        off = np.abs(measured_g - expected_g) > self.allowed_g(expected_g)  # NaN: False
+        return np.asarray(np.any(off, axis=-1))
 
 
 @dataclass(frozen=True)

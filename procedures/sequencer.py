@@ -38,7 +38,7 @@ from procedures.settings import CollectSettings, Restabilisation
 from procedures.stop import StopRequested
 from procedures.sweep_outcome import SweepOutcome, outcome_of, state_after, why
 from procedures.verdict import NOT_GOOD
-from procedures.watch import Position, Watch
+from procedures.watch import Watch
 
 # What steps stand on, in the order in which it has to be restored, each on those before it; and why it is done again.
 _STANDS_ON: Mapping[StepKind, str] = {
@@ -201,9 +201,8 @@ class Sequencer:
         self._touched = True
         behind = (each for each in self.plan.steps[steps[0].index :] if each.stage != steps[0].stage)
         later = (each for each in behind if each.key not in self._done)
-        total = len(self.plan.steps)
-        here = Position(steps[0], max(attempts), self.watch.now_s, lasting_s(later), len(self._done), total)
-        self.watch.stage_began(here, zip(steps, attempts, strict=True))
+        begun = list(zip(steps, attempts, strict=True))
+        self.watch.stage_began(begun, lasting_s(later), len(self._done), len(self.plan.steps))
 
     def _end(self, ended: Ends) -> None:
         if not ended:
@@ -216,10 +215,7 @@ class Sequencer:
             self.watch.show("step_ended", step, result)
 
     def _with_retries(self, steps: Sequence[Step], *, recorded: bool) -> Mapping[str, StepResult]:
-        """Perform steps until each has a result to keep: device errors and bad collects are tried again, bounded.
-
-        Return the results by key. What is done again has one in the journal, and is not `recorded` a second time.
-        """
+        """Perform steps, some tries each, and return the results to keep by key; what is restored is not `recorded`."""
         kept: dict[str, StepResult] = {}
 
         def end(ended: Ends) -> None:
@@ -268,12 +264,26 @@ class Sequencer:
         self.watch.set_aside(step.unit, tripped)
 
     def _before_trying_again(self, steps: Sequence[Step], results: Mapping[str, StepResult | DeviceError]) -> None:
-        """Give devices that failed some time, and bring units back into position whose collects were not good."""
+        """Give devices that failed some time.
+
+        Units whose collects were not good are indexed again where they are not confirmed to stand, or do not lie, as
+        these want it.
+        """
         bad = {step.key: each for step in steps if isinstance(each := results[step.key], StepResult)}
         if len(bad) < len(steps):
             for _ in self.watch.wait(self.watch.now_s + self.watch.polling.retry_wait_s):
                 pass  # it is looked at meanwhile
-        self._back_in_position([step for step in steps if step.key in bad], bad)
+        lies = {step.unit: str(bad[step.key].data.get("wrong_pose", "")) for step in steps if step.key in bad}
+        turned = {
+            unit
+            for unit, wrong in lies.items()
+            if wrong or self.watch.devices.units[unit or ""].positioner.position() != steps[0].position
+        }
+        index = [each for each in self._before(steps[0], StepKind.INDEX) if each.unit in turned] if turned else []
+        if index:
+            self.watch.remark = "; ".join(dict.fromkeys(filter(None, lies.values())))
+            self._restore(index)
+            self.watch.remark = ""
 
     def _hold(self, steps: Sequence[Step]) -> str:
         """Return once nothing is suspected and nobody pauses; return the key of what a pause undid for good, if any."""
@@ -291,25 +301,10 @@ class Sequencer:
                 return blocked
         return ""
 
-    def _back_in_position(self, steps: Sequence[Step], bad: Mapping[str, StepResult]) -> None:
-        """Index units again that are not confirmed to stand, or do not lie, as their collect wants it."""
-        lies = {step.unit: str(bad[step.key].data.get("wrong_pose", "")) for step in steps}
-        turned = {
-            step.unit
-            for step in steps
-            if lies[step.unit] or self.watch.devices.units[step.unit or ""].positioner.position() != step.position
-        }
-        index = [each for each in self._before(steps[0], StepKind.INDEX) if each.unit in turned] if steps else []
-        if index:
-            self.watch.remark = "; ".join(dict.fromkeys(filter(None, lies.values())))
-            self._restore(index)
-            self.watch.remark = ""
-
     def _now_in_effect(self, step: Step, result: StepResult) -> bool:
         """Note what the step put into effect; end the night where soaks never settle.
 
-        What is in effect is compared by key, and a plan never comes back to a key it has left, so a new setpoint needs
-        no list of what it undoes.
+        A plan never comes back to a key it has left: a new setpoint needs no list of what it undoes.
         """
         if step.kind is StepKind.RESTABILISE:
             self._unsettled = 0 if result.outcome is Outcome.DONE else self._unsettled + 1
@@ -326,7 +321,7 @@ class _Tries:
     """What is left of the attempts of some steps: at a device as many as are said, of a collect as its settings say."""
 
     def __init__(self, steps: Sequence[Step], device_attempts: int) -> None:
-        self._collects = {step.key: int(CollectSettings.from_parameters(step.parameters).attempts) for step in steps}
+        self._collects = {step.key: CollectSettings.from_parameters(step.parameters).attempts for step in steps}
         self._devices = {step.key: device_attempts for step in steps}
 
     def judge(

@@ -61,8 +61,8 @@ class _Parameters:
     @classmethod
     def from_parameters(cls, parameters: Mapping[str, float]) -> Self:
         """Return the settings that `as_parameters` wrote; other numbers in `parameters` are left alone."""
-        names = {item.name for item in fields(cls)}  # type: ignore[arg-type]
-        return cls(**{name: value for name, value in parameters.items() if name in names})
+        kinds: dict[str, Any] = {item.name: type(item.default) for item in fields(cls)}  # type: ignore[arg-type]
+        return cls(**{name: kinds[name](value) for name, value in parameters.items() if name in kinds})
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,6 @@ class Restabilisation(_Parameters):
     collect_at_ceiling: bool = True  # collect all the same (INCONCLUSIVE, never PASS), or skip the self-calibration
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "collect_at_ceiling", bool(self.collect_at_ceiling))
         positive = "band_degC slope_degC_per_min window_s unit_band_degC unit_slope_degC_per_min"
         _require_possible(self, "restabilisation", positive, "at_least_s excursion_s")
         shortest = max(self.at_least_s, self.window_s)
@@ -116,7 +115,6 @@ class CollectSettings(_Parameters):
     def __post_init__(self) -> None:
         positive = "duration_s index_timeout_s drift_limit_deg_per_hr_per_min drift_sigmas motion_limit_g"
         _require_possible(self, "collect", positive, "settle_s index_s frozen_s")
-        object.__setattr__(self, "attempts", int(self.attempts))
         _require(0.0 < self.minimum_fraction <= 1.0, "collect: minimum_fraction must lie above 0 and not above 1")
         _require(self.attempts >= 1, "collect: attempts must be at least 1")
 

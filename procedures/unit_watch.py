@@ -13,7 +13,7 @@ from drivers.errors import DeviceError, WrongDevice
 from drivers.frames.counts import StreamCounts
 from drivers.frames.roles import SensorRole
 from drivers.imu import ImuIdentity, SampleBlock
-from drivers.imu.samples import means, rate_fields
+from drivers.imu.samples import rate_fields
 from procedures.devices import BenchDevices
 from procedures.interlocks import Look, of_unit
 
@@ -31,23 +31,19 @@ class UnitWatch:
     rates_deg_per_hr: Mapping[str, float] = field(default_factory=dict, init=False)  # running means, for onlookers
     rates_se_deg_per_hr: Mapping[str, float] = field(default_factory=dict, init=False)
     stream = StreamCounts()
-    _shown_ok = 0
+    shown_ok = 0  # good frames that onlookers have heard of
 
     def __post_init__(self) -> None:
         self.imu, self._clock = self.devices.imu, self.devices.clock
         self.unchanged = Unchanged(self.imu.sensors)
         self.rate_fields = rate_fields(self.imu.sensors)
+        self.temperature_fields = {n: each.temperature for n, each in self.imu.sensors.items() if each.temperature}
         self._last_frame_s = self._clock.now()
 
     def forget(self) -> None:
         """Throw away what it sent so far."""
         self.stream += self.imu.discard()
         self._last_frame_s = self._clock.now()
-
-    def newly_shown(self) -> int:
-        """Return how many good frames came since this was asked last."""
-        frames, self._shown_ok = self.stream.ok - self._shown_ok, self.stream.ok
-        return frames
 
     def same_unit(self) -> ImuIdentity:
         """Ask the unit who it is; raise `WrongDevice` where it is not the one with which the night began."""
@@ -90,11 +86,6 @@ class UnitWatch:
             return f"it was lost and is back, and the unit does not say who it is: {failure}"
         self.event("unit-back", f"{whose}the unit's stream was lost and is back; it is {told}, as before")
         return ""
-
-    def temperatures(self, block: SampleBlock) -> Mapping[int, float]:
-        """Return the mean temperature of each sensor that has a thermometer, °C, from what was drained."""
-        fields = {number: each.temperature for number, each in self.imu.sensors.items() if each.temperature is not None}
-        return {number: mean for number, mean, _ in means(block, fields)}
 
 
 def labelled(unit: str, name: object) -> str:

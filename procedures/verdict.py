@@ -22,7 +22,7 @@ _APART_S = 300.0
 
 
 class Verdict(StrEnum):
-    """Whether a result is good."""
+    """Whether a result is good, from best to worst."""
 
     PASS = "PASS"  # noqa: S105 - a verdict, not a secret
     MARGINAL = "MARGINAL"
@@ -32,7 +32,6 @@ class Verdict(StrEnum):
 
 NOT_GOOD = (Verdict.FAIL, Verdict.INCONCLUSIVE)
 """Of a measurement that tells nothing of the unit."""
-_SEVERITY = (Verdict.PASS, Verdict.MARGINAL, Verdict.INCONCLUSIVE, Verdict.FAIL)
 
 
 @dataclass(frozen=True)
@@ -45,7 +44,7 @@ class Judgement:
     @property
     def severity(self) -> int:
         """0 for PASS, up to 3 for FAIL."""
-        return _SEVERITY.index(self.verdict)
+        return list(Verdict).index(self.verdict)
 
 
 def combine(judgements: Iterable[Judgement], passed: str = "all criteria met") -> Judgement:

@@ -8,7 +8,7 @@ the interlocks are judged, a stop request is heard, the journal gets its sign of
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from datetime import datetime, timedelta
 from typing import Any
@@ -39,18 +39,6 @@ _IDENTITY_S = 10.0  # more than a unit is given to say who it is
 _TICK_S = 1e-6  # sleeping for less may not move a clock at all
 
 
-@dataclass(frozen=True)
-class Position:
-    """Where in the sweep the poll takes place: the present step, its attempt, and what is planned behind it."""
-
-    step: Step
-    attempt: int
-    began_s: float  # the clock's
-    later_s: float  # planned time of everything after this step
-    steps_done: int
-    steps_total: int
-
-
 @dataclass(eq=False)
 class Watch:
     """Looks at the bench and tells everybody. Campaign time counts from the UTC instant `began`, also across a resume.
@@ -72,7 +60,9 @@ class Watch:
     disk_free_mb: Callable[[], float] | None = None
     commanded_degC: float | None = field(default=None, init=False)
     look: Look | None = field(default=None, init=False)
-    _position: Position | None = field(default=None, init=False)
+    _step: Step | None = field(default=None, init=False)  # the present one, or the first of several at once
+    _attempt = _steps_done = _steps_total = 0
+    _step_began_s = _later_s = 0.0  # the clock's; planned time of everything after this step
     arrived = False
     interruptible = False  # whether a pause ends the present step at once
     resting = False  # a pause is in effect
@@ -119,9 +109,11 @@ class Watch:
         """Let onlookers see that something happened, which need not be recorded."""
         self.show("event", kind, message, self.campaign_s())
 
-    def stage_began(self, position: Position, steps: Iterable[tuple[Step, int]]) -> None:
-        """Polls belong to these steps from now on, each with its attempt."""
-        self._position = position
+    def stage_began(self, steps: Sequence[tuple[Step, int]], later_s: float, steps_done: int, steps_total: int) -> None:
+        """Polls belong to these steps, each with its attempt, from now on; what is planned behind takes `later_s`."""
+        self._step, self._attempt = steps[0][0], max(attempt for _, attempt in steps)
+        self._step_began_s, self._later_s = self.now_s, later_s
+        self._steps_done, self._steps_total = steps_done, steps_total
         self.note = ""
         for unit in self.units.values():
             unit.rates_deg_per_hr, unit.rates_se_deg_per_hr = {}, {}
@@ -244,7 +236,7 @@ class Watch:
                 chamber_fresh=fresh is not None,
                 chamber_error=chamber_error,
                 stream_error=stream_error,
-                unit_degC=self.units[name].temperatures(block),
+                unit_degC={n: mean for n, mean, _ in means(block, self.units[name].temperature_fields)},
                 commanded_degC=self.commanded_degC,
                 arrived=self.arrived,
                 frozen_s=self.units[name].unchanged.lasting_s(block, self._drained_s),
@@ -273,7 +265,7 @@ class Watch:
     def _when_a_pause_would_begin(self) -> str:
         if self.interruptible:
             return "at once"
-        sampling = self._position is not None and self._position.step.kind is StepKind.COLLECT
+        sampling = self._step is not None and self._step.kind is StepKind.COLLECT
         return "when this collect is finished" if sampling else "before the next step"
 
     def _drain(self) -> Mapping[str, tuple[SampleBlock, float, str]]:
@@ -298,7 +290,7 @@ class Watch:
 
     def _heartbeat(self, looks: Looks) -> None:
         look = next(iter(looks.values()))
-        if self._position is None or look.time_s - self._heartbeat_s < self.polling.heartbeat_s:
+        if self._step is None or look.time_s - self._heartbeat_s < self.polling.heartbeat_s:
             return
         self._heartbeat_s = look.time_s
         readings = {
@@ -308,7 +300,7 @@ class Watch:
         }
         if look.chamber is not None and look.time_s - self._answered_s <= self.polling.heartbeat_s:
             readings |= {"chamber_degC": look.chamber.temperature_degC, "setpoint_degC": look.chamber.setpoint_degC}
-        self.journal.heartbeat(self._position.step, readings)
+        self.journal.heartbeat(self._step, readings)
         # Each time that somebody set the wall clock is recorded; campaign time goes on by the monotonic one.
         off_s = (self.devices.clock.utc() - self.began).total_seconds() - self.campaign_s()
         if abs(off_s - self._wall_off_s) > _WALL_JUMP_S:
@@ -317,22 +309,21 @@ class Watch:
 
     def _snapshot(self, looks: Looks) -> None:
         look = next(iter(looks.values()))
-        if self._position is None or look.time_s - self._progress_s < self.polling.progress_s:
+        if self._step is None or look.time_s - self._progress_s < self.polling.progress_s:
             return
         since_s, self._progress_s = look.time_s - self._progress_s, look.time_s
-        here = self._position
-        in_step_s = look.time_s - here.began_s
-        remaining_s = max(here.step.duration_s - in_step_s, 0.0)
-        finishing = self.began + timedelta(seconds=self.campaign_s(look.time_s) + remaining_s + here.later_s)
+        in_step_s = look.time_s - self._step_began_s
+        remaining_s = max(self._step.duration_s - in_step_s, 0.0)
+        finishing = self.began + timedelta(seconds=self.campaign_s(look.time_s) + remaining_s + self._later_s)
         note = ", ".join(filter(None, (self.note, self._suspects.countdown(look.time_s))))
         for name, each in looks.items():
             unit = self.units[name]
-            frames = unit.newly_shown()
+            frames, unit.shown_ok = unit.stream.ok - unit.shown_ok, unit.stream.ok
             self.show(
                 "update",
                 Snapshot(
-                    step=here.step.of(name),
-                    attempt=here.attempt,
+                    step=self._step.of(name),
+                    attempt=self._attempt,
                     elapsed_s=self.campaign_s(look.time_s),
                     step_elapsed_s=in_step_s,
                     step_remaining_s=remaining_s,
@@ -349,7 +340,7 @@ class Watch:
                     stream_hz=frames / since_s if math.isfinite(since_s) else None,
                     stream_nominal_hz=each.sample_rate_hz,
                     note=note,
-                    steps_done=here.steps_done,
-                    steps_total=here.steps_total,
+                    steps_done=self._steps_done,
+                    steps_total=self._steps_total,
                 ),
             )

@@ -86,12 +86,10 @@ class Controller(ABC):
 
     def set_ramp_rate(self, degC_per_min: float) -> bool:
         """Bound the ramp from now on, confirm it, or raise a `DeviceError`; False where it is not equipped for it."""
-        del degC_per_min
         return False
 
     def arm_dead_man(self, seconds: float) -> bool:
         """Let it stop by itself when left alone for so long; confirm it, raise, or return False as with a ramp."""
-        del seconds
         return False
 
     def close(self) -> None:

@@ -37,7 +37,17 @@ class ReadingWatch:
         """Raise `SensorFault` for what cannot be true; `driven_to_degC` is the setpoint, where it is conditioned to."""
         check_plausible(reading_degC, self.device)
         if self._last is not None:
-            self._refuse_jump(now_s, reading_degC, *self._last)
+            before_s, before_degC = self._last
+            # From the first sight of a jump on, time no longer widens what is allowed: no wrong unit becomes right.
+            until_s = now_s if self._jumped_at_s is None else self._jumped_at_s
+            allowed_degC = _STEP_DEGC + _SLEW_DEGC_PER_MIN * max(until_s - before_s, 0.0) / 60.0
+            self._jumped_at_s = until_s if abs(reading_degC - before_degC) > allowed_degC else None
+            if self._jumped_at_s is not None:
+                raise SensorFault(
+                    f"{self.device} reads {reading_degC:g} °C where it read {before_degC:g} °C "
+                    f"{until_s - before_s:.0f} s before, which no chamber's air does; check its sensor, and that its "
+                    "panel still shows °C"
+                )
         driven = driven_to_degC is not None and abs(reading_degC - driven_to_degC) > _FROZEN_DISTANCE_DEGC
         if not driven or self._last is None or reading_degC != self._last[1]:
             self._same_since_s = now_s
@@ -48,19 +58,6 @@ class ReadingWatch:
                 f"{(now_s - self._same_since_s) / 60.0:.0f} min on its way to {driven_to_degC:g} °C; its sensor is "
                 "frozen, or it neither heats nor cools"
             )
-
-    def _refuse_jump(self, now_s: float, reading_degC: float, before_s: float, before_degC: float) -> None:
-        # From the first sight of a jump on, time no longer widens what is allowed: a wrong unit never becomes right.
-        until_s = now_s if self._jumped_at_s is None else self._jumped_at_s
-        allowed_degC = _STEP_DEGC + _SLEW_DEGC_PER_MIN * max(until_s - before_s, 0.0) / 60.0
-        if abs(reading_degC - before_degC) <= allowed_degC:
-            self._jumped_at_s = None
-            return
-        self._jumped_at_s = until_s
-        raise SensorFault(
-            f"{self.device} reads {reading_degC:g} °C where it read {before_degC:g} °C {until_s - before_s:.0f} s "
-            "before, which no chamber's air does; check its sensor, and that its panel still shows °C"
-        )
 
 
 ENDURANCE_WRITES = 100_000  # the weaker class of part

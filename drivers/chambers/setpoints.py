@@ -50,19 +50,15 @@ def representable_setpoint(wanted_degC: float, limits: ChamberLimits, resolution
             f"setpoint {wanted_degC:g} °C lies outside the bench's limits of {limits.low_degC:g} to "
             f"{limits.high_degC:g} °C; nothing was sent"
         )
-    steps = round(wanted_degC / resolution_degC)
     tolerance = 1e-9  # 600 * 0.1 is not exactly 60.0
-    if steps * resolution_degC > limits.high_degC + tolerance:
-        steps -= 1
-    if steps * resolution_degC < limits.low_degC - tolerance:
-        steps += 1
-    value = round(steps * resolution_degC, 6)
-    if not limits.low_degC - tolerance <= value <= limits.high_degC + tolerance:
+    least = math.ceil((limits.low_degC - tolerance) / resolution_degC)
+    most = math.floor((limits.high_degC + tolerance) / resolution_degC)
+    if least > most:
         raise SetpointOutOfLimits(
             f"no setpoint in steps of {resolution_degC:g} °C lies within {limits.low_degC:g} to "
             f"{limits.high_degC:g} °C; nothing was sent"
         )
-    return value
+    return round(min(max(round(wanted_degC / resolution_degC), least), most) * resolution_degC, 6)
 
 
 def clamped(temperature_degC: float, limits: ChamberLimits) -> float:
@@ -131,12 +127,14 @@ def writes_in_order(present: Settings, wanted: Settings, resolution_degC: float)
             f"setpoint {wanted.setpoint:g} °C lies outside the chamber's own limits of {wanted.low:g} to "
             f"{wanted.high:g} °C; nothing was sent"
         )
-    tightens = {"high": wanted.high <= present.high, "low": wanted.low >= present.low}
-    widened: list[Which] = [which for which in ("high", "low") if not tightens[which]]
-    tightened: list[Which] = [which for which in ("high", "low") if tightens[which]]
+    turn: dict[Which, int] = {
+        "high": 1 if wanted.high <= present.high else -1,
+        "low": 1 if wanted.low >= present.low else -1,
+        "setpoint": 0,
+    }
     return [
         (which, getattr(wanted, which))
-        for which in (*widened, "setpoint", *tightened)
+        for which in sorted(turn, key=turn.__getitem__)
         if not agrees(getattr(present, which), getattr(wanted, which), resolution_degC)
     ]
 
@@ -153,9 +151,8 @@ def check_plausible(reading_degC: float, device: str) -> None:
 
 def reads_as_fahrenheit(read: float, confirmed_degC: float, resolution_degC: float) -> bool:
     """Say whether a setpoint confirmed in °C now reads as its own value in °F; near -40 that cannot be told."""
-    if agrees(read, confirmed_degC, resolution_degC):
-        return False
-    return agrees(read, confirmed_degC * 1.8 + 32.0, resolution_degC)
+    as_degF = confirmed_degC * 1.8 + 32.0
+    return agrees(read, as_degF, resolution_degC) and not agrees(read, confirmed_degC, resolution_degC)
 
 
 def refuse_fahrenheit(reading: float, *, idle: bool, chamber_maximum: float | None, device: str) -> None:

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -143,8 +142,6 @@ def join(groups: Sequence[tuple[FrameLayout, Rows, IntArray]]) -> FrameBatch:
     ]
     if len(parts) == 1:
         return parts[0]
-    order = np.argsort(np.concatenate([part.starts for part in parts]), kind="stable")
-    place = np.empty(len(order), np.int64)
-    place[order] = np.arange(len(order))
-    edges = np.cumsum([0, *(len(part) for part in parts)])
-    return VariedBatch(parts, [place[a:b] for a, b in pairwise(edges)], np.arange(len(order)))
+    place = np.argsort(np.argsort(np.concatenate([part.starts for part in parts]), kind="stable"), kind="stable")
+    edges = np.cumsum([len(part) for part in parts])
+    return VariedBatch(parts, np.split(place, edges[:-1]), np.arange(len(place)))

@@ -4,7 +4,6 @@ import zlib
 from binascii import crc_hqx
 from collections.abc import Callable
 from functools import cached_property, lru_cache, partial
-from operator import itemgetter
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -197,10 +196,7 @@ def message_crc(kind: CrcParameters, message: bytes) -> int:
 
 @lru_cache(maxsize=16)
 def _tables_by_distance(kind: CrcKind, count: int) -> NDArray[Any]:
-    """Return what each byte leaves with 0, 1, 2 … bytes of zeros behind it, shape (count, 256).
-
-    Frames of every length share them: the table of a position is that of its distance from the end.
-    """
+    """Return what each byte leaves with 0, 1, 2 … zeros behind it, (count, 256): frames of every length share it."""
     table = _byte_table(kind) if kind.refin else _byte_table(kind)[list(_REVERSED)]
     tables = np.empty((count, 256), np.uint64)
     for distance in range(count):
@@ -244,8 +240,7 @@ def _sum(kind: SumKind, rows: Rows) -> NDArray[Any]:
 def _fletcher(rows: Rows) -> NDArray[Any]:
     """First sum Σb, second sum Σ of the first sums, both modulo 256."""
     second = rows.astype(np.int64) @ np.arange(rows.shape[1], 0, -1, dtype=np.int64)
-    both: NDArray[Any] = (rows.sum(axis=1, dtype=np.int64) & 0xFF) << 8 | (second & 0xFF)
-    return both
+    return np.asarray((rows.sum(axis=1, dtype=np.int64) & 0xFF) << 8 | (second & 0xFF))
 
 
 class FrameChecksum:
@@ -256,9 +251,6 @@ class FrameChecksum:
         self._size = kind.size
         self._order = kind.stored
         self._parts = [slice(*part) if isinstance(part, tuple) else part for part in kind.covered(body_end)]
-        first = self._parts[0]
-        plain = len(self._parts) == 1 and isinstance(first, slice)
-        self._covered: Callable[[bytes], bytes] = itemgetter(first) if plain else self._joined
         self._of_rows: Callable[[Rows], NDArray[Any]]
         self._of_bytes: Callable[[bytes], int] = self._alone
         if isinstance(kind, CrcKind):
@@ -269,18 +261,15 @@ class FrameChecksum:
         else:
             self._of_rows = _fletcher if kind.kind == "fletcher" else partial(np.bitwise_xor.reduce, axis=1)
 
-    def _joined(self, frame: bytes) -> bytes:
+    def _covered(self, frame: bytes) -> bytes:
         return b"".join([frame[part] if isinstance(part, slice) else part for part in self._parts])
 
     def _covered_rows(self, rows: Rows) -> Rows:
-        if len(self._parts) == 1 and isinstance(self._parts[0], slice):
-            return rows[:, self._parts[0]]
-        constant = np.frombuffer(b"".join(part for part in self._parts if isinstance(part, bytes)), np.uint8)
-        extended, at, columns = np.hstack([rows, np.tile(constant, (len(rows), 1))]), rows.shape[1], list[int]()
-        for part in self._parts:
-            columns += range(part.start, part.stop) if isinstance(part, slice) else range(at, at + len(part))
-            at += len(part) if isinstance(part, bytes) else 0
-        return extended[:, columns]
+        parts = [
+            rows[:, part] if isinstance(part, slice) else np.tile(np.frombuffer(part, np.uint8), (len(rows), 1))
+            for part in self._parts
+        ]
+        return parts[0] if len(parts) == 1 else np.hstack(parts)
 
     def matches(self, frame: bytes) -> bool:
         """Tell whether one whole frame carries the right checksum."""

@@ -85,17 +85,16 @@ class FrameSequence:
         return keep, np.where(before >= 0, numbers[before], first)[keep], lost
 
     def _steps(self, told_by: CounterDescription | TimeDescription, values: NDArray[Any]) -> IntArray:
-        if isinstance(told_by, CounterDescription):
-            moved, step = self._moved(values, told_by.step, told_by.modulus), told_by.step
-            # A counter between two steps belongs to the nearer; one that moved at all is no repetition.
-            steps = np.ones(len(moved), np.int64)
-            if not (moved == step).all():
-                steps = np.where(moved == 0, 0, np.maximum(1, (moved + step // 2) // step)).astype(np.int64)
-        else:
-            frames = np.rint(self._moved(values, 0, told_by.modulus) * (self._rate_hz * told_by.resolution))
-            steps = np.maximum(1, frames).astype(np.int64)  # no time is twice the same by mistake, nor goes back
+        """Return by how many frames each is ahead of the one before; the very first is one step ahead of nothing."""
+        step = told_by.step if isinstance(told_by, CounterDescription) else 0
+        moved = np.diff(values, prepend=values[0] - step if self.last is None else self.last)
+        if told_by.modulus is not None:
+            moved %= told_by.modulus
         self.last = values[-1].item()
-        return steps
+        if isinstance(told_by, TimeDescription):  # no time is twice the same by mistake, nor goes back
+            return np.maximum(1, np.rint(moved * (self._rate_hz * told_by.resolution))).astype(np.int64)
+        # A counter between two steps belongs to the nearer; one that moved at all is no repetition.
+        return np.where(moved == 0, 0, np.maximum(1, (moved + step // 2) // step)).astype(np.int64)
 
     def _follow(self, steps: IntArray) -> tuple[IntArray, int, NDArray[np.bool_]]:
         """Return the sequence after `steps`, how many frames were lost, and which are no repetitions."""
@@ -106,16 +105,6 @@ class FrameSequence:
         lost = int(sequence[-1]) - self.number - int(np.count_nonzero(moved)) - left_out
         self.number, self._continuous = int(sequence[-1]), True
         return sequence, lost, moved
-
-    def _moved(self, values: NDArray[Any], step: int, modulus: int | None) -> NDArray[Any]:
-        """Return by how much each value is ahead of the one before; the very first is one step ahead of nothing."""
-        before = values[0] - step if self.last is None else self.last
-        moved = values.copy()
-        moved[1:] -= values[:-1]
-        moved[0] -= before
-        if modulus is not None:
-            moved %= modulus
-        return moved
 
 
 class SampleJoiner:

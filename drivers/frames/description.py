@@ -240,21 +240,16 @@ def _check_frame(stream: StreamDescription, frame: FrameDescription) -> None:
         raise ValueError("more_ids: have as many bytes as the id")
     if not frame.parts:
         check_turns(frame.fields)
-    if frame.text is not None:
-        _check_text(frame)
-    elif not frame.parts:
+    if frame.text is None and not frame.parts:
         _check_layout(stream, frame, header_end)
-    _check_references(frame)
-
-
-def _check_text(frame: FrameDescription) -> None:
-    for name, field in frame.fields.items():
+    for name, field in frame.fields.items() if frame.text is not None else ():
         token = field.type in TOKENS or field.is_integer
         if not token or field.at is not None or field.mask is not None or field.when is not None:
             raise ValueError(
                 f"fields.{name}.type: in a frame of text, fields are decimal, word, line or integers (in hexadecimal "
                 "digits), in their order"
             )
+    _check_references(frame)
 
 
 def _check_layout(stream: StreamDescription, frame: FrameDescription, header_end: int) -> None:

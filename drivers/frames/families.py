@@ -106,7 +106,6 @@ class TextFamily(FrameFamily):
 
     def alike(self, rows: Rows, layout: FrameLayout) -> NDArray[np.bool_]:
         """Tell that the first of n stretches, (n, length), is a line: of the others nothing is looked at."""
-        del layout
         return np.asarray(np.arange(len(rows)) == 0)
 
 

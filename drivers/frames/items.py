@@ -36,10 +36,6 @@ class ItemDescription(Section):
     mask: int | None = Field(default=None, gt=0)
     fields: Fields
 
-    def fits(self, found: int) -> bool:
-        """Tell whether an item with id `found` is this one."""
-        return (found if self.mask is None else found & self.mask) == self.id
-
 
 @dataclass(frozen=True)
 class Item:
@@ -111,7 +107,7 @@ class ItemsDescription(Section):
         seen: set[str] = set()
         for item in items:
             for name, known in self.known.items():
-                if name in seen or not known.fits(item.id):
+                if name in seen or (item.id if known.mask is None else item.id & known.mask) != known.id:
                     continue
                 seen.add(name)
                 fields = self._resolved(known.fields, item.id)

@@ -28,7 +28,8 @@ class FrameLayout:
     """Frames of one type that are alike: header, length, where each field lies, checksum, template.
 
     A type of fixed length has one layout. A type of varying length or of items has one for every form, given by
-    `length`, `fields` and `offsets`; fields that this form lacks are `absent`.
+    `length`, `fields` and `offsets`; fields that this form lacks are `absent`. `record` is a structured type over one
+    frame with every field of a native width, `assembled` the names of the others.
     """
 
     def __init__(
@@ -55,24 +56,16 @@ class FrameLayout:
         self._order: ByteOrder = description.byte_order
         whole = frame.length.whole if isinstance(frame.length, LengthDescription) else None
         self._lacks = max(0, (whole or 0) - self.length)  # zeros that were not sent
-        self.record, self.assembled = self._native_record()
-
-    def _native_record(self) -> tuple[np.dtype[np.void], Sequence[str]]:
-        """Return a structured type over one frame with every field of a native width, and the names of the others."""
         native = {
             name: dtype
             for name, f in self.numeric.items()
             if name in self.offsets and f.width and f.mask is None and (dtype := native_type(f.type, self.order(f)))
         }
-        record = np.dtype(
-            {
-                "names": list(native),
-                "formats": list(native.values()),
-                "offsets": [self.offsets[name] for name in native],
-                "itemsize": self.length + self._lacks,
-            }
-        )
-        return record, [name for name in self.numeric if name not in native]
+        places = [self.offsets[name] for name in native]
+        size = self.length + self._lacks
+        form = {"names": [*native], "formats": [*native.values()], "offsets": places, "itemsize": size}
+        self.record: np.dtype[np.void] = np.dtype(form)  # type: ignore[call-overload]
+        self.assembled = [name for name in self.numeric if name not in native]
 
     def factor(self, field: str) -> float:
         """Return what one wire count of a numeric field is worth, in its unit."""

@@ -116,8 +116,13 @@ def check_roles(
             bit = getattr(roles.index, key)
             if bit is not None and bit not in bits[roles.frame]:
                 raise ValueError(f"roles.index.{key}: there is no status bit {bit!r} in frame {roles.frame!r}")
-    if roles.identity is not None and roles.identity.frame is not None:
-        _check_identity(roles.identity, roles.identity.frame, frames)
+    if roles.identity is not None and (frame := roles.identity.frame) is not None:
+        if frame not in frames:
+            raise ValueError(f"roles.identity.frame: there is no frame {frame!r}")
+        for key in ("model", "serial", "firmware"):
+            name = getattr(roles.identity, key)
+            if name is not None and (name not in frames[frame] or frames[frame][name].type != "text"):
+                raise ValueError(f"roles.identity.{key}: there is no text field {name!r} in frame {frame!r}")
 
 
 def _check_fields(
@@ -129,12 +134,3 @@ def _check_fields(
         if unit is not None and fields[name].unit != unit:
             given = fields[name].unit or "no unit"
             raise ValueError(f"{place}.{key}: field {name!r} has {given}; scale it to {unit} and say so in its unit")
-
-
-def _check_identity(identity: IdentityRole, frame: str, frames: Mapping[str, Mapping[str, FieldDescription]]) -> None:
-    if frame not in frames:
-        raise ValueError(f"roles.identity.frame: there is no frame {frame!r}")
-    for key in ("model", "serial", "firmware"):
-        name = getattr(identity, key)
-        if name is not None and (name not in frames[frame] or frames[frame][name].type != "text"):
-            raise ValueError(f"roles.identity.{key}: there is no text field {name!r} in frame {frame!r}")

@@ -38,24 +38,19 @@ def read_column(rows: Rows, offset: int, kind: str, order: ByteOrder) -> NDArray
     if kind == "fp16.32":  # the 32 bits of the fraction first, then the 16 bits before the point
         fraction, whole = (native_type(part, order) or "" for part in ("u32", "i16"))
         return _view(rows, offset + 4, whole).astype(np.int64) << 32 | _view(rows, offset, fraction).astype(np.int64)
-    return _assemble(rows, offset, int(kind[1:]) // 8, order, signed=kind[0] == "i")
-
-
-def _assemble(rows: Rows, offset: int, size: int, order: ByteOrder, *, signed: bool) -> NDArray[Any]:
+    size, signed = int(kind[1:]) // 8, kind[0] == "i"
     dtype: type[np.integer[Any]] = np.int32 if size == 3 else np.int64 if signed else np.uint64
-    positions = range(offset, offset + size) if order == "big" else range(offset + size - 1, offset - 1, -1)
     value: NDArray[Any] = np.zeros(len(rows), dtype)
-    for position in positions:
+    for position in range(size) if order == "big" else reversed(range(size)):
         value <<= dtype(8)
-        value |= rows[:, position]
+        value |= rows[:, offset + position]
     return sign_extended(value, 8 * size) if signed else value
 
 
 def sign_extended(values: NDArray[Any], bits: int) -> NDArray[Any]:
     """Return integers, (n,), whose lowest `bits` hold a two's complement number, with the sign above these."""
     above = values.dtype.type(8 * values.dtype.itemsize - bits)
-    extended: NDArray[Any] = (values << above) >> above
-    return extended
+    return np.asarray((values << above) >> above)
 
 
 def write_column(rows: Rows, offset: int, kind: str, order: ByteOrder, values: NDArray[Any]) -> None:
@@ -69,8 +64,7 @@ def write_column(rows: Rows, offset: int, kind: str, order: ByteOrder, values: N
         write_column(rows, offset + 4, "i16", order, values >> 32)
         return
     size = int(kind[1:]) // 8
-    positions = range(offset + size - 1, offset - 1, -1) if order == "big" else range(offset, offset + size)
     rest = values.astype(np.int64 if kind[0] == "i" else np.uint64)
-    for position in positions:
-        rows[:, position] = (rest & rest.dtype.type(0xFF)).astype(np.uint8)
+    for position in reversed(range(size)) if order == "big" else range(size):
+        rows[:, offset + position] = (rest & rest.dtype.type(0xFF)).astype(np.uint8)
         rest = rest >> rest.dtype.type(8)

@@ -121,7 +121,13 @@ class StreamImu:
             counts += decoded.counts
             found = self._identity_in(decoded)
             if found is not None:
-                self._refuse_wrong(found)
+                for what in ("model", "serial"):
+                    wanted, given = getattr(self.expected, what, ""), getattr(found, what)
+                    if wanted and wanted != given:
+                        raise WrongDevice(
+                            f"{self.port}: the unit says {what} {given!r}, {wanted!r} is what the bench file says or "
+                            "somebody typed; connect the right unit or correct that"
+                        )
                 self.unsure = False
                 return found
         raise DeviceTimeout(self._no_identity(arrived, counts))
@@ -185,15 +191,6 @@ class StreamImu:
             return None
         serial, firmware = (batch.text(name)[-1] if name else "" for name in (role.serial, role.firmware))
         return ImuIdentity(batch.text(role.model)[-1], serial, firmware)
-
-    def _refuse_wrong(self, found: ImuIdentity) -> None:
-        for what in ("model", "serial"):
-            wanted, given = getattr(self.expected, what, ""), getattr(found, what)
-            if wanted and wanted != given:
-                raise WrongDevice(
-                    f"{self.port}: the unit says {what} {given!r}, {wanted!r} is what the bench file says or "
-                    "somebody typed; connect the right unit or correct that"
-                )
 
     def _no_identity(self, arrived: int, counts: StreamCounts) -> str:
         begin = f"{self.port}: within {_IDENTITY_S:g} s "

@@ -89,7 +89,7 @@ class _TcpLine:
     def readable(self) -> list[int]:
         return [self._listener.fileno()] + ([] if self._client is None else [self._client.fileno()])
 
-    def receive(self, now_s: float) -> bytes:  # noqa: ARG002 - a socket has nothing to set up
+    def receive(self, now_s: float) -> bytes:
         with suppress(BlockingIOError):
             client, _ = self._listener.accept()
             client.setblocking(False)
@@ -162,28 +162,22 @@ class DeviceServer:
         """Serve until `interrupt` is called, from a signal handler or another thread, then release everything."""
         try:
             while not self._stopping:
-                self._exchange()
-                self._wait()
+                for name, line in self._lines.items():
+                    device, now_s = self.devices[name], self.clock.now()
+                    if received := line.receive(now_s):
+                        device.receive(received, now_s)
+                    line.send(device.transmit(now_s))
+                now_s = self.clock.now()
+                due = [device.next_transmission(now_s) for device in self.devices.values()]
+                wait_s = min([_LONGEST_WAIT_S] + [when - now_s for when in due if when is not None])
+                descriptors = [fd for line in self._lines.values() for fd in line.readable()]
+                select.select(descriptors, [], [], max(wait_s, _SHORTEST_WAIT_S))
         finally:
             self.close()
 
     def interrupt(self) -> None:
         """Ask the loop to end after its next look at the lines; returns at once."""
         self._stopping = True
-
-    def _exchange(self) -> None:
-        for name, line in self._lines.items():
-            device, now_s = self.devices[name], self.clock.now()
-            if received := line.receive(now_s):
-                device.receive(received, now_s)
-            line.send(device.transmit(now_s))
-
-    def _wait(self) -> None:
-        now_s = self.clock.now()
-        due = [device.next_transmission(now_s) for device in self.devices.values()]
-        wait_s = min([_LONGEST_WAIT_S] + [when - now_s for when in due if when is not None])
-        descriptors = [fd for line in self._lines.values() for fd in line.readable()]
-        select.select(descriptors, [], [], max(wait_s, _SHORTEST_WAIT_S))
 
     def close(self) -> None:
         """Release everything. Closing twice is allowed."""

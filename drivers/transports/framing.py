@@ -52,7 +52,6 @@ class Line(Framing):
         return text + self.terminator
 
     def received(self, transport: Transport, timeout_s: float, length: int | None = None) -> bytes:
-        del length
         return transport.read_until(self.terminator, timeout_s)[: -len(self.terminator)].strip()
 
     def cut(self, data: bytes) -> tuple[bytes, bytes] | None:
@@ -150,7 +149,6 @@ class Frame(Framing):
         return b"".join(whole.get(part) or self._fixed(part) for part in self.parts)
 
     def received(self, transport: Transport, timeout_s: float, length: int | None = None) -> bytes:
-        del length
         data = transport.read(1, timeout_s) if self.alone else b""
         while (found := self.cut(data)) is None:
             data += transport.read_until(self._end, timeout_s)

@@ -39,7 +39,15 @@ class LineExchange:
         `parse` gets the line without its terminator and raises `ProtocolError`, `SensorFault` or `CommandRefused`.
         `length` is that of the reply, where nothing ends it.
         """
-        return asked(lambda: self._ask(request, parse, length))
+
+        def ask() -> Reply:
+            try:
+                self._send(request, self.framings.asked)
+                return parse(self._receive(request, self.clock.now() + self.timing.timeout_s, length))
+            finally:
+                self._ready_at_s = self.clock.now() + self.timing.pause_after_query_s
+
+        return asked(ask)
 
     def command(self, request: str, accept: Callable[[str], bool], length: int | None = None) -> bool:
         """Send `request` once; return whether it was acknowledged before the deadline, in a reply of this `length`.
@@ -67,13 +75,6 @@ class LineExchange:
         """Send `request` once, to a controller that answers such requests with nothing: read back."""
         self._send(request, self.framings.told)
         self._ready_at_s = self.clock.now() + self.timing.pause_after_command_s
-
-    def _ask(self, request: str, parse: Callable[[str], Reply], length: int | None) -> Reply:
-        try:
-            self._send(request, self.framings.asked)
-            return parse(self._receive(request, self.clock.now() + self.timing.timeout_s, length))
-        finally:
-            self._ready_at_s = self.clock.now() + self.timing.pause_after_query_s
 
     def _send(self, request: str, framing: Framing) -> None:
         self.clock.sleep(self._ready_at_s - self.clock.now())

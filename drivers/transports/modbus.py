@@ -182,7 +182,9 @@ class ModbusExchange:
                 arrived, reply = self._decode(arrived)
             except (ModbusException, struct.error, IndexError, ValueError) as error:
                 raise ProtocolError(f"{self.device} answered {what} with {arrived.hex(' ')}: {error}") from error
-            if reply is not None and self._answers(reply, request):
+            # Another unit's, or an earlier transaction's, is passed over.
+            ours = self.unit, request.function_code, request.transaction_id
+            if reply is not None and (reply.dev_id, reply.function_code & 0x7F, reply.transaction_id) == ours:
                 return reply
 
     def _decode(self, arrived: bytes) -> tuple[bytes, ModbusPDU | None]:
@@ -196,11 +198,6 @@ class ModbusExchange:
                 "and the baud rate"
             )
         return arrived[used:], reply
-
-    def _answers(self, reply: ModbusPDU, request: ModbusPDU) -> bool:
-        """Say whether a frame belongs to our request; another unit's, or an earlier transaction's, is passed over."""
-        same_function = reply.function_code & 0x7F == request.function_code
-        return reply.dev_id == self.unit and same_function and reply.transaction_id == request.transaction_id
 
 
 def _register(value: int) -> int:

@@ -52,8 +52,8 @@ class SerialTransport(Transport):
         self,
         url: str,
         *,
-        baudrate: int,
         clock: Clock,
+        baudrate: int = 115200,
         bytesize: int = 8,
         parity: str = "N",
         on_close: Callable[[], None] = lambda: None,
@@ -129,9 +129,7 @@ class SerialTransport(Transport):
                 port.close()
 
 
-def open_port(url: str, *, clock: Clock, baudrate: int = 115200, **line: Any) -> SerialTransport:
-    """Open a device path, `socket://host:port` or `rfc2217://host:port` as `SerialTransport`; or `TransportError`."""
-    return SerialTransport(url, clock=clock, baudrate=baudrate, **line)
+open_port = SerialTransport
 
 
 def _ready(port: Any, clock: Clock, timeout_s: float) -> bool:

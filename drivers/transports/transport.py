@@ -113,7 +113,6 @@ class ClosedPort(Transport):
         self._reason = reason
 
     def write(self, data: bytes) -> None:
-        del data
         self._fill()
 
     def close(self) -> None:

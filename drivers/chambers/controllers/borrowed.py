@@ -61,7 +61,6 @@ class BorrowedController(Controller):
             self._running.put(True)
 
     def stop(self, *, off: bool) -> None:
-        del off
         if self._running is not None:
             self._running.put(False)
 

@@ -167,14 +167,12 @@ class RegisterMedium:
 
     def set(self, quantity: Quantity, value: float, known: dict[str, object]) -> None:
         """Write a number to its registers once."""
-        del known
         self.begin()
         for address in quantity.written_to:
             self._write(address, self._map.registers(quantity, value, self.decimals))
 
     def tell(self, command: Command, known: dict[str, object]) -> None:
         """Write a value, or switch a coil, or one bit of a register with the others as they were last seen."""
-        del known
         address = command.address or 0
         if command.table == "coil":
             self._exchange.write_coil(address, on=bool(command.value))

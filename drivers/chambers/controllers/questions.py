@@ -18,11 +18,6 @@ from drivers.chambers.controllers.templates import Order, Reply, number_in
 from drivers.strict_yaml import Section
 from drivers.transports.modbus import Framing, NumberType, Table, decoded, encoded, width
 
-
-def _off_is_a_word(given: object) -> object:
-    return "OFF" if given is False else given  # YAML reads an unquoted off as false
-
-
 Item = TypeVar("Item")
 Plain = Annotated[str, Field(min_length=1)]
 Word = Annotated[str, BeforeValidator(lambda it: str(it) if isinstance(it, int) and not isinstance(it, bool) else it)]
@@ -264,7 +259,8 @@ class UnitQuestion(Question):
 class StateQuestion(Question):
     """What the box is doing: its word for each mode, with `*` for anything; `next` leaves it to what is asked next."""
 
-    modes: dict[Word, Annotated[Mode | Literal["next"], BeforeValidator(_off_is_a_word)]]
+    # YAML reads an unquoted off as false.
+    modes: dict[Word, Annotated[Mode | Literal["next"], BeforeValidator(lambda it: "OFF" if it is False else it)]]
     otherwise: Mode | Literal["next"] | None = None
 
     def meaning(self, word: str) -> str:

@@ -93,7 +93,6 @@ class VoetschAscii(Controller):
 
     def write(self, which: Which, value: float) -> None:
         """Send the setpoint, everything else as it was."""
-        del which  # there are no native limits
         self._nominal[0] = value
         self._send(self._bits)
 
@@ -101,7 +100,6 @@ class VoetschAscii(Controller):
         self._send(self._with(self._run_bits(), "1"))
 
     def stop(self, *, off: bool) -> None:
-        del off
         self._send(self._with([self._layout.start_bit], "0"))
 
     def end_program(self) -> None:

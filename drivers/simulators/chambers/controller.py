@@ -151,7 +151,6 @@ class SimulatedController(ABC):
 
     def _pause_after(self, request: bytes) -> float:
         """Return how long it wants to be left alone after its reply to this request, or after what has none, s."""
-        del request
         return self.pause_s
 
     def _power_up(self) -> None:  # noqa: B027 - most protocols forget nothing of their own
@@ -285,11 +284,6 @@ class SimulatedLines(SimulatedController):
     def _respond(self, request: str, now_s: float) -> str | None:
         """Return the reply to a request, None for silence; raise `Refusal`."""
 
-    def _refuse(self, refusal: Refusal) -> str | None:
-        """Return the reply to a request that was refused, None for silence."""
-        del refusal
-        return None
-
     def _next_request(self) -> bytes | None:
         try:
             # Of what is told and what is asked the first to end; its check may look like the end of a question.
@@ -303,18 +297,14 @@ class SimulatedLines(SimulatedController):
         text, self._received = found
         return text
 
-    def _text(self, request: bytes) -> str:
-        return request.decode(self._framings.encoding, errors="replace")
-
     def _name(self, request: bytes) -> str:
-        return self._text(request)
+        return request.decode(self._framings.encoding, errors="replace")
 
     def _carry_out(self, request: bytes, now_s: float) -> bytes:
         return self._line(self._respond(self._name(request), now_s))
 
     def _refused(self, request: bytes, refusal: Refusal) -> bytes:
-        del request
-        return self._line(self._refuse(refusal))
+        return b""
 
     def _line(self, reply: str | None) -> bytes:
         return b"" if reply is None else self._framings.replied.packed(reply.encode(self._framings.encoding))

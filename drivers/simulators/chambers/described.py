@@ -196,11 +196,11 @@ class SimulatedSetpointBox(_Described, SimulatedLines):
         super().__init__(plant, description.framings, **settings)
 
     def _take(self, request: bytes, now_s: float) -> None:
-        if self._text(request).startswith(self._box.addressed):
+        if super()._name(request).startswith(self._box.addressed):
             super()._take(request, now_s)
 
     def _name(self, request: bytes) -> str:
-        text = self._text(request).removeprefix(self._box.addressed)
+        text = super()._name(request).removeprefix(self._box.addressed)
         return text.upper() if self._box.simulated.any_case else text
 
     def _pause_after(self, request: bytes) -> float:
@@ -252,10 +252,7 @@ class SimulatedSetpointBox(_Described, SimulatedLines):
         super()._end_program()
 
     def _answer_to(self, request: str, now_s: float) -> str | None:
-        """Return one line that answers all questions asked by this text, each in its place or by its bit.
-
-        What the description itself answers stands before that, field by field.
-        """
+        """Return what the description itself answers, and behind it, field by field, what this text asks."""
         answered = [
             (each, value) for each, value in self._answers(now_s) if each and each.ask == request and value is not None
         ]
@@ -279,9 +276,9 @@ class SimulatedSetpointBox(_Described, SimulatedLines):
     def _written(self, value: float | str) -> str:
         return f"{value:.{self._box.simulated.decimals}f}" if isinstance(value, float) else str(value)
 
-    def _refuse(self, refusal: Refusal) -> str | None:
+    def _refused(self, request: bytes, refusal: Refusal) -> bytes:
         said = str(refusal) or next(iter(self._box.refusals), "5")
-        return next((reply_with(each, said) for each in self._box.refused), None)
+        return self._line(next((reply_with(each, said) for each in self._box.refused), None))
 
 
 class SimulatedRegisterBox(_Described, SimulatedModbus):
