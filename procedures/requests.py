@@ -15,9 +15,6 @@ from typing import Protocol
 
 from procedures.stop import StopRequest
 
-Record = Callable[..., None]
-"""Takes an event: kind, message, and evidence by name."""
-
 
 class RequestKind(StrEnum):
     """What may be asked."""
@@ -75,7 +72,7 @@ class Desk:
 
     control: Control | None
     stop: StopRequest
-    record: Record
+    record: Callable[..., None]  # takes an event: kind, message, and evidence by name
     pause: Request | None = field(default=None, init=False)
     prompt: Prompt | None = field(default=None, init=False)
     continued_by = ""

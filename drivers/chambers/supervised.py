@@ -289,13 +289,11 @@ class SupervisedChamber:
         self._controller.write(which, value_degC)
 
     def _confirm_mode(self, *modes: str, looks: int) -> None:
-        for look in range(1, looks + 1):
-            mode = self._look().mode
-            if mode in modes:
-                return
-            if look < looks:
-                self._clock.sleep(_MODE_CHANGE_S)
-        raise ProtocolError(f"{self._device} is in mode {mode} and not in {' or '.join(modes)}")
+        while (mode := self._look().mode) not in modes:
+            looks -= 1
+            if not looks:
+                raise ProtocolError(f"{self._device} is in mode {mode} and not in {' or '.join(modes)}")
+            self._clock.sleep(_MODE_CHANGE_S)
 
     def _reach_safe_state(self) -> None:
         """Write whatever is missing to the safe state, then insist on reading it."""

@@ -143,7 +143,10 @@ class SampleJoiner:
         first = int(np.flatnonzero(begins)[-1])
         whole = len(part) - first == len(self.parts) if self._by else part[-1] == len(self.parts) - 1
         cut = np.inf if whole or last else starts[order[first]]
-        self._held = [_from(each, cut) for each in groups]
+        self._held = [
+            [(layout, rows[at >= cut], at[at >= cut]) for layout, rows, at in each if (at >= cut).any()]
+            for each in groups
+        ]
         n = int(sample[-1]) + int(cut == np.inf)
         if not n:
             return None, 0, 0
@@ -163,11 +166,6 @@ class SampleJoiner:
             missing -= len(self.parts) - 1 - int(part[-1]) if last and not whole else 0
         self._begun = True
         return VariedBatch(parts, places, np.arange(n), self.layout), frames, missing
-
-
-def _from(groups: list[Group], cut: float) -> list[Group]:
-    """Return the frames of `groups`, bytes (n, length) and places (n,), from place `cut` on."""
-    return [(layout, rows[at >= cut], at[at >= cut]) for layout, rows, at in groups if (at >= cut).any()]
 
 
 class StreamDecoder:
@@ -204,11 +202,10 @@ class StreamDecoder:
 
     def feed(self, data: bytes, arrival_s: float = 0.0) -> Decoded:
         """Take bytes that arrived at `arrival_s` (perhaps none: time passes) and return the frames they complete."""
-        if not data:
-            waited_s = arrival_s - self._last_arrival_s
-            return self._decode(b"", give_up=waited_s >= self._description.partial_frame_wait_s)
-        self._last_arrival_s = arrival_s
-        return self._decode(data, give_up=False)
+        if data:
+            self._last_arrival_s = arrival_s
+        waited_s = arrival_s - self._last_arrival_s
+        return self._decode(data, give_up=not data and waited_s >= self._description.partial_frame_wait_s)
 
     def finish(self) -> Decoded:
         """Return what can still be had at the end of a file: what it cuts off is skipped, and has not timed out."""
@@ -236,13 +233,12 @@ class StreamDecoder:
             scans.append((at, scan))
             at += scan.stop
             self._standing = scan.standing
-            if scan.waits:  # for bytes that have not arrived
+            if scan.reach:  # to bytes that have not arrived
                 if not give_up:
                     break
-                reach = scan.waiting_end - scan.stop
                 timed_out += self._standing.claimed == 0
                 at += 1
-                self._standing = Standing(False, max(self._standing.claimed, reach)).moved(1)
+                self._standing = Standing(False, max(self._standing.claimed, scan.reach)).moved(1)
         decoded = self._account(scans, consumed=at, timed_out=timed_out, last=give_up)
         self._rest = buffer[at:]
         self._position += at
@@ -265,7 +261,7 @@ class StreamDecoder:
                 return clean
             end = min(end, at + self._stretch_bytes)
             scan = self._scanner.scan_few(buffer[at:end], self._standing, last=give_up and end == len(buffer))
-        scan.waits &= end == len(buffer)
+        scan.reach *= end == len(buffer)
         return scan
 
     def _account(self, scans: Sequence[tuple[int, Scan]], *, consumed: int, timed_out: int, last: bool) -> Decoded:

@@ -15,7 +15,6 @@ FieldType = Literal[
 SIZES = {f"{kind}{8 * size}": size for size in range(1, 9) for kind in "ui"}
 SIZES |= {"f16": 2, "f32": 4, "f64": 8, "fp12.20": 4, "fp16.32": 6}
 FIXED_POINT = {"fp12.20": 2.0**-20, "fp16.32": 2.0**-32}
-TEXT_TYPES = ("text", "word", "line")
 TOKENS = ("decimal", "word", "line")
 """The types that only a line of text has."""
 
@@ -71,7 +70,7 @@ class FieldDescription(Section):
     @property
     def is_text(self) -> bool:
         """True where the value is text."""
-        return self.type in TEXT_TYPES
+        return self.type in ("text", "word", "line")
 
     @property
     def is_integer(self) -> bool:

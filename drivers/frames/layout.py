@@ -82,13 +82,6 @@ class FrameLayout:
             return Flaw.CHECKSUM
         return None if frame.endswith(self.delimiter) else Flaw.DELIMITER
 
-    def blank(self, n: int) -> Rows:
-        """Return n frames with header and delimiter, everything else 0, shape (n, length)."""
-        template = self.header + bytes(self.length - len(self.header) - len(self.delimiter)) + self.delimiter
-        rows = np.empty((n, self.length), np.uint8)
-        rows[:] = np.frombuffer(template, np.uint8)
-        return rows
-
     def _whole(self, rows: Rows) -> Rows:
         """Return frames with the zeros that were not sent."""
         if not self._lacks or rows.shape[1] > self.length:
@@ -252,7 +245,8 @@ def encode_rows(layout: FrameLayout, columns: Mapping[str, ArrayLike | str], n: 
             f"frames.{layout.name}: frames of varying length, items, parts or text, or in packets, can be read, "
             "not made; simulate a unit whose frames have a fixed length, such as mfs"
         )
-    rows = layout.blank(n)
+    template = layout.header.ljust(layout.length - len(layout.delimiter), b"\0") + layout.delimiter
+    rows = np.tile(np.frombuffer(template, np.uint8), (n, 1))
     for field, values in columns.items():
         if isinstance(values, str):
             layout.store_text(rows, field, values)

@@ -43,8 +43,8 @@ class Standing:
 class Scan:
     """What was found in a piece. Positions count from the piece's first byte.
 
-    `stop` is the first byte that is not decided yet; `waits` says that something may begin there whose end, expected at
-    `waiting_end`, is beyond the piece (otherwise what follows `stop`, if anything, has not been looked at). `found`
+    `stop` is the first byte that is not decided yet. Something may begin there that `reach` bytes, more than are there,
+    would hold; where that is 0, what follows `stop`, if anything, has not been looked at. `found`
     holds, per frame type, the good frames: bytes (n, length) and places (n,) of each form. `standing` is that of the
     reader at `stop`. `stuffing` counts bytes around or within good frames that are no part of them.
     """
@@ -52,8 +52,7 @@ class Scan:
     stop: int
     standing: Standing
     found: list[list[Group]]
-    waits: bool = False
-    waiting_end: int = 0
+    reach: int = 0
     bad_checksum: int = 0
     bad_delimiter: int = 0
     unknown_id: int = 0
@@ -154,7 +153,7 @@ class Scanner:
         # Of a unit that sent none, one may begin behind a frame that was not held back for it.
         begun = self._behind(self._optional, data, 0, last) if in_step and self._delimited is False else b""
         if not isinstance(begun, bytes):
-            return Scan(0, standing, grouped(found), waits=True, waiting_end=len(self._optional))
+            return Scan(0, standing, grouped(found), reach=len(self._optional))
         at = end = result.stuffing = len(begun)  # the byte that is looked at; the end of the last good frame
         size = len(data)
         while True:
@@ -162,7 +161,7 @@ class Scanner:
             start = size if match is None else match.start()
             early = self._tail(data, at, min(start + 1, size))
             if early is not None:
-                result.stop, result.waits, result.waiting_end = early, True, early + 1
+                result.stop, result.reach = early, 1
                 break
             if match is None:
                 break
@@ -174,20 +173,20 @@ class Scanner:
             family = self._families[index]
             length = family.length_of(data, start)
             if length is None or start + length > size:
-                result.stop, result.waits, result.waiting_end = start, True, start + (length or 1)
+                result.stop, result.reach = start, length or 1
                 break
             frame = data[start : start + length]
             form = family.form(frame) if length else Flaw.CHECKSUM
             behind = b"" if isinstance(form, Flaw) else self._behind(family.optional, data, start + length, last)
             if behind is None:
-                result.stop, result.waits, result.waiting_end = start, True, start + length + len(family.optional)
+                result.stop, result.reach = start, length + len(family.optional)
                 break
             if isinstance(behind, Flaw):
                 form, behind = behind, b""
             if not isinstance(form, Flaw) and family.confirm and not (in_step and start == end):
                 confirmed = self._confirmed(index, form, frame, data, start + length + len(behind), last)
                 if confirmed is None:
-                    result.stop, result.waits, result.waiting_end = start, True, start + length
+                    result.stop, result.reach = start, length
                     break
                 form = form if confirmed else Flaw.CHECKSUM
             if isinstance(form, Flaw):
@@ -289,6 +288,6 @@ class PacketScanner:
             in_step = not isinstance(form, Flaw)
         if last or len(data) - result.stop > 2 * LONGEST:
             result.stop, in_step = len(data), in_step and result.stop == len(data)
-        result.waits, result.waiting_end = result.stop < len(data), len(data)
+        result.reach = len(data) - result.stop
         result.standing, result.found = Standing(in_step), grouped(found)
         return result
