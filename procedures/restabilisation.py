@@ -113,12 +113,14 @@ class RestabilisationGate:
         self._unit = {sensor: _recent(looks, begins_s) for sensor, looks in self._unit.items()}
         held = self._band_s <= begins_s + _EPSILON_S
         air, unit = _evidence(self._air), {str(sensor): _evidence(looks) for sensor, looks in self._unit.items()}
-        criteria = {"time": soaked, "band": held, "slope": held and _steady(air, self.settings.slope_degC_per_min)}
+        calm = held and _within(air, "slope_degC_per_min", self.settings.slope_degC_per_min)
+        criteria = {"time": soaked, "band": held, "slope": calm}
         for sensor, looks in self._unit.items():
             pace_s = looks[1][0] - looks[0][0] if len(looks) > 1 else 0.0
             whole = bool(looks) and looks[0][0] <= begins_s + self.settings.window_s / _EVALUATIONS + pace_s
-            steady = _steady(unit[str(sensor)], self.settings.unit_slope_degC_per_min)
-            criteria[f"unit band (sensor {sensor})"] = whole and _span(looks) <= self.settings.unit_band_degC
+            steady = _within(unit[str(sensor)], "slope_degC_per_min", self.settings.unit_slope_degC_per_min)
+            narrow = _within(unit[str(sensor)], "span_degC", self.settings.unit_band_degC)
+            criteria[f"unit band (sensor {sensor})"] = whole and narrow
             criteria[f"unit slope (sensor {sensor})"] = whole and steady
         before = self.decision.since_s
         since_s = {
@@ -133,22 +135,18 @@ def _recent(looks: list[tuple[float, float]], begins_s: float) -> list[tuple[flo
     return [look for look in looks if look[0] >= begins_s - _EPSILON_S]
 
 
-def _span(looks: list[tuple[float, float]]) -> float:
-    values = [value for _, value in looks]
-    return max(values) - min(values)
-
-
-def _steady(evidence: Mapping[str, float | None], most_degC_per_min: float) -> bool:
-    slope = evidence["slope_degC_per_min"]
-    return slope is not None and abs(slope) <= most_degC_per_min
+def _within(evidence: Mapping[str, float | None], what: str, most: float) -> bool:
+    value = evidence[what]
+    return value is not None and abs(value) <= most
 
 
 def _evidence(looks: list[tuple[float, float]]) -> dict[str, float | None]:
     if not looks:
         return {"temperature_degC": None, "slope_degC_per_min": None, "span_degC": None}
-    slope = slope_per_min(*np.array(looks).T)
+    time_s, values = np.array(looks).T
+    slope = slope_per_min(time_s, values)
     known = slope if slope is not None and np.isfinite(slope) else None
-    return {"temperature_degC": looks[-1][1], "slope_degC_per_min": known, "span_degC": _span(looks)}
+    return {"temperature_degC": looks[-1][1], "slope_degC_per_min": known, "span_degC": float(np.ptp(values))}
 
 
 def restabilise(watch: Watch, settings: Restabilisation) -> Mapping[str, Any]:
@@ -175,12 +173,7 @@ def restabilise(watch: Watch, settings: Restabilisation) -> Mapping[str, Any]:
 
 
 def _thermometers(watch: Watch) -> set[Sensor]:
-    return {
-        _sensor(name, number)
-        for name, unit in watch.units.items()
-        for number, channels in unit.imu.sensors.items()
-        if channels.temperature is not None
-    }
+    return {_sensor(name, number) for name, unit in watch.units.items() for number in unit.temperature_fields}
 
 
 def _sensor(unit: str, number: int) -> Sensor:

@@ -40,11 +40,10 @@ def move_all(
         for names in [names for names, left_s in waits_s.items() if left_s <= 0.0]:
             try:
                 waits_s[names] = next(moves[names])
-            except StopIteration:
+            except (StopIteration, DeviceError) as ended:
                 del waits_s[names]
-            except DeviceError as error:
-                del waits_s[names]
-                failed.update(dict.fromkeys(names, error))
+                if isinstance(ended, DeviceError):
+                    failed.update(dict.fromkeys(names, ended))
         if waits_s:
             wait_s = min(waits_s.values())
             clock.sleep(wait_s)
