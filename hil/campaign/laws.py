@@ -180,9 +180,13 @@ def soaked(c: Conditions) -> BoolArray:
     return np.asarray(c.columns.get("time_since_setpoint_s", np.zeros(len(c))) > _SOAKED_S)
 
 
-def to_come_degC(c: Conditions) -> FloatArray:
-    """Return by how much the unit's temperature is still to change in each collect, (n,), °C; 0 where nothing tells."""
-    slope = np.nan_to_num(np.abs(c.columns.get("dTdt_degC_per_min", np.zeros(len(c)))))
+def to_come_degC(c: Conditions, otherwise_degC_per_min: FloatArray | float = 0.0) -> FloatArray:
+    """Return by how much the unit's temperature is still to change in each collect, (n,), °C; 0 where nothing tells.
+
+    By the slope that was recorded, or `otherwise`, (n,).
+    """
+    recorded = c.columns.get("dTdt_degC_per_min", np.full(len(c), np.nan))
+    slope = np.abs(np.where(np.isfinite(recorded), recorded, otherwise_degC_per_min))
     return np.asarray(_TO_COME_MIN * np.maximum(slope - _STEADY_DEGC_PER_MIN, 0.0))
 
 

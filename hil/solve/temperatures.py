@@ -28,6 +28,7 @@ NARROWEST_DEGC = 1.0
 """Neighbours that are this close always belong to one temperature; setpoints that are further apart never do."""
 
 _SETPOINT = "setpoint_degC"
+_JITTER_DEGC, _LINE = 0.5, 4.0  # so much at least, and so many times what is off it, a thermometer goes along a line
 
 NOT_SETTLED = "the soak had not ended"
 
@@ -234,7 +235,8 @@ def unsettled(conditions: Conditions) -> dict[int, str]:
     """Return the runs in which the unit, at several temperatures where one was meant, had not settled, and why.
 
     One is meant at a setpoint, and in a run where no setpoints were recorded. It was at another than mostly there, or,
-    where no most agree, than it was left at last; or its temperature moved so fast that it was still to be.
+    where no most agree, than it was left at last; or its temperature moved so fast that it was still to be. How fast
+    the thermometer tells through each run, where nobody recorded it.
     """
     own, setpoint = own_degC(conditions), conditions.columns.get(_SETPOINT)
     found: dict[int, str] = {}
@@ -243,10 +245,11 @@ def unsettled(conditions: Conditions) -> dict[int, str]:
     if setpoint is not None and not np.isfinite(setpoint).all():
         setpoint = None
     meant = conditions.run if setpoint is None else _numbered(setpoint, NARROWEST_DEGC)
-    to_come, far = to_come_degC(conditions), 0.5 * WIDEST_DEGC
+    to_come, far = to_come_degC(conditions, _through_runs(conditions, own)), 0.5 * WIDEST_DEGC
     for place in np.unique(meant):
         here = np.flatnonzero((meant == place) & np.isfinite(own))
-        if here.size and np.ptp(own[here]) > WIDEST_DEGC:
+        several = here.size and np.ptp(own[here]) > WIDEST_DEGC
+        if several or (setpoint is not None and np.any(to_come[here] > far)):
             middle, last = np.median(own[here]), own[here[np.argmax(conditions.start_s[here])]]
             settled = middle if np.mean(np.abs(own[here] - middle) < far) > 0.5 else last
             at, of = ("", "the run") if setpoint is None else (f"setpoint {setpoint[here][0]:.4g} °C: ", "its runs")
@@ -254,9 +257,26 @@ def unsettled(conditions: Conditions) -> dict[int, str]:
                 f"{at}the unit's own thermometer went from {own[here].min():z.1f} to {own[here].max():z.1f} °C through "
                 f"{of}: {NOT_SETTLED}"
             )
-            off = here[np.fmax(to_come[here], np.abs(own[here] - settled)) > far]
+            off = here[(to_come[here] > far) | (several & (np.abs(own[here] - settled) > far))]
             found |= dict.fromkeys(np.unique(conditions.run[off]).tolist(), words)
     return found
+
+
+def _through_runs(conditions: Conditions, degC: FloatArray) -> FloatArray:
+    """Return how fast a temperature (n,) goes through each run, °C/min, (n,): 0 where a line is not nearly all of it.
+
+    What is less than `_JITTER_DEGC` may be a thermometer's.
+    """
+    out = np.zeros(len(conditions))
+    for rows in conditions.of_each_run.values():
+        known = rows[np.isfinite(degC[rows])]
+        minutes = (conditions.start_s[known] + 0.5 * conditions.duration_s[known]) / 60.0
+        if len(known) > 2 and np.ptp(minutes) > 0.0:
+            slope, level = np.polyfit(minutes - minutes.mean(), degC[known], 1)
+            left = degC[known] - level - slope * (minutes - minutes.mean())
+            change = abs(slope) * np.ptp(minutes)
+            out[rows] = slope * (change > max(_JITTER_DEGC, _LINE * np.ptp(left)))
+    return out
 
 
 def _numbered(values: FloatArray, apart_degC: float | None) -> IntArray:

@@ -164,6 +164,19 @@ def test_of_a_soak_that_goes_on_the_last_run_is_nearest_to_its_end() -> None:
     assert list(unsettled(conditions(cut | cooling))) == [1, 2, 3]
 
 
+def test_the_thermometer_tells_how_fast_a_run_goes_on_where_nobody_recorded_it() -> None:
+    """At .4 °C/min no run of one had settled at its setpoint. A jitter, or one wrong reading, is no such line."""
+    own = np.concatenate([setpoint - 14.0 + 0.4 * np.arange(4) for setpoint in (0.0, 20.0, 40.0)])
+    one = replace(collects({"temperature_degC": own}), run=np.repeat([1, 2, 3], 4), start_s=60.0 * np.arange(12.0))
+    at = {"setpoint_degC": np.repeat([0.0, 20.0, 40.0], 4)}
+    assert list(unsettled(replace(one, columns={**one.columns, **at}))) == [1, 2, 3]
+    assert list(unsettled(replace(one, columns={**one.columns, **at, "dTdt_degC_per_min": np.full(12, 0.02)}))) == []
+    assert list(unsettled(one)) == [], "nobody meant it to stand"
+    for jitter in ([0.0, 0.2, -0.1, 0.2], [0.0, 0.0, 0.0, 3.0]):
+        near = np.repeat([-14.0, 6.0, 26.0], 4) + np.tile(jitter, 3)
+        assert list(unsettled(replace(one, columns={"temperature_degC": near, **at}))) == []
+
+
 def test_the_thermometer_tells_of_a_soak_that_goes_on_whether_or_not_a_setpoint_was_recorded() -> None:
     """A run is meant to be at one temperature; runs at several are none of that, nor is a thermometer that stands."""
     own = np.concatenate([np.linspace(-20.0, -14.0, 4), np.full(4, 23.0), np.linspace(44.0, 50.0, 4)])
