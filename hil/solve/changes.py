@@ -126,7 +126,7 @@ def additions(conditions: Conditions) -> list[Addition]:
     out.append(Addition("the same collects once more, afterwards", _again(conditions, later_s), 1.8))
     if len(np.unique(conditions.run)) > 1:
         rows = _in_order(conditions, _in_time(conditions, np.arange(len(conditions)))[::-1], later_s)
-        out.append(Addition("the same runs in reverse order of temperature and time", rows, 2.5))
+        out.append(Addition("the same collects in reverse order, within each run too", rows, 2.5))
     return out
 
 

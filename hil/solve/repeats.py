@@ -60,18 +60,17 @@ MISSTATED = 1.5
 class SensorRepeats:
     """One sensor's means, coldest first, and how its parameters scatter from run to run.
 
-    `told_by` is the column whose temperatures those are (None: there is none); `not_used` are runs that FAIL by
-    their own records. `of_each` is one standard deviation of every parameter that a run could tell, by run, and
-    `alike` what of it is the same in every run. `differ` is what differs from run to run, and no parameter that
-    changes there moves, of runs that nothing is said against. `noise_times` (c,) is that, or what residuals exceed
-    them by beyond chance where what differs neither shows nor contradicts it; `same_times` is how much those of
-    channels do that are no noise; `by_noise` is how parameters scatter beside errors as large as noise is.
-    `left_deg_per_hr` (c,) is what residuals make of the noise of rates without errors, NaN where they have some or
-    nothing tells it, `stated` whether they have, and `noise_told` whether anything but those errors tells what
-    noise there is. `to_record` are columns that nobody recorded and that what scatters beyond noise may follow.
-    `of_means`: rows are printed means of runs, whose standard errors have what these scattered by.
-    `temperature_degC` is that of every run that has one, by run, whether or not it is in a mean. `of_visits` are
-    parameters that differ from visit to visit to a temperature.
+    `told_by` is the column whose temperatures those are (None: there is none); `not_used` are runs that FAIL by their
+    own records. `of_each` is one standard deviation of every parameter that a run could tell, by run, and `alike` what
+    of it is the same in every run. `differ` is what differs from run to run, and no parameter that changes there moves,
+    of runs that nothing is said against. `noise_times` (c,) is that, or what residuals exceed them by beyond chance
+    where what differs neither shows nor contradicts it; `same_times` is how much those of channels do that are no
+    noise; `by_noise` is how parameters scatter beside errors as large as noise is. `left_deg_per_hr` (c,) is what
+    residuals make of the noise of rates without errors, NaN where they have some or nothing tells it, `stated` whether
+    they have, and `noise_told` whether anything but those errors tells what noise there is. `to_record` are columns
+    that nobody recorded and that what scatters beyond noise may follow. `of_means`: rows are printed means of runs,
+    whose standard errors have what these scattered by. `temperature_degC` is that of every run that has one, by run,
+    whether or not it is in a mean. `of_visits` are parameters that differ between visits to a temperature.
     """
 
     names: tuple[str, ...]
@@ -190,7 +189,8 @@ class SensorRepeats:
             than = (
                 f"more than their {errors} say" if of.stated.any() else "and have neither standard errors nor residuals"
             )
-            more = f"{than} ({freedom}{unknown}): {'; '.join(told)}; each ± includes what noise does not explain"
+            included = "each ± includes what noise does not explain (hil reconcile asks what it follows)"
+            more = f"{than} ({freedom}{unknown}): {'; '.join(told)}; {included}"
         else:
             more = f"as their {errors} say, as far as {freedom} can tell{unknown}"
         said = [f"repeats scatter {more}"] if told or not self.noise_in_words else []

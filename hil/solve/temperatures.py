@@ -121,11 +121,11 @@ def how_many(conditions: Conditions) -> str:
     return f"{counted(sum(len(runs) for _, runs in made), 'self-calibration')}{at}"
 
 
-def too_few(temperatures: int) -> str:
-    """Say that so many temperatures do not tell how values follow temperature; empty where they do."""
+def too_few(temperatures: int, of_which: str = "") -> str:
+    """Say that so many temperatures `of_which` do not tell how values follow temperature; empty where they do."""
     if temperatures >= OF_A_LAW:
         return ""
-    return f"{counted(temperatures, 'temperature')}; at least {spelled(OF_A_LAW)} are needed"
+    return f"{counted(temperatures, 'temperature')}{of_which}; at least {spelled(OF_A_LAW)} are needed"
 
 
 def law_not_told(form: LinearForm, conditions: Conditions) -> str:

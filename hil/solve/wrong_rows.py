@@ -141,7 +141,7 @@ def _wrong_rows(
             others = [name for other, name in named.items() if other != k]
             with_it = f"; the same of {listed(others)}, recorded with them" if others else ""
             why = _LIES if by_accelerometers else _AS_FILED[2]
-            said = f"{cause_in_words(laid[k], cause)}{why}{_in_the_file(laid[k], cause)}{with_it}"
+            said = f"{cause_in_words(laid[k], cause)}{why}{in_the_file(laid[k], cause)}{with_it}"
             known[k].append(replace(of[k], why=said))
     return tuple(_told(together, k, known[k], failed[k]) for k in range(len(sensors)))
 
@@ -175,7 +175,7 @@ def _said(filed: Collects, found: Explained) -> Iterator[tuple[int, Wrong, Judge
         rivals = [cause_in_words(filed, other) for other, _ in found.rivals[1:]]
         others = "; or ".join(["", *rivals, *_of_its_run(filed, cause)])
         done, verdict, because, hence = _DONE.get(cause.what, _AS_FILED)
-        why = f"{cause_in_words(filed, cause)}{because}{_in_the_file(filed, cause)}"
+        why = f"{cause_in_words(filed, cause)}{because}{in_the_file(filed, cause)}"
         others = as_at(filed, cause) + others
         yield cause.run, Wrong.of(filed, cause, done, f"{why}{others}"), Judgement(verdict, f"{why}{hence}{others}")
         return
@@ -237,7 +237,7 @@ def as_at(filed: Collects, cause: Cause) -> str:
     return lay if chances.get(alike, 0.0) > _ALIKE else ""
 
 
-def _in_the_file(filed: Collects, cause: Cause) -> str:
+def in_the_file(filed: Collects, cause: Cause) -> str:
     """Say of two collects what to exchange: rates, or what goes by a label; how the unit lay tells, if recorded."""
     if cause.what != "exchanged":
         return ""

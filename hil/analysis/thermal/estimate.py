@@ -265,10 +265,10 @@ def layout_of(
         collects = collects.rows(keep)
         number_of = np.cumsum(whole) - 1
         stations = Stations(number_of[stations.number[keep]], stations.centre_degC[whole], stations.direction[keep])
-    if few := too_few(len(stations)):
+    if few := too_few(len(stations), " at which a run tells every parameter"):
         raise InputError(
-            f"sensor {number}: {few}, with every parameter told by one run (--apart says how far apart two "
-            "temperatures are)" + "".join(f"; {note.removeprefix(f'sensor {number}: ')}" for note in notes)
+            f"sensor {number}: {few} (--apart says how far apart two temperatures are)"
+            + "".join(f"; {note.removeprefix(f'sensor {number}: ')}" for note in notes)
         )
     own = collects.conditions.columns["temperature_degC"]
     middle, half = 0.5 * float(own.min() + own.max()), 0.5 * float(np.ptp(own))

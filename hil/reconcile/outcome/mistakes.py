@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from hil.campaign import Campaign, Conditions
-from hil.campaign.plausibility import clipped
+from hil.campaign.plausibility import accelerations_g, clipped
 from hil.model.effects.data import OF_A_RUN, of_a_run
 from hil.reconcile.outcome.findings import physics
 from hil.reconcile.result import LEFT_OUT, Disagreement, FoundEffect, Shape, runs_in_words, without_collects
@@ -21,7 +21,7 @@ from hil.reconcile.search.terms import Term
 from hil.solve.causes import Cause, all_of
 from hil.solve.explained import LISTED
 from hil.solve.wrong_rows import LEFT_OUT as OMITTED
-from hil.solve.wrong_rows import MENDED, USED, Wrong, as_at, cause_in_words, clipped_rows
+from hil.solve.wrong_rows import MENDED, USED, Wrong, as_at, cause_in_words, clipped_rows, in_the_file
 from procedures.words import numbered
 
 
@@ -216,9 +216,10 @@ def rows_found(
     found = []
     for term in (each for each in wrong if each.candidate.effect is not None):
         which, _, sure = _which(term, fit.posterior, campaign)
-        why = f"{which}: correct it in collects.csv; the model is not changed by this"
-        collects = campaign.sensors[term.candidate.sensor]
-        found.append(Wrong.of(collects, _cause(term.candidate, campaign), MENDED if sure else USED, why))
+        collects, cause = campaign.sensors[term.candidate.sensor], _cause(term.candidate, campaign)
+        how = in_the_file(collects, cause) * sure
+        why = f"{which}{how}: correct it in collects.csv; the model is not changed by this"
+        found.append(Wrong.of(collects, cause, MENDED if sure else USED, why))
     for n, channel, run in wrong_runs(wrong):
         collects = campaign.sensors[n]
         name = list(collects.conditions.sensor.channels)[channel]
@@ -242,12 +243,13 @@ def rows_found(
     return [each.document() for each in found]
 
 
-def look_up(wrong: Sequence[Term]) -> dict[str, Any] | None:
+def look_up(wrong: Sequence[Term], campaign: Campaign) -> dict[str, Any] | None:
     """The experiment for mistakes in the data: what was recorded settles them, no further collect is needed."""
     swaps = [int(t.candidate.shape["run"]) for t in wrong if t.candidate.effect is not None]
     if swaps:
         which = runs_in_words(swaps)
-        look = f"look at the accelerometers and the log of {which}; no further collect is needed"
+        lay = any(np.isfinite(accelerations_g(rows)).any() for rows in campaign.sensors.values())
+        look = f"look at {'the accelerometers and ' * lay}the log of {which}; no further collect is needed"
         return without_collects(f"confirms what was exchanged or turned: {look}")
     runs = sorted({run for _, _, run in wrong_runs(wrong)})
     if not runs:

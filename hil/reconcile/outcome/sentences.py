@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from drivers.strict_yaml import packaged
+from hil.model.effects.catalogue import entries
 from hil.reconcile.naming import LIKELY
 from hil.reconcile.outcome.stated import alone, at_most, not_between_repeats, not_repeated
 from hil.reconcile.result import LEFT_OUT, FoundEffect, Gap, Reconciliation
@@ -107,7 +108,10 @@ def what_to_do(result: Reconciliation) -> tuple[str, str]:
         act += f" That is by the noise that the model states; hil solve without --model does not pass {doubts}."
     likely = kind in {"none", "named", "ambiguous"} and _follows_temperature(result)
     added = [effect for effect in result.effects if not effect.mends_labels]
-    if likely and not result.calibrated and added and not any("temperature" in effect.follows for effect in added):
+    warm = {each.id for each in entries() if each.follows == "temperature"}
+    untold = {rival.id for effect in added for rival in effect.confusable_with if rival.untold}
+    told = warm & untold or any("temperature" in effect.follows for effect in added)
+    if likely and not result.calibrated and added and not told:
         tells = f": {AGAIN} tells it from what changes by the run" * alone(result.left.shown)
         first.append(f"what probably follows temperature, and is not in the model (notes){tells}")
     elif likely and result.solved.temperatures:

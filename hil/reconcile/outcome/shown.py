@@ -57,7 +57,7 @@ def shown(campaign: Campaign, found: Answer, inside: Sequence[dict[str, Any]], a
         gap=found.gap,
         false_alarm_rate=found.alpha,
         p_value=reading.chance,
-        next_experiment=_next(found) or _between(added.within) or mistakes.look_up(reading.mistakes),
+        next_experiment=_next(found) or _between(added.within) or mistakes.look_up(reading.mistakes, asked),
         model_after=added.model,
         input_model=found.problem.model,
         outliers=[*found.outliers, *mistakes.at_limits(asked, found.problem)],

@@ -14,6 +14,7 @@ from hil.reconcile.outcome.page import page
 from hil.reconcile.outcome.sentences import what_to_do
 from hil.reconcile.outcome.values import taken_out
 from hil.reconcile.result import Solved
+from hil.reconcile.rivals import Rival
 from hil.reconcile.search.problem import pose
 from tests.hil.reconcile.hidden_effects import Rows, hidden_campaign
 
@@ -105,6 +106,8 @@ def test_whoever_reads_that_a_model_holds_reads_at_which_temperatures(found: Rec
     unsaid = "what probably follows temperature, and is not in the model (notes)"
     assert f"{unsaid}. " in what_to_do(only)[1]
     assert held not in what_to_do(only)[1]
+    or_else = replace(only.effects[0], confusable_with=[Rival("bias_T", 0.5, 1.0)])
+    assert unsaid not in what_to_do(replace(only, effects=[or_else]))[1], "that it may be is told as a rival"
     shown = found.left.shown[2]
     once = replace(shown, means=[*shown.means[:-1], replace(shown.means[-1], runs=shown.means[-1].runs[:1])])
     told = what_to_do(replace(only, left=replace(found.left, shown={2: once})))[1]

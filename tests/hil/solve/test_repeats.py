@@ -362,7 +362,7 @@ def test_each_parameter_is_known_by_the_runs_that_tell_it() -> None:
     assert shown.spread.freedom == pytest.approx([every.freedom[0], fewer.freedom[1], fewer.freedom[2]], rel=1e-3)
     assert shown.spread.freedom[0] > 1.9 * shown.spread.freedom[2]
     assert "(3 to 6 degrees of freedom" in shown.sentences()[0]
-    assert shown.sentences()[0].endswith("; each ± includes what noise does not explain")
+    assert shown.sentences()[0].endswith("what noise does not explain (hil reconcile asks what it follows)")
 
 
 @pytest.mark.parametrize("times", [1.0, 0.1, 10.0])

@@ -102,7 +102,7 @@ def test_a_run_in_which_the_unit_warmed_up_is_one_visit() -> None:
     """Its parameters stand at the temperature of most of its collects: none is asked of those that it passed."""
     night = rotor_night(np.random.default_rng(12), {})
     with pytest.raises(
-        InputError, match="1 temperature; at least three are needed, with every parameter told by one run"
+        InputError, match="1 temperature at which a run tells every parameter; at least three are needed"
     ):
         fit_thermal(refused(one_run(night), {"temperature_degC": np.linspace(20.0, 48.0, 72)}))
     first = np.tile([-6.0, 0.0, 0.0], 24)  # each run began where the one before it had been
