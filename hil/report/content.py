@@ -175,6 +175,11 @@ def to_do(content: ReportContent) -> Iterator[str]:
         yield f"Mend what {'else ' * (True in lacks)}is said under Why; then measure again."
     if misstated := [sensor.number for sensor in content.sensors if sensor.shown.misstated]:
         yield f"State the standard errors of {numbered('sensor', misstated)} that repeats and residuals show; below."
+    every = {
+        each.number: [value.sd for of in each.shown.means for value in of.values.values()] for each in content.sensors
+    }
+    if unknown := [number for number, errors in every.items() if errors and not np.isfinite(errors).any()]:
+        yield f"State the standard errors of {numbered('sensor', unknown)}, or repeat runs: no ± is known."
     if lacking := sorted({name for sensor in content.sensors for name in sensor.shown.to_record}):
         yield f"Record {MAY_FOLLOW.format(listed(lacking))}."
     if content.both is not None and content.both.look_for:

@@ -13,7 +13,7 @@ from benchmarks.blind.cases import make_case, write_case
 from hil.campaign.reader import read_campaign
 from hil.cli.app import run
 from hil.config.sweep import PUBLISHED
-from hil.report.content import ReportContent, gather, largest
+from hil.report.content import ReportContent, gather, largest, to_do
 from hil.report.page import render
 from hil.report.sensor_view import key_numbers, sensor_view
 from tests.hil.audit.folders import written
@@ -100,11 +100,14 @@ def test_a_run_that_tells_nothing_stands_at_its_temperature(tmp_path: Path) -> N
 @pytest.mark.slow
 def test_where_nothing_tells_it_that_is_said(folder: Path) -> None:
     """Neither repeats nor standard errors."""
+    asked = "State the standard errors of sensor 2, or repeat runs: no ± is known."
+    assert asked not in to_do(_without(folder, REPEATED))
     content = _without(folder, REPEATED, errors=False)
     assert all(each.parameters["BA"].se is None for each in content.sensors[0].solutions)
     rows = {label: cells for label, _, cells in sensor_view(content.sensors[0])["table"]["rows"]}
     assert {error for _, error, _ in rows["BA, matrix"]} == {"± not known"}
     assert not any("±" in said for said in largest(content))
+    assert asked in to_do(content)
 
 
 def test_a_run_without_a_temperature_is_not_all_runs(folder: Path) -> None:

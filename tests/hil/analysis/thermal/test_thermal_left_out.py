@@ -132,7 +132,7 @@ def test_what_cannot_be_fitted_is_refused() -> None:
     night = rotor_night(np.random.default_rng(12), {})
     with pytest.raises(InputError, match="lacks the column temperature_degC"):
         fit_thermal(refused(night, {}))
-    with pytest.raises(InputError, match="2 temperatures; at least three are needed, with every parameter"):
+    with pytest.raises(InputError, match="2 temperatures at which a run tells every parameter; at least three"):
         fit_thermal(refused(night, {"temperature_degC": np.repeat([0.0, 20.0], 36)}))
     stuck = {"temperature_degC": np.full(72, 20.0), "setpoint_degC": np.repeat([0.0, 20.0, 40.0], 24)}
     with pytest.raises(InputError, match="°C at every setpoint: look at that column"):
