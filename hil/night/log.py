@@ -4,6 +4,7 @@ The journal is the truth; the log says the same as it happens, and in addition e
 who and when, before it is sent. Times are the campaign's wall time in UTC.
 """
 
+import json
 import os
 from collections.abc import Mapping
 from contextlib import suppress
@@ -11,8 +12,6 @@ from inspect import signature
 from io import TextIOWrapper
 from pathlib import Path
 from typing import Any, TextIO, TypeVar, cast
-
-import structlog
 
 from drivers.clock import Clock
 from hil.files.durable import RealDisk
@@ -32,16 +31,11 @@ _COMMANDS = {
 def lines_to(stream: TextIO, clock: Clock, who: str) -> Listener:
     """Return what writes one JSON object per line, with who and when, to a stream that somebody else closes."""
 
-    def stamp(logger: object, method: str, facts: Any) -> Any:  # noqa: ARG001 - the signature of a processor
-        return {"utc": clock.utc().isoformat(), **facts}
+    def write(what: str, facts: Mapping[str, Any]) -> None:
+        line = {"utc": clock.utc().isoformat(), "who": who, **facts, "event": what}
+        stream.write(json.dumps(line, ensure_ascii=False, default=str) + "\n")
 
-    logger = structlog.wrap_logger(
-        structlog.WriteLogger(stream),
-        processors=[stamp, structlog.processors.JSONRenderer(ensure_ascii=False, default=str)],
-        wrapper_class=structlog.BoundLogger,
-        who=who,
-    )
-    return lambda what, facts: logger.info(what, **facts)
+    return write
 
 
 class NightLog:

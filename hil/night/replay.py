@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,6 @@ from drivers.clock import VirtualClock
 from drivers.errors import TransportError
 from drivers.frames.counts import StreamCounts
 from drivers.frames.decoder import StreamDecoder
-from drivers.frames.description import StreamDescription
 from drivers.imu import SampleBlock
 from drivers.imu.samples import FloatArray
 from drivers.imu.stream import StreamImu
@@ -55,7 +54,9 @@ def replay_night(folder: Path | str) -> dict[str, Any]:
         with reading(Path(folder), damaged_too=True) as journal:
             differences += journal.found
             simulated = journal.night.simulated
-            streams = _Stream.of_each(journal.night.configuration)
+            with tempfile.TemporaryDirectory(prefix="hil-") as files:
+                bench, sweep = configuration_of(journal.night.configuration, Path(files))
+                streams = {name: _Stream(own, sweep.collect) for name, own in bench.each.items()}
             blocks = {(row.step_key, row.attempt, row.block.kind): row.block for row in journal.blocks()}
             done = journal.done_attempts()
             for step in (step for step in journal.plan.of_kind(StepKind.COLLECT) if step.key in done):
@@ -95,29 +96,20 @@ def _different_collect(
             yield from _different((name,), data.get(name), value)
 
 
-@dataclass(frozen=True)
 class _Stream:
-    """What the night's bytes mean, as it was at the night's beginning."""
+    """What the bytes of a night's unit mean, as it was at the night's beginning."""
 
-    description: StreamDescription
-    frame: str
-    imu: StreamImu  # for what it says about its fields; nothing is behind its port
-    settings: CollectSettings
-
-    @classmethod
-    def of_each(cls, configuration: str) -> dict[str, _Stream]:
-        """Return that of each unit, by its name."""
-        with tempfile.TemporaryDirectory(prefix="hil-") as folder:
-            bench, sweep = configuration_of(configuration, Path(folder))
-            return {name: cls._of(own, sweep.collect) for name, own in bench.each.items()}
-
-    @classmethod
-    def _of(cls, bench: Bench, settings: CollectSettings) -> _Stream:
+    def __init__(self, bench: Bench, settings: CollectSettings) -> None:
         if (description := bench.frames).roles is None:
             raise InputError(f"{description.name}: roles: missing, so that no field is known to be a rate")
-        clock = VirtualClock()
+        self.description, self.frame, self.settings, clock = (
+            description,
+            description.roles.frame,
+            settings,
+            VirtualClock(),
+        )
         port = ClosedPort(bench.imu.port, clock, TransportError("a replay has no port"))
-        return cls(description, description.roles.frame, StreamImu(port, description, clock), settings)
+        self.imu = StreamImu(port, description, clock)  # for what it says about its fields
 
     def decode(self, raw: bytes, expected: int) -> dict[str, FloatArray]:
         """Return the columns of the frames in a collect's bytes, which begin where the decoder was reset."""

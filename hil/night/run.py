@@ -235,9 +235,9 @@ def _carry_out(
         journal.listen(notifier.hear)
         notifier.tell("started", in_words_at_the_beginning(journal, who))
         for name, each in live.each.items():
-            journal.describe_fields(field_meanings(each), name)
+            journal.block_writer.meanings[name] = field_meanings(each)
         if live.faults is not None:
-            journal.write_blocks_to(live.faults.disk)
+            journal.block_writer.disk = live.faults.disk
         watch = Watch(
             live.devices.with_all(lambda one: logged(one, log.say), lambda one: logged(one, log.say)),
             journal,

@@ -17,6 +17,7 @@ import numpy as np
 
 from hil.campaign import FloatArray
 from hil.errors import Damaged
+from hil.files.document import plain
 from hil.records.live import TRACE_NAME, Rows, TraceReader
 from hil.records.rows import Heartbeat
 from hil.records.witnesses import seal
@@ -62,15 +63,22 @@ class Curve:
         times_s = self._start_s + self._width_s * np.arange(self._used)
         return np.repeat(times_s, 2)[told.ravel()], both[told]
 
-    def whole(self) -> dict[str, Any]:
-        """Return everything that there is to draw."""
-        return self._document(0)
+    def whole(self, first: int = 0) -> dict[str, Any]:
+        """Return what there is to draw, from bucket `first` on: where they begin, how wide they are, each column."""
+        part = slice(first, self._used)
+        return {
+            "from": first,
+            "start_s": None if math.isnan(self._start_s) else round(self._start_s, 3),
+            "width_s": self._width_s,
+            "least": plain(np.round(self._least[part].T, self._digits)),
+            "greatest": plain(np.round(self._greatest[part].T, self._digits)),
+        }
 
     def changes(self) -> dict[str, Any] | None:
         """Return what changed since the last call, from its first bucket on; None where nothing did."""
         if self._unsent >= self._used:
             return None
-        document = self._document(self._unsent)
+        document = self.whole(self._unsent)
         self._unsent = self._used
         return document
 
@@ -86,24 +94,6 @@ class Curve:
         self._width_s *= 2.0
         self._used = (self._used + 1) // 2
         self._unsent = 0
-
-    def _document(self, first: int) -> dict[str, Any]:
-        """Return buckets from `first` on: where they begin, how wide they are, and a list per column."""
-        part = slice(first, self._used)
-        return {
-            "from": first,
-            "start_s": None if math.isnan(self._start_s) else round(self._start_s, 3),
-            "width_s": self._width_s,
-            "least": _lists(self._least[part], self._digits),
-            "greatest": _lists(self._greatest[part], self._digits),
-        }
-
-
-def _lists(table: FloatArray, digits: int) -> list[list[float | None]]:
-    rounded = np.round(table.T, digits).astype(object)
-    rounded[np.isnan(table.T)] = None
-    lists: list[list[float | None]] = rounded.tolist()
-    return lists
 
 
 def rows_of(beats: Sequence[Heartbeat], columns: Sequence[str] = ()) -> tuple[list[str], Rows]:

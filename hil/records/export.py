@@ -161,21 +161,17 @@ def open_source(folder: Path | str) -> Campaign:
     if is_night(folder):
         return campaign_of_night(folder)
     if (folder / HEADER_FILE).is_file():
-        return _with_known_names(read_campaign(folder), folder / HEADER_FILE)
+        campaign = read_campaign(folder)
+        names = {name for each in campaign.sensors.values() for name in parameter_names(each.conditions.sensor)}
+        for name in (each for each in campaign.taken_as_zero if each not in names):
+            known = near(name, sorted(names))
+            raise InputError(f"{folder / HEADER_FILE}, key taken_as_zero: {name!r} is no parameter{known}")
+        return campaign
     neither = f"neither a campaign folder (no {HEADER_FILE}) nor a night (no {JOURNAL_NAME})"
     check_folder(folder)
     inside = sorted(each.name for each in folder.iterdir() if (each / HEADER_FILE).is_file() or is_night(each))
     holds = f"; name one that it holds: {listed(inside, _NAMED)}" if inside else ""
     raise InputError(f"{folder}: {neither}{holds}")
-
-
-def _with_known_names(campaign: Campaign, header: Path) -> Campaign:
-    """Return the campaign; raise `InputError` where what it takes as zero is no parameter of any of its sensors."""
-    names = {name for each in campaign.sensors.values() for name in parameter_names(each.conditions.sensor)}
-    for name in campaign.taken_as_zero:
-        if name not in names:
-            raise InputError(f"{header}, key taken_as_zero: {name!r} is no parameter{near(name, sorted(names))}")
-    return campaign
 
 
 def _campaign(journal: JournalReader) -> Campaign:

@@ -30,7 +30,7 @@ from hil.errors import InputError
 from hil.files.durable import RealDisk
 from hil.files.lock import FolderLock
 from hil.records import schema as journal_schema
-from hil.records.blocks import BLOCKS, Block, BlockWriter, FieldMeaning
+from hil.records.blocks import BLOCKS, Block, BlockWriter
 from hil.records.ledger import Ledger
 from hil.records.reader import JOURNAL_NAME, JournalReader, journal_of, reading
 from hil.records.rows import Night, digest_of, step_row, to_json
@@ -47,7 +47,10 @@ Listener = Callable[[str, Mapping[str, Any]], None]
 
 
 class SqliteJournal(JournalReader):
-    """A journal that is written: `procedures`' `Journal`, durable. Belongs to one thread of one controller."""
+    """A journal that is written: `procedures`' `Journal`, durable. Belongs to one thread of one controller.
+
+    `block_writer` may be told what the fields of each unit are, and another disk: one that a rehearsal lets be full.
+    """
 
     def __init__(
         self, folder: Path, connection: sqlite3.Connection, lock: FolderLock, clock: Clock, who: str, keep_raw: bool
@@ -59,7 +62,7 @@ class SqliteJournal(JournalReader):
         self._system = SystemClock()
         self._listeners: list[Listener] = []
         self._others_commits = -1
-        self._blocks = BlockWriter(folder, simulated=self.night.simulated, keep_raw=keep_raw)
+        self.block_writer = BlockWriter(folder, simulated=self.night.simulated, keep_raw=keep_raw)
         # The clock may count from anywhere; the campaign counts from the beginning of the night, across a resume.
         self._offset_s = (clock.utc() - self.night.began_utc).total_seconds() - clock.now()
         last_s = max((controller.seen_s for controller in self.controllers()), default=0.0)
@@ -138,14 +141,6 @@ class SqliteJournal(JournalReader):
         """Return the seconds since the campaign began, across a resume."""
         return self._clock.now() + self._offset_s
 
-    def describe_fields(self, meanings: Mapping[str, FieldMeaning], unit: str = "") -> None:
-        """Say what the decoded fields of a unit are, by name: written into its blocks of samples from now on."""
-        self._blocks.meanings[unit] = meanings
-
-    def write_blocks_to(self, disk: RealDisk) -> None:
-        """Write blocks to another disk from now on: one that a rehearsal lets be full."""
-        self._blocks.disk = disk
-
     def begin(self, *steps: Step) -> Sequence[int]:
         """Record that steps begin, at once; return the number of each one's attempt, 1 for the first.
 
@@ -179,7 +174,8 @@ class SqliteJournal(JournalReader):
         nothing of them counts. Raises `ValueError` where one never began or has ended already.
         """
         written = [
-            (*each, () if each[2].samples is None else self._blocks.write(*each[:2], each[2].samples)) for each in ended
+            (*each, () if each[2].samples is None else self.block_writer.write(*each[:2], each[2].samples))
+            for each in ended
         ]
         ended_s = self.now_s()
         with self._transaction():

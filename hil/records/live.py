@@ -263,19 +263,13 @@ class TraceReader:
             status = os.fstat(file.fileno())
             if status.st_ino != self._inode or status.st_size < self._offset:
                 self.columns, self._offset, self._inode, self.begun_anew = [], 0, status.st_ino, True
-            if not self.columns and not self._read_head(file.readline()):
-                return np.empty((0, 0), dtype="<f4")
-            file.seek(self._offset)
-            data = file.read(at_most * _size(self.columns))
-            whole = len(data) // _size(self.columns) * _size(self.columns)
-            self._offset += whole
-            return np.frombuffer(data[:whole], dtype="<f4").reshape(-1, len(self.columns))
+            if not self.columns and (line := file.readline()).endswith(b"\n"):
+                with suppress(ValueError, KeyError, TypeError):
+                    self.columns, self._offset = [str(name) for name in json.loads(line)["columns"]], len(line)
+            if self.columns:
+                file.seek(self._offset)
+                data = file.read(at_most * _size(self.columns))
+                whole = len(data) // _size(self.columns) * _size(self.columns)
+                self._offset += whole
+                return np.frombuffer(data[:whole], dtype="<f4").reshape(-1, len(self.columns))
         return np.empty((0, len(self.columns)), dtype="<f4")
-
-    def _read_head(self, line: bytes) -> bool:
-        try:
-            self.columns = [str(name) for name in json.loads(line)["columns"]] if line.endswith(b"\n") else []
-        except (ValueError, KeyError, TypeError):
-            self.columns = []
-        self._offset = len(line)
-        return bool(self.columns)

@@ -10,19 +10,17 @@ is incomplete, whatever was going on.
 import re
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import timedelta
 from itertools import groupby
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from drivers.clock import SystemClock
-from hil.files.lock import Owner
-from hil.records.damage import LostBlock, lost_blocks
-from hil.records.live import SILENCE_BORNE_S, Heartbeat, age_s, read_heartbeat, read_live
+from hil.records.damage import lost_blocks
+from hil.records.live import SILENCE_BORNE_S, age_s, read_heartbeat, read_live
 from hil.records.reader import JournalReader, reading
 from hil.records.requests import forsaken_chamber
-from hil.records.rows import Attempt, Controller, Event
+from hil.records.rows import Attempt
 from hil.records.troubles import troubles
 from hil.records.units import unit_folder
 from procedures.journal_protocol import Outcome
@@ -55,37 +53,25 @@ _UNTOUCHED = re.compile(
 def night_status(folder: Path | str) -> dict[str, Any]:
     """Return the document hil.status/1 of a night; raise `InputError` where the folder holds none."""
     with reading(Path(folder), damaged_too=True) as journal:
-        return _document(_Facts.of(journal))
+        return _document(_Facts(journal))
 
 
 def state_of(journal: JournalReader) -> tuple[str, str]:
     """Return the `state` and the `reason` of the same document."""
-    return _state(_Facts.of(journal))
+    return _state(_Facts(journal))
 
 
-@dataclass(frozen=True)
 class _Facts:
     """What the journal said at one instant."""
 
-    journal: JournalReader
-    owner: Owner | None
-    attempts: Sequence[Attempt]
-    done: Mapping[str, Attempt]
-    controller: Controller | None
-    lost: Sequence[LostBlock]
-    beat: Heartbeat | None  # of the living owner
-    events: Sequence[Event]
-
-    @classmethod
-    def of(cls, journal: JournalReader) -> Self:
-        controllers = journal.controllers()
-        newest = controllers[-1] if controllers else None
-        attempts = journal.attempts()
-        done = {each.step_key: each for each in attempts if each.outcome is Outcome.DONE}
+    def __init__(self, journal: JournalReader) -> None:
+        self.journal, self.owner, self.events = journal, journal.owner, journal.events()
+        self.attempts, self.lost = journal.attempts(), lost_blocks(journal, read=False)
+        self.done = {each.step_key: each for each in self.attempts if each.outcome is Outcome.DONE}
+        self.controller = next(reversed(journal.controllers()), None)
+        self.last_s = self.controller.seen_s if self.controller else 0.0
         beat = read_heartbeat(journal.folder)
-        owner = journal.owner
-        beat = beat if beat is not None and owner is not None and beat.pid == owner.pid else None
-        return cls(journal, owner, attempts, done, newest, lost_blocks(journal, read=False), beat, journal.events())
+        self.beat = beat if beat and self.owner and beat.pid == self.owner.pid else None
 
     @property
     def held_by_another(self) -> bool:
@@ -104,10 +90,6 @@ class _Facts:
             return f"has shown no sign of life for {silent_s:.0f} s" if hangs else ""
         silent_s = (now - self.controller.seen_utc).total_seconds() if self.controller else 0.0
         return f"has written nothing for {silent_s / 60.0:.0f} min" if silent_s > STALE_AFTER_S else ""
-
-    @property
-    def last_s(self) -> float:
-        return self.controller.seen_s if self.controller else 0.0
 
 
 def _document(facts: _Facts) -> dict[str, Any]:
@@ -214,10 +196,7 @@ def _filling(facts: _Facts) -> list[str]:
 
 
 def _readings(facts: _Facts, *, working: bool) -> dict[str, Any]:
-    """Return the newest temperatures (°C) and rates (deg/hr), and how old each is (s) while a controller shows them.
-
-    `now` is all that it shows (hil.live/1), `old` says how old that is, in words, where it is too old.
-    """
+    """Return what was read last, °C, deg/hr, how old each is, s, and all that a controller shows `now` (hil.live/1)."""
     beat, folder = facts.journal.last_heartbeat(), unit_folder(facts.journal.folder, facts.journal.plan.units[0])
     readings: dict[str, float] = dict(beat.readings) if beat else {}
     ages = dict.fromkeys(readings, facts.last_s - beat.at_s) if beat and working else {}
@@ -296,7 +275,7 @@ def _units(facts: _Facts) -> list[dict[str, Any]]:
     """Return how each of several units stands; nothing where the bench lists none."""
     told = []
     for unit in filter(None, facts.journal.plan.units):
-        own = _document(_Facts.of(facts.journal.of_unit(unit)))
+        own = _document(_Facts(facts.journal.of_unit(unit)))
         verdict = recorded_end(facts.journal, unit).get("verdict")
         folder = str(unit_folder(facts.journal.folder, unit))
         told.append({"unit": unit, "folder": folder, **{key: own[key] for key in _OF_A_UNIT}, "verdict": verdict})

@@ -74,7 +74,7 @@ def troubles(night: Night, events: Sequence[Event], last_s: float, trying: str) 
         elif event.kind == "interlock-cleared" and name in standing:
             began = standing.pop(name)
             lasted = hours_minutes(event.at_s - began.at_s)
-            over[name] = f"{_said(began)}: over since {_at(night, event.at_s)}, after {lasted}"
+            over[name] = f"{began.message.partition(': ')[2]}: over since {_at(night, event.at_s)}, after {lasted}"
         elif event.kind == "safe-state-retry":
             standing.setdefault("", event)
         elif event.kind in ("safe-state", "safe-state-not-reached"):
@@ -89,12 +89,8 @@ def _standing(night: Night, event: Event, last_s: float) -> str:
     since = f"since {_at(night, event.at_s)}, {hours_minutes(max(last_s - event.at_s, 0.0))} ago"
     if event.kind == "safe-state-retry":
         return f"THE CHAMBER IS NOT SAFE YET, go to it; trying {since}: {event.message}"
-    return f"trying again {since}: {event.message}" if event.kind == "retry" else f"{_said(event)}; {since}"
-
-
-def _said(event: Event) -> str:
-    """Return what an interlock suspects, and when that would end the night."""
-    return event.message.partition(": ")[2]
+    suspected = event.message.partition(": ")[2]  # by an interlock, and when that would end the night
+    return f"trying again {since}: {event.message}" if event.kind == "retry" else f"{suspected}; {since}"
 
 
 def _at(night: Night, at_s: float) -> str:

@@ -128,7 +128,7 @@ OpenJournal = Callable[[], SqliteJournal]
 def journal(new_night: Path, clock: VirtualClock) -> Iterator[SqliteJournal]:
     """The night's journal, open for writing."""
     with SqliteJournal.open(new_night, clock=clock, who="rk") as opened:
-        opened.describe_fields(MEANINGS)
+        opened.block_writer.meanings[""] = MEANINGS
         yield opened
 
 
@@ -136,7 +136,7 @@ def journal(new_night: Path, clock: VirtualClock) -> Iterator[SqliteJournal]:
 def full_night(new_night: Path, plan: Plan, clock: VirtualClock) -> Path:
     """A folder with a night in which every step was done."""
     with SqliteJournal.open(new_night, clock=clock, who="rk") as opened:
-        opened.describe_fields(MEANINGS)
+        opened.block_writer.meanings[""] = MEANINGS
         for step in plan.steps:
             carry_out(opened, step, clock)
             opened.heartbeat(step, {"chamber_degC": 20.0})

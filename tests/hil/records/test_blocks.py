@@ -149,7 +149,7 @@ def test_a_full_disk_leaves_the_journal_consistent(
     disk = RecordingDisk(full_at=operation)
     first = next(step.index for step in plan.steps if step.kind is StepKind.COLLECT)
     with SqliteJournal.open(new_night, clock=clock) as journal:
-        journal.write_blocks_to(disk)
+        journal.block_writer.disk = disk
         for step in plan.steps[:first]:
             do(journal, step, clock)
         with pytest.raises(OSError, match="No space left"):
