@@ -19,6 +19,7 @@ from drivers.outside import library
 from drivers.strict_yaml import packaged
 from hil.cli.output import Aside, Lasting, messages, print_json, results
 from hil.errors import InputError
+from hil.files.figure import drawn
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -42,7 +43,6 @@ class Picture:
     figure: Figure
 
     def _repr_svg_(self) -> str:
-        from hil.files.figure import drawn
 
         return drawn(self.figure).decode()
 

@@ -2,7 +2,7 @@
 
 import logging
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Annotated, Any
 
@@ -25,7 +25,15 @@ GROUPS = {
     "Tables and the catalogue": "import audit reproduce effects",
     "Devices": "simulate chamber decode frames",
 }
-"""Under which title `hil --help` has which commands, in the order in which they are needed."""
+"""Under which title `hil --help` has which commands, in the order in which they are needed; there are no others."""
+_ROOMS = (night, data, archive, model, recordings, beside, watchdog, coefficients, start, chamber)
+_CALLED_OTHERWISE: Mapping[str, Any] = {
+    "continue": beside.go_on,
+    "frames": recordings.frames_app,
+    "import": recordings.import_app,
+    "plot": data.plot_app,
+}
+"""Commands that are no functions of their own name in one of the rooms."""
 
 
 class Grouped(TyperGroup):
@@ -61,21 +69,19 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-for room in (night, data, archive, model, recordings, beside, watchdog, coefficients, start):
-    for command in room.COMMANDS:
-        app.command()(with_status(command))
-app.command("continue")(with_status(beside.go_on))
-app.command()(with_status(chamber.simulate))
-# An argument such as -20 is a temperature, not an option that nobody knows.
-app.command(context_settings={"ignore_unknown_options": True})(with_status(chamber.chamber))
 for below, commands in (
     (recordings.frames_app, (recordings.check, recordings.guess)),
     (recordings.import_app, (recordings.table, recordings.log)),
-    (data.plot_app, data.PLOTS),
+    (data.plot_app, (data.series, data.temperatures, data.parameters)),
 ):
     for command in commands:
         below.command()(with_status(command))
-    app.add_typer(below)
+for name in " ".join(GROUPS.values()).split():
+    own = _CALLED_OTHERWISE.get(name) or next(vars(room)[name] for room in _ROOMS if name in vars(room))
+    if isinstance(own, typer.Typer):
+        app.add_typer(own)
+    else:  # an argument of chamber such as -20 is a temperature, not an option that nobody knows
+        app.command(name, context_settings={"ignore_unknown_options": name == "chamber"})(with_status(own))
 
 
 @app.callback()

@@ -13,6 +13,9 @@ from hil.cli.exit_status import Limits, Strict, of_unit
 from hil.cli.output import PAGE, Folder, check_named, messages
 from hil.errors import InputError
 from hil.files.document import picked
+from hil.files.durable import check_file, write_result
+from hil.files.strict import NAME, one_line
+from hil.report.pdf import find_browser, write_pdf
 
 _Archive = Annotated[Path | None, Option("--archive", envvar="HIL_ARCHIVE", help="The archive's folder.")]
 
@@ -31,12 +34,9 @@ def certificate(
     strict: Strict = False,
 ) -> Answer:
     """Write the calibration certificate of a night's unit: results with expanded uncertainty, traceability, budget."""
-    from hil.files.durable import check_file, write_result
-    from hil.files.strict import NAME, one_line
     from hil.records.reader import units_in
     from hil.records.units import writable
     from hil.report.certificate import certificate as made
-    from hil.report.pdf import find_browser, write_pdf
 
     if pdf:
         find_browser()  # before anything is written
@@ -71,7 +71,6 @@ def archive(
     from hil.archive.folder import found_archive, take_up
     from hil.archive.places import MARK
     from hil.archive.taking_in import update
-    from hil.files.strict import NAME, one_line
     from hil.records.reader import units_in
 
     try:
@@ -135,8 +134,6 @@ def history(
     from hil.archive.index import opened_index
 
     if page is not None:
-        from hil.files.durable import check_file
-
         check_file(page, *PAGE)  # before anything is written
     folder, chosen = _named(archive), None
     if limits is not None:
@@ -149,7 +146,6 @@ def history(
         _write_csv(csv_file, _rows(document))
     if page is not None:
         from hil.archive.page import history_page
-        from hil.files.durable import write_result
 
         write_result(page, history_page(document))
     if out is not None:
@@ -176,10 +172,6 @@ def _named(archive: Path | None) -> Path:
 
 def _write_csv(path: Path, rows: Iterable[Mapping[str, Any]]) -> None:
     from hil.files.columns import rows_as_csv
-    from hil.files.durable import write_result
 
     check_named(path, ".csv")
     write_result(path, rows_as_csv(list(rows)))
-
-
-COMMANDS = (certificate, archive, units, history)

@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
+from drivers.errors import CommandRefused, DeviceError
 from hil.cli.answer import Answer, told
 from hil.cli.ask import must_agree
 from hil.cli.coefficients import quantity
 from hil.cli.output import JsonFlag, messages, warn
 from hil.errors import InputError
 from hil.files.document import picked
+from hil.files.units import TEMPERATURE
 
 if TYPE_CHECKING:
     from hil.bench import LiveChamber
@@ -85,7 +87,6 @@ def chamber(
 def _target(given: str | None, bench: Bench) -> float:
     """Return the temperature in °C; raise `InputError` where it is none, or outside the limits."""
     from hil.files.columns import is_number
-    from hil.files.units import TEMPERATURE
 
     if given is None:
         raise InputError("set needs a temperature, such as: hil chamber BENCH set '-20 degC'")
@@ -114,12 +115,8 @@ def _logged(live: LiveChamber) -> Any:
 
 
 def _set(live: LiveChamber, target_degC: float) -> None:
-    """Prepare, set and read back; a ramp that the controller cannot bound itself is stepped to its end from here.
-
-    What could not be confirmed must not stay: the chamber is brought to its safe state then.
-    """
+    """Prepare, set, read back, step a ramp to its end; what could not be confirmed must not stay: it is made safe."""
     from drivers.chambers.ramp import RampedChamber
-    from drivers.errors import CommandRefused, DeviceError
 
     chamber = _logged(live)
     chamber.prepare()

@@ -14,17 +14,16 @@ from hil.cli.data import Source, read_source
 from hil.cli.exit_status import Exit
 from hil.cli.output import check_result_folder
 from hil.errors import InputError
+from hil.files.durable import check_file, check_new
+from hil.files.figure import PLOT, save_figure
+from hil.files.units import DIFFERENCE, FREQUENCY, RATE, TIME, Kind, to_number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from hil.files.units import Kind
-
 
 def quantity(option: str, text: str, kind: Kind) -> float:
     """Return what an option says, in the unit of its kind; raise `InputError` where it is none."""
-    from hil.files.units import to_number
-
     try:
         return to_number(text, kind)
     except ValueError as error:
@@ -34,7 +33,6 @@ def quantity(option: str, text: str, kind: Kind) -> float:
 def sample_rate_hz(text: str | None) -> float | None:
     """Return what --rate says, where it is given; raise `InputError` where it is no rate."""
     from hil.files.columns import is_number
-    from hil.files.units import FREQUENCY
 
     if text is None:
         return None
@@ -66,9 +64,6 @@ def allan(
 
     from hil.analysis.allan.document import AllanResult, draw
     from hil.analysis.allan.sources import read_recording
-    from hil.files.durable import check_file
-    from hil.files.figure import PLOT, save_figure
-    from hil.files.units import RATE, TIME
 
     if out is not None:
         check_file(out, *PLOT)
@@ -119,7 +114,6 @@ def thermal(
     from hil.analysis.thermal.document import thermal_document
     from hil.analysis.thermal.files import write_thermal
     from hil.analysis.thermal.fit import fit_thermal
-    from hil.files.units import DIFFERENCE
 
     apart_degC = None if apart is None else quantity("--apart", apart, DIFFERENCE)
     if apart_degC == 0.0:
@@ -233,8 +227,6 @@ def design(
     from hil.config import load_bench, load_sweep
     from hil.design.sequence.proposal import design_document, write_sweep
     from hil.design.sequence.search import Goal, parse_target, propose
-    from hil.files.durable import check_new
-    from hil.files.units import TIME
 
     base, its_bench = load_sweep(sweep), load_bench(bench)
     if out is not None:
@@ -277,6 +269,3 @@ def scatter(source: Source) -> Answer:
 
     document = what_scatters(read_source(source)).document()
     return Answer(document, told(document))
-
-
-COMMANDS = (allan, audit, budget, design, reproduce, scatter, thermal)

@@ -15,6 +15,9 @@ from hil.cli.answer import Answer, told
 from hil.cli.exit_status import Exit, Limits, Strict, of_unit
 from hil.cli.output import PAGE, Folder, check_named, messages, results, warn
 from hil.errors import InputError
+from hil.files.durable import check_file, write_result
+from hil.files.figure import PLOT, save_figure
+from hil.report.pdf import find_browser, write_pdf
 from procedures.words import counted
 
 if TYPE_CHECKING:  # `hil --help` loads no arithmetic
@@ -57,11 +60,9 @@ def report(
     parquet: Annotated[bool, Option("--parquet", help="Beside it its tables, for a program.")] = False,
 ) -> int:
     """Write the report: one self-contained HTML file that any browser shows and prints."""
-    from hil.files.durable import check_file
     from hil.records.reader import units_in
     from hil.report.content import good
     from hil.report.page import write_units
-    from hil.report.pdf import find_browser, write_pdf
     from hil.report.tables import write_tables
 
     if pdf:
@@ -116,7 +117,6 @@ def write_report(
     from hil.analysis.against import Comparison
     from hil.analysis.in_spec import in_spec_of
     from hil.campaign import Campaign
-    from hil.files.durable import check_file, write_result
     from hil.records.reader import is_night
     from hil.records.units import writable
     from hil.report.content import gather
@@ -203,29 +203,23 @@ def export(
 
     documents: the journal as Bluesky's event-model documents, a JSON line for each.
     """
-    if fleet:
-        return _export_fleet(folder, out, form)
+    from hil.campaign.fleet_file import write_fleet_file
     from hil.records.documents import export_documents
     from hil.records.export import export_campaign
+    from hil.records.folders import in_turn, pieces_in
 
+    if fleet:
+        check_named(out, ".parquet")
+        if form is not None:
+            raise InputError("--fleet and --format: a file for hil fleet is Parquet; give one of the two")
+        for place, why in write_fleet_file(in_turn(map, pieces_in([folder])), out).items():
+            messages().print(f"warning: {place}: {why}")
+        results().print(f"fleet: {out}")
+        return
     written = export_documents(folder, out) if form == "documents" else export_campaign(folder, out, form)
     for note in written.notes:
         messages().print(f"note: {note}")
     results().print(f"{form or 'campaign'}: {out}, {counted(written.rows, 'row')}")
-    return None
-
-
-def _export_fleet(folder: Path, out: Path, form: Format | None) -> None:
-    from hil.campaign.fleet_file import write_fleet_file
-    from hil.records.folders import in_turn, pieces_in
-
-    check_named(out, ".parquet")
-    if form is not None:
-        raise InputError("--fleet and --format: a file for hil fleet is Parquet; give one of the two")
-    told = write_fleet_file(in_turn(map, pieces_in([folder])), out)
-    for place, why in told.items():
-        messages().print(f"warning: {place}: {why}")
-    results().print(f"fleet: {out}")
 
 
 def replay(folder: Folder) -> Answer:
@@ -248,8 +242,6 @@ _OfSensor = Annotated[int | None, Option("--sensor", help="Which sensor, where t
 
 
 def _plot(out: Path, draw: Callable[[], Figure]) -> None:
-    from hil.files.durable import check_file
-    from hil.files.figure import PLOT, save_figure
 
     check_file(out, *PLOT)
     save_figure(draw(), out)
@@ -282,7 +274,3 @@ def parameters(source: Source, out: _Out, sensor: _OfSensor = None) -> None:
     from hil.report.plots import draw_parameters
 
     _plot(out, lambda: draw_parameters(source, read_source(source), sensor))
-
-
-COMMANDS = (report, solve, export, replay)
-PLOTS = (series, temperatures, parameters)

@@ -16,7 +16,7 @@ from hil.cli.answer import Answer, told
 from hil.cli.data import Source, read_source
 from hil.cli.output import check_named, check_result_folder, messages
 from hil.errors import InputError
-from procedures.words import hours_minutes
+from procedures.words import hours_minutes, percent
 
 _ModelName = Annotated[str, Option("--model", help="A model file, or the name of a built-in.")]
 _Draws = Annotated[int, Option(help="How many nights are simulated; 20 tell at a level of 5 %.")]
@@ -38,7 +38,6 @@ def reconcile(
     from hil.reconcile.outcome.page import place_in_words
     from hil.reconcile.outcome.sentences import errors_in_words, of_few, summary, what_to_do
     from hil.reconcile.result import before_and_after_in_words
-    from procedures.words import percent
 
     data = read_source(campaign)
     if out is not None:  # a notebook asks without files
@@ -178,6 +177,3 @@ def effects() -> Answer:
 
     document = effects_document()
     return Answer(document, told(document))
-
-
-COMMANDS = (reconcile, fleet, twin, visibility, effects)

@@ -16,9 +16,11 @@ from typer import Argument, Option
 
 from drivers.clock import SystemClock
 from drivers.given_file import check_folder
+from drivers.strict_yaml import parse_yaml
 from hil.cli.answer import Answer, told
 from hil.cli.ask import TerminalQuestions, ask_words, must_agree
-from hil.cli.check import check, look_first
+from hil.cli.check import check as check
+from hil.cli.check import look_first
 from hil.cli.exit_status import Exit, Strict, of_unit
 from hil.cli.output import Folder, JsonFlag, messages, print_json, results, warn
 from hil.cli.progress import TerminalProgress, onlooker
@@ -107,10 +109,7 @@ def run(
 
 
 def _of_unit(bench: Bench, serial: str | None, out: str, *, attended: bool) -> Bench:
-    """Return the bench with the unit of which somebody gave the serial number, or gives it now if the folder has it.
-
-    A night that only needs it asks by itself, here and on the live page. Raises `InputError` where nobody can be asked.
-    """
+    """Return the bench with the unit whose serial number somebody gave; ask for it where the folder is named by it."""
     from hil.config.unit import ASK
 
     named, typed = "{serial}" in out, bench.asks_serial
@@ -276,7 +275,6 @@ def demo(
 
 def refuse_but_demo(folder: Path, sweep: Sweep) -> None:
     """Raise `InputError` where a folder holds anything but a simulated night of that sweep, as a demo leaves it."""
-    from drivers.strict_yaml import parse_yaml
     from hil.config.recorded import understood
     from hil.records import open_readonly
     from hil.records.reader import is_night
@@ -295,6 +293,3 @@ def refuse_but_demo(folder: Path, sweep: Sweep) -> None:
             lost = f"the night {night.title!r} of another sweep, or measured"
     if lost:
         raise InputError(f"{folder}: exists and holds {lost}, which would be lost; give another folder with --out")
-
-
-COMMANDS = (demo, check, plan, run, resume, status, verify, repair)

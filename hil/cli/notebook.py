@@ -15,7 +15,10 @@ from typing import TYPE_CHECKING, Any
 
 from drivers.outside import library
 from hil.campaign import Campaign
+from hil.cli import coefficients, data, night
+from hil.cli import model as of_models
 from hil.cli.answer import Answer, Picture
+from hil.cli.watch import look_at
 from hil.config import load_bench
 from hil.errors import InputError
 from hil.records.export import open_source
@@ -42,15 +45,11 @@ class Measured:
 
     def solve(self, model: str | None = None) -> Answer:
         """Solve every self-calibration, as `hil solve`: parameters, their uncertainty, what repeats show."""
-        from hil.cli.data import solve
-
-        return solve(self.folder, model)
+        return data.solve(self.folder, model)
 
     def thermal(self, model: str | None = None, *, highest_order: int = 5, apart: str | None = None) -> Answer:
         """Fit every parameter against temperature, as `hil thermal`; `apart` such as "2 degC"."""
-        from hil.cli.coefficients import thermal
-
-        return thermal(self.folder, model, highest_order, apart)
+        return coefficients.thermal(self.folder, model, highest_order, apart)
 
     def allan(
         self,
@@ -61,35 +60,25 @@ class Measured:
         reach: str | None = None,
     ) -> Answer:
         """Say what the noise is made of, as `hil allan`; `reach` such as "0.5 deg/hr"."""
-        from hil.cli.coefficients import allan
-
-        return allan(self.folder, channel, sensor, collect, reach=reach)
+        return coefficients.allan(self.folder, channel, sensor, collect, reach=reach)
 
     def scatter(self) -> Answer:
         """Tell what makes repeats scatter, as `hil scatter`."""
-        from hil.cli.coefficients import scatter
-
-        return scatter(self.folder)
+        return coefficients.scatter(self.folder)
 
     def budget(
         self, bench: str | None = None, model: str | None = None, *, run: int | None = None, draws: int = 100_000
     ) -> Answer:
         """Say what each source of error contributes to each parameter, as `hil budget`."""
-        from hil.cli.coefficients import budget
-
-        return budget(str(self.folder), bench, model, run, draws=draws)
+        return coefficients.budget(str(self.folder), bench, model, run, draws=draws)
 
     def visibility(self, model: str | None = None) -> Answer:
         """Say which effects these collects can see, as `hil visibility`."""
-        from hil.cli.model import visibility
-
-        return visibility(str(self.folder), model=model)
+        return of_models.visibility(str(self.folder), model=model)
 
     def reconcile(self, model: str, out: Path | None = None, *, alpha: float = 0.05) -> Answer:
         """Find what the model lacks, as `hil reconcile`; its files are written only where `out` names a folder."""
-        from hil.cli.model import reconcile
-
-        return reconcile(self.folder, model, out, alpha)
+        return of_models.reconcile(self.folder, model, out, alpha)
 
     def plot_collect(self, collect: int) -> Picture:
         """Draw the samples of one collect, as `hil plot series`."""
@@ -129,15 +118,11 @@ class Night(Measured):
 
     def status(self) -> Mapping[str, Any]:
         """Return how the night stands, as `hil status --json`."""
-        from hil.cli.watch import look_at
-
         return look_at(self.folder)[0]
 
     def verify(self) -> Answer:
         """Check every step, block and hash, as `hil verify`."""
-        from hil.cli.night import verify
-
-        return verify(self.folder)
+        return night.verify(self.folder)
 
     def plot_temperatures(self) -> Picture:
         """Draw chamber and unit through the night, as `hil plot temperatures`."""

@@ -14,6 +14,7 @@ from rich.measure import Measurement
 from rich.table import Table
 from typer import Argument, Option
 
+from drivers.given_file import read_text
 from hil.errors import InputError
 from procedures.words import harmless
 
@@ -127,21 +128,15 @@ def check_result_folder(out: Path, own: str = "", given: str = "", of: Campaign 
         raise InputError(
             f"{out}: holds something, and no {own}; name a new folder, or one with a result of this command"
         )
-    if of is not None and (out / own).is_file():
-        _refuse_another(out / own, of)
-
-
-def _refuse_another(own: Path, campaign: Campaign) -> None:
-    """Raise `InputError` where a command's document is of another campaign than this, which would be lost."""
-    from hil.files.strict import read_text
-
+    if of is None or not (path := out / own).is_file():
+        return
     try:
-        there = json.loads(read_text(own))
+        there = json.loads(read_text(path))
         title, source = there["campaign"], there["source"]
     except (ValueError, KeyError, TypeError):
-        raise InputError(f"{own}: does not say of which campaign it is; name a new folder for the result") from None
-    if (title, source) != (campaign.title, campaign.source):
-        raise InputError(f"{own}: is of another campaign, {title} ({source}), and would be lost; name a new folder")
+        raise InputError(f"{path}: does not say of which campaign it is; name a new folder for the result") from None
+    if (title, source) != (of.title, of.source):
+        raise InputError(f"{path}: is of another campaign, {title} ({source}), and would be lost; name a new folder")
 
 
 def _refuse_night(folder: Path) -> None:

@@ -72,11 +72,11 @@ class TerminalProgress(Progress):
     """A few lines that stay in place: a `panel`."""
 
     def __init__(self, console: Console, *, simulated: bool) -> None:
-        self._simulated = simulated
-        self._title = ""
+        self._title = "beginning …"
         self._snapshot: Snapshot | None = None
         self._console = console
-        self._live = Live(console=console, get_renderable=self._render, refresh_per_second=4, transient=True)
+        self.drawn = lambda: panel(self._title, self._snapshot, simulated=simulated)
+        self._live = Live(console=console, get_renderable=self.drawn, refresh_per_second=4, transient=True)
 
     def sweep_began(self, plan: Plan, done: frozenset[str]) -> None:
         """Begin to draw."""
@@ -100,9 +100,6 @@ class TerminalProgress(Progress):
     def close(self) -> None:
         """Stop drawing and give the terminal back."""
         self._live.stop()
-
-    def _render(self) -> Group:
-        return panel(self._title or "beginning …", self._snapshot, simulated=self._simulated)
 
     def _say(self, text: str, at_s: float) -> None:
         self._console.print(f"{_clock(at_s)}  {text}", markup=False, highlight=False)

@@ -7,11 +7,14 @@ import typer
 from typer import Argument, Option
 from typer.core import TyperGroup
 
+from drivers.strict_yaml import parse_value
 from hil.cli.answer import Answer, told
 from hil.cli.coefficients import quantity, sample_rate_hz
 from hil.cli.exit_status import Exit
 from hil.cli.output import messages, results, warn
 from hil.errors import InputError
+from hil.files.durable import write_result
+from hil.files.units import ACCELERATION, ANGLE, RATE, TIME
 
 Description = Annotated[str, Option("--frames", help="A frame description, or the name of one that ships.")]
 Settings = Annotated[
@@ -51,7 +54,6 @@ def guess(
 ) -> Answer:
     """Look at the bytes of an unknown unit: which descriptions read them, where frames begin, what they carry."""
     from hil.bench.guess import guess_file
-    from hil.files.durable import write_result
 
     document = guess_file(capture)
     if out is not None and document["description"] is not None:
@@ -61,8 +63,6 @@ def guess(
 
 def frame_parameters(settings: list[str] | None) -> dict[str, Any]:
     """Read NAME=VALUE pairs, values as YAML has them; raise `InputError` for what is no such pair."""
-    from drivers.strict_yaml import parse_value
-
     found: dict[str, Any] = {}
     for setting in settings or []:
         name, sign, value = setting.partition("=")
@@ -118,7 +118,6 @@ def log(
     from hil.analysis.log.static import StaticTest
     from hil.bench.decode import load_frames_named
     from hil.files.columns import read_columns
-    from hil.files.units import ACCELERATION, ANGLE, RATE, TIME
 
     rate_hz = sample_rate_hz(rate)
     latitude_deg = None if latitude is None else quantity("--latitude", latitude, ANGLE)
@@ -145,8 +144,6 @@ def log(
     document = {**made.document, "campaign": str(out)}
     return Answer(document, told(document))
 
-
-COMMANDS = (decode,)
 
 frames_app = typer.Typer(
     name="frames", help="Frame descriptions: what a unit's bytes mean.", no_args_is_help=True, rich_markup_mode=None

@@ -123,6 +123,3 @@ def notify(
     if not failures:
         results().print(f"told: {', '.join(on.notify.to)}")
     return Exit.FAILED if failures else Exit.DONE
-
-
-COMMANDS = (pause, abort, confirm, dashboard, notify)

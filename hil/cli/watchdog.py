@@ -19,11 +19,11 @@ from hil.errors import InputError
 from hil.files.lock import LOCK_NAME
 from procedures.plan import Plan
 from procedures.progress import Progress, Snapshot
+from procedures.stop import StopRequest
 
 if TYPE_CHECKING:
     from hil.config import Bench
     from hil.night.watchdog import Watched
-    from procedures.stop import StopRequest
 
 _LOOK_S = 0.5  # for a night that begins
 _ANEW_S = 5.0  # between two starts: one that cannot start costs little
@@ -44,7 +44,6 @@ def watchdog(
     from hil.config import load_bench
     from hil.config.recorded import configuration_of
     from hil.records import open_readonly
-    from procedures.stop import StopRequest
 
     stop = StopRequest()
     with TemporaryDirectory(prefix="hil-watchdog-") as named_files, stop.on_signals():
@@ -129,6 +128,3 @@ class WatchdogBeside(Progress):
 def _say(what: str) -> None:
     with suppress(OSError):  # a closed terminal must not end the watch
         messages().print(what)
-
-
-COMMANDS = (watchdog,)

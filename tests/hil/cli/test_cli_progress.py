@@ -40,7 +40,7 @@ def _drawn(now: Snapshot, width: int = 100) -> list[str]:
     panel = TerminalProgress(console, simulated=True)
     panel._title = "RD-GC-86-1, eight temperatures"
     panel.update(now)
-    console.print(panel._render())
+    console.print(panel.drawn())
     return drawn.getvalue().splitlines()
 
 
