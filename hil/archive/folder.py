@@ -111,11 +111,9 @@ def take_up(
 
 
 def _replaced(archive: Path, entry: str, campaign: Campaign, by_night: bool) -> tuple[str, dict[str, Any], Campaign]:
-    """Return why an entry is replaced by what holds the same rates; empty where it is sound, and has as much.
+    """Return why an entry is replaced by what holds the same rates (empty: by nothing), what it says of their night.
 
-    And what it says of the night that both are of, empty where that is told by neither or by the other, and which
-    campaign stays: of a night and a table of it that was corrected, the table's. Raises `InputError` where nobody can
-    tell, because the entry cannot be read now.
+    And which campaign stays: of a night and a corrected table the table's. Raises `InputError` where it is not read.
     """
     try:
         facts, known, _ = read_entry(archive, entry)

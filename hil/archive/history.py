@@ -262,10 +262,9 @@ def _control(y: FloatArray, sd: FloatArray, since: BoolArray, freedom: float) ->
 def _due(
     found: Trend, months: FloatArray, asked: ParameterLimits | None, k: float, newest: Uncertain
 ) -> dict[str, Any]:
-    """Return in how many months after the newest its interval at `k` reaches a limit, and whether all is beyond now.
+    """Return in how many months its interval at `k` reaches a limit, and whether all of it, or the newest's, is beyond.
 
-    Beyond now is what the `newest` calibration alone puts there, too: by it the unit was judged out of spec. None where
-    it never does, or where nobody knows.
+    None where it never does, or where nobody knows.
     """
     if found.fit is None or asked is None or (asked.low is None and asked.high is None):
         return {"due_in_months": None, "beyond_limit": None}

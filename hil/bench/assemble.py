@@ -49,11 +49,10 @@ Unopened = Callable[[str, DeviceError], None]
 
 @dataclass(frozen=True)
 class LiveBench:
-    """A bench that is put together and open. `simulators` are the devices in this process, None where all are real."""
+    """A bench that is put together and open; `faults` are those of devices in this process, None where all are real."""
 
     bench: Bench
     devices: BenchDevices
-    simulators: SimulatedBench | None = None
     faults: FaultInjector | None = None
 
     @property
@@ -127,7 +126,7 @@ def build_bench(
     if not any(port.startswith(SIMULATED_SCHEME) for _, port in ports_of(bench)):
         return LiveBench(bench, devices)
     faults.inject(ports.devices, ports.simulated)
-    return LiveBench(bench, devices, ports.devices, faults)
+    return LiveBench(bench, devices, faults)
 
 
 @dataclass(frozen=True)

@@ -87,10 +87,7 @@ def _decoded(path: Path, description: StreamDescription) -> Iterator[Decoded]:
 
 
 def _summary(path: Path, description: StreamDescription) -> tuple[dict[str, Any], dict[str, set[str]]]:
-    """Return what a file holds: counts, frames by type, its first and last good frame, what does not fit.
-
-    And by the type of frame that occurs, the fields that occur.
-    """
+    """Return what a file holds, as `hil decode` says it, and by the type of frame that occurs the fields that do."""
     counts, numbers, seen = StreamCounts(), dict.fromkeys(description.frames, 0), dict[str, set[str]]()
     habits = {name: CounterHabit(name, frame, description.sample_rate_hz) for name, frame in description.frames.items()}
     first: tuple[str, FrameBatch] | None = None
@@ -173,10 +170,7 @@ def _schema(description: StreamDescription, seen: Mapping[str, set[str]]) -> pa.
 
 
 def _table(decoded: Decoded, schema: pa.Schema, *, for_reading: bool) -> pa.Table:
-    """Return the frames of one chunk as a table; a field that a frame does not have is null.
-
-    `for_reading` gives numbers the decimals that they can have; else they are what the decoder computed.
-    """
+    """Return the frames of one chunk, null where one has no such field; `for_reading` with decimals that can be."""
     import pyarrow as pa
 
     parts = []

@@ -1,12 +1,10 @@
 """A bench file to begin with: six answers put into a template, and read back as any bench file is.
 
-text = new_bench("my-bench", Asked("espec", "/dev/ttyUSB1", "-40 to 85 degC", "stim300", "/dev/ttyUSB0", "59.9 deg"))
+text = new_bench("my-bench", {"chamber": "espec", "chamber_port": "/dev/ttyUSB1", "unit": "stim300"})
 """
 
-from __future__ import annotations
-
 import re
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
 
 from drivers.chambers import CHAMBER_DRIVERS
 from drivers.frames.description import StreamDescription, load_description
@@ -16,41 +14,30 @@ from hil.files.page import filled
 from hil.files.strict import find_config, near
 from hil.files.units import TEMPERATURE, to_number
 
-
-@dataclass(frozen=True)
-class Asked:
-    """What only somebody at the bench knows, as it is typed: names, ports, temperatures with their unit."""
-
-    chamber: str
-    chamber_port: str
-    limits: str
-    unit: str
-    unit_port: str
-    latitude: str
-
-    def with_examples(self) -> Asked:
-        """Return it with an answer that can be read in the place of each that is not given yet."""
-        return replace(EXAMPLES, **{key: given for key, given in vars(self).items() if given})
+EXAMPLES = {"chamber": "espec", "chamber_port": "/dev/ttyUSB1", "limits": "-40 to 85 degC"}
+EXAMPLES |= {"unit": "stim300", "unit_port": "/dev/ttyUSB0", "latitude": "59.9 deg"}
+"""What only somebody at the bench knows, as it is typed: names, ports, temperatures with their unit."""
 
 
-EXAMPLES = Asked("espec", "/dev/ttyUSB1", "-40 to 85 degC", "stim300", "/dev/ttyUSB0", "59.9 deg")
+def new_bench(name: str, given: Mapping[str, str]) -> str:
+    """Return the text of a bench file, with an example for each answer that is not given.
 
-
-def new_bench(name: str, asked: Asked) -> str:
-    """Return the text of a bench file; raise `InputError` where it would be refused, in the words of that."""
+    Raises `InputError` where it would be refused, in the words of that.
+    """
+    asked = EXAMPLES | {key: answer for key, answer in given.items() if answer}
     allowed = sorted(set(CHAMBER_DRIVERS) - {"box"})
-    if asked.chamber not in allowed:
-        raise InputError(f"{asked.chamber!r} is no chamber that hil knows{near(asked.chamber, allowed)}")
-    description = load_description(find_config("imus", asked.unit))
-    low, high = _limits(asked.limits)
+    if asked["chamber"] not in allowed:
+        raise InputError(f"{asked['chamber']!r} is no chamber that hil knows{near(asked['chamber'], allowed)}")
+    description = load_description(find_config("imus", asked["unit"]))
+    low, high = _limits(asked["limits"])
     text = filled(
         "hil.bench",
         "new_bench.yaml.j2",
         name=name,
         asked=asked,
         unit=description,
-        chamber=CHAMBER_DRIVERS[asked.chamber],
-        sensors=_triads(description, asked.unit),
+        chamber=CHAMBER_DRIVERS[asked["chamber"]],
+        sensors=_triads(description, asked["unit"]),
         low=low,
         high=high,
     )

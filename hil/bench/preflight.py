@@ -13,7 +13,7 @@ from datetime import UTC, datetime, timedelta
 from itertools import chain
 from pathlib import Path
 
-from drivers.chambers import CHAMBER_DRIVERS, ChamberReading
+from drivers.chambers import CHAMBER_DRIVERS
 from drivers.chambers.guards import ENDURANCE_WRITES
 from drivers.chambers.ramp import steps_of_a_ramp
 from drivers.clock import SystemClock
@@ -113,10 +113,7 @@ def _unit(live: LiveBench) -> Iterator[Finding]:
 
 
 def _stream(live: LiveBench) -> Iterator[Finding]:
-    """Listen for two seconds: frames must be whole, all of them, and as many as the bench file says.
-
-    Where they are too few or too many, listen on: by how much a late look is wrong does not grow with the time.
-    """
+    """Listen: frames must be whole, all of them, as many as is said, or listen on: a late look is wrong by no more."""
     imu, clock = live.devices.imu, live.devices.clock
     imu.discard()
     begins_s, blocks = clock.now(), list[SampleBlock]()
@@ -178,46 +175,31 @@ def _index(live: LiveBench) -> Iterator[Finding]:
 
 
 def _chamber(live: LiveBench) -> Iterator[Finding]:
-    chamber = live.devices.chamber
-    identity, reading = chamber.identify(), chamber.read()
+    chamber, margin = live.devices.chamber, live.bench.interlocks.chamber_margin_degC
+    identity, reading, limits = chamber.identify(), chamber.read(), chamber.limits
     live.devices.refuse_undeclared_simulation(identity.model)
-    inside, why = _air(live, reading)
+    inside = limits.low_degC - margin <= reading.temperature_degC <= limits.high_degC + margin
     told = f"{identity.model}, speaks {identity.unit}, {reading.mode}, now {reading.temperature_degC:.1f} °C"
-    yield Finding("chamber", inside, told, why)
-    yield _mode(live, reading)
-    advice = "clear the cause, then acknowledge it at the chamber's panel; nothing here acknowledges an alarm"
-    yield Finding("alarms", not reading.alarms, ", ".join(reading.alarms) or "none", advice if reading.alarms else "")
-    yield _native_limits(reading)
-    yield _left_alone(live.bench)
-
-
-def _air(live: LiveBench, reading: ChamberReading) -> tuple[bool, str]:
-    limits, margin = live.devices.chamber.limits, live.bench.interlocks.chamber_margin_degC
-    if limits.low_degC - margin <= reading.temperature_degC <= limits.high_degC + margin:
-        return True, ""
-    return False, (
+    advice = (
         f"the air is outside the bench's {limits.low_degC:g} … {limits.high_degC:g} °C and an interlock would end the "
         "night: let the chamber come back to room temperature, or correct chamber.limits"
     )
-
-
-def _mode(live: LiveBench, reading: ChamberReading) -> Finding:
-    told = f"{reading.mode}, setpoint {reading.setpoint_degC:.1f} °C"
-    if reading.mode == "RUN":
-        return Finding("mode", False, told, "a program is running: end it at the chamber's panel")
-    limits = live.devices.chamber.limits
-    if not limits.low_degC <= reading.setpoint_degC <= limits.high_degC:
-        left = "somebody left a setpoint outside the bench's limits; the night does not drive to it, it sets its own"
-        return Finding("mode", True, told, left)
-    return Finding("mode", True, told)
-
-
-def _native_limits(reading: ChamberReading) -> Finding:
-    low, high = reading.low_limit_degC, reading.high_limit_degC
+    yield Finding("chamber", inside, told, "" if inside else advice)
+    running, advice = reading.mode == "RUN", ""
+    if running:
+        advice = "a program is running: end it at the chamber's panel"
+    elif not limits.low_degC <= reading.setpoint_degC <= limits.high_degC:
+        advice = "somebody left a setpoint outside the bench's limits; the night does not drive to it, it sets its own"
+    yield Finding("mode", not running, f"{reading.mode}, setpoint {reading.setpoint_degC:.1f} °C", advice)
+    advice = "clear the cause, then acknowledge it at the chamber's panel; nothing here acknowledges an alarm"
+    yield Finding("alarms", not reading.alarms, ", ".join(reading.alarms) or "none", advice if reading.alarms else "")
+    low, high, advice = reading.low_limit_degC, reading.high_limit_degC, ""
+    told = f"the controller's own are {low:g} … {high:g} °C now; a night sets them anew"
     if not (math.isfinite(low) and math.isfinite(high)):
+        told = "the controller has none that can be set from here"
         advice = "set the chamber's own temperature limiter by hand, and test it: the software cannot"
-        return Finding("native limits", True, "the controller has none that can be set from here", advice)
-    return Finding("native limits", True, f"the controller's own are {low:g} … {high:g} °C now; a night sets them anew")
+    yield Finding("native limits", True, told, advice)
+    yield _left_alone(live.bench)
 
 
 def _left_alone(bench: Bench) -> Finding:

@@ -23,7 +23,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from hil.campaign.data import Campaign, Collects, FloatArray, Sensor
-from hil.campaign.header import Header, parse_header
+from hil.campaign.header import parse_header
 from hil.campaign.reader import IDENTITY, NUMBERED, collects_from, columns_for
 from hil.campaign.writer import columns_of, header_of
 from hil.errors import InputError
@@ -127,13 +127,11 @@ def read_piece(path: Path, piece: int) -> Iterator[tuple[str, Campaign | str]]:
             yield what["folder"], str(error)
 
 
-@lru_cache(maxsize=64)
-def _layout(path: Path, text: str) -> Header:
-    return parse_header(text, path)
+_layout = lru_cache(maxsize=64)(parse_header)
 
 
 def _campaign(path: Path, what: Mapping[str, Any], numbers: Mapping[str, FloatArray], position: Any) -> Campaign:
-    header, sensors = _layout(path, what["layout"]), {}
+    header, sensors = _layout(what["layout"], path), {}
     for number in np.unique(numbers["sensor"]).astype(np.int64).tolist():
         if number not in header.sensors:
             raise InputError(f"{path}, {what['folder']}: sensor {number} is not described in its layout")

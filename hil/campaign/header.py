@@ -64,10 +64,6 @@ class _Judged(Section):
     verdict: Verdict
     reason: _Text = ""
 
-    @property
-    def judgement(self) -> Judgement:
-        return Judgement(self.verdict, self.reason or "no reason is given")
-
 
 class _Keys(Section):
     """What campaign.yaml may say, beside `schema`."""
@@ -130,7 +126,7 @@ def parse_header(text: str, path: Path) -> Header:
         "simulated": said.simulated or said.notes.startswith("SIMULATED"),
         "folder": path.parent,
         "series_block_s": said.series.block_s,
-        "verdicts": {run: each.judgement for run, each in said.verdicts.items()},
+        "verdicts": {n: Judgement(of.verdict, of.reason or "no reason is given") for n, of in said.verdicts.items()},
         "largest_se": said.largest_standard_error_deg_per_hr,
     }
     campaign = Campaign(**(as_said | otherwise))

@@ -303,10 +303,7 @@ def _in_every_pose(c: Conditions, rates: FloatArray, errors: FloatArray, due: Fl
 
 
 def _laws(campaign: Campaign, series: Mapping[int, FloatArray]) -> Iterator[_Found]:
-    """Hold every record against those that it follows from, and each thermometer against how the air went.
-
-    What two sensors contradict of each other is no fault of the one where other laws tell that it is the other's.
-    """
+    """Hold every record against the laws; what two sensors contradict is the fault of the one that breaks others."""
     for group in _together(campaign):
         lost = [list(_lost(each, f"sensor {each.conditions.sensor.number}")) for each in group]
         # What a thermometer shows that has lost the air is held against no other record.

@@ -6,7 +6,6 @@ import sys
 import tempfile
 import webbrowser
 from collections.abc import Iterator
-from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,6 +15,8 @@ from typer import Argument, Option
 from hil.cli.ask import ask_words
 from hil.cli.output import messages, results
 from hil.errors import InputError
+from hil.files.durable import check_new, write_result
+from hil.files.strict import config_folders
 
 _FACES = {
     "hil": "load_bench read_campaign read_night Measured Night Answer Picture",
@@ -42,30 +43,28 @@ def init(
 ) -> None:
     """Write a first bench file from six answers; what is not given is asked. Look it over, then hil check it."""
     from drivers.chambers import CHAMBER_DRIVERS
-    from hil.bench.new_file import EXAMPLES, Asked, new_bench
-    from hil.files.durable import check_new, write_result
-    from hil.files.strict import config_folders
+    from hil.bench.new_file import EXAMPLES, new_bench
 
     check_new(out)
     ports = "/dev/ttyUSB0, COM3, socket://host:port"
     units = sorted(path.stem for folder in config_folders("imus") for path in folder.glob("*.yaml"))
     chambers = ", ".join(f"{name} ({driver.title})" for name, driver in CHAMBER_DRIVERS.items() if name != "box")
-    asked = Asked(chamber, chamber_port, limits, unit, unit_port, latitude)
-    new_bench(out.stem, asked.with_examples())  # an option that cannot be is no question
+    asked = dict(zip(EXAMPLES, (chamber, chamber_port, limits, unit, unit_port, latitude), strict=True))
+    new_bench(out.stem, asked)  # an option that cannot be is no question
     for key, question in {
         "chamber": f"Which controller has the chamber: {chambers}",
         "chamber_port": f"At which port is it ({ports})",
-        "limits": f"Between which temperatures may it be set ({EXAMPLES.limits})",
+        "limits": f"Between which temperatures may it be set ({EXAMPLES['limits']})",
         "unit": f"Which unit: {', '.join(units)}",
         "unit_port": f"At which port is it ({ports})",
-        "latitude": f"At which latitude does the bench stand ({EXAMPLES.latitude})",
+        "latitude": f"At which latitude does the bench stand ({EXAMPLES['latitude']})",
     }.items():
-        while not getattr(asked, key):
+        while not asked[key]:
             if not sys.stdin.isatty():
                 raise InputError(f"nobody can be asked here; give --{key.replace('_', '-')}")
-            answered = replace(asked, **{key: ask_words(question)})
+            answered = asked | {key: ask_words(question)}
             try:
-                new_bench(out.stem, answered.with_examples())
+                new_bench(out.stem, answered)
                 asked = answered
             except InputError as error:
                 messages().print(str(error))
@@ -123,6 +122,3 @@ def _signature(name: str, thing: Any) -> str:
     text = re.sub(r"(: |-> )'([^']*)'", r"\1\2", str(inspect.signature(thing)))
     text = re.sub(r"\b(?:[a-z_]\w*\.)+(\w)", r"\1", text.removesuffix(" -> None"))
     return name + re.sub(r"^\(self(, )?", "(", text)
-
-
-COMMANDS = (init, docs)

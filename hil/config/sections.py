@@ -10,24 +10,16 @@ from typing import Any, TypeVar, get_args, get_type_hints
 
 from pydantic import BeforeValidator, create_model
 
+from hil.files import units
 from hil.files.strict import Section, validated_inside
-from hil.files.units import (
-    Celsius,
-    CelsiusDifference,
-    CelsiusPerMinute,
-    Degrees,
-    DegreesPerHourPerMinute,
-    Gravities,
-    Seconds,
-)
 
 _BY_SUFFIX: Mapping[str, Any] = {
-    "_deg_per_hr_per_min": DegreesPerHourPerMinute,
-    "_degC_per_min": CelsiusPerMinute,
-    "_degC": CelsiusDifference,
-    "_deg": Degrees,
-    "_g": Gravities,
-    "_s": Seconds,
+    "_deg_per_hr_per_min": units.DegreesPerHourPerMinute,
+    "_degC_per_min": units.CelsiusPerMinute,
+    "_degC": units.CelsiusDifference,
+    "_deg": units.Degrees,
+    "_g": units.Gravities,
+    "_s": units.Seconds,
 }
 _POINTS = frozenset({"unit_low_degC", "unit_high_degC", "low_degC", "high_degC", "temperature_degC"})
 """The readings of a thermometer among the differences."""
@@ -38,7 +30,7 @@ SettingsT = TypeVar("SettingsT")
 def _key_and_type(name: str, plain: Any) -> tuple[str, Any]:
     for suffix, quantity in _BY_SUFFIX.items():
         if name.endswith(suffix):
-            quantity = Celsius if name in _POINTS else quantity
+            quantity = units.Celsius if name in _POINTS else quantity
             return name.removesuffix(suffix), quantity | None if type(None) in get_args(plain) else quantity
     return name, plain
 

@@ -19,32 +19,18 @@ from drivers.simulators.chambers.controller import ChamberFault
 from drivers.simulators.unit import FaultWindow
 from drivers.strict_yaml import packaged
 from hil.config.sections import settings_of
+from hil.files import units
 from hil.files.strict import Section, near
-from hil.files.units import (
-    DIFFERENCE,
-    TEMPERATURE,
-    TIME,
-    Celsius,
-    CelsiusDifference,
-    CelsiusPerMinute,
-    DegreesPerHour,
-    Gravities,
-    Kind,
-    RandomWalk,
-    Seconds,
-    Volts,
-    to_number,
-)
 
-PositiveSeconds = Annotated[Seconds, Field(gt=0.0)]
+PositiveSeconds = Annotated[units.Seconds, Field(gt=0.0)]
 
 
 class StartSection(Section):
     """How the simulated night begins: everything at one temperature, the unit just switched on."""
 
-    temperature: Celsius = 23.0
+    temperature: units.Celsius = 23.0
     position: Annotated[str, BeforeValidator(str)] = "3"
-    powered_for: Seconds = 0.0
+    powered_for: units.Seconds = 0.0
 
 
 class ThermalSection(Section):
@@ -52,7 +38,7 @@ class ThermalSection(Section):
 
     case_lag: PositiveSeconds = 720.0
     rotor_lag: PositiveSeconds = 600.0
-    self_heating: CelsiusDifference = 8.0
+    self_heating: units.CelsiusDifference = 8.0
     self_heating_lag: PositiveSeconds = 900.0
 
 
@@ -65,20 +51,20 @@ class NoiseSection(Section):
     have, and `hil allan` says of such a record that its terms do not describe it.
     """
 
-    angle_random_walk: RandomWalk = 0.12
+    angle_random_walk: units.RandomWalk = 0.12
     slow: bool = False
     run_to_run: bool = True
-    new_run_after_rest: Seconds = 600.0
-    accelerometers: Annotated[Gravities, Field(ge=0.0)] = 20e-6
-    thermometers: CelsiusDifference = 0.01
-    supply: Volts = 0.002
-    supply_wander: Volts = 0.02
+    new_run_after_rest: units.Seconds = 600.0
+    accelerometers: Annotated[units.Gravities, Field(ge=0.0)] = 20e-6
+    thermometers: units.CelsiusDifference = 0.01
+    supply: units.Volts = 0.002
+    supply_wander: units.Volts = 0.02
 
 
 class SettlingSection(Section):
     """The rates' decaying error after an index move, slower when cold."""
 
-    size: DegreesPerHour = 30.0
+    size: units.DegreesPerHour = 30.0
     time_constant: PositiveSeconds = 5.0
     time_constant_cold: PositiveSeconds = 10.0
 
@@ -86,11 +72,11 @@ class SettlingSection(Section):
 class SimulatedChamberSection(Section):
     """How fast the simulated chamber's air moves, how its own controller settles, and what it leaks to when off."""
 
-    heating: Annotated[CelsiusPerMinute, Field(gt=0.0)] = 3.0
-    cooling: Annotated[CelsiusPerMinute, Field(gt=0.0)] = 3.0
+    heating: Annotated[units.CelsiusPerMinute, Field(gt=0.0)] = 3.0
+    cooling: Annotated[units.CelsiusPerMinute, Field(gt=0.0)] = 3.0
     response: PositiveSeconds = 20.0
     settling: PositiveSeconds = 60.0
-    ripple: CelsiusDifference = 0.05
+    ripple: units.CelsiusDifference = 0.05
     leak: PositiveSeconds = 3600.0
 
 
@@ -103,7 +89,7 @@ class SimulationSection(Section):
     thermal: ThermalSection = ThermalSection()
     noise: NoiseSection = NoiseSection()
     settling: SettlingSection = SettlingSection()
-    supply: Volts = 28.0
+    supply: units.Volts = 28.0
     index_time: PositiveSeconds = 5.0
     chamber: SimulatedChamberSection = SimulatedChamberSection()
     imu_faults: tuple[Annotated[FaultWindow, settings_of(FaultWindow)], ...] = ()
@@ -112,7 +98,7 @@ class SimulationSection(Section):
 
 Device = Literal["imu", "chamber", "disk", "clock", "operator", "controller"]
 
-_JUMP = Kind("a time", "second", "-90 s")
+_JUMP = units.Kind("a time", "second", "-90 s")
 
 
 def _text(value: object) -> object:
@@ -130,13 +116,13 @@ class FaultKind:
 
     means: str
     simulated: str
-    size: Kind | Literal["share"] | None = None
+    size: units.Kind | Literal["share"] | None = None
     sets: str = ""
     usual: float = 0.0
     lasts: bool = True
 
 
-_SIZES = {"time": TIME, "jump": _JUMP, "temperature": TEMPERATURE, "difference": DIFFERENCE}
+_SIZES = {"time": units.TIME, "jump": _JUMP, "temperature": units.TEMPERATURE, "difference": units.DIFFERENCE}
 CATALOGUE: Mapping[Device, Mapping[str, FaultKind]] = {
     device: {
         kind: FaultKind(**{"simulated": kind} | said | {"size": _SIZES.get(said.get("size"), said.get("size"))})
@@ -183,7 +169,7 @@ class Fault(Section):
         if kind.size is None:
             raise ValueError(f"size: {self.kind} has no size; leave it out")
         if not isinstance(kind.size, str):
-            return to_number(self.size, kind.size)
+            return units.to_number(self.size, kind.size)
         if isinstance(self.size, str) or not 0.0 < self.size <= 1.0:
             raise ValueError(f"size: {self.size!r} is not a share of the frames; write a number above 0 and up to 1")
         return float(self.size)
@@ -191,12 +177,12 @@ class Fault(Section):
     @cached_property
     def at_s(self) -> float | None:
         """Seconds since the night began; None where it waits for the step `at`."""
-        return to_number(self.at, TIME) if self.at[0] in "0123456789+-." else None
+        return units.to_number(self.at, units.TIME) if self.at[0] in "0123456789+-." else None
 
     @cached_property
     def duration_s(self) -> float | None:
         """How long it lasts, s; None for the rest of the night."""
-        return None if self.duration is None else to_number(self.duration, TIME)
+        return None if self.duration is None else units.to_number(self.duration, units.TIME)
 
     @property
     def meaning(self) -> FaultKind:

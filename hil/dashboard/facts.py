@@ -26,7 +26,6 @@ from hil.records.curve import TEMPERATURE, Curve, rows_of
 from hil.records.ledger import HEAD_NAME
 from hil.records.live import LIVE_NAME, OLD_AFTER_S, Rows, TraceReader, age_s, read_heartbeat, read_live
 from hil.records.reader import JOURNAL_NAME, proven_once
-from hil.records.rows import Event
 from hil.records.status import WORKING, night_status, recorded_verdict, without_samples
 from hil.records.troubles import to_do
 from hil.records.units import night_of, unit_folder
@@ -124,8 +123,10 @@ class NightFacts:
             self._status["seen_utc"] = controllers[-1].seen_utc.isoformat() if controllers else None
             self._status["pausing"] = _pausing(journal) if self._status["state"] == "running" else None
             for event in journal.events(self._last_event):
-                self._last_event = event.number
-                self._events.append(_event(event, journal.night.utc(event.at_s)))
+                self._last_event, at = event.number, journal.night.utc(event.at_s)
+                weight = "bad" if event.kind in _BAD else "plain" if event.kind in _PLAIN else "note"
+                told = {"number": event.number, "at_utc": at.isoformat(timespec="seconds")}
+                self._events.append(told | {"kind": event.kind, "message": event.message, "weight": weight})
             self._curves.take_heartbeats(journal)
             fresh: Part = {"events": list(self._events), "plan": _plan(journal.plan)}
             fresh["results"] = self._results.read(journal)
@@ -190,12 +191,6 @@ def _pausing(journal: JournalReader) -> str | None:
     if not asked or asked[-1].kind != "pause" or (asked[-1].answered_s or 0.0) < ended:
         return None
     return f"{asked[-1].who} asked for a pause: {asked[-1].answer}"
-
-
-def _event(event: Event, at: datetime) -> Part:
-    weight = "bad" if event.kind in _BAD else "plain" if event.kind in _PLAIN else "note"
-    told = {"number": event.number, "at_utc": at.isoformat(timespec="seconds")}
-    return told | {"kind": event.kind, "message": event.message, "weight": weight}
 
 
 def _plan(plan: Plan) -> Part:
@@ -291,11 +286,8 @@ class NightCurves:
         self._temperatures = [name for name in columns if name.endswith(TEMPERATURE)]
         self._averages = [name for name in columns if name.endswith((_MEAN, _SE))]
         self._night = Curve(len(self._temperatures))
-        self._collect = self._empty_collect()
+        self._collect = Curve(len(self._averages), _COLLECT_BUCKETS, digits=4)
         self._collecting = False
-
-    def _empty_collect(self) -> Curve:
-        return Curve(len(self._averages), _COLLECT_BUCKETS, digits=4)
 
     def take_heartbeats(self, journal: JournalReader) -> None:
         """Draw from the journal while there is no trace."""
@@ -317,30 +309,27 @@ class NightCurves:
             if self._trace.begun_anew or self._columns != self._trace.columns:
                 self._begin(self._trace.columns)
             self._add(rows)
-        found = {"temperatures": self._night.changes(), "collect": self._collect.changes()}
-        return {name: self._named(name, curve) for name, curve in found.items() if curve is not None}
+        return self._named(self._night.changes(), self._collect.changes())
 
     def whole(self) -> dict[str, Any]:
         """Return both curves from their beginnings."""
-        found = {"temperatures": self._night.whole(), "collect": self._collect.whole()}
-        return {name: self._named(name, curve) for name, curve in found.items()}
+        return self._named(self._night.whole(), self._collect.whole())
 
-    def _named(self, name: str, curve: dict[str, Any]) -> dict[str, Any]:
-        return {"columns": self._temperatures if name == "temperatures" else self._averages, **curve}
+    def _named(self, night: Part | None, collect: Part | None) -> dict[str, Any]:
+        found = {"temperatures": (self._temperatures, night), "collect": (self._averages, collect)}
+        return {name: {"columns": columns, **curve} for name, (columns, curve) in found.items() if curve is not None}
 
     def _add(self, rows: Rows) -> None:
+        """Draw rows of a trace; of collects the newest is kept, the rows since running means last began."""
         values = rows.astype(float)
-        times_s = values[:, 0]
+        times_s, averages = values[:, 0], values[:, self._where(self._averages)]
         self._night.add(times_s, values[:, self._where(self._temperatures)])
-        if self._averages:
-            self._add_averages(times_s, values[:, self._where(self._averages)])
-
-    def _add_averages(self, times_s: Any, averages: Any) -> None:
-        """Keep the newest collect: the rows since running means last began."""
+        if not self._averages:
+            return
         during = np.isfinite(averages).any(axis=1)
         begins = np.flatnonzero(during & ~np.concatenate([[self._collecting], during[:-1]]))
         if len(begins):
-            self._collect = self._empty_collect()
+            self._collect = Curve(len(self._averages), _COLLECT_BUCKETS, digits=4)
             times_s, averages, during = times_s[begins[-1] :], averages[begins[-1] :], during[begins[-1] :]
         self._collect.add(times_s[during], averages[during])
         self._collecting = bool(during[-1])

@@ -204,10 +204,7 @@ async def _body(request: Request) -> dict[str, Any]:
 
 
 def _asked(document: dict[str, Any]) -> tuple[str, RequestKind, str, str, int | None]:
-    """Return the night, what is asked of its controller, by whom and why, and of which question; checked.
-
-    Raises `InputError` naming what is wrong.
-    """
+    """Return the night, what is asked of its controller, by whom and why, of which question; or raise `InputError`."""
     kinds = sorted(each.value for each in RequestKind)
     if document.get("kind") not in kinds:
         raise InputError(f"kind: one of {', '.join(kinds)}")

@@ -157,13 +157,6 @@ class Watcher:
         name = folder.resolve().name if folder == self._root else str(folder.relative_to(self._root))
         return os.fsencode(name).decode("utf-8", "backslashreplace")
 
-    def _shown(self) -> list[str]:
-        """Return the nights in the order of their cards: those at work by name, so that none moves, then the newest.
-
-        The units of a night stand behind it.
-        """
-        return sorted(self._found, key=lambda each: (0, each) if self._nights[each].working else (1, ""))
-
     def whole(self) -> Mapping[str, Part]:
         """Return by night everything that is known of it, for a page that knows nothing yet."""
         return {identity: self._broken.get(identity) or night.whole() for identity, night in self._nights.items()}
@@ -171,7 +164,9 @@ class Watcher:
     def frame(self, nights: Mapping[str, Part], problem: str = "") -> bytes:
         """Return the server-sent event that tells a page of these nights, or of why they cannot be looked at."""
         head = {"utc": SystemClock().utc().isoformat(timespec="milliseconds"), "folder": self._root.resolve().name}
-        shown = {"shown": self._shown() if not problem else [], "not_shown": self._not_shown}
+        # Cards at work by name, so that none moves, then the newest; the units of a night stand behind it.
+        order = sorted(self._found, key=lambda each: (0, each) if self._nights[each].working else (1, ""))
+        shown = {"shown": [] if problem else order, "not_shown": self._not_shown}
         document = {**head, **shown, "problem": problem, "nights": nights}
         document |= {"reports": self.reports, "units": self.units}
         return b"data: " + json.dumps(document, separators=(",", ":"), allow_nan=False).encode() + b"\n\n"

@@ -200,11 +200,9 @@ def read_csv(
 
 def check_names(path: Path, names: Sequence[str]) -> None:
     """Raise `InputError` where one of the names of columns stands there twice: the first would be lost."""
-    seen: set[str] = set()
-    for name in names:
-        if name in seen:
+    for place, name in enumerate(names):
+        if name in names[:place]:
             raise InputError(f"{path}, row 1: column {name} stands there twice")
-        seen.add(name)
 
 
 def rows_as_csv(rows: Sequence[Mapping[str, Any]]) -> str:

@@ -61,12 +61,23 @@ def collect_series(
     campaign = open_source(folder)
     number = which_sensor(folder, campaign, sensor)
     rows = campaign.sensors[number]
-    chosen = _collect(folder, campaign, number, collect, run, position)
-    row = int(np.flatnonzero(rows.conditions.collect == chosen)[0])
+    conditions = rows.conditions
+    meant = np.ones(len(conditions), dtype=bool)
+    for wanted, column in ((collect, conditions.collect), (run, conditions.run), (position, conditions.position)):
+        if wanted is not None:
+            meant &= column == wanted
+    if meant.sum() != 1:
+        every, positions = conditions.collect.tolist(), ", ".join(dict.fromkeys(conditions.position.tolist()))
+        choose = "choose one collect with --collect, or --run and --position"
+        raise InputError(
+            f"{folder}: {choose if meant.any() else f'sensor {number} has no such collect'}; there are {len(every)} "
+            f"from {min(every)} to {max(every)}, runs {ranges(conditions.run.tolist())}, positions {positions}"
+        )
+    row = int(np.argmax(meant))
+    chosen = int(conditions.collect[row])
     series = campaign.samples(chosen)
     if series is None:
         raise InputError(f"{folder}: collect {chosen} of sensor {number} was kept as an average only, no series")
-    conditions = rows.conditions
     return CollectSeries(
         f"{campaign.title}, collect {chosen}: sensor {number}, run {conditions.run[row]}, "
         f"position {conditions.position[row]}",
@@ -89,29 +100,6 @@ def which_sensor(folder: Path, campaign: Campaign, sensor: int | None) -> int:
     if sensor not in campaign.sensors:
         raise InputError(f"{folder}: there is no sensor {sensor}; there are {numbers}")
     return sensor
-
-
-def _collect(
-    folder: Path, campaign: Campaign, sensor: int, collect: int | None, run: int | None, position: str | None
-) -> int:
-    """Return the number of the one collect that is meant."""
-    conditions = campaign.sensors[sensor].conditions
-    meant = np.ones(len(conditions), dtype=bool)
-    for wanted, column in ((collect, conditions.collect), (run, conditions.run), (position, conditions.position)):
-        if wanted is not None:
-            meant &= column == wanted
-    found = [int(each) for each in conditions.collect[meant]]
-    if len(found) == 1:
-        return found[0]
-    if found:
-        raise InputError(f"{folder}: choose one collect with --collect, or --run and --position; {_known(conditions)}")
-    raise InputError(f"{folder}: sensor {sensor} has no such collect; {_known(conditions)}")
-
-
-def _known(conditions: object) -> str:
-    collect, run, position = (getattr(conditions, name).tolist() for name in ("collect", "run", "position"))
-    positions = ", ".join(dict.fromkeys(position))
-    return f"there are {len(collect)} from {min(collect)} to {max(collect)}, runs {ranges(run)}, positions {positions}"
 
 
 def draw_series(collect: CollectSeries) -> Figure:

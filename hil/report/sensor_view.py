@@ -141,10 +141,7 @@ def _other_runs(sensor: SensorContent, mean: MeanAt, held: Sequence[int]) -> lis
 
 
 def _means(sensor: SensorContent, name: str, model: str) -> Iterator[tuple[str, str, list[str]]]:
-    """Yield of one row value, ±, and below them their scatter where that is published, and how many runs tell it.
-
-    All have as many decimals as their usual uncertainty asks for.
-    """
+    """Yield value, ±, and below them scatter where that is published, and how many runs tell it, in usual decimals."""
     shown, at_each = sensor.shown if model == "matrix" else sensor.contractor_shown, _of(sensor, model)
     found = [None if each is None else each.values.get(name) for each in at_each]
     sds = [each.sd for each in found if each is not None and np.isfinite(each.sd)]
