@@ -33,6 +33,7 @@ MARGIN = 2.0 * math.log(20.0)
 LEAST = 4
 """Calibrations that it takes to tell anything: a line has two left then."""
 
+Values = Mapping[float | None, Mapping[str, tuple[float, float]]]
 _EACH_SIDE = 2
 _UNKNOWN, _NOTHING, _SCATTERS = "cannot tell", "nothing shown", "scatters beyond its ±"
 _BEYOND = 3.0  # times the stated deviations: few repeats, by which these are known, explain no more
@@ -185,9 +186,6 @@ def _weighed(values: FloatArray, sd: FloatArray) -> tuple[float, float]:
     """Return the mean of values (n,) by their standard deviations (n,), and its own."""
     weight = sd**-2.0
     return float(weight @ values / weight.sum()), float(weight.sum()) ** -0.5
-
-
-Values = Mapping[float | None, Mapping[str, tuple[float, float]]]
 
 
 def stations_of(own: Sequence[ArchivedMean]) -> dict[float | None, list[ArchivedMean]]:

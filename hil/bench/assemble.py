@@ -49,10 +49,11 @@ Unopened = Callable[[str, DeviceError], None]
 
 @dataclass(frozen=True)
 class LiveBench:
-    """A bench that is put together and open; `faults` are those of devices in this process, None where all are real."""
+    """A bench that is put together and open. `simulators` are the devices in this process, None where all are real."""
 
     bench: Bench
     devices: BenchDevices
+    simulators: SimulatedBench | None = None
     faults: FaultInjector | None = None
 
     @property
@@ -126,28 +127,22 @@ def build_bench(
     if not any(port.startswith(SIMULATED_SCHEME) for _, port in ports_of(bench)):
         return LiveBench(bench, devices)
     faults.inject(ports.devices, ports.simulated)
-    return LiveBench(bench, devices, faults)
-
-
-@dataclass(frozen=True)
-class LiveChamber:
-    """The chamber of a bench, open, and nothing else of it: the unit's port is left alone."""
-
-    bench: Bench
-    clock: Clock
-    chamber: Chamber
+    return LiveBench(bench, devices, ports.devices, faults)
 
 
 @contextmanager
-def open_chamber(bench: Bench) -> Iterator[LiveChamber]:
-    """Give the chamber of a bench alone, and close it; raise `InputError` and `DeviceError` as `build_bench` does."""
+def open_chamber(bench: Bench) -> Iterator[tuple[Chamber, Clock]]:
+    """Give the chamber of a bench, and its clock, and close it; the unit's port is left alone.
+
+    Raises `InputError` and `DeviceError` as `build_bench` does.
+    """
     _check_port(bench, "chamber.port", bench.chamber.port)
     clock = clock_of(bench)
     with ExitStack() as opened:
         chamber = _chamber(_Ports(bench, clock, opened), night=False)
         opened.pop_all()
     try:
-        yield LiveChamber(bench, clock, chamber)
+        yield chamber, clock
     finally:
         with suppress(DeviceError):
             chamber.close()

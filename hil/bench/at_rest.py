@@ -8,7 +8,6 @@ is compared with what it would be in other units, and the nearest is named.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,14 +28,6 @@ _SATURATED = 0.99
 _LEAST_SAMPLES = 10
 
 
-@dataclass(frozen=True)
-class Rest:
-    """One channel at rest: mean and scatter from sample to sample, deg/hr."""
-
-    mean: float
-    sd: float
-
-
 def at_rest(live: LiveBench, samples: SampleBlock) -> Iterator[Finding]:
     """Yield what is seen of the bench's sensors in `samples` of a unit that lies still, and what contradicts it."""
     imu = live.devices.imu
@@ -47,10 +38,10 @@ def at_rest(live: LiveBench, samples: SampleBlock) -> Iterator[Finding]:
         if any(len(rates) < _LEAST_SAMPLES for rates in values.values()):
             continue
         everything |= {f"sensor {number} {name}": rates for name, rates in values.items()}
-        rests = {name: Rest(float(rates.mean()), float(rates.std())) for name, rates in values.items()}
+        rests = {name: (float(rates.mean()), float(rates.std())) for name, rates in values.items()}
         wrong: dict[str, list[str]] = {}
-        for name, rest in rests.items():
-            if problem := _contradiction(rest, channels.at_rest, imu.sample_rate_hz):
+        for name, (mean, sd) in rests.items():
+            if problem := _contradiction(mean, sd, channels.at_rest, imu.sample_rate_hz):
                 wrong.setdefault(problem, []).append(name)
         problems = "; ".join(f"{listed(names)}: {problem}" for problem, names in wrong.items())
         advice = f"{problems}. See scale and unit of the rates in the frame description" if wrong else ""
@@ -61,8 +52,8 @@ def at_rest(live: LiveBench, samples: SampleBlock) -> Iterator[Finding]:
     yield from _pose(live, samples)
 
 
-def _seen(channels: SensorRole, rests: Mapping[str, Rest], samples: SampleBlock) -> str:
-    told = [", ".join(f"{name} {rest.mean:+.4g} (scatter {rest.sd:.2g})" for name, rest in rests.items()) + " deg/hr"]
+def _seen(channels: SensorRole, rests: Mapping[str, tuple[float, float]], samples: SampleBlock) -> str:
+    told = [", ".join(f"{name} {mean:+.4g} (scatter {sd:.2g})" for name, (mean, sd) in rests.items()) + " deg/hr"]
     told.append(f"the earth rate is at most {EARTH_RATE_DEG_PER_HR:.2f}")
     shown = {axis: samples.fields[field] for axis, field in channels.accelerations.items() if field in samples.fields}
     if shown:
@@ -70,36 +61,32 @@ def _seen(channels: SensorRole, rests: Mapping[str, Rest], samples: SampleBlock)
     return "; ".join(told)
 
 
-def _contradiction(rest: Rest, stated: AtRest, sample_rate_hz: float) -> str:
-    """Return in words what one channel contradicts, or nothing."""
+def _contradiction(mean: float, sd: float, stated: AtRest, sample_rate_hz: float) -> str:
+    """Return in words what a channel's mean and scatter from sample to sample, deg/hr, contradict, or nothing."""
     limit = stated.full_scale_deg_per_hr
-    if limit is not None and abs(rest.mean) > _SATURATED * limit:
-        return f"saturated, at {rest.mean:g} deg/hr of {limit:g}"
-    if rest.sd == 0.0:
-        return f"at {rest.mean:g} deg/hr without any noise: not being measured"
+    if limit is not None and abs(mean) > _SATURATED * limit:
+        return f"saturated, at {mean:g} deg/hr of {limit:g}"
+    if sd == 0.0:
+        return f"at {mean:g} deg/hr without any noise: not being measured"
     bias, walk = stated.bias_deg_per_hr or _MOST_BIAS_DEG_PER_HR, stated.angle_random_walk_deg_per_root_hr
     noise = None if walk is None else 60.0 * walk * np.sqrt(sample_rate_hz)
-    if _possible(rest, bias, noise):
+
+    def quiet(factor: float) -> bool:
+        return noise is None or noise / _NOISE_OFF <= sd / factor <= noise * _NOISE_OFF
+
+    slips = [(1.0, ""), *_slips(sample_rate_hz)]
+    slips = [each for each in slips if quiet(each[0]) and abs(mean / each[0]) <= bias + EARTH_RATE_DEG_PER_HR]
+    if slips and slips[0][0] == 1.0:
         return ""
-    slips = [
-        (factor, unit)
-        for factor, unit in _slips(sample_rate_hz)
-        if _possible(Rest(rest.mean / factor, rest.sd / factor), bias, noise)
-    ]
     if noise is not None:
-        off, unit = min(((abs(np.log(rest.sd / factor / noise)), unit) for factor, unit in slips), default=(np.inf, ""))
+        off, unit = min(((abs(np.log(sd / factor / noise)), unit) for factor, unit in slips), default=(np.inf, ""))
         if off < _NEAREST:
-            return f"about {rest.sd / noise:.1g} times what a unit at rest shows: {unit}?"
-        if not noise / _NOISE_OFF <= rest.sd <= noise * _NOISE_OFF:
-            return f"scatter about {rest.sd / noise:.1g} times what the description states: counts without their scale?"
+            return f"about {sd / noise:.1g} times what a unit at rest shows: {unit}?"
+        if not quiet(1.0):
+            return f"scatter about {sd / noise:.1g} times what the description states: counts without their scale?"
     elif slips:
         return f"more than can be at rest ({bias:g} deg/hr): {' or '.join(unit for _, unit in slips)}?"
     return f"more than the description says a unit at rest shows ({bias:g} deg/hr)"
-
-
-def _possible(rest: Rest, bias: float, noise: float | None) -> bool:
-    quiet = noise is None or noise / _NOISE_OFF <= rest.sd <= noise * _NOISE_OFF
-    return quiet and abs(rest.mean) <= bias + EARTH_RATE_DEG_PER_HR
 
 
 def _slips(sample_rate_hz: float) -> list[tuple[float, str]]:

@@ -78,7 +78,6 @@ def decode_file(path: Path, description: StreamDescription, *, out: Path | None 
 
 
 def _decoded(path: Path, description: StreamDescription) -> Iterator[Decoded]:
-    """Decode the file chunk by chunk, up to its last byte."""
     decoder = StreamDecoder(description)
     with opened(path) as file:
         while chunk := file.read(_CHUNK):
@@ -145,18 +144,9 @@ def printed(values: FloatArray, field: FieldDescription) -> FloatArray:
 
 def _write_table(path: Path, description: StreamDescription, seen: Mapping[str, set[str]], out: Path) -> None:
     """Write the frames in the order of their arrival; the file appears whole or not at all."""
+    import pyarrow as pa
     import pyarrow.csv as pa_csv
     import pyarrow.parquet as pq
-
-    schema, parquet = _schema(description, seen), out.suffix.lower() == ".parquet"
-    written_by = pq.ParquetWriter if parquet else pa_csv.CSVWriter
-    with whole_file(out) as partial, partial.open("wb") as file, written_by(file, schema) as writer:
-        for decoded in _decoded(path, description):
-            writer.write_table(_table(decoded, schema, for_reading=not parquet))
-
-
-def _schema(description: StreamDescription, seen: Mapping[str, set[str]]) -> pa.Schema:
-    import pyarrow as pa
 
     columns = [pa.field("frame", pa.string()), pa.field("position", pa.int64()), pa.field("sequence", pa.int64())]
     placed = set(_PLACE)
@@ -166,7 +156,11 @@ def _schema(description: StreamDescription, seen: Mapping[str, set[str]]) -> pa.
                 placed.add(field)
                 kind = pa.string() if described.is_text else pa.float64()
                 columns.append(pa.field(field, kind, metadata={"unit": described.unit} if described.unit else None))
-    return pa.schema(columns)
+    schema, parquet = pa.schema(columns), out.suffix.lower() == ".parquet"
+    written_by = pq.ParquetWriter if parquet else pa_csv.CSVWriter
+    with whole_file(out) as partial, partial.open("wb") as file, written_by(file, schema) as writer:
+        for decoded in _decoded(path, description):
+            writer.write_table(_table(decoded, schema, for_reading=not parquet))
 
 
 def _table(decoded: Decoded, schema: pa.Schema, *, for_reading: bool) -> pa.Table:

@@ -138,7 +138,13 @@ def _stream(live: LiveBench) -> Iterator[Finding]:
     if samples:
         yield from at_rest(live, heard)
         yield from _unit_temperature(live, heard)
-    yield from _index(live)
+    if live.bench.imu.positioner == "indexing":
+        position = live.devices.positioner.position()
+        told, advice = f"the unit lies in position {position}", ""
+        if position is None:
+            told = "the unit moves, or does not know its position"
+            advice = "the first move of the night finds it; where it stays like this, look at the unit's index"
+        yield Finding("index", True, told, advice)
 
 
 def _unit_temperature(live: LiveBench, block: SampleBlock) -> Iterator[Finding]:
@@ -160,18 +166,6 @@ def _unit_temperature(live: LiveBench, block: SampleBlock) -> Iterator[Finding]:
         "range, or see whether the frame description scales its temperature as the unit is set"
     )
     yield Finding("unit temperature", good, told, "" if good else advice)
-
-
-def _index(live: LiveBench) -> Iterator[Finding]:
-    """Say where the unit says that it lies; one that is turned by hand, or does not tell, has no finding."""
-    if live.bench.imu.positioner != "indexing":
-        return
-    position = live.devices.positioner.position()
-    if position is None:
-        advice = "the first move of the night finds it; where it stays like this, look at the unit's index"
-        yield Finding("index", True, "the unit moves, or does not know its position", advice)
-    else:
-        yield Finding("index", True, f"the unit lies in position {position}")
 
 
 def _chamber(live: LiveBench) -> Iterator[Finding]:

@@ -21,7 +21,6 @@ from procedures.verdict import Judgement
 EARTH_RATE_DEG_PER_HR = 15.041067
 """Rotation of the Earth with respect to inertial space (one turn in a sidereal day of 86 164.0989 s)."""
 
-
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 TextArray = NDArray[np.str_]
@@ -30,7 +29,6 @@ RowIndex = BoolArray | IntArray
 
 SCHEMA = "hil.campaign/1"
 _EDGE = 1e-6  # a sample on the edge between two blocks belongs to the later one, whatever the rounding
-
 
 Technology = Literal["", "rotor", "DTG", "RLG", "FOG", "MEMS", "gas"]
 """What a gyro may be, as far as typical sizes of effects differ by it; empty where nobody stated it."""

@@ -111,7 +111,6 @@ def _exchanged(poses: Iterable[_Lies]) -> dict[int, list[tuple[int, int]]]:
 
 
 def _together(campaign: Campaign) -> Collection[Sequence[Collects]]:
-    """Return the sensors in groups, each of those that were collected together, at rest."""
     groups: dict[tuple[float, ...], list[Collects]] = {}
     for each in () if campaign.centrifuge else campaign.sensors.values():
         groups.setdefault(tuple(each.conditions.start_s.tolist()), []).append(each)
@@ -287,8 +286,7 @@ def _mostly(c: Conditions, rates: FloatArray) -> FloatArray:
 def _in_every_pose(c: Conditions, rates: FloatArray, errors: FloatArray, due: FloatArray) -> BoolArray:
     """Tell in which collects, (n,), a channel shows the same as in all of their run, where it is `due` to move far.
 
-    The same as far as it scatters, and as its standard errors tell where they are stated; (n,) deg/hr each. Far beyond
-    that, and in enough poses, rates that are the same are no coincidence.
+    That is far beyond its scatter, and its standard errors where they are stated; (n,) deg/hr each.
     """
     same = np.full(len(c), False)
     for own in c.of_each_run.values():

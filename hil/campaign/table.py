@@ -21,7 +21,6 @@ ABSOLUTE_ZERO_DEGC = -273.15
 LARGEST = 1e12
 """What no cell exceeds, whatever its unit: arithmetic does not bear much more."""
 
-
 _NO_COMMAS = {";": "semicolons", "\t": "tabs"}
 _NO_NUMBER = {",": "use a point as decimal separator, and none between thousands", "−": "its minus sign is no -"}
 

@@ -6,8 +6,7 @@ Only the chamber's port is opened. A night that runs on the bench holds that por
 from __future__ import annotations
 
 import sys
-from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Argument, Option
 
@@ -21,24 +20,17 @@ from hil.files.document import picked
 from hil.files.units import TEMPERATURE
 
 if TYPE_CHECKING:
-    from hil.bench import LiveChamber
+    from drivers.chambers import Chamber
+    from drivers.clock import Clock
     from hil.config import Bench
 
 _READ = "temperature_degC setpoint_degC mode low_limit_degC high_limit_degC alarms"
 _LOOK_S = 5.0  # between looks at a ramp that is stepped from here
 
 
-class Action(StrEnum):
-    """What `hil chamber` can do."""
-
-    READ = "read"
-    SET = "set"
-    STOP = "stop"
-
-
 def chamber(
     bench: Annotated[str, Argument(help="A bench file, or the name of one that ships.")],
-    action: Annotated[Action, Argument(help="What to do.")],
+    action: Annotated[Literal["read", "set", "stop"], Argument(help="What to do.")],
     temperature: Annotated[str | None, Argument(help="For set: -20 degC, 68 degF; a bare number is °C.")] = None,
     yes: Annotated[bool, Option("--yes", help="Do not ask before the chamber is set.")] = False,
     as_json: JsonFlag = False,
@@ -51,34 +43,40 @@ def chamber(
     """
     from hil.bench import open_chamber
     from hil.config import load_bench
+    from hil.night.log import lines_to, logged
+    from hil.records.requests import user
     from procedures.safe_air import Left, watch_air
 
     on = load_bench(bench)
-    if action is Action.SET:
+    if action == "set":
         target = _target(temperature, on)
-        _ask(on, target, yes=yes)
+        if not on.simulated and not yes:
+            lasts_s = on.chamber.dead_man
+            stays = "stay there" if lasts_s is None else f"stay there for {lasts_s / 60.0:g} min (dead_man)"
+            messages().print(f"{on.name}: the chamber on {on.chamber.port} will go to {target:.2f} °C and {stays}.")
+            must_agree("Set it?", "not set")
     elif temperature is not None:
-        raise InputError(f"{action.value} takes no temperature, and {temperature!r} was given")
-    if action is not Action.READ:
+        raise InputError(f"{action} takes no temperature, and {temperature!r} was given")
+    if action != "read":
         port = on.chamber.port
         if port.startswith(("socket://", "rfc2217://")):  # programs on this machine are kept off an open port
             warn([f"{port}: another computer may be using this chamber, and that cannot be told from here"])
     left = Left()
-    with open_chamber(on) as live:
-        if action is Action.SET:
-            _set(live, target)
-        elif action is Action.STOP:
-            safe = _logged(live).safe_state()
-            left = watch_air(live.chamber, live.clock, safe, on.polling, messages().print)
+    with open_chamber(on) as (device, clock):
+        commanded = logged(device, lines_to(sys.stderr, clock, user()))
+        if action == "set":
+            _set(commanded, device, clock, target, on.chamber.port)
+        elif action == "stop":
+            left = watch_air(device, clock, commanded.safe_state(), on.polling, messages().print)
             messages().print(f"{on.name}: {left}")
         if left.safe:
             document = {
                 "schema": "hil.chamber/1",
                 "bench": on.name,
                 "simulated": on.simulated,
-                "action": action.value,
-                "model": live.chamber.identify().model,
-                **picked(live.chamber.read(), _READ),
+                "action": action,
+                "model": device.identify().model,
+                **picked(device.read(), _READ),
             }
             Answer(document, told(document)).show(as_json=as_json)
     return left.exit_status(0)
@@ -97,46 +95,23 @@ def _target(given: str | None, bench: Bench) -> float:
     return value
 
 
-def _ask(bench: Bench, target_degC: float, *, yes: bool) -> None:
-    """Ask whoever sits there before a real chamber is driven."""
-    if bench.simulated or yes:
-        return
-    dead_man = bench.chamber.dead_man
-    stays = "stay there" if dead_man is None else f"stay there for {dead_man / 60.0:g} min (dead_man)"
-    messages().print(f"{bench.name}: the chamber on {bench.chamber.port} will go to {target_degC:.2f} °C and {stays}.")
-    must_agree("Set it?", "not set")
-
-
-def _logged(live: LiveChamber) -> Any:
-    from hil.night.log import lines_to, logged
-    from hil.records.requests import user
-
-    return logged(live.chamber, lines_to(sys.stderr, live.clock, user()))
-
-
-def _set(live: LiveChamber, target_degC: float) -> None:
+def _set(commanded: Chamber, device: Chamber, clock: Clock, target_degC: float, port: str) -> None:
     """Prepare, set, read back, step a ramp to its end; what could not be confirmed must not stay: it is made safe."""
     from drivers.chambers.ramp import RampedChamber
 
-    chamber = _logged(live)
-    chamber.prepare()
+    commanded.prepare()
     try:
-        chamber.set_temperature(target_degC)
+        commanded.set_temperature(target_degC)
     except DeviceError:
-        chamber.safe_state()
+        commanded.safe_state()
         raise
-    ramped = live.chamber
-    if not isinstance(ramped, RampedChamber):
-        return
-    if ramped.ramping:
+    if isinstance(device, RampedChamber) and device.ramping:
         messages().print("the setpoint is stepped from here; stopped early, the chamber stays at the last step")
-    while ramped.ramping:
-        live.clock.sleep(_LOOK_S)
-        found = ramped.read().setpoint_degC
+    while isinstance(device, RampedChamber) and device.ramping:
+        clock.sleep(_LOOK_S)
+        found = device.read().setpoint_degC
         if found != target_degC:
-            raise CommandRefused(
-                f"{live.bench.chamber.port}: somebody set {found:.2f} °C during the ramp; it is left at that"
-            )
+            raise CommandRefused(f"{port}: somebody set {found:.2f} °C during the ramp; it is left at that")
 
 
 def simulate(

@@ -99,7 +99,6 @@ def _in_words(findings: Sequence[Finding]) -> Iterator[str]:
 
 
 def _bench_and_sweep(target: str, bench: str | None, sweep: str | None) -> tuple[Sweep | None, Bench]:
-    """Read what `hil check` was given, in whichever of its forms."""
     from hil.config import load_bench, load_sweep
 
     if bench is not None:

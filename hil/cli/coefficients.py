@@ -189,7 +189,6 @@ def budget(
 
 
 def _bench_of(folder: Path) -> Any:
-    """Return the bench that a night was recorded on, else the simulated one."""
     from hil.config import load_bench
     from hil.config.recorded import bench_of_record
     from hil.records import reading

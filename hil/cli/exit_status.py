@@ -3,7 +3,6 @@
 import errno
 import functools
 import inspect
-import os
 import sqlite3
 import sys
 import tempfile
@@ -11,7 +10,6 @@ import traceback
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from enum import IntEnum
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -115,7 +113,11 @@ def run_to_exit(application: Callable[[], object]) -> int:
         status = Exit.BAD_INPUT if of_a_name else Exit.FAILED
         return _say(f"{error.filename or 'system'}: {error.strerror or error}", status)
     except Exception as error:  # the last net: a defect of ours must not become a traceback in a laboratory
-        return _say(f"internal error: {error!r}. Please report it with {_write_traceback()}", Exit.FAILED)
+        with tempfile.NamedTemporaryFile(
+            "w", prefix="hil-error-", suffix=".txt", encoding="utf-8", delete=False
+        ) as kept:
+            traceback.print_exc(file=kept)  # it can be sent to somebody
+        return _say(f"internal error: {error!r}. Please report it with {kept.name}", Exit.FAILED)
     return Exit.DONE
 
 
@@ -123,11 +125,3 @@ def _say(what: object, status: Exit) -> Exit:
     with suppress(OSError):  # a closed terminal does not change how it ended
         print(f"hil: {harmless(str(what))}", file=sys.stderr)  # noqa: T201 (the one sentence that a failed command leaves)
     return status
-
-
-def _write_traceback() -> Path:
-    """Keep the traceback in a file that can be sent to somebody, out of the technician's sight."""
-    handle, name = tempfile.mkstemp(prefix="hil-error-", suffix=".txt")
-    with os.fdopen(handle, "w", encoding="utf-8") as file:
-        file.write(traceback.format_exc())
-    return Path(name)

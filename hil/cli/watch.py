@@ -21,6 +21,7 @@ from hil.records.troubles import to_do
 from procedures.progress import Snapshot
 from procedures.words import first_few
 
+Show = Callable[[Path, dict[str, Any], Snapshot | None], None]
 EVERY_S = 1.0
 _MOST_LEFT = 6
 _HEAD, _TAIL = 170, 50  # of a long line
@@ -125,9 +126,6 @@ def _unit_in_words(unit: dict[str, Any]) -> str:
     return f"unit {unit['unit']}: {', '.join([unit['state'], *judged])}, {runs}{why}"
 
 
-Show = Callable[[Path, dict[str, Any], Snapshot | None], None]
-
-
 @contextmanager
 def _panel(console: Console) -> Iterator[Show]:
     """Draw in place, on a screen of its own: what was on the terminal comes back afterwards."""
@@ -168,7 +166,6 @@ def _trouble(status: dict[str, Any]) -> str:
 
 
 def _without(said: list[str], text: str) -> str:
-    """Return a text without the sentences that were said before."""
     for each in said:
         text = text.replace(each, "…") if len(each) > _WORTH_SAYING_ONCE else text
     return text

@@ -1,7 +1,7 @@
 """The bench file: which devices stand where, how the unit is oriented at each position, and what is safe.
 
     bench = load_bench("simulated")
-    bench.orientations(2)["1"].components(bench.site.gravity_g())   # f at position 1, along A, B, S
+    bench.sensors[2].built["1"].components(bench.site.gravity_g())  # f at position 1, along A, B, S
     bench.chamber.limits.high_degC                                  # °C
 
 Numbers carry their unit in the file and are plain floats here: s, °C, °C/min, deg, g, Hz. Orientations may be written
@@ -31,10 +31,10 @@ from hil.config.people import InstrumentSection, LaboratorySection, NotifySectio
 from hil.config.ports import SIMULATED_SCHEME
 from hil.config.sections import settings_of
 from hil.config.simulation import Fault, SimulationSection
-from hil.config.site import UncertaintySection, site_of
+from hil.config.site import SiteSection, UncertaintySection
 from hil.config.unit import ASK, ImuSection, UnitSection, build_orientations, labels, of_each, where_listed
 from hil.errors import InputError
-from hil.files.strict import NAME, Section, WholeFile, find_config, near, parse_yaml, read_text
+from hil.files.strict import NAME, Section, WholeFile, find_config, near, parse_yaml, read_text, validated_inside
 from hil.files.units import DegreesPerHour, Seconds
 from hil.model.earth import Site
 from hil.model.equation import Orientation
@@ -103,7 +103,7 @@ class Bench(WholeFile):
     title: str = ""
     unit: UnitSection
     clock: Literal["system", "virtual"]
-    site: Annotated[Site, BeforeValidator(site_of)]
+    site: Annotated[Site, BeforeValidator(lambda given: validated_inside(SiteSection, given).site())]
     sensors: dict[int, SensorSection] = Field(min_length=1)
     imu: ImuSection
     chamber: ChamberSection
@@ -204,10 +204,6 @@ class Bench(WholeFile):
         """Return a sensor's layout, as the equation and campaigns use it."""
         section = self.sensors[number]
         return Sensor(number, section.axes, dict(section.channels), section.technology)
-
-    def orientations(self, number: int) -> Mapping[str, Orientation]:
-        """Return the orientation of a sensor at each position."""
-        return self.sensors[number].built
 
     def along_axes(self, number: int, positions: Iterable[str]) -> dict[str, FloatArray]:
         """Return gravity, g, and earth rate, deg/hr, along a sensor's axes at n positions, (n, 3), as `Conditions`."""

@@ -17,11 +17,7 @@ from hil.files.units import CelsiusDifference, CelsiusPerMinute, Seconds
 from procedures.words import listed
 
 _USUAL_DEAD_MAN_S = 3 * 3600.0
-
-
 _PARITIES: Mapping[str, Literal["N", "E", "O"]] = {"none": "N", "even": "E", "odd": "O"}
-
-
 _OF_ONE_DRIVER = {
     "layout": ("voetsch-ascii2", "has layouts that differ"),
     "warning_limits": ("julabo", "has them under parameters that differ"),

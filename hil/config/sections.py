@@ -6,7 +6,7 @@ in one place, the procedures; what a file does not give keeps its default.
 
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
-from typing import Any, TypeVar, get_args, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 from pydantic import BeforeValidator, create_model
 
@@ -24,8 +24,6 @@ _BY_SUFFIX: Mapping[str, Any] = {
 _POINTS = frozenset({"unit_low_degC", "unit_high_degC", "low_degC", "high_degC", "temperature_degC"})
 """The readings of a thermometer among the differences."""
 
-SettingsT = TypeVar("SettingsT")
-
 
 def _key_and_type(name: str, plain: Any) -> tuple[str, Any]:
     for suffix, quantity in _BY_SUFFIX.items():
@@ -35,19 +33,18 @@ def _key_and_type(name: str, plain: Any) -> tuple[str, Any]:
     return name, plain
 
 
-def settings_of(kind: type) -> BeforeValidator:
-    """Return what reads a key of a file as a procedure's settings."""
-    return BeforeValidator(lambda given: to_settings(given, kind))
+def settings_of(settings: type) -> BeforeValidator:
+    """Return what reads a mapping of a file as a procedure's settings, or raises `ValueError` where it cannot be."""
 
+    def read(given: object) -> Any:
+        hints = get_type_hints(settings, include_extras=True)
+        keys = {name: _key_and_type(name, hint) for name, hint in hints.items()}
+        # A key that is not given has no value here: the dataclass has the default.
+        needed = {item.name for item in fields(settings) if item.default is MISSING}
+        given_by: dict[str, Any] = {key: (kind, ... if name in needed else None) for name, (key, kind) in keys.items()}
+        model = create_model(f"{settings.__name__}Section", __base__=Section, __doc__=settings.__doc__, **given_by)
+        section = validated_inside(model, given)
+        said = {name: key for name, (key, _) in keys.items() if key in section.model_fields_set}
+        return settings(**{name: getattr(section, key) for name, key in said.items()})
 
-def to_settings(given: object, settings: type[SettingsT]) -> SettingsT:
-    """Return the settings that a mapping of a file gives; raise `ValueError` where they contradict each other."""
-    hints = get_type_hints(settings, include_extras=True)
-    keys = {name: _key_and_type(name, hint) for name, hint in hints.items()}
-    # A key that is not given has no value here: the dataclass has the default.
-    needed = {item.name for item in fields(settings) if item.default is MISSING}  # type: ignore[arg-type]
-    given_by: dict[str, Any] = {key: (kind, ... if name in needed else None) for name, (key, kind) in keys.items()}
-    model = create_model(f"{settings.__name__}Section", __base__=Section, __doc__=settings.__doc__, **given_by)
-    section = validated_inside(model, given)
-    said = {name: key for name, (key, _) in keys.items() if key in section.model_fields_set}
-    return settings(**{name: getattr(section, key) for name, key in said.items()})
+    return BeforeValidator(read)

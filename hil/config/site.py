@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from hil.campaign import Conditions, FloatArray
-from hil.files.strict import Section, validated_inside
+from hil.files.strict import Section
 from hil.files.units import BiasPerDegree, Degrees, DegreesPerHour, DegreesPerHourPerMinute, Gravities, RandomWalk
 from hil.model.earth import Site
 
@@ -37,11 +37,6 @@ class SiteSection(Section):
         if self.G2 is not None or self.G3 is not None:
             return Site.from_gravity(self.latitude, self.heading, self.G2 or 0.0, self.G3 or 0.0)
         return Site(self.latitude, self.heading, self.axis_2_elevation or 0.0, self.axis_3_elevation or 0.0)
-
-
-def site_of(given: object) -> Site:
-    """Return the site that a file's section describes; raise `ValueError` with the place of what is wrong."""
-    return validated_inside(SiteSection, given).site()
 
 
 class UncertaintySection(Section):

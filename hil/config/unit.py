@@ -20,6 +20,9 @@ from hil.files.units import ANGLE, Hertz, to_number
 from hil.model.equation import Orientation
 
 ASK = "ask"
+_OF_ALL = ("positioner", "positioner_options")
+"""What the units of one chamber cannot have each for itself."""
+_FORMS = "{A: -1, B: +2, S: +3}, {from: '3', rotate: -90 deg, about: 2} or {matrix: [[…], […], […]]}"
 _LISTED = re.compile(rf"[A-Za-z0-9][\w.+-]{{0,{NAME - 1}}}", re.ASCII)
 """What may be that of one of several, whose folder is named by it."""
 
@@ -64,10 +67,6 @@ class ImuSection(Section):
     positioner_options: dict[str, Any] = Field(default_factory=dict)
     codes: Annotated[dict[str, int], BeforeValidator(labels)] = Field(default_factory=dict)
     instructions: Annotated[dict[str, str], BeforeValidator(labels)] = Field(default_factory=dict)
-
-
-_OF_ALL = ("positioner", "positioner_options")
-"""What the units of one chamber cannot have each for itself."""
 
 
 def of_each(document: dict[str, Any]) -> dict[str, Any]:
@@ -125,9 +124,6 @@ def where_listed(mistake: str, entry: dict[str, Any], place: int) -> str:
     for part in parts[:-1] or parts:
         here = {str(name): of for name, of in here.items()}.get(part) if isinstance(here, dict) else None
     return mistake if here is None else f"units.{place}.{'.'.join(parts)}: {what} (unit {entry['serial']})"
-
-
-_FORMS = "{A: -1, B: +2, S: +3}, {from: '3', rotate: -90 deg, about: 2} or {matrix: [[…], […], […]]}"
 
 
 def build_orientations(given: Mapping[str, Any], axes: tuple[str, str, str]) -> dict[str, Orientation]:

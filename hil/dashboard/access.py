@@ -61,7 +61,6 @@ def token_from(path: Path) -> str:
 
 
 def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
-    """Return the IP address that a host is given as; None for a name."""
     try:
         return ipaddress.ip_address(host)
     except ValueError:

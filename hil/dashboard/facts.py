@@ -133,7 +133,6 @@ class NightFacts:
         return fresh
 
     def _head(self) -> Part:
-        """Return what is going on at this moment."""
         status, live, damage, verdict = self._status, self._live, self._results.damage, self._recorded
         if damage:
             status, verdict = without_samples(status), {"verdict": "ERROR", "reason": damage}

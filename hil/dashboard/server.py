@@ -40,6 +40,11 @@ from procedures.requests import RequestKind
 _STATIC = str(files("hil.dashboard") / "static")
 _UNBUFFERED = {"x-accel-buffering": "no"}  # what tells a reverse proxy to pass on every line at once
 _STILL = {"content-security-policy": "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:"}
+_NOT_HERE = {
+    errno.EADDRINUSE: "another program does already, perhaps an earlier hil dashboard",
+    errno.EADDRNOTAVAIL: "this machine has no such address",
+    errno.EACCES: "a port below 1024 is the administrator's",
+}
 _LARGEST_BODY = 8192
 _ANSWER_S = 5.0
 _PATIENCE_S = 10.0
@@ -115,13 +120,6 @@ def _units(watcher: Watcher, serial: str, asked: Mapping[str, str]) -> str:
         return history_page(history(index, serial, asked.get("model")))
 
 
-_NOT_HERE = {
-    errno.EADDRINUSE: "another program does already, perhaps an earlier hil dashboard",
-    errno.EADDRNOTAVAIL: "this machine has no such address",
-    errno.EACCES: "a port below 1024 is the administrator's",
-}
-
-
 def listen(host: str, port: int) -> socket.socket:
     """Return a socket that listens; raise `InputError` where that is not possible."""
     try:
@@ -151,10 +149,9 @@ def server(app: Guard) -> uvicorn.Server:
 
 
 class _Connection(H11Protocol):
-    """A connection that is closed where no request comes on it, or it comes by halves.
+    """A connection that is closed where no whole request comes on it, or, of many, the one that has waited longest.
 
-    Where many are open on which none has come, the one that has waited longest makes room: whoever sends a request
-    sends it at once, so that no number of others keeps the page from answering.
+    Whoever sends a request sends it at once, so that no number of others keeps the page from answering.
     """
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]

@@ -47,7 +47,9 @@ def read_columns(path: Path) -> Columns:
     try:
         match path.suffix.lower():
             case ".parquet":
-                return _parquet(path)
+                table = read_parquet(path)
+                units = {each.name: ((each.metadata or {}).get(b"unit") or b"").decode() for each in table.schema}
+                return _of_table(path, table, units, (table.schema.metadata or {}).get(b"simulated") == b"true")
             case ".npy" | ".npz":
                 return _numpy(path)
             case ".csv":
@@ -73,12 +75,6 @@ def _of_table(path: Path, table: pa.Table, units: Mapping[str, str] | None = Non
     return Columns(path, numbers, units or {}, simulated, words)
 
 
-def _parquet(path: Path) -> Columns:
-    table = read_parquet(path)
-    units = {each.name: ((each.metadata or {}).get(b"unit") or b"").decode() for each in table.schema}
-    return _of_table(path, table, units, (table.schema.metadata or {}).get(b"simulated") == b"true")
-
-
 def _numpy(path: Path) -> Columns:
     with opened(path, RECORDING_MB) as file:
         try:
@@ -101,17 +97,14 @@ def _numpy(path: Path) -> Columns:
 
 
 def _text(path: Path, delimiter: str | None) -> Columns:
-    """Read CSV, or columns between blanks; the first row names the columns, or they are numbered from 1.
-
-    Where a spreadsheet writes semicolons between cells, it may write commas in numbers.
-    """
+    """Read CSV, or columns between blanks; the first row names the columns, or they are numbered from 1."""
     with opened(path, RECORDING_MB) as file:
         lines = enumerate(line.decode("utf-8-sig") for line in file)
         before, first = next((each for each in lines if each[1].strip() and not each[1].startswith("#")), (0, ""))
         if not first:
             raise ValueError("it is empty")
         point = "."
-        if delimiter == "," and ";" in first and "," not in first:
+        if delimiter == "," and ";" in first and "," not in first:  # a spreadsheet that may write commas in numbers
             delimiter, point = ";", "," if "," in next(lines, (0, ""))[1] else "."
         cells = [cell.strip() for cell in first.split(delimiter)]
         named = not all(is_number(cell) for cell in cells)

@@ -37,18 +37,14 @@ def rendered(room: str, template: str, content: Mapping[str, Any]) -> str:
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
-        finalize=_with_minus,
+        # A hyphen is not read out, and parts from its number at the end of a line.
+        finalize=lambda each: each if isinstance(each, Markup) else _HYPHEN.sub("\N{MINUS SIGN}", str(each)),
     )
     filters = {"number": number, "degrees": degrees, "hours_minutes": hours_minutes, "counted": counted}
     environment.filters |= {**filters, "percent": percent}
     return environment.get_template(f"room/{template}").render(
         r={"whole": False, "running_title": _in_style(content["title"]), **content}
     )
-
-
-def _with_minus(shown: object) -> object:
-    """Give numbers below zero a minus: a hyphen is not read out, and parts from its number at the end of a line."""
-    return shown if isinstance(shown, Markup) else _HYPHEN.sub("\N{MINUS SIGN}", str(shown))
 
 
 def _in_style(title: str) -> Markup:

@@ -29,7 +29,6 @@ SINGULAR = {
 }
 """The kinds of configuration: the folder's name, and the word for one of them."""
 
-
 NAME, REMARK = 60, 500
 """Characters of a person's name or a label, and of what somebody says for the record: both fit on a screen."""
 

@@ -77,11 +77,26 @@ def to_number(value: object, kind: Kind) -> float:
     number, unit = float(match[1]), match[2]
     if not unit:
         raise ValueError(f"{value!r} has no unit; write {kind.name} with its unit, such as {kind.example}")
-    converted = _convert(number, unit, kind)
+    from pint import PintError
+
+    known = _registry()
+    # A bench engineer's spelling in pint's: sqrt(hr), and g for gravity where it cannot be a gram.
+    spelt = _SQUARE_ROOT.sub(r"\1**0.5", unit)
+    spelt = _GRAVITY.sub(r"\1gee", spelt) if "standard_gravity" in kind.unit else spelt
+    wrong = f"'{number:g} {unit}' is not {kind.name}; write it like {kind.example}"
+    try:
+        named = str(known.parse_units(spelt))
+    except Exception as error:  # pint raises whatever its tokeniser meets: all of it means "not a unit"
+        raise ValueError(f"{wrong} ({unit!r} is not a unit that is known here)") from error
+    try:
+        quantity = known.Quantity(number, _POINTS.get(named, named) if kind.is_difference else named).to(kind.unit)
+    except PintError as error:
+        raise ValueError(wrong) from error
+    converted = float(quantity.magnitude)
     if not math.isfinite(converted):
         raise ValueError(f"{value!r} is too large a number; write {kind.name} like {kind.example}")
     if converted < kind.zero:
-        symbol = f"{_registry().parse_units(kind.unit):~P}".replace("Δ", "")
+        symbol = f"{known.parse_units(kind.unit):~P}".replace("Δ", "")
         raise ValueError(f"{value!r} cannot be: {kind.name} is at least {kind.zero:g} {symbol}")
     return converted
 
@@ -96,25 +111,6 @@ def worth(unit: str, kind: Kind) -> float:
     """
     text = unit.strip()
     return to_number(text if text[:1] in "0123456789.+-−" else f"1 {text}", kind)
-
-
-def _convert(number: float, unit_text: str, kind: Kind) -> float:
-    from pint import PintError
-
-    known = _registry()
-    # A bench engineer's spelling in pint's: sqrt(hr), and g for gravity where it cannot be a gram.
-    spelt = _SQUARE_ROOT.sub(r"\1**0.5", unit_text)
-    spelt = _GRAVITY.sub(r"\1gee", spelt) if "standard_gravity" in kind.unit else spelt
-    wrong = f"'{number:g} {unit_text}' is not {kind.name}; write it like {kind.example}"
-    try:
-        unit = str(known.parse_units(spelt))
-    except Exception as error:  # pint raises whatever its tokeniser meets: all of it means "not a unit"
-        raise ValueError(f"{wrong} ({unit_text!r} is not a unit that is known here)") from error
-    try:
-        converted = known.Quantity(number, _POINTS.get(unit, unit) if kind.is_difference else unit).to(kind.unit)
-    except PintError as error:
-        raise ValueError(wrong) from error
-    return float(converted.magnitude)
 
 
 def _of(kind: Kind) -> BeforeValidator:

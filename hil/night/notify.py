@@ -28,6 +28,12 @@ from hil.records.status import recorded_end
 from procedures.plan import lasting_s
 
 _TIMEOUT_S = 10.0
+_ABOUT = {
+    "started": ("night-begins", "night-resumed"),
+    "needs-you": ("prompt", "pause"),
+    "fault": ("interlock", "failed", "error", "safe-state-not-reached", "watchdog"),
+}
+"""Which kinds of events tell of a topic."""
 LAST_WORDS_S = 30.0
 """How long the end of a night waits for what is still being sent."""
 
@@ -88,8 +94,7 @@ class Notifier:
 
     def hear(self, what: str, facts: Mapping[str, Any]) -> None:
         """Listen to a journal, and tell what somebody away from the bench must know."""
-        topic = _TOPICS.get(str(facts.get("kind"))) if what == "event" else None
-        if topic is not None:
+        for topic in (topic for topic, kinds in _ABOUT.items() if what == "event" and facts.get("kind") in kinds):
             self.tell(topic, str(facts["message"]))
 
     def close(self) -> None:
@@ -125,19 +130,6 @@ class Notifier:
     def _report(self) -> None:
         while not self._failures.empty():
             self.failed(self._failures.get())
-
-
-_TOPICS = {
-    "night-begins": "started",
-    "night-resumed": "started",
-    "prompt": "needs-you",
-    "pause": "needs-you",
-    "interlock": "fault",
-    "failed": "fault",
-    "error": "fault",
-    "safe-state-not-reached": "fault",
-    "watchdog": "fault",
-}
 
 
 def notifier_of(bench: Bench, journal: SqliteJournal) -> Notifier:

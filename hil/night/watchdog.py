@@ -122,7 +122,6 @@ class Watchdog:
     # Looking
 
     def _silent(self) -> bool:
-        """Tell whether the heartbeat has not changed for too long."""
         beat = read_heartbeat(self.folder)
         if beat is None and self._last is None:
             return False  # a controller that writes none can only be seen to die
@@ -217,9 +216,8 @@ class Watchdog:
         while True:
             try:
                 # Opened anew each time: the dead controller's port may take a moment to be free.
-                with open_chamber(self.bench) as live:
-                    safe = live.chamber.safe_state()
-                    return watch_air(live.chamber, self.clock, safe, self.bench.polling, self.say)
+                with open_chamber(self.bench) as (chamber, _):
+                    return watch_air(chamber, self.clock, chamber.safe_state(), self.bench.polling, self.say)
             except (DeviceError, InputError) as error:
                 left = not_commanded(error, str(error))
             self.say(f"not yet: {left.reason}")

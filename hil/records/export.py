@@ -105,27 +105,23 @@ def export_campaign(folder: Path | str, out: Path | str, form: Format | None = N
             mark = f"unit {unit}: " if unit != named else ""
             own = into if unit == named else into / (unit if form is None else f"{unit}{target.suffix}")
             try:
-                written = _export_unit(unit_folder(night, unit), own, form)
+                campaign = campaign_of_night(unit_folder(night, unit))
+                if form is None:
+                    write_campaign(campaign, own)
+                else:
+                    write_file(campaign, own, form)
             except InputError as error:
                 if isinstance(error, Damaged) or unit == named:
                     raise
-                written = Export(into, 0, (str(error),))
-            rows += written.rows
-            notes += [f"{mark}{note}" for note in written.notes]
+                notes.append(f"{mark}{error}")
+                continue
+            rows += sum(map(len, campaign.sensors.values()))
+            missing = f"The night is not complete; missing: {'; '.join(campaign.missing)}."
+            said = [*campaign.notes.splitlines(), *([missing] if campaign.missing else ())]
+            notes += [f"{mark}{note}" for note in said]
         if not rows:
             raise InputError(notes[0])
     return Export(target, rows, tuple(notes))
-
-
-def _export_unit(folder: Path, target: Path, form: Format | None) -> Export:
-    campaign = campaign_of_night(folder)
-    if form is None:
-        write_campaign(campaign, target)
-    else:
-        write_file(campaign, target, form)
-    missing = f"The night is not complete; missing: {'; '.join(campaign.missing)}."
-    rows = sum(map(len, campaign.sensors.values()))
-    return Export(target, rows, (*campaign.notes.splitlines(), *([missing] if campaign.missing else ())))
 
 
 def campaign_of_night(folder: Path | str) -> Campaign:

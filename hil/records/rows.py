@@ -111,16 +111,12 @@ class Controller:
     ended: str | None
 
 
-def _mapping(text: str | None) -> Mapping[str, Any]:
-    return dict(json.loads(text)) if text else {}
-
-
 MEANS: Mapping[str, Callable[[Any], Any]] = {
     "outcome": lambda word: word and Outcome(word),
     "accepted": lambda told: None if told is None else bool(told),
     "seen_utc": datetime.fromisoformat,
     **dict.fromkeys(("reason", "answer"), lambda text: text or ""),
-    **dict.fromkeys(("data", "evidence", "readings"), _mapping),
+    **dict.fromkeys(("data", "evidence", "readings"), lambda text: dict(json.loads(text)) if text else {}),
 }
 """What the cells of a column stand for, by its name, where that is not what SQLite gives."""
 

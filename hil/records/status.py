@@ -216,7 +216,6 @@ def _readings(facts: _Facts, *, working: bool) -> dict[str, Any]:
 
 
 def _paused(facts: _Facts) -> dict[str, Any] | None:
-    """Return who paused the night, since when and why."""
     pause = facts.journal.standing("pause", "continue")
     if pause is None:
         return None
@@ -272,7 +271,6 @@ def _aside(facts: _Facts) -> Mapping[str, str]:
 
 
 def _units(facts: _Facts) -> list[dict[str, Any]]:
-    """Return how each of several units stands; nothing where the bench lists none."""
     told = []
     for unit in filter(None, facts.journal.plan.units):
         own = _document(_Facts(facts.journal.of_unit(unit)))

@@ -32,6 +32,11 @@ from procedures.verdict import NOT_GOOD, Verdict
 from procedures.words import counted, listed, numbered
 
 _ALWAYS = packaged("hil.report", "statements.yaml")
+_DO = {
+    Verdict.FAIL: "Do not use",
+    Verdict.INCONCLUSIVE: "Do not rely on",
+    Verdict.MARGINAL: "Look at the reasons before using",
+}
 _UNSEEN_DEG = 5.0  # an error of the site that nobody makes who has looked at a map or a compass
 
 
@@ -152,13 +157,6 @@ def good(content: ReportContent) -> tuple[str, str]:
         Verdict.FAIL: "Not good: some of it must not be used; the reasons are below.",
     }
     return str(judged), words[judged]
-
-
-_DO = {
-    Verdict.FAIL: "Do not use",
-    Verdict.INCONCLUSIVE: "Do not rely on",
-    Verdict.MARGINAL: "Look at the reasons before using",
-}
 
 
 def to_do(content: ReportContent) -> Iterator[str]:

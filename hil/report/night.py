@@ -122,7 +122,6 @@ def _to_do(folder: Path, status: Mapping[str, Any]) -> str:
 
 
 def _asked(plan: Plan) -> str:
-    """Say in one sentence what the sweep asks for."""
     runs = plan.self_calibrations
     soaks = plan.of_kind(StepKind.RESTABILISE)
     temperatures = list(dict.fromkeys(step.temperature_degC for step in soaks if step.temperature_degC is not None))
@@ -257,7 +256,6 @@ def _utc(journal: JournalReader, at_s: float) -> str:
 
 
 def _local(journal: JournalReader, at_s: float) -> str:
-    """Write a time by the clock of this computer, with its zone."""
     return f"{journal.night.utc(at_s).astimezone():%Y-%m-%d %H:%M %Z}"
 
 

@@ -129,7 +129,6 @@ def _unit(repeat: MeanAt) -> str:
 
 
 def _doubtful(sensor: SensorContent, runs: Sequence[int]) -> list[str]:
-    """Say how many of these runs must not be relied upon, by verdict."""
     found = [each.verdict for each in sensor.solutions if each.runs[0] in runs]
     return [f"{found.count(v)} {v}" for v in NOT_GOOD if v in found]
 

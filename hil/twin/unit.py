@@ -78,7 +78,7 @@ class SimulatedUnit:
             self._grid = SlowGrid(self._sensors, self._columns, settings, thermal, **timing)
         self._supply = None if self._columns.supply is None else Supply(settings, session)
         self._rests: dict[tuple[int, int], tuple[Rest, FloatArray]] = {}  # until the next move
-        orientations, rest_s = {n: bench.orientations(n) for n in self._sensors}, settings.noise.new_run_after_rest
+        orientations, rest_s = {n: bench.sensors[n].built for n in self._sensors}, settings.noise.new_run_after_rest
         start = settings.start.position
         self._timeline = Timeline(orientations, start, resumed=resumed, new_run_after_s=rest_s)
         self._white = stream(settings.seed, WHITE, session)  # in the order of the samples

@@ -86,7 +86,7 @@ def planned_scenes(sweep: Sweep, bench: Bench, model: Model | None = None) -> di
         sigma = bench.uncertainties.of_collects(conditions)
         if np.any(sigma > _LARGEST_NOISE):
             raise InputError(f"{sweep.source}: collect.duration: {conditions.duration_s.min():g} s averages no noise")
-        axes = np.array([bench.orientations(number)[label].axes for label in conditions.position])
+        axes = np.array([bench.sensors[number].built[label].axes for label in conditions.position])
         form = default_form(conditions.rows(conditions.run == conditions.run[0]))
         found[number] = []
         for run, here in conditions.of_each_run.items():
@@ -189,7 +189,7 @@ def _axes(conditions: Conditions, bench: Bench) -> FloatArray | None:
     None where neither is known: positions of another bench, and no earth rate given.
     """
     number = conditions.sensor.number
-    known = bench.orientations(number) if number in bench.sensors else {}
+    known = bench.sensors[number].built if number in bench.sensors else {}
     if all(label in known for label in conditions.position):
         axes = np.array([known[label].axes for label in conditions.position])
         gravity = np.einsum("nab,na->nb", axes, conditions.f_g)

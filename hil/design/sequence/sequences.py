@@ -88,7 +88,7 @@ def scene_of(
     Errors of attitude act on the model's values at that temperature, or on typical ones.
     """
     n = len(positions)
-    table = bench.orientations(sensor)
+    table = bench.sensors[sensor].built
     apart_s = collect.index_s + collect.settle_s + collect.duration_s
     conditions = Conditions(
         bench.sensor(sensor),

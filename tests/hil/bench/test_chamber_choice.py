@@ -140,8 +140,8 @@ def test_a_layout_reaches_the_driver(tmp_path: Path, monkeypatch: pytest.MonkeyP
     port = tmp_path / "chamber"
     port.touch()
     document["chamber"] |= {"driver": "voetsch-ascii2", "model": "", "address": 1, "layout": layout, "port": str(port)}
-    with open_chamber(parse_bench(yaml.safe_dump(document), "b.yaml")) as live:
-        reading = live.chamber.read()
+    with open_chamber(parse_bench(yaml.safe_dump(document), "b.yaml")) as (driven, _):
+        reading = driven.read()
     assert (reading.temperature_degC, reading.setpoint_degC, reading.mode) == (21.5, 50.0, "CONSTANT")
 
 

@@ -118,7 +118,7 @@ def _orientation(entry: str) -> Bench:
 )
 def test_an_orientation_may_be_written_in_three_ways(entry: str) -> None:
     """Position 1 is position 3 turned by -90 deg about axis 2, so that a further -90 deg is position 4."""
-    axes = _orientation(entry).orientations(2)["4"].axes
+    axes = _orientation(entry).sensors[2].built["4"].axes
     np.testing.assert_allclose(axes, [[0, 0, -1], [0, 1, 0], [-1, 0, 0]], atol=1e-3)
     np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
 
@@ -127,7 +127,7 @@ def test_an_orientation_may_be_written_in_three_ways(entry: str) -> None:
 def test_a_rotation_turns_as_the_equation_does(position: str, theta_deg: float) -> None:
     """The equation has fA = G1 sin θ + G3 cos θ: the report's collects are θ = -90, 90 and 0 deg."""
     bench = _orientation(f"{{from: '3', rotate: {theta_deg} deg, about: 2}}")
-    np.testing.assert_allclose(bench.orientations(2)["4"].axes, bench.orientations(2)[position].axes, atol=1e-12)
+    np.testing.assert_allclose(bench.sensors[2].built["4"].axes, bench.sensors[2].built[position].axes, atol=1e-12)
 
 
 @pytest.mark.parametrize(

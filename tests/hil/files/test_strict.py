@@ -145,7 +145,7 @@ def test_every_shipped_bench_can_be_read(name: str) -> None:
 def test_the_two_sensors_of_a_bench_turn_as_one_body(name: str) -> None:
     """Between any two positions both sensors turn by the same rotation, as parts of one unit do."""
     bench = load_bench(name)
-    one, two = bench.orientations(1), bench.orientations(2)
+    one, two = bench.sensors[1].built, bench.sensors[2].built
     for start in bench.positions:
         for stop in bench.positions:
             turn_1 = one[stop].axes.T @ one[start].axes
@@ -157,7 +157,7 @@ def test_the_two_sensors_of_a_bench_turn_as_one_body(name: str) -> None:
 
 def test_the_shipped_orientations_of_sensor_2_are_the_reports_figure_1() -> None:
     """Signed axes of the report, written out once more."""
-    table = load_bench("simulated").orientations(2)
+    table = load_bench("simulated").sensors[2].built
     np.testing.assert_array_equal(table["1"].axes, [[-1, 0, 0], [0, 1, 0], [0, 0, 1]])
     np.testing.assert_array_equal(table["2"].axes, [[1, 0, 0], [0, 1, 0], [0, 0, -1]])
     np.testing.assert_array_equal(table["3"].axes, [[0, 0, 1], [0, 1, 0], [1, 0, 0]])

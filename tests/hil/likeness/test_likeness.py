@@ -170,7 +170,7 @@ def test_the_plan_of_a_campaign_is_inferred_from_its_collects(tmp_path: Path) ->
     assert sweep.temperatures == pytest.approx(warm, abs=0.06)
     gravity, earth = bench.site.gravity_g(), bench.site.earth_rate_deg_per_hr()
     for row, position in enumerate(rows.position.tolist()):
-        lies = bench.orientations(2)[position]
+        lies = bench.sensors[2].built[position]
         assert lies.components(gravity) == pytest.approx(rows.f_g[row], abs=1e-3)
         assert lies.components(earth) == pytest.approx(rows.w_deg_per_hr[row], abs=0.02)
     for kept in (slice(1, None), slice(1, None, 3)):  # one collect is missing; hardly any run has the same

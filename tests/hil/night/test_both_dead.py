@@ -84,8 +84,8 @@ def test_a_watchdog_that_is_started_anew_finds_the_night_by_itself(tmp_path: Pat
     """As systemd does it: told only where nights are, it sees whose lock is a dead one's, and stops the chamber."""
     with served(bench_with(driver="simserv", model="")) as simulation:
         client = client_bench(simulation.bench, simulation.ports)
-        with open_chamber(client) as live:
-            live.chamber.prepare()
+        with open_chamber(client) as (driven, _):
+            driven.prepare()
         (tmp_path / "ended").mkdir()
         (tmp_path / "ended" / LOCK_NAME).touch()
         killed_night(tmp_path / "night", client)
@@ -121,8 +121,8 @@ def test_the_timer_that_nobody_asked_for_is_armed_over_a_serial_line() -> None:
     """By a night; a single command, such as hil chamber set, arms what the bench file says and no more."""
     with served(load_bench("simulated")) as simulation:
         client, chamber = client_bench(simulation.bench, simulation.ports), simulation.devices.chamber
-        with open_chamber(client) as live:
-            live.chamber.prepare()
+        with open_chamber(client) as (driven, _):
+            driven.prepare()
         assert chamber.timer_ends_s is None
         with build_bench(client) as bench:
             bench.devices.chamber.prepare()

@@ -259,7 +259,7 @@ def test_an_exported_night_reads_back_as_it_was_recorded(finished: Path, tmp_pat
             assert conditions.columns["supply_V"][i] == data["conditions"]["supply_V"]
             assert conditions.columns["spin_period_us"][i] == record["conditions"]["spin_period_us"]
             assert conditions.columns["time_since_index_s"][i] == data["time_since_index_s"]
-            orientation = bench.orientations(number)[step.position or ""]
+            orientation = bench.sensors[number].built[step.position or ""]
             np.testing.assert_array_equal(conditions.f_g[i], orientation.components(bench.site.gravity_g()))
             series = campaign.series(int(conditions.collect[i]))
             assert series is not None

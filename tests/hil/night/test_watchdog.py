@@ -200,8 +200,8 @@ def test_a_hung_controller_is_killed_and_its_chamber_made_safe(
     assert hung.stderr is not None
     assert "works" in hung.stderr.readline()
     os.kill(hung.pid, signal.SIGSTOP)
-    with open_chamber(bench) as live:
-        live.chamber.prepare()
+    with open_chamber(bench) as (driven, _):
+        driven.prepare()
     said: list[str] = []
     ended = watched(bench, processes.night, hear=said.append)
     assert ended.exit_status == 3
@@ -278,8 +278,8 @@ def test_a_bench_that_another_night_has_taken_over_is_left_alone(
     """The watchdog of a dead night must not stop the chamber of a living one."""
     folder = tmp_path / "night"
     dead_night(folder)
-    with open_chamber(bench) as live:
-        live.chamber.prepare()
+    with open_chamber(bench) as (driven, _):
+        driven.prepare()
     with bench_lock(bench, tmp_path / "another"):
         left = watched(bench, folder)
     assert left.exit_status == 0
@@ -302,8 +302,8 @@ def test_a_disk_that_took_the_journal_does_not_take_the_chamber(
             path.write_bytes(b"no database " * 1000)
     else:
         (folder / JOURNAL_NAME).unlink()
-    with open_chamber(bench) as live:
-        live.chamber.prepare()
+    with open_chamber(bench) as (driven, _):
+        driven.prepare()
     with pytest.raises(InputError):
         watched(bench, folder)  # nobody was ever at work here, as far as it can tell
     assert conditioning(simulation)
@@ -323,8 +323,8 @@ def test_a_folder_that_became_read_only_does_not_take_the_chamber(
     dead_night(folder)
     (folder / LOCK_NAME).unlink()
     (folder / LOCK_NAME).mkdir()  # cannot be opened to write, as on a file system that is read-only
-    with open_chamber(bench) as live:
-        live.chamber.prepare()
+    with open_chamber(bench) as (driven, _):
+        driven.prepare()
     said: list[str] = []
     assert watched(bench, folder, hear=said.append).exit_status == 3
     assert "the chamber comes first" in " ".join(said)

@@ -21,7 +21,7 @@ BENCH = load_bench("simulated")
 
 def taken(headings: tuple[float, ...], labels: str, noise: float = 0.7, off_deg: float = 0.0) -> Campaign:
     """Return one run of collects whose bench stood at each of the headings, all `off_deg` from what is believed."""
-    sensor, poses = BENCH.sensor(2), BENCH.orientations(2)
+    sensor, poses = BENCH.sensor(2), BENCH.sensors[2].built
     f, w, true = [], [], []
     for heading in headings:
         site, here = (Site(BENCH.site.latitude_deg, heading + off) for off in (0.0, off_deg))

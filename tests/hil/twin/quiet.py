@@ -88,7 +88,7 @@ def averages(bench: Bench, runs: int, **how: Any) -> dict[int, tuple[Conditions,
     out = {}
     gravity, earth_rate = bench.site.gravity_g(), bench.site.earth_rate_deg_per_hr()
     for number in (1, 2):
-        axes = [bench.orientations(number)[position].axes for position in label]
+        axes = [bench.sensors[number].built[position].axes for position in label]
         conditions = Conditions(
             bench.sensor(number),
             collect=np.arange(len(label)),

@@ -49,7 +49,7 @@ def test_each_term_of_sensor_1_follows_its_own_orientations(name: str, tmp_path:
     p = dict.fromkeys(NAMES, 0.0) | {name: 100.0}
     with build_bench(bench) as live:
         for position in bench.positions:
-            a, b, s = bench.orientations(1)[position].axes
+            a, b, s = bench.sensors[1].built[position].axes
             f_a, f_b, f_s = a @ gravity, b @ gravity, s @ gravity
             means = collect(live, position)
             rate_a = p["BA"] + p["GSA"] * f_a + p["GSB"] * f_b + p["MUB"] * f_s + a @ earth
@@ -84,7 +84,7 @@ def test_accelerometers_show_gravity_along_their_axes(tmp_path: Path) -> None:
         for position in bench.positions:
             means = collect(live, position)
             for number in (1, 2):
-                a, b, _ = bench.orientations(number)[position].axes
+                a, b, _ = bench.sensors[number].built[position].axes
                 shown = means[f"accel_A{number}"], means[f"accel_B{number}"]
                 assert shown == pytest.approx((a @ gravity, b @ gravity), abs=1e-6)
 
