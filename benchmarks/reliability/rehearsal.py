@@ -28,8 +28,9 @@ import yaml
 
 from benchmarks.reliability.random_faults import draw_faults
 from hil.bench import LiveBench
-from hil.config import Bench, Sweep, check_sweep_against_bench, parse_bench, planned
+from hil.config import Bench, parse_bench
 from hil.config.simulation import Fault
+from hil.config.sweep import Sweep, check_sweep_against_bench, planned
 from hil.errors import Damaged, InputError
 from hil.files.strict import parse_yaml
 from hil.night import NightOutcome, resume_night, start_night

@@ -19,19 +19,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hil.archive import trend as trends
 from hil.archive.index import ArchivedMean, Entry, Index, calibrations
-from hil.archive.trend import (
-    Trend,
-    at_one_temperature,
-    at_usual_temperatures,
-    control_limits,
-    differs,
-    predicted,
-    shifts_of,
-    stations_of,
-    that_share,
-    trend,
-)
 from hil.campaign import BoolArray, FloatArray
 from hil.errors import InputError
 from hil.files.document import picked
@@ -204,15 +193,15 @@ def _parameters(
     for each in means:
         by_parameter.setdefault((each.sensor, each.parameter), []).append(each)
     for (sensor, name), own in by_parameter.items():
-        stations, unit = stations_of(own), own[0].value.unit
-        values = at_usual_temperatures(stations)
+        stations, unit = trends.stations_of(own), own[0].value.unit
+        values = trends.at_usual_temperatures(stations)
         k = 2.0 if limits is None else limits.k
         asked = None if limits is None else limits.sensors.get(sensor, {}).get(name)
         told, of_each, parts = False, [], []
-        for part in that_share(values):
-            names, shifts, errors, left = shifts_of(part)
+        for part in trends.that_share(values):
+            names, shifts, errors, left = trends.shifts_of(part)
             months = np.array([began[each] for each in names])
-            together = trend(months, shifts, errors)
+            together = trends.trend(months, shifts, errors)
             parts.append((names, together, left))
             since = float(months[together.step]) if together.step else -np.inf
             until = float(months[together.back]) if together.back else np.inf
@@ -220,7 +209,7 @@ def _parameters(
                 of = stations[at]
                 when = np.array([began[each.entry] for each in of])
                 y, sd = np.array([values[at][each.entry] for each in of]).T
-                found = at_one_temperature(together, since, until, when, y, sd)
+                found = trends.at_one_temperature(together, since, until, when, y, sd)
                 told |= found.fit is not None
                 known = min(each.value.freedom for each in of)
                 near = (when < since) | (when >= until) if together.back else when >= since
@@ -243,7 +232,7 @@ def _parameters(
             "parameter": name,
             "unit": unit,
             **_trend(together, [days[each] for each in names], unit),
-            "differs_between_temperatures": differs(left, names, together),
+            "differs_between_temperatures": trends.differs(left, names, together),
             "not_compared": [each for apart, *_ in parts[1:] for each in apart],
             "temperatures": of_each,
         }
@@ -252,7 +241,7 @@ def _parameters(
 
 def _control(y: FloatArray, sd: FloatArray, since: BoolArray, freedom: float) -> dict[str, Any] | None:
     """Return where the newest value (n,) should be by the earlier ones `since` a jump, and whether it is outside."""
-    limits = control_limits(y[:-1][since[:-1]], sd[:-1][since[:-1]], float(sd[-1]), freedom)
+    limits = trends.control_limits(y[:-1][since[:-1]], sd[:-1][since[:-1]], float(sd[-1]), freedom)
     if limits is None:
         return None
     half = limits.expanded(_SIGMAS)
@@ -260,7 +249,7 @@ def _control(y: FloatArray, sd: FloatArray, since: BoolArray, freedom: float) ->
 
 
 def _due(
-    found: Trend, months: FloatArray, asked: ParameterLimits | None, k: float, newest: Uncertain
+    found: trends.Trend, months: FloatArray, asked: ParameterLimits | None, k: float, newest: Uncertain
 ) -> dict[str, Any]:
     """Return in how many months its interval at `k` reaches a limit, and whether all of it, or the newest's, is beyond.
 
@@ -268,7 +257,7 @@ def _due(
     """
     if found.fit is None or asked is None or (asked.low is None and asked.high is None):
         return {"due_in_months": None, "beyond_limit": None}
-    value, wide = predicted(found.fit, months[-1] + _AHEAD_MONTHS, months, k)
+    value, wide = trends.predicted(found.fit, months[-1] + _AHEAD_MONTHS, months, k)
     low, high = (-np.inf if asked.low is None else asked.low), (np.inf if asked.high is None else asked.high)
     now = ((value[0], wide[0]), (newest.value, newest.expanded(k)))
     out = any(middle - half > high or middle + half < low for middle, half in now)
@@ -278,7 +267,7 @@ def _due(
     return {"due_in_months": due, "beyond_limit": out}
 
 
-def _trend(found: Trend, days: Sequence[str], unit: str) -> dict[str, Any]:
+def _trend(found: trends.Trend, days: Sequence[str], unit: str) -> dict[str, Any]:
     slope, jump = found.per_month, found.jump
     drift = slope and {"value": finite(slope.value), **_ends(slope.value, slope.half_width), "unit": f"{unit}/month"}
     between = {"between": [days[found.step - 1], days[found.step]]} if found.step else {}

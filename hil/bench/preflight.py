@@ -23,10 +23,10 @@ from hil.bench.advice import ADVICE, Device, Finding, advice_for, closed_port_ad
 from hil.bench.assemble import LiveBench, build_bench, ports_of
 from hil.bench.at_rest import at_rest
 from hil.bench.decode import wrong_counter
-from hil.config import Bench, Sweep, planned
+from hil.config import Bench
 from hil.config.people import addresses_of, messenger_of
 from hil.config.ports import SIMULATED_SCHEME, unit_port
-from hil.config.sweep import left_hot_or_cold
+from hil.config.sweep import Sweep, left_hot_or_cold, planned
 from hil.errors import InputError
 from procedures.collect import join
 from procedures.plan import Plan, Step, StepKind, lasting_s

@@ -65,7 +65,7 @@ def look_first(sweep: Sweep, bench: Bench, folder: Path, despite: str, done: Col
 def _look(sweep: Sweep | None, bench: Bench, folder: Path, done: Collection[str] = ()) -> list[Finding]:
     from hil.bench.lock import bench_lock
     from hil.bench.preflight import preflight
-    from hil.config import cautions, check_sweep_against_bench, limits_of
+    from hil.config.sweep import cautions, check_sweep_against_bench, limits_of
 
     limits_of(sweep, bench)
     if sweep is not None:

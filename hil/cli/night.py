@@ -52,7 +52,8 @@ Despite = Annotated[str, Option("--despite", help="Why to go on although hil che
 
 def plan(sweep: SweepName, bench: BenchName) -> Answer:
     """Show every step and when it would happen. Nothing moves."""
-    from hil.config import cautions, check_sweep_against_bench, load_bench, load_sweep, planned
+    from hil.config import load_bench
+    from hil.config.sweep import cautions, check_sweep_against_bench, load_sweep, planned
 
     asked, on = load_sweep(sweep), load_bench(bench)
     check_sweep_against_bench(asked, on)
@@ -90,7 +91,8 @@ def run(
 ) -> int:
     """Carry out a sweep, once hil check finds nothing wrong. Ctrl-C brings the chamber to its safe state."""
     from hil.bench.assemble import clock_of
-    from hil.config import load_bench, load_sweep, planned
+    from hil.config import load_bench
+    from hil.config.sweep import load_sweep, planned
     from hil.night import Remarks
     from hil.records.reader import refuse_existing
 

@@ -20,8 +20,9 @@ import yaml
 from drivers.frames.description import whole_text
 from drivers.given_file import read_bytes
 from drivers.strict_yaml import check_schema
-from hil.config import Bench, Sweep, limits_of, parse_bench, parse_sweep
+from hil.config import Bench, parse_bench
 from hil.config.limits import Limits
+from hil.config.sweep import Sweep, limits_of, parse_sweep
 from hil.errors import InputError
 from hil.files.durable import RealDisk, write_durably
 from hil.files.strict import parse_yaml, read_text

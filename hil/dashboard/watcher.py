@@ -36,8 +36,7 @@ class Watcher:
         self._root = root
         self.archive = archive
         self._every_s = every_s
-        self._nights: dict[str, NightFacts] = {}
-        self._found: list[str] = []  # newest first
+        self._nights: dict[str, NightFacts] = {}  # newest first
         self._not_shown = 0
         self._broken: dict[str, Part] = {}
         self._pages: dict[asyncio.Queue[bytes], bool] = {}  # whether it needs everything
@@ -126,12 +125,7 @@ class Watcher:
         nights = [path.parent for path in self.journals()]
         units = {night: sorted((night / UNITS).glob("*")) for night in nights}  # of a night that lists several
         found = {self._name(each): each for night in nights for each in (night, *units[night])}
-        self._found = list(found)
-        for identity in set(self._nights) - set(found):
-            del self._nights[identity]
-        for identity, folder in found.items():
-            if identity not in self._nights:
-                self._nights[identity] = NightFacts(folder, identity)
+        self._nights = {name: self._nights.get(name) or NightFacts(folder, name) for name, folder in found.items()}
 
     def journals(self) -> list[Path]:
         """Return the journals to show: the root's own, else of the folders below it, newest first."""
@@ -165,7 +159,7 @@ class Watcher:
         """Return the server-sent event that tells a page of these nights, or of why they cannot be looked at."""
         head = {"utc": SystemClock().utc().isoformat(timespec="milliseconds"), "folder": self._root.resolve().name}
         # Cards at work by name, so that none moves, then the newest; the units of a night stand behind it.
-        order = sorted(self._found, key=lambda each: (0, each) if self._nights[each].working else (1, ""))
+        order = sorted(self._nights, key=lambda each: (0, each) if self._nights[each].working else (1, ""))
         shown = {"shown": [] if problem else order, "not_shown": self._not_shown}
         document = {**head, **shown, "problem": problem, "nights": nights}
         document |= {"reports": self.reports, "units": self.units}

@@ -18,8 +18,8 @@ from typing import Any
 
 from drivers.clock import VirtualClock
 from drivers.given_file import opened
-from hil.config import planned
 from hil.config.recorded import CONFIGURATION, configuration_of
+from hil.config.sweep import planned
 from hil.errors import Damaged, InputError
 from hil.files.durable import RealDisk, whole_or_nothing, write_durably
 from hil.files.lock import living_owner

@@ -32,8 +32,9 @@ from pathlib import Path
 from drivers.clock import PacedClock, VirtualClock
 from hil.bench import LiveBench, build_bench
 from hil.bench.lock import bench_lock
-from hil.config import Bench, Sweep, check_sweep_against_bench, planned
+from hil.config import Bench
 from hil.config.recorded import CONFIGURATION, configuration_of, configuration_text
+from hil.config.sweep import Sweep, check_sweep_against_bench, planned
 from hil.errors import InputError
 from hil.files.durable import whole_or_nothing
 from hil.files.lock import FolderLock

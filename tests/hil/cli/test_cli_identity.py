@@ -12,9 +12,10 @@ import yaml
 
 from drivers.imu import ImuIdentity
 from hil.campaign.reader import read_campaign
-from hil.config import find_config, load_bench, load_sweep
+from hil.config import load_bench, load_sweep
 from hil.config.recorded import bench_of_record
 from hil.errors import InputError
+from hil.files.strict import find_config
 from hil.night import NightOutcome, Remarks, resume_night, start_night
 from hil.records import open_readonly
 from hil.records.export import campaign_of_night

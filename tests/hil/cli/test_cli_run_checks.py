@@ -14,9 +14,10 @@ import yaml
 from drivers.clock import VirtualClock
 from hil.bench import build_bench
 from hil.bench.preflight import _chamber, _disk, _guarded, _notified, _unit
-from hil.config import find_config, load_bench, load_sweep, parse_bench
+from hil.config import load_bench, load_sweep, parse_bench
 from hil.config.people import NotifySection
 from hil.errors import InputError
+from hil.files.strict import find_config
 from hil.night import start_night
 from hil.records import open_readonly
 from procedures.devices import BenchDevices

@@ -12,7 +12,8 @@ from drivers.chambers import CHAMBER_DRIVERS
 from hil.bench.new_file import new_bench
 from hil.cli import start
 from hil.cli.app import run
-from hil.config import cautions, check_sweep_against_bench, load_bench, load_sweep
+from hil.config import load_bench
+from hil.config.sweep import cautions, check_sweep_against_bench, load_sweep
 from hil.errors import InputError
 from hil.files.strict import config_folders
 

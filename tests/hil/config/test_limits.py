@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 
 from hil.cli.app import run
-from hil.config import limits_of, load_bench, load_sweep, parse_bench, parse_sweep
+from hil.config import load_bench, parse_bench
 from hil.config.limits import Limits, load_limits
 from hil.config.recorded import configuration_of, configuration_text, recorded_limits
+from hil.config.sweep import limits_of, load_sweep, parse_sweep
 from hil.errors import InputError
 
 TEXT = """\

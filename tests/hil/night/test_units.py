@@ -15,9 +15,10 @@ import pytest
 
 from hil.campaign.reader import read_campaign
 from hil.cli.app import run as cli
-from hil.config import Bench, find_config, load_bench, parse_bench, parse_sweep
+from hil.config import Bench, load_bench, parse_bench, parse_sweep
 from hil.dashboard.watcher import Watcher
 from hil.errors import InputError
+from hil.files.strict import find_config
 from hil.night import resume_night, start_night
 from hil.night.replay import replay_night
 from hil.records import JournalReader, reading
