@@ -1,6 +1,7 @@
 """The archive's index made from the folders: new entries read and solved, those that went forgotten.
 
-    report = update(Path("archive"))     # what is new, gone, or cannot be read; rebuild=True: all anew
+    done = update(Path("archive"))     # rebuild=True: all anew
+    done["read"], done["gone"], done["cannot_be_read"]     # entries, and why
 
 Each entry is one transaction, so a process that is killed leaves an index of whole entries. Numbers are those of `hil
 solve`, the means and their uncertainty what repeats show.
@@ -9,8 +10,7 @@ solve`, the means and their uncertainty what repeats show.
 import hashlib
 import json
 import sqlite3
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -28,20 +28,10 @@ from procedures.verdict import NOT_GOOD
 _NOT_COMPARED = ("seed", "serial", "notify", "text")
 
 
-@dataclass(frozen=True)
-class Update:
-    """What an update did: entries that are `new` or were read again, that are `gone`, that cannot be read, and why."""
-
-    new: Sequence[str]
-    gone: Sequence[str]
-    broken: Mapping[str, str]
-    unfinished: Sequence[str]
-    all_of: int
-
-
-def update(archive: Path, *, rebuild: bool = False, each: Callable[[str], object] = str) -> Update:
+def update(archive: Path, *, rebuild: bool = False, each: Callable[[str], object] = str) -> dict[str, Any]:
     """Bring the index to what is in the folders; `each` is told every entry that is read.
 
+    Return how many `entries` there are, which were `read`, are `gone` or `unfinished`, or `cannot_be_read`, and why.
     A `rebuild` is made beside the old index and takes its place at the end. Raises `InputError` for no archive, an
     index that cannot be read (without `rebuild`), or one that cannot be written.
     """
@@ -66,7 +56,8 @@ def update(archive: Path, *, rebuild: bool = False, each: Callable[[str], object
     if rebuild:
         RealDisk().rename(target, path)
         RealDisk().synchronise_folder(archive)
-    return Update(new, gone, broken, list(interrupted(archive)), len(there))
+    done = {"entries": len(there), "read": new, "gone": gone, "cannot_be_read": broken}
+    return done | {"unfinished": list(interrupted(archive))}
 
 
 def take_in(archive: Path, entry: str) -> None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, cast
 
 from drivers.chambers import CHAMBER_DRIVERS, Chamber, ChamberOptions
 from drivers.chambers.catalogue import SerialLine
@@ -280,10 +280,8 @@ def _fixture(bench: Bench, clock: Clock, faults: FaultInjector, ask: AskOperator
     if ask is not None and bench.imu.positioner == "operator":
         return OperatorPositioner(faults.answering(ask), clock, instructions=bench.imu.instructions, hands=hands)
     if (outside := brought("hil.positioners").get(bench.imu.positioner)) is not None:
-        made: Positioner = loaded(outside)(
-            clock=clock, codes=bench.position_codes, hands=hands, **bench.imu.positioner_options
-        )
-        return made
+        given = {"clock": clock, "codes": bench.position_codes, "hands": hands}
+        return cast(Positioner, loaded(outside)(**given, **bench.imu.positioner_options))
     return None
 
 

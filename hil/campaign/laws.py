@@ -262,7 +262,7 @@ def _instants(since: str, c: Conditions, gone_s: FloatArray, ends_s: FloatArray)
     """The instant since which a time in each collect counts: that of the collect before it, or one after that collect.
 
     Of two that contradict each other that one is wrong without which more of all go on; where none is, either may be.
-    `gone_s` (n,) is that time, `ends_s` (n,) when so much of each collect is over that another may begin.
+    `gone_s` (n,) is that time, `ends_s` (n,) when another collect may begin.
     """
     at_s, order = c.start_s - gone_s, np.argsort(c.start_s, kind="stable")
 

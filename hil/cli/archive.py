@@ -12,7 +12,6 @@ from hil.cli.answer import Answer, told
 from hil.cli.exit_status import Limits, Strict, of_unit
 from hil.cli.output import PAGE, Folder, check_named, messages
 from hil.errors import InputError
-from hil.files.document import picked
 from hil.files.durable import check_file, write_result
 from hil.files.strict import NAME, one_line
 from hil.report.pdf import find_browser, write_pdf
@@ -97,9 +96,9 @@ def archive(
         "new": new,
         "taken_up": [vars(each) for each in taken],
         "not_taken_up": refused,
-        **picked(done, "entries=all_of read=new gone cannot_be_read=broken unfinished"),
+        **done,
     }
-    return Answer(document, told(document), status=4 if refused or done.broken else 0)
+    return Answer(document, told(document), status=4 if refused or done["cannot_be_read"] else 0)
 
 
 def units(

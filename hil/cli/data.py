@@ -27,6 +27,14 @@ if TYPE_CHECKING:  # `hil --help` loads no arithmetic
     from hil.report.content import ReportContent
     from hil.report.tables import TableFormat
 
+plot_app = typer.Typer(
+    name="plot",
+    help="Draw a collect, a night or parameters against temperature, as SVG or PNG.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+_Out = Annotated[Path, Option("--out", help="The file to write; .svg or .png says which.")]
+_OfSensor = Annotated[int | None, Option("--sensor", help="Which sensor, where there are several.")]
 Format = Literal["hdf5", "netcdf", "mat", "documents"]
 Source = Annotated[Path, Argument(help="A campaign folder, or a night's folder.")]
 EARLIER = "the earlier one: "
@@ -229,16 +237,6 @@ def replay(folder: Folder) -> Answer:
     document = replay_night(folder)
     said = told(document, folder=folder)
     return Answer(document, said, status=Exit.DONE if document["identical"] else Exit.INCOMPLETE)
-
-
-plot_app = typer.Typer(
-    name="plot",
-    help="Draw a collect, a night or parameters against temperature, as SVG or PNG.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-)
-_Out = Annotated[Path, Option("--out", help="The file to write; .svg or .png says which.")]
-_OfSensor = Annotated[int | None, Option("--sensor", help="Which sensor, where there are several.")]
 
 
 def _plot(out: Path, draw: Callable[[], Figure]) -> None:

@@ -21,6 +21,15 @@ from hil.cli.output import JsonFlag
 from hil.errors import Damaged, InputError
 from procedures.words import harmless
 
+Strict = Annotated[
+    bool,
+    Option(
+        "--strict", help="Exit status 7 where the unit is out of spec, 8 where nobody can tell, or no limits are known."
+    ),
+]
+Limits = Annotated[
+    str | None, Option("--limits", help="What the unit must be: a limits file, or a name; default: the night's own.")
+]
 _FROM_THE_KEYBOARD, _STOPPED = 130, "stopped from the keyboard"  # what a command line ends with that was interrupted
 _JSON = inspect.Parameter("as_json", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=JsonFlag)
 
@@ -38,17 +47,6 @@ class Exit(IntEnum):
     OUT_OF_SPEC = 7  # this and the next only where --strict asks for it
     SPEC_NOT_TOLD = 8
     SOME_UNITS = 9  # complete for some of several units; others were set aside, and the chamber is safe
-
-
-Strict = Annotated[
-    bool,
-    Option(
-        "--strict", help="Exit status 7 where the unit is out of spec, 8 where nobody can tell, or no limits are known."
-    ),
-]
-Limits = Annotated[
-    str | None, Option("--limits", help="What the unit must be: a limits file, or a name; default: the night's own.")
-]
 
 
 def of_unit(in_spec: Mapping[str, str] | None, strict: bool) -> Exit:

@@ -5,6 +5,14 @@ from collections.abc import Iterable
 from typing import Any
 
 ABSENT = "–"
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+WHOSE = {
+    "setpoint_degC": "as set",
+    "temperature_degC": "the unit's own",
+    "case_degC": "the case's",
+    "chamber_degC": "the chamber's",
+}
+"""Whose temperature a column has, in words."""
 
 
 def number(value: float | None, decimals: int = 0) -> str:
@@ -24,15 +32,6 @@ def decimals_for(uncertainties: Iterable[float | None]) -> int:
     """Return how many decimals show two digits of the smallest uncertainty: at least 2, at most 6."""
     known = [each for each in uncertainties if each is not None and math.isfinite(each) and each > 0.0]
     return min(max(2, 1 - math.floor(math.log10(min(known)))), 6) if known else 2
-
-
-WHOSE = {
-    "setpoint_degC": "as set",
-    "temperature_degC": "the unit's own",
-    "case_degC": "the case's",
-    "chamber_degC": "the chamber's",
-}
-"""Whose temperature a column has, in words."""
 
 
 def degrees(
@@ -66,6 +65,3 @@ def rounded(value: float, se: float | None) -> str:
     digits = max(1 - math.floor(math.log10(se / scale)), 0)
     pair = f"{value / scale:.{digits}f} ± {se / scale:.{digits}f}"
     return pair if scale == 1.0 else f"({pair}) × 10{str(power).translate(_RAISED)}"
-
-
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

@@ -77,9 +77,8 @@ class _Row:
         return float(self.data["start_s"])
 
     @property
-    def record(self) -> Mapping[str, Any]:
-        found: Mapping[str, Any] = self.data["sensors"][str(self.sensor)]
-        return found
+    def record(self) -> Any:
+        return self.data["sensors"][str(self.sensor)]
 
 
 def export_campaign(folder: Path | str, out: Path | str, form: Format | None = None) -> Export:

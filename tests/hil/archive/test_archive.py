@@ -150,7 +150,7 @@ def test_a_night_takes_the_place_of_its_export(night: Path, tmp_path: Path, caps
         facts, _, configuration = read_entry(folder, entry)
         assert facts["night"]["id"]
         assert configuration["bench"]
-        assert update(folder).gone == []
+        assert update(folder)["gone"] == []
 
 
 def test_a_table_that_was_corrected_is_of_the_night_whose_place_it_takes(night: Path, tmp_path: Path) -> None:

@@ -93,7 +93,7 @@ def test_an_entry_whose_note_lacks_something_is_told_and_tells_no_mean(copy: Pat
     entry = found(copy)[0][0]
     note = copy / entry / ENTRY
     note.write_text(note.read_text().replace("\nfrom: ", "\nwhence: "))
-    assert set(update(copy).broken) == {entry}
+    assert set(update(copy)["cannot_be_read"]) == {entry}
     with opened_index(copy) as index:
         assert entry not in {each.entry for each in index.means("0042")}
 

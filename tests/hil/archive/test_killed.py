@@ -52,5 +52,5 @@ def test_whoever_is_killed_while_taking_up_leaves_an_entry_or_none(campaigns: li
             read_entry(archive, name)
         take_up(archive, campaigns[0])
         done = update(archive)
-        assert (len(done.new), done.broken) == (1, {})
-        assert found(archive)[0] == list(done.new)
+        assert (len(done["read"]), done["cannot_be_read"]) == (1, {})
+        assert found(archive)[0] == done["read"]
