@@ -188,16 +188,16 @@ def test_a_setpoint_that_was_not_taken_ends_in_the_safe_state(hil: Any, tmp_path
     live_clock: list[float] = []
     set_it = chamber_command._set
 
-    def later(live: Any, target: float) -> None:
-        before = live.chamber.prepare
+    def later(commanded: Any, device: Any, clock: Any, *more: Any) -> None:
+        before = device.prepare
 
         def slowly() -> None:
             before()
-            live.clock.sleep(3600.0)
-            live_clock.append(live.clock.now())
+            clock.sleep(3600.0)
+            live_clock.append(clock.now())
 
-        live.chamber.prepare = slowly
-        set_it(live, target)
+        device.prepare = slowly
+        set_it(commanded, device, clock, *more)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(chamber_command, "_set", later)
