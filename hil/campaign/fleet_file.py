@@ -94,15 +94,11 @@ def pieces_of(path: Path) -> int:
             if name not in schema.names:
                 raise InputError(f"{path}: column {name} is missing {_SEE}")
         for name, kind in zip(schema.names, schema.types, strict=True):
-            texts = name in _TEXTS or name == "position"
-            if texts != _is_text(kind) or (name == "simulated") != pa.types.is_boolean(kind):
+            own = kind.value_type if pa.types.is_dictionary(kind) else kind
+            text, texts = pa.types.is_string(own) or pa.types.is_large_string(own), name in _TEXTS or name == "position"
+            if texts != text or (name == "simulated") != pa.types.is_boolean(kind):
                 raise InputError(f"{path}, column {name}: it is {kind} {_SEE}")
         return int(file.num_row_groups)
-
-
-def _is_text(kind: pa.DataType) -> bool:
-    own = kind.value_type if pa.types.is_dictionary(kind) else kind
-    return bool(pa.types.is_string(own) or pa.types.is_large_string(own))
 
 
 def read_piece(path: Path, piece: int) -> Iterator[tuple[str, Campaign | str]]:

@@ -114,7 +114,14 @@ def panel(headline: str, now: Snapshot | None, trouble: str = "", *, simulated: 
     if trouble:
         parts.append(Text(harmless(trouble), style="bold red"))
     if now is not None:
-        parts.append(_table(now))
+        table = Table.grid(padding=(0, 2), pad_edge=False)
+        table.add_column(style="dim", no_wrap=True)
+        table.add_column(overflow="fold")
+        table.add_row("done", ProgressBar(total=max(now.steps_total, 1), completed=now.steps_done, width=_WIDEST_BAR))
+        table.add_row("", f"{now.steps_done} of {now.steps_total} steps")
+        for label, text in rows(now):
+            table.add_row(label, Text(harmless(text)))
+        parts.append(table)
     return Group(*parts)
 
 
@@ -122,17 +129,6 @@ def _clock(seconds: float) -> str:
     """Return h:mm:ss, however many hours."""
     minutes, s = divmod(int(seconds), 60)
     return f"{minutes // 60}:{minutes % 60:02}:{s:02}"
-
-
-def _table(now: Snapshot) -> Table:
-    table = Table.grid(padding=(0, 2), pad_edge=False)
-    table.add_column(style="dim", no_wrap=True)
-    table.add_column(overflow="fold")
-    table.add_row("done", ProgressBar(total=max(now.steps_total, 1), completed=now.steps_done, width=_WIDEST_BAR))
-    table.add_row("", f"{now.steps_done} of {now.steps_total} steps")
-    for label, text in rows(now):
-        table.add_row(label, Text(harmless(text)))
-    return table
 
 
 def rows(now: Snapshot) -> Iterator[tuple[str, str]]:

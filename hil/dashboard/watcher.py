@@ -80,7 +80,11 @@ class Watcher:
                 self._send(*await asyncio.to_thread(self._frames, everything))
             except Exception as error:  # no file can be opened any more, say: pages are told, and the next look may do
                 said = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
-                self._send_problem(self.frame({}, problem=said))
+                told = self.frame({}, problem=said)
+                for queue in self._pages:  # each needs everything when the folder can be looked at again
+                    if not queue.full():
+                        queue.put_nowait(told)
+                    self._pages[queue] = True
             with suppress(TimeoutError):
                 await asyncio.wait_for(self._wake.wait(), self._every_s)
             self._wake.clear()
@@ -176,10 +180,3 @@ class Watcher:
                 continue
             queue.put_nowait(everything if needs_everything else frame)
             self._pages[queue] = False
-
-    def _send_problem(self, frame: bytes) -> None:
-        """Tell every page that the folder cannot be looked at; each needs everything when it can be again."""
-        for queue in self._pages:
-            if not queue.full():
-                queue.put_nowait(frame)
-            self._pages[queue] = True

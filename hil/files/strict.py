@@ -87,11 +87,8 @@ def find_config(kind: str, name: str | Path, beside: Path | None = None, built_i
     path = Path(name).expanduser()
     if _is(Path.exists, path) and not path.is_dir():  # whether it is a file is for the door to say
         return path
-    folders = ([beside] if beside is not None else []) + config_folders(kind)
-    if path.is_absolute():
-        folders = []
-    ending = ".csv" if kind == "tables" else ".yaml"
-    for folder in folders:
+    folders, ending = config_folders(kind), ".csv" if kind == "tables" else ".yaml"
+    for folder in () if path.is_absolute() else (*([beside] if beside is not None else []), *folders):
         for candidate in (folder / path, folder / f"{path}{ending}"):
             if _is(Path.is_file, candidate):
                 return candidate
@@ -99,7 +96,7 @@ def find_config(kind: str, name: str | Path, beside: Path | None = None, built_i
         return Path(loaded(brought("hil.frames")[str(name)]))
     if _is(Path.is_dir, path):
         raise InputError(f"{name}: this is a folder, not the file of {'an' if what[0] in 'AEIOU' else 'a'} {what}")
-    shipped = sorted({file.stem for folder in config_folders(kind) for file in folder.glob(f"*{ending}")})
+    shipped = sorted({file.stem for folder in folders for file in folder.glob(f"*{ending}")})
     if path.is_absolute() or "/" in str(name):
         raise InputError(f"{name}: there is no such file or folder")
     raise InputError(

@@ -105,14 +105,9 @@ class Watchdog:
         while not self.stop.requested:
             owner = living_owner(self.folder)
             self._seen_alive |= owner is not None
-            if owner is None:
-                ended = self._after_the_end()
-                if ended is not None:
-                    return ended
-            elif self._silent():
-                failed = self._end_silent(owner)
-                if failed is not None:
-                    return failed
+            ended = self._after_the_end() if owner is None else self._end_silent(owner) if self._silent() else None
+            if ended is not None:
+                return ended
             looked_s = self.clock.now()
             self.clock.sleep(self.patience.look_s)
             if self.clock.now() - looked_s > self.patience.look_s + self.patience.term_s:

@@ -47,7 +47,7 @@ class Curve:
             return
         if math.isnan(self._start_s):
             self._start_s = float(times_s[0])
-        while self._index(float(times_s[-1])) >= len(self._least):
+        while (times_s[-1] - self._start_s) // self._width_s >= len(self._least):
             self._double()
         index = np.maximum((np.asarray(times_s, dtype=float) - self._start_s) // self._width_s, 0).astype(int)
         np.fmin.at(self._least, index, values)
@@ -81,9 +81,6 @@ class Curve:
         document = self.whole(self._unsent)
         self._unsent = self._used
         return document
-
-    def _index(self, time_s: float) -> int:
-        return int((time_s - self._start_s) // self._width_s)
 
     def _double(self) -> None:
         """Put two neighbours into one bucket, so that half of the buckets are free again."""

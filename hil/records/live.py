@@ -164,14 +164,12 @@ class LiveFiles(Progress):
         self._written_s = self.clock.now()
         if self._trace is not None:
             self._trace.flush()
-        partial = self._path.with_name(f"{PARTIAL}{LIVE_NAME}")
-        partial.write_text(to_json(self._document(snapshot)), encoding="utf-8")
-        partial.replace(self._path)
-
-    def _document(self, snapshot: Snapshot) -> dict[str, Any]:
         state = {**asdict(snapshot), "step": snapshot.step.key, "finishing_utc": snapshot.finishing_utc.isoformat()}
         head = {"schema": SCHEMA, "pid": os.getpid(), "written_utc": self.clock.utc().isoformat()}
-        return {**head, "every_s": max(self.every_s, _EVERY_S), "announced_s": self.announced_s, **state}
+        head |= {"every_s": max(self.every_s, _EVERY_S), "announced_s": self.announced_s}
+        partial = self._path.with_name(f"{PARTIAL}{LIVE_NAME}")
+        partial.write_text(to_json(head | state), encoding="utf-8")
+        partial.replace(self._path)
 
     def _give_up(self) -> None:
         trace, self._trace = self._trace, None

@@ -208,19 +208,12 @@ class JournalReader:
 
     def heartbeats(self, after: int = 0) -> tuple[Heartbeat, ...]:
         """Return the signs of life, in order; only those with a number above `after`."""
-        beats = self._rows(Heartbeat, "heartbeats", "WHERE id > ?", after)
-        return tuple(replace(each, readings=self._own(each.readings)) for each in beats)
-
-    def _own(self, readings: Mapping[str, float]) -> Mapping[str, float]:
-        """Return the readings of the chamber and of the unit that was named, as a night of it alone has them."""
+        beats, ours = tuple(self._rows(Heartbeat, "heartbeats", "WHERE id > ?", after)), f"unit_{self.unit}."
         if not self.unit:
-            return readings
-        ours = f"unit_{self.unit}."
-        return {
-            name.replace(ours, "unit_"): value
-            for name, value in readings.items()
-            if name.startswith(ours) or not name.startswith("unit_")
-        }
+            return beats
+        told = [{n: v for n, v in each.readings.items() if n.startswith(ours) or n[:5] != "unit_"} for each in beats]
+        named = [{name.replace(ours, "unit_"): value for name, value in of.items()} for of in told]
+        return tuple(replace(each, readings=of) for each, of in zip(beats, named, strict=True))
 
     def last_heartbeat(self) -> Heartbeat | None:
         """Return the newest sign of life, or None before the first."""
