@@ -106,7 +106,11 @@ def say(folder: Path, status: dict[str, Any], now: Snapshot | None, console: Con
         console.print(f"now: {status['step_in_words'] or 'beginning'}")
         console.print(f"expected end {datetime.fromisoformat(status['eta_utc']):%Y-%m-%d %H:%M} UTC")
     for unit in status.get("units", ()):
-        console.print(_cut(_unit_in_words(unit)))
+        stands = [unit["state"], *([unit["verdict"]] if unit["verdict"] else [])]
+        stands += [unit["in_spec"]["verdict"].upper()] if unit["in_spec"] else []
+        runs = f"{unit['self_calibrations_done']} of {unit['self_calibrations_total']} self-calibrations"
+        why = f"; {unit['reason']}" if unit["set_aside"] else ""
+        console.print(_cut(f"unit {unit['unit']}: {', '.join(stands)}, {runs}{why}"))
     for name, text in status["identity"].items():
         console.print(f"{name}: {text}")
     shown, left = first_few(in_brief(status["missing"]), _MOST_LEFT)
@@ -116,14 +120,6 @@ def say(folder: Path, status: dict[str, Any], now: Snapshot | None, console: Con
         console.print(f"… and {left} more (hil status {folder} --json has all)")
     if not working and status["state"] != "complete":
         console.print(f"hil {'verify' if judged == ', ERROR' else 'report'} {folder} shows it all")
-
-
-def _unit_in_words(unit: dict[str, Any]) -> str:
-    judged = [unit["verdict"]] if unit["verdict"] else []
-    judged += [unit["in_spec"]["verdict"].upper()] if unit["in_spec"] else []
-    runs = f"{unit['self_calibrations_done']} of {unit['self_calibrations_total']} self-calibrations"
-    why = f"; {unit['reason']}" if unit["set_aside"] else ""
-    return f"unit {unit['unit']}: {', '.join([unit['state'], *judged])}, {runs}{why}"
 
 
 @contextmanager

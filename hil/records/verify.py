@@ -41,8 +41,7 @@ def verify_night(folder: Path | str, key: Path | None = None) -> dict[str, Any]:
     the one that the night's bench names.
     """
     given, folder = Path(folder), night_of(Path(folder))
-    problems: list[str] = []
-    notes: list[str] = []
+    problems, notes = list[str](), list[str]()
     rows: Sequence[BlockRow] = ()
     complete, signature, state, reason = False, "whether it is signed was not looked at", "incomplete", ""
     verdict: dict[str, str] | None = None
@@ -68,11 +67,8 @@ def verify_night(folder: Path | str, key: Path | None = None) -> dict[str, Any]:
                     problems += trace_damage(unit_folder(journal.folder, unit), trace)
                 signature, wrong = _signature(folder, key or key_file(journal.night.configuration))
                 problems += [f"{HEAD_NAME}: {signature}"] if wrong else []
-            notes += [
-                each
-                for each in _orphans(folder, journal.blocks(of_all=True))
-                if each.partition(":")[0] not in str(problems)
-            ]
+            orphans = _orphans(folder, journal.blocks(of_all=True))
+            notes += [each for each in orphans if each.partition(":")[0] not in str(problems)]
             missing = missing_in_words(journal.plan, journal.completed(), tuple(attempts.values()))
             complete, verdict, (state, reason) = not missing, recorded_verdict(journal), state_of(journal)
             if problems:
