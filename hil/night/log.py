@@ -4,7 +4,6 @@ The journal is the truth; the log says the same as it happens, and in addition e
 who and when, before it is sent. Times are the campaign's wall time in UTC.
 """
 
-import json
 import os
 from collections.abc import Mapping
 from contextlib import suppress
@@ -12,6 +11,8 @@ from inspect import signature
 from io import TextIOWrapper
 from pathlib import Path
 from typing import Any, TextIO, TypeVar, cast
+
+import structlog
 
 from drivers.clock import Clock
 from hil.files.durable import RealDisk
@@ -31,11 +32,16 @@ _COMMANDS = {
 def lines_to(stream: TextIO, clock: Clock, who: str) -> Listener:
     """Return what writes one JSON object per line, with who and when, to a stream that somebody else closes."""
 
-    def write(what: str, facts: Mapping[str, Any]) -> None:
-        line = {"utc": clock.utc().isoformat(), "who": who, **facts, "event": what}
-        stream.write(json.dumps(line, ensure_ascii=False, default=str) + "\n")
+    def stamp(logger: object, method: str, facts: Any) -> Any:  # noqa: ARG001 - the signature of a processor
+        return {"utc": clock.utc().isoformat(), **facts}
 
-    return write
+    logger = structlog.wrap_logger(
+        structlog.WriteLogger(stream),
+        processors=[stamp, structlog.processors.JSONRenderer(ensure_ascii=False, default=str)],
+        wrapper_class=structlog.BoundLogger,
+        who=who,
+    )
+    return lambda what, facts: logger.info(what, **facts)
 
 
 class NightLog:
