@@ -209,20 +209,41 @@ class Sets:
     def _climbed(self) -> tuple[IntArray, FloatArray, BoolArray, FloatArray]:
         """Return the best sizes (m, e), the log evidence with these (m, t), and what is about them."""
         with_all = student(self.left[None], self.beside.log_base, self.beside.scales, self.beside.freedom)
-        best = self.best_sizes(np.argmax(log_sum(with_all) + self.points.log_prior, axis=1))
-        heights = self._heights(self.each, best)
+        free = np.argmax(log_sum(with_all) + self.points.log_prior, axis=1)
+        starts = np.stack([self.best_sizes(free), np.argmax(self.log_weights, axis=2)])
+        every = np.stack([self._heights(self.each, each) for each in starts])
+        first = np.argmax((every + self.points.log_prior).max(axis=2), axis=0)
+        best, heights = starts[first, self.each], every[first, self.each]
         near, about = self._about(self.each, best, heights)
         climbing = self.each
         while len(climbing):  # every round makes the rows likelier, and sizes are few
             # What is best at the point that was likeliest may not be so at another, which is likelier with it.
             highest = (about[climbing] + self.points.log_prior).max(axis=3)
-            moves = highest.max(axis=(1, 2)) > (heights[climbing] + self.points.log_prior).max(axis=1) + CLOSE
-            climbing, highest = climbing[moves], highest[moves]
-            e, step = _most(highest)
-            best[climbing, e] += ABOUT[step]
+            (e, step), top = _most(highest), highest.max(axis=(1, 2))
+            size, least = (
+                best[climbing, e] + ABOUT[step],
+                (heights[climbing] + self.points.log_prior).max(axis=1) + CLOSE,
+            )
+            still = np.flatnonzero(top <= least)
+            likeliest = np.argmax(heights + self.points.log_prior, axis=1)
+            e[still], size[still], top[still] = self._farther(climbing[still], best, (likeliest, free))
+            climbing, e, size = (each[top > least] for each in (climbing, e, size))
+            best[climbing, e] = size
             heights[climbing] = self._heights(climbing, best[climbing])
             near[climbing], about[climbing] = self._about(climbing, best, heights)
         return best, heights, near, about
+
+    def _farther(
+        self, sets: IntArray, best: IntArray, points: Sequence[IntArray]
+    ) -> tuple[IntArray, IntArray, FloatArray]:
+        """Return which member of some sets is best at which of all its sizes, at points of each, (s,) each."""
+        known = self.known[sets]
+        (i, e, o), found = np.nonzero(known), np.full(known.shape, -np.inf)
+        choices = instead(best[sets][i], e, o)
+        found[i, e, o] = np.max(
+            [self.at(sets[i], choices, t[sets][i]) + self.points.log_prior[t[sets][i]] for t in points], axis=0
+        )
+        return *_most(found), found.max(axis=(1, 2))
 
     def _heights(self, sets: IntArray, choices: IntArray) -> FloatArray:
         """Return the log evidence of a choice of sizes (s, e) of each of some sets at every point, (s, t)."""
