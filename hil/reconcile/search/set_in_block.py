@@ -6,7 +6,7 @@ side by side: one of fewer columns than another is filled up with a column of ze
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby, pairwise
@@ -192,57 +192,36 @@ class Sets:
             owner = [(j, int(k)) for j, term in zip(chosen, own, strict=True) for k in term.parameters]
             k, e = len(owner), len(chosen)
             within = (slice(None), slice(k), slice(k))
-            yield SetInBlock(
-                self.beside,
-                self.points,
-                chosen,
-                owner,
-                [term.options for term in own],
-                self.gram[m][within],
-                self.score[m][:, :k],
-                self.inverse[m][within],
-                heights[m] + np.sum(slack[m, :e], axis=0),
-                best[m, :e].tolist(),
-                list(slack[m, :e]),
-            )
+            inner = self.gram[m][within], self.score[m][:, :k], self.inverse[m][within]
+            log = heights[m] + np.sum(slack[m, :e], axis=0), best[m, :e].tolist(), list(slack[m, :e])
+            yield SetInBlock(self.beside, self.points, chosen, owner, [term.options for term in own], *inner, *log)
 
     def _climbed(self) -> tuple[IntArray, FloatArray, BoolArray, FloatArray]:
         """Return the best sizes (m, e), the log evidence with these (m, t), and what is about them."""
+        prior, climbing = self.points.log_prior, self.each
         with_all = student(self.left[None], self.beside.log_base, self.beside.scales, self.beside.freedom)
-        free = np.argmax(log_sum(with_all) + self.points.log_prior, axis=1)
-        starts = np.stack([self.best_sizes(free), np.argmax(self.log_weights, axis=2)])
-        every = np.stack([self._heights(self.each, each) for each in starts])
-        first = np.argmax((every + self.points.log_prior).max(axis=2), axis=0)
-        best, heights = starts[first, self.each], every[first, self.each]
+        free = np.argmax(log_sum(with_all) + prior, axis=1)
+        best = self.best_sizes(free)
+        heights = self._heights(self.each, best)
         near, about = self._about(self.each, best, heights)
-        climbing = self.each
         while len(climbing):  # every round makes the rows likelier, and sizes are few
             # What is best at the point that was likeliest may not be so at another, which is likelier with it.
-            highest = (about[climbing] + self.points.log_prior).max(axis=3)
+            highest, least = (about[climbing] + prior).max(axis=3), (heights[climbing] + prior).max(axis=1) + CLOSE
             (e, step), top = _most(highest), highest.max(axis=(1, 2))
-            size, least = (
-                best[climbing, e] + ABOUT[step],
-                (heights[climbing] + self.points.log_prior).max(axis=1) + CLOSE,
-            )
-            still = np.flatnonzero(top <= least)
-            likeliest = np.argmax(heights + self.points.log_prior, axis=1)
-            e[still], size[still], top[still] = self._farther(climbing[still], best, (likeliest, free))
+            size, still = best[climbing, e] + ABOUT[step], np.flatnonzero(top <= least)
+            at = np.argmax(heights + prior, axis=1), free
+            e[still], size[still], top[still] = self._farther(climbing[still], best, at)
             climbing, e, size = (each[top > least] for each in (climbing, e, size))
             best[climbing, e] = size
             heights[climbing] = self._heights(climbing, best[climbing])
             near[climbing], about[climbing] = self._about(climbing, best, heights)
         return best, heights, near, about
 
-    def _farther(
-        self, sets: IntArray, best: IntArray, points: Sequence[IntArray]
-    ) -> tuple[IntArray, IntArray, FloatArray]:
-        """Return which member of some sets is best at which of all its sizes, at points of each, (s,) each."""
-        known = self.known[sets]
-        (i, e, o), found = np.nonzero(known), np.full(known.shape, -np.inf)
-        choices = instead(best[sets][i], e, o)
-        found[i, e, o] = np.max(
-            [self.at(sets[i], choices, t[sets][i]) + self.points.log_prior[t[sets][i]] for t in points], axis=0
-        )
+    def _farther(self, some: IntArray, best: IntArray, at: Iterable[IntArray]) -> tuple[IntArray, IntArray, FloatArray]:
+        """Return which member of some sets is best at which of all its sizes, `at` points (m,), and how, (s,) each."""
+        (i, e, o), found = np.nonzero(self.known[some]), np.full(self.known[some].shape, -np.inf)
+        sets, choices = some[i], instead(best[some][i], e, o)
+        found[i, e, o] = np.max([self.at(sets, choices, t[sets]) + self.points.log_prior[t[sets]] for t in at], axis=0)
         return *_most(found), found.max(axis=(1, 2))
 
     def _heights(self, sets: IntArray, choices: IntArray) -> FloatArray:

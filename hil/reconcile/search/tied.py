@@ -7,7 +7,7 @@ Bounds are raised side by side: one of fewer amplitudes than another is filled u
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -80,7 +80,12 @@ def tied_gains(sets: Sequence[Tied]) -> list[float]:
         together.append([_Start.of(blocks, [own | one for own in of], start, tied) for of, start, one in starts])
     if not sets:
         return []
-    alone = np.sum([_bounds(own) for own in zip(*apart, strict=True)], axis=0).tolist()
+    # By the noise of free amplitudes, or of none: sizes that leave much explain it by noise.
+    none = [[replace(of, left=[of.blocks[0].beside.rss]) for of in own] for own in apart]
+    bounds = [
+        np.maximum(*map(_bounds, own)) for own in zip(zip(*apart, strict=True), zip(*none, strict=True), strict=True)
+    ]
+    alone = np.sum(bounds, axis=0).tolist()
     every, ends = _bounds([start for own in together for start in own]), np.cumsum([len(own) for own in together])
     best = [max(own) for own in np.split(every, ends[:-1])]
     return [float(one - own - more) for one, own, more in zip(best, alone, again, strict=True)]
