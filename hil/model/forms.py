@@ -151,6 +151,11 @@ constant_form, matrix_6_form, collins_4_form, triad_12_form = (
 """The built-in forms of a sensor."""
 
 
+def fullest_form(sensor: Sensor) -> LinearForm:
+    """Return the built-in form of a sensor that has most parameters."""
+    return value_form("matrix-6" if sensor.is_rotor else "triad-12" if sensor.is_triad else "constant", sensor)
+
+
 def matrix_6_thermal_form(conditions: Conditions) -> LinearForm:
     """Each of the six parameters a quadratic in `temperature_degC`, about the mean temperature to a whole degree.
 
@@ -196,21 +201,16 @@ def default_form(conditions: Conditions) -> LinearForm:
     in one plane); its condition number is then what the solution states.
     """
     sensor = conditions.sensor
-    if sensor.is_rotor:
-        return matrix_6_form(sensor)
-    if not sensor.is_triad:
-        return constant_form(
-            sensor,
-            f"bias only: channels about {', '.join(sensor.channels.values())} are neither a two-channel rotor sensor "
-            "nor a three-axis triad",
+    if sensor.is_rotor or (sensor.is_triad and excites_every_axis(conditions.f_g)):
+        return fullest_form(sensor)
+    why = f"channels about {', '.join(sensor.channels.values())} are neither a two-channel rotor sensor nor a "
+    why += "three-axis triad"
+    if sensor.is_triad:
+        why = (
+            f"{counted(len(conditions), 'position')} cannot excite all three axes apart from the bias (triad-12 needs "
         )
-    if excites_every_axis(conditions.f_g):
-        return triad_12_form(sensor)
-    return constant_form(
-        sensor,
-        f"bias only: {counted(len(conditions), 'position')} cannot excite all three axes apart from the bias "
-        "(triad-12 needs four poses or more whose f do not lie in one plane)",
-    )
+        why += "four poses or more whose f do not lie in one plane)"
+    return constant_form(sensor, f"bias only: {why}")
 
 
 def excites_every_axis(f_g: FloatArray) -> bool:

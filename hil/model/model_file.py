@@ -294,10 +294,7 @@ def _check_base(where: str, form: str, units: Mapping[str, str], curves: Mapping
 def _check_term(
     where: str, term: Term | ScatterTerm, effect: Described, sensor: Sensor | None, *, exact: bool = False
 ) -> None:
-    """Refuse a term that lacks a shape, has a name or a unit that does not fit, or cannot be in the sensor.
-
-    `exact`: the sensor is the very one, with its own names of axes; otherwise what its form tells of it, if anything.
-    """
+    """Refuse a term that does not fit the sensor: the very one (`exact`), else what the form tells, if anything."""
     if sensor is not None and not effect.applies_to(sensor):
         if exact and isinstance(term, Term) and term.sensor is None:
             return

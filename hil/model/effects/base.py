@@ -31,6 +31,7 @@ from hil.errors import InputError
 from hil.model.effects.columns import channel_labels
 from hil.model.effects.scatter import Scatter
 
+Amplitudes = Sequence[tuple[float, FloatArray, FloatArray]]
 OUTSIDE = 1.0 / 3.0
 """Odds of a cause outside the sensor element, which a bench is built to exclude."""
 
@@ -195,9 +196,7 @@ class Described(ABC):
         """Return what follows the name of each parameter that is declared, once for each that there is of it."""
         return [f"_{label}" for label in channel_labels(conditions.sensor)] if self.per_channel else [""]
 
-    def known_amplitudes(
-        self, conditions: Conditions, site: Mapping[str, float]
-    ) -> Sequence[tuple[float, FloatArray, FloatArray]]:
+    def known_amplitudes(self, conditions: Conditions, site: Mapping[str, float]) -> Amplitudes:
         """Return what physics fixes of the amplitudes: probability, values (p,) and their deviations (p,) each.
 
         `site` holds what the campaign says of where it was measured (`latitude_deg`); empty where nothing is fixed.

@@ -28,7 +28,7 @@ from hil.model.effects import (
     vibration,
 )
 from hil.model.effects.base import Base, Described, Effect, VarianceEffect
-from hil.model.effects.empirical import PREFIX, empirical_from_id
+from hil.model.effects.empirical import PREFIX, EmpiricalTerm
 from hil.model.effects.inside import SeriesEffect
 from procedures.words import listed
 
@@ -84,7 +84,10 @@ def effect_by_id(identifier: str) -> Effect:
         if effect.id == identifier:
             return effect
     if identifier.startswith(PREFIX):
-        return empirical_from_id(identifier)
+        parameter, _, driver = identifier.removeprefix(PREFIX).partition("*")
+        if not (parameter and driver):
+            raise InputError(f"effect {identifier}: an empirical term is written empirical:PARAMETER*CONDITION_COLUMN")
+        return EmpiricalTerm(parameter, driver)
     if identifier in {entry.id for entry in VARIANCE_EFFECTS}:
         raise InputError(f"effect {identifier} scatters averages: write it in noise, in the sensor's scatter")
     if identifier in {entry.id for entry in SERIES_EFFECTS}:

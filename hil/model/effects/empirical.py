@@ -8,10 +8,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, Sensor
-from hil.errors import InputError
 from hil.model.effects.base import Base, Effect, Parameter, ShapeParameter
 from hil.model.effects.followed import driver_columns, driver_of, driver_reference, driver_values
-from hil.model.forms import LinearForm, constant_form, matrix_6_form, triad_12_form
+from hil.model.forms import fullest_form
 
 PREFIX = "empirical:"
 EARTH_RATE = "w"
@@ -24,7 +23,6 @@ class EmpiricalTerm(Effect):
     One instance per pair.
     """
 
-    needs_base = False
     signature = "The parameter follows the driver; no effect of the catalogue does so."
     experiment = "Vary the driver alone."
 
@@ -40,7 +38,7 @@ class EmpiricalTerm(Effect):
         self.parameters = (Parameter("q", f"deg/hr per {driver}", (0.1, 10.0)),)  # type: ignore[misc]
 
     def applies_to(self, sensor: Sensor) -> bool:
-        return self.parameter == EARTH_RATE or self.parameter in _fullest(sensor).names
+        return self.parameter == EARTH_RATE or self.parameter in fullest_form(sensor).names
 
     def shapes_for(self, conditions: Conditions) -> tuple[ShapeParameter, ...]:
         """Return the driver's median, which a fitted term must keep."""
@@ -51,7 +49,7 @@ class EmpiricalTerm(Effect):
         spread = float(np.std(driver_values(self.driver, conditions))) or 1.0
         unit = "1"
         if self.parameter != EARTH_RATE:
-            form = _fullest(conditions.sensor)
+            form = fullest_form(conditions.sensor)
             unit = form.units[form.names.index(self.parameter)]
         return (Parameter("q", f"{unit} per {self.driver}", (0.1 / spread, 10.0 / spread)),)
 
@@ -60,20 +58,6 @@ class EmpiricalTerm(Effect):
         if self.parameter == EARTH_RATE:
             own = np.nan_to_num(conditions.w_channels_deg_per_hr)
         else:
-            form = _fullest(conditions.sensor)
+            form = fullest_form(conditions.sensor)
             own = form.columns(conditions)[:, :, form.names.index(self.parameter)]
         return np.asarray((own * driver[:, None])[..., None])
-
-
-def empirical_from_id(identifier: str) -> EmpiricalTerm:
-    """Return the term that `empirical:MUA*supply_V` names; raise `InputError` where it does not have that form."""
-    parameter, star, driver = identifier.removeprefix(PREFIX).partition("*")
-    if not (identifier.startswith(PREFIX) and parameter and star and driver):
-        raise InputError(f"effect {identifier}: an empirical term is written empirical:PARAMETER*CONDITION_COLUMN")
-    return EmpiricalTerm(parameter, driver)
-
-
-def _fullest(sensor: Sensor) -> LinearForm:
-    if sensor.is_rotor:
-        return matrix_6_form(sensor)
-    return triad_12_form(sensor) if sensor.is_triad else constant_form(sensor)

@@ -4,9 +4,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.campaign import Conditions, FloatArray
+from hil.campaign.data import known_mean
+from hil.model.effects.columns import column
 
 
 def joined(earlier: Conditions, later: Conditions) -> Conditions:
@@ -75,10 +76,12 @@ def setpoint_step(conditions: Conditions, from_degC: float = np.nan) -> FloatArr
     where it is more than 1 °C.
     """
     order = np.argsort(conditions.start_s, kind="stable")
-    if "setpoint_degC" in conditions.columns:
-        levels, least = conditions.columns["setpoint_degC"][order], 0.0
-    else:
-        levels, least = _run_means(conditions)[order], 1.0
+    levels, least = column(conditions, "setpoint_degC"), 0.0
+    if "setpoint_degC" not in conditions.columns:
+        temperature, least = column(conditions, "temperature_degC"), 1.0
+        for rows in conditions.of_each_run.values():
+            levels[rows] = known_mean(temperature[rows])
+    levels = levels[order]
     steps = np.zeros(len(levels))
     known = np.flatnonzero(np.isfinite(levels))
     level = from_degC if np.isfinite(from_degC) or not len(known) else levels[known[0]]
@@ -94,9 +97,8 @@ def setpoint_step(conditions: Conditions, from_degC: float = np.nan) -> FloatArr
 
 def collect_interval_s(conditions: Conditions) -> float:
     """Return the usual time from one collect to the next within a run, s; NaN where no run has two collects."""
-    spacings: list[float] = []
-    for run in np.unique(conditions.run):
-        spacings.extend(np.diff(np.unique(conditions.start_s[conditions.run == run])))
+    starts = (np.unique(conditions.start_s[rows]) for rows in conditions.of_each_run.values())
+    spacings = [each for own in starts for each in np.diff(own).tolist()]
     return float(np.median(spacings)) if spacings else float("nan")
 
 
@@ -112,26 +114,18 @@ def place_in_run(conditions: Conditions, interval_s: float) -> FloatArray:
     begins_s = np.full(of_row.max(initial=-1) + 1, np.inf)
     np.minimum.at(begins_s, of_row, conditions.start_s)
     begins_s = begins_s[of_row]
-    runs = [np.flatnonzero(conditions.run == run) for run in np.unique(conditions.run)]
+    runs = conditions.of_each_run.values()
     for rows in runs:
         place[rows] = np.round((begins_s[rows] - begins_s[rows].min()) / interval_s)
-    most = max((len(rows) for rows in runs), default=0)
-    labels = conditions.position
-    usual = {
-        pair
-        for rows in runs
-        if len(rows) == most
-        for pair in zip(labels[rows].tolist(), place[rows].tolist(), strict=True)
-    }
+    most, labels = max(map(len, runs), default=0), conditions.position
+    whole = np.concatenate([rows for rows in runs if len(rows) == most]) if runs else np.empty(0, dtype=np.int64)
+    usual = set(zip(labels[whole].tolist(), place[whole].tolist(), strict=True))
     for rows in runs:
         if len(rows) < most and usual:
             # A run that has only begun stands where it is: as many of its positions are right without any shift.
             shifts = range(int(max(at for _, at in usual)) + 1)
-            fits = [
-                sum((label, at + s) in usual for label, at in zip(labels[rows], place[rows], strict=True))
-                for s in shifts
-            ]
-            place[rows] += int(np.argmax(fits))
+            here = list(zip(labels[rows].tolist(), place[rows].tolist(), strict=True))
+            place[rows] += int(np.argmax([sum((label, at + s) in usual for label, at in here) for s in shifts]))
     return place
 
 
@@ -151,13 +145,3 @@ def slew_since_previous(conditions: Conditions) -> FloatArray:
     result = np.zeros(len(f))
     result[order] = np.where(latest > 0, np.concatenate([[usual], turned])[latest], usual)
     return result
-
-
-def _run_means(conditions: Conditions) -> FloatArray:
-    temperature = conditions.columns.get("temperature_degC", np.full(len(conditions), np.nan))
-    means = np.full(len(conditions), np.nan)
-    for run in np.unique(conditions.run):
-        rows: NDArray[np.bool_] = (conditions.run == run) & np.isfinite(temperature)
-        if rows.any():
-            means[conditions.run == run] = temperature[rows].mean()
-    return means

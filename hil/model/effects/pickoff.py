@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hil.campaign import Conditions, FloatArray, Sensor
-from hil.model.effects.base import OUTSIDE, Base, Effect, Parameter, required_base
+from hil.model.effects.base import OUTSIDE, Amplitudes, Base, Effect, Parameter, required_base
 from hil.model.effects.columns import above_reference, channel_labels
 
 _SCALE_TYPICAL = {"RLG": (1.0, 5.0), "FOG": (50.0, 500.0), "DTG": (100.0, 500.0), "MEMS": (500.0, 5000.0)}
@@ -65,9 +65,7 @@ class ScaleFactor(Effect):
         sensor = conditions.sensor
         return [""] if sensor.is_rotor else [f"_{label}" for label in channel_labels(sensor)]
 
-    def known_amplitudes(
-        self, conditions: Conditions, site: Mapping[str, float]
-    ) -> Sequence[tuple[float, FloatArray, FloatArray]]:
+    def known_amplitudes(self, conditions: Conditions, site: Mapping[str, float]) -> Amplitudes:
         """Return a sign that is turned, of each channel that has a scale of its own: minus two million ppm."""
         own = len(self.parameters_for(conditions)) // 2
         usual = np.repeat([parameter.typical[1] for parameter in self.parameters], own)

@@ -145,7 +145,7 @@ class SettlingInCollect(SeriesEffect):
         if len(rates) < FEWEST:
             return np.empty(0)
         basis, _ = np.linalg.qr(_level_and_slope(times))
-        shapes = np.exp(-times[:, None] / self.taus_s(times)[None, :])
+        shapes = np.exp(-times[:, None] / _taus_s(times))
         beside = shapes - basis @ (basis.T @ shapes)
         sizes = beside.T @ rates / np.sum(beside**2, axis=0)
         return np.concatenate([[times[-1] - times[0]], sizes])
@@ -165,14 +165,10 @@ class SettlingInCollect(SeriesEffect):
         estimates = {"S_deg_per_hr": size, "se_deg_per_hr": float(error[best]), "tau_s": tau}
         return p_value, estimates, f"begin {size:+.3g} +- {error[best]:.2g} deg/hr off and settle in about {tau:.3g} s"
 
-    def taus_s(self, times: FloatArray) -> FloatArray:
-        """Return the time constants that are tried, s, (k,)."""
-        return _SETTLING_TAUS * float(times[-1] - times[0])
-
     def _test_channel(self, series: Series, channel: int) -> SeriesFinding:
         times, rates = blocked(series, channel)
-        taus = self.taus_s(times)
-        candidates = np.exp(-times[:, None] / taus[None, :])
+        taus = _taus_s(times)
+        candidates = np.exp(-times[:, None] / taus)
         index, size, p_value, coloured = best_regressor(rates, _level_and_slope(times), candidates)
         estimates = {"S_deg_per_hr": size, "tau_s": float(taus[index])}
         return SeriesFinding(
@@ -277,7 +273,7 @@ class Saturation(SeriesEffect):
         """
         top, middle = rates.max(), float(np.median(rates))
         count = int(np.sum(rates == top))
-        spread = 1.4826 * float(np.median(np.abs(rates - middle)))
+        spread = OF_NORMAL * float(np.median(np.abs(rates - middle)))
         if count < 3 or spread == 0.0:
             return 1.0, count
         half = 0.5 * lattice_step(rates)
@@ -319,15 +315,6 @@ def equal_spread(parts: Sequence[FloatArray]) -> float:
     return float(fdtrc(len(parts) - 1, freedom, between / within)) if within > 0.0 else 1.0
 
 
-def uniform(series: Series, channel: int) -> tuple[FloatArray, FloatArray]:
-    """Return times, s, and rates, deg/hr, (m,) each, of a channel on a uniform grid; the missing are interpolated."""
-    known = np.isfinite(series.rates_deg_per_hr[:, channel])
-    times, rates = series.t_s[known], series.rates_deg_per_hr[known, channel]
-    step = float(np.median(np.diff(times)))
-    grid = times[0] + step * np.arange(round((times[-1] - times[0]) / step) + 1)
-    return grid, np.interp(grid, times, rates)
-
-
 def lattice_step(rates: FloatArray) -> float:
     """Return the step of which all differences of rates (n,) are multiples; 0 for none, or too few repeats to tell."""
     values = np.unique(rates)
@@ -342,9 +329,12 @@ def lattice_step(rates: FloatArray) -> float:
 
 def _periodogram(series: Series, channel: int) -> tuple[float, FloatArray]:
     """Return the spacing of a channel's samples and its periodogram without mean and Nyquist; zeros if it is still."""
-    times, rates = uniform(series, channel)
-    step = float(times[1] - times[0])
-    power = np.zeros((len(rates) - 1) // 2)
+    known = np.isfinite(series.rates_deg_per_hr[:, channel])
+    taken = series.t_s[known]
+    step = float(np.median(np.diff(taken)))
+    times = taken[0] + step * np.arange(round((taken[-1] - taken[0]) / step) + 1)
+    rates = np.interp(times, taken, series.rates_deg_per_hr[known, channel])  # those that are missing, too
+    step, power = float(times[1] - times[0]), np.zeros((len(rates) - 1) // 2)
     if np.ptp(rates) > 1e-9 * np.abs(rates).max():
         trend = np.polynomial.Polynomial.fit(times, rates, 1)(times)
         power = np.abs(np.fft.rfft(rates - trend)[1 : len(power) + 1]) ** 2
@@ -354,6 +344,10 @@ def _periodogram(series: Series, channel: int) -> tuple[float, FloatArray]:
 def _known(series: Series, channel: int) -> FloatArray:
     rates = series.rates_deg_per_hr[:, channel]
     return rates[np.isfinite(rates)]
+
+
+def _taus_s(times: FloatArray) -> FloatArray:
+    return _SETTLING_TAUS * float(times[-1] - times[0])
 
 
 def _level_and_slope(times: FloatArray) -> FloatArray:

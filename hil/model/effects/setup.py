@@ -8,7 +8,7 @@ import numpy as np
 
 from hil.campaign import Conditions, FloatArray
 from hil.campaign.data import EARTH_RATE_DEG_PER_HR
-from hil.model.effects.base import OUTSIDE, Base, Effect, Parameter, required_base
+from hil.model.effects.base import OUTSIDE, Amplitudes, Base, Effect, Parameter, required_base
 from hil.model.effects.geometry import frame_by_heading, local_frame, turned_about_index_axis
 from hil.model.equation import pickoff_rates
 
@@ -17,17 +17,12 @@ LEFT_OUT = 0.9
 """Probability that, where a record has no earth rate and one is missing, it is the earth's whole."""
 
 
-class _IndexedRotorEffect(Effect):
-    """Acts through K at a rotor sensor that is indexed about its B axis, as on the report's bench."""
-
-    needs_base = True
-    rotor_only = True  # where a triad's fixture tilts, its own f shows it
-
-
-class Tilt(_IndexedRotorEffect):
+class Tilt(Effect):
     """The bench leans: gravity has components G2 and G3 that were taken as zero."""
 
     id = "tilt"
+    needs_base = True
+    rotor_only = True  # and indexed about its B axis; where a triad's fixture tilts, its own f shows it
     title = "Unmodelled tilt G2, G3"
     equation = "R += K df, df = (0, G2, G3), (0, G2, -G3), (G3, G2, 0) in collects 1, 2, 3"
     parameters = (Parameter("G2", "mg", (1.0, 20.0)), Parameter("G3", "mg", (5.0, 20.0)))
@@ -53,17 +48,18 @@ class AccelerometerError(Tilt):
     parameters = (Parameter("b2", "mg", (1.0, 10.0)), Parameter("b3", "mg", (1.0, 10.0)))
     signature = "As a tilt, with the accelerometer's own temperature dependence."
     confusable_with = ("tilt", "MU_real", "index")
-    odds = OUTSIDE
     experiment = "A spirit level or inclinometer beside it; |G| = 1 in every collect."
 
     def columns(self, conditions: Conditions, base: Base | None, shape: Mapping[str, float]) -> FloatArray:
         return -super().columns(conditions, base, shape)
 
 
-class IndexPositionError(_IndexedRotorEffect):
+class IndexPositionError(Effect):
     """Index positions are not where they should be, each by its own angle about the index axis."""
 
     id = "index"
+    needs_base = True
+    rotor_only = True
     title = "Index position error"
     equation = "theta_i += d_i: RA += GSA d fS - MUB d fA + d wS; RB -= GSB d fS - MUA d fA"
     parameters = (Parameter("d", "mrad", (0.1, 2.0), {"table": (0.005, 0.05)}),)
@@ -126,9 +122,7 @@ class EarthRateError(Effect):
         """Return the heading, where each position has its own."""
         return "w (latitude, and which way north lay) in each position" * any(frame_by_heading(conditions)[1])
 
-    def known_amplitudes(
-        self, conditions: Conditions, site: Mapping[str, float]
-    ) -> Sequence[tuple[float, FloatArray, FloatArray]]:
+    def known_amplitudes(self, conditions: Conditions, site: Mapping[str, float]) -> Amplitudes:
         """Return what was left out: of the level part all, of the vertical what latitude says, up to 15 deg/hr."""
         if np.any(local_frame(conditions).north):
             return ()
