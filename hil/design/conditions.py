@@ -7,7 +7,7 @@ so that what changes while a unit restabilises is there to be seen, as far as th
 planned, so they are no columns.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from hil.campaign.stand_ins import OWN, told
 from hil.config.bench import Bench
 from hil.config.simulation import ThermalSection
 from hil.twin.thermal import GRID_S, ThermalUnit
-from procedures.plan import Plan, Step, StepKind
+from procedures.plan import Plan, StepKind
 
 
 def planned_conditions(plan: Plan, bench: Bench) -> dict[int, Conditions]:
@@ -57,8 +57,15 @@ def _of_the_stream(columns: Mapping[str, FloatArray], bench: Bench, number: int)
 
 def _columns(plan: Plan, start_s: FloatArray, middle_s: FloatArray) -> dict[str, FloatArray]:
     setpoints = [step for step in plan.steps if step.kind is StepKind.SETPOINT]
-    air = _PlannedAir(setpoints)
-    thermal = ThermalUnit(ThermalSection(), air, start_degC=air.degC[0], begins_s=0.0, powered_for_s=0.0)
+    # The chamber's air goes from setpoint to setpoint at the planned rate; the first ramp begins where its rate says.
+    first, target = setpoints[0], float(setpoints[0].temperature_degC or 0.0)
+    change = first.duration_s / 60.0 * first.parameters.get("ramp_degC_per_min", 0.0)
+    turns_s, air_degC = [0.0], [target - change if target > 23.0 else target + change]
+    for step in setpoints:
+        turns_s += [step.starts_s, step.starts_s + step.duration_s]
+        air_degC += [air_degC[-1], float(step.temperature_degC or 0.0)]
+    planned = {"start_degC": air_degC[0], "begins_s": 0.0, "powered_for_s": 0.0}
+    thermal = ThermalUnit(ThermalSection(), lambda at_s: np.interp(at_s, turns_s, air_degC), **planned)
     times_s, degC, slopes = thermal.advance(plan.total_s + GRID_S)
     commanded = np.array([step.starts_s for step in setpoints])
     latest = np.searchsorted(commanded, start_s, side="right") - 1
@@ -70,19 +77,3 @@ def _columns(plan: Plan, start_s: FloatArray, middle_s: FloatArray) -> dict[str,
         "setpoint_degC": np.array([setpoints[index].temperature_degC for index in latest], dtype=np.float64),
         "time_since_setpoint_s": start_s - commanded[latest],
     }
-
-
-class _PlannedAir:
-    """The chamber's air: from setpoint to setpoint at the planned rate. The first ramp begins where its rate says."""
-
-    def __init__(self, setpoints: Sequence[Step]) -> None:
-        first = setpoints[0]
-        target = float(first.temperature_degC or 0.0)
-        change = first.duration_s / 60.0 * first.parameters.get("ramp_degC_per_min", 0.0)
-        self._times_s, self.degC = [0.0], [target - change if target > 23.0 else target + change]
-        for step in setpoints:
-            self._times_s += [step.starts_s, step.starts_s + step.duration_s]
-            self.degC += [self.degC[-1], float(step.temperature_degC or 0.0)]
-
-    def air_degC(self, times_s: FloatArray) -> FloatArray:
-        return np.interp(times_s, self._times_s, self.degC)

@@ -98,30 +98,23 @@ def _unit(bench: Bench, plant: ChamberPlant, **night: Any) -> SimulatedUnit:
     return SimulatedUnit(bench, model, roles, plant, sample_rate_hz=bench.frames.sample_rate_hz, **night)
 
 
-def _check_identity(bench: Bench, told: Mapping[str, str]) -> None:
-    """Raise `InputError` for what the frame in which a simulated unit says who it is has no room for."""
-    description = bench.frames
-    role = None if description.roles is None else description.roles.identity
-    if role is None or role.frame is None:
-        return
-    for key, text in told.items():
-        field = description.frames[role.frame].fields.get(getattr(role, key) or "")
+def _imu(bench: Bench, unit: SimulatedUnit, begins_s: float) -> SimulatedImu:
+    """Return the bytes of one unit; raise `InputError` where the frame that says who it is has no room for that."""
+    settings, frames = simulation_of(bench), bench.frames
+    identity = ImuIdentity(bench.unit.model, "SIM-0001" if bench.unit.serial == ASK else bench.unit.serial, "simulated")
+    role = frames.roles.identity if frames.roles else None
+    fields = frames.frames[role.frame].fields if role and role.frame else {}
+    for key in ("model", "serial"):
+        text, field = getattr(identity, key), fields.get(getattr(role, key, None) or "")
         if field is not None and not (text.isascii() and len(text) <= field.width):
             raise InputError(
                 f"{bench.source or bench.name}: unit.{key}: {text!r}: a simulated unit says it in a frame of "
-                f"{description.name} that has room for {field.width} characters of ASCII; give a shorter one"
+                f"{frames.name} that has room for {field.width} characters of ASCII; give a shorter one"
             )
-
-
-def _imu(bench: Bench, unit: SimulatedUnit, begins_s: float) -> SimulatedImu:
-    """Return the bytes of one unit."""
-    settings = simulation_of(bench)
-    serial = "SIM-0001" if bench.unit.serial == ASK else bench.unit.serial
-    _check_identity(bench, {"model": bench.unit.model, "serial": serial})
     return SimulatedImu(
-        bench.frames,
+        frames,
         unit,
-        identity=ImuIdentity(bench.unit.model, serial, "simulated"),
+        identity=identity,
         index=IndexSettings(bench.position_codes, settings.start.position, settings.index_time),
         faults=settings.imu_faults,
         starts_s=begins_s,

@@ -114,13 +114,29 @@ class FaultInjector(Progress):
     def _let_happen(self, fault: Fault, begins_s: float) -> None:
         """Give the fault to whom it concerns, unless it was over before this process began."""
         ends_s = begins_s + (math.inf if fault.duration_s is None else fault.duration_s)
-        if (ends_s if fault.meaning.lasts else begins_s) < self._clock.now() or self._devices is None:
+        devices, meaning = self._devices, fault.meaning
+        if (ends_s if meaning.lasts else begins_s) < self._clock.now() or devices is None:
             return
+        units = [fault.unit] if fault.unit else list(devices.imus)
         match fault.device:
+            case "imu" | "chamber" if fault.kind == "unplugged":
+                keys = [unit_port(name) for name in units] if fault.device == "imu" else ["chamber.port"]
+                for key in self._ports.keys() & keys:
+                    self._ports[key].unplug_between(begins_s, ends_s)
             case "imu":
-                self._to_the_unit(fault, begins_s, ends_s)
+                kind, share = ImuFault(meaning.simulated), fault.amount if meaning.size else 1.0
+                for name in units:
+                    devices.imus[name].inject(FaultWindow(kind, begins_s, ends_s, share))
+                    if kind is ImuFault.EXCHANGED:
+                        stall = FaultWindow(ImuFault.STALL, begins_s, begins_s + _EXCHANGED_IN_S)
+                        devices.imus[name].inject(stall)
             case "chamber":
-                self._to_the_chamber(fault, begins_s, ends_s)
+                size: dict[str, Any] = {meaning.sets: fault.amount} if meaning.sets else {}
+                kinds = [ChamberFaultKind(meaning.simulated)]
+                if fault.kind == "power_cycle" and fault.duration_s is not None:
+                    kinds.append(ChamberFaultKind.DEAF)
+                for each in kinds:
+                    devices.chamber.inject(ChamberFault(each, begins_s, times=None, ends_s=ends_s, **size))
             case "disk":
                 self.disk.full_between.append((begins_s, ends_s))
             case "operator":
@@ -129,35 +145,3 @@ class FaultInjector(Progress):
                 self._kill_s = min(self._kill_s, begins_s)
             case "clock" if isinstance(self._clock, VirtualClock):
                 self._clock.set_wall_clock(begins_s, fault.amount)
-
-    def _to_the_unit(self, fault: Fault, begins_s: float, ends_s: float) -> None:
-        if self._unplugged(fault, begins_s, ends_s) or self._devices is None:
-            return
-        kind = ImuFault(fault.meaning.simulated)
-        share = fault.amount if fault.meaning.size else 1.0
-        for name in self._units(fault):
-            self._devices.imus[name].inject(FaultWindow(kind, begins_s, ends_s, share))
-            if kind is ImuFault.EXCHANGED:
-                self._devices.imus[name].inject(FaultWindow(ImuFault.STALL, begins_s, begins_s + _EXCHANGED_IN_S))
-
-    def _units(self, fault: Fault) -> Sequence[str]:
-        """Return the names of the units that it happens to."""
-        return [fault.unit] if fault.unit or self._devices is None else list(self._devices.imus)
-
-    def _to_the_chamber(self, fault: Fault, begins_s: float, ends_s: float) -> None:
-        if self._unplugged(fault, begins_s, ends_s) or self._devices is None:
-            return
-        size: dict[str, Any] = {fault.meaning.sets: fault.amount} if fault.meaning.sets else {}
-        kind = ChamberFaultKind(fault.meaning.simulated)
-        self._devices.chamber.inject(ChamberFault(kind, begins_s, times=None, ends_s=ends_s, **size))
-        if fault.kind == "power_cycle" and fault.duration_s is not None:
-            self._devices.chamber.inject(ChamberFault(ChamberFaultKind.DEAF, begins_s, times=None, ends_s=ends_s))
-
-    def _unplugged(self, fault: Fault, begins_s: float, ends_s: float) -> bool:
-        if fault.kind != "unplugged":
-            return False
-        keys = [unit_port(name) for name in self._units(fault)] if fault.device == "imu" else ["chamber.port"]
-        for key in keys:
-            if key in self._ports:
-                self._ports[key].unplug_between(begins_s, ends_s)
-        return True

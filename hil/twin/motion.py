@@ -91,7 +91,10 @@ class Timeline:
             run += 1
             self._visited.clear()
         self._visited.add(position)
-        start, stop = self._axes_just_before(begins_s), self._axes_at(position)
+        start, stop = last.stop, self._axes_at(position)
+        if begins_s < last.ends_s:  # on the way still
+            turned = last.turned(np.array([begins_s]))[0].as_matrix()[0]
+            start = {number: axes @ turned.T for number, axes in last.start.items()}
         sensor = min(stop)
         turn = Rotation.from_matrix(stop[sensor].T @ start[sensor]).as_rotvec()
         leg = Leg(position, begins_s, ends_s, run, start, stop, turn, settling_s, len(self.legs))
@@ -115,10 +118,3 @@ class Timeline:
 
     def _axes_at(self, position: str) -> dict[int, FloatArray]:
         return {number: table[position].axes for number, table in self._orientations.items()}
-
-    def _axes_just_before(self, time_s: float) -> Axes:
-        last = self.legs[-1]
-        if time_s >= last.ends_s:
-            return last.stop
-        turn, _ = last.turned(np.array([time_s]))
-        return {number: axes @ turn.as_matrix()[0].T for number, axes in last.start.items()}

@@ -1,6 +1,5 @@
 """One simulated sensor: its coefficients at a temperature, its geometry, its run-to-run scatter."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -56,9 +55,9 @@ class SimulatedSensor:
         self.acceleration_axes = np.array([self.sensor.axes.index(axis) for axis in self.acceleration_fields], int)
         self.noise, self._seed = _noise(model, number, settings.noise), settings.seed
         self.scattering = self.noise.scatter_for(self.sensor, slow=settings.noise.slow)
-        self._runs: dict[int, dict[str, float]] = {}
+        self.runs: dict[int, dict[str, float]] = {}
+        """By how much each base parameter differs in a self-calibration from the model's value."""
         self._stays: dict[int, FloatArray] = {}
-        self._none = np.zeros(4 * self.channels)
         self._form = value_form(model.form, self.sensor)
         bias, k = unit_terms(self._form, self.sensor)
         self._per_unit = np.concatenate([bias, k.reshape(-1, len(self._form.names))])
@@ -85,20 +84,16 @@ class SimulatedSensor:
     def begin_stay(self, session: int, leg: Leg, temperature_degC: float) -> None:
         """Draw the scatter of a stay, and of its self-calibration, which is the same again after a resume."""
         number = self.sensor.number
-        if leg.run not in self._runs:
-            self._runs[leg.run] = run_scatter(self._seed, leg.run, number, self.noise, temperature_degC)
+        if leg.run not in self.runs:
+            self.runs[leg.run] = run_scatter(self._seed, leg.run, number, self.noise, temperature_degC)
         sizes, key = self.noise.collect_to_collect, (COLLECTS, session, leg.number, number)
         own = drawn_base(self._seed, key, sizes, np.eye(len(sizes)), temperature_degC)  # done again it is another
-        both = [self._runs[leg.run].get(name, 0.0) + own.get(name, 0.0) for name in self._form.names]
+        both = [self.runs[leg.run].get(name, 0.0) + own.get(name, 0.0) for name in self._form.names]
         self._stays[leg.number] = self._per_unit @ both
-
-    def scatter(self, run: int) -> Mapping[str, float]:
-        """Return by how much each base parameter differs in `run` from the model's value."""
-        return self._runs.get(run, {})
 
     def scatter_coefficients(self, leg: Leg) -> FloatArray:
         """Return the scatter of a stay as one row like those of `coefficients`, shape (4c,)."""
-        return self._stays.get(leg.number, self._none)
+        return self._stays.get(leg.number, np.zeros(4 * self.channels))
 
     def _tabulate(self) -> FloatArray:
         # Dense enough that a straight line between two rows is the curve: evaluating the curves costs too much a poll.

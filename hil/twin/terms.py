@@ -43,18 +43,14 @@ class GridRows:
     def __init__(
         self, sensor: SimulatedSensor, grid: SlowGrid, supply: Supply | None, spun_up_s: float, plant: ChamberPlant
     ) -> None:
-        self.sensor, self._grid, self._supply = sensor, grid, supply
+        self.sensor, self.grid, self._supply = sensor, grid, supply
         self._spun_up_s, self._plant = spun_up_s, plant
         self.begins_s = float(grid.time_of(np.array([0]))[0])
 
-    def node_of(self, time_s: float) -> int:
-        """Return the grid point at or before a time; the first where it is before all."""
-        return int(self._grid.nodes(np.array([max(time_s, self.begins_s)]))[0])
-
     def at(self, here: Rest, nodes: NDArray[np.int64]) -> Conditions:
         """Return one row for each grid point, (m,), of a sensor that rests."""
-        begins_s = self._grid.time_of(nodes)
-        state, slopes = self._grid.state[nodes], self._grid.state_slope.at(nodes)
+        begins_s = self.grid.time_of(nodes)
+        state, slopes = self.grid.state[nodes], self.grid.state_slope.at(nodes)
         half, known = 0.5 * GRID_S, bool(np.isfinite(here.leg.ends_s))
         columns = {
             "temperature_degC": state[:, ROTOR] + half * slopes[:, 1],
@@ -64,7 +60,7 @@ class GridRows:
             "time_since_power_on_s": begins_s - self._spun_up_s,
             "time_since_index_s": np.maximum(begins_s - here.leg.ends_s, 0.0) if known else np.full(len(nodes), np.nan),
             **({} if self._supply is None else {"supply_V": self._supply.at(nodes)}),
-            **self._grid.conditions(self.sensor.sensor.number, nodes),
+            **self.grid.conditions(self.sensor.sensor.number, nodes),
         }
         setpoint, columns["time_since_setpoint_s"] = self._plant.setpoint_at(begins_s)
         # Before the first a unit stands in air as it is: the first is a step from there.
@@ -94,7 +90,7 @@ class TermRates:
 
     def rates(self, here: Rest, first: int, last: int) -> FloatArray:
         """Return the mean rates over grid points `first` to `last` (inclusive) while resting, shape (m, c), deg/hr."""
-        stands = self._rows.node_of(here.leg.ends_s)
+        stands = int(self._rows.grid.nodes(np.array([max(here.leg.ends_s, self._rows.begins_s)]))[0])
         if self._here is None or here.leg is not self._here.leg:
             self._remember(self._here or here, stands)
             self._add(here, stands)

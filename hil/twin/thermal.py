@@ -16,7 +16,7 @@ yet: whoever asks, however often, finds the same temperatures.
 """
 
 import math
-from typing import Protocol
+from collections.abc import Callable
 
 import numpy as np
 
@@ -27,15 +27,12 @@ GRID_S = 5.0
 """Spacing of the grid. Within it a rotor that follows a ramp of 3 °C/min departs from its slope by less than 1 m°C."""
 
 
-class Air(Protocol):
-    """What a unit lies in: a simulated chamber's air, or a planned one."""
-
-    def air_degC(self, times_s: FloatArray) -> FloatArray:
-        """Return its temperature at rising times (n,), shape (n,)."""
+Air = Callable[[FloatArray], FloatArray]
+"""What a unit lies in, a simulated chamber's air or a planned one: its temperature, °C, at rising times, (n,) each."""
 
 
 class ThermalUnit:
-    """Case and rotor temperatures of a unit that was at `start_degC` throughout at `begins_s`."""
+    """Case and rotor temperatures of a unit in `air`, shape (n,), that was at `start_degC` throughout at `begins_s`."""
 
     def __init__(
         self, settings: ThermalSection, air: Air, *, start_degC: float, begins_s: float, powered_for_s: float
@@ -59,11 +56,13 @@ class ThermalUnit:
         last = math.floor((to_s - self._begins_s) / GRID_S) if to_s >= self._begins_s else -1
         numbers = np.arange(self._nodes, max(last + 1, self._nodes))
         times_s = np.asarray(self._begins_s + GRID_S * numbers, dtype=np.float64)
-        air = self._air.air_degC(times_s) if len(times_s) else np.empty(0)
+        air = self._air(times_s) if len(times_s) else np.empty(0)
         lagged = np.empty((len(times_s), 3))
         for row, air_degC in enumerate(air.tolist()):
-            if self._nodes + row > 0:
-                self._step(air_degC)
+            if self._nodes + row > 0:  # exact for an input that moves in a straight line between grid points
+                (keep, old, new), (slowly, before, now) = self._case_gain, self._rotor_gain
+                case = keep * self._case + old * self._last_air + new * air_degC
+                self._rotor, self._case = slowly * self._rotor + before * self._case + now * case, case
             lagged[row] = air_degC, self._case, self._rotor
             self._last_air = air_degC
         self._nodes += len(times_s)
@@ -74,14 +73,6 @@ class ThermalUnit:
         slopes[:, 1] = (lagged[:, 1] - lagged[:, 2]) / settings.rotor_lag + lacking / settings.self_heating_lag
         lagged[:, 2] -= lacking
         return times_s, lagged, slopes
-
-    def _step(self, air_degC: float) -> None:
-        # Exact for an input that moves in a straight line between grid points.
-        keep, old, new = self._case_gain
-        case = keep * self._case + old * self._last_air + new * air_degC
-        keep, old, new = self._rotor_gain
-        self._rotor = keep * self._rotor + old * self._case + new * case
-        self._case = case
 
 
 def _ramp_response(lag_s: float) -> tuple[float, float, float]:

@@ -73,7 +73,7 @@ class SimulatedUnit:
             self._grid: SlowGrid = alike._grid
         else:
             begins = {"start_degC": settings.start.temperature, "powered_for_s": settings.start.powered_for}
-            thermal = ThermalUnit(settings.thermal, plant, begins_s=begins_s, **begins)
+            thermal = ThermalUnit(settings.thermal, plant.air_degC, begins_s=begins_s, **begins)
             timing = {"begins_s": begins_s, "sample_rate_hz": sample_rate_hz}
             self._grid = SlowGrid(self._sensors, self._columns, settings, thermal, **timing)
         self._supply = None if self._columns.supply is None else Supply(settings, session)
@@ -113,7 +113,10 @@ class SimulatedUnit:
         readings = self._white.standard_normal((len(times), len(self._columns.names)))
         if len(times):
             self._grid.advance(float(times[-1]), self)
-            white = self._white_scatter(len(times))
+            for n in set(self._scatters) - set(self._scatter):
+                rest = self._rest(n, self._timeline.legs[0])
+                self._scatter[n] = ScatterRates(self._rows[n], rest, *self._streams)
+            white = {n: one.white(len(times)) for n, one in self._scatter.items()}
             poll = float(times[0]), float(times[-1]), len(times)
             nodes, since_s, sigma, slow = self._grid.once("fields", poll, lambda: self._grid.between(times))
             readings *= sigma
@@ -130,12 +133,6 @@ class SimulatedUnit:
     def _rest(self, number: int, leg: Leg) -> Rest:
         axes = leg.stop[number]
         return Rest(leg, axes @ self._gravity, axes @ self._earth_rate)
-
-    def _white_scatter(self, samples: int) -> dict[int, list[FloatArray]]:
-        for n in set(self._scatters) - set(self._scatter):
-            rest = self._rest(n, self._timeline.legs[0])
-            self._scatter[n] = ScatterRates(self._rows[n], rest, *self._streams)
-        return {n: one.white(samples) for n, one in self._scatter.items()}
 
     def _stay(self, number: int, here: _Part) -> None:
         """Add rates and accelerations of a sensor that rests at its position."""

@@ -15,25 +15,19 @@ from hil.twin.thermal import ThermalUnit
 from tests.hil.twin.quiet import changed_bench, collect, quiet_bench
 
 
-class _Ramp:
-    """Air that goes from 0 to 15.3 °C at 3 °C/min and stays there."""
-
-    def air_degC(self, times_s: FloatArray) -> FloatArray:
-        return np.minimum(15.3, 3.0 * times_s / 60.0)
+def _ramp(times_s: FloatArray) -> FloatArray:
+    """Return air that goes from 0 to 15.3 °C at 3 °C/min and stays there."""
+    return np.minimum(15.3, 3.0 * times_s / 60.0)
 
 
-class _Still:
-    """Air that is at one temperature all the time."""
-
-    def air_degC(self, times_s: FloatArray) -> FloatArray:
-        return np.full(len(times_s), 15.3)
+def _still(times_s: FloatArray) -> FloatArray:
+    """Return air that is at one temperature all the time."""
+    return np.full(len(times_s), 15.3)
 
 
-class _Wave:
-    """Air that moves all the time."""
-
-    def air_degC(self, times_s: FloatArray) -> FloatArray:
-        return np.asarray(20.0 + 0.01 * times_s + 3.0 * np.sin(times_s / 300.0))
+def _wave(times_s: FloatArray) -> FloatArray:
+    """Return air that moves all the time."""
+    return np.asarray(20.0 + 0.01 * times_s + 3.0 * np.sin(times_s / 300.0))
 
 
 def _warm(**lags: str) -> ThermalSection:
@@ -53,7 +47,7 @@ def test_45_minutes_after_a_step_a_tenth_of_it_is_left(
 ) -> None:
     """Between two of the published temperatures, after 45, 90 and 135 minutes, from the ramp's beginning."""
     settings = _warm(case_lag=case_lag, rotor_lag=rotor_lag)
-    thermal = ThermalUnit(settings, _Ramp(), start_degC=0.0, begins_s=0.0, powered_for_s=1e6)
+    thermal = ThermalUnit(settings, _ramp, start_degC=0.0, begins_s=0.0, powered_for_s=1e6)
     for minutes, left in zip((45.0, 90.0, 135.0), left_degC, strict=True):
         assert 15.3 - _rotor(thermal, minutes) == pytest.approx(left, rel=0.02, abs=0.0005)
 
@@ -61,11 +55,11 @@ def test_45_minutes_after_a_step_a_tenth_of_it_is_left(
 def test_the_lags_are_those_of_the_differential_equations() -> None:
     """Against an integrator, with air that never stands still."""
     settings = _warm(case_lag="12 min", rotor_lag="10 min")
-    thermal = ThermalUnit(settings, _Wave(), start_degC=20.0, begins_s=0.0, powered_for_s=1e6)
+    thermal = ThermalUnit(settings, _wave, start_degC=20.0, begins_s=0.0, powered_for_s=1e6)
     times_s, state, slopes = thermal.advance(7200.0)
 
     def slope(t: float, y: FloatArray) -> FloatArray:
-        air = _Wave().air_degC(np.array([t]))[0]
+        air = _wave(np.array([t]))[0]
         return np.array([(air - y[0]) / 720.0, (y[0] - y[1]) / 600.0])
 
     exact = solve_ivp(slope, (0.0, 7200.0), [20.0, 20.0], t_eval=times_s, rtol=1e-9, atol=1e-9).y.T
@@ -76,7 +70,7 @@ def test_the_lags_are_those_of_the_differential_equations() -> None:
 def test_a_unit_that_has_just_spun_up_warms_itself() -> None:
     """8 °C are missing at spin-on and come with 15 minutes; afterwards it reads the temperature of its soak."""
     settings = _warm(self_heating="8 degC", self_heating_lag="15 min")
-    thermal = ThermalUnit(settings, _Still(), start_degC=15.3, begins_s=100.0, powered_for_s=0.0)
+    thermal = ThermalUnit(settings, _still, start_degC=15.3, begins_s=100.0, powered_for_s=0.0)
     times_s, state, _ = thermal.advance(100.0 + 4 * 3600.0)
     np.testing.assert_allclose(state[:, 2], 15.3 - 8.0 * np.exp(-(times_s - 100.0) / 900.0), atol=1e-9)
     np.testing.assert_allclose(state[:, 1], 15.3, atol=1e-9)

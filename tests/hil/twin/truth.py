@@ -27,6 +27,6 @@ def truth_of(unit: SimulatedUnit, run: int, number: int) -> Truth:
         raise ValueError(f"self-calibration {run} of the simulated unit has not begun")
     first, last = unit._grid.nodes(np.array([legs[0].ends_s, legs[-1].ends_s])).tolist()
     rotor_degC = float(unit._grid.state[first : last + 1, ROTOR].mean())
-    curves, drawn = unit._sensors[number].model.sensors[number], unit._sensors[number].scatter(run)
+    curves, drawn = unit._sensors[number].model.sensors[number], unit._sensors[number].runs.get(run, {})
     values = {name: float(curve.at(np.array([rotor_degC]))[0]) for name, curve in curves.items()}
     return Truth(rotor_degC, {name: value + drawn.get(name, 0.0) for name, value in values.items()})
