@@ -16,8 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from hil.analysis.against import Comparison
-from hil.analysis.allan.deviation import octaves
-from hil.analysis.allan.fit import NoiseFit
+from hil.analysis.allan.fit import NoiseFit, octaves
 from hil.analysis.thermal.document import thermal_document
 from hil.analysis.thermal.fit import fit_thermal
 from hil.campaign import Campaign

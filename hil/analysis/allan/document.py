@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from hil.analysis.allan.deviation import CONFIDENCE, NoiseKind, octaves
-from hil.analysis.allan.fit import SLOPES, NoiseFit, Term
+from hil.analysis.allan.fit import CONFIDENCE, SLOPES, NoiseFit, NoiseKind, Term, octaves
 from hil.analysis.allan.sources import Recording
 from hil.files.document import picked
 from hil.files.figure import marked

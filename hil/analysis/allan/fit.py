@@ -1,4 +1,12 @@
-"""Fit N, B and K to an Allan deviation, with intervals.
+"""Overlapping Allan deviation of one or several gap-free stretches, and N, B and K fitted to it, with intervals.
+
+    fit = NoiseFit(octaves([stretch], interval_s=0.01))
+    fit.deviation.tau_s, fit.deviation.low, fit.deviation.high, fit.terms["N"].value     # octaves, 95 % intervals
+
+The deviations are allantools'. A gap is never bridged: second differences are taken within a stretch, and the variances
+of the stretches are averaged with their counts of differences as weights. So the longest tau is set by the longest
+stretch, and everything that was recorded counts. Equivalent degrees of freedom (Greenhall and Riley 2003) depend on the
+kind of noise; `NoiseKind` says which is taken at each tau.
 
 The model is a sum of variances, one per kind of noise, each with its slope in a log-log plot of the deviation:
 
@@ -20,21 +28,35 @@ otherwise show a white noise that is not there.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq, nnls
 from scipy.special import chdtrc, chdtri
 
-from hil.analysis.allan.deviation import CONFIDENCE, Deviation, NoiseKind, Octaves
 from hil.campaign import FloatArray, IntArray
+
+CONFIDENCE = 0.95
+"""The probability that every interval of this package is stated at."""
+
+
+class NoiseKind(IntEnum):
+    """Power-law noise by the exponent of its spectrum, as `edf_greenhall` counts it."""
+
+    QUANTISATION = 2  # white in angle
+    WHITE = 0  # white in rate: angle random walk
+    FLICKER = -1  # bias instability
+    RANDOM_WALK = -2  # rate random walk
+
 
 SLOPES: Mapping[str, float] = {"Q": -1.0, "N": -0.5, "B": 0.0, "K": 0.5}
 """The slope of each term's deviation against tau in a log-log plot."""
 
-_KINDS = (NoiseKind.QUANTISATION, NoiseKind.WHITE, NoiseKind.FLICKER, NoiseKind.RANDOM_WALK)
+_KINDS = np.array([*NoiseKind], dtype=np.int64)  # of the same terms
 _FLICKER = 2.0 * np.log(2.0) / np.pi
 _ROUNDS = 60
 _MOST_ROUNDS_OF_KINDS = 4
@@ -42,6 +64,78 @@ _LEAST_CHANCE = 0.01
 _FILTERED = 8
 _FREQUENCIES = 1 << 14
 _SEEN = chdtri(1, 1.0 - CONFIDENCE)
+
+
+@dataclass(frozen=True)
+class Octaves:
+    """Allan variances at octave multiples of the sampling interval, before anything is said about the noise.
+
+    `multiple` (k,) counts samples per average, `variance` (k,) is in the unit of the data squared, `samples` holds the
+    length of each stretch.
+    """
+
+    interval_s: float
+    multiple: IntArray
+    variance: FloatArray
+    samples: tuple[int, ...]
+
+    @property
+    def tau_s(self) -> FloatArray:
+        """The averaging times, shape (k,)."""
+        return np.asarray(self.interval_s * self.multiple, dtype=np.float64)
+
+    def edf(self, kind: IntArray) -> FloatArray:
+        """Return the equivalent degrees of freedom at each multiple, summed over the stretches, shape (k,)."""
+        from allantools.ci import edf_greenhall
+
+        total = np.zeros(len(self.multiple))
+        for count, times in sorted(Counter(self.samples).items()):
+            for place, (multiple, alpha) in enumerate(zip(self.multiple.tolist(), kind.tolist(), strict=True)):
+                if 2 * multiple <= count:
+                    total[place] += times * edf_greenhall(int(alpha), 2, int(multiple), count + 1, overlapping=True)
+        return total
+
+
+class Deviation:
+    """Allan deviations at k averaging times `tau_s` in the unit of the data, shape (k,) each.
+
+    `edf` are equivalent degrees of freedom for the kind of noise `kind`; `low` and `high` bound the `deviation` at
+    `CONFIDENCE`.
+    """
+
+    def __init__(self, measured: Octaves, kind: IntArray) -> None:
+        from allantools.ci import confidence_interval
+
+        self.tau_s, self.deviation = measured.tau_s, np.sqrt(measured.variance)
+        self.edf, self.kind = measured.edf(kind), kind
+        bounds = [confidence_interval(d, e, CONFIDENCE) for d, e in zip(self.deviation, self.edf, strict=True)]
+        self.low, self.high = np.array(bounds, dtype=np.float64).T
+
+
+def octaves(stretches: Sequence[FloatArray], interval_s: float) -> Octaves:
+    """Return the overlapping Allan variances of gap-free stretches, (n,) each, at multiples 1, 2, 4, … of the interval.
+
+    A multiple is there where some stretch has two averages of that length to compare. Raises `ValueError` where no
+    stretch has three samples.
+    """
+    from allantools import oadev
+
+    longest = max((len(stretch) for stretch in stretches), default=0)
+    if longest < 3:
+        raise ValueError("no stretch has three samples: there is nothing to compare")
+    multiples = 2 ** np.arange(int(np.log2(longest // 2)) + 1)
+    squares, weights = np.zeros(len(multiples)), np.zeros(len(multiples))
+    for stretch in stretches:
+        own = multiples[2 * multiples <= len(stretch)]
+        if not len(own):
+            continue
+        # allantools drops averaging times with a single difference; the count is then one, and so is its weight.
+        _, deviation, _, counts = oadev(stretch, rate=1.0, data_type="freq", taus=own.astype(np.float64))
+        here = slice(0, len(deviation))
+        squares[here] += counts * np.asarray(deviation) ** 2
+        weights[here] += counts
+    seen = weights > 0
+    return Octaves(interval_s, multiples[seen], squares[seen] / weights[seen], tuple(len(each) for each in stretches))
 
 
 @dataclass(frozen=True)
@@ -77,7 +171,7 @@ class NoiseFit:
             fitted = _Fitted.to(measured, chosen).levelled()
         self.terms = {name: Term(*fitted.interval(place)) for place, name in enumerate(SLOPES)}
         # Which noise dominates at each tau is decided by the fit itself.
-        self.deviation = Deviation(measured, _dominant(_columns(measured.tau_s), fitted.squares))
+        self.deviation = Deviation(measured, _KINDS[np.argmax(_columns(measured.tau_s) * fitted.squares, axis=1)])
         self.fitted_from_s = float(measured.interval_s * measured.multiple[chosen][0])
         self.model_error = fitted.model_error
 
@@ -90,10 +184,7 @@ class NoiseFit:
 
 @dataclass(frozen=True)
 class _Fitted:
-    """The most likely squares (p,) of the terms, given variances (k,) and their degrees of freedom (k,).
-
-    `shared` (k, k) are the correlations of the variances.
-    """
+    """The likeliest squares (p,) of the terms by variances (k,), with degrees of freedom, of correlations (k, k)."""
 
     columns: FloatArray
     variance: FloatArray
@@ -111,7 +202,7 @@ class _Fitted:
         for _ in range(_MOST_ROUNDS_OF_KINDS):
             edf = measured.edf(kind)[chosen]
             squares = _maximum(columns[chosen], variance, edf)
-            dominant = _dominant(columns, squares)
+            dominant = _KINDS[np.argmax(columns * squares, axis=1)]
             if np.array_equal(dominant, kind):
                 break
             kind = dominant
@@ -218,10 +309,7 @@ def _maximum(
     *,
     bounded: bool = True,
 ) -> FloatArray:
-    """Return the squares of the terms that are most likely, shape (p,); `fixed` (k,) is variance that is given.
-
-    None of them is less than nothing where they are `bounded`.
-    """
+    """Return the likeliest squares (p,) of the terms, none below 0 if `bounded`, beside `fixed` variance (k,)."""
     given = np.zeros_like(variance) if fixed is None else fixed
     fitted = variance.copy()
     squares = np.zeros(columns.shape[1])
@@ -242,9 +330,3 @@ def _maximum(
 def _deviance(fitted: FloatArray, variance: FloatArray, edf: FloatArray) -> float:
     ratio = variance / np.maximum(fitted, 1e-300)
     return float(np.sum(edf * (ratio - 1.0 - np.log(ratio))))
-
-
-def _dominant(columns: FloatArray, squares: FloatArray) -> IntArray:
-    """Return the kind of noise that is largest at each tau, shape (k,)."""
-    largest = np.argmax(columns * squares, axis=1)
-    return np.array([int(_KINDS[place]) for place in largest], dtype=np.int64)

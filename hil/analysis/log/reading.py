@@ -177,7 +177,9 @@ def _names(table: Columns, kind: Kind, given: str | None) -> list[str]:
         if len(names) != len(sought.axes):
             raise InputError(f"{sought.option} {given}: {len(sought.axes)} columns are needed, with commas between")
         return names
-    axes = {name: _axis(name) for name in {**table.values, **table.texts} if sought.names.search(_bare(name))}
+    bare = {name: _UNIT.sub("", name).strip().lower() for name in {**table.values, **table.texts}}
+    found = {name: _AXIS.search(of) for name, of in bare.items() if sought.names.search(of)}
+    axes = {name: (axis[1] or axis[2]).upper() if axis else "" for name, axis in found.items()}
     names = sorted((name for name in axes if axes[name] or kind is TIME), key=lambda name: axes[name])
     if tuple(axes[name] for name in names) != sought.axes:
         options = f"{sought.option} COLUMN, or --rate '100 Hz' to count samples" if kind is TIME else sought.option
@@ -217,15 +219,6 @@ def _in_unit(table: Columns, kind: Kind, names: list[str], scale: str | None) ->
 def _unit(name: str) -> str:
     found = _UNIT.search(name)
     return "" if found is None else (found[1] or _SPELT.get(found[2], found[2])).strip()
-
-
-def _bare(name: str) -> str:
-    return _UNIT.sub("", name).strip().lower()
-
-
-def _axis(name: str) -> str:
-    found = _AXIS.search(_bare(name))
-    return (found[1] or found[2]).upper() if found else ""
 
 
 def _measured(log: Log) -> Log:

@@ -115,13 +115,10 @@ def static_stretches(log: Log, test: StaticTest) -> tuple[list[Stretch], list[st
 
 
 def _quietest(log: Log, windows: _Windows) -> tuple[int, FloatArray]:
-    """Return how many windows are the quietest tenth, and the median of each channel's variances in them, (6,).
-
-    No variance is taken to be less than that of the rounding to the smallest step that the channel shows.
-    """
+    """Return how many windows are the quietest tenth, and the median of each channel's variances in them, (6,)."""
     steps = np.abs(np.diff(log.values, axis=0))
     step = np.array([column[column > 0.0].min() for column in steps.T])
-    variance = np.maximum(windows.variance, step**2 / 12.0)
+    variance = np.maximum(windows.variance, step**2 / 12.0)  # no less than that of rounding to the smallest step
     together = np.log(variance).mean(axis=1)
     together[windows.frozen] = np.inf
     m = min(max(_FEWEST, round(_QUIETEST * len(together))), len(together))

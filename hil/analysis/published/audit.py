@@ -139,8 +139,7 @@ class Audit:
 
 
 def _judge_row(row: PrintedRow, every: Sequence[Identity]) -> list[Finding]:
-    values = row.values()
-    found = []
+    values, found = row.values(), []
     for identity in every:
         residual, tolerance = identity.gap(values), identity.tolerance(values)
         if identity.holds(values):

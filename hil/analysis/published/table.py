@@ -9,14 +9,13 @@ these are the rates that Collects 1 and 2 have in common and the rate of Collect
 each other, are named in the notes, which stay with the campaign.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from hil.analysis.published.audit import Audit
 from hil.analysis.published.printed import check_sizes, check_units
-from hil.campaign import Campaign, Collects, Conditions, Sensor
+from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor
 from hil.campaign.table import ABSOLUTE_ZERO_DEGC, Table
 from hil.errors import InputError
 from hil.files.strict import find_config
@@ -36,14 +35,6 @@ _NOTE = (
 )
 
 
-@dataclass(frozen=True)
-class _Cell:
-    mean: float
-    sigma: float
-    count: int
-    flag: str
-
-
 def read_published_table(table: Path) -> Campaign:
     """Read a table in the layout of Table 1, one row per parameter and temperature, as a campaign of one sensor.
 
@@ -53,23 +44,23 @@ def read_published_table(table: Path) -> Campaign:
     `InputError` naming file, row and column.
     """
     path = find_config("tables", table)
-    cells = _read(path)
-    temperatures = sorted({temperature for temperature, _ in cells})
+    lines, means, sigmas, counts, flags = _read(path)
+    temperatures = sorted({temperature for temperature, _ in lines})
     rates, errors = [], []
     for temperature in temperatures:
         for label in _COLLECT_F:
             names = [both[label == "3"] for both in _BIASES.values()]
-            if lacking := [name for name in names if (temperature, name) not in cells]:
+            if lacking := [name for name in names if (temperature, name) not in lines]:
                 raise InputError(f"{path}: the table has no {lacking[0]} at {temperature:g} °C")
-            found = [cells[temperature, name] for name in names]
-            rates.append([cell.mean for cell in found])
+            found = [lines[temperature, name] for name in names]
+            rates.append(means[found])
             # Collects 1 and 2 share one mean: each is less certain than their mean by root two.
             spread = 1.0 if label == "3" else np.sqrt(2.0)
-            errors.append([spread * cell.sigma / np.sqrt(cell.count) for cell in found])
+            errors.append(spread * sigmas[found] / np.sqrt(counts[found]))
     flagged: dict[tuple[float, str], list[str]] = {}
-    for (temperature, parameter), cell in sorted(cells.items()):
-        if cell.flag != "ok":
-            flagged.setdefault((temperature, cell.flag), []).append(parameter)
+    for (temperature, parameter), line in sorted(lines.items()):
+        if (flag := flags[line] or "ok") != "ok":
+            flagged.setdefault((temperature, flag), []).append(parameter)
     kept = [f"at {degC:g} °C flagged {flag}, kept as printed: {listed(of)}" for (degC, flag), of in flagged.items()]
     repeat = len(_COLLECT_F)
     n = repeat * len(temperatures)
@@ -103,35 +94,31 @@ def _audited(path: Path) -> str:
         return f"hil audit: {str(error).removeprefix(f'{path}: ')}"
 
 
-def _read(path: Path) -> dict[tuple[float, str], _Cell]:
+def _read(path: Path) -> tuple[dict[tuple[float, str], int], FloatArray, FloatArray, FloatArray, list[str]]:
+    """Return the line of each temperature and parameter; and of each line mean, sigma, runs, (n,) each, and flag."""
     table = Table(path)
     table.require(_COLUMNS)
     check_units(table)
     temperatures, means, sigmas = (table.numbers(name, required=True) for name in _COLUMNS[:1] + _COLUMNS[2:4])
     for name, values in (("mean_printed", means), ("sigma_printed", sigmas)):
         check_sizes(table, name, values)
-    counts = _counts(table)
+    counts = table.numbers("n_stated", required=True)
+    if "n_inferred" in table.header:
+        inferred = table.numbers("n_inferred")
+        counts = np.where(np.isnan(inferred), counts, inferred)
+    for wrong in np.flatnonzero((counts < 1) | (counts != np.round(counts))):
+        raise table.complaint(int(wrong), "n_stated", f"{counts[wrong]:g} is not a number of runs")
     flags = table.texts("flag") if "flag" in table.header else [""] * len(table)
-    cells: dict[tuple[float, str], _Cell] = {}
+    lines: dict[tuple[float, str], int] = {}
     for line, parameter in enumerate(table.texts("parameter")):
         key = float(temperatures[line]), parameter
         if key[0] < ABSOLUTE_ZERO_DEGC:
             raise table.complaint(line, "temperature_C", f"{key[0]:g} °C is below absolute zero")
         if sigmas[line] <= 0.0:
             raise table.complaint(line, "sigma_printed", "sigma must be positive")
-        if key in cells:
+        if key in lines:
             raise table.complaint(line, "parameter", f"{parameter} at {key[0]:g} °C stands there twice")
-        cells[key] = _Cell(float(means[line]), float(sigmas[line]), counts[line], flags[line] or "ok")
-    if not cells:
+        lines[key] = line
+    if not lines:
         raise InputError(f"{path}: the table has no rows")
-    return cells
-
-
-def _counts(table: Table) -> list[int]:
-    """Return the number of runs of each row: as inferred where that is given, else as stated."""
-    stated = table.numbers("n_stated", required=True)
-    inferred = table.numbers("n_inferred") if "n_inferred" in table.header else np.full(len(table), np.nan)
-    counts = np.where(np.isnan(inferred), stated, inferred)
-    for line in np.flatnonzero((counts < 1) | (counts != np.round(counts))):
-        raise table.complaint(int(line), "n_stated", f"{counts[line]:g} is not a number of runs")
-    return [int(count) for count in counts]
+    return lines, means, sigmas, counts, flags

@@ -252,17 +252,19 @@ def layout_of(
     if form.reason:
         notes.append(f"sensor {number}: {form.reason}")
     factor, residuals, common = np.array([factor_of.get(name, (1.0, math.inf, 0.0)) for name in form.names]).T
-    run = collects.conditions.run
-    tell = {each for each in np.unique(run).tolist() if _tells_all(form, collects.rows(run == each))}
+    columns, run, rates = form.columns(collects.conditions), collects.conditions.run, 0.0 * collects.rates_deg_per_hr
+    ranks = {
+        r: solve_rates(columns[rows], rates[rows], 1.0).rank for r, rows in collects.conditions.of_each_run.items()
+    }
+    tell = {each for each, rank in ranks.items() if int(rank) == len(form.names)}
     whole = np.array([not tell.isdisjoint(run[stations.number == place].tolist()) for place in range(len(stations))])
     spread = None
     if not np.all(whole):
         without = ", ".join(f"{each:z.1f} °C" for each in stations.centre_degC[~whole])
         notes.append(f"sensor {number}: no run tells every parameter at {without}; left out")
-        columns = form.columns(collects.conditions)
         spread = Visits(Layout(collects, form, columns, stations, 0.0, 1.0, factor, residuals, common)).spread
         keep = whole[stations.number]
-        collects = collects.rows(keep)
+        collects, columns = collects.rows(keep), columns[keep]
         number_of = np.cumsum(whole) - 1
         stations = Stations(number_of[stations.number[keep]], stations.centre_degC[whole], stations.direction[keep])
     if few := too_few(len(stations), " at which a run tells every parameter"):
@@ -275,7 +277,6 @@ def layout_of(
     if half < _MOVES_DEGC:
         shown = f"temperature_degC is {own.mean():z.1f} °C at every setpoint"
         raise InputError(f"sensor {number}: {shown}: look at that column, there is nothing to fit against")
-    columns = form.columns(collects.conditions)
     known = factor, residuals, common, spread
     layout = Layout(collects, form, columns, stations, float(np.round(middle)), half, *known)
     if layout.hysteresis:
@@ -283,8 +284,3 @@ def layout_of(
         first = "of a first temperature, of which nobody knows from which side it was reached, half of it is in the ±"
         notes.append(f"sensor {number}: {middles} hil solve hold; {first}")
     return layout, notes
-
-
-def _tells_all(form: LinearForm, collects: Collects) -> bool:
-    any_rates = np.where(np.isnan(collects.rates_deg_per_hr), np.nan, 0.0)
-    return int(solve_rates(form.columns(collects.conditions), any_rates, 1.0).rank) == len(form.names)

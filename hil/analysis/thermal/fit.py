@@ -132,7 +132,9 @@ class SensorFit:
         scatters = bool(np.any(seen.spread.degrees)) or shown.of_means or bool(shown.by_model)
         told, least = scatters and seen.known, float(seen.known)
         lines = [_line(layout, each, None if told else least) for each in free]
-        of_values = [_chance_of_values(layout, *each, told) for each in zip(free, lines, strict=True)]
+        # How often noise alone would change the straight line, or, where it is told, any of the free values.
+        slopes = [2.0 * float(stdtr(line.freedom, -abs(line.values[1]) / line.se[1])) for line in lines]
+        of_values = [min(_misfit(layout, v, 0)[1], p) if told else p for v, p in zip(free, slopes, strict=True)]
         chances = _together(
             [_QUESTIONS * min(of, c.chance_of_constant) for of, c in zip(of_values, compared, strict=True)]
         )
@@ -232,12 +234,6 @@ def _together(chances: Sequence[float]) -> list[float]:
     return together.tolist()
 
 
-def _chance_of_values(layout: Layout, values: Estimates, line: Estimates, told: bool) -> float:
-    """Return how often noise alone would change the straight `line`, or, where it is `told`, any of the free values."""
-    slope = 2.0 * float(stdtr(line.freedom, -abs(line.values[1]) / line.se[1]))
-    return min(_misfit(layout, values, 0)[1], slope) if told else slope
-
-
 def _misfit(layout: Layout, values: Estimates, order: int) -> tuple[float, float]:
     """Return how far a polynomial is from the free values: chi-square per degree of freedom, and the chance of more."""
     found = _polynomial(layout, values, order)
@@ -255,10 +251,7 @@ def _polynomial(layout: Layout, values: Estimates, order: int) -> Solution:
 
 
 def _line(layout: Layout, values: Estimates, least: float | None) -> Estimates:
-    """Return level and slope of a straight line through the free values, per half range.
-
-    Where nothing tells what scatters these, that is what the line leaves, and at `least` so many times their variance.
-    """
+    """Return level and slope of a line through the free values, scattered by what it leaves unless `least` is None."""
     found = _polynomial(layout, values, 1)
     if least is None:
         return Estimates(found.values, found.covariance, values.freedom)

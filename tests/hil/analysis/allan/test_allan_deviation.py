@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.analysis.allan.deviation import Octaves, octaves
 from hil.analysis.allan.document import AllanResult, Averaging
-from hil.analysis.allan.fit import NoiseFit
+from hil.analysis.allan.fit import NoiseFit, Octaves, octaves
 from hil.analysis.allan.sources import Recording, cut
 from hil.errors import InputError
 from tests.hil.analysis.allan.noise_series import rates
