@@ -63,10 +63,7 @@ class Agrees:
 
 
 def _collects(rows: Conditions, *, as_listed: bool = False) -> list[tuple[int, str, int]]:
-    """Return which collect of the plan each row is: its run, its position, and how often that had been there in it.
-
-    Runs are called as the plan calls them, or numbered `as_listed`.
-    """
+    """Return of each row its run (numbered `as_listed`, or as called), position, and how often that had been before."""
     runs = np.unique(rows.run, return_inverse=True)[1] + 1 if as_listed else rows.run
     places = list(zip(runs.tolist(), rows.position.tolist(), strict=True))
     return [(*place, places[:k].count(place)) for k, place in enumerate(places)]

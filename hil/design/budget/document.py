@@ -86,14 +86,9 @@ def _why_none(runs: Sequence[int], asked: int | None, observed: SensorRepeats | 
 
 def _sensor(runs: Sequence[RunScene], asked: Asked, observed: SensorRepeats | None) -> dict[str, Any]:
     alone = {each.run: Budget(each.scene, each.sources, each.form, draws=0) for each in runs}
-    totals = {run: each.total() for run, each in alone.items()}
     whole = {run: mean_of_repeats(each, repeats_of(each, None), run, observed, None) for run, each in alone.items()}
     means = {run: mean for mean in (observed.means if observed else ()) for run in mean.runs}
-
-    def order(each: RunScene) -> tuple[bool, bool, float]:
-        return each.run == asked.run, each.run in means, float(np.nansum(whole[each.run] ** 2))
-
-    chosen = max(runs, key=order)
+    chosen = max(runs, key=lambda e: (e.run == asked.run, e.run in means, float(np.nansum(whole[e.run] ** 2))))
     budget = Budget(chosen.scene, chosen.sources, chosen.form, asked.draws, asked.seed)
     mean = means.get(chosen.run)
     made = repeats_of(budget, mean)
@@ -133,7 +128,7 @@ def _sensor(runs: Sequence[RunScene], asked: Asked, observed: SensorRepeats | No
         "agrees": budget.agrees,
         "too_large": budget.too_large,
         "runs": [
-            {"run": each.run, "temperature_degC": each.at[0], "total": _named(budget, totals[each.run])}
+            {"run": each.run, "temperature_degC": each.at[0], "total": _named(budget, alone[each.run].total())}
             for each in runs
         ],
     }

@@ -125,14 +125,7 @@ def _measured_runs(
         elif shown is not None and np.all(shown.left_deg_per_hr > _EXACT):
             sigma, noisy = np.ones(sigma.shape), shown.left_deg_per_hr  # all weigh alike
             noise_by = "residuals of all runs; no errors are stated"
-        slope, slope_origin = _slope(conditions)
-        given = sources(
-            bench.uncertainties,
-            bench.name,
-            slope,
-            slope_origin,
-            noise_by,
-        )
+        given = sources(bench.uncertainties, bench.name, *_slope(conditions), noise_by)
         base, origin = _base(conditions, model) if model is not None else _solved(rows, form)
         axes = _axes(conditions, bench)
         usable = tuple(each for each in given if axes is not None or not each.needs_axes)

@@ -302,10 +302,7 @@ def sources(
 
 
 def _turned(vectors: FloatArray, axis: FloatArray, angle: FloatArray) -> FloatArray:
-    """Turn vectors (1 or d, n, 3) about unit axes (n, 3) by angles (d,), by Rodrigues' formula.
-
-    An axis of zeros turns nothing.
-    """
+    """Turn vectors (1 or d, n, 3) about axes (n, 3) of length 1, or 0: not at all, by angles (d,) (Rodrigues)."""
     x, y, z = axis.T
     zero = np.zeros_like(x)
     across = _each_row(np.moveaxis(np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]), -1, 0)).T

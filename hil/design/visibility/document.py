@@ -276,8 +276,11 @@ def improvements(
     """
     if not changes:
         return []
-    some = {n: _some_runs(rows) for n, rows in sensors.items()}
-    known = maps if all(some[n] is rows for n, rows in sensors.items()) else None
+    some, known = dict(sensors), maps
+    for n, rows in sensors.items():
+        if len(runs := np.unique(rows.run)) > MOST_RUNS:
+            chosen = runs[np.linspace(0, len(runs) - 1, MOST_RUNS).round().astype(np.int64)]
+            some[n], known = rows.rows(np.isin(rows.run, chosen)), None
     before = known or _maps(some, model, noise or {}, {}, as_zero)
     hidden = {name for name, (_, sight) in _best(before).items() if not sight.visible}
     found = []
@@ -294,14 +297,6 @@ def _worth(one: Mapping[str, Any], hidden: Collection[str]) -> float:
     halved = math.log2(max(one["size_ratio"], 1e-3))
     shown = sum(name in hidden for name in one["newly_visible"])
     return float(shown + len(one["separated"]) + clean - 2.0 * halved)
-
-
-def _some_runs(conditions: Conditions) -> Conditions:
-    runs = np.unique(conditions.run)
-    if len(runs) <= MOST_RUNS:
-        return conditions
-    chosen = runs[np.linspace(0, len(runs) - 1, MOST_RUNS).round().astype(np.int64)]
-    return conditions.rows(np.isin(conditions.run, chosen))
 
 
 def _improvement(change: Change, before: Mapping[int, Sights], after: Mapping[int, Sights]) -> dict[str, Any]:

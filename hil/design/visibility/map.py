@@ -133,17 +133,21 @@ def visibility(
     scattering = [(mu_columns(conditions), mu)] if mu > 0.0 else []
     whiten = whitener(conditions, sigma, np.full(sigma.shape[1], noise.run_bias_deg_per_hr), scattering)
     told = fitted.without(as_zero)
-    whitened = whiten @ flattened(np.concatenate([told.columns(conditions), _in_each_run(conditions, as_zero)], -1))
+    full = default_form(conditions)  # what is as zero may be anything in each run
+    own = full.columns(conditions)[..., [full.names.index(name) for name in full.names if name in as_zero]]
+    of_run = conditions.run[:, None] == np.unique(conditions.run)
+    in_each_run = np.einsum("ncp,nr->ncpr", own, of_run).reshape(*own.shape[:2], -1)
+    whitened = whiten @ flattened(np.concatenate([told.columns(conditions), in_each_run], -1))
     absorbed, inverse = orthonormal(whitened), np.asarray(np.linalg.pinv(whitened, rcond=1e-9))
     laid = [_laid(effect, conditions, base) for effect in asked]
     seen: list[list[Visible]] = []
     leaks: list[dict[str, float]] = []
     many: list[int] = []
-    for each in laid:
-        sizes = np.array([parameter.size for parameter in each.parameters])
-        grids = [whiten @ columns for columns in each.columns]
+    for parameters, _, columns, tried in laid:
+        sizes = np.array([parameter.size for parameter in parameters])
+        grids = [whiten @ of_shape for of_shape in columns]
         seen.append([visible(grid, absorbed, sizes) for grid in grids])
-        many.append(round(each.tried * np.mean([one.kept > UNSEEN for one in seen[-1]])))
+        many.append(round(tried * np.mean([one.kept > UNSEEN for one in seen[-1]])))
         leaks.append(_leaks(inverse, np.array(grids) * sizes, told.names))
     overlaps = overlap_table(seen)
     kept = [float(np.median([one.kept for one in several])) for several in seen]
@@ -154,38 +158,25 @@ def visibility(
     every = [
         Asked(
             effect,
-            laid[index].parameters,
-            laid[index].shapes,
+            *laid[index][:2],
             seen[index],
             math.log(odds.get(named(effect).id, 1.0) / max(many[index], 1)) + log_in_one(effect, sensors),
         )
         for index, effect in enumerate(asked)
     ]
+    smallest = found_from(every, Rows(whiten, absorbed, sigma))
     sights = [
-        Sight(effect, kept[index], (*members[index], *beside), smallest, leaks[index], beside)
-        for index, (effect, smallest) in enumerate(
-            zip(asked, found_from(every, Rows(whiten, absorbed, sigma)), strict=True)
-        )
-        for beside in [_unasked(effect, conditions, laid[index].shapes, members[index])]
+        Sight(effect, kept[index], (*members[index], *beside), smallest[index], leaks[index], beside)
+        for index, effect in enumerate(asked)
+        for beside in [_unasked(effect, conditions, laid[index][1], members[index])]
     ]
     return Sights(fitted.name, tuple(sights), overlaps, reasons, noise)
 
 
-@dataclass(frozen=True)
-class _Laid:
-    """What of an effect is asked about in some rows: its `parameters`, and of `tried` shapes a few with their columns.
-
-    The `columns` (n·c, p) of each stand in the order of `shapes`.
-    """
-
-    effect: Effect
-    parameters: tuple[Parameter, ...]
-    shapes: Sequence[Mapping[str, float]]
-    columns: Sequence[FloatArray]
-    tried: int
-
-
-def _laid(effect: Effect, conditions: Conditions, base: Base) -> _Laid:
+def _laid(
+    effect: Effect, conditions: Conditions, base: Base
+) -> tuple[tuple[Parameter, ...], list[Mapping[str, float]], list[FloatArray], int]:
+    """Return what is asked about: parameters, of all shapes a few, their columns (n·c, p), and how many all are."""
     tried = [*shapes_tried(effect, conditions, lambda *_: base)]
     if not tried:
         shape = effect.shape_grid(conditions)[0]
@@ -193,13 +184,8 @@ def _laid(effect: Effect, conditions: Conditions, base: Base) -> _Laid:
     picks = np.linspace(0, len(tried) - 1, min(len(tried), _MOST_SHAPES)).round().astype(int)
     few = [tried[k] for k in np.unique(picks)]  # from all over the grid
     every, told = effect.parameters_for(conditions), [*told_parameters(effect, conditions)]
-    return _Laid(
-        effect,
-        tuple(every[k] for k in told),
-        [shape for shape, _ in few],
-        [flattened(columns[:, :, told]) for _, columns in few],
-        len(tried),
-    )
+    columns = [flattened(of_shape[:, :, told]) for _, of_shape in few]
+    return tuple(every[k] for k in told), [shape for shape, _ in few], columns, len(tried)
 
 
 def _unasked(
@@ -235,19 +221,8 @@ def base_values(conditions: Conditions, model: Model | None) -> Base:
     return Base(bias, k, rates, slope, np.zeros_like(k))
 
 
-def _in_each_run(conditions: Conditions, names: Collection[str]) -> FloatArray:
-    """Return the columns (n, c, q) of what these parameters may be in each run."""
-    form = default_form(conditions)
-    own = form.columns(conditions)[..., [form.names.index(name) for name in form.names if name in names]]
-    of_run = conditions.run[:, None] == np.unique(conditions.run)
-    return np.asarray(np.einsum("ncp,nr->ncpr", own, of_run).reshape(*own.shape[:2], -1))
-
-
 def _leaks(inverse: FloatArray, typical: FloatArray, names: Sequence[str]) -> dict[str, float]:
-    """Return by how many standard errors an effect of typical size that is not modelled moves parameters, by name.
-
-    In half of its shapes (k, N, p) by more. The `inverse` of the base has their rows first, in that order.
-    """
+    """Return by how many standard errors a typical effect (k, N, p) moves parameters, by more in half of k shapes."""
     errors = np.sqrt(np.sum(inverse**2, axis=1))
     shifts = np.median(np.linalg.norm(inverse @ typical, axis=2), axis=0)
     return {
