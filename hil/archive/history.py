@@ -23,9 +23,8 @@ from hil.archive import trend as trends
 from hil.archive.index import ArchivedMean, Entry, Index, calibrations
 from hil.campaign import BoolArray, FloatArray
 from hil.errors import InputError
-from hil.files.document import picked
+from hil.files.document import picked, plain
 from hil.files.strict import near
-from hil.solve.runs import finite
 from hil.solve.uncertain import Uncertain
 from procedures.words import listed
 
@@ -269,7 +268,7 @@ def _due(
 
 def _trend(found: trends.Trend, days: Sequence[str], unit: str) -> dict[str, Any]:
     slope, jump = found.per_month, found.jump
-    drift = slope and {"value": finite(slope.value), **_ends(slope.value, slope.half_width), "unit": f"{unit}/month"}
+    drift = slope and {"value": plain(slope.value), **_ends(slope.value, slope.half_width), "unit": f"{unit}/month"}
     between = {"between": [days[found.step - 1], days[found.step]]} if found.step else {}
     between |= {"back_between": [days[found.back - 1], days[found.back]]} if found.back else {}
     size = jump and {**between, "value": jump.value, **_ends(jump.value, jump.half_width), "unit": unit}

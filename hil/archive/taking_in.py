@@ -19,10 +19,10 @@ from hil.archive.folder import read_entry
 from hil.archive.index import Entry, connected
 from hil.archive.places import INDEX_NAME, check_archive, found, interrupted, serial_of, stamp
 from hil.errors import InputError
+from hil.files.document import plain
 from hil.files.durable import PARTIAL, RealDisk
 from hil.solve import repeats, solve_campaign
 from hil.solve.repeats import SensorRepeats
-from hil.solve.runs import finite
 from procedures.verdict import NOT_GOOD
 
 _NOT_COMPARED = ("seed", "serial", "notify", "text")
@@ -109,8 +109,8 @@ def _means(name: str, shown: Mapping[int, SensorRepeats]) -> Iterator[tuple[Any,
     for number, of_sensor in shown.items():
         for mean in of_sensor.means:
             for parameter, of in mean.values.items():
-                known = (finite(of.sd), finite(of.freedom), of.runs, of.unit, of.beyond)
-                yield name, number, parameter, mean.temperature_degC, finite(mean.own_degC), of.value, *known
+                known = (plain(of.sd), plain(of.freedom), of.runs, of.unit, of.beyond)
+                yield name, number, parameter, mean.temperature_degC, plain(mean.own_degC), of.value, *known
 
 
 def _settings(facts: Mapping[str, Any], configuration: Mapping[str, Any]) -> dict[str, Any]:

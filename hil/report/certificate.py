@@ -26,6 +26,7 @@ from hil.config.recorded import bench_of_record, recorded_limits
 from hil.design.budget.budget import MeanBudget, budgets_of_means, repeats_of
 from hil.design.budget.scenes import measured_scenes
 from hil.errors import InputError
+from hil.files.document import plain
 from hil.files.numbers import degrees
 from hil.files.page import rendered
 from hil.records import reading
@@ -37,7 +38,6 @@ from hil.records.verify import MISSING, verify_night
 from hil.report.content import ReportContent, assumed, gather
 from hil.solve.both_sensors import moving_together
 from hil.solve.omissions import in_words, what_is_wrong
-from hil.solve.runs import finite
 from hil.solve.temperatures import how_many
 from procedures.verdict import NOT_GOOD, Judgement
 from procedures.words import listed
@@ -172,11 +172,11 @@ def _results(where: Mapping[str, Any], sensor: int, each: MeanBudget) -> Iterato
             "value": value.value,
             "unit": value.unit,
             "runs": value.runs,
-            "standard_uncertainty": finite(value.sd),
-            "unexplained": finite(each.unexplained[each.budget.names.index(name)]),
-            "degrees_of_freedom": finite(value.freedom),
-            "k": finite(expanded / value.sd) if value.sd > 0.0 else None,
-            "expanded_uncertainty": finite(expanded),
+            "standard_uncertainty": plain(value.sd),
+            "unexplained": plain(each.unexplained[each.budget.names.index(name)]),
+            "degrees_of_freedom": plain(value.freedom),
+            "k": plain(expanded / value.sd) if value.sd > 0.0 else None,
+            "expanded_uncertainty": plain(expanded),
             "decimals": decimals,
         }
 
@@ -185,7 +185,7 @@ def _annex(where: Mapping[str, Any], sensor: int, each: MeanBudget) -> dict[str,
     """Return the budget of the means at one temperature: a line for each source, and for what none explains."""
 
     def named(values: Any) -> dict[str, float | None]:
-        return {name: finite(value) for name, value in zip(each.budget.names, values, strict=True)}
+        return {name: plain(value) for name, value in zip(each.budget.names, values, strict=True)}
 
     return {
         "sensor": sensor,

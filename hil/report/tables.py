@@ -15,10 +15,9 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from hil.files.document import picked
+from hil.files.document import picked, plain
 from hil.files.durable import write_result
 from hil.report.content import ReportContent
-from hil.solve.runs import finite
 
 TableFormat = Literal["csv", "parquet"]
 _SIMULATED = b"simulated"
@@ -41,7 +40,7 @@ def tables_of(content: ReportContent) -> Mapping[str, pa.Table]:
                 "unit": now.unit,
                 "now": now.value,
                 "earlier": earlier.value,
-                "sigma": finite(each.difference.sd),
+                "sigma": plain(each.difference.sd),
                 "runs_now": now.runs,
                 "runs_earlier": earlier.runs,
                 "difference": each.difference.value,

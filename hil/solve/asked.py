@@ -14,8 +14,7 @@ from scipy.special import logsumexp
 from hil.campaign import FloatArray, IntArray
 from hil.model.effects.data import of_a_run, put_right
 from hil.model.effects.prior import COMMON, log_sum
-from hil.solve.causes import ODDS, Cause, made_again
-from hil.solve.tried import TOLD, WIDE, Runs, Tried, Ways, some_of
+from hil.solve.causes import ODDS, TOLD, WIDE, Cause, Runs, Tried, Ways, made_again, some_of
 from hil.solve.whitened import Whitened
 
 DOUBTED = 0.5

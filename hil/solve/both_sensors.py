@@ -25,9 +25,8 @@ from hil.model.forms import MATRIX_6, PER_G, RATE
 from hil.solve.noise import noise_left
 from hil.solve.repeats import SensorRepeats, means_of, repeats
 from hil.solve.runs import solve_campaign
-from hil.solve.spread import Spread
 from hil.solve.temperatures import runs_by_temperature
-from hil.solve.uncertain import CONFIDENCE
+from hil.solve.uncertain import CONFIDENCE, Spread
 from procedures.words import counted, listed
 
 FALSE_ALARM = 0.05
@@ -133,10 +132,12 @@ def common_and_differential(campaign: Campaign) -> BothSensors | None:
     )
     away = np.stack([_away(*of, group, known) for of in zip(values.swapaxes(0, 1), errors.swapaxes(0, 1), strict=True)])
     degrees = len(group) - len(at)
-    correlation = _correlations(*away)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        correlation = away[0].T @ away[1] / np.outer(*np.linalg.norm(away, axis=1))
     same = {name: _interval(float(correlation[i, i]), degrees) for i, name in enumerate(MATRIX_6)}
     pair = (rotors[0], rotors[1])
-    one, other = (_scatters(shown[number]) for number in rotors)
+    # Of parameters that scatter from run to run by no more than noise explains nothing moves any.
+    one, other = (np.isin(MATRIX_6, np.array(of.names)[of.by_noise.certain]) for of in map(shown.__getitem__, rotors))
     asked = one[:, None] & other
     shared = _shared(correlation, degrees, asked)
     return BothSensors(pair, common, differential, degrees, same, shared, int(asked.sum()))
@@ -148,12 +149,6 @@ def moving_together(campaign: Campaign) -> list[str]:
     return [] if both is None else both.together
 
 
-def _scatters(shown: SensorRepeats) -> BoolArray:
-    """Tell which parameters scatter from run to run by more than noise explains, (6,): of others nothing moves any."""
-    certain = dict(zip(shown.names, shown.by_noise.certain.tolist(), strict=True))
-    return np.array([certain.get(name, False) for name in MATRIX_6])
-
-
 def _away(values: FloatArray, errors: FloatArray, group: IntArray, residuals: float) -> FloatArray:
     """Return how far runs' values (r, p) are from the mean of their `group` (r,), in what each scatters by.
 
@@ -163,13 +158,6 @@ def _away(values: FloatArray, errors: FloatArray, group: IntArray, residuals: fl
     weight = np.where(np.all(sd > 0.0, axis=0), sd, 1.0) ** -2.0
     of_each = group == np.unique(group)[:, None]
     return np.asarray(np.sqrt(weight) * (values - (of_each @ (weight * values) / (of_each @ weight))[group]))
-
-
-def _correlations(one: FloatArray, two: FloatArray) -> FloatArray:
-    """Correlation of every parameter of the one sensor with every one of the other, shape (6, 6)."""
-    sizes = np.outer(np.sqrt(np.sum(one**2, axis=0)), np.sqrt(np.sum(two**2, axis=0)))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(one.T @ two / sizes)
 
 
 def _interval(correlation: float, degrees: int) -> tuple[float | None, float | None, float | None]:

@@ -1,13 +1,19 @@
-"""All that may be wrong with a run, and how probable each is before the data."""
+"""All that may be wrong with a run: how probable before the data, and what each leaves of whitened rates.
+
+It is asked of all runs of as many rows at once.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
 import numpy as np
 
+from hil.campaign import BoolArray, FloatArray, IntArray
 from hil.model.effects.prior import COMMON
+from hil.solve.whitened import Whitened
 
 ODDS = {
     "rate": 0.05,
@@ -27,6 +33,11 @@ MOSTLY = float(np.log(COMMON / (1.0 - COMMON)))
 """Log odds that labels which are exchanged in one sensor are so in another that was recorded with it."""
 AGAIN = 0.3
 """How probably labels that are exchanged, or signs turned, in one run are so in more: whoever did it did so again."""
+WIDE = 30.0
+"""Standard errors that what is wrong is off by, unless it is more."""
+TOLD = 1e-3
+"""Of a rate: where the others leave less, nothing tells what it should be."""
+_Several = TypeVar("_Several", "Tried", "Runs")
 
 
 @dataclass(frozen=True)
@@ -52,6 +63,10 @@ class Cause:
         return (self.what, self.run, self.rows, None if self.what == "bias" else self.channels)
 
 
+Ways = tuple[FloatArray, FloatArray, Callable[[int], tuple[Cause, ...]]]
+"""Log odds (t,) before the data of ways to explain rates, the squares (t,) that they leave, and the causes of each."""
+
+
 def made_again(times: int, runs: int) -> float:
     """Return the log odds that a mistake was made in one more of so many runs, the `times`-th: any others may be it."""
     return float(np.log(AGAIN * times / (runs - times + 1)))
@@ -60,3 +75,141 @@ def made_again(times: int, runs: int) -> float:
 def all_of(causes: Sequence[str]) -> str:
     """Say of one way to explain rates what is wrong: one thing, or several."""
     return f"{'both ' * (len(causes) == 2)}{', and '.join(causes)}"
+
+
+@dataclass(frozen=True)
+class Tried:
+    """Causes (t,) of one sort, each in one of `runs` (t,), which have `rows` (t, k), at a `place` (t, q) among these.
+
+    `off` (t, c) and `instead` (t, k, c) are those of the causes, `moved` (t, k·c) is how each moves its run's rates.
+    """
+
+    what: str
+    channels: tuple[int, ...]
+    runs: IntArray
+    rows: IntArray
+    place: IntArray
+    left: FloatArray
+    log_odds: FloatArray
+    off: FloatArray | None = None
+    moved: FloatArray | None = None
+    instead: FloatArray | None = None
+
+    def one(self, i: int) -> Cause:
+        """Return one of them."""
+        off = () if self.off is None else tuple(self.off[i].tolist())
+        instead = () if self.instead is None else tuple(map(tuple, self.instead[i].tolist()))
+        rows = tuple(self.rows[i][self.place[i]].tolist())
+        return Cause(self.what, int(self.runs[i]), rows, self.channels, off, instead)
+
+    def ways(self, beside: tuple[Cause, ...] = (), log_odds: float = 0.0) -> Ways:
+        """Return them as ways to explain rates, beside a cause that has such log odds."""
+        return log_odds + self.log_odds, self.left, lambda i: (*beside, self.one(i))
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Rates (m, k, c) of `runs` (m,) that have as many `rows` (m, k): what a change of them leaves of the squares.
+
+    `free` (m, k·c, k·c) and `apart` (m, k·c) are what squares and products of a change add, `may_be` (m, p) the pairs
+    of collects, of different positions, that may be exchanged.
+    """
+
+    squares: float
+    runs: IntArray
+    rows: IntArray
+    known: BoolArray
+    weight: FloatArray
+    measured: FloatArray
+    free: FloatArray
+    apart: FloatArray
+    may_be: BoolArray
+
+    @classmethod
+    def of(cls, rates: Whitened, runs: Collection[int]) -> Iterator[Runs]:
+        """Yield some runs, by how many rows they have."""
+        every, conditions = rates.collects.conditions.of_each_run, rates.collects.conditions
+        position = np.unique(conditions.position, return_inverse=True)[1]
+        for size in sorted({len(every[run]) for run in runs}):
+            own = [run for run in runs if len(every[run]) == size]
+            rows, (i, j) = np.array([every[run] for run in own]), np.triu_indices(size, 1)
+            free, apart = (np.array(each) for each in zip(*map(rates.of, own), strict=True))
+            measured = np.where(known := rates.known[rows], rates.collects.rates_deg_per_hr[rows], np.nan)
+            may_be = position[rows[:, i]] != position[rows[:, j]]
+            yield cls(rates.squares, np.array(own), rows, known, rates.weight[rows], measured, free, apart, may_be)
+
+    @property
+    def most(self) -> FloatArray:
+        """By how much whatever may be wrong with each run lessens the squares at most, (m,)."""
+        size, along, _ = _along(self.free, self.apart)
+        return np.asarray(np.sum(along**2 * size, axis=1))
+
+    def rows_off(self) -> Iterator[Tried]:
+        """Yield rates, and collects, that may be anywhere."""
+        (_, rows, channels), unit = self.known.shape, np.eye(self.free.shape[1])
+        for row in range(rows):
+            own = unit[:, row * channels : (row + 1) * channels]
+            for c in range(channels):
+                yield from some_of(self, self.known[:, row, c]).anywhere("rate", own[:, [c]], (c,), row)
+            yield from some_of(self, self.known[:, row].sum(axis=1) > 1).anywhere("collect", own, (), row)
+
+    def of_its_own(self) -> Iterator[Tried]:
+        """Yield another bias of each channel, and of all: a unit that is switched on anew has."""
+        level = self.weight / np.maximum(self.weight.max(axis=1, keepdims=True), 1e-12)
+        columns = (level[..., None] * np.eye(level.shape[2])).reshape(*self.apart.shape, -1)
+        for c in range(level.shape[2]):
+            told = self.known[..., c].sum(axis=1) > 1
+            yield from some_of(self, told).anywhere("bias", columns[told][..., [c]], (c,))
+        if level.shape[2] > 1:
+            yield from self.anywhere("bias", columns)
+
+    def anywhere(
+        self, what: str, columns: FloatArray, channels: tuple[int, ...] = (), row: int = -1
+    ) -> Iterator[Tried]:
+        """Yield a cause along columns (k·c, q), or (m, k·c, q), of one row or of all; what it pays for that."""
+        across = np.swapaxes(columns, -1, -2)
+        size, off, directions = _along(across @ self.free @ columns, (across @ self.apart[..., None])[..., 0])
+        wide = np.maximum(off**2, WIDE**2) * size
+        left = self.squares - np.sum(off**2 * size * wide / (1.0 + wide), axis=1)
+        first = np.s_[:, max(row, 0)]
+        by = (columns @ (directions @ off[..., None])).reshape(self.known.shape)[first]
+        tried = self._tried(what, channels, left, off=by / np.maximum(self.weight[first], 1e-12))
+        tried = replace(tried, log_odds=-0.5 * np.log1p(wide).sum(axis=1))
+        yield some_of(tried if row < 0 else replace(tried, place=tried.place[:, [row]]), np.any(size, axis=1))
+
+    def exchanged(self) -> Iterator[Tried]:
+        """Yield the pairs of collects that may stand under each other's labels: of many poses there are very many."""
+        i, j = np.triu_indices(self.rows.shape[1], 1)
+        apart, which = self.measured[:, j] - self.measured[:, i], np.arange(len(i))
+        told = self.may_be & np.isfinite(apart).all(axis=2)
+        moved = np.zeros((*told.shape, *self.known.shape[1:]))
+        moved[:, which, i], moved[:, which, j] = apart * self.weight[:, i], -apart * self.weight[:, j]
+        moved = np.where(told[..., None], moved.reshape(*told.shape, self.apart.shape[1]), 0.0)
+        left = self.squares + 2.0 * (moved @ self.apart[..., None])[..., 0] + np.sum(moved @ self.free * moved, axis=2)
+        m, pair = np.nonzero(told)
+        place, own = np.stack([i[pair], j[pair]], axis=1), some_of(self, m)
+        yield replace(own._tried("exchanged", (), left[m, pair], moved=moved[m, pair]), place=place)
+
+    def otherwise(self, what: str, rates: FloatArray, channels: tuple[int, ...] = ()) -> Iterator[Tried]:
+        """Yield a cause by which other rates (m, k, c), all known, were measured, and what it leaves."""
+        moved = np.where(self.weight > 0.0, (rates - self.measured) * self.weight, 0.0).reshape(self.apart.shape)
+        left = self.squares + np.sum(moved * (2.0 * self.apart + (self.free @ moved[..., None])[..., 0]), axis=1)
+        yield some_of(self._tried(what, channels, left, moved=moved), np.isfinite(left))
+
+    def _tried(self, what: str, channels: tuple[int, ...], left: FloatArray, **of: FloatArray) -> Tried:
+        place = np.broadcast_to(np.arange(self.rows.shape[1]), self.rows.shape)
+        return Tried(what, channels, self.runs, self.rows, place, left, np.zeros(len(left)), **of)
+
+
+def _along(squares: FloatArray, products: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return sizes (m, q) of directions (m, q, q) of squares, and how far off products (m, q) are; 0 where untold."""
+    size, directions = np.linalg.eigh(squares)
+    size = np.where(size > TOLD, size, 0.0)
+    off = (np.swapaxes(directions, 1, 2) @ products[..., None])[..., 0] / np.where(size > 0.0, size, np.inf)
+    return size, off, directions
+
+
+def some_of(of: _Several, index: IntArray | BoolArray) -> _Several:
+    """Return some of them: those at `index` (k,), or where it says so, (m,)."""
+    some: dict[str, Any] = {name: own[index] for name, own in vars(of).items() if isinstance(own, np.ndarray)}
+    return replace(of, **some)

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from hil.campaign import Conditions, FloatArray, IntArray
 from hil.model.effects.columns import flattened
@@ -176,11 +177,9 @@ def overlap_table(effects: Sequence[Sequence[Visible]]) -> FloatArray:
     shapes = [one for several in effects for one in several]
     if not shapes:
         return np.zeros((len(effects), len(effects)))
-    bases = np.concatenate([one.basis for one in shapes], axis=1)
-    weighted = np.concatenate([one.weighted for one in shapes], axis=1)
-    by_basis = _membership([one.rank for one in shapes])
-    by_column = _membership([one.weighted.shape[1] for one in shapes])
-    power = by_basis @ ((bases.T @ weighted) ** 2) @ by_column.T
+    bases, weighted = [one.basis for one in shapes], [one.weighted for one in shapes]
+    by_basis, by_column = (block_diag(*(np.ones((1, of.shape[1])) for of in every)) for every in (bases, weighted))
+    power = by_basis @ ((np.hstack(bases).T @ np.hstack(weighted)) ** 2) @ by_column.T
     whole = np.array([float(np.sum(one.weighted**2)) for one in shapes])
     # [a, b]: how much of shape b shape a can reproduce; an overlap needs both ways round.
     fraction = np.sqrt(np.divide(power, whole, out=np.zeros_like(power), where=whole > 0.0).clip(max=1.0))
@@ -193,11 +192,6 @@ def overlap_table(effects: Sequence[Sequence[Visible]]) -> FloatArray:
     table[np.ix_(there, there)] = np.minimum(mean, mean.T)
     np.fill_diagonal(table, 1.0)
     return table
-
-
-def _membership(sizes: Sequence[int]) -> FloatArray:
-    """Return the matrix (groups, members) with one where a member belongs to its group."""
-    return np.equal.outer(np.arange(len(sizes)), np.repeat(np.arange(len(sizes)), sizes)).astype(np.float64)
 
 
 def classes(overlaps: FloatArray) -> tuple[tuple[int, ...], ...]:

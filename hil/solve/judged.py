@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import chdtrc
 
-from hil.campaign import BoolArray, Collects, FloatArray
+from hil.campaign import Collects, FloatArray
 from procedures.verdict import Judgement, Verdict
 from procedures.words import counted, listed, plural, significant, spelled
 
@@ -80,32 +80,22 @@ def judge(
     return Judgement(Verdict.FAIL, f"{excess}: {why}")
 
 
-def _heard(collects: Collects) -> BoolArray:
-    """Tell the channels that gave any rate, (c,)."""
-    return np.asarray(np.isfinite(collects.rates_deg_per_hr).any(axis=0))
-
-
-def _positions(collects: Collects, channels: BoolArray) -> set[str]:
-    """Return the positions at which all of some `channels` (c,) were measured."""
-    known = np.isfinite(collects.rates_deg_per_hr)[:, channels]
-    return set(collects.conditions.position[known.all(axis=1)].tolist())
-
-
 def what_lacks(collects: Collects, every: Collects, unobservable: Sequence[str]) -> str:
     """Say what was measured, and what lacks: a channel or positions that other runs of `every` have, or the unseen."""
-    here, elsewhere = _heard(collects), _heard(every)
+    rates, all_rates = (np.isfinite(rows.rates_deg_per_hr) for rows in (collects, every))
+    position, all_positions = collects.conditions.position, every.conditions.position
+    names, here = np.array(list(collects.conditions.sensor.channels)), rates.any(axis=0)
     channels: dict[str, list[str]] = {}
-    for name, known in zip(collects.conditions.sensor.channels, np.isfinite(collects.rates_deg_per_hr).T, strict=True):
-        count, places = int(known.sum()), len(set(collects.conditions.position[known].tolist()))
+    for name, known in zip(names.tolist(), rates.T, strict=True):
+        count, places = int(known.sum()), len(set(position[known].tolist()))
         at = f" at {spelled(places)} {plural('position', places)}" if count else ""
         channels.setdefault(f"{spelled(count)} {plural('collect', count)}{at}", []).append(name)
-    measured = listed(f"{listed(names)} in {where}" for where, names in channels.items())
+    measured = listed(f"{listed(of)} in {where}" for where, of in channels.items())
     few = f"measured are {measured}: these cannot support every parameter"
-    if silent := [
-        name for name, lost in zip(collects.conditions.sensor.channels, elsewhere & ~here, strict=True) if lost
-    ]:
+    if silent := names[all_rates.any(axis=0) & ~here].tolist():
         return f"{plural('channel', len(silent))} {listed(silent)}, which other runs have, gave no rate here; {few}"
-    if lacks := sorted(_positions(every, here) - _positions(collects, here)):
+    told, told_elsewhere = position[rates[:, here].all(axis=1)], all_positions[all_rates[:, here].all(axis=1)]
+    if lacks := np.setdiff1d(told_elsewhere, told).tolist():
         gone = "is missing or left out: collect it" if len(lacks) == 1 else "are missing or left out: collect them"
         return f"{plural('position', len(lacks))} {listed(lacks)}, which other runs have, {gone} again; {few}"
     return f"{few}: {'; '.join(unobservable)}"

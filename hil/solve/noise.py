@@ -16,8 +16,8 @@ from hil.files.numbers import degrees
 from hil.model.forms import default_form
 from hil.solve.identifiability import orthonormal
 from hil.solve.precision import stated_noise
-from hil.solve.spread import RARE, uneven
 from hil.solve.temperatures import runs_by_temperature
+from hil.solve.uncertain import RARE, uneven
 from procedures.words import significant
 
 _ROUNDING = 1e-6  # of their errors: values that differ by less do not differ

@@ -10,6 +10,11 @@ from hil.solve.wrong_rows import USED, Wrong, clipped_rows, failed, pooled, wron
 from procedures.words import listed, numbered, significant
 
 AS_ZERO = "taken as zero, neither measured nor printed"
+_OF_RUNS = {
+    "runs_not_used": "{} FAILed by what was recorded: in no mean, in no other run's ±, in no search",
+    "runs_used_though_failed": "every run FAILed by what was recorded: no number of it is to be used",
+    "runs_without_rows": "no row of {}, which another sensor has",
+}
 
 
 def what_is_wrong(campaign: Campaign) -> dict[str, Any]:
@@ -36,10 +41,7 @@ def by_records(campaign: Campaign) -> dict[str, Any]:
 
 def _keys(campaign: Campaign, rows: Sequence[Wrong]) -> dict[str, Any]:
     not_used = pooled(campaign).not_used
-    return {
-        "rows": [each.document() for each in rows if each.run not in not_used[each.sensor]],
-        **without(campaign),
-    }
+    return {"rows": [each.document() for each in rows if each.run not in not_used[each.sensor]], **without(campaign)}
 
 
 def without(campaign: Campaign) -> dict[str, Any]:
@@ -49,26 +51,24 @@ def without(campaign: Campaign) -> dict[str, Any]:
     another has some; `taken_as_zero`, parameters that nobody measured.
     """
     used = pooled(campaign)
-    found: dict[str, Any] = {
+    made = {number: set(rows.conditions.run.tolist()) for number, rows in campaign.sensors.items()}
+    every = [n for n, own in made.items() if not used.not_used[n] and own <= failed(used, n, unless_mended=True)]
+    absent = {number: set().union(*made.values()) - own for number, own in made.items()}
+    some = {
+        "runs_used_though_failed": {str(number): sorted(made[number]) for number in every},
+        "runs_without_rows": {str(number): sorted(lacks) for number, lacks in absent.items() if lacks},
+        "taken_as_zero": list(campaign.taken_as_zero),
+    }
+    return {
         "missing": list(campaign.missing),
         "runs_not_used": {str(number): list(runs) for number, runs in used.not_used.items() if runs},
+        "runs_not_settled": [
+            {"sensor": number, "runs": [run for run, of in soaks.items() if of == why], "why": why}
+            for number, soaks in not_settled(used).items()
+            for why in dict.fromkeys(soaks.values())
+        ],
+        **{name: of for name, of in some.items() if of},
     }
-    found["runs_not_settled"] = [
-        {"sensor": number, "runs": [run for run, of in soaks.items() if of == why], "why": why}
-        for number, soaks in not_settled(used).items()
-        for why in dict.fromkeys(soaks.values())
-    ]
-    runs = {number: set(rows.conditions.run.tolist()) for number, rows in used.sensors.items()}
-    every = {
-        str(number): sorted(own)
-        for number, own in runs.items()
-        if not used.not_used[number] and own <= failed(used, number, unless_mended=True)
-    }
-    found |= {"runs_used_though_failed": every} if every else {}
-    made = {number: set(rows.conditions.run.tolist()) for number, rows in campaign.sensors.items()}
-    absent = {str(n): sorted(lacks) for n, own in made.items() if (lacks := set().union(*made.values()) - own)}
-    found |= {"runs_without_rows": absent} if absent else {}
-    return found | ({"taken_as_zero": list(campaign.taken_as_zero)} if campaign.taken_as_zero else {})
 
 
 def in_words(wrong: Mapping[str, Any], *, searched: bool = False) -> list[str]:
@@ -82,22 +82,14 @@ def in_words(wrong: Mapping[str, Any], *, searched: bool = False) -> list[str]:
         f"{done}: sensor {number}, {of_runs(runs, why)}{more * (done == USED)}"
         for (done, number, why), runs in runs_by_words.items()
     ]
-    where = "in no mean, in no other run's ±, in no search"
     return (
         [f"missing: {each}" for each in wrong.get("missing", ())]
         + [f"{listed(names)}: {AS_ZERO}" for names in [wrong.get("taken_as_zero")] if names]
         + rows
         + [
-            f"sensor {number}: {numbered('run', runs)} FAILed by what was recorded: {where}"
-            for number, runs in wrong.get("runs_not_used", {}).items()
-        ]
-        + [
-            f"sensor {number}: every run FAILed by what was recorded: no number of it is to be used"
-            for number in wrong.get("runs_used_though_failed", {})
-        ]
-        + [
-            f"sensor {number}: no row of {numbered('run', runs)}, which another sensor has"
-            for number, runs in wrong.get("runs_without_rows", {}).items()
+            f"sensor {number}: {said.format(numbered('run', runs))}"
+            for key, said in _OF_RUNS.items()
+            for number, runs in wrong.get(key, {}).items()
         ]
         + [
             f"sensor {each['sensor']}, {numbered('run', each['runs'])}: {each['why']}"

@@ -32,7 +32,6 @@ from hil.files.numbers import degrees
 from hil.solve.noise import Changes, noise_left, shares_of
 from hil.solve.precision import stated_noise, to_record_of
 from hil.solve.runs import Estimate, RunSolution
-from hil.solve.spread import RARE, Spread
 from hil.solve.temperatures import (
     nearest,
     of_runs_degC,
@@ -42,7 +41,7 @@ from hil.solve.temperatures import (
     unit_range_degC,
     visits,
 )
-from hil.solve.uncertain import MeanAt, Uncertain
+from hil.solve.uncertain import RARE, MeanAt, Spread, Uncertain
 from hil.solve.wrong_rows import treated
 from procedures.words import counted, listed, numbered, significant
 

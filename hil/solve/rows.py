@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from hil.campaign import Collects, FloatArray, IntArray
+from hil.campaign import BoolArray, Collects, FloatArray, IntArray
 from hil.solve.identifiability import CANNOT_BE_SEEN, independent_columns, kept_shares, orthonormal, project_out
 from hil.solve.observability import linked_groups
 from hil.solve.temperatures import same_temperature
@@ -66,78 +66,40 @@ def sensor_blocks(number: int, collects: Collects, known: FloatArray, base: Floa
     Rows without a rate are left out; a sensor whose channels share an excited base column is one block.
     """
     rates = collects.rates_deg_per_hr - known
-    channels = list(range(rates.shape[1]))
-    groups = _coupled_channels(base, np.isfinite(rates)) if base.shape[2] else [[channel] for channel in channels]
-    rates = rates - _small_couplings(base, rates, groups)
-    return [_block(number, collects, rates, base, group) for group in groups]
+    measured = np.isfinite(rates)
+    groups = _coupled_channels(base, measured)
+    acting = [_acting_on(base, group) for group in groups]
+    if len(groups) > 1:  # what unexcited shared columns contribute, from one joint fit, is taken off, not fitted twice
+        fit = np.linalg.lstsq(base[measured], rates[measured], rcond=1e-6)[0]
+        for group, own in zip(groups, acting, strict=True):
+            rates[:, group] -= base[:, group][..., ~own] @ fit[~own]
+    conditions, stated = collects.conditions, collects.rates_se_deg_per_hr
+    places = {run: k for k, run in enumerate(dict.fromkeys(conditions.run.tolist()))}
+    order, station = np.array([places[run] for run in conditions.run.tolist()]), same_temperature(conditions)
+    blocks = []
+    for group, own in zip(groups, acting, strict=True):
+        place, row = np.nonzero(measured[:, group].T)  # channel by channel
+        channel = np.array(group)[place]
+        sigma = stated[row, channel]
+        told = bool(np.all(sigma > 0.0))
+        columns = independent_columns(base[row, channel][:, own])
+        white = sigma if told else np.ones(len(sigma))
+        blocks.append(Block(number, row, channel, rates[row, channel], columns, white, told, order[row], station[row]))
+    return blocks
 
 
-def _coupled_channels(base: FloatArray, measured: FloatArray) -> list[list[int]]:
-    """Group channels that share an excited base column."""
-    _, channels, columns = base.shape
-    acting = [[_is_excited(base, measured, column, c) for column in range(columns)] for c in range(channels)]
-    return linked_groups(np.array(acting) @ np.array(acting).T, np.ones(channels, np.bool_))
+def _coupled_channels(base: FloatArray, measured: BoolArray) -> list[list[int]]:
+    """Group channels that a base column moves, each beyond what the columns of that channel alone can absorb."""
+    acts = np.any(base, axis=0)  # (c, p)
+    shared = acts.sum(axis=0) > 1
+    least, excited = _UNEXCITED * np.abs(base[..., shared]).max(axis=(0, 1)), []
+    for columns, rows, own in zip(np.swapaxes(base, 0, 1), measured.T, acts, strict=True):
+        left = project_out(orthonormal(columns[rows][:, own & ~shared]), columns[rows][:, shared])
+        excited.append(np.linalg.norm(left, axis=0) > least * np.sqrt(rows.sum()))
+    return linked_groups(np.array(excited) @ np.array(excited).T, np.ones(len(acts), np.bool_))
 
 
-def _is_excited(base: FloatArray, measured: FloatArray, column: int, channel: int) -> bool:
-    """Whether a base column moves a channel beyond what the columns of that channel alone can absorb."""
-    rows = measured[:, channel]
-    target = base[rows, channel, column]
-    if not np.any(target):
-        return False
-    largest = np.abs(base[:, :, column]).max()
-    own = [k for k in range(base.shape[2]) if k != column and _only_here(base, k, channel)]
-    remainder = target
-    if own:
-        remainder = project_out(orthonormal(base[rows, channel][:, own]), target)
-    return bool(np.sqrt(np.mean(remainder**2)) > _UNEXCITED * largest)
-
-
-def _only_here(base: FloatArray, column: int, channel: int) -> bool:
-    others = [c for c in range(base.shape[1]) if c != channel]
-    return bool(np.any(base[:, channel, column])) and not np.any(base[:, others, column])
-
-
-def _small_couplings(base: FloatArray, rates: FloatArray, groups: Sequence[Sequence[int]]) -> FloatArray:
-    """What unexcited shared columns contribute, from one joint fit, shape (n, c): taken off once, not fitted twice."""
-    out = np.zeros_like(rates)
-    if base.shape[2] == 0 or all(len(group) == rates.shape[1] for group in groups):
-        return out
-    finite = np.isfinite(rates)
-    fit = np.linalg.lstsq(base[finite], rates[finite], rcond=1e-6)[0]
-    for group in groups:
-        for channel in group:
-            for column in range(base.shape[2]):
-                if not _acts_on(base, column, group) and np.any(base[:, channel, column]):
-                    out[:, channel] += base[:, channel, column] * fit[column]
-    return out
-
-
-def _acts_on(base: FloatArray, column: int, group: Sequence[int]) -> bool:
-    """Whether a base column belongs to this group of channels: it is as large here as anywhere."""
-    here = np.sqrt(np.mean(base[:, list(group), column] ** 2, axis=0)).max()
-    anywhere = np.sqrt(np.mean(base[:, :, column] ** 2, axis=0)).max()
-    return bool(here > 0.2 * anywhere)
-
-
-def _block(number: int, collects: Collects, rates: FloatArray, base: FloatArray, group: Sequence[int]) -> Block:
-    conditions = collects.conditions
-    own = [k for k in range(base.shape[2]) if _acts_on(base, k, group)]
-    place, row = np.nonzero(np.isfinite(rates[:, list(group)]).T)  # channel by channel
-    chan = np.array(group, dtype=np.int64)[place]
-    run_order = {run: place for place, run in enumerate(dict.fromkeys(conditions.run.tolist()))}
-    order = np.array([run_order[run] for run in conditions.run.tolist()], dtype=np.int64)
-    station = same_temperature(conditions)
-    sigma = collects.rates_se_deg_per_hr[row, chan]
-    stated = bool(np.all(sigma > 0.0))
-    return Block(
-        sensor=number,
-        rows=row,
-        channel=chan,
-        y=rates[row, chan],
-        base=independent_columns(base[row, chan][:, own]),
-        sigma=sigma if stated else np.ones(len(sigma)),
-        sigma_stated=stated,
-        run=order[row],
-        station=station[row],
-    )
+def _acting_on(base: FloatArray, group: Sequence[int]) -> BoolArray:
+    """Tell which base columns belong to a group of channels, (p,): those as large there as anywhere."""
+    rms = np.sqrt(np.mean(base**2, axis=0))
+    return np.asarray(rms[group].max(axis=0) > 0.2 * rms.max(axis=0))

@@ -19,10 +19,11 @@ from functools import cached_property
 
 import numpy as np
 
-from hil.campaign import Campaign, Collects, Conditions, FloatArray, Sensor
+from hil.campaign import Campaign, Collects, Conditions, FloatArray
 from hil.campaign.plausibility import accelerations_g
 from hil.campaign.warnings import off_gravity, off_in_words
 from hil.errors import InputError
+from hil.files.document import plain
 from hil.model.forms import LinearForm, default_form, named_form
 from hil.solve.contractor import METHOD, can_follow, solve_as_contractor
 from hil.solve.identifiability import orthonormal
@@ -98,18 +99,13 @@ class RunSolution:
         """Return the parameters with the standard errors of rates of this noise (c,), NaN: unknown, where none is."""
         if self.per_noise is None:
             return self.parameters
-        errors = (finite(float(np.linalg.norm((deg_per_hr * of)[of > 0.0]))) for of in self.per_noise)
+        errors = (plain(float(np.linalg.norm((deg_per_hr * of)[of > 0.0]))) for of in self.per_noise)
         return {name: replace(each, se=se) for (name, each), se in zip(self.parameters.items(), errors, strict=True)}
 
     @property
     def left_over(self) -> tuple[FloatArray, FloatArray] | None:
         """What residuals say of noise that is not stated: `of_channels`; None where it is, or there are none."""
         return None if self.per_noise is None else self.of_channels
-
-    def measured_well_enough(self, deg_per_hr: FloatArray, sensor: Sensor, accepted: float | None) -> RunSolution:
-        """Return it judged by how well its collects tell it, too, of this noise (c,) where they state none."""
-        errors = {name: (each.se, each.unit) for name, each in self.by_noise(deg_per_hr).items()}
-        return replace(self, beside=(*self.beside, measured_well_enough(errors, sensor, accepted)))
 
     @property
     def causes(self) -> list[Judgement]:
@@ -151,7 +147,10 @@ def solve_campaign(campaign: Campaign, model_name: str | None = None, sensor: in
         own = [_described(number, each, among, wrong.collects, beside) for each in solved]
         runs, layout = set(used[number].conditions.run.tolist()), used[number].conditions.sensor
         noise, _ = noise_left([each.left_over for each in own if not runs.isdisjoint(each.runs)], len(layout.channels))
-        found += [each.measured_well_enough(noise, layout, campaign.largest_se) for each in own]
+        for each in own:  # by how well its collects tell it, too, of this noise where they state none
+            errors = {name: (of.se, of.unit) for name, of in each.by_noise(noise).items()}
+            judged = measured_well_enough(errors, layout, campaign.largest_se)
+            found.append(replace(each, beside=(*each.beside, judged)))
     return sorted(found, key=lambda each: (each.runs[0], each.sensor))
 
 
@@ -308,26 +307,22 @@ def _described(sensor: int, solved: _Solved, among: int, every: Collects, beside
         channels, why, left = list(conditions.sensor.channels), LACKS if settled else MOVED, squares / times**2
         where, wider = beyond_errors(channels, (left, freedom), among), wider_in_words(channels, times)
         judged = judge(float(left.sum()), solved.degrees, equations, noise_stated, among, where, why, wider)
-    unit = dict(zip(told.names, told.units, strict=True))
-    places = [form.names.index(name) for name in told.names]
-    parameters = {
-        name: Estimate(finite(float(solution.values[p])), finite(float(solution.se[p])), unit[name])
-        for name, p in zip(told.names, places, strict=True)
-    }
+    unit, places = dict(zip(told.names, told.units, strict=True)), [form.names.index(name) for name in told.names]
+    known = zip(*(plain(of[places]) for of in (solution.values, solution.se)), told.units, strict=True)
     return RunSolution(
         run=solved.run,
         runs=runs,
         sensor=sensor,
         model=form.name,
         method=METHOD if solved.as_contractor else LEAST_SQUARES,
-        parameters=parameters,
+        parameters={name: Estimate(*of) for name, of in zip(told.names, known, strict=True)},
         combinations={
-            text: Estimate(finite(value), finite(se), _combined_unit(text, unit))
+            text: Estimate(plain(value), plain(se), _combined_unit(text, unit))
             for text, value, se in (solution.combinations() if unobservable else ())
         },
         covariance=solution.covariance[np.ix_(places, places)],
-        condition_number=finite(float(solution.condition_number)),
-        residual_rms_deg_per_hr=finite(float(solution.residual_rms)),
+        condition_number=plain(solution.condition_number),
+        residual_rms_deg_per_hr=plain(solution.residual_rms),
         degrees_of_freedom=solved.degrees,
         unobservable=unobservable,
         judged=judged,
@@ -352,37 +347,24 @@ def _per_noise(solution: Solution, channels: int) -> FloatArray:
 
 
 def _assumptions(form: LinearForm, collects: Collects, noise_stated: bool, rebuilt: bool) -> tuple[str, ...]:
-    conditions = collects.conditions
-    said = [
-        "f and the earth rate w are taken as given; local gravity is 1 g",
-        "no mistake is the same in every run (labels, a sign, a channel, the heading): none of these collects shows it",
-    ]
-    if not np.isfinite(accelerations_g(collects)).any():
-        said.append("the pose was not measured (no accelerations): that the unit lay as each position says")
-    if rebuilt:
-        said.append("the earth rate is taken off what the table prints: the rates were made of that without it")
-    elif not np.any(conditions.w_deg_per_hr):
-        said.append(
-            "the earth rate is given as 0: what there is of it (up to 15.04 deg/hr) stands in the parameters, its "
-            "vertical part looking like acceleration sensitivity"
-        )
-    if "GSA" in form.names:
-        said.append("GSA and GSB are the same for both channels (isotropic rotor)")
-    if form.name == "collins-4":
-        said.append("MUA = MUB = 0")
-    if form.name == "constant":
-        said.append("no acceleration sensitivity")
-    if not noise_stated:
-        said.append(UNSTATED)
-    return tuple(said)
+    posed = bool(np.isfinite(accelerations_g(collects)).any())
+    said = {
+        "f and the earth rate w are taken as given; local gravity is 1 g": True,
+        "no mistake is the same in every run (labels, a sign, a channel, the heading): none of these collects shows "
+        "it": True,
+        "the pose was not measured (no accelerations): that the unit lay as each position says": not posed,
+        "the earth rate is taken off what the table prints: the rates were made of that without it": rebuilt,
+        "the earth rate is given as 0: what there is of it (up to 15.04 deg/hr) stands in the parameters, its vertical "
+        "part looking like acceleration sensitivity": not rebuilt and not np.any(collects.conditions.w_deg_per_hr),
+        "GSA and GSB are the same for both channels (isotropic rotor)": "GSA" in form.names,
+        "MUA = MUB = 0": form.name == "collins-4",
+        "no acceleration sensitivity": form.name == "constant",
+        UNSTATED: not noise_stated,
+    }
+    return tuple(words for words, so in said.items() if so)
 
 
 def _combined_unit(text: str, unit: Mapping[str, str]) -> str:
     """Unit of a combination: that of its members; biases are summed with what acts at 1 g, in deg/hr."""
     units = {unit[name] for name in text.replace("-", " ").replace("+", " ").split() if name in unit}
     return units.pop() if len(units) == 1 else "deg/hr"
-
-
-def finite(value: float) -> float | None:
-    """Return a number, or None where it is none."""
-    return float(value) if np.isfinite(value) else None

@@ -25,9 +25,8 @@ from hil.model.forms import LinearForm, default_form, named_form
 from hil.solve import Solution, solve
 from hil.solve.precision import stated_noise
 from hil.solve.runs import solve_rates
-from hil.solve.spread import Spread
 from hil.solve.temperatures import at_no_temperature, runs_by_temperature, too_few, unit_mean_degC
-from hil.solve.uncertain import CONFIDENCE
+from hil.solve.uncertain import CONFIDENCE, Spread
 from procedures.words import counted, numbered
 
 _MOVES_DEGC = 0.1  # half the range of a thermometer that tells anything

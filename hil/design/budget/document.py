@@ -19,7 +19,6 @@ from hil.design.budget.scenes import RunScene
 from hil.errors import InputError
 from hil.files.document import picked, plain
 from hil.solve.repeats import SensorRepeats
-from hil.solve.runs import finite
 from procedures.words import numbered
 
 SCHEMA = "hil.budget/1"
@@ -122,7 +121,7 @@ def _sensor(runs: Sequence[RunScene], asked: Asked, observed: SensorRepeats | No
         "as_solved_for": [] if observed is None else _said(observed),
         "mean_as_solved": {}
         if mean is None
-        else {"runs": list(mean.runs), **{n: finite(v.sd) for n, v in mean.values.items()}},
+        else {"runs": list(mean.runs), **{n: plain(v.sd) for n, v in mean.values.items()}},
         "mean_as_solved_of": {} if mean is None else {n: v.runs for n, v in mean.values.items()},
         "left_out": list(chosen.left_out),
         "agrees": budget.agrees,
@@ -143,7 +142,7 @@ def _both(budget: Budget, analytic: FloatArray, simulated: FloatArray) -> dict[s
 
 
 def _named(budget: Budget, values: FloatArray) -> dict[str, float | None]:
-    return {name: finite(value) for name, value in zip(budget.names, values, strict=True)}
+    return {name: plain(value) for name, value in zip(budget.names, values, strict=True)}
 
 
 def _said(observed: SensorRepeats) -> list[str]:

@@ -21,13 +21,14 @@ from hil.design.budget.sources import Scene, Source, sources
 from hil.design.conditions import planned_conditions
 from hil.design.visibility.map import base_values
 from hil.errors import InputError
+from hil.files.document import plain
 from hil.model import Model, fitting_conditions, load_model
 from hil.model.effects.base import Base
 from hil.model.effects.geometry import local_frame
 from hil.model.forms import LinearForm, default_form
 from hil.solve.precision import stated_noise
 from hil.solve.repeats import SensorRepeats
-from hil.solve.runs import finite, solve_rates
+from hil.solve.runs import solve_rates
 from hil.solve.temperatures import level_degC, told_by
 from hil.solve.wrong_rows import treated
 from procedures.plan import make_plan
@@ -139,7 +140,7 @@ def _measured_runs(
 def _at(conditions: Conditions, here: IntArray) -> tuple[float | None, str | None]:
     """Return the mean temperature of some of a sensor's collects, (k,), None where unknown, and whose it is."""
     level = level_degC(conditions)
-    return None if level is None else finite(known_mean(level[here])), told_by(conditions)
+    return None if level is None else plain(known_mean(level[here])), told_by(conditions)
 
 
 def _base(conditions: Conditions, model: Model | None) -> tuple[Base, str]:

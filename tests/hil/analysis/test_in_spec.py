@@ -18,8 +18,8 @@ from hil.config.limits import Limits, ParameterLimits
 from hil.errors import InputError
 from hil.solve import repeats, solve_campaign
 from hil.solve.repeats import means_of
-from hil.solve.spread import Spread
 from hil.solve.temperatures import NOT_SETTLED
+from hil.solve.uncertain import Spread
 from procedures.verdict import Judgement, Verdict
 from tests.hil.analysis.thermal.nights import rotor_night
 

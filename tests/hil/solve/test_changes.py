@@ -69,7 +69,7 @@ def test_a_heading_turns_what_is_level_and_leaves_what_is_vertical() -> None:
 def test_backwards_begins_with_what_was_last() -> None:
     """Runs and collects in reverse order of time, each at its own setpoint, approached from the other side."""
     sweep = swept(-20.0, 0.0, 40.0, 50.0)
-    rows = added("the same runs in reverse order", sweep)
+    rows = added("the same collects in reverse order", sweep)
     assert np.all(np.diff(rows.start_s) > 0.0)
     assert rows.position.tolist() == sweep.position[np.argsort(-sweep.start_s)].tolist()
     assert np.all(np.diff(rows.run) >= 0)

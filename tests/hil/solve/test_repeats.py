@@ -14,8 +14,7 @@ from hil.campaign import Campaign, Collects
 from hil.solve import repeats, solve_campaign
 from hil.solve.omissions import in_words, what_is_wrong
 from hil.solve.repeats import means_of
-from hil.solve.spread import Spread
-from hil.solve.uncertain import Uncertain
+from hil.solve.uncertain import Spread, Uncertain
 from procedures.verdict import Judgement, Verdict
 from tests.hil.analysis.thermal.nights import PUBLISHED_DEGC, RUN_TO_RUN, rotor_night, scaled
 from tests.hil.solve.runs_of_a_unit import campaign as runs_at_their_temperatures
