@@ -24,8 +24,8 @@ from hil.solve import RunSolution, repeats, solve_campaign
 from hil.solve.both_sensors import BothSensors, common_and_differential
 from hil.solve.contractor import METHOD
 from hil.solve.document import not_passed_of, of_sensors_in_words
+from hil.solve.precision import smallest_seen_deg
 from hil.solve.repeats import MAY_FOLLOW, SensorRepeats
-from hil.solve.site import smallest_seen_deg
 from hil.solve.temperatures import how_many
 from hil.solve.uncertain import MeanAt
 from procedures.verdict import NOT_GOOD, Verdict

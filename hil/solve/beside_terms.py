@@ -30,10 +30,13 @@ def solve_beside(campaign: Campaign, model: Model) -> list[RunSolution]:
 
     Its terms have the model's values, which are not refitted.
     """
-    return [
-        replace(each, model=model.full_title, assumed=(*each.assumed, *_assumed(campaign, each, model)))
-        for each in solve_campaign(campaign, model.form)
-    ]
+    found = []
+    for each in solve_campaign(campaign, model.form):
+        sensor = campaign.sensors[each.sensor].conditions.sensor
+        terms = [f"{term.effect} as model {model.title} has it" for term, _ in model.terms_for(sensor)]
+        noise = [f"noise as the file of model {model.full_title} states it"] * (sensor.number in model.noise)
+        found.append(replace(each, model=model.full_title, assumed=(*each.assumed, *terms, *noise)))
+    return found
 
 
 def beside(campaign: Campaign, model: Model) -> Campaign:
@@ -112,12 +115,3 @@ def _less(rows: Collects, conditions: Conditions, model: Model) -> Collects:
         )
     terms = model.rates(conditions) - model.base_for(conditions).rates
     return replace(rows, rates_deg_per_hr=rows.rates_deg_per_hr - terms)
-
-
-def _assumed(campaign: Campaign, solution: RunSolution, model: Model) -> tuple[str, ...]:
-    sensor = campaign.sensors[solution.sensor].conditions.sensor
-    terms = tuple(f"{term.effect} as model {model.title} has it" for term, _ in model.terms_for(sensor))
-    return (
-        *terms,
-        *([f"noise as the file of model {model.full_title} states it"] if sensor.number in model.noise else []),
-    )

@@ -1,4 +1,4 @@
-"""What a design can tell apart: spans, projecting out the base, overlaps, and classes.
+"""What a design can tell, and tell apart: spans, projecting out the base, overlaps, classes, what is seen in words.
 
     whiten = whitener(conditions, sigma, run_bias)                  # W, with W V Wᵀ = 1
     base = orthonormal(whiten @ base_columns)                       # (N, b)
@@ -7,7 +7,9 @@
 
 Rows are the rates of all collects and channels, flattened to N = n·c. No data enters: it is linear algebra on the
 conditions, so it can be asked before a night is spent. Whoever asks what columns span, what is left of them beside
-others, or which are independent asks here, so that all mean the same by it.
+others, or which are independent asks here, so that all mean the same by it. Each row of a design sees one combination
+of the parameters. Where the rows do not span every parameter, the directions left over change no rate at all: no amount
+of averaging finds them.
 """
 
 from collections.abc import Sequence
@@ -16,9 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import block_diag
 
-from hil.campaign import Conditions, FloatArray, IntArray
+from hil.campaign import BoolArray, Conditions, FloatArray, IntArray
 from hil.model.effects.columns import flattened
-from hil.solve.observability import linked_groups
 
 RANK_TOLERANCE = 1e-8
 """Directions weaker than this fraction of an effect's own norm are numerical noise, not columns."""
@@ -28,6 +29,13 @@ SAME_CLASS = 0.95
 
 CANNOT_BE_SEEN = 0.1
 """An effect that keeps less of its norm than this is absorbed by the base model's parameters."""
+
+LEAK = 1e-4
+"""A parameter counts as known where an unseen combination of size 100 moves it by less than 0.01 deg/hr.
+
+That is the resolution of the report's own runs. Below it a tilt of a tenth of a milliradian would make every bias
+unknowable.
+"""
 
 
 @dataclass(frozen=True)
@@ -197,3 +205,92 @@ def overlap_table(effects: Sequence[Sequence[Visible]]) -> FloatArray:
 def classes(overlaps: FloatArray) -> tuple[tuple[int, ...], ...]:
     """Return the groups of indices that are linked by overlaps (k, k) above `SAME_CLASS`, in order of first member."""
     return tuple(map(tuple, linked_groups(overlaps > SAME_CLASS, np.ones(len(overlaps), np.bool_))))
+
+
+@dataclass(frozen=True)
+class Observability:
+    """One design's verdict.
+
+    `seen` (q, p) holds the combinations that are seen of parameters that are not seen by themselves, `seen_text` the
+    same in words; `sentences` has one for each group of entangled parameters.
+    """
+
+    seen: FloatArray
+    seen_text: tuple[str, ...]
+    sentences: tuple[str, ...]
+
+
+def directions_seen(rows: FloatArray, scale: FloatArray, tolerance: float) -> tuple[FloatArray, BoolArray, BoolArray]:
+    """Split parameter space by what unweighted rows (..., m, p) see, columns divided by `scale` (..., p).
+
+    Returns orthonormal directions (..., p, p) as rows, which of them are seen (..., p), and which parameters are
+    known (..., p). Weights play no part: what can be seen is a matter of orientations, not of noise.
+    """
+    _, singular, directions = np.linalg.svd(rows / scale[..., None, :], full_matrices=True)
+    padded = np.zeros(directions.shape[:-1])
+    padded[..., : singular.shape[-1]] = singular
+    seen = padded > tolerance * np.maximum(padded[..., :1], np.finfo(np.float64).tiny)
+    leak = np.sqrt(np.einsum("...pq,...p->...q", directions**2, (~seen).astype(np.float64)))
+    return np.asarray(directions), np.asarray(seen), np.asarray(leak <= LEAK)
+
+
+def describe(names: Sequence[str], rows: FloatArray, scale: FloatArray, tolerance: float) -> Observability:
+    """Put into words what one design (m, p) can and cannot know of the parameters called `names`."""
+    directions, seen, known = directions_seen(rows, scale, tolerance)
+    blind = directions[~seen]
+    mixing = blind.T @ blind
+    combinations, texts, sentences = [np.zeros((0, len(names)))], [], []
+    for group in linked_groups(np.abs(mixing) > LEAK**2, ~known):
+        members = [names[j] for j in group]
+        unseen_count = round(float(np.trace(mixing[np.ix_(group, group)])))
+        visible = _readable(_span(directions[seen][:, group], len(group) - unseen_count) * scale[group])
+        hidden = _readable(_span(blind[:, group], unseen_count) / scale[group])
+        combinations.append(visible @ np.eye(len(names))[group])
+        told, untold = ([combination_text(members, row) for row in rows] for rows in (visible, hidden))
+        texts += told
+        is_seen, is_not = (f"{', '.join(of)} {'are' if len(of) > 1 else 'is'}" for of in (told, untold))
+        sentences.append(f"{is_seen} seen, {is_not} not" if told else f"{is_not} not seen")
+    return Observability(np.concatenate(combinations), tuple(texts), tuple(sentences))
+
+
+def combination_text(names: Sequence[str], coefficients: FloatArray) -> str:
+    """Write a combination, (p,), as people do, without terms below a thousandth of the largest.
+
+    >>> combination_text(("BA", "GSA", "GSB"), np.array([1.0, 1e-5, -0.016]))
+    'BA - 0.016 GSB'
+    """
+    text = ""
+    for name, value in zip(names, coefficients, strict=True):
+        if abs(value) < 1e-3 * np.abs(coefficients).max():
+            continue
+        size = "" if abs(abs(value) - 1.0) < 5e-4 else f"{abs(value):.3g} "
+        sign = (" - " if value < 0 else " + ") if text else ("-" if value < 0 else "")
+        text += f"{sign}{size}{name}"
+    return text
+
+
+def linked_groups(linked: BoolArray, entangled: BoolArray) -> list[list[int]]:
+    """Gather the entangled of k things into groups that are linked (k, k) to one another, in order of first member."""
+    members = np.flatnonzero(entangled)
+    if not len(members):
+        return []
+    from scipy.sparse.csgraph import connected_components  # imported late: few designs have anything entangled
+
+    count, group = connected_components(linked[np.ix_(members, members)], directed=False)
+    return [members[group == number].tolist() for number in range(count)]
+
+
+def _span(rows: FloatArray, count: int) -> FloatArray:
+    """Return `count` orthonormal rows that span the given ones."""
+    return np.asarray(np.linalg.svd(rows.T @ rows)[2][:count])
+
+
+def _readable(rows: FloatArray) -> FloatArray:
+    """Reduce rows so that each holds one parameter, scaled to 1, that no other row holds."""
+    reduced = rows.copy()
+    for i in range(len(reduced)):
+        pivot = int(np.argmax(np.abs(reduced[i]) > 0.5 * np.abs(reduced[i]).max()))
+        reduced[i] /= reduced[i, pivot]
+        others = np.arange(len(reduced)) != i
+        reduced[others] -= reduced[others, pivot, None] * reduced[i]
+    return reduced

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hil.campaign import FloatArray
-from hil.solve.observability import Observability, describe, directions_seen
+from hil.solve.identifiability import Observability, describe, directions_seen
 from procedures.words import counted
 
 RANK_TOLERANCE = 1e-9
@@ -121,7 +121,10 @@ def solve(
     measured = ~np.isnan(data)
     # With nothing missing the mask is shared by the batch, and so is the factorisation of a shared design.
     mask = np.ones(data.shape[-1:], dtype=bool) if measured.all() else measured
-    weight = _weights(mask, sigma)
+    noise = np.where(mask, 1.0 if sigma is None else np.asarray(sigma, dtype=np.float64), 1.0)
+    if not np.all(np.isfinite(noise) & (noise > 0.0)):
+        raise ValueError("sigma must be positive and finite in every measured row")
+    weight = mask / noise  # zero for missing rows, which leaves them out of every sum
     white, seen = rows * weight[..., None], np.where(mask, data, 0.0) * weight
     operator, spread, rank, known = _invert(rows, white, weight, _scale(rows, mask), rank_tolerance)
     values = _apply(operator, seen)
@@ -167,14 +170,6 @@ def _check(rows: FloatArray, data: FloatArray, names: Sequence[str] | None) -> N
         raise ValueError("the observed values hold an infinity; mark missing rows with NaN")
     if names is not None and len(names) != rows.shape[-1]:
         raise ValueError(f"{len(names)} names for {rows.shape[-1]} parameters")
-
-
-def _weights(mask: NDArray[np.bool_], sigma: ArrayLike | None) -> FloatArray:
-    """Return what scales rows to unit noise, (..., m): zero for missing ones, which leaves them out of every sum."""
-    used = np.where(mask, 1.0 if sigma is None else np.asarray(sigma, dtype=np.float64), 1.0)
-    if not np.all(np.isfinite(used) & (used > 0.0)):
-        raise ValueError("sigma must be positive and finite in every measured row")
-    return np.asarray(mask / used)
 
 
 def _scale(rows: FloatArray, mask: NDArray[np.bool_]) -> FloatArray:

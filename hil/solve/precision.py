@@ -1,4 +1,4 @@
-"""Whether parameters are measured well enough to say anything of them.
+"""Whether parameters are measured well enough to say anything of them, and how wrong the site may be unseen.
 
 A standard error as large as what a parameter usually is tells next to nothing about it, however well the residuals
 agree. The usual size is the catalogue's: the middle of what is typical for a rotor sensor; for any other, whose
@@ -6,6 +6,9 @@ technology a campaign does not tell, that of the technology where it is largest.
 
 A standard error that is not stated is the largest that the others of its channel show: what is not known must not make
 a result look better.
+
+The earth rate that is subtracted rests on latitude and heading. In the collects of one heading what is wrong of it
+looks like bias and acceleration sensitivity, and leaves no residual.
 """
 
 import math
@@ -14,11 +17,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from hil.campaign import BoolArray, Collects, Conditions, FloatArray, Sensor
+from hil.campaign import BoolArray, Campaign, Collects, Conditions, FloatArray, Sensor
+from hil.campaign.data import EARTH_RATE_DEG_PER_HR
 from hil.campaign.stand_ins import OWN, temperature_of
 from hil.model.effects.base import VarianceEffect
 from hil.model.effects.catalogue import effect_by_id, variance_effect_by_id
-from hil.model.forms import PER_G, RATE
+from hil.model.effects.geometry import local_frame
+from hil.model.effects.setup import EarthRateError
+from hil.model.forms import PER_G, RATE, default_form
+from hil.solve.identifiability import orthonormal, project_out
 from procedures.verdict import Judgement, Verdict
 from procedures.words import listed
 
@@ -28,8 +35,8 @@ _OTHER = {
     for effect in ("bias", "g_sensitivity")
     for each in effect_by_id(effect).parameters
 }
-
-
+_SIGMAS = 3.0
+_LEFT = 1e-3  # of what an error does to the rates, beside the parameters: less is the rounding of f and w
 _FROM_RUN_TO_RUN = {
     name: variance_effect_by_id(effect) for name, effect in (("B", "turnon"), ("MU", "MU_rr"), ("GS", "GS_rr"))
 }
@@ -44,10 +51,8 @@ def unstated(collects: Collects) -> BoolArray:
 
 def stated_noise(collects: Collects) -> FloatArray | None:
     """Return the rates' standard errors (n, c), or None where a measured rate has none (0 is none): all weigh alike."""
-    measured = ~np.isnan(collects.rates_deg_per_hr)
-    if not np.all(collects.rates_se_deg_per_hr[measured] > 0.0):
-        return None
-    return collects.rates_se_deg_per_hr
+    errors = collects.rates_se_deg_per_hr
+    return errors if np.all(errors[~np.isnan(collects.rates_deg_per_hr)] > 0.0) else None
 
 
 def with_every_error(collects: Collects) -> Collects:
@@ -131,3 +136,30 @@ def measured_well_enough(
         f"{listed(poor)} not measured well enough to say: the standard error of {worst}, without what runs "
         f"scatter by beyond it, is {poor[worst]:.3g} {errors[worst][1]}, more than {why} ({limits[worst]:.3g})",
     )
+
+
+def smallest_seen_deg(campaign: Campaign) -> Mapping[str, float]:
+    """Return how large an error of `latitude` and `heading`, deg, must be to show in the residuals; inf where none is.
+
+    Nothing where no earth rate is given, or no latitude.
+    """
+    latitude = np.deg2rad(campaign.site.get("latitude_deg", np.nan))
+    up, north, east = np.eye(3)
+    turns = np.stack([np.cos(latitude) * up - np.sin(latitude) * north, np.cos(latitude) * east], -1)
+    seen, used = np.zeros(2), False
+    for collects in campaign.sensors.values():
+        for run in np.unique(collects.conditions.run):
+            rows = collects.rows(collects.conditions.run == run)
+            sigma = stated_noise(rows)
+            if not np.any(local_frame(rows.conditions).north) or not np.isfinite(latitude):
+                continue
+            used = True
+            weights = 1.0 / (np.ones_like(rows.rates_deg_per_hr) if sigma is None else sigma).reshape(-1, 1)
+            known = np.isfinite(rows.rates_deg_per_hr).reshape(-1) & np.isfinite(weights[:, 0])
+            design = default_form(rows.conditions).columns(rows.conditions).reshape(len(known), -1)
+            per_deg = EarthRateError().columns(rows.conditions, None, {}).reshape(len(known), 3) @ turns
+            wrong = weights[known] * per_deg[known] * np.deg2rad(EARTH_RATE_DEG_PER_HR)
+            left = np.linalg.norm(project_out(orthonormal(weights[known] * design[known]), wrong), axis=0)
+            seen += np.where(left > _LEFT * np.linalg.norm(wrong, axis=0), left, 0.0) ** 2
+    with np.errstate(divide="ignore"):
+        return dict(zip(("latitude", "heading"), (_SIGMAS / np.sqrt(seen)).tolist(), strict=True)) if used else {}

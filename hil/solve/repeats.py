@@ -271,9 +271,8 @@ class SensorRepeats:
         """Say which parameters differ from visit to visit by more than runs of one do: history, or time, moves them."""
         differ = f"differ{'s' if len(self.of_visits) == 1 else ''} between visits to one temperature"
         of_both = "every ± holds both; the way to a temperature may do that (hil thermal), or time (hil reconcile)"
-        return (
-            [f"{listed(self.of_visits)} {differ} by more than runs of a visit do: {of_both}"] if self.of_visits else []
-        )
+        more = "by more than runs of a visit do"
+        return [f"{listed(self.of_visits)} {differ} {more}: {of_both}"] if self.of_visits else []
 
 
 def repeats(
@@ -287,15 +286,16 @@ def repeats(
         if own:
             shown = _of_sensor(own, collects, alike, tuple(used.not_used[number]), campaign.run_scatter.get(number, {}))
             shown = replace(shown, temperature_degC=of_runs_degC(campaign.sensors[number].conditions))
-            found[number] = _as_means(shown) if campaign.rebuilt and shown.stated else shown
+            if (
+                campaign.rebuilt and shown.stated
+            ):  # of rows that are means nothing scatters beyond errors that is unknown
+                known = (
+                    {n: replace(u, beyond=u.beyond or 0.0) for n, u in mean.values.items()} for mean in shown.means
+                )
+                means = [replace(mean, values=values) for mean, values in zip(shown.means, known, strict=True)]
+                shown = replace(shown, means=means, of_means=True)
+            found[number] = shown
     return found
-
-
-def _as_means(shown: SensorRepeats) -> SensorRepeats:
-    """Return what is shown of rows that are means of runs: nothing scatters beyond their errors that is unknown."""
-    values = [{name: replace(u, beyond=u.beyond or 0.0) for name, u in mean.values.items()} for mean in shown.means]
-    means = [replace(mean, values=known) for mean, known in zip(shown.means, values, strict=True)]
-    return replace(shown, means=means, of_means=True)
 
 
 def means_of(

@@ -12,8 +12,14 @@ from functools import cached_property
 import numpy as np
 
 from hil.campaign import BoolArray, Collects, FloatArray, IntArray
-from hil.solve.identifiability import CANNOT_BE_SEEN, independent_columns, kept_shares, orthonormal, project_out
-from hil.solve.observability import linked_groups
+from hil.solve.identifiability import (
+    CANNOT_BE_SEEN,
+    independent_columns,
+    kept_shares,
+    linked_groups,
+    orthonormal,
+    project_out,
+)
 from hil.solve.temperatures import same_temperature
 
 _UNEXCITED = 0.05  # a column smaller than this beside the channel's own columns does not couple two channels

@@ -308,14 +308,14 @@ def _described(sensor: int, solved: _Solved, among: int, every: Collects, beside
         where, wider = beyond_errors(channels, (left, freedom), among), wider_in_words(channels, times)
         judged = judge(float(left.sum()), solved.degrees, equations, noise_stated, among, where, why, wider)
     unit, places = dict(zip(told.names, told.units, strict=True)), [form.names.index(name) for name in told.names]
-    known = zip(*(plain(of[places]) for of in (solution.values, solution.se)), told.units, strict=True)
+    known = zip(told.names, *(plain(of[places]) for of in (solution.values, solution.se)), told.units, strict=True)
     return RunSolution(
         run=solved.run,
         runs=runs,
         sensor=sensor,
         model=form.name,
         method=METHOD if solved.as_contractor else LEAST_SQUARES,
-        parameters={name: Estimate(*of) for name, of in zip(told.names, known, strict=True)},
+        parameters={name: Estimate(*of) for name, *of in known},
         combinations={
             text: Estimate(plain(value), plain(se), _combined_unit(text, unit))
             for text, value, se in (solution.combinations() if unobservable else ())

@@ -23,8 +23,7 @@ from hil.campaign.plausibility import accelerations_g, clipped, unclipped
 from hil.model.forms import default_form
 from hil.solve.asked import OtherSensor
 from hil.solve.causes import Cause, all_of
-from hil.solve.explained import HARDLY, Explained, beyond_others, mended
-from hil.solve.in_common import Together, lost
+from hil.solve.explained import HARDLY, Explained, Together, beyond_others, lost, mended
 from hil.solve.least_squares import solve
 from hil.solve.precision import stated_noise, with_every_error
 from procedures.verdict import Judgement, Verdict, combine

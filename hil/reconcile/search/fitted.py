@@ -13,8 +13,7 @@ from hil.reconcile.search.posterior import Found, Posterior
 from hil.reconcile.search.set_in_block import SetInBlock
 from hil.reconcile.search.sets import SensorSearch, Set
 from hil.reconcile.search.sizes import over_sizes
-from hil.solve.identifiability import orthonormal, project_out
-from hil.solve.observability import describe
+from hil.solve.identifiability import describe, orthonormal, project_out
 from hil.solve.runs import OBSERVABLE
 
 Key = tuple[int, int, int]

@@ -13,7 +13,7 @@ from hil.config import load_bench
 from hil.model.earth import Site
 from hil.report.content import cannot_tell, gather
 from hil.solve import solve_campaign
-from hil.solve.site import smallest_seen_deg
+from hil.solve.precision import smallest_seen_deg
 from procedures.verdict import Verdict
 
 BENCH = load_bench("simulated")
