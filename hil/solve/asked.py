@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Self
 
 import numpy as np
 from scipy.special import logsumexp
@@ -40,10 +39,6 @@ class OtherSensor:
     rates: FloatArray
     labels: Callable[[int], Mapping[tuple[int, ...], float]]
     instead: Callable[[int], float]
-
-    def rows(self, rows: IntArray) -> Self:
-        """Return what it shows in some of them."""
-        return replace(self, rates=self.rates[rows])
 
 
 class Asked:

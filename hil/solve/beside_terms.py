@@ -50,8 +50,16 @@ def beside(campaign: Campaign, model: Model) -> Campaign:
     sensors, run_scatter = {}, {}
     for number, rows in campaign.sensors.items():
         parts = model.stated_scatter(asked[number])
-        own = with_scatter(with_white_noise_of(model, _less(rows, asked[number], model), asked[number]), parts)
-        sensors[number], run_scatter[number] = own, scatter_of_runs(asked[number], parts)
+        if model.terms_for(rows.conditions.sensor):
+            if not model.has_values(rows.conditions.sensor):
+                raise InputError(
+                    f"model {model.title}: it has named terms but no values for sensor {number}; its terms cannot be "
+                    "taken off the rates"
+                )
+            terms = model.rates(asked[number]) - model.base_for(asked[number]).rates
+            rows = replace(rows, rates_deg_per_hr=rows.rates_deg_per_hr - terms)
+        sensors[number] = with_scatter(with_white_noise_of(model, rows, asked[number]), parts)
+        run_scatter[number] = scatter_of_runs(asked[number], parts)
     return replace(campaign, sensors=sensors, run_scatter=run_scatter)
 
 
@@ -102,16 +110,3 @@ def _of_each_run(
         there = [replace(p, columns=p.columns[here], group=None if p.group is None else p.group[here]) for p in parts]
         covariance = np.asarray(sum(part.covariance(own) for part in there))
         yield here, form.names, flattened(form.columns(own)), covariance
-
-
-def _less(rows: Collects, conditions: Conditions, model: Model) -> Collects:
-    sensor = conditions.sensor
-    if not model.terms_for(sensor):
-        return rows
-    if not model.has_values(sensor):
-        raise InputError(
-            f"model {model.title}: it has named terms but no values for sensor {sensor.number}; its terms cannot be "
-            "taken off the rates"
-        )
-    terms = model.rates(conditions) - model.base_for(conditions).rates
-    return replace(rows, rates_deg_per_hr=rows.rates_deg_per_hr - terms)

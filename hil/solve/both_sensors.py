@@ -22,8 +22,8 @@ from scipy.special import ndtri, stdtr
 from hil.campaign import BoolArray, Campaign, FloatArray, IntArray
 from hil.files.document import picked
 from hil.model.forms import MATRIX_6, PER_G, RATE
-from hil.solve.noise import noise_left
 from hil.solve.repeats import SensorRepeats, means_of, repeats
+from hil.solve.residuals import noise_left
 from hil.solve.runs import solve_campaign
 from hil.solve.temperatures import runs_by_temperature
 from hil.solve.uncertain import CONFIDENCE, Spread

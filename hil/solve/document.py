@@ -8,9 +8,9 @@ import numpy as np
 
 from hil.campaign import Campaign
 from hil.files.document import picked, plain
-from hil.solve.judged import EXCESS
 from hil.solve.omissions import what_is_wrong
 from hil.solve.repeats import SensorRepeats, repeats
+from hil.solve.residuals import EXCESS
 from hil.solve.runs import RunSolution, solve_campaign
 from hil.solve.wrong_rows import pooled
 from procedures.verdict import Judgement, Verdict
@@ -36,7 +36,7 @@ def solution_document(campaign: Campaign, solutions: Sequence[RunSolution]) -> d
 
 def _solution_entry(each: RunSolution, shown: SensorRepeats) -> dict[str, Any]:
     uncertain = {name: value.document() for name, value in shown.of_run(each).items()}
-    beside = {name: {key: found[key] for key in ("sd", "low", "high")} for name, found in uncertain.items()}
+    beside = {name: {key: found[key] for key in _UNKNOWN} for name, found in uncertain.items()}
     return {
         **picked(each, "run runs sensor model method"),
         "parameters": {name: vars(e) | beside.get(name, _UNKNOWN) for name, e in each.parameters.items()},
@@ -107,16 +107,14 @@ def reasons(solutions: Sequence[RunSolution]) -> Iterator[tuple[Verdict, str, st
             if (times := _EXCEEDS.match(sentence)) is not None:
                 key = verdict, EXCESS + sentence.partition(": ")[2]
                 excess.setdefault(key, {})[sentence] = float(times[1])
-            by_sensor = said_of.setdefault(key, {})
-            by_sensor.setdefault(each.sensor, []).extend(each.runs)
+            said_of.setdefault(key, {}).setdefault(each.sensor, []).extend(each.runs)
     for key, sentences in excess.items():
         said_of[key[0], _of_all(sentences)] = said_of.pop(key)
     together: dict[tuple[Verdict, str], list[str]] = {}
     for (verdict, sentence), by_sensor in said_of.items():
         where = "; ".join(f"sensor {number}, {numbered('run', runs)}" for number, runs in by_sensor.items())
-        together.setdefault((verdict, where), []).append(
-            sentence.removeprefix(f"{numbered('run', next(iter(by_sensor.values())))} ")
-        )
+        first = numbered("run", next(iter(by_sensor.values())))
+        together.setdefault((verdict, where), []).append(sentence.removeprefix(f"{first} "))
     for (verdict, where), several in sorted(together.items(), key=lambda each: -Judgement(each[0][0], "").severity):
         yield verdict, where, "; ".join(several)
 

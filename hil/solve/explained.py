@@ -142,7 +142,8 @@ class _Left:
             return None
         rows = np.flatnonzero(told)
         left, own_bias = self.collects.rows(told), self.own_bias
-        asked = Asked(whitened(left, own_bias), own_bias, self.beside and self.beside.rows(rows))
+        beside = self.beside and replace(self.beside, rates=self.beside.rates[rows])
+        asked = Asked(whitened(left, own_bias), own_bias, beside)
         nothing, found = asked.weighed(run)
         no_error = asked.rates.stated and asked.times > _NO_ERROR
         for cause in found[0][0] if found and no_error else ():

@@ -191,11 +191,17 @@ def _invert(
     """
     scaled, mask = white / scale[..., None, :], weight > 0.0
     turned = np.swapaxes(scaled, -1, -2)
-    normal = turned @ scaled
-    batch, parameters = normal.shape[:-2], normal.shape[-1]
+    *batch, parameters = turned.shape[:-1]
     spread = np.broadcast_to(weight.max(axis=-1) / np.where(mask, weight, np.inf).min(axis=-1), batch)
     short = np.broadcast_to(mask.sum(axis=-1) < parameters, batch)
-    inverse, slow = _fast_inverse(normal, spread, short, tolerance)
+    safe = np.where(short[..., None, None], np.eye(parameters), turned @ scaled)
+    try:
+        inverse = np.linalg.inv(safe)
+    except np.linalg.LinAlgError:
+        inverse, slow = np.zeros_like(safe), np.ones(batch, dtype=bool)
+    else:  # Frobenius norms bound the condition number from above; the weights' ratio that of the unweighted rows
+        bound = np.sqrt(np.einsum("...pq,...pq->...", safe, safe) * np.einsum("...pq,...pq->...", inverse, inverse))
+        slow = np.asarray(short | ~(np.sqrt(bound) * spread < min(_FAST_CONDITION, 0.1 / tolerance)))
     operator = inverse @ turned
     rank = np.full(batch, parameters, dtype=np.int64)
     known = np.ones((*batch, parameters), dtype=bool)
@@ -210,18 +216,3 @@ def _invert(
         inverse[slow] = operator[slow] @ np.swapaxes(operator[slow], -1, -2)
         rank[slow] = seen.sum(axis=-1)
     return operator / scale[..., :, None], inverse / (scale[..., :, None] * scale[..., None, :]), rank, known
-
-
-def _fast_inverse(
-    normal: FloatArray, weight_ratio: FloatArray, short: NDArray[np.bool_], tolerance: float
-) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Invert the normal matrices, and mark those that are not certainly well-conditioned and of full rank."""
-    safe = np.where(short[..., None, None], np.eye(normal.shape[-1]), normal)
-    try:
-        inverse = np.linalg.inv(safe)
-    except np.linalg.LinAlgError:
-        return np.zeros_like(normal), np.ones(normal.shape[:-2], dtype=bool)
-    # Frobenius norms bound the condition number from above; the weights' ratio bounds that of the unweighted rows.
-    bound = np.sqrt(np.einsum("...pq,...pq->...", safe, safe) * np.einsum("...pq,...pq->...", inverse, inverse))
-    limit = min(_FAST_CONDITION, 0.1 / tolerance)
-    return inverse, np.asarray(short | ~(np.sqrt(bound) * weight_ratio < limit))

@@ -29,8 +29,8 @@ from scipy.special import chdtrc
 
 from hil.campaign import BoolArray, Campaign, Collects, Conditions, FloatArray, IntArray
 from hil.files.numbers import degrees
-from hil.solve.noise import Changes, noise_left, shares_of
 from hil.solve.precision import stated_noise, to_record_of
+from hil.solve.residuals import Changes, noise_left, shares_of
 from hil.solve.runs import Estimate, RunSolution
 from hil.solve.temperatures import (
     nearest,
@@ -286,13 +286,11 @@ def repeats(
         if own:
             shown = _of_sensor(own, collects, alike, tuple(used.not_used[number]), campaign.run_scatter.get(number, {}))
             shown = replace(shown, temperature_degC=of_runs_degC(campaign.sensors[number].conditions))
-            if (
-                campaign.rebuilt and shown.stated
-            ):  # of rows that are means nothing scatters beyond errors that is unknown
-                known = (
-                    {n: replace(u, beyond=u.beyond or 0.0) for n, u in mean.values.items()} for mean in shown.means
-                )
-                means = [replace(mean, values=values) for mean, values in zip(shown.means, known, strict=True)]
+            if campaign.rebuilt and shown.stated:  # beyond the errors of means of runs nothing scatters that is unknown
+                means = []
+                for mean in shown.means:
+                    known = {name: replace(of, beyond=of.beyond or 0.0) for name, of in mean.values.items()}
+                    means.append(replace(mean, values=known))
                 shown = replace(shown, means=means, of_means=True)
             found[number] = shown
     return found

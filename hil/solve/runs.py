@@ -27,11 +27,20 @@ from hil.files.document import plain
 from hil.model.forms import LinearForm, default_form, named_form
 from hil.solve.contractor import METHOD, can_follow, solve_as_contractor
 from hil.solve.identifiability import orthonormal
-from hil.solve.judged import LACKS, MOVED, beyond_errors, judge, what_lacks, wider_in_words
 from hil.solve.least_squares import Solution, solve
-from hil.solve.noise import Changes, changes, noise_left
 from hil.solve.omissions import not_settled
 from hil.solve.precision import measured_well_enough, stated_noise, unstated
+from hil.solve.residuals import (
+    LACKS,
+    MOVED,
+    Changes,
+    beyond_errors,
+    changes,
+    judge,
+    noise_left,
+    what_lacks,
+    wider_in_words,
+)
 from hil.solve.temperatures import law_not_told
 from hil.solve.wrong_rows import WrongRows, treated, wrong_rows
 from procedures.verdict import Judgement, Verdict
@@ -259,9 +268,8 @@ class _Beside:
         here = {run: of for (run, number), of in campaign.contradicted.items() if number == sensor}
         soak = {run: Judgement(Verdict.MARGINAL, of) for run, of in not_settled(campaign)[sensor].items()}
         weight = {} if campaign.centrifuge else _off_gravity(rows.conditions)
-        lacking: dict[int, list[int]] = {}
-        for row in np.flatnonzero(unstated(rows).any(axis=1)):
-            lacking.setdefault(int(rows.conditions.run[row]), []).append(int(rows.conditions.collect[row]))
+        lacks, collect = np.asarray(unstated(rows).any(axis=1)), rows.conditions.collect
+        lacking = {run: collect[of[lacks[of]]].tolist() for run, of in rows.conditions.of_each_run.items()}
         judged = (campaign.verdicts, here, wrong.judged, soak, weight)
         known = stated_noise(used) is not None
         sound = set(used.conditions.run.tolist()).difference(wrong.judged, soak) if known else set()

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from hil.solve import RunSolution, solve_campaign
 from hil.solve.document import not_passed, not_passed_of, of_sensors_in_words, reasons
-from hil.solve.judged import LACKS, MOVED, judge
+from hil.solve.residuals import LACKS, MOVED, judge
 from procedures.verdict import Judgement, Verdict
 from tests.hil.solve.runs_of_a_unit import campaign
 

@@ -14,8 +14,8 @@ from hil.errors import InputError
 from hil.model.equation import Orientation, pickoff_rates, rotor_matrix
 from hil.solve import solve_campaign
 from hil.solve.document import solution_document
-from hil.solve.judged import judge
 from hil.solve.precision import with_every_error
+from hil.solve.residuals import judge
 from hil.solve.runs import _of_as_many
 from procedures.verdict import Verdict
 from tests.hil.solve.closed_covariances import contractor_covariance, matrix_covariance

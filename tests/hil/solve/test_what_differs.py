@@ -11,9 +11,8 @@ from scipy.special import chdtrc
 from hil.campaign import Campaign, FloatArray
 from hil.model.forms import default_form
 from hil.solve import repeats, solve_campaign
-from hil.solve.judged import FAIL_PROBABILITY, LACKS, MOVED
-from hil.solve.noise import changes
 from hil.solve.repeats import SensorRepeats
+from hil.solve.residuals import FAIL_PROBABILITY, LACKS, MOVED, changes
 from hil.solve.wrong_rows import wrong_rows
 from procedures.verdict import Verdict
 from tests.hil.solve.runs_of_a_unit import campaign, repeated, up_and_down, with_column, with_rates
