@@ -218,10 +218,7 @@ def _in_order(conditions: Conditions, order: IntArray, by_s: float) -> Condition
 
 
 def _left_of_steps(conditions: Conditions, step: FloatArray) -> dict[str, FloatArray]:
-    """Return what temperatures, beside the setpoint's, and their rates show of each degree of a `step`, (n,) each.
-
-    By straight lines through what the same collects of all visits show.
-    """
+    """Return what temperatures and rates show per degree of a `step`, (n,), by lines through like collects."""
     place = np.zeros(len(conditions), dtype=np.int64)
     for _, runs in visits(conditions):
         rows = _in_time(conditions, np.flatnonzero(np.isin(conditions.run, runs)))

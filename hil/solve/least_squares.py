@@ -185,10 +185,7 @@ def _scale(rows: FloatArray, mask: NDArray[np.bool_]) -> FloatArray:
 def _invert(
     rows: FloatArray, white: FloatArray, weight: FloatArray, scale: FloatArray, tolerance: float
 ) -> tuple[FloatArray, FloatArray, NDArray[np.int64], NDArray[np.bool_]]:
-    """Invert the rows as they are weighed, `white` (..., m, p): directly where that is safe, else over what is seen.
-
-    Returns what makes values of observations, the values' covariance, the rank, and which parameters are known.
-    """
+    """Return what makes values of observations, by what is seen, their covariance, the rank, and which are known."""
     scaled, mask = white / scale[..., None, :], weight > 0.0
     turned = np.swapaxes(scaled, -1, -2)
     *batch, parameters = turned.shape[:-1]

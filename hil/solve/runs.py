@@ -248,11 +248,7 @@ def _of_as_many(telling: Sequence[tuple[float, int]]) -> int:
 
 @dataclass(frozen=True)
 class _Beside:
-    """What is known of a sensor's runs beside their solutions: judgements by run, and what no other run was held to.
-
-    `lacking` are the collects without a standard error, by run; `moving` the runs that had not settled; `differ` is
-    what the others differ by, of which nothing is wrong; the `campaign` says what it has taken as zero.
-    """
+    """What is known of runs beside their solutions: `lacking` have no standard error, `moving` runs had not settled."""
 
     judged: Sequence[Mapping[int, Judgement]]
     not_compared: Mapping[int, tuple[str, ...]]

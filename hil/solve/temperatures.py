@@ -163,13 +163,14 @@ def told_parameters(effect: Effect, conditions: Conditions) -> tuple[int, ...]:
     """
     temperature = conditions.columns.get("temperature_degC", np.zeros(0))
     every = enumerate(effect.parameters_for(conditions))
-    return tuple(k for k, each in every if each.power < 2 or _tell_power(temperature, each.power))
+    known = temperature[np.isfinite(temperature)]
+    about = known - (known.mean() if len(known) else 0.0)
 
+    def left_of(power: int) -> float:
+        powers = np.vander(about, power + 1)
+        return float(kept_shares(orthonormal(powers[:, 1:]), powers[:, :1])[0])
 
-def _tell_power(temperature_degC: FloatArray, power: int) -> bool:
-    known = temperature_degC[np.isfinite(temperature_degC)]
-    powers = np.vander(known - known.mean() if len(known) else known, power + 1)
-    return bool(kept_shares(orthonormal(powers[:, 1:]), powers[:, :1])[0] > UNSEEN)
+    return tuple(k for k, each in every if each.power < 2 or left_of(each.power) > UNSEEN)
 
 
 def nearest(temperature_degC: float | None, others_degC: Iterable[float | None]) -> float | None:
@@ -263,10 +264,7 @@ def unsettled(conditions: Conditions) -> dict[int, str]:
 
 
 def _through_runs(conditions: Conditions, degC: FloatArray) -> FloatArray:
-    """Return how fast a temperature (n,) goes through each run, °C/min, (n,): 0 where a line is not nearly all of it.
-
-    What is less than `_JITTER_DEGC` may be a thermometer's.
-    """
+    """Return how fast a temperature (n,) goes through each run, °C/min, (n,): 0 where it is no line, or jitter."""
     out = np.zeros(len(conditions))
     for rows in conditions.of_each_run.values():
         known = rows[np.isfinite(degC[rows])]

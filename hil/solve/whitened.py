@@ -169,10 +169,7 @@ class Whitened:
         return out
 
     def _places(self) -> list[FloatArray]:
-        """Return a column for each channel at each place that enough runs took, (n, c, c) each.
-
-        A collect that lay otherwise than its label says is at none.
-        """
+        """Return columns (n, c, c) of places that enough runs took: what lay otherwise than labelled is at none."""
         conditions = self.collects.conditions
         place = np.where(from_the_usual_g(conditions) > FIXTURE_G, -1, place_in_each_run(conditions))
         numbers, count = np.unique(place, return_counts=True)
@@ -273,10 +270,7 @@ def _most_are_within(apart: Sequence[FloatArray]) -> FloatArray:
 
 
 def _off_a_line(known: Sequence[tuple[float, FloatArray]]) -> list[FloatArray]:
-    """Return how far values (p,), known at each °C, are from what the next colder and warmer lead one to expect.
-
-    As far as two that repeat each other are apart.
-    """
+    """Return how far values (p,) at each °C are off the line of their neighbours, as two repeats would be apart."""
     out = []
     for (cold, below), (at, value), (warm, above) in zip(known, known[1:], known[2:], strict=False):
         share = (at - cold) / (warm - cold)

@@ -200,10 +200,7 @@ def _said(filed: Collects, found: Explained) -> Iterator[tuple[int, Wrong, Judge
 
 
 def _of_its_run(filed: Collects, cause: Cause) -> Iterator[str]:
-    """Say what of the run's own shows in the rates that are left out, and nowhere else: these cannot tell it from them.
-
-    In the order 1-2-3 that is MU, in Collect 3.
-    """
+    """Say what of the run's own shows in no rates but those that are left out: in the order 1-2-3 MU, in Collect 3."""
     if _DONE.get(cause.what, _AS_FILED)[0] == LEFT_OUT and cause.what != "run":
         form, here = default_form(filed.conditions), filed.conditions.of_each_run[cause.run]
         squares = (form.columns(filed.conditions) * np.isfinite(filed.rates_deg_per_hr)[..., None]) ** 2
