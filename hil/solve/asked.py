@@ -1,7 +1,5 @@
 """What is wrong with runs: everything that may be, weighed by what it leaves of the rates."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

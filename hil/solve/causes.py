@@ -1,13 +1,8 @@
-"""All that may be wrong with a run: how probable before the data, and what each leaves of whitened rates.
-
-It is asked of all runs of as many rows at once.
-"""
-
-from __future__ import annotations
+"""All that may be wrong with a run: how probable before the data, and what each leaves of whitened rates."""
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
@@ -126,7 +121,7 @@ class Runs:
     may_be: BoolArray
 
     @classmethod
-    def of(cls, rates: Whitened, runs: Collection[int]) -> Iterator[Runs]:
+    def of(cls, rates: Whitened, runs: Collection[int]) -> Iterator[Self]:
         """Yield some runs, by how many rows they have."""
         every, conditions = rates.collects.conditions.of_each_run, rates.collects.conditions
         position = np.unique(conditions.position, return_inverse=True)[1]

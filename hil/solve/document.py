@@ -109,7 +109,10 @@ def reasons(solutions: Sequence[RunSolution]) -> Iterator[tuple[Verdict, str, st
                 excess.setdefault(key, {})[sentence] = float(times[1])
             said_of.setdefault(key, {}).setdefault(each.sensor, []).extend(each.runs)
     for key, sentences in excess.items():
-        said_of[key[0], _of_all(sentences)] = said_of.pop(key)
+        first, *more = sentences
+        ends = " to ".join(dict.fromkeys(f"{end(sentences.values()):g}" for end in (min, max)))
+        said = EXCESS.format(ends) + "".join(first.partition(": ")[1:]) if more else first
+        said_of[key[0], said] = said_of.pop(key)
     together: dict[tuple[Verdict, str], list[str]] = {}
     for (verdict, sentence), by_sensor in said_of.items():
         where = "; ".join(f"sensor {number}, {numbered('run', runs)}" for number, runs in by_sensor.items())
@@ -117,11 +120,3 @@ def reasons(solutions: Sequence[RunSolution]) -> Iterator[tuple[Verdict, str, st
         together.setdefault((verdict, where), []).append(sentence.removeprefix(f"{first} "))
     for (verdict, where), several in sorted(together.items(), key=lambda each: -Judgement(each[0][0], "").severity):
         yield verdict, where, "; ".join(several)
-
-
-def _of_all(excess: Mapping[str, float]) -> str:
-    """Say of runs by how many times their residuals exceed what is allowed; the sentence of one as it is."""
-    first, *more = excess
-    meaning = "".join(first.partition(": ")[1:])
-    ends = " to ".join(dict.fromkeys(f"{end(excess.values()):g}" for end in (min, max)))
-    return EXCESS.format(ends) + meaning if more else first

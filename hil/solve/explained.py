@@ -11,8 +11,6 @@ which nothing holds. What is certain is done, and what is left is asked again
 a unit have in common: what one tells of them is asked of all.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import cache

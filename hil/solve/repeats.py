@@ -17,8 +17,6 @@ sweep of a dozen repeats and more, whatever b is; of fewer up to all do, where s
 Every command that states an uncertainty asks here.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

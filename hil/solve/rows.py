@@ -5,7 +5,6 @@ columns cannot be separated (a rotor sensor whose B direction is excited: GSA an
 block. Blocks share no base parameter, so that each has its own noise.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -74,7 +73,8 @@ def sensor_blocks(number: int, collects: Collects, known: FloatArray, base: Floa
     rates = collects.rates_deg_per_hr - known
     measured = np.isfinite(rates)
     groups = _coupled_channels(base, measured)
-    acting = [_acting_on(base, group) for group in groups]
+    rms = np.sqrt(np.mean(base**2, axis=0))  # (c, p); of a group are the columns that are as large there as anywhere
+    acting = [rms[group].max(axis=0) > 0.2 * rms.max(axis=0) for group in groups]
     if len(groups) > 1:  # what unexcited shared columns contribute, from one joint fit, is taken off, not fitted twice
         fit = np.linalg.lstsq(base[measured], rates[measured], rcond=1e-6)[0]
         for group, own in zip(groups, acting, strict=True):
@@ -103,9 +103,3 @@ def _coupled_channels(base: FloatArray, measured: BoolArray) -> list[list[int]]:
         left = project_out(orthonormal(columns[rows][:, own & ~shared]), columns[rows][:, shared])
         excited.append(np.linalg.norm(left, axis=0) > least * np.sqrt(rows.sum()))
     return linked_groups(np.array(excited) @ np.array(excited).T, np.ones(len(acts), np.bool_))
-
-
-def _acting_on(base: FloatArray, group: Sequence[int]) -> BoolArray:
-    """Tell which base columns belong to a group of channels, (p,): those as large there as anywhere."""
-    rms = np.sqrt(np.mean(base**2, axis=0))
-    return np.asarray(rms[group].max(axis=0) > 0.2 * rms.max(axis=0))

@@ -11,11 +11,10 @@ what its records contradict (`Campaign.verdicts`, `contradicted`), of what the o
 whether the standard errors are small enough to say anything (`hil.solve.precision`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -258,7 +257,7 @@ class _Beside:
     campaign: Campaign
 
     @classmethod
-    def of(cls, campaign: Campaign, sensor: int, wrong: WrongRows, used: Collects) -> _Beside:
+    def of(cls, campaign: Campaign, sensor: int, wrong: WrongRows, used: Collects) -> Self:
         """Gather it from a campaign, from what its rows say of each other, and from those that are `used`."""
         rows = campaign.sensors[sensor]
         here = {run: of for (run, number), of in campaign.contradicted.items() if number == sensor}

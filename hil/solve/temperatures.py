@@ -91,8 +91,8 @@ def runs_by_temperature(
 
 def at_no_temperature(conditions: Conditions, apart_degC: float | None = None) -> list[int]:
     """Return the runs of which nobody knows at which of the campaign's temperatures they were made."""
-    alone = [runs for degC, runs in runs_by_temperature(conditions, apart_degC) if degC is None]
-    return [] if told_by(conditions, apart_degC) is None else [run for runs in alone for run in runs]
+    groups = runs_by_temperature(conditions, apart_degC) if told_by(conditions, apart_degC) is not None else ()
+    return [run for degC, runs in groups if degC is None for run in runs]
 
 
 def visits(conditions: Conditions) -> tuple[tuple[float | None, tuple[int, ...]], ...]:

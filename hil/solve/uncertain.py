@@ -1,11 +1,9 @@
 """How well values are known: a value with its standard deviation and interval, and what runs scatter by."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from scipy.special import chdtrc, fdtrc, ndtr, stdtrit
@@ -47,7 +45,7 @@ class Uncertain:
         """
         return self.sd * float(-stdtrit(self.freedom, ndtr(-sigmas)))
 
-    def less(self, other: Uncertain, *, told_together: bool = False) -> Uncertain:
+    def less(self, other: Self, *, told_together: bool = False) -> Self:
         """Return this less the `other`: the variances of both, and the degrees of freedom behind them.
 
         Those are Welch's and Satterthwaite's (GUM G.4.1), but of two that the same runs tell no more than of either.
@@ -58,9 +56,10 @@ class Uncertain:
         parts, sd = [each.sd**4 / each.freedom for each in own], math.hypot(*(each.sd for each in own))
         least, together = min(each.freedom for each in own), sum(parts)
         freedom = least if told_together else sd**4 / together if together > 0.0 else math.inf
-        return Uncertain(self.value - other.value, sd, freedom, min(each.runs for each in own), self.unit)
+        runs = min(each.runs for each in own)
+        return replace(self, value=self.value - other.value, sd=sd, freedom=freedom, runs=runs, beyond=None)
 
-    def _scattering_as(self, other: Uncertain) -> Uncertain:
+    def _scattering_as(self, other: Self) -> Self:
         """Return this with the scatter that the repeats of the `other` show, where it has none to tell its own."""
         if self.beyond is not None or other.beyond is None:
             return self
@@ -130,7 +129,7 @@ class Spread:
         residuals: FloatArray | float = math.inf,
         common: FloatArray | float = 0.0,
         stated_beyond: FloatArray | float = 0.0,
-    ) -> Spread:
+    ) -> Self:
         """Pool the scatter of r runs' values (r, p) about the mean of each `group` (r,) that they repeat.
 
         `errors` (r, p) are standard errors, NaN where there is none; a value that is NaN was not measured.
@@ -195,7 +194,7 @@ class Spread:
         """Return what one parameter scatters by beyond errors, None where no repeats show it and nothing states it."""
         return float(self.beyond[place]) if self.degrees[place] or self.beyond[place] > 0.0 else None
 
-    def more_than(self, within: Spread) -> BoolArray:
+    def more_than(self, within: Self) -> BoolArray:
         """Which differ between groups that hold some of these together by more than `within` them, as `certain` is."""
         apart, of_each = self.degrees - within.degrees, np.maximum(within.degrees, 1)
         known, own = (np.nan_to_num(each.observed) ** 2 * each.degrees for each in (self, within))
