@@ -16,7 +16,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from hil.campaign import BoolArray, Conditions, FloatArray, IntArray
 from hil.model.effects.columns import flattened
@@ -186,8 +185,9 @@ def overlap_table(effects: Sequence[Sequence[Visible]]) -> FloatArray:
     if not shapes:
         return np.zeros((len(effects), len(effects)))
     bases, weighted = [one.basis for one in shapes], [one.weighted for one in shapes]
-    by_basis, by_column = (block_diag(*(np.ones((1, of.shape[1])) for of in every)) for every in (bases, weighted))
-    power = by_basis @ ((np.hstack(bases).T @ np.hstack(weighted)) ** 2) @ by_column.T
+    power = (np.hstack(bases).T @ np.hstack(weighted)) ** 2
+    for axis, every in enumerate((bases, weighted)):
+        power = np.add.reduceat(power, np.cumsum([0, *(of.shape[1] for of in every[:-1])]), axis=axis)
     whole = np.array([float(np.sum(one.weighted**2)) for one in shapes])
     # [a, b]: how much of shape b shape a can reproduce; an overlap needs both ways round.
     fraction = np.sqrt(np.divide(power, whole, out=np.zeros_like(power), where=whole > 0.0).clip(max=1.0))
