@@ -135,12 +135,11 @@ def common_and_differential(campaign: Campaign) -> BothSensors | None:
     with np.errstate(invalid="ignore", divide="ignore"):
         correlation = away[0].T @ away[1] / np.outer(*np.linalg.norm(away, axis=1))
     same = {name: _interval(float(correlation[i, i]), degrees) for i, name in enumerate(MATRIX_6)}
-    pair = (rotors[0], rotors[1])
     # Of parameters that scatter from run to run by no more than noise explains nothing moves any.
     one, other = (np.isin(MATRIX_6, np.array(of.names)[of.by_noise.certain]) for of in map(shown.__getitem__, rotors))
     asked = one[:, None] & other
     shared = _shared(correlation, degrees, asked)
-    return BothSensors(pair, common, differential, degrees, same, shared, int(asked.sum()))
+    return BothSensors((rotors[0], rotors[1]), common, differential, degrees, same, shared, int(asked.sum()))
 
 
 def moving_together(campaign: Campaign) -> list[str]:
